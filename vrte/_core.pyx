@@ -1,0 +1,1331 @@
+# cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+"""The compiled loops: arrays in, arrays out, no class of the package, the caller owns every buffer.
+
+Matrices are stored column by column, so in the shapes below the *last* axis is the row. `n` is 4 N: node by
+node, the four Stokes components I, Q, U, V inside. Inside the solver the unknowns on the nodes are scaled by
+sqrt(weight mu) and the upward field is flipped by D = diag(1, 1, -1, -1) (handbook: docs/conventions.md).
+s and d are the sum and the difference of the two hemispheres. (1:n) is equation n of Collin, Pattanaik and
+Bouatouch, (2:n) of Budak and Efremenko.
+
+A complex pair of modes occupies two columns, Re v and Im v, and two real coordinates y1, y2 with
+s = Re[v (y1 - i y2)]: a function of lambda multiplies the complex number y1 - i y2.
+
+Every parallel kernel runs its items (Fourier orders, or orders and layers) on `threads` OpenMP threads, gives
+each thread one row of `work`, adds its seconds to `seconds`, stops early once `stop[0]` is set, and leaves
+LAPACK's verdict in `info` (0: fine). No item depends on another, so results do not depend on `threads`.
+"""
+
+import numpy as np
+
+from cython.parallel cimport prange, threadid
+from libc.math cimport INFINITY, cos, exp, expm1, fabs, hypot, sin, sqrt
+from libc.string cimport memcpy, memset
+from scipy.linalg.cython_blas cimport dgemm
+from scipy.linalg.cython_lapack cimport dgeev, dgetrf, dgetrs
+
+cdef extern from *:
+    """
+    #include <time.h>
+    #ifdef _OPENMP
+    static const int vrte_openmp = 1;
+    #else
+    static const int vrte_openmp = 0;
+    #endif
+    static double vrte_seconds(void) {
+        struct timespec now;
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+    }
+    """
+    const int vrte_openmp
+    double vrte_seconds() noexcept nogil
+
+HAS_OPENMP = bool(vrte_openmp)
+
+ctypedef double complex cplx
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Small complex functions. Divided differences of exp make every resonance (mu0 on a node, on the reciprocal
+# of an eigenvalue, mu = mu0) an ordinary case.
+# ---------------------------------------------------------------------------------------------------------
+
+cdef inline cplx make(double re, double im) noexcept nogil:
+    cdef cplx z
+    z.real = re
+    z.imag = im
+    return z
+
+
+cdef inline cplx times(cplx a, cplx b) noexcept nogil:
+    return make(a.real * b.real - a.imag * b.imag, a.real * b.imag + a.imag * b.real)
+
+
+cdef inline cplx over(cplx a, cplx b) noexcept nogil:
+    """a / b; every caller keeps |b|^2 in range."""
+    cdef double size
+    if b.imag == 0.0:
+        return make(a.real / b.real, a.imag / b.real)
+    size = b.real * b.real + b.imag * b.imag
+    return make((a.real * b.real + a.imag * b.imag) / size, (a.imag * b.real - a.real * b.imag) / size)
+
+
+cdef inline double size_of(cplx a) noexcept nogil:
+    return fabs(a.real) if a.imag == 0.0 else hypot(a.real, a.imag)
+
+
+cdef inline cplx c_exp(cplx z) noexcept nogil:
+    cdef double scale = exp(z.real)
+    if z.imag == 0.0:
+        return make(scale, 0.0)
+    return make(scale * cos(z.imag), scale * sin(z.imag))
+
+
+cdef inline cplx c_expm1(cplx z) noexcept nogil:
+    cdef double half
+    if z.imag == 0.0:
+        return make(expm1(z.real), 0.0)
+    half = sin(0.5 * z.imag)
+    return make(expm1(z.real) * cos(z.imag) - 2.0 * half * half, exp(z.real) * sin(z.imag))
+
+
+cdef inline cplx c_sqrt(cplx z) noexcept nogil:
+    """The root with a non-negative real part."""
+    cdef double size, re
+    if z.imag == 0.0:
+        return make(sqrt(z.real), 0.0) if z.real >= 0.0 else make(0.0, sqrt(-z.real))
+    size = hypot(z.real, z.imag)
+    if z.real >= 0.0:
+        re = sqrt(0.5 * (size + z.real))
+        return make(re, 0.5 * z.imag / re)
+    re = 0.5 * fabs(z.imag) / sqrt(0.5 * (size - z.real))
+    return make(re, 0.5 * z.imag / re)
+
+
+cdef inline cplx exp_difference(cplx a, cplx b) noexcept nogil:
+    """exp[a, b] = (e^a - e^b)/(a - b), and e^a where they meet."""
+    cdef cplx gap
+    if a.real < b.real:
+        a, b = b, a
+    gap = b - a
+    if size_of(gap) == 0.0:
+        return c_exp(a)
+    if size_of(gap) > 1.0:
+        return over(c_exp(b) - c_exp(a), gap)
+    return times(c_exp(a), over(c_expm1(gap), gap))
+
+
+cdef cplx exp_difference_2(cplx a, cplx b, cplx c) noexcept nogil:
+    """exp[a, b, c], the second divided difference, for any spacing of its arguments."""
+    cdef double ab = size_of(a - b), bc = size_of(b - c), ca = size_of(c - a)
+    cdef cplx centre, h1, h2, h3, total, t
+    cdef double factor
+    cdef int i
+    if ab >= bc and ab >= ca:      # the outer pair goes to a and c
+        b, c = c, b
+        ca = ab
+    elif bc >= ca:
+        a, b = b, a
+        ca = bc
+    if ca > 1.0:
+        return over(exp_difference(a, b) - exp_difference(b, c), a - c)
+    centre = (a + b + c) / 3.0
+    a, b, c = a - centre, b - centre, c - centre
+    h1 = h2 = h3 = total = make(1.0, 0.0)   # complete homogeneous polynomials of 1, 2, 3 offsets
+    total = total * 0.5
+    factor = 0.5
+    for i in range(1, 18):
+        h1 = times(a, h1)
+        h2 = h1 + times(b, h2)
+        h3 = h2 + times(c, h3)
+        factor = factor / (i + 2)
+        total = total + factor * h3
+    return times(c_exp(centre), total)
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Matrices stored by columns.
+# ---------------------------------------------------------------------------------------------------------
+
+cdef inline void product(char a_form, char b_form, int rows, int columns, int inner, double scale,
+                         const double* a, int lda, const double* b, int ldb, double add, double* c, int ldc) noexcept nogil:
+    """c = scale op(a) op(b) + add c."""
+    if rows > 0 and columns > 0:
+        dgemm(&a_form, &b_form, &rows, &columns, &inner, &scale, <double*>a, &lda, <double*>b, &ldb, &add, c, &ldc)
+
+
+cdef inline int factorise(int n, double* a, int lda, int* pivots) noexcept nogil:
+    cdef int info = 0
+    if n > 0:
+        dgetrf(&n, &n, a, &lda, pivots, &info)
+    return info
+
+
+cdef inline void solve(char form, int n, int columns, const double* lu, int lda, const int* pivots,
+                       double* b, int ldb) noexcept nogil:
+    cdef int info = 0
+    if n > 0 and columns > 0:
+        dgetrs(&form, &n, &columns, <double*>lu, &lda, <int*>pivots, b, &ldb, &info)
+
+
+cdef inline void transpose(int n, const double* a, double* b) noexcept nogil:
+    cdef int i, j
+    for j in range(n):
+        for i in range(n):
+            b[j * n + i] = a[i * n + j]
+
+
+cdef inline void scale_columns(int n, int rows, const double* lam_im, const cplx* f, const double* a, double* b) noexcept nogil:
+    """b = a f: the columns of mode j, each row (Re, Im) of a pair, times f[j]."""
+    cdef int i, j = 0
+    cdef double fr, fi, x, y
+    while j < n:
+        fr, fi = f[j].real, f[j].imag
+        if lam_im[j] == 0.0:
+            for i in range(rows):
+                b[j * rows + i] = fr * a[j * rows + i]
+            j = j + 1
+        else:
+            for i in range(rows):
+                x, y = a[j * rows + i], a[(j + 1) * rows + i]
+                b[j * rows + i] = x * fr - y * fi
+                b[(j + 1) * rows + i] = x * fi + y * fr
+            j = j + 2
+
+
+cdef inline void scale_coordinates(int n, const double* lam_im, const cplx* f, const double* y, double* out) noexcept nogil:
+    """out = f y on the coordinates of one right-hand side."""
+    cdef int j = 0
+    cdef double a, b
+    while j < n:
+        a = y[j]
+        if lam_im[j] == 0.0:
+            out[j] = f[j].real * a
+            j = j + 1
+        else:
+            b = y[j + 1]
+            out[j] = f[j].real * a + f[j].imag * b
+            out[j + 1] = f[j].real * b - f[j].imag * a
+            j = j + 2
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Spherical functions and the phase matrices A^m, (1:9).
+# ---------------------------------------------------------------------------------------------------------
+
+cdef void wigner_start(int m, double mu, double* start) noexcept nogil:
+    """d^l_{m,0} at l = m, then d^l_{m,2} and d^l_{m,-2} at l = max(m, 2)."""
+    cdef double sine = sqrt((1.0 - mu) * (1.0 + mu))
+    cdef double zero = 1.0, growth
+    cdef int j
+    for j in range(1, m + 1):
+        zero = -zero * sine * sqrt((2.0 * j - 1.0) / (2.0 * j))
+    start[0] = zero
+    if m == 0:
+        start[1] = start[2] = sqrt(6.0) / 4.0 * sine * sine
+        return
+    if m == 1:
+        start[1] = 0.5 * sine * (1.0 + mu)
+        start[2] = -0.5 * sine * (1.0 - mu)
+        return
+    growth = 1.0
+    for j in range(2, m):
+        growth = -growth * 0.5 * sine * sqrt((2.0 * j + 2.0) * (2.0 * j + 1.0) / ((j - 1.0) * (j + 3.0)))
+    start[1] = 0.25 * (1.0 + mu) * (1.0 + mu) * growth
+    start[2] = 0.25 * (1.0 - mu) * (1.0 - mu) * growth
+
+
+cdef void wigner_run(int m, int k, int terms, double mu, double first, double* d, int stride) noexcept nogil:
+    """d[l stride] = d^l_{m,k}(mu) for l = max(m, |k|) .. terms-1, upward in l; `first` is the first of them."""
+    cdef int l, start = m
+    cdef double before = 0.0, now = first, after, lower, upper
+    if k > start:
+        start = k
+    if -k > start:
+        start = -k
+    for l in range(start, terms):
+        d[l * stride] = now
+        if l == 0:
+            after = mu
+        else:
+            lower = (l + 1.0) * sqrt((<double>l * l - <double>m * m) * (<double>l * l - <double>k * k))
+            upper = l * sqrt(((l + 1.0) * (l + 1.0) - <double>m * m) * ((l + 1.0) * (l + 1.0) - <double>k * k))
+            after = ((2.0 * l + 1.0) * (l * (l + 1.0) * mu - <double>m * k) * now - lower * before) / upper
+        before = now
+        now = after
+
+
+cdef void spherical(int m, int terms, const double* mu, int n_mu, double* out) noexcept nogil:
+    """out (l, mu, 3) = p, r, t of the handbook for l < terms; zero for l < m."""
+    cdef int i, l, stride = 3 * n_mu
+    cdef double start[3]
+    cdef double plus, minus
+    memset(out, 0, sizeof(double) * <size_t>terms * stride)
+    for i in range(n_mu):
+        wigner_start(m, mu[i], start)
+        wigner_run(m, 0, terms, mu[i], start[0], out + 3 * i, stride)
+        wigner_run(m, 2, terms, mu[i], start[1], out + 3 * i + 1, stride)
+        wigner_run(m, -2, terms, mu[i], start[2], out + 3 * i + 2, stride)
+        for l in range(m, terms):
+            plus, minus = out[l * stride + 3 * i + 1], out[l * stride + 3 * i + 2]
+            out[l * stride + 3 * i + 1] = 0.5 * (plus + minus)
+            out[l * stride + 3 * i + 2] = 0.5 * (plus - minus)
+
+
+def generalized_spherical_functions(int m, int terms, mu):
+    """The elements of the associated Legendre matrices P_l^m (1:9)-(1:10).
+
+    Parameters: Fourier order ``m`` >= 0, number of ``terms`` (degrees l = 0..terms-1), cosines ``mu`` (n_mu,)
+    in [-1, 1]. Returns (terms, n_mu, 3): p = d^l_{m,0}, r = (d^l_{m,2} + d^l_{m,-2})/2 and
+    t = (d^l_{m,2} - d^l_{m,-2})/2 with Wigner's d; zero for l < m. Raises ValueError for a negative order, no
+    terms or a cosine outside [-1, 1].
+
+    >>> generalized_spherical_functions(0, 3, [0.5])[:, 0, 0]  # Legendre polynomials
+    array([ 1.   ,  0.5  , -0.125])
+    """
+    cdef double[::1] cosines = np.ascontiguousarray(np.atleast_1d(mu), dtype=float)
+    if m < 0 or terms < 1:
+        raise ValueError(f"need an order m >= 0 and at least one term, not m = {m} and {terms} terms")
+    if cosines.shape[0] and not np.all(np.abs(cosines) <= 1.0):
+        raise ValueError("cosines must lie in [-1, 1]")
+    cdef double[:, :, ::1] out = np.empty((terms, cosines.shape[0], 3))
+    if cosines.shape[0]:
+        with nogil:
+            spherical(m, terms, &cosines[0], <int>cosines.shape[0], &out[0, 0, 0])
+    return np.asarray(out)
+
+
+cdef inline void parity_columns(int m, int terms, int even_kind, const double* prt, int n_all, int first, int n_mu,
+                                const double* scale, double* out) noexcept nogil:
+    """out, 4 n_mu rows by 2 (terms - m) columns: from P_l^m its columns I, Q where l - m has the parity of
+    `even_kind`, else U, V (the rest of (1:41) cancels); rows times scale."""
+    cdef int l, i, rows = 4 * n_mu
+    cdef double* left
+    cdef double* right
+    cdef const double* value
+    cdef double f
+    memset(out, 0, sizeof(double) * <size_t>rows * 2 * (terms - m))
+    for l in range(m, terms):
+        left = out + <size_t>rows * 2 * (l - m)
+        right = left + rows
+        for i in range(n_mu):
+            value = prt + (<size_t>l * n_all + first + i) * 3
+            f = scale[i] if scale != NULL else 1.0
+            if (l - m) % 2 == even_kind:
+                left[4 * i] = f * value[0]
+                right[4 * i + 1] = f * value[1]
+                right[4 * i + 2] = -f * value[2]
+            else:
+                left[4 * i + 1] = -f * value[2]
+                left[4 * i + 2] = f * value[1]
+                right[4 * i + 3] = f * value[0]
+
+
+cdef inline void times_coefficients(int m, int terms, int even_kind, double factor, const double* coefficients, int rows,
+                                    const double* phi, double* out) noexcept nogil:
+    """out = factor phi B^T, two columns a degree: B_l of (1:9) cut to the kept columns."""
+    cdef int l, i
+    cdef double b00, b01, b10, b11
+    cdef const double* c
+    cdef const double* x
+    cdef double* y
+    for l in range(m, terms):
+        c = coefficients + 6 * l
+        if (l - m) % 2 == even_kind:
+            b00, b01, b10, b11 = c[0], -c[4], -c[4], c[1]
+        else:
+            b00, b01, b10, b11 = c[2], -c[5], c[5], c[3]
+        x = phi + <size_t>rows * 2 * (l - m)
+        y = out + <size_t>rows * 2 * (l - m)
+        for i in range(rows):
+            y[i] = factor * (b00 * x[i] + b01 * x[rows + i])
+            y[rows + i] = factor * (b10 * x[i] + b11 * x[rows + i])
+
+
+def phase_matrices(int m, coefficients, mu, mu_from):
+    """A^m(mu, mu_from) = sum_l P_l^m(mu) B_l P_l^m(mu_from), (1:9), as matrix products.
+
+    Parameters: order ``m``; ``coefficients`` (terms, 6), columns a1, a2, a3, a4, b1, b2; cosines ``mu`` (n,) and
+    ``mu_from`` (k,), positive *downward* as in the solver (for public cosines pass -mu, -mu_from). Returns
+    (n, k, 4, 4). Raises ValueError for wrong shapes or cosines.
+
+    >>> phase_matrices(0, [[1.0, 0, 0, 0, 0, 0]], [0.3], [-0.7])[0, 0, 0, 0]  # isotropic
+    np.float64(1.0)
+    """
+    table = np.ascontiguousarray(coefficients, dtype=float)
+    if table.ndim != 2 or table.shape[1] != 6:
+        raise ValueError(f"coefficients must have the shape (terms, 6), not {table.shape}")
+    to, frm = np.atleast_1d(np.asarray(mu, float)), np.atleast_1d(np.asarray(mu_from, float))
+    result = np.zeros((to.size, frm.size, 4, 4))
+    terms = table.shape[0]
+    if m >= terms or to.size == 0 or frm.size == 0:
+        return result
+    left = legendre_matrices(generalized_spherical_functions(m, terms, to)[m:])
+    right = legendre_matrices(generalized_spherical_functions(m, terms, frm)[m:])
+    middle = np.zeros((terms - m, 4, 4))
+    a1, a2, a3, a4, b1, b2 = table[m:].T
+    middle[:, 0, 0], middle[:, 1, 1], middle[:, 2, 2], middle[:, 3, 3] = a1, a2, a3, a4
+    middle[:, 0, 1] = middle[:, 1, 0] = -b1
+    middle[:, 2, 3], middle[:, 3, 2] = -b2, b2
+    # rows (mu, i), inner (l, j), columns (mu_from, k)
+    scaled = np.matmul(left, middle[:, None]).transpose(1, 2, 0, 3).reshape(4 * to.size, -1)
+    columns = right.transpose(0, 2, 1, 3).reshape(-1, 4 * frm.size)
+    return (scaled @ columns).reshape(to.size, 4, frm.size, 4).transpose(0, 2, 1, 3)
+
+
+def legendre_matrices(functions):
+    """P_l^m as 4x4 matrices (terms, n_mu, 4, 4) from p, r, t (terms, n_mu, 3)."""
+    p, r, t = np.moveaxis(functions, -1, 0)
+    matrices = np.zeros((*p.shape, 4, 4))
+    matrices[..., 0, 0] = matrices[..., 3, 3] = p
+    matrices[..., 1, 1] = matrices[..., 2, 2] = r
+    matrices[..., 1, 2] = matrices[..., 2, 1] = -t
+    return matrices
+
+
+def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
+                 const double[::1] directions, const double[::1] weights, int n_out):
+    """An upper bound, order by order, on what multiple scattering adds to the source function of (1:38).
+
+    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. With the sums
+    over degrees of the norms of P_l^m B_l P_l^m on the nodes, q, from the nodes to an outgoing direction, u, and
+    from an incident direction to the nodes, v, the Neumann series is at most u v / (1 - q). Returns (order,):
+    inf where q >= 1.
+    """
+    cdef int n_layer = <int>coefficients.shape[0], n_term = <int>coefficients.shape[1]
+    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0]
+    cdef double[::1] bounds = np.zeros(n_term)
+    cdef double[::1] prt = np.empty(<size_t>n_term * n_all * 3)
+    cdef double[::1] rows = np.empty(n_all)
+    cdef double[::1] norms = np.empty(n_all)
+    cdef int m, l, i, j, layer
+    cdef double b, nodes, q, u, v, size, worst_q, worst_u, worst_v
+    cdef const double* value
+    with nogil:
+        for m in range(n_term):
+            spherical(m, n_term, &directions[0], n_all, &prt[0])
+            worst_q = worst_u = worst_v = 0.0
+            for layer in range(n_layer):
+                q = u = v = 0.0
+                for i in range(n_all):
+                    rows[i] = 0.0
+                for l in range(m, terms[layer]):
+                    size = 0.0
+                    for j in range(6):
+                        b = coefficients[layer, l, j]
+                        size += (2.0 if j >= 4 else 1.0) * b * b
+                    size = albedo[layer] * sqrt(size)
+                    nodes = 0.0
+                    for i in range(n_all):
+                        value = &prt[(<size_t>l * n_all + i) * 3]
+                        b = 2.0 * (value[0] * value[0] + value[1] * value[1] + value[2] * value[2])
+                        norms[i] = sqrt(b)
+                        if i < n_node:
+                            nodes += weights[i] * b
+                    q += size * nodes
+                    nodes = size * sqrt(nodes)
+                    for i in range(n_node, n_all):
+                        rows[i] += norms[i] * nodes
+                for i in range(n_node, n_all):
+                    if i < n_node + n_out:
+                        u = max(u, rows[i])
+                    else:
+                        v = max(v, rows[i])
+                worst_q, worst_u, worst_v = max(worst_q, q), max(worst_u, u), max(worst_v, v)
+            bounds[m] = worst_u * worst_v / (1.0 - worst_q) if worst_q < 1.0 else INFINITY
+    return np.asarray(bounds)
+
+
+def assembly_work(int n_all, int n_term):
+    """Doubles of `work` that one thread of `assemble` needs."""
+    return 3 * n_all * n_term + 4 * (4 * n_all) * (2 * n_term) + n_all
+
+
+def assemble(const int[::1] orders, const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
+             const double[::1] directions, const double[::1] weights, int n_out, double[:, :, :, ::1] E,
+             double[:, :, :, ::1] F, double[:, :, :, ::1] G_E, double[:, :, :, ::1] G_F, double[:, :, :, ::1] source_s,
+             double[:, :, :, ::1] source_d, int threads, double[:, ::1] work, double[::1] seconds, const int[::1] stop):
+    """E and F of (1:41) in the symmetric scaling, the rows that lead out of them and the beam's sources.
+
+    directions: nodes, then n_out outgoing, then incident cosines (all positive); weights of the nodes.
+    E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E, G_F (order, layer, n, 4 n_out):
+    from the scaled field on the nodes to the sum and difference of the two sources of (1:38); source_s, source_d
+    (order, layer, 4 n_in, n): M^-1 omega (Pp -+ Pm)(., mu0), (1:14) for a unit beam but for 1/(2 pi).
+    """
+    cdef int n_order = <int>orders.shape[0], n_layer = <int>coefficients.shape[0]
+    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0]
+    cdef int item, thread, n_in = n_all - n_node - n_out, n_item = n_order * n_layer
+    cdef double start
+    for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            assemble_one(orders[item // n_layer], terms[item % n_layer], albedo[item % n_layer],
+                         &coefficients[item % n_layer, 0, 0], &directions[0], &weights[0], n_node, n_out, n_in,
+                         <int>coefficients.shape[1],
+                         &E[item // n_layer, item % n_layer, 0, 0], &F[item // n_layer, item % n_layer, 0, 0],
+                         &G_E[item // n_layer, item % n_layer, 0, 0], &G_F[item // n_layer, item % n_layer, 0, 0],
+                         &source_s[item // n_layer, item % n_layer, 0, 0],
+                         &source_d[item // n_layer, item % n_layer, 0, 0], &work[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef void assemble_one(int m, int terms, double albedo, const double* coefficients, const double* directions,
+                       const double* weights, int n_node, int n_out, int n_in, int n_term, double* E, double* F,
+                       double* G_E, double* G_F, double* source_s, double* source_d, double* work) noexcept nogil:
+    cdef int n_all = n_node + n_out + n_in, n = 4 * n_node, i, j, kind, inner = 2 * (terms - m)
+    cdef double* prt = work
+    cdef double* phi = prt + 3 * n_all * n_term
+    cdef double* psi = phi + <size_t>(8 * n_all) * n_term
+    cdef double* phi_in = psi + <size_t>(8 * n_all) * n_term
+    cdef double* scale = phi_in + <size_t>(16 * n_all) * n_term
+    cdef double* matrix
+    if inner <= 0 or albedo == 0.0:
+        memset(E, 0, sizeof(double) * n * n)
+        memset(F, 0, sizeof(double) * n * n)
+        memset(G_E, 0, sizeof(double) * 4 * n_out * n)
+        memset(G_F, 0, sizeof(double) * 4 * n_out * n)
+        memset(source_s, 0, sizeof(double) * 4 * n_in * n)
+        memset(source_d, 0, sizeof(double) * 4 * n_in * n)
+    else:
+        spherical(m, terms, directions, n_all, prt)
+        for i in range(n_node):
+            scale[i] = sqrt(weights[i] / directions[i])
+        for kind in range(2):       # 0: E, 1: F
+            matrix = F if kind else E
+            parity_columns(m, terms, kind, prt, n_all, 0, n_node, scale, phi)
+            times_coefficients(m, terms, kind, albedo, coefficients, n, phi, psi)
+            product(b"N", b"T", n, n, inner, -1.0, phi, n, psi, n, 0.0, matrix, n)
+            # the beam: column mu0 of the same product; rows: phi, the nodes
+            parity_columns(m, terms, kind, prt, n_all, n_node + n_out, n_in, NULL, phi_in)
+            times_coefficients(m, terms, kind, albedo, coefficients, 4 * n_in, phi_in, phi_in + <size_t>(8 * n_in) * n_term)
+            product(b"N", b"T", n, 4 * n_in, inner, 1.0, phi, n, phi_in + <size_t>(8 * n_in) * n_term, 4 * n_in, 0.0,
+                    source_s if kind else source_d, n)
+            parity_columns(m, terms, kind, prt, n_all, n_node, n_out, NULL, phi)
+            product(b"N", b"T", 4 * n_out, n, inner, 1.0, phi, 4 * n_out, psi, n, 0.0, G_F if kind else G_E, 4 * n_out)
+    for i in range(n):
+        j = i * n + i
+        E[j] += 1.0 / directions[i // 4]
+        F[j] += 1.0 / directions[i // 4]
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Homogeneous solution, (1:40)-(1:45): s' = -F d, d' = -E s; s = X y, d = Y z, so y' = -z, z' = -lambda y.
+# ---------------------------------------------------------------------------------------------------------
+
+def homogeneous_work(int n):
+    """Doubles of `work` that one thread of `homogeneous` needs (its LAPACK block included)."""
+    return 4 * n * n + 40 * n
+
+
+def homogeneous(const int[::1] orders, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
+                const double[:, :, :, ::1] E, const double[:, :, :, ::1] F, double[:, :, ::1] lam_re,
+                double[:, :, ::1] lam_im, double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu,
+                int[:, :, ::1] X_pivots, double[:, ::1] residual, int[:, ::1] info, int threads, double[:, ::1] work,
+                int[:, ::1] pivots, double[::1] seconds, const int[::1] stop):
+    """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
+
+    E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
+    pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X; residual (order, layer):
+    the largest of |F E X - X lambda| over that of |F E X|.
+    """
+    cdef int n_order = <int>orders.shape[0], n_layer = <int>albedo.shape[0], n = <int>X.shape[3]
+    cdef int item, thread, o, k, n_item = n_order * n_layer
+    cdef double start
+    for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            o = item // n_layer
+            k = item % n_layer
+            info[o, k] = homogeneous_one(
+                n, orders[o], albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
+                &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
+                &residual[o, k], &work[thread, 0], &pivots[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef int homogeneous_one(int n, int m, double albedo, const double* directions, const double* weights, const double* E,
+                         const double* F, double* lam_re, double* lam_im, double* X, double* Y, double* X_lu,
+                         int* X_pivots, double* residual, double* work, int* pivots) noexcept nogil:
+    cdef double* e = work
+    cdef double* f = e + n * n
+    cdef double* a = f + n * n
+    cdef double* v = a + n * n
+    cdef double* spare = v + n
+    cdef int info = 0, lwork = n * n + 34 * n, i
+    cdef char no = b"N", yes = b"V"
+    cdef int one = 1
+    cdef double unused = 0.0
+    memcpy(e, E, sizeof(double) * n * n)
+    memcpy(f, F, sizeof(double) * n * n)
+    if m == 0:
+        conserving_axis(n, directions, weights, v)
+        reflect_both(n, v, e, spare)
+        reflect_both(n, v, f, spare)
+        exact_conservation(n, albedo, directions, weights, v, e, spare)
+    product(b"N", b"N", n, n, n, 1.0, f, n, e, n, 0.0, a, n)
+    dgeev(&no, &yes, &n, a, &n, lam_re, lam_im, &unused, &one, X, &n, spare, &lwork, &info)
+    if info != 0:
+        return info
+    memcpy(a, f, sizeof(double) * n * n)
+    info = factorise(n, a, n, pivots)
+    if info != 0:
+        return info
+    if m == 0 and albedo < 1.0:
+        polish_smallest(n, e, a, pivots, lam_re, lam_im, X, spare, pivots + n)
+    for i in range(n):
+        if lam_im[i] == 0.0 and lam_re[i] < 0.0:   # rounding below zero; the residual tells if it was more
+            lam_re[i] = 0.0
+    memcpy(Y, X, sizeof(double) * n * n)
+    solve(b"N", n, n, a, n, pivots, Y, n)
+    residual[0] = mode_residual(n, e, f, lam_re, lam_im, X, a, spare)
+    if m == 0:
+        reflect_rows(n, v, X)
+        reflect_rows(n, v, Y)
+    memcpy(X_lu, X, sizeof(double) * n * n)
+    return factorise(n, X_lu, n, X_pivots)
+
+
+cdef void conserving_axis(int n, const double* directions, const double* weights, double* v) noexcept nogil:
+    """v: the Householder vector that turns sqrt(weight mu) on I, the null vector of E at omega = 1, to the first axis."""
+    cdef int i
+    cdef double size = 0.0
+    memset(v, 0, sizeof(double) * n)
+    for i in range(n // 4):
+        v[4 * i] = sqrt(weights[i] * directions[i])
+        size += v[4 * i] * v[4 * i]
+    v[0] += sqrt(size)
+    size = 0.0
+    for i in range(n // 4):
+        size += v[4 * i] * v[4 * i]
+    size = sqrt(2.0 / size)
+    for i in range(n // 4):
+        v[4 * i] *= size
+
+
+cdef void reflect_rows(int n, const double* v, double* a) noexcept nogil:
+    """a <- (1 - v v^T) a."""
+    cdef int i, j
+    cdef double total
+    for j in range(n):
+        total = 0.0
+        for i in range(0, n, 4):
+            total += v[i] * a[j * n + i]
+        for i in range(0, n, 4):
+            a[j * n + i] -= total * v[i]
+
+
+cdef void reflect_both(int n, const double* v, double* a, double* spare) noexcept nogil:
+    """a <- (1 - v v^T) a (1 - v v^T)."""
+    cdef int i, j
+    reflect_rows(n, v, a)
+    memset(spare, 0, sizeof(double) * n)
+    for j in range(0, n, 4):
+        for i in range(n):
+            spare[i] += a[j * n + i] * v[j]
+    for j in range(0, n, 4):
+        for i in range(n):
+            a[j * n + i] -= spare[i] * v[j]
+
+
+cdef void exact_conservation(int n, double albedo, const double* directions, const double* weights, const double* v,
+                             double* e, double* row) noexcept nogil:
+    """First row and column of the turned E: (1 - omega) M^-1 v exactly (2 N terms at most), zero at omega = 1."""
+    cdef int i
+    cdef double size = 0.0, total = 0.0
+    memset(row, 0, sizeof(double) * n)
+    for i in range(n // 4):
+        size += weights[i] * directions[i]
+    for i in range(n // 4):     # M^-1 on minus the unit null vector: the reflection sends the null vector to -|.|
+        row[4 * i] = -sqrt(weights[i] * directions[i] / size) / directions[i]
+    for i in range(0, n, 4):
+        total += v[i] * row[i]
+    for i in range(0, n, 4):
+        row[i] = (1.0 - albedo) * (row[i] - total * v[i])
+    for i in range(n):
+        e[i] = row[i]
+        e[i * n] = row[i]
+
+
+cdef void polish_smallest(int n, const double* e, const double* f_lu, const int* f_pivots, double* lam_re, double* lam_im,
+                          double* X, double* work, int* pivots) noexcept nogil:
+    """The diffusion mode by inverse iteration with E's first row and column exact (a small lambda is else known
+    only to 1e-16 of the largest)."""
+    cdef int inner = n - 1, i, j, best = -1, sweep
+    cdef double smallest = 0.05, pivot, top, norm, growth
+    cdef double* lu = work                       # (n-1, n-1)
+    cdef double* column = lu + inner * inner     # E''^-1 c
+    cdef double* x
+    for j in range(n):
+        if lam_im[j] == 0.0 and lam_re[j] < smallest and X[j * n] != 0.0:
+            best, smallest = j, lam_re[j]
+    if best < 0:
+        return
+    for j in range(inner):
+        memcpy(lu + j * inner, e + (j + 1) * n + 1, sizeof(double) * inner)
+    if factorise(inner, lu, inner, pivots) != 0:
+        return
+    memcpy(column, e + 1, sizeof(double) * inner)
+    solve(b"N", inner, 1, lu, inner, pivots, column, inner)
+    pivot = e[0]
+    for i in range(inner):
+        pivot -= e[(i + 1) * n] * column[i]
+    x = X + best * n
+    growth = 1.0
+    for sweep in range(8):
+        solve(b"N", n, 1, f_lu, n, f_pivots, x, n)
+        top = x[0]
+        solve(b"N", inner, 1, lu, inner, pivots, x + 1, inner)
+        for i in range(inner):
+            top -= e[(i + 1) * n] * x[i + 1]
+        top /= pivot
+        x[0] = top
+        for i in range(inner):
+            x[i + 1] -= column[i] * top
+        norm = 0.0
+        for i in range(n):
+            norm += x[i] * x[i]
+        growth = sqrt(norm)
+        for i in range(n):
+            x[i] /= growth
+    lam_re[best] = 1.0 / growth
+
+
+cdef double mode_residual(int n, const double* e, const double* f, const double* lam_re, const double* lam_im,
+                          const double* X, double* a, double* b) noexcept nogil:
+    cdef int i, j = 0
+    cdef double worst = 0.0, largest = 0.0, re, im
+    product(b"N", b"N", n, n, n, 1.0, e, n, X, n, 0.0, a, n)
+    product(b"N", b"N", n, n, n, 1.0, f, n, a, n, 0.0, b, n)
+    while j < n:
+        re, im = lam_re[j], lam_im[j]
+        if im == 0.0:
+            for i in range(n):
+                largest = max(largest, fabs(b[j * n + i]))
+                worst = max(worst, fabs(b[j * n + i] - re * X[j * n + i]))
+            j = j + 1
+        else:
+            for i in range(n):
+                largest = max(largest, fabs(b[j * n + i]))
+                worst = max(worst, fabs(b[j * n + i] - re * X[j * n + i] + im * X[(j + 1) * n + i]))
+                worst = max(worst, fabs(b[(j + 1) * n + i] - re * X[(j + 1) * n + i] - im * X[j * n + i]))
+            j = j + 2
+    return worst / largest if largest > 0.0 else 0.0
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Particular solution, (1:28)-(1:34), without its resonance. With D(tau) = (e^(-tau/mu0) - e^(-k tau))/(k - 1/mu0),
+# y = c D and z = zeta e^(-tau/mu0) + c k D, where c = (q + p/mu0)/(k + 1/mu0), zeta = (p k - q)/(k + 1/mu0).
+# ---------------------------------------------------------------------------------------------------------
+
+def particular_work(int n, int n_in):
+    """Doubles of `work` that one thread of `particular` needs."""
+    return 2 * n * 4 * n_in + 4 * n
+
+
+def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s, const double[:, :, :, ::1] source_d,
+               const double[::1] mu0, const double[:, ::1] columns, const double[:, :, ::1] lam_re,
+               const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X_lu, const int[:, :, ::1] X_pivots,
+               double[:, :, :, ::1] c, double[:, :, :, ::1] zeta, int threads, double[:, ::1] work, double[::1] seconds,
+               const int[::1] stop):
+    """The beam's solution in the coordinates of the modes.
+
+    source_s, source_d (order, layer, 4 n_in, n) as `assemble` leaves them; mu0 (n_in,); columns (n_col, 4): the
+    incident Stokes vectors. c, zeta (order, layer, n_in n_col, n).
+    """
+    cdef int n_order = <int>F.shape[0], n_layer = <int>F.shape[1], n = <int>F.shape[3], n_in = <int>mu0.shape[0]
+    cdef int n_col = <int>columns.shape[0], item, thread, o, k, n_item = n_order * n_layer
+    cdef double start
+    for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            o = item // n_layer
+            k = item % n_layer
+            particular_one(n, n_in, n_col, &F[o, k, 0, 0], &source_s[o, k, 0, 0], &source_d[o, k, 0, 0], &mu0[0],
+                           &columns[0, 0], &lam_re[o, k, 0], &lam_im[o, k, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
+                           &c[o, k, 0, 0], &zeta[o, k, 0, 0], &work[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef void particular_one(int n, int n_in, int n_col, const double* F, const double* source_s, const double* source_d,
+                         const double* mu0, const double* columns, const double* lam_re, const double* lam_im,
+                         const double* X_lu, const int* X_pivots, double* c, double* zeta, double* work) noexcept nogil:
+    cdef int i, j, a, col, row
+    cdef double* fd = work                    # F source_d: Y^-1 = X^-1 F
+    cdef double* p = c
+    cdef double* q = zeta
+    cdef double* out_c
+    cdef double* out_z
+    cdef double p1, p2, q1, q2, rate
+    cdef cplx k, below, pc, qc, value
+    product(b"N", b"N", n, 4 * n_in, n, 1.0, F, n, source_d, n, 0.0, fd, n)
+    for a in range(n_in):                     # the right-hand sides' Stokes columns
+        product(b"N", b"N", n, n_col, 4, 1.0, source_s + <size_t>4 * a * n, n, columns, 4, 0.0, p + <size_t>a * n_col * n, n)
+        product(b"N", b"N", n, n_col, 4, 1.0, fd + <size_t>4 * a * n, n, columns, 4, 0.0, q + <size_t>a * n_col * n, n)
+    solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, p, n)
+    solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, q, n)
+    for a in range(n_in):
+        rate = 1.0 / mu0[a]
+        for col in range(n_col):
+            out_c = p + <size_t>(a * n_col + col) * n
+            out_z = q + <size_t>(a * n_col + col) * n
+            j = 0
+            while j < n:
+                k = c_sqrt(make(lam_re[j], lam_im[j]))
+                below = k + rate
+                if lam_im[j] == 0.0:
+                    pc, qc = make(out_c[j], 0.0), make(out_z[j], 0.0)
+                else:
+                    pc, qc = make(out_c[j], -out_c[j + 1]), make(out_z[j], -out_z[j + 1])
+                value = over(qc + rate * pc, below)
+                qc = over(times(pc, k) - qc, below)
+                out_c[j], out_z[j] = value.real, qc.real
+                if lam_im[j] == 0.0:
+                    j = j + 1
+                else:
+                    out_c[j + 1], out_z[j + 1] = -value.imag, -qc.imag
+                    j = j + 2
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Boundary conditions, (1:49)-(1:65), all layers of one order. Even and odd modes about the middle of a layer,
+#   even: y = cosh(k t)/cosh(k h), z = -lambda y_odd;  odd: y = sinh(k t)/(k cosh(k h)), z = -y_even,
+# split the 8N system of a slab into two 4N systems and stay regular at lambda = 0; layers join by the star
+# product from the base up, as in (2:8). In a last layer without end, "even" is e^(-k tau) and "odd" is absent.
+# ---------------------------------------------------------------------------------------------------------
+
+cdef inline cplx half_tangent(cplx k, double thickness) noexcept nogil:
+    """tanh(k h)/k with h = thickness/2."""
+    cdef cplx e
+    if size_of(k) * thickness < 1e-150:
+        return make(0.5 * thickness, 0.0)
+    e = c_expm1(-thickness * k)
+    return over(-e, times(k, e + 2.0))
+
+
+cdef inline cplx beam_response(cplx k, double rate, double depth) noexcept nogil:
+    """D(depth) = (e^(-depth rate) - e^(-k depth))/(k - rate), unit optical depth."""
+    return depth * exp_difference(make(-depth * rate, 0.0), -depth * k)
+
+
+def boundary_work(int n, int n_layer, int n_rhs):
+    """Doubles of `work` that one thread of `boundary` needs."""
+    return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + 2 * n
+
+
+def boundary(const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
+             const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
+             const double[::1] thickness, const double[::1] mu0, const double[::1] above, const int[::1] base_row,
+             const double[:, :, ::1] base, const double[:, :, ::1] base_source, double[:, :, :, ::1] even,
+             double[:, :, :, ::1] odd, double[:, :, ::1] base_down, double[:, ::1] residual, int[::1] info, int threads,
+             double[:, ::1] work, int[:, ::1] pivots, double[::1] seconds, const int[::1] stop):
+    """The amplitudes of the even and odd modes of every layer.
+
+    thickness (layer,), inf allowed last; above (layer,): optical depth of each layer's top; base_row (order,): the
+    row of `base` (row, n, n) and `base_source` (row, n_rhs, n) of that order, or -1 for black: the base's operator
+    and its reflection of the unattenuated beam, scaled and flipped. even, odd (order, layer, n_rhs, n); base_down
+    (order, n_rhs, n): the scaled diffuse field that falls on the base; residual (order, layer): of the linear
+    systems, relative. `pivots`: 2 n n_layer + n integers a thread.
+    """
+    cdef int n_order = <int>X.shape[0], o, thread
+    cdef double start
+    for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            info[o] = boundary_one(
+                <int>X.shape[3], <int>X.shape[1], <int>mu0.shape[0], <int>c.shape[2], &lam_re[o, 0, 0], &lam_im[o, 0, 0],
+                &X[o, 0, 0, 0], &Y[o, 0, 0, 0], &c[o, 0, 0, 0], &zeta[o, 0, 0, 0], &thickness[0], &mu0[0], &above[0],
+                &base[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
+                &base_source[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
+                &even[o, 0, 0, 0], &odd[o, 0, 0, 0], &base_down[o, 0, 0], &residual[o, 0], &work[thread, 0],
+                &pivots[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam_re, const double* lam_im, const double* X,
+                      const double* Y, const double* c, const double* zeta, const double* thickness, const double* mu0,
+                      const double* above, const double* base, const double* base_source, double* even, double* odd,
+                      double* base_down, double* residual, double* work, int* pivots) noexcept nogil:
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, per_beam = <size_t>(n_rhs // n_in) * n
+    cdef int layer, info
+    cdef bint joined = n_layer > 1 or base != NULL
+    cdef double* systems = work                             # per layer: LU even, LU odd, R, T, G
+    cdef double* vectors = systems + 5 * n_layer * nn       # per layer: beam down at the top, up and down at the
+    cdef double* scratch = vectors + 5 * n_layer * nr       # bottom; emitted down; g: sent up from below
+    cdef double* below = scratch + 3 * nn
+    cdef double* up = below + nn
+    cdef double* down = up + nr
+    cdef double* falling = down + nr
+    cdef double* spare = falling + nr                       # 2 n n_rhs + 2 n
+    cdef double* system
+    cdef double* vector
+    for layer in range(n_layer):
+        info = slab_systems(n, n_in, n_rhs, lam_re + layer * n, lam_im + layer * n, X + layer * nn, Y + layer * nn,
+                            c + layer * nr, zeta + layer * nr, thickness[layer], mu0, above[layer],
+                            systems + 5 * layer * nn, pivots + 2 * layer * n, vectors + 5 * layer * nr, scratch, spare)
+        if info != 0:
+            return info
+    if joined:
+        memset(below, 0, sizeof(double) * nn)
+        memset(up, 0, sizeof(double) * nr)
+        if base != NULL:
+            memcpy(below, base, sizeof(double) * nn)
+            for i in range(nr):
+                up[i] = base_source[i] * exp(-(above[n_layer - 1] + thickness[n_layer - 1]) / mu0[i // per_beam])
+        for layer in range(n_layer - 1, -1, -1):
+            info = join_layer(n, n_rhs, X + layer * nn, Y + layer * nn, thickness[layer], systems + 5 * layer * nn,
+                              pivots + 2 * layer * n, pivots + 2 * n_layer * n, vectors + 5 * layer * nr, below, up,
+                              scratch, spare)
+            if info != 0:
+                return info
+    memset(down, 0, sizeof(double) * nr)
+    for layer in range(n_layer):
+        system = systems + 5 * layer * nn
+        vector = vectors + 5 * layer * nr
+        if joined:          # up = G (T down + emitted) + g at the layer's bottom
+            memcpy(falling, vector + 3 * nr, sizeof(double) * nr)
+            product(b"N", b"N", n, n_rhs, n, 1.0, system + 3 * nn, n, down, n, 1.0, falling, n)
+            memcpy(up, vector + 4 * nr, sizeof(double) * nr)
+            product(b"N", b"N", n, n_rhs, n, 1.0, system + 4 * nn, n, falling, n, 1.0, up, n)
+            product(b"N", b"N", n, n_rhs, n, 1.0, system + 2 * nn, n, up, n, 1.0, falling, n)
+        else:
+            memset(up, 0, sizeof(double) * nr)
+        for i in range(nr):
+            down[i] -= vector[i]
+            up[i] -= vector[nr + i]
+        residual[layer] = amplitudes(n, n_rhs, lam_re + layer * n, lam_im + layer * n, X + layer * nn, Y + layer * nn,
+                                     thickness[layer], system, pivots + 2 * layer * n, down, up, even + layer * nr,
+                                     odd + layer * nr, scratch, spare)
+        memcpy(down, falling, sizeof(double) * nr)
+    if joined:
+        memcpy(base_down, down, sizeof(double) * nr)
+    else:
+        memset(base_down, 0, sizeof(double) * nr)
+    return 0
+
+
+cdef void slab_matrix(int n, bint is_odd, const double* lam_re, const double* lam_im, const double* X, const double* Y,
+                      double thickness, double* matrix, double* spare) noexcept nogil:
+    """Even: X + Y lambda f (without end: X + Y k); odd: X f + Y; f = tanh(k h)/k."""
+    cdef int j
+    cdef size_t i
+    cdef cplx* f = <cplx*>spare
+    cdef cplx k
+    for j in range(n):
+        k = c_sqrt(make(lam_re[j], lam_im[j]))
+        if thickness > 1e300:
+            f[j] = k
+        else:
+            f[j] = half_tangent(k, thickness)
+            if not is_odd:
+                f[j] = times(f[j], make(lam_re[j], lam_im[j]))
+    scale_columns(n, n, lam_im, f, X if is_odd else Y, matrix)
+    for i in range(<size_t>n * n):
+        matrix[i] += Y[i] if is_odd else X[i]
+
+
+cdef int slab_systems(int n, int n_in, int n_rhs, const double* lam_re, const double* lam_im, const double* X,
+                      const double* Y, const double* c, const double* zeta, double thickness, const double* mu0,
+                      double above, double* systems, int* pivots, double* vectors, double* scratch,
+                      double* spare) noexcept nogil:
+    """Factorises the two systems of a slab; the beam's field at its top and bottom."""
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, r, i
+    cdef int info, per_beam = n_rhs // n_in, beam, j
+    cdef double* y = scratch
+    cdef double* z = scratch + n
+    cdef double* xy = scratch + 2 * n
+    cdef cplx* response = <cplx*>(scratch + 4 * n)
+    cdef cplx k
+    cdef double at_top, at_bottom
+    slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, systems, spare)
+    info = factorise(n, systems, n, pivots)
+    if info == 0 and thickness < 1e300:
+        slab_matrix(n, True, lam_re, lam_im, X, Y, thickness, systems + nn, spare)
+        info = factorise(n, systems + nn, n, pivots + n)
+    product(b"N", b"N", n, n_rhs, n, 0.5, Y, n, zeta, n, 0.0, vectors, n)
+    memset(vectors + nr, 0, sizeof(double) * 2 * nr)
+    for r in range(n_rhs):
+        beam = <int>r // per_beam
+        at_top = exp(-above / mu0[beam])
+        for i in range(n):
+            vectors[r * n + i] *= at_top
+        if thickness > 1e300:
+            continue
+        at_bottom = exp(-thickness / mu0[beam])
+        if r % per_beam == 0:
+            for j in range(n):
+                k = c_sqrt(make(lam_re[j], lam_im[j]))
+                response[j] = beam_response(k, 1.0 / mu0[beam], thickness)
+                response[n + j] = times(k, response[j])
+        scale_coordinates(n, lam_im, response, c + r * n, y)
+        scale_coordinates(n, lam_im, response + n, c + r * n, z)
+        for j in range(n):
+            z[j] += zeta[r * n + j] * at_bottom
+        product(b"N", b"N", n, 1, n, 0.5 * at_top, X, n, y, n, 0.0, xy, n)
+        product(b"N", b"N", n, 1, n, 0.5 * at_top, Y, n, z, n, 0.0, xy + n, n)
+        for j in range(n):
+            vectors[nr + r * n + j] = xy[j] - xy[n + j]
+            vectors[2 * nr + r * n + j] = xy[j] + xy[n + j]
+    return info
+
+
+cdef int join_layer(int n, int n_rhs, const double* X, const double* Y, double thickness, double* systems,
+                    const int* pivots, int* pivots_below, double* vectors, double* below, double* up, double* scratch,
+                    double* spare) noexcept nogil:
+    """R and T of the layer, then (star product) what lies below its top: `below` its reflection, `up` its emission."""
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, j
+    cdef double* R = systems + 2 * nn
+    cdef double* T = systems + 3 * nn
+    cdef double* G = systems + 4 * nn
+    cdef double* falling = vectors + 3 * nr
+    cdef double* g = vectors + 4 * nr
+    cdef double* old = scratch
+    cdef int info
+    # X (X + Y lambda f)^-1 = (1 + R + T)/2 and Y (X f + Y)^-1 = (1 - R + T)/2, by transposed systems
+    transpose(n, X, old)
+    solve(b"T", n, n, systems, n, pivots, old, n)
+    transpose(n, old, R)
+    if thickness > 1e300:
+        memset(T, 0, sizeof(double) * nn)
+        for i in range(nn):
+            R[i] *= 2.0
+        for i in range(<size_t>n):
+            R[i * n + i] -= 1.0
+    else:
+        transpose(n, Y, old)
+        solve(b"T", n, n, systems + nn, n, pivots + n, old, n)
+        transpose(n, old, T)
+        for i in range(nn):
+            R[i], T[i] = R[i] - T[i], R[i] + T[i]
+        for i in range(<size_t>n):
+            T[i * n + i] -= 1.0
+    # emitted with nothing falling in: the beam's own field leaving, less what would have to fall in to allow it
+    for i in range(nr):
+        falling[i] = vectors[2 * nr + i]
+        spare[i] = -vectors[i]
+    product(b"N", b"N", n, n_rhs, n, -1.0, T, n, vectors, n, 1.0, falling, n)
+    product(b"N", b"N", n, n_rhs, n, -1.0, R, n, vectors + nr, n, 1.0, falling, n)
+    product(b"N", b"N", n, n_rhs, n, -1.0, R, n, vectors, n, 1.0, spare, n)
+    product(b"N", b"N", n, n_rhs, n, -1.0, T, n, vectors + nr, n, 1.0, spare, n)
+    # between the layer and what lies below: (1 - Rb R)^-1
+    memset(old, 0, sizeof(double) * nn)
+    for i in range(<size_t>n):
+        old[i * n + i] = 1.0
+    product(b"N", b"N", n, n, n, -1.0, below, n, R, n, 1.0, old, n)
+    info = factorise(n, old, n, pivots_below)
+    memcpy(G, below, sizeof(double) * nn)
+    solve(b"N", n, n, old, n, pivots_below, G, n)
+    memcpy(g, up, sizeof(double) * nr)
+    solve(b"N", n, n_rhs, old, n, pivots_below, g, n)
+    product(b"N", b"N", n, n, n, 1.0, G, n, T, n, 0.0, old, n)
+    memcpy(below, R, sizeof(double) * nn)
+    product(b"N", b"N", n, n, n, 1.0, T, n, old, n, 1.0, below, n)
+    memcpy(spare + nr, g, sizeof(double) * nr)
+    product(b"N", b"N", n, n_rhs, n, 1.0, G, n, falling, n, 1.0, spare + nr, n)
+    memcpy(up, spare, sizeof(double) * nr)
+    product(b"N", b"N", n, n_rhs, n, 1.0, T, n, spare + nr, n, 1.0, up, n)
+    return info
+
+
+cdef double amplitudes(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X, const double* Y,
+                       double thickness, const double* systems, const int* pivots, const double* top, const double* bottom,
+                       double* even, double* odd, double* scratch, double* spare) noexcept nogil:
+    """even = (X + Y lambda f)^-1 (top + bottom), odd = (X f + Y)^-1 (bottom - top); the relative residual."""
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i
+    cdef bint endless = thickness > 1e300
+    cdef double worst, largest = 0.0
+    for i in range(nr):
+        even[i] = 2.0 * top[i] if endless else top[i] + bottom[i]
+        odd[i] = 0.0 if endless else bottom[i] - top[i]
+        largest = max(largest, max(fabs(even[i]), fabs(odd[i])))
+    memcpy(spare, even, sizeof(double) * nr)
+    solve(b"N", n, n_rhs, systems, n, pivots, even, n)
+    slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
+    product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, even, n, 1.0, spare, n)
+    worst = largest_of(nr, spare)
+    if not endless:
+        memcpy(spare, odd, sizeof(double) * nr)
+        solve(b"N", n, n_rhs, systems + nn, n, pivots + n, odd, n)
+        slab_matrix(n, True, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
+        product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, odd, n, 1.0, spare, n)
+        worst = max(worst, largest_of(nr, spare))
+    return worst / largest if largest > 0.0 else 0.0
+
+
+cdef inline double largest_of(size_t n, const double* a) noexcept nogil:
+    cdef size_t i
+    cdef double largest = 0.0
+    for i in range(n):
+        largest = max(largest, fabs(a[i]))
+    return largest
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Reconstruction by source-function integration, (1:36)-(1:38), as products of matrices. The beam's direct
+# source is left out: single scattering has a closed form over all orders (`single_scattering` below).
+# ---------------------------------------------------------------------------------------------------------
+
+cdef void hyperbolic_integrals(cplx k, double mu, double thickness, double depth, cplx* cosine, cplx* sine) noexcept nogil:
+    """int cosh(k t)/cosh(k h) and int sinh(k t)/(k cosh(k h)) times e^(-(x - depth)/mu) dx/mu over x from depth to
+    the slab's bottom, t = x - h. For a slab without end: int e^(-k x) ..., and 0."""
+    cdef double left = thickness - depth, h = 0.5 * thickness
+    cdef cplx from_top, from_bottom, whole, u, v, plus, minus
+    if thickness > 1e300:
+        cosine[0] = over(c_exp(-depth * k), 1.0 + mu * k)
+        sine[0] = make(0.0, 0.0)
+        return
+    # e^(-k x) and e^(-k (T - x)), integrated
+    from_top = over(times(c_exp(-depth * k), -c_expm1(-left * (k + 1.0 / mu))), 1.0 + mu * k)
+    from_bottom = (left / mu) * exp_difference(-left * k, make(-left / mu, 0.0))
+    whole = 1.0 + c_exp(-thickness * k)
+    cosine[0] = over(from_top + from_bottom, whole)
+    if size_of(k) * thickness > 1.0:
+        sine[0] = over(from_bottom - from_top, times(k, whole))
+        return
+    # near k = 0: e^(k(depth - h)) times int e^(k(x - depth)) ..., differenced between k and -k
+    plus, minus = left * k - left / mu, -left * k - left / mu
+    u = (2.0 * (depth - h)) * exp_difference((depth - h) * k, (h - depth) * k)
+    v = (left / mu) * exp_difference(make(0.0, 0.0), plus)
+    sine[0] = 0.5 * times(u, v)
+    v = (2.0 * left * left / mu) * exp_difference_2(make(0.0, 0.0), plus, minus)
+    sine[0] = sine[0] + 0.5 * times(c_exp((h - depth) * k), v)
+    whole = 0.5 * (c_exp(h * k) + c_exp(-h * k))
+    sine[0] = over(sine[0], whole)
+
+
+cdef inline double beam_up(double mu, double mu0, double thickness, double depth) noexcept nogil:
+    """int e^(-x/mu0) e^(-(x - depth)/mu) dx/mu from depth to the slab's bottom."""
+    cdef double rate = 1.0 / mu + 1.0 / mu0
+    return exp(-depth / mu0) * -expm1(-(thickness - depth) * rate) / (mu * rate)
+
+
+cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil:
+    """int e^(-x/mu0) e^(-(depth - x)/mu) dx/mu from the slab's top to depth."""
+    return (depth / mu) * exp_difference(make(-depth / mu0, 0.0), make(-depth / mu, 0.0)).real
+
+
+def reconstruction_work(int n, int n_out, int n_rhs, int n_layer):
+    """Doubles of `work` that one thread of `reconstruct` needs."""
+    return 8 * n_out * n * n_layer + 12 * n_out * n + 3 * n * n_rhs + 4 * 4 * n_out * n_rhs + 8 * n
+
+
+def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, const double[:, :, ::1] lam_re,
+                const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X, const double[:, :, :, ::1] Y,
+                const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta, const double[:, :, :, ::1] even,
+                const double[:, :, :, ::1] odd, const double[:, :, ::1] base_down, const int[::1] base_row,
+                const double[:, :, ::1] base_out, const double[::1] thickness, const double[::1] above,
+                const double[::1] mu0, const double[::1] mu_out, int n_up, const double[::1] level,
+                const int[::1] level_layer, double[:, :, :, ::1] out, int threads, double[:, ::1] work, double[::1] seconds,
+                const int[::1] stop):
+    """The field at any depth and direction, one Fourier order after another, without singly scattered light.
+
+    mu_out (n_out,): positive cosines, the first n_up of them for light going up, the others down; level (n_tau,):
+    depth below the top of layer level_layer; base_out (row, n, 4 n_out): what the base sends up from the scaled
+    field on its nodes. out (order, n_tau, n_rhs, 4 n_out): radiance times 2 pi for a unit beam; upward rows are
+    flipped by D.
+    """
+    cdef int n_order = <int>X.shape[0], o, thread
+    cdef double start
+    for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            reconstruct_one(
+                <int>X.shape[3], <int>mu_out.shape[0], n_up, <int>X.shape[1], <int>mu0.shape[0], <int>c.shape[2],
+                <int>level.shape[0], &G_E[o, 0, 0, 0], &G_F[o, 0, 0, 0], &lam_re[o, 0, 0], &lam_im[o, 0, 0],
+                &X[o, 0, 0, 0], &Y[o, 0, 0, 0], &c[o, 0, 0, 0], &zeta[o, 0, 0, 0], &even[o, 0, 0, 0], &odd[o, 0, 0, 0],
+                &base_down[o, 0, 0], &base_out[base_row[o], 0, 0] if base_row[o] >= 0 else NULL, &thickness[0], &above[0],
+                &mu0[0], &mu_out[0], &level[0], &level_layer[0], &out[o, 0, 0, 0], &work[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef void reconstruct_one(int n, int n_out, int n_up, int n_layer, int n_in, int n_rhs, int n_level, const double* G_E,
+                          const double* G_F, const double* lam_re, const double* lam_im, const double* X, const double* Y,
+                          const double* c, const double* zeta, const double* even, const double* odd,
+                          const double* base_down, const double* base_out, const double* thickness, const double* above,
+                          const double* mu0, const double* mu_out, const double* level, const int* level_layer,
+                          double* out, double* work) noexcept nogil:
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, rows = 4 * n_out, size = rows * n_rhs, i, r
+    cdef double* g_e = work                             # G_E X and G_F Y, per layer
+    cdef double* g_f = g_e + rows * n * n_layer
+    cdef double* running = g_f + rows * n * n_layer     # the field that enters the present layer
+    cdef double* part = running + size
+    cdef double* spare = part + size
+    cdef int layer, t
+    for layer in range(n_layer):
+        product(b"N", b"N", <int>rows, n, n, 1.0, G_E + layer * rows * n, <int>rows, X + layer * nn, n, 0.0,
+                g_e + layer * rows * n, <int>rows)
+        product(b"N", b"N", <int>rows, n, n, 1.0, G_F + layer * rows * n, <int>rows, Y + layer * nn, n, 0.0,
+                g_f + layer * rows * n, <int>rows)
+    # light going up: from the base through the layers
+    memset(running, 0, sizeof(double) * size)
+    if base_out != NULL and n_up > 0:
+        product(b"N", b"N", 4 * n_up, n_rhs, n, 1.0, base_out, <int>rows, base_down, n, 0.0, running, <int>rows)
+    for layer in range(n_layer - 1, -1, -1):
+        for t in range(n_level + 1):
+            if t < n_level and level_layer[t] != layer:
+                continue
+            if t == n_level and layer == 0:
+                continue
+            through_layer(True, n, <int>rows, n_up, n_in, n_rhs, g_e + layer * rows * n, g_f + layer * rows * n,
+                          lam_re + layer * n, lam_im + layer * n, c + layer * nr, zeta + layer * nr, even + layer * nr,
+                          odd + layer * nr, thickness[layer], above[layer], mu0, mu_out, level[t] if t < n_level else 0.0,
+                          running, out + t * size if t < n_level else part, spare)
+        if layer > 0:
+            memcpy(running, part, sizeof(double) * size)
+    # light going down: from the top through the layers
+    memset(running, 0, sizeof(double) * size)
+    for layer in range(n_layer):
+        for t in range(n_level + 1):
+            if t < n_level and level_layer[t] != layer:
+                continue
+            if t == n_level and layer == n_layer - 1:
+                continue
+            through_layer(False, n, <int>rows, n_out - n_up, n_in, n_rhs, g_e + layer * rows * n + 4 * n_up,
+                          g_f + layer * rows * n + 4 * n_up, lam_re + layer * n, lam_im + layer * n, c + layer * nr,
+                          zeta + layer * nr, even + layer * nr, odd + layer * nr, thickness[layer], above[layer], mu0,
+                          mu_out + n_up, level[t] if t < n_level else thickness[layer], running + 4 * n_up,
+                          (out + t * size if t < n_level else part) + 4 * n_up, spare)
+        if layer < n_layer - 1:
+            memcpy(running, part, sizeof(double) * size)
+
+
+cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
+                        const double* lam_re, const double* lam_im, const double* c, const double* zeta,
+                        const double* even, const double* odd, double thickness, double above, const double* mu0,
+                        const double* mu_out, double depth, const double* entering, double* out, double* work) noexcept nogil:
+    """out = what arrives at `depth`: entering light attenuated, plus the layer's source between its far face and depth.
+
+    g_e, g_f, entering and out have 4 n_mu used rows of `rows`.
+    """
+    cdef size_t used = 4 * n_mu, r, i, column, row
+    cdef int j, mu, pair, width, beam, per_beam = n_rhs // n_in
+    cdef double left = thickness - depth if upward else depth     # optical path over mu
+    cdef double sign = -1.0 if upward else 1.0, ge0, ge1, gf0, gf1, fade, light, mirror
+    cdef double* even_gain = work                     # (n, used): amplitude of the even modes -> radiance
+    cdef double* odd_gain = even_gain + used * n
+    cdef double* beam_gain = odd_gain + used * n      # (g_e -+ k g_f)/(1 + k mu) or /(k mu - 1)
+    cdef double* fed = beam_gain + used * n           # coordinates c D(.) of all right-hand sides
+    cdef double* first = fed + <size_t>n * n_rhs      # beam_gain c, beam_gain c D, g_f zeta
+    cdef double* second = first + used * n_rhs
+    cdef double* third = second + used * n_rhs
+    cdef cplx* response = <cplx*>(third + used * n_rhs)
+    cdef cplx k, lam, cosine, sine, bottom, a, b
+    if n_mu == 0:
+        return
+    if left == 0.0:
+        for r in range(n_rhs):
+            memcpy(out + r * rows, entering + r * rows, sizeof(double) * used)
+        return
+    mirror = thickness - left                          # by symmetry about the middle, down at depth is up at T - depth
+    for mu in range(n_mu):
+        j = 0
+        while j < n:
+            width = 1 if lam_im[j] == 0.0 else 2
+            lam = make(lam_re[j], lam_im[j])
+            k = c_sqrt(lam)
+            if thickness > 1e300 and not upward:
+                cosine = (left / mu_out[mu]) * exp_difference(-left * k, make(-left / mu_out[mu], 0.0))
+                sine = make(0.0, 0.0)
+            else:
+                hyperbolic_integrals(k, mu_out[mu], thickness, depth if upward else mirror, &cosine, &sine)
+            bottom = 1.0 + mu_out[mu] * k if upward else mu_out[mu] * k - 1.0
+            bottom = make(0.0, 0.0) if size_of(bottom) < 0.02 else over(make(1.0, 0.0), bottom)
+            for i in range(4):
+                column = j * used + 4 * mu + i
+                row = <size_t>j * rows + 4 * mu + i
+                ge0, gf0 = g_e[row], g_f[row]
+                ge1 = g_e[row + rows] if width == 2 else 0.0
+                gf1 = g_f[row + rows] if width == 2 else 0.0
+                # (Re, Im) of a pair's two columns as one complex gain
+                if thickness > 1e300:      # y = e^(-k x), z = k e^(-k x)
+                    a = times(cosine, make(ge0, ge1) + sign * times(k, make(gf0, gf1)))
+                    b = make(0.0, 0.0)
+                else:
+                    a = times(cosine, make(ge0, ge1)) + times(times(lam, sine), make(gf0, gf1))
+                    b = times(sine, make(ge0, ge1)) + times(cosine, make(gf0, gf1))
+                    if not upward:
+                        b = -b
+                even_gain[column], odd_gain[column] = 0.5 * a.real, 0.5 * b.real
+                a_gain(beam_gain, column, times(bottom, make(ge0, ge1) + sign * times(k, make(gf0, gf1))), used, width)
+                if width == 2:
+                    even_gain[column + used], odd_gain[column + used] = 0.5 * a.imag, 0.5 * b.imag
+            j = j + width
+    for r in range(n_rhs):
+        for mu in range(n_mu):
+            fade = exp(-left / mu_out[mu])
+            for i in range(4):
+                out[r * rows + 4 * mu + i] = fade * entering[r * rows + 4 * mu + i]
+    product(b"N", b"N", <int>used, n_rhs, n, 1.0, even_gain, <int>used, even, n, 1.0, out, rows)
+    product(b"N", b"N", <int>used, n_rhs, n, 1.0, odd_gain, <int>used, odd, n, 1.0, out, rows)
+    product(b"N", b"N", <int>used, n_rhs, n, 0.5, beam_gain, <int>used, c, n, 0.0, first, <int>used)
+    product(b"N", b"N", <int>used, n_rhs, n, 0.5 * sign, g_f, rows, zeta, n, 0.0, third, <int>used)
+    feed(n, n_in, n_rhs, lam_re, lam_im, c, mu0, depth, response, fed)
+    product(b"N", b"N", <int>used, n_rhs, n, 0.5, beam_gain, <int>used, fed, n, 0.0, second, <int>used)
+    for r in range(n_rhs):
+        beam = <int>r // per_beam
+        fade = exp(-above / mu0[beam])
+        for mu in range(n_mu):
+            light = beam_up(mu_out[mu], mu0[beam], thickness, depth) if upward else beam_down(mu_out[mu], mu0[beam], depth)
+            for i in range(4):
+                column = r * used + 4 * mu + i
+                out[r * rows + 4 * mu + i] += fade * (
+                    light * (mu_out[mu] * first[column] + third[column]) + (second[column] if upward else -second[column]))
+    if upward and thickness < 1e300:
+        feed(n, n_in, n_rhs, lam_re, lam_im, c, mu0, thickness, response, fed)
+        product(b"N", b"N", <int>used, n_rhs, n, 0.5, beam_gain, <int>used, fed, n, 0.0, second, <int>used)
+        for r in range(n_rhs):
+            for mu in range(n_mu):
+                fade = exp(-above / mu0[<int>r // per_beam] - left / mu_out[mu])
+                for i in range(4):
+                    out[r * rows + 4 * mu + i] -= fade * second[r * used + 4 * mu + i]
+    if not upward:
+        resonances(n, rows, n_mu, n_in, n_rhs, g_e, g_f, lam_re, lam_im, c, mu0, mu_out, depth, above, out)
+
+
+cdef inline void a_gain(double* gain, size_t column, cplx value, size_t used, int width) noexcept nogil:
+    gain[column] = value.real
+    if width == 2:
+        gain[column + used] = value.imag
+
+
+cdef void feed(int n, int n_in, int n_rhs, const double* lam_re, const double* lam_im, const double* c, const double* mu0,
+               double depth, cplx* response, double* fed) noexcept nogil:
+    """fed = c D(depth), all right-hand sides."""
+    cdef int r, j, per_beam = n_rhs // n_in
+    for r in range(n_rhs):
+        if r % per_beam == 0:
+            for j in range(n):
+                response[j] = beam_response(c_sqrt(make(lam_re[j], lam_im[j])), 1.0 / mu0[r // per_beam], depth)
+        scale_coordinates(n, lam_im, response, c + <size_t>r * n, fed + <size_t>r * n)
+
+
+cdef void resonances(int n, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
+                     const double* lam_re, const double* lam_im, const double* c, const double* mu0, const double* mu_out,
+                     double depth, double above, double* out) noexcept nogil:
+    """Adds the beam's part of the modes with k mu close to 1, left out above: int D e^(-(depth - x)/mu) dx/mu is
+    depth^2/mu exp[-depth/mu, -k depth, -depth/mu0]."""
+    cdef int mu, j, width, r, i, per_beam = n_rhs // n_in
+    cdef cplx k, value, gain
+    cdef const double* y
+    cdef size_t row
+    for mu in range(n_mu):
+        j = 0
+        while j < n:
+            width = 1 if lam_im[j] == 0.0 else 2
+            k = c_sqrt(make(lam_re[j], lam_im[j]))
+            if size_of(mu_out[mu] * k - 1.0) < 0.02:
+                for r in range(n_rhs):
+                    if r % per_beam == 0:
+                        value = (0.5 * depth * depth / mu_out[mu] * exp(-above / mu0[r // per_beam])) * exp_difference_2(
+                            make(-depth / mu_out[mu], 0.0), -depth * k, make(-depth / mu0[r // per_beam], 0.0))
+                    y = c + <size_t>r * n + j
+                    for i in range(4):
+                        row = <size_t>j * rows + 4 * mu + i
+                        gain = times(value, make(g_e[row], g_e[row + rows] if width == 2 else 0.0)
+                                     + times(k, make(g_f[row], g_f[row + rows] if width == 2 else 0.0)))
+                        out[<size_t>r * rows + 4 * mu + i] += gain.real * y[0] + (gain.imag * y[1] if width == 2 else 0.0)
+            j = j + width

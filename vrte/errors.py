@@ -1,0 +1,16 @@
+"""The errors a user meets, each one clear sentence."""
+
+
+class SceneError(ValueError):
+    """The scene or the request is wrong: what, where and what is allowed."""
+
+
+class AccuracyError(ArithmeticError):
+    """The solver's own residuals are too large to vouch for the answer."""
+
+
+class MissingExtraError(ImportError):
+    """An optional dependency is not installed; the message names the extra that brings it."""
+
+    def __init__(self, purpose: str, extra: str) -> None:
+        super().__init__(f"{purpose} needs the extra '{extra}': pip install 'vrte[{extra}]'")
