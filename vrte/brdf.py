@@ -1,0 +1,72 @@
+"""The polarized subsurface BRDF of a scene, and its transmission."""
+
+import os
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from vrte.arrays import Array
+from vrte.field import freeze
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Brdf(Rebuilt):
+    """Mueller matrices of the light that comes back out: radiance out = mueller @ irradiance in.
+
+    ``mueller`` (mu_i, mu_o, phi, 4, 4) [sr-1] is the subsurface BRDF in the meridian planes; ``reflectance`` (mu_i,) is
+    directional-hemispherical, for unpolarized light. ``transmission`` (same shape as mueller, or None) is the like for
+    diffuse light going down at the bottom, base included, ``direct_transmittance`` (mu_i,) or None the beam's share
+    that gets through unscattered. ``mu_i``, ``mu_o`` are positive cosines; ``phi`` [deg] is outgoing minus incident,
+    both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only.
+    Raises SceneError where the shapes do not fit together.
+    """
+
+    mueller: Array
+    reflectance: Array
+    mu_i: Array
+    mu_o: Array
+    phi: Array
+    diagnostics: dict[str, Any]
+    transmission: Array | None = None
+    direct_transmittance: Array | None = None
+
+    def __post_init__(self) -> None:
+        incident = (len(self.mu_i),)
+        matrices = (*incident, len(self.mu_o), len(self.phi), 4, 4)
+        shapes = {
+            "mueller": matrices,
+            "reflectance": incident,
+            "mu_i": incident,
+            "mu_o": (len(self.mu_o),),
+            "phi": (len(self.phi),),
+        }
+        if self.transmission is not None:
+            shapes["transmission"] = matrices
+        if self.direct_transmittance is not None:
+            shapes["direct_transmittance"] = incident
+        freeze(self, shapes)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # through the constructor: an unpickled array would otherwise be writable
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+
+    def __repr__(self) -> str:
+        extra = "" if self.transmission is None else ", with transmission"
+        return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """An xarray.Dataset: ``mueller`` with dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in).
+
+        Raises MissingExtraError without xarray.
+        """
+        from vrte.formats.netcdf import to_xarray
+
+        return to_xarray(self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes NetCDF, all of it or nothing. Raises MissingExtraError without the extra "files", or OSError."""
+        from vrte.formats.netcdf import save
+
+        save(self, path)
