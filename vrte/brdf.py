@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Brdf(Rebuilt):
+class Brdf:
     """Mueller matrices of the light that comes back out: radiance out = mueller @ irradiance in.
 
     ``mueller`` (mu_i, mu_o, phi, 4, 4) [sr-1] is the subsurface BRDF in the meridian planes; ``reflectance`` (mu_i,) is

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Field(Rebuilt):
+class Field:
     """Stokes vectors of the diffuse subsurface light, with fluxes, at each depth and direction.
 
     ``stokes`` (tau, mu, phi, 4) holds I, Q, U, V [W m-2 sr-1 for an incident beam in W m-2] without the direct beam.
