@@ -1329,3 +1329,134 @@ cdef void resonances(int n, int rows, int n_mu, int n_in, int n_rhs, const doubl
                                      + times(k, make(g_f[row], g_f[row + rows] if width == 2 else 0.0)))
                         out[<size_t>r * rows + 4 * mu + i] += gain.real * y[0] + (gain.imag * y[1] if width == 2 else 0.0)
             j = j + width
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Single scattering in closed form: the phase matrix at the scattering angle, turned into the meridian planes.
+# ---------------------------------------------------------------------------------------------------------
+
+cdef enum:
+    BLOCK = 64
+
+
+def scattered_once(const double[:, ::1] coefficients, const double[::1] mu0, const double[::1] mu, const double[::1] cos_phi,
+                   const double[::1] sin_phi, double[:, :, :, :, ::1] out, int threads, double[::1] seconds,
+                   const int[::1] stop):
+    """The phase matrix Z(mu, -mu0, phi), all terms, between meridian planes.
+
+    coefficients (terms, 6); mu0 (n_in,) > 0: light going down; mu (n_mu,): signed public cosines. out (n_in, n_mu,
+    n_phi, 4, 4). Where the scattering plane is undefined (straight on, straight back) the meridian plane serves.
+    """
+    cdef int n_in = <int>mu0.shape[0], n_mu = <int>mu.shape[0], n_phi = <int>cos_phi.shape[0], item, thread
+    cdef int terms = <int>coefficients.shape[0], first
+    cdef double[:, ::1] tables = recurrences(terms)
+    cdef double start
+    for item in prange(n_in * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            first = 0
+            while first < n_phi:
+                scatter_block(terms, &coefficients[0, 0], &tables[0, 0], mu0[item // n_mu], mu[item % n_mu],
+                              &cos_phi[first], &sin_phi[first], min(BLOCK, n_phi - first),
+                              &out[item // n_mu, item % n_mu, first, 0, 0])
+                first = first + BLOCK
+            seconds[thread] += vrte_seconds() - start
+
+
+def recurrences(int terms):
+    """(terms, 8): the factors of d^{l+1} = (a x -+ b) d^l - c d^{l-1}: columns a, c of d_00; a, c of d_02; a, b, c of
+    d_2,+-2."""
+    l = np.arange(terms, dtype=float)
+    table = np.zeros((terms, 8))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        table[:, 0], table[:, 1] = (2 * l + 1) / (l + 1), l / (l + 1)
+        above, here = np.sqrt((l + 1) ** 2 - 4), np.sqrt(np.maximum(l * l - 4, 0))
+        table[:, 2], table[:, 3] = (2 * l + 1) / above, here / above
+        table[:, 4] = (2 * l + 1) * (l + 1) / above**2
+        table[:, 5] = 4 * (2 * l + 1) / (l * above**2)
+        table[:, 6] = (l + 1) * here**2 / (l * above**2)
+    table[:2, 2:] = 0.0
+    return table
+
+
+cdef void scatter_block(int terms, const double* coefficients, const double* table, double mu0, double mu, const double* cos_phi,
+                        const double* sin_phi, int count, double* out) noexcept nogil:
+    cdef double x[BLOCK]
+    cdef double f[6][BLOCK]       # F11, F44, (F22 + F33), (F22 - F33), F12, F34
+    cdef double p[BLOCK]
+    cdef double p_old[BLOCK]
+    cdef double q[BLOCK]
+    cdef double q_old[BLOCK]
+    cdef double u[BLOCK]
+    cdef double u_old[BLOCK]
+    cdef double w[BLOCK]
+    cdef double w_old[BLOCK]
+    cdef double sine0 = sqrt((1.0 - mu0) * (1.0 + mu0)), sine = sqrt((1.0 - mu) * (1.0 + mu)), now
+    cdef const double* c
+    cdef const double* t
+    cdef int i, l
+    for i in range(count):
+        x[i] = max(-1.0, min(1.0, -mu * mu0 + sine * sine0 * cos_phi[i]))
+        p[i], p_old[i], q[i], q_old[i], u[i], u_old[i], w[i], w_old[i] = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for l in range(6):
+            f[l][i] = 0.0
+    for l in range(terms):
+        c = coefficients + 6 * l
+        t = table + 8 * l
+        if l == 2:
+            for i in range(count):
+                q[i] = -sqrt(6.0) / 4.0 * (1.0 - x[i]) * (1.0 + x[i])
+                u[i] = 0.25 * (1.0 + x[i]) * (1.0 + x[i])
+                w[i] = 0.25 * (1.0 - x[i]) * (1.0 - x[i])
+        for i in range(count):
+            f[0][i] += c[0] * p[i]
+            f[1][i] += c[3] * p[i]
+            f[2][i] += (c[1] + c[2]) * u[i]
+            f[3][i] += (c[1] - c[2]) * w[i]
+            f[4][i] += c[4] * q[i]
+            f[5][i] += c[5] * q[i]
+            now = t[0] * x[i] * p[i] - t[1] * p_old[i]
+            p_old[i] = p[i]
+            p[i] = now
+            now = t[2] * x[i] * q[i] - t[3] * q_old[i]
+            q_old[i] = q[i]
+            q[i] = now
+            now = (t[4] * x[i] - t[5]) * u[i] - t[6] * u_old[i]
+            u_old[i] = u[i]
+            u[i] = now
+            now = (t[4] * x[i] + t[5]) * w[i] - t[6] * w_old[i]
+            w_old[i] = w[i]
+            w[i] = now
+    for i in range(count):
+        turn(mu0, sine0, mu, sine, cos_phi[i], sin_phi[i], f[0][i], 0.5 * (f[2][i] + f[3][i]), 0.5 * (f[2][i] - f[3][i]),
+             f[1][i], f[4][i], f[5][i], out + 16 * i)
+
+
+cdef void turn(double mu0, double sine0, double mu, double sine, double cos_phi, double sin_phi, double a1, double a2,
+               double a3, double a4, double b1, double b2, double* z) noexcept nogil:
+    """From the scattering plane into the meridian planes. l is theta-hat, r = l x k; n, normal to the scattering plane,
+    is k x k'; in a plane with r_s = n: cos(sigma) = n.r and sin(sigma) = -n.l."""
+    cdef double kx = sine * cos_phi, ky = sine * sin_phi, kz = mu      # outgoing; incident: (sine0, 0, -mu0)
+    cdef double nx = -ky * mu0, ny = kz * sine0 + kx * mu0, nz = -ky * sine0
+    cdef double lx = mu * cos_phi, ly = mu * sin_phi, lz = -sine
+    cdef double rx = ly * kz - lz * ky, ry = lz * kx - lx * kz         # l x k is horizontal
+    cdef double length, c, s, c2, s2, c2_in, s2_in, m11, m12, m21, m22
+    if nx * nx + ny * ny + nz * nz < 1e-18:
+        nx, ny, nz = rx, ry, 0.0
+    c, s = nx * rx + ny * ry, -(nx * lx + ny * ly + nz * lz)
+    length = c * c + s * s
+    c2, s2 = (c * c - s * s) / length, 2.0 * c * s / length
+    # incident: l' = (-mu0, 0, -sine0), r' = l' x k' = (0, -1, 0)
+    c, s = -ny, nx * mu0 + nz * sine0
+    length = c * c + s * s
+    c2_in, s2_in = (c * c - s * s) / length, 2.0 * c * s / length
+    z[0] = a1
+    z[1], z[2], z[3] = b1 * c2_in, b1 * s2_in, 0.0
+    z[4], z[8], z[12] = b1 * c2, b1 * s2, 0.0
+    m11, m12, m21, m22 = a2 * c2_in, a2 * s2_in, -a3 * s2_in, a3 * c2_in
+    z[5], z[6] = c2 * m11 - s2 * m21, c2 * m12 - s2 * m22
+    z[9], z[10] = s2 * m11 + c2 * m21, s2 * m12 + c2 * m22
+    z[7], z[11] = -s2 * b2, c2 * b2
+    z[13], z[14] = b2 * s2_in, -b2 * c2_in
+    z[15] = a4

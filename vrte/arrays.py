@@ -1,0 +1,53 @@
+"""Small checks shared by everything that takes numbers from a user."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.errors import SceneError
+
+Array = NDArray[np.float64]
+
+
+def frozen(values: Any) -> Array:
+    """A read-only float64 copy, contiguous."""
+    array = np.array(values, dtype=np.float64, order="C")
+    array.setflags(write=False)
+    return array
+
+
+def vector(name: str, values: Any) -> Array:
+    """A read-only, finite 1-D array; a scalar becomes one of length 1."""
+    try:
+        array = frozen(np.atleast_1d(np.asarray(values, dtype=np.float64)))
+    except (TypeError, ValueError):
+        raise SceneError(f"{name} must be real numbers, not {values!r:.80}") from None
+    if array.ndim != 1 or array.size == 0:
+        raise SceneError(f"{name} must be a number or a non-empty 1-D list, not of shape {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise SceneError(f"{name} must be finite numbers, not {array[~np.isfinite(array)][0]}")
+    return array
+
+
+def number(name: str, value: Any, low: float, high: float, allowed: str) -> float:
+    """A float within [low, high]; `allowed` says in words what the range is."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError):
+        raise SceneError(f"{name} must be a number {allowed}, not {value!r:.80}") from None
+    if not low <= result <= high:  # also refuses NaN
+        raise SceneError(f"{name} must be {allowed}, not {value}")
+    return result
+
+
+def whole(name: str, value: Any, low: int, high: int) -> int:
+    """An integer within [low, high]."""
+    try:
+        result = int(value)
+        exact = result == value and not isinstance(value, bool)
+    except (TypeError, ValueError, OverflowError):
+        exact = False
+    if not exact or not low <= result <= high:
+        raise SceneError(f"{name} must be a whole number from {low} to {high}, not {value!r:.80}")
+    return result

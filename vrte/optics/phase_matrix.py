@@ -1,0 +1,220 @@
+"""Scattering matrices as expansion coefficients in generalized spherical functions.
+
+Signs are those of Hovenier, de Haan and Mishchenko (docs/conventions.md): F(angle) has the elements a1, a2, a3,
+a4 on its diagonal, b1 in its upper block and b2 in its lower one; a1 and a4 expand in P_l, a2 +- a3 in P^l_{2,+-2},
+b1 and b2 in P^l_02 = -d^l_02.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array, frozen, number, vector, whole
+from vrte.errors import SceneError
+
+CHECK_ANGLES_DEG = np.linspace(0.0, 180.0, 721)
+NEGATIVE_ALLOWED = 1e-4  # of F11, for a coherency eigenvalue: tables rounded to a few digits pass
+ROUNDING = 1e-14  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
+DEGREES_AT_ONCE = 256  # bounds the memory of the spherical functions, whatever the number of terms
+
+
+def spherical_functions(terms: int, cosine: Array) -> Iterator[tuple[int, Array]]:
+    """P_l, P^l_02, P^l_22 and P^l_2,-2 at ``cosine`` (n,), in blocks of degrees: (first degree, (degrees, 4, n)).
+
+    Three-term recurrence in the degree l of Wigner's d^l_mn, for (m, n) = (0, 0), (0, 2), (2, 2), (2, -2); the
+    signs are the handbook's, P^l_02 = -d^l_02. Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983).
+
+    >>> [(first, block.shape) for first, block in spherical_functions(300, np.array([0.5]))]
+    [(0, (256, 4, 1)), (256, (44, 4, 1))]
+    """
+    m, n = np.array([[0.0], [0.0], [2.0], [2.0]]), np.array([[0.0], [2.0], [2.0], [-2.0]])
+    before, last = np.zeros((2, 4, cosine.size))
+    for first in range(0, terms, DEGREES_AT_ONCE):
+        block = np.empty((min(DEGREES_AT_ONCE, terms - first), 4, cosine.size))
+        for row, degree in enumerate(range(first, first + len(block))):
+            if degree <= 2:
+                now = _first_functions(degree, cosine)
+            else:
+                l = degree - 1.0  # noqa: E741
+                down = (l + 1.0) * np.sqrt((l * l - m * m) * (l * l - n * n))
+                up = l * np.sqrt((degree**2 - m * m) * (degree**2 - n * n))
+                now = ((2.0 * l + 1.0) / up) * (l * degree * cosine - m * n)
+                now *= last
+                now -= (down / up) * before
+            block[row] = now
+            before, last = last, now
+        yield first, block
+
+
+def _first_functions(degree: int, cosine: Array) -> Array:
+    """The four functions of degree 0, 1 or 2, from which the recurrence starts: (4, n)."""
+    if degree < 2:
+        return np.stack([cosine**degree, *np.zeros((3, cosine.size))])
+    sine_squared = (1.0 - cosine) * (1.0 + cosine)
+    return np.stack(
+        [
+            1.0 - 1.5 * sine_squared,
+            -np.sqrt(6.0) / 4.0 * sine_squared,
+            0.25 * (1.0 + cosine) ** 2,
+            0.25 * (1.0 - cosine) ** 2,
+        ]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseMatrix:
+    """The scattering matrix of randomly oriented particles, as six lists of expansion coefficients.
+
+    ``a1`` ... ``b2`` are 1-D, degree l = 0 first, shorter ones are padded with zeros; ``a1[0]`` is 1 (within 1e-6; all
+    are divided by it) and ``a1[1]`` is 3 g. ``a1`` alone is a scalar phase function. Raises SceneError for a shape,
+    a value that is not finite, or a matrix that no particles can have (a coherency eigenvalue below -1e-4 F11).
+    Source: (1:9), Siewert, Astron. Astrophys. 109, 195 (1982).
+
+    >>> PhaseMatrix([1.0, 0.3]).asymmetry
+    0.1
+    """
+
+    a1: Array
+    a2: Array = None  # type: ignore[assignment]
+    a3: Array = None  # type: ignore[assignment]
+    a4: Array = None  # type: ignore[assignment]
+    b1: Array = None  # type: ignore[assignment]
+    b2: Array = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        lists = {name: vector(name, [0.0] if value is None else value) for name, value in given.items()}
+        scale = lists["a1"][0]
+        if abs(scale - 1.0) > 1e-6:
+            raise SceneError(f"a1[0] must be 1 within 1e-6 (the mean of F11 over the sphere), not {scale}")
+        terms = max(values.size for values in lists.values())
+        for name, values in lists.items():
+            object.__setattr__(self, name, frozen(np.pad(values, (0, terms - values.size)) / scale))
+        self._check_physical()
+
+    @property
+    def terms(self) -> int:
+        """Number of degrees, l = 0 .. terms - 1."""
+        return int(self.a1.size)
+
+    @property
+    def coefficients(self) -> Array:
+        """(terms, 6): columns a1, a2, a3, a4, b1, b2."""
+        return np.stack([self.a1, self.a2, self.a3, self.a4, self.b1, self.b2], axis=1)
+
+    @property
+    def asymmetry(self) -> float:
+        """g, the mean cosine of the scattering angle."""
+        return float(self.a1[1] / 3.0) if self.terms > 1 else 0.0
+
+    @property
+    def is_scalar(self) -> bool:
+        """True where only a1 differs from zero: polarization plays no part."""
+        return not self.coefficients[:, 1:].any()
+
+    def scattering_matrix(self, angle_deg: Any) -> Array:
+        """F at the scattering angles (degrees, any shape): (..., 4, 4), the mean of F11 over the sphere is 1.
+
+        >>> rayleigh().scattering_matrix(90.0)[0, 0]
+        np.float64(0.75)
+        """
+        angles = np.asarray(angle_deg, dtype=np.float64)
+        a1, a2, a3, a4, b1, b2 = self._elements(np.cos(np.radians(angles.ravel())))
+        matrix = np.zeros((angles.size, 4, 4))
+        matrix[:, 0, 0], matrix[:, 1, 1], matrix[:, 2, 2], matrix[:, 3, 3] = a1, a2, a3, a4
+        matrix[:, 0, 1] = matrix[:, 1, 0] = b1
+        matrix[:, 2, 3], matrix[:, 3, 2] = b2, -b2
+        return matrix.reshape(*angles.shape, 4, 4)
+
+    def _elements(self, cosine: Array) -> Array:
+        """a1, a2, a3, a4, b1, b2 as functions of the scattering angle's cosine (n,): (6, n)."""
+        plain, crossed = np.stack([self.a1, self.a4]), np.stack([self.b1, self.b2])
+        total, difference = self.a2 + self.a3, self.a2 - self.a3
+        sums = np.zeros((6, cosine.size))
+        for first, block in spherical_functions(self.terms, cosine):
+            part = slice(first, first + len(block))
+            sums[:2] += plain[:, part] @ block[:, 0]
+            sums[2:4] += crossed[:, part] @ block[:, 1]
+            sums[4] += total[part] @ block[:, 2]
+            sums[5] += difference[part] @ block[:, 3]
+        a1, a4, b1, b2, plus, minus = sums
+        return np.stack([a1, 0.5 * (plus + minus), 0.5 * (plus - minus), a4, b1, b2])
+
+    def _check_physical(self) -> None:
+        a1, a2, a3, a4, b1, b2 = self._elements(np.cos(np.radians(CHECK_ANGLES_DEG)))
+        # the four eigenvalues of the coherency matrix of a matrix of this block form, the lower of each pair
+        lowest = 0.25 * np.minimum(
+            a1 + a2 - np.sqrt(4.0 * b1**2 + 4.0 * b2**2 + (a3 + a4) ** 2), a1 - a2 - np.abs(a3 - a4)
+        )
+        lowest = np.minimum(lowest, a1)
+        worst = int(np.argmin(lowest + NEGATIVE_ALLOWED * np.abs(a1)))
+        if lowest[worst] < -NEGATIVE_ALLOWED * abs(a1[worst]):
+            raise SceneError(
+                f"the phase matrix is not physical: at a scattering angle of {CHECK_ANGLES_DEG[worst]:g} degrees its "
+                f"coherency matrix has the eigenvalue {lowest[worst]:.3g} where F11 is {a1[worst]:.3g}; "
+                f"at least -{NEGATIVE_ALLOWED:g} F11 is allowed (check the signs, the order and the number of terms)"
+            )
+
+
+def isotropic() -> PhaseMatrix:
+    """Scattering evenly into all directions, which leaves no polarization.
+
+    >>> isotropic().terms
+    1
+    """
+    return PhaseMatrix(np.array([1.0]))
+
+
+def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
+    """Particles much smaller than the wavelength; ``depolarization`` is rho in [0, 6/7].
+
+    Raises SceneError outside. Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), with r = (1-rho)/(1+rho/2).
+
+    >>> rayleigh().a1.tolist()
+    [1.0, 0.0, 0.5]
+    """
+    rho = number("depolarization", depolarization, 0.0, 6.0 / 7.0, "between 0 and 6/7")
+    r = (1.0 - rho) / (1.0 + rho / 2.0)
+    return PhaseMatrix(
+        a1=np.array([1.0, 0.0, r / 2.0]),
+        a2=np.array([0.0, 0.0, 3.0 * r]),
+        a4=np.array([0.0, 3.0 * (1.0 - 2.0 * rho) / (2.0 + rho), 0.0]),
+        b1=np.array([0.0, 0.0, np.sqrt(6.0) * r / 2.0]),
+    )
+
+
+def henyey_greenstein(g: float, terms: int) -> PhaseMatrix:
+    """The scalar phase function a1[l] = (2l+1) g^l, cut after ``terms`` degrees; g in (-1, 1).
+
+    Raises SceneError for another g, for no terms, or where the cut leaves a phase function that is negative somewhere.
+
+    >>> henyey_greenstein(0.5, 40).asymmetry
+    0.5
+    """
+    number("g", g, -1.0 + 1e-12, 1.0 - 1e-12, "between -1 and 1, both excluded")
+    degrees = np.arange(whole("terms", terms, 1, 1_000_000))
+    return PhaseMatrix((2.0 * degrees + 1.0) * float(g) ** degrees)
+
+
+def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
+    """The mean phase matrix of several kinds of particles, weighted by what each scatters.
+
+    ``parts``: pairs of a PhaseMatrix and a weight >= 0 (its scattering cross section times its number). Raises
+    SceneError for an empty list, a negative weight or no weight at all.
+
+    >>> mix([(isotropic(), 1.0), (rayleigh(), 1.0)]).a1.tolist()
+    [1.0, 0.0, 0.25]
+    """
+    if not parts:
+        raise SceneError("a mixture needs at least one kind of particle, not an empty list")
+    weights = vector("the weights of a mixture", [weight for _, weight in parts])
+    if (weights < 0.0).any() or weights.sum() == 0.0:
+        raise SceneError(f"the weights of a mixture must be >= 0 and not all zero, not {weights.tolist()}")
+    terms = max(matrix.terms for matrix, _ in parts)
+    total = np.zeros((terms, 6))
+    for (matrix, _), weight in zip(parts, weights / weights.sum(), strict=True):
+        total[: matrix.terms] += weight * matrix.coefficients
+    total[0, 0] = 1.0
+    return PhaseMatrix(*total.T)

@@ -1,0 +1,180 @@
+"""What light meets: layers of particles, top first, and what lies beneath."""
+
+import math
+import pickle
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array, number
+from vrte.errors import SceneError
+from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.optics.spheres import Particles
+
+INDEPENDENT_UP_TO = 0.1  # volume fraction
+
+
+class IndependentScatteringWarning(UserWarning):
+    """The particles are so close that they no longer scatter independently of each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A homogeneous layer: phase matrix, ``albedo`` (single_scattering_albedo, 0..1) and optical ``thickness`` >= 0.
+
+    ``math.inf`` is allowed for the last layer of a scene. Raises SceneError naming the field.
+
+    >>> from vrte.optics.phase_matrix import isotropic
+    >>> Layer(isotropic(), albedo=0.9, thickness=2.0).thickness
+    2.0
+    """
+
+    phase_matrix: PhaseMatrix
+    albedo: float
+    thickness: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.phase_matrix, PhaseMatrix):
+            raise SceneError(f"phase_matrix must be a vrte.PhaseMatrix, not {type(self.phase_matrix).__name__}")
+        object.__setattr__(self, "albedo", number("albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
+        thickness = number("thickness", self.thickness, 0.0, math.inf, "an optical thickness >= 0 (inf is allowed)")
+        object.__setattr__(self, "thickness", thickness)
+
+    @staticmethod
+    def of(
+        particles: Particles,
+        thickness: float | None = None,
+        *,
+        thickness_um: float | None = None,
+        volume_fraction: float | None = None,
+    ) -> "Layer":
+        """A layer of ``particles``: optical ``thickness``, or ``thickness_um`` with a ``volume_fraction`` in (0, 1).
+
+        Warns (IndependentScatteringWarning) above a volume fraction of 0.1. Raises SceneError for both or neither.
+        """
+        if (thickness is None) == (thickness_um is None) or (thickness_um is None) != (volume_fraction is None):
+            raise SceneError("a layer needs either thickness, or thickness_um together with volume_fraction")
+        if thickness is None:
+            depth = number("thickness_um", thickness_um, 0.0, math.inf, "a length in micrometres >= 0")
+            fraction = number("volume_fraction", volume_fraction, 1e-300, 1.0 - 1e-12, "above 0 and below 1")
+            if fraction > INDEPENDENT_UP_TO:
+                warnings.warn(
+                    f"a volume fraction of {fraction:g} is above {INDEPENDENT_UP_TO}: independent scattering, which "
+                    "this package assumes, is doubtful there",
+                    IndependentScatteringWarning,
+                    stacklevel=2,
+                )
+            thickness = depth * fraction / particles.volume_um3 * particles.extinction_um2
+        return Layer(particles.phase_matrix, particles.albedo, thickness)
+
+
+@dataclass(frozen=True)
+class Lambertian:
+    """A base that reflects ``albedo`` (0..1) of the light evenly and depolarizes it, f_00 = albedo/pi, (1:66).
+
+    >>> Lambertian(0.3).albedo
+    0.3
+    """
+
+    albedo: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "albedo", number("base: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
+
+
+@dataclass(frozen=True)
+class MuellerBase:
+    """A base with any mirror-symmetric Mueller BRDF.
+
+    ``function(mu_i, mu_o, phi_deg)`` is called with broadcastable arrays (positive cosines, azimuth in degrees
+    relative to the incident light's, both along the direction of travel) and returns (..., 4, 4), unit 1/sr, in the
+    meridian planes. Raises SceneError where samples are not finite, have the wrong shape, f_00 < 0, or break
+    f(-phi) = D f(phi) D with D = diag(1, 1, -1, -1).
+
+    >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.zeros((*np.broadcast(mu_i, mu_o, phi_deg).shape, 4, 4)))(1, 1, 0).shape
+    (4, 4)
+    """
+
+    function: Callable[[Any, Any, Any], Any]
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise SceneError(f"base: function must be callable, not {type(self.function).__name__}")
+        mu_i, mu_o = np.array([0.05, 0.3, 0.7, 1.0])[:, None, None], np.array([0.1, 0.6, 0.95])[None, :, None]
+        phi = np.array([0.0, 20.0, 75.0, 160.0, 180.0])
+        there, mirrored = self(mu_i, mu_o, phi), self(mu_i, mu_o, -phi)
+        flip = np.array([1.0, 1.0, -1.0, -1.0])
+        gap = np.abs(mirrored - flip[:, None] * there * flip).max()
+        if gap > 1e-8 * max(np.abs(there).max(), 1e-300):
+            raise SceneError(
+                "base: f(-phi) must equal D f(phi) D with D = diag(1, 1, -1, -1) (a mirror-symmetric surface); "
+                f"the given function breaks this by {gap:.3g}"
+            )
+
+    def __call__(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
+        """f on the broadcast shape of the arguments, checked: (..., 4, 4), 1/sr."""
+        shape = np.broadcast_shapes(np.shape(mu_i), np.shape(mu_o), np.shape(phi_deg))
+        values = np.asarray(self.function(mu_i, mu_o, phi_deg), dtype=np.float64)
+        try:
+            values = np.broadcast_to(values, (*shape, 4, 4))
+        except ValueError:
+            raise SceneError(
+                f"base: the function must return the shape {(*shape, 4, 4)} for arguments that broadcast to {shape}, "
+                f"not {values.shape}"
+            ) from None
+        if not np.isfinite(values).all():
+            raise SceneError("base: the function must return finite values; NaN or inf was found")
+        if (values[..., 0, 0] < 0.0).any():
+            raise SceneError(f"base: f_00 must be >= 0, not {values[..., 0, 0].min():.3g}")
+        return values
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        try:
+            pickle.dumps(self.function)
+        except Exception as reason:
+            name = getattr(self.function, "__qualname__", repr(self.function))
+            raise SceneError(f"base: the MuellerBase function {name} cannot be pickled: {reason}") from reason
+        return (MuellerBase, (self.function,))
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Layers, top first, over a ``base``: None (black), Lambertian or MuellerBase.
+
+    Raises SceneError for no layers, for one that is no Layer, and for an infinite layer above another.
+
+    >>> from vrte.optics.phase_matrix import rayleigh
+    >>> Scene([Layer(rayleigh(), 1.0, 0.5)], Lambertian(0.25)).thickness
+    0.5
+    """
+
+    layers: Sequence[Layer]
+    base: Lambertian | MuellerBase | None = None
+
+    def __post_init__(self) -> None:
+        layers = (self.layers,) if isinstance(self.layers, Layer) else tuple(self.layers)
+        object.__setattr__(self, "layers", layers)
+        if not layers:
+            raise SceneError("a scene needs at least one layer, not an empty list")
+        for position, layer in enumerate(layers, 1):
+            if not isinstance(layer, Layer):
+                raise SceneError(f"layer {position} must be a vrte.Layer, not {type(layer).__name__}")
+            if math.isinf(layer.thickness) and position < len(layers):
+                raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only")
+        if not isinstance(self.base, (Lambertian, MuellerBase, type(None))):
+            raise SceneError(
+                f"base must be None (black), vrte.Lambertian or vrte.MuellerBase, not {type(self.base).__name__}"
+            )
+
+    @property
+    def thickness(self) -> float:
+        """Total optical thickness."""
+        return math.fsum(layer.thickness for layer in self.layers)
+
+    @property
+    def base_is_reached(self) -> bool:
+        """False below a layer without end: the base then plays no part."""
+        return math.isfinite(self.thickness)
