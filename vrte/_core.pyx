@@ -1460,3 +1460,33 @@ cdef void turn(double mu0, double sine0, double mu, double sine, double cos_phi,
     z[7], z[11] = -s2 * b2, c2 * b2
     z[13], z[14] = b2 * s2_in, -b2 * c2_in
     z[15] = a4
+
+
+def beam_responses(const double complex[::1] k, const double[::1] rate, double depth):
+    """D(depth) of the particular solution: (rate, k)."""
+    cdef int i, j
+    cdef double complex[:, ::1] out = np.empty((rate.shape[0], k.shape[0]), complex)
+    for i in range(<int>rate.shape[0]):
+        for j in range(<int>k.shape[0]):
+            out[i, j] = beam_response(k[j], rate[i], depth) if depth > 0.0 else make(0.0, 0.0)
+    return np.asarray(out)
+
+
+def mode_profiles(const double complex[::1] k, double thickness, double depth):
+    """cosh(k t)/cosh(k h) and sinh(k t)/(k cosh(k h)) at t = depth - h, each (k,); without end: e^(-k depth), 0."""
+    cdef int j
+    cdef double t = depth - 0.5 * thickness
+    cdef double complex[::1] cosine = np.zeros(k.shape[0], complex)
+    cdef double complex[::1] sine = np.zeros(k.shape[0], complex)
+    cdef cplx from_top, from_bottom, whole
+    for j in range(<int>k.shape[0]):
+        from_top = c_exp(-depth * k[j])
+        if thickness > 1e300:
+            cosine[j] = from_top
+            continue
+        from_bottom = c_exp((depth - thickness) * k[j])
+        whole = 1.0 + c_exp(-thickness * k[j])
+        cosine[j] = over(from_top + from_bottom, whole)
+        # (e^(k t) - e^(-k t))/(2 k), then over cosh(k h) = e^(k h) whole/2
+        sine[j] = 2.0 * t * over(exp_difference((depth - thickness) * k[j], -depth * k[j]), whole)
+    return np.asarray(cosine), np.asarray(sine)

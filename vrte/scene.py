@@ -23,7 +23,7 @@ class IndependentScatteringWarning(UserWarning):
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A homogeneous layer: phase matrix, ``albedo`` (single_scattering_albedo, 0..1) and optical ``thickness`` >= 0.
+    """A homogeneous layer: phase matrix, ``albedo`` (of single scattering, 0..1) and optical ``thickness`` >= 0.
 
     ``math.inf`` is allowed for the last layer of a scene. Raises SceneError naming the field.
 
@@ -38,9 +38,13 @@ class Layer:
 
     def __post_init__(self) -> None:
         if not isinstance(self.phase_matrix, PhaseMatrix):
-            raise SceneError(f"phase_matrix must be a vrte.PhaseMatrix, not {type(self.phase_matrix).__name__}")
-        object.__setattr__(self, "albedo", number("albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
-        thickness = number("thickness", self.thickness, 0.0, math.inf, "an optical thickness >= 0 (inf is allowed)")
+            raise SceneError(
+                f"layer: phase_matrix must be a vrte.PhaseMatrix, not {type(self.phase_matrix).__name__}"
+            )
+        object.__setattr__(self, "albedo", number("layer: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
+        thickness = number(
+            "layer: thickness", self.thickness, 0.0, math.inf, "an optical thickness >= 0, or inf"
+        )
         object.__setattr__(self, "thickness", thickness)
 
     @staticmethod
@@ -55,20 +59,34 @@ class Layer:
 
         Warns (IndependentScatteringWarning) above a volume fraction of 0.1. Raises SceneError for both or neither.
         """
-        if (thickness is None) == (thickness_um is None) or (thickness_um is None) != (volume_fraction is None):
-            raise SceneError("a layer needs either thickness, or thickness_um together with volume_fraction")
+        if not isinstance(particles, Particles):
+            raise SceneError(
+                f"layer: particles must be vrte.spheres(...) or a mixture, not {type(particles).__name__}"
+            )
+        geometric = thickness_um is not None or volume_fraction is not None
+        if (thickness is not None) == geometric or (
+            geometric and (thickness_um is None or volume_fraction is None)
+        ):
+            raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
         if thickness is None:
-            depth = number("thickness_um", thickness_um, 0.0, math.inf, "a length in micrometres >= 0")
-            fraction = number("volume_fraction", volume_fraction, 1e-300, 1.0 - 1e-12, "above 0 and below 1")
-            if fraction > INDEPENDENT_UP_TO:
-                warnings.warn(
-                    f"a volume fraction of {fraction:g} is above {INDEPENDENT_UP_TO}: independent scattering, which "
-                    "this package assumes, is doubtful there",
-                    IndependentScatteringWarning,
-                    stacklevel=2,
-                )
-            thickness = depth * fraction / particles.volume_um3 * particles.extinction_um2
+            thickness = _optical_thickness(particles, thickness_um, volume_fraction)
         return Layer(particles.phase_matrix, particles.albedo, thickness)
+
+
+def _optical_thickness(particles: Particles, thickness_um: Any, volume_fraction: Any) -> float:
+    """Extinction cross section times number density (volume fraction over particle volume) times length."""
+    length = number("layer: thickness_um", thickness_um, 0.0, math.inf, "a length in micrometres >= 0")
+    fraction = number(
+        "layer: volume_fraction", volume_fraction, 5e-324, 1.0 - 2.0**-53, "above 0 and below 1"
+    )
+    if fraction > INDEPENDENT_UP_TO:
+        warnings.warn(
+            f"layer: a volume_fraction of {fraction:g} is above {INDEPENDENT_UP_TO}, where it is doubtful that the "
+            "particles scatter independently of each other, as is assumed here",
+            IndependentScatteringWarning,
+            stacklevel=3,
+        )
+    return length * fraction / particles.volume_um3 * particles.extinction_um2
 
 
 @dataclass(frozen=True)
@@ -117,7 +135,15 @@ class MuellerBase:
     def __call__(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """f on the broadcast shape of the arguments, checked: (..., 4, 4), 1/sr."""
         shape = np.broadcast_shapes(np.shape(mu_i), np.shape(mu_o), np.shape(phi_deg))
-        values = np.asarray(self.function(mu_i, mu_o, phi_deg), dtype=np.float64)
+        try:
+            given = np.asarray(self.function(mu_i, mu_o, phi_deg))
+        except Exception as reason:
+            raise SceneError(
+                f"base: the function failed for arguments that broadcast to {shape} ({type(reason).__name__}: {reason})"
+            ) from reason
+        if given.dtype.kind not in "fiu":
+            raise SceneError(f"base: the function must return real numbers, not {given.dtype}")
+        values = given.astype(np.float64)
         try:
             values = np.broadcast_to(values, (*shape, 4, 4))
         except ValueError:
@@ -155,7 +181,12 @@ class Scene:
     base: Lambertian | MuellerBase | None = None
 
     def __post_init__(self) -> None:
-        layers = (self.layers,) if isinstance(self.layers, Layer) else tuple(self.layers)
+        try:
+            layers = (self.layers,) if isinstance(self.layers, Layer) else tuple(self.layers)
+        except TypeError:
+            raise SceneError(
+                f"layers must be a list of vrte.Layer, not {type(self.layers).__name__}"
+            ) from None
         object.__setattr__(self, "layers", layers)
         if not layers:
             raise SceneError("a scene needs at least one layer, not an empty list")

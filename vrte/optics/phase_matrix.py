@@ -68,8 +68,9 @@ class PhaseMatrix:
     """The scattering matrix of randomly oriented particles, as six lists of expansion coefficients.
 
     ``a1`` ... ``b2`` are 1-D, degree l = 0 first, shorter ones are padded with zeros; ``a1[0]`` is 1 (within 1e-6; all
-    are divided by it) and ``a1[1]`` is 3 g. ``a1`` alone is a scalar phase function. Raises SceneError for a shape,
-    a value that is not finite, or a matrix that no particles can have (a coherency eigenvalue below -1e-4 F11).
+    are divided by it) and ``a1[1]`` is 3 g. The functions of a2, a3, b1 and b2 vanish below l = 2: what stands there
+    plays no part. ``a1`` alone is a scalar phase function. Raises SceneError for a shape, a value that is not finite,
+    or a matrix that no particles can have (a coherency eigenvalue below -1e-4 F11 at one of 721 angles).
     Source: (1:9), Siewert, Astron. Astrophys. 109, 195 (1982).
 
     >>> PhaseMatrix([1.0, 0.3]).asymmetry
@@ -117,10 +118,14 @@ class PhaseMatrix:
     def scattering_matrix(self, angle_deg: Any) -> Array:
         """F at the scattering angles (degrees, any shape): (..., 4, 4), the mean of F11 over the sphere is 1.
 
+        Referred to the scattering plane. Raises SceneError for an angle that is not finite.
+
         >>> rayleigh().scattering_matrix(90.0)[0, 0]
         np.float64(0.75)
         """
         angles = np.asarray(angle_deg, dtype=np.float64)
+        if not np.isfinite(angles).all():
+            raise SceneError("angle_deg must be finite scattering angles in degrees; NaN or inf was found")
         a1, a2, a3, a4, b1, b2 = self._elements(np.cos(np.radians(angles.ravel())))
         matrix = np.zeros((angles.size, 4, 4))
         matrix[:, 0, 0], matrix[:, 1, 1], matrix[:, 2, 2], matrix[:, 3, 3] = a1, a2, a3, a4
@@ -143,19 +148,31 @@ class PhaseMatrix:
         return np.stack([a1, 0.5 * (plus + minus), 0.5 * (plus - minus), a4, b1, b2])
 
     def _check_physical(self) -> None:
-        a1, a2, a3, a4, b1, b2 = self._elements(np.cos(np.radians(CHECK_ANGLES_DEG)))
-        # the four eigenvalues of the coherency matrix of a matrix of this block form, the lower of each pair
-        lowest = 0.25 * np.minimum(
-            a1 + a2 - np.sqrt(4.0 * b1**2 + 4.0 * b2**2 + (a3 + a4) ** 2), a1 - a2 - np.abs(a3 - a4)
-        )
-        lowest = np.minimum(lowest, a1)
-        worst = int(np.argmin(lowest + NEGATIVE_ALLOWED * np.abs(a1)))
-        if lowest[worst] < -NEGATIVE_ALLOWED * abs(a1[worst]):
+        elements = self._elements(np.cos(np.radians(CHECK_ANGLES_DEG)))
+        a1, lowest = elements[0], _lowest_coherency_eigenvalue(*elements)
+        floor = -NEGATIVE_ALLOWED * np.abs(a1) - ROUNDING * np.abs(self.coefficients).sum()
+        worst = int(np.argmin(lowest - floor))
+        if lowest[worst] < floor[worst]:
             raise SceneError(
                 f"the phase matrix is not physical: at a scattering angle of {CHECK_ANGLES_DEG[worst]:g} degrees its "
                 f"coherency matrix has the eigenvalue {lowest[worst]:.3g} where F11 is {a1[worst]:.3g}; "
                 f"at least -{NEGATIVE_ALLOWED:g} F11 is allowed (check the signs, the order and the number of terms)"
             )
+
+    def __setstate__(self, state: dict[str, Array]) -> None:
+        for name, values in state.items():
+            object.__setattr__(self, name, frozen(values))  # pickle forgets that an array is read-only
+
+
+def _lowest_coherency_eigenvalue(a1: Array, a2: Array, a3: Array, a4: Array, b1: Array, b2: Array) -> Array:
+    """The lowest eigenvalue of the coherency matrix of F, which no real particle makes negative.
+
+    H = sum_ij F_ij (sigma_i x sigma_j^*)/4 falls into two 2x2 blocks for an F of this form; its trace is F11.
+    Source: Hovenier and van der Mee, JQSRT 55, 649 (1996).
+    """
+    outer = a1 + a2 - np.sqrt((a3 + a4) ** 2 + 4.0 * (b1**2 + b2**2))
+    inner = a1 - a2 - np.abs(a3 - a4)
+    return 0.25 * np.minimum(outer, inner)
 
 
 def isotropic() -> PhaseMatrix:
@@ -188,33 +205,66 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
 def henyey_greenstein(g: float, terms: int) -> PhaseMatrix:
     """The scalar phase function a1[l] = (2l+1) g^l, cut after ``terms`` degrees; g in (-1, 1).
 
-    Raises SceneError for another g, for no terms, or where the cut leaves a phase function that is negative somewhere.
+    Raises SceneError for another g, for no terms, or where the cut leaves a phase function that is negative somewhere:
+    it then takes more terms. Source: Henyey and Greenstein, Astrophys. J. 93, 70 (1941).
 
     >>> henyey_greenstein(0.5, 40).asymmetry
     0.5
     """
-    number("g", g, -1.0 + 1e-12, 1.0 - 1e-12, "between -1 and 1, both excluded")
+    value = number("g", g, -1.0 + 1e-12, 1.0 - 1e-12, "between -1 and 1, both excluded")
     degrees = np.arange(whole("terms", terms, 1, 1_000_000))
-    return PhaseMatrix((2.0 * degrees + 1.0) * float(g) ** degrees)
+    try:
+        return PhaseMatrix((2.0 * degrees + 1.0) * value**degrees)
+    except SceneError:
+        raise SceneError(
+            f"henyey_greenstein: {terms} terms are too few for g = {value:g} (the phase function turns negative); "
+            f"{_henyey_greenstein_terms(value)} are enough"
+        ) from None
+
+
+def _henyey_greenstein_terms(g: float) -> int:
+    """So many that all terms left out together are below the phase function's smallest value."""
+    g = abs(g)
+    left_out = (1.0 - g) / (
+        1.0 + g
+    ) ** 2  # the minimum of (1 - g^2)/(1 + g^2 - 2 g cos)^1.5, of which sum the rest is
+    terms = 1
+    while g**terms * ((2 * terms + 1) / (1.0 - g) + 2.0 * g / (1.0 - g) ** 2) > left_out:
+        terms = terms + max(1, terms // 20)
+    return terms
 
 
 def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     """The mean phase matrix of several kinds of particles, weighted by what each scatters.
 
     ``parts``: pairs of a PhaseMatrix and a weight >= 0 (its scattering cross section times its number). Raises
-    SceneError for an empty list, a negative weight or no weight at all.
+    SceneError for an empty list, something else than pairs, a negative weight or no weight at all. Source: (1:9) is
+    linear in the particles; Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
 
     >>> mix([(isotropic(), 1.0), (rayleigh(), 1.0)]).a1.tolist()
     [1.0, 0.0, 0.25]
     """
-    if not parts:
-        raise SceneError("a mixture needs at least one kind of particle, not an empty list")
-    weights = vector("the weights of a mixture", [weight for _, weight in parts])
+    pairs = _checked_pairs(parts)
+    weights = vector("the weights of a mixture", [weight for _, weight in pairs])
     if (weights < 0.0).any() or weights.sum() == 0.0:
         raise SceneError(f"the weights of a mixture must be >= 0 and not all zero, not {weights.tolist()}")
-    terms = max(matrix.terms for matrix, _ in parts)
-    total = np.zeros((terms, 6))
-    for (matrix, _), weight in zip(parts, weights / weights.sum(), strict=True):
+    total = np.zeros((max(matrix.terms for matrix, _ in pairs), 6))
+    for (matrix, _), weight in zip(pairs, weights / weights.sum(), strict=True):
         total[: matrix.terms] += weight * matrix.coefficients
-    total[0, 0] = 1.0
+    total[0, 0] = 1.0  # exactly, whatever the weights' rounding: energy is conserved to the last digit
     return PhaseMatrix(*total.T)
+
+
+def _checked_pairs(parts: Sequence[tuple[PhaseMatrix, float]]) -> list[tuple[PhaseMatrix, float]]:
+    try:
+        pairs = [(matrix, weight) for matrix, weight in parts]
+    except (TypeError, ValueError):
+        raise SceneError("a mixture needs pairs (phase matrix, weight)") from None
+    if not pairs:
+        raise SceneError("a mixture needs at least one kind of particle, not an empty list")
+    for matrix, _ in pairs:
+        if not isinstance(matrix, PhaseMatrix):
+            raise SceneError(
+                f"a mixture needs pairs (phase matrix, weight), not {type(matrix).__name__} as the first"
+            )
+    return pairs

@@ -1,2 +1,23 @@
-"""placeholder"""
-class Particles: ...
+"""Spheres: Mie amplitudes, scattering matrix, expansion, averaged over sizes and mixed over species."""
+
+from dataclasses import dataclass
+
+from vrte.optics.phase_matrix import PhaseMatrix
+
+
+@dataclass(frozen=True, eq=False)
+class Particles:
+    """How one kind of particle scatters, averaged over its sizes: what a Layer needs to know of it.
+
+    ``phase_matrix``; ``albedo`` (of single scattering) and ``asymmetry`` (g); ``extinction_um2`` and
+    ``scattering_um2``, the mean cross sections of one particle, ``volume_um3`` its mean volume; ``description``
+    says in words what it is and where its refractive index comes from.
+    """
+
+    phase_matrix: PhaseMatrix
+    albedo: float
+    asymmetry: float
+    extinction_um2: float
+    scattering_um2: float
+    volume_um3: float
+    description: str = ""

@@ -1,0 +1,58 @@
+"""Section 2.C.1, homogeneous solution: the halved eigenproblem (1:43), with its complex pairs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte import _core
+from vrte.arrays import Array
+from vrte.discrete_ordinates.phase_assembly import Assembled
+from vrte.discrete_ordinates.problem import IntArray, Problem, Run
+from vrte.errors import AccuracyError
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """lam_re, lam_im (order, layer, n); X, Y and X's factors (order, layer, n, n); residual (order, layer)."""
+
+    lam_re: Array
+    lam_im: Array
+    X: Array
+    Y: Array
+    X_lu: Array
+    X_pivots: IntArray
+    residual: Array
+
+
+def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Run) -> Modes:
+    """The modes of every order and layer. Raises AccuracyError where LAPACK finds none."""
+    shape, n = (orders.size, problem.albedo.size), problem.size
+    vectors = [np.empty((*shape, n)) for _ in range(2)]
+    square = [np.empty((*shape, n, n)) for _ in range(3)]
+    modes = Modes(*vectors, *square, np.empty((*shape, n), np.int32), np.empty(shape))
+    info = np.zeros(shape, np.int32)
+    run.timed(
+        "homogeneous",
+        _core.homogeneous,
+        orders,
+        problem.albedo,
+        problem.nodes,
+        problem.weights,
+        matrices.E,
+        matrices.F,
+        modes.lam_re,
+        modes.lam_im,
+        modes.X,
+        modes.Y,
+        modes.X_lu,
+        modes.X_pivots,
+        modes.residual,
+        info,
+        run.threads,
+        run.work(_core.homogeneous_work(n)),
+        run.pivots(2 * n),
+    )
+    if info.any():
+        order, layer = np.argwhere(info)[0]
+        raise AccuracyError(f"the eigenproblem of order {orders[order]}, layer {layer + 1} has no solution (LAPACK {info.max()})")
+    return modes

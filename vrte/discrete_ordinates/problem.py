@@ -1,0 +1,84 @@
+"""The discrete problem every stage works on: arrays only, no class of the scene."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.arrays import Array
+
+IntArray = NDArray[np.int32]
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Layers, directions and incident beams in the solver's frame (docs/conventions.md).
+
+    coefficients (layer, term, 6), cut at 2 N terms; terms, albedo, thickness, above (layer,); nodes, weights (N,);
+    mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, 4) incident Stokes
+    vectors, each within (I, Q) or within (U, V); level, level_layer (n_tau,): depths below the top of a layer.
+    """
+
+    coefficients: Array
+    terms: IntArray
+    albedo: Array
+    thickness: Array
+    above: Array
+    nodes: Array
+    weights: Array
+    mu_out: Array
+    n_up: int
+    mu0: Array
+    columns: Array
+    level: Array
+    level_layer: IntArray
+
+    @property
+    def directions(self) -> Array:
+        """Nodes, then outgoing, then incident cosines."""
+        return np.concatenate([self.nodes, self.mu_out, self.mu0])
+
+    @property
+    def size(self) -> int:
+        """n = 4 N."""
+        return 4 * self.nodes.size
+
+    @property
+    def n_rhs(self) -> int:
+        """Right-hand sides of every order."""
+        return int(self.mu0.size * self.columns.shape[0])
+
+
+@dataclass(eq=False)
+class Run:
+    """One solve's threads, stop flag and clocks; `stages` collects wall and thread seconds by name."""
+
+    threads: int
+    stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
+    stages: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def timed(self, name: str, kernel: Callable[..., None], *arguments: object) -> None:
+        """Calls kernel(*arguments, seconds, stop) and books its time under `name`."""
+        seconds = np.zeros(self.threads)
+        start = time.perf_counter()
+        kernel(*arguments, seconds, self.stop)
+        self.book(name, time.perf_counter() - start, float(seconds.sum()))
+        if self.stop[0]:
+            raise KeyboardInterrupt
+
+    def book(self, name: str, wall: float, busy: float | None = None) -> None:
+        """Adds seconds to a stage."""
+        clock = self.stages.setdefault(name, {"wall_seconds": 0.0, "thread_seconds": 0.0})
+        clock["wall_seconds"] += wall
+        clock["thread_seconds"] += wall if busy is None else busy
+
+    def work(self, doubles: int) -> Array:
+        """Scratch memory, one row a thread."""
+        return np.empty((self.threads, doubles))
+
+    def pivots(self, integers: int) -> IntArray:
+        """Scratch integers, one row a thread."""
+        return np.empty((self.threads, integers), np.int32)
