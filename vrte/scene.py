@@ -23,7 +23,7 @@ class IndependentScatteringWarning(UserWarning):
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A homogeneous layer: phase matrix, ``albedo`` (of single scattering, 0..1) and optical ``thickness`` >= 0.
+    """A homogeneous layer: phase matrix, ``albedo`` (of single scattering, 0..1), optical ``thickness`` >= 0.
 
     ``math.inf`` is allowed for the last layer of a scene. Raises SceneError naming the field.
 
@@ -55,9 +55,15 @@ class Layer:
         thickness_um: float | None = None,
         volume_fraction: float | None = None,
     ) -> "Layer":
-        """A layer of ``particles``: optical ``thickness``, or ``thickness_um`` with a ``volume_fraction`` in (0, 1).
+        """A layer of ``particles``: optical ``thickness``, or ``thickness_um`` and ``volume_fraction``.
 
-        Warns (IndependentScatteringWarning) above a volume fraction of 0.1. Raises SceneError for both or neither.
+        The volume fraction lies between 0 and 1; above 0.1 it warns (IndependentScatteringWarning). Raises
+        SceneError for both or neither.
+
+        >>> from vrte.optics.phase_matrix import rayleigh
+        >>> dust = Particles(rayleigh(), 1.0, 0.0, extinction_um2=0.5, scattering_um2=0.5, volume_um3=0.1)
+        >>> Layer.of(dust, thickness_um=20.0, volume_fraction=0.01).thickness
+        1.0
         """
         if not isinstance(particles, Particles):
             raise SceneError(
@@ -81,8 +87,8 @@ def _optical_thickness(particles: Particles, thickness_um: Any, volume_fraction:
     )
     if fraction > INDEPENDENT_UP_TO:
         warnings.warn(
-            f"layer: a volume_fraction of {fraction:g} is above {INDEPENDENT_UP_TO}, where it is doubtful that the "
-            "particles scatter independently of each other, as is assumed here",
+            f"layer: a volume_fraction of {fraction:g} is above {INDEPENDENT_UP_TO}, where it is doubtful "
+            "that the particles scatter independently of each other, as is assumed here",
             IndependentScatteringWarning,
             stacklevel=3,
         )
@@ -91,7 +97,9 @@ def _optical_thickness(particles: Particles, thickness_um: Any, volume_fraction:
 
 @dataclass(frozen=True)
 class Lambertian:
-    """A base that reflects ``albedo`` (0..1) of the light evenly and depolarizes it, f_00 = albedo/pi, (1:66).
+    """A base that reflects ``albedo`` (0..1) of the light evenly and unpolarized, f_00 = albedo/pi, (1:66).
+
+    Raises SceneError for an albedo outside.
 
     >>> Lambertian(0.3).albedo
     0.3
@@ -107,13 +115,14 @@ class Lambertian:
 class MuellerBase:
     """A base with any mirror-symmetric Mueller BRDF.
 
-    ``function(mu_i, mu_o, phi_deg)`` is called with broadcastable arrays (positive cosines, azimuth in degrees
-    relative to the incident light's, both along the direction of travel) and returns (..., 4, 4), unit 1/sr, in the
-    meridian planes. Raises SceneError where samples are not finite, have the wrong shape, f_00 < 0, or break
-    f(-phi) = D f(phi) D with D = diag(1, 1, -1, -1).
+    ``function(mu_i, mu_o, phi_deg)`` is called with broadcastable arrays (positive cosines, azimuth in
+    degrees relative to the incident light's, both along the direction of travel) and returns (..., 4, 4),
+    unit 1/sr, in the meridian planes. Raises SceneError where samples are not finite, have the wrong shape,
+    f_00 < 0, or break f(-phi) = D f(phi) D, D = diag(1, 1, -1, -1), by more than 1e-8 of the largest. Source:
+    (1:35), (1:60).
 
-    >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.zeros((*np.broadcast(mu_i, mu_o, phi_deg).shape, 4, 4)))(1, 1, 0).shape
-    (4, 4)
+    >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))(1.0, [0.5, 1.0], 0.0).shape
+    (2, 4, 4)
     """
 
     function: Callable[[Any, Any, Any], Any]
@@ -128,18 +137,20 @@ class MuellerBase:
         gap = np.abs(mirrored - flip[:, None] * there * flip).max()
         if gap > 1e-8 * max(np.abs(there).max(), 1e-300):
             raise SceneError(
-                "base: f(-phi) must equal D f(phi) D with D = diag(1, 1, -1, -1) (a mirror-symmetric surface); "
-                f"the given function breaks this by {gap:.3g}"
+                "base: f(-phi) must equal D f(phi) D with D = diag(1, 1, -1, -1), as for every "
+                f"mirror-symmetric surface; the given function breaks this by {gap:.3g}"
             )
 
     def __call__(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """f on the broadcast shape of the arguments, checked: (..., 4, 4), 1/sr."""
-        shape = np.broadcast_shapes(np.shape(mu_i), np.shape(mu_o), np.shape(phi_deg))
+        directions = [np.asarray(values, dtype=np.float64) for values in (mu_i, mu_o, phi_deg)]
+        shape = np.broadcast_shapes(*(values.shape for values in directions))
         try:
-            given = np.asarray(self.function(mu_i, mu_o, phi_deg))
+            given = np.asarray(self.function(*directions))
         except Exception as reason:
             raise SceneError(
-                f"base: the function failed for arguments that broadcast to {shape} ({type(reason).__name__}: {reason})"
+                f"base: the function, called with arrays that broadcast to {shape}, failed with "
+                f"{type(reason).__name__}: {reason}"
             ) from reason
         if given.dtype.kind not in "fiu":
             raise SceneError(f"base: the function must return real numbers, not {given.dtype}")
@@ -148,8 +159,8 @@ class MuellerBase:
             values = np.broadcast_to(values, (*shape, 4, 4))
         except ValueError:
             raise SceneError(
-                f"base: the function must return the shape {(*shape, 4, 4)} for arguments that broadcast to {shape}, "
-                f"not {values.shape}"
+                f"base: the function must return the shape {(*shape, 4, 4)} for arguments that broadcast to "
+                f"{shape}, not {values.shape}"
             ) from None
         if not np.isfinite(values).all():
             raise SceneError("base: the function must return finite values; NaN or inf was found")
@@ -197,7 +208,8 @@ class Scene:
                 raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only")
         if not isinstance(self.base, (Lambertian, MuellerBase, type(None))):
             raise SceneError(
-                f"base must be None (black), vrte.Lambertian or vrte.MuellerBase, not {type(self.base).__name__}"
+                "base must be None (black), vrte.Lambertian or vrte.MuellerBase, "
+                f"not {type(self.base).__name__}"
             )
 
     @property

@@ -1,8 +1,8 @@
 """Scattering matrices as expansion coefficients in generalized spherical functions.
 
-Signs are those of Hovenier, de Haan and Mishchenko (docs/conventions.md): F(angle) has the elements a1, a2, a3,
-a4 on its diagonal, b1 in its upper block and b2 in its lower one; a1 and a4 expand in P_l, a2 +- a3 in P^l_{2,+-2},
-b1 and b2 in P^l_02 = -d^l_02.
+Signs are those of Hovenier, de Haan and Mishchenko (docs/conventions.md): F(angle) has the elements a1, a2,
+a3, a4 on its diagonal, b1 in its upper block and b2 in its lower one; a1 and a4 expand in P_l, a2 +- a3 in
+P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,10 +21,10 @@ DEGREES_AT_ONCE = 256  # bounds the memory of the spherical functions, whatever 
 
 
 def spherical_functions(terms: int, cosine: Array) -> Iterator[tuple[int, Array]]:
-    """P_l, P^l_02, P^l_22 and P^l_2,-2 at ``cosine`` (n,), in blocks of degrees: (first degree, (degrees, 4, n)).
+    """P_l, P^l_02, P^l_22, P^l_2,-2 at ``cosine`` (n,), by blocks of degrees: (first, (degrees, 4, n)).
 
-    Three-term recurrence in the degree l of Wigner's d^l_mn, for (m, n) = (0, 0), (0, 2), (2, 2), (2, -2); the
-    signs are the handbook's, P^l_02 = -d^l_02. Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983).
+    Three-term recurrence in the degree of Wigner's d^l_mn for (m, n) = (0, 0), (0, 2), (2, 2), (2, -2), with
+    P^l_02 = -d^l_02. Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983).
 
     >>> [(first, block.shape) for first, block in spherical_functions(300, np.array([0.5]))]
     [(0, (256, 4, 1)), (256, (44, 4, 1))]
@@ -37,10 +37,10 @@ def spherical_functions(terms: int, cosine: Array) -> Iterator[tuple[int, Array]
             if degree <= 2:
                 now = _first_functions(degree, cosine)
             else:
-                l = degree - 1.0  # noqa: E741
-                down = (l + 1.0) * np.sqrt((l * l - m * m) * (l * l - n * n))
-                up = l * np.sqrt((degree**2 - m * m) * (degree**2 - n * n))
-                now = ((2.0 * l + 1.0) / up) * (l * degree * cosine - m * n)
+                known = degree - 1.0
+                down = degree * np.sqrt((known**2 - m * m) * (known**2 - n * n))
+                up = known * np.sqrt((degree**2 - m * m) * (degree**2 - n * n))
+                now = ((2.0 * degree - 1.0) / up) * (known * degree * cosine - m * n)
                 now *= last
                 now -= (down / up) * before
             block[row] = now
@@ -67,14 +67,14 @@ def _first_functions(degree: int, cosine: Array) -> Array:
 class PhaseMatrix:
     """The scattering matrix of randomly oriented particles, as six lists of expansion coefficients.
 
-    ``a1`` ... ``b2`` are 1-D, degree l = 0 first, shorter ones are padded with zeros; ``a1[0]`` is 1 (within 1e-6; all
-    are divided by it) and ``a1[1]`` is 3 g. The functions of a2, a3, b1 and b2 vanish below l = 2: what stands there
-    plays no part. ``a1`` alone is a scalar phase function. Raises SceneError for a shape, a value that is not finite,
-    or a matrix that no particles can have (a coherency eigenvalue below -1e-4 F11 at one of 721 angles).
-    Source: (1:9), Siewert, Astron. Astrophys. 109, 195 (1982).
+    ``a1`` ... ``b2`` are 1-D, degree l = 0 first, shorter ones are padded with zeros; ``a1[0]`` is 1 (within
+    1e-6; all are divided by it) and ``a1[1]`` is 3 g. The functions of a2, a3, b1 and b2 vanish below l = 2:
+    what stands there plays no part. ``a1`` alone is a scalar phase function. Raises SceneError for a shape, a
+    value that is not finite, or a matrix that no particles can have (a coherency eigenvalue below -1e-4 F11
+    at one of 721 angles). Source: (1:9); Siewert, Astron. Astrophys. 109, 195 (1982).
 
-    >>> PhaseMatrix([1.0, 0.3]).asymmetry
-    0.1
+    >>> PhaseMatrix([1.0, 0.75]).asymmetry
+    0.25
     """
 
     a1: Array
@@ -120,8 +120,8 @@ class PhaseMatrix:
 
         Referred to the scattering plane. Raises SceneError for an angle that is not finite.
 
-        >>> rayleigh().scattering_matrix(90.0)[0, 0]
-        np.float64(0.75)
+        >>> rayleigh().scattering_matrix(0.0).diagonal().tolist()
+        [1.5, 1.5, 1.5, 1.5]
         """
         angles = np.asarray(angle_deg, dtype=np.float64)
         if not np.isfinite(angles).all():
@@ -154,9 +154,10 @@ class PhaseMatrix:
         worst = int(np.argmin(lowest - floor))
         if lowest[worst] < floor[worst]:
             raise SceneError(
-                f"the phase matrix is not physical: at a scattering angle of {CHECK_ANGLES_DEG[worst]:g} degrees its "
-                f"coherency matrix has the eigenvalue {lowest[worst]:.3g} where F11 is {a1[worst]:.3g}; "
-                f"at least -{NEGATIVE_ALLOWED:g} F11 is allowed (check the signs, the order and the number of terms)"
+                f"the phase matrix is not physical: at a scattering angle of {CHECK_ANGLES_DEG[worst]:g} "
+                f"degrees its coherency matrix has the eigenvalue {lowest[worst]:.3g} where F11 is "
+                f"{a1[worst]:.3g}; at least -{NEGATIVE_ALLOWED:g} F11 is allowed (check the signs, the order and "
+                "the number of terms)"
             )
 
     def __setstate__(self, state: dict[str, Array]) -> None:
@@ -187,7 +188,8 @@ def isotropic() -> PhaseMatrix:
 def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
     """Particles much smaller than the wavelength; ``depolarization`` is rho in [0, 6/7].
 
-    Raises SceneError outside. Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), with r = (1-rho)/(1+rho/2).
+    Raises SceneError outside. Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), there with
+    Delta = (1 - rho)/(1 + rho/2).
 
     >>> rayleigh().a1.tolist()
     [1.0, 0.0, 0.5]
@@ -205,8 +207,8 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
 def henyey_greenstein(g: float, terms: int) -> PhaseMatrix:
     """The scalar phase function a1[l] = (2l+1) g^l, cut after ``terms`` degrees; g in (-1, 1).
 
-    Raises SceneError for another g, for no terms, or where the cut leaves a phase function that is negative somewhere:
-    it then takes more terms. Source: Henyey and Greenstein, Astrophys. J. 93, 70 (1941).
+    Raises SceneError for another g, for no terms, or where the cut leaves a phase function that is negative
+    somewhere: it then takes more terms. Source: Henyey and Greenstein, Astrophys. J. 93, 70 (1941).
 
     >>> henyey_greenstein(0.5, 40).asymmetry
     0.5
@@ -217,29 +219,27 @@ def henyey_greenstein(g: float, terms: int) -> PhaseMatrix:
         return PhaseMatrix((2.0 * degrees + 1.0) * value**degrees)
     except SceneError:
         raise SceneError(
-            f"henyey_greenstein: {terms} terms are too few for g = {value:g} (the phase function turns negative); "
-            f"{_henyey_greenstein_terms(value)} are enough"
+            f"henyey_greenstein: {terms} terms are too few for g = {value:g} (the phase function turns "
+            f"negative somewhere); {_henyey_greenstein_terms(value)} are enough"
         ) from None
 
 
 def _henyey_greenstein_terms(g: float) -> int:
-    """So many that all terms left out together are below the phase function's smallest value."""
+    """So many that all the terms left out together are below the phase function's smallest value."""
     g = abs(g)
-    left_out = (1.0 - g) / (
-        1.0 + g
-    ) ** 2  # the minimum of (1 - g^2)/(1 + g^2 - 2 g cos)^1.5, of which sum the rest is
+    smallest = (1.0 - g) / (1.0 + g) ** 2  # (1 - g^2)/(1 + g^2 - 2 g cos)^(3/2) at cos = -1
     terms = 1
-    while g**terms * ((2 * terms + 1) / (1.0 - g) + 2.0 * g / (1.0 - g) ** 2) > left_out:
-        terms = terms + max(1, terms // 20)
+    while g**terms * ((2 * terms + 1) / (1.0 - g) + 2.0 * g / (1.0 - g) ** 2) > smallest:
+        terms += max(1, terms // 20)
     return terms
 
 
 def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     """The mean phase matrix of several kinds of particles, weighted by what each scatters.
 
-    ``parts``: pairs of a PhaseMatrix and a weight >= 0 (its scattering cross section times its number). Raises
-    SceneError for an empty list, something else than pairs, a negative weight or no weight at all. Source: (1:9) is
-    linear in the particles; Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
+    ``parts``: pairs of a PhaseMatrix and a weight >= 0 (its scattering cross section times its number).
+    Raises SceneError for an empty list, something else than pairs, a negative weight or no weight at all.
+    Source: (1:9); Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
 
     >>> mix([(isotropic(), 1.0), (rayleigh(), 1.0)]).a1.tolist()
     [1.0, 0.0, 0.25]

@@ -9,8 +9,8 @@ from vrte.optics.phase_matrix import PhaseMatrix
 class Particles:
     """How one kind of particle scatters, averaged over its sizes: what a Layer needs to know of it.
 
-    ``phase_matrix``; ``albedo`` (of single scattering) and ``asymmetry`` (g); ``extinction_um2`` and
-    ``scattering_um2``, the mean cross sections of one particle, ``volume_um3`` its mean volume; ``description``
+    ``phase_matrix``; ``albedo`` (of single scattering) and ``asymmetry`` (g); ``extinction_um2``,
+    ``scattering_um2`` and ``volume_um3``, the mean cross sections and volume of one particle; ``description``
     says in words what it is and where its refractive index comes from.
     """
 
