@@ -1,0 +1,41 @@
+"""Polarized subsurface reflectance of particulate layers: the public names."""
+
+from vrte.brdf import Brdf, brdf
+from vrte.errors import AccuracyError, MissingExtraError, SceneError
+from vrte.field import Field, radiance
+from vrte.formats import load
+from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
+from vrte.optics.refractive_index import refractive_index
+from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse
+from vrte.optics.spheres import Particles, mixture, spheres
+from vrte.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AccuracyError",
+    "Brdf",
+    "Field",
+    "Gamma",
+    "IndependentScatteringWarning",
+    "Lambertian",
+    "Layer",
+    "Lognormal",
+    "MissingExtraError",
+    "Monodisperse",
+    "MuellerBase",
+    "Particles",
+    "PhaseMatrix",
+    "Scene",
+    "SceneError",
+    "brdf",
+    "henyey_greenstein",
+    "isotropic",
+    "load",
+    "mix",
+    "mixture",
+    "radiance",
+    "rayleigh",
+    "refractive_index",
+    "spheres",
+]

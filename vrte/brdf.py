@@ -1,72 +1,97 @@
-"""The polarized subsurface BRDF of a scene, and its transmission."""
+"""The polarized subsurface BRDF as a 4x4 Mueller matrix, and on request the BTDF."""
 
-import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from vrte.arrays import Array
-from vrte.field import freeze
+import numpy as np
+
+from vrte.arrays import Array, frozen, vector
+from vrte.discrete_ordinates.problem import Progress
+from vrte.discrete_ordinates.solver import solve
+from vrte.errors import SceneError
+from vrte.request import check_scene, cosines, node_count
+from vrte.running import interruptible, new_run
+from vrte.scene import Scene
 
 if TYPE_CHECKING:
     import xarray
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Brdf:
-    """Mueller matrices of the light that comes back out: radiance out = mueller @ irradiance in.
+    """Subsurface BRDF (nothing is reflected or refracted at the surface itself), arrays read-only.
 
-    ``mueller`` (mu_i, mu_o, phi, 4, 4) [sr-1] is the subsurface BRDF in the meridian planes; ``reflectance`` (mu_i,) is
-    directional-hemispherical, for unpolarized light. ``transmission`` (same shape as mueller, or None) is the like for
-    diffuse light going down at the bottom, base included, ``direct_transmittance`` (mu_i,) or None the beam's share
-    that gets through unscattered. ``mu_i``, ``mu_o`` are positive cosines; ``phi`` [deg] is outgoing minus incident,
-    both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only.
-    Raises SceneError where the shapes do not fit together.
+    mueller (mu_i, mu_o, phi, 4, 4) [1/sr]: radiance out = mueller . irradiance in, meridian planes, phi in degrees
+    (0: forward, 180: back). reflectance (mu_i,): directional-hemispherical, unpolarized light. transmission: None,
+    or the same as mueller for diffuse light going down at the bottom of the last layer, with direct_transmittance
+    (mu_i,) beside it. diagnostics: how it was made.
     """
 
     mueller: Array
     reflectance: Array
+    transmission: Array | None
+    direct_transmittance: Array | None
     mu_i: Array
     mu_o: Array
     phi: Array
     diagnostics: dict[str, Any]
-    transmission: Array | None = None
-    direct_transmittance: Array | None = None
-
-    def __post_init__(self) -> None:
-        incident = (len(self.mu_i),)
-        matrices = (*incident, len(self.mu_o), len(self.phi), 4, 4)
-        shapes = {
-            "mueller": matrices,
-            "reflectance": incident,
-            "mu_i": incident,
-            "mu_o": (len(self.mu_o),),
-            "phi": (len(self.phi),),
-        }
-        if self.transmission is not None:
-            shapes["transmission"] = matrices
-        if self.direct_transmittance is not None:
-            shapes["direct_transmittance"] = incident
-        freeze(self, shapes)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # through the constructor: an unpickled array would otherwise be writable
-        return type(self), tuple(getattr(self, field.name) for field in fields(self))
-
-    def __repr__(self) -> str:
-        extra = "" if self.transmission is None else ", with transmission"
-        return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
 
     def to_xarray(self) -> "xarray.Dataset":
-        """An xarray.Dataset: ``mueller`` with dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in).
-
-        Raises MissingExtraError without xarray.
-        """
+        """A labelled dataset (extra 'files')."""
         from vrte.formats.netcdf import to_xarray
 
         return to_xarray(self)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes NetCDF, all of it or nothing. Raises MissingExtraError without the extra "files", or OSError."""
+    def save(self, path: str | PathLike[str]) -> None:
+        """Writes NetCDF, whole or not at all (extra 'files')."""
         from vrte.formats.netcdf import save
 
         save(self, path)
+
+
+def brdf(
+    scene: Scene,
+    mu_i: Any,
+    mu_o: Any,
+    phi: Any = 0.0,
+    nodes: int = 40,
+    threads: int | None = None,
+    transmission: bool = False,
+    progress: Progress | None = None,
+) -> Brdf:
+    """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
+
+    Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``threads``, ``progress`` as for
+    `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without end). Raises SceneError for bad
+    input, AccuracyError where the solver cannot vouch for its answer.
+
+    >>> import vrte
+    >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
+    >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
+    1.0
+    """
+    scene = check_scene(scene)
+    into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
+    azimuths, node_total = vector("phi", phi), node_count(nodes)
+    if transmission and not np.isfinite(scene.thickness):
+        raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
+    levels = frozen([0.0, scene.thickness] if transmission else [0.0])
+    directions = np.concatenate([out, -out]) if transmission else out
+    run = new_run(threads)
+    solution = interruptible(
+        run, lambda: solve(scene, into, np.eye(4), directions, azimuths, levels, node_total, run, progress)
+    )
+    per_irradiance = solution.radiance
+    per_irradiance /= into[:, None, None, None, None]
+    # (n_in, n_mu, n_phi, 4, column)
+    return Brdf(
+        mueller=frozen(per_irradiance[0, :, : out.size]),
+        reflectance=frozen(solution.flux_up[0, :, 0] / into),
+        transmission=frozen(per_irradiance[1, :, out.size :]) if transmission else None,
+        direct_transmittance=frozen(np.exp(-scene.thickness / into)) if transmission else None,
+        mu_i=into,
+        mu_o=out,
+        phi=azimuths,
+        diagnostics=solution.diagnostics,
+    )

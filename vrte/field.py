@@ -1,26 +1,32 @@
-"""The radiance field inside and outside a scene."""
+"""The polarized radiance field at any depth."""
 
-import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from vrte.arrays import Array, frozen
+import numpy as np
+
+from vrte.arrays import Array, frozen, vector
+from vrte.discrete_ordinates.problem import Progress
+from vrte.discrete_ordinates.quadrature import double_gauss
+from vrte.discrete_ordinates.solver import solve
 from vrte.errors import SceneError
+from vrte.request import check_scene, cosines, depths, node_count, stokes_vector
+from vrte.running import interruptible, new_run
+from vrte.scene import Scene
 
 if TYPE_CHECKING:
     import xarray
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class Field:
-    """Stokes vectors of the diffuse subsurface light, with fluxes, at each depth and direction.
+    """Diffuse Stokes field below the surface (nothing is refracted there), arrays read-only.
 
-    ``stokes`` (tau, mu, phi, 4) holds I, Q, U, V [W m-2 sr-1 for an incident beam in W m-2] without the direct beam.
-    ``flux_up``, ``flux_down`` (tau,) are its fluxes through a horizontal plane [W m-2]; ``direct`` (tau,) is the
-    beam's, mu0 * incident_stokes[0] * exp(-tau/mu0). ``tau`` grows downward from the top; ``mu`` > 0 is light going
-    up, ``mu`` < 0 down; ``phi`` [deg] is relative to the beam, both along the direction of travel. ``mu0`` > 0 and
-    ``incident_stokes`` (4,) describe the beam; ``diagnostics`` says how the field was made. All arrays are read-only.
-    Raises SceneError where the shapes do not fit together.
+    stokes (tau, mu, phi, 4) [per steradian, in the unit of the incident flux vector]: I, Q, U, V in the meridian
+    plane of each direction, mu > 0 up, mu < 0 down. flux_up, flux_down (tau,): diffuse, through a horizontal plane;
+    direct (tau,): mu0 stokes[0] e^(-tau/mu0). tau (optical depth), mu, phi (degrees), mu0, incident_stokes (4,).
+    diagnostics: how it was made.
     """
 
     stokes: Array
@@ -34,51 +40,67 @@ class Field:
     incident_stokes: Array
     diagnostics: dict[str, Any]
 
-    def __post_init__(self) -> None:
-        depths = (len(self.tau),)
-        shapes = {
-            "stokes": (*depths, len(self.mu), len(self.phi), 4),
-            "flux_up": depths,
-            "flux_down": depths,
-            "direct": depths,
-            "tau": depths,
-            "mu": (len(self.mu),),
-            "phi": (len(self.phi),),
-            "incident_stokes": (4,),
-        }
-        freeze(self, shapes)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # through the constructor: an unpickled array would otherwise be writable
-        return type(self), tuple(getattr(self, field.name) for field in fields(self))
-
-    def __repr__(self) -> str:
-        return (
-            f"Field({self.tau.size} tau, {self.mu.size} mu, {self.phi.size} phi, mu0={self.mu0:g}, "
-            f"incident_stokes={self.incident_stokes.tolist()})"
-        )
-
     def to_xarray(self) -> "xarray.Dataset":
-        """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes). Raises MissingExtraError without xarray."""
+        """A labelled dataset (extra 'files')."""
         from vrte.formats.netcdf import to_xarray
 
         return to_xarray(self)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes NetCDF, all of it or nothing. Raises MissingExtraError without the extra "files", or OSError."""
+    def save(self, path: str | PathLike[str]) -> None:
+        """Writes NetCDF, whole or not at all (extra 'files')."""
         from vrte.formats.netcdf import save
 
         save(self, path)
 
 
-def freeze(result: Any, shapes: dict[str, tuple[int, ...]]) -> None:
-    """Replaces the named arrays of a frozen dataclass by read-only copies, and its ``diagnostics`` by a copy.
+def radiance(
+    scene: Scene,
+    mu0: float,
+    stokes: Any = (1.0, 0.0, 0.0, 0.0),
+    mu: Any = None,
+    phi: Any = 0.0,
+    tau: Any = 0.0,
+    nodes: int = 40,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Field:
+    """The diffuse field of one beam, by discrete ordinates.
 
-    Raises SceneError for an array that has not the shape given.
+    Parameters: ``mu0``, the beam's positive cosine; ``stokes``, its flux vector perpendicular to it; ``mu``, signed
+    cosines (default: the nodes, up and down); ``phi``, degrees from the beam's heading; ``tau``, optical depths;
+    ``nodes`` a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for
+    single scattering); ``threads``, default all usable CPUs; ``progress``, called with (orders done, orders).
+    Raises SceneError for bad input, AccuracyError where the solver cannot vouch for its answer.
+    Source: Collin, Pattanaik, Bouatouch, section 2.
+
+    >>> import vrte
+    >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
+    >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
+    (1, 2, 1, 4)
     """
-    for name, shape in shapes.items():
-        array = frozen(getattr(result, name))
-        if array.shape != shape:
-            raise SceneError(f"{name} must have the shape {shape} to fit its directions, not {array.shape}")
-        object.__setattr__(result, name, array)
-    object.__setattr__(result, "diagnostics", dict(result.diagnostics))
+    scene = check_scene(scene)
+    beam = cosines("mu0", mu0)
+    if beam.size != 1:
+        raise SceneError(f"mu0 must be one number a call, not {beam.size}")
+    node_total = node_count(nodes)
+    points = double_gauss(node_total)[0]
+    directions = cosines("mu", np.concatenate([points, -points]) if mu is None else mu, signed=True)
+    incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
+    parts = [incident * [1, 1, 0, 0], incident * [0, 0, 1, 1]]
+    columns = np.array([part for part in parts if part.any()] or parts[:1])
+    run = new_run(threads)
+    solution = interruptible(
+        run, lambda: solve(scene, beam, columns, directions, azimuths, levels, node_total, run, progress)
+    )
+    return Field(
+        stokes=frozen(solution.radiance[:, 0].sum(axis=-1)),
+        flux_up=frozen(solution.flux_up[:, 0].sum(axis=-1)),
+        flux_down=frozen(solution.flux_down[:, 0].sum(axis=-1)),
+        direct=frozen(beam[0] * incident[0] * np.exp(-levels / beam[0])),
+        tau=levels,
+        mu=directions,
+        phi=azimuths,
+        mu0=float(beam[0]),
+        incident_stokes=incident,
+        diagnostics=solution.diagnostics,
+    )

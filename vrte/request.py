@@ -1,0 +1,59 @@
+"""What a user asks for, checked before any work."""
+
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array, vector, whole
+from vrte.errors import SceneError
+from vrte.scene import Scene
+
+SMALLEST_COSINE = 1e-8
+MOST_NODES = 4096
+
+
+def check_scene(scene: Any) -> Scene:
+    """The scene, or a SceneError that says what was given."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"scene must be a vrte.Scene, not {type(scene).__name__}")
+    return scene
+
+
+def cosines(name: str, values: Any, signed: bool = False) -> Array:
+    """Cosines with 1e-8 <= |mu| <= 1, positive unless `signed`."""
+    array = vector(name, values)
+    size = np.abs(array) if signed else array
+    bad = ~((size >= SMALLEST_COSINE) & (size <= 1.0))
+    if bad.any():
+        allowed = "1e-8 <= |mu| <= 1 (above 0: up, below 0: down)" if signed else "1e-8 <= mu <= 1"
+        raise SceneError(f"{name} must satisfy {allowed}, not {array[bad][0]}")
+    return array
+
+
+def stokes_vector(values: Any) -> Array:
+    """Four finite numbers."""
+    array = vector("stokes", values)
+    if array.shape != (4,):
+        raise SceneError(f"stokes must be four numbers I, Q, U, V, not {array.size}")
+    return array
+
+
+def depths(values: Any, scene: Scene) -> Array:
+    """Optical depths from 0 to the scene's total."""
+    try:
+        numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    except (TypeError, ValueError):
+        numbers = vector("tau", values)
+    if np.isinf(numbers).any():
+        raise SceneError("tau must be finite, also inside a layer without end")
+    array = vector("tau", numbers)
+    total = scene.thickness
+    bad = (array < 0.0) | (array > total)
+    if bad.any():
+        raise SceneError(f"tau must lie between 0 and the total optical thickness {total:g}, not at {array[bad][0]}")
+    return array
+
+
+def node_count(nodes: Any) -> int:
+    """Nodes of a hemisphere."""
+    return whole("nodes", nodes, 1, MOST_NODES)
