@@ -9,10 +9,10 @@ from pathlib import Path
 
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path beside ``path`` to write to; it takes the place of ``path`` when the block ends without an exception.
+    """A path beside ``path`` to write to; it takes the place of ``path`` when the block ends well.
 
-    Any exception, an interrupt included, removes what was written and leaves a file already at ``path`` as it was.
-    Raises OSError where the folder cannot be written to.
+    Any exception, an interrupt included, removes what was written and leaves a file that was at ``path``
+    before as it was. Raises OSError where the folder cannot be written to.
 
     >>> with atomic_write("result.csv") as part:  # doctest: +SKIP
     ...     part.write_text("mu_i,mu_o")

@@ -16,8 +16,8 @@ ELEMENTS = [f"{row}{column}" for row in range(4) for column in range(4)]
 def write_csv(result: Brdf | Field, path: str | os.PathLike[str]) -> None:
     """Writes ``result`` to ``path``, all of it or nothing; numbers keep every digit. Raises OSError.
 
-    A BRDF has the columns mu_i, mu_o, phi_deg, f00 .. f33 [sr-1], then t00 .. t33 where transmission was computed;
-    a field has tau, mu, phi_deg, I, Q, U, V.
+    A BRDF has the columns mu_i, mu_o, phi_deg, f00 .. f33 [sr-1], then t00 .. t33 where transmission was
+    computed; a field has tau, mu, phi_deg, I, Q, U, V.
 
     >>> write_csv(brdf, "gold.csv")  # doctest: +SKIP
     """

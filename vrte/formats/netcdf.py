@@ -17,8 +17,9 @@ RADIANCE = "W m-2 sr-1"
 IRRADIANCE = "W m-2"
 CONVENTIONS = (
     "phi_deg is outgoing minus incident azimuth, both along the direction of travel (0 forward, 180 back); "
-    "Stokes vectors refer to the local meridian plane, Q = I_parallel - I_perpendicular, U and V in the signs of "
-    "Hovenier and van der Mee; the light is inside the host medium, nothing is refracted or reflected at its surface"
+    "Stokes vectors refer to the local meridian plane, Q = I_parallel - I_perpendicular, U and V in the signs "
+    "of Hovenier and van der Mee; the light is inside the host medium, nothing is refracted or reflected at its "
+    "surface"
 )
 
 BRDF_VARIABLES: dict[str, tuple[list[str], str, str]] = {
@@ -58,8 +59,8 @@ FIELD_COORDINATES = {
 def to_xarray(result: Brdf | Field) -> "xarray.Dataset":
     """A labelled copy of ``result``; every variable and coordinate has ``units`` and ``long_name``.
 
-    ``mueller`` has the dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in), ``stokes`` has (tau, mu, phi_deg, stokes).
-    Raises MissingExtraError without xarray.
+    ``mueller`` has the dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in), ``stokes`` has (tau, mu, phi_deg,
+    stokes). Raises MissingExtraError without xarray.
 
     >>> to_xarray(brdf).mueller.sel(stokes_out="I", stokes_in="I")  # doctest: +SKIP
     """
@@ -113,7 +114,9 @@ def load(path: str | os.PathLike[str]) -> Brdf | Field:
     try:
         return _from_xarray(dataset)
     except (KeyError, AttributeError, json.JSONDecodeError) as error:
-        raise SceneError(f"{os.fspath(path)} holds no BRDF or field written by vrte: {error} is missing") from error
+        raise SceneError(
+            f"{os.fspath(path)} holds no BRDF or field written by vrte: {error} is missing"
+        ) from error
 
 
 def _from_xarray(dataset: "xarray.Dataset") -> Brdf | Field:
@@ -136,12 +139,12 @@ def _from_xarray(dataset: "xarray.Dataset") -> Brdf | Field:
 
 
 def _attributes(result: Brdf | Field) -> dict[str, str]:
-    from importlib.metadata import version
+    from vrte import __version__
 
     kind = "subsurface BRDF" if isinstance(result, Brdf) else "subsurface radiance field"
     return {
         "title": f"Polarized {kind} of a particulate layer",
-        "source": f"vrte {version('vrte')}",
+        "source": f"vrte {__version__}",
         "comment": CONVENTIONS,
         "diagnostics": json.dumps(result.diagnostics),
     }

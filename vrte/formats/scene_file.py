@@ -1,0 +1,329 @@
+"""A scene file (TOML): what light meets, and what is asked about it.
+
+Every key is checked before anything is computed; a key that nobody knows is an error, because a mistyped one
+would silently leave its default in place. Tables of coefficients are looked for beside the scene file.
+"""
+
+import math
+import os
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vrte.errors import SceneError
+from vrte.formats.coefficient_table import read_coefficients
+from vrte.formats.toml_table import Table, is_number, nearest, relocated, shown
+from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, rayleigh
+from vrte.optics.size_distribution import Gamma, Lognormal
+from vrte.optics.spheres import Particles, mixture, spheres
+from vrte.scene import Lambertian, Layer, Scene
+
+DEFAULT_NODES = 40
+MOST_NODES = 2000  # matrices of 4 N x 4 N: this many need gigabytes each
+KINDS = ("brdf", "field")
+FILE_KEYS = ("wavelength_um", "host_index", "nodes", "particles", "layer", "base", *KINDS)
+PARTICLE_KEYS = ("index", "radius_um", "size")
+LAYER_KEYS = ("particles", "phase", "albedo", "thickness", "thickness_um", "volume_fraction")
+BASE_KEYS = ("kind", "albedo")
+REQUEST_KEYS = {
+    "brdf": ("mu_i", "mu_o", "phi_deg", "transmission"),
+    "field": ("mu0", "stokes", "mu", "phi_deg", "tau"),
+}
+SIZES = {"lognormal": (Lognormal, ("median_um", "sigma")), "gamma": (Gamma, ("r_eff_um", "v_eff"))}
+NAMED_PHASES = {"isotropic": isotropic, "rayleigh": rayleigh}
+PHASE_KEYS = ("henyey_greenstein", "rayleigh", "terms")
+PHASES = (
+    '"isotropic", "rayleigh", { henyey_greenstein = g }, { rayleigh = depolarization } '
+    "or the path of a .csv with the columns l, a1, a2, a3, a4, b1, b2"
+)
+INDEX = 'the name of a material, a path in the database such as "main/Au/Johnson", or [n, k]'
+LEFT_OUT = 1e-12  # of a Henyey-Greenstein phase function, in the terms beyond the last
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFile:
+    """What a scene file holds.
+
+    ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``;
+    ``nodes`` is the number of nodes in a hemisphere.
+    """
+
+    scene: Scene
+    kind: str
+    request: dict[str, Any]
+    nodes: int
+
+    def located(self, message: str) -> str:
+        """The library's complaint about the request, with the dotted key of the file in front.
+
+        >>> SceneFile(None, "brdf", {}, 40).located("phi must be finite, not nan")
+        'brdf.phi_deg must be finite, not nan'
+        """
+        message = message.replace("phi ", "phi_deg ", 1) if message.startswith("phi ") else message
+        known = message.split(" ", 1)[0].rstrip(":,") in REQUEST_KEYS[self.kind]
+        return relocated(message, self.kind, REQUEST_KEYS[self.kind]) if known else message
+
+
+def read_scene(path: str | os.PathLike[str], kind: str | None = None) -> SceneFile:
+    """Reads and checks the scene file ``path`` for the command ``kind``, or for the only one it has a table of.
+
+    ``kind`` is "brdf" or "field". Raises SceneError naming the dotted key, what was given and what is allowed;
+    OSError where the file cannot be read.
+
+    >>> read_scene("gold_powder.toml").kind  # doctest: +SKIP
+    'brdf'
+    """
+    file = Table("", _toml(Path(path)), FILE_KEYS)
+    kind = _kind(file, kind)
+    request = _request(file, kind)
+    nodes = file.whole("nodes", 1, MOST_NODES) if "nodes" in file else DEFAULT_NODES
+    return SceneFile(_scene(file, Path(path).parent), kind, request, nodes)
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"not valid TOML: {error}") from error
+
+
+def _kind(file: Table, kind: str | None) -> str:
+    """The command whose table is there."""
+    there = [name for name in KINDS if name in file]
+    if kind is not None:
+        if kind not in there:
+            other = f" (there is [{there[0]}], for `vrte {there[0]}`)" if there else ""
+            raise SceneError(f"{kind} is missing: the file needs a table [{kind}]{other}")
+        return kind
+    if len(there) != 1:
+        raise SceneError(f"exactly one of the tables [brdf] and [field] is needed, not {len(there)}")
+    return there[0]
+
+
+def _request(file: Table, kind: str) -> dict[str, Any]:
+    table = file.table(kind, REQUEST_KEYS[kind])
+    return _brdf_request(table) if kind == "brdf" else _field_request(table)
+
+
+def _brdf_request(table: Table) -> dict[str, Any]:
+    request: dict[str, Any] = {"mu_i": table.numbers("mu_i"), "mu_o": table.numbers("mu_o")}
+    if "phi_deg" in table:
+        request["phi"] = table.numbers("phi_deg")
+    if "transmission" in table:
+        request["transmission"] = table.flag("transmission")
+    return request
+
+
+def _field_request(table: Table) -> dict[str, Any]:
+    request: dict[str, Any] = {"mu0": table.number("mu0", "a cosine above 0, up to 1")}
+    for key, keyword in (("mu", "mu"), ("phi_deg", "phi"), ("tau", "tau")):
+        if key in table:
+            request[keyword] = table.numbers(key)
+    if "stokes" in table:
+        request["stokes"] = table.numbers("stokes")
+        if len(request["stokes"]) != 4:
+            raise table.wrong("stokes", "must be four numbers I, Q, U, V")
+    return request
+
+
+def _scene(file: Table, folder: Path) -> Scene:
+    layers = _layer_tables(file)
+    base = _base(file)
+    kinds = _particle_tables(file)
+    for layer in layers:
+        _check_layer(layer, kinds)
+    particles = _Particles(file, kinds)
+    scene = [_layer(layer, particles, folder) for layer in layers]
+    return Scene(scene, base)
+
+
+def _layer_tables(file: Table) -> list[Table]:
+    layers = file.required("layer", "at least one table [[layer]], top first")
+    if not isinstance(layers, list) or not layers or not all(isinstance(layer, dict) for layer in layers):
+        raise file.wrong("layer", "must be tables headed [[layer]], top first")
+    return [Table(f"layer[{place}]", layer, LAYER_KEYS) for place, layer in enumerate(layers, 1)]
+
+
+def _particle_tables(file: Table) -> dict[str, Table]:
+    """The tables [particles.NAME], checked without computing anything."""
+    content = file.content.get("particles", {})
+    if not isinstance(content, dict) or not all(isinstance(kind, dict) for kind in content.values()):
+        raise file.wrong("particles", "must be tables headed [particles.NAME]")
+    tables = {name: Table(f"particles.{name}", kind, PARTICLE_KEYS) for name, kind in content.items()}
+    for table in tables.values():
+        table.required("index", INDEX)
+        if ("radius_um" in table) == ("size" in table):
+            raise SceneError(f"{table.name}: exactly one of radius_um and size is needed")
+    return tables
+
+
+def _check_layer(layer: Table, kinds: dict[str, Table]) -> None:
+    """Whether the keys of a layer go together."""
+    if ("particles" in layer) == ("phase" in layer):
+        raise SceneError(f"{layer.name}: exactly one of particles and phase is needed")
+    if "phase" in layer:
+        layer.number("albedo", "a number between 0 and 1")
+        for key in ("thickness_um", "volume_fraction"):
+            if key in layer:
+                raise layer.wrong(key, "needs particles; with phase, give the optical thickness")
+        layer.number("thickness", "an optical thickness >= 0 (inf is allowed)")
+        return
+    if "albedo" in layer:
+        raise layer.wrong("albedo", "goes with phase only; particles bring their own")
+    _fractions(layer, kinds)
+    _check_thickness(layer)
+
+
+def _check_thickness(layer: Table) -> None:
+    optical, geometrical = "thickness" in layer, "thickness_um" in layer
+    if optical == geometrical or geometrical != ("volume_fraction" in layer):
+        raise SceneError(
+            f"{layer.name}: either thickness (optical) or thickness_um with volume_fraction is needed"
+        )
+    for key in ("thickness", "thickness_um", "volume_fraction"):
+        if key in layer:
+            layer.number(key)
+
+
+def _fractions(layer: Table, kinds: dict[str, Table]) -> list[tuple[str, float]]:
+    """The kinds of particles in a layer, with their number fractions."""
+    value = layer.content["particles"]
+    if isinstance(value, str):
+        _known(layer, value, kinds)
+        return [(value, 1.0)]
+    if not isinstance(value, dict) or not value:
+        raise layer.wrong("particles", "must be a name, or a table { name = number fraction, ... }")
+    for name in value:
+        _known(layer, name, kinds)
+    fractions = layer.table("particles", tuple(kinds))
+    return [(name, fractions.number(name, "a number fraction > 0")) for name in value]
+
+
+def _known(layer: Table, name: str, kinds: dict[str, Table]) -> None:
+    if name not in kinds:
+        defined = ", ".join(kinds) or "none"
+        raise layer.wrong(
+            "particles", f"no table [particles.{name}]{nearest(name, kinds)} Defined: {defined}"
+        )
+
+
+class _Particles:
+    """The particles of a file, each kind computed once, when a layer first asks for it."""
+
+    def __init__(self, file: Table, kinds: dict[str, Table]) -> None:
+        self.file, self.kinds = file, kinds
+        self.computed: dict[str, Particles] = {}
+
+    def __call__(self, layer: Table) -> Particles:
+        fractions = _fractions(layer, self.kinds)
+        if len(fractions) == 1:
+            return self.kind(fractions[0][0])
+        with layer.located():
+            return mixture([(self.kind(name), fraction) for name, fraction in fractions])
+
+    def kind(self, name: str) -> Particles:
+        if name not in self.computed:
+            self.computed[name] = self._compute(self.kinds[name])
+        return self.computed[name]
+
+    def _compute(self, table: Table) -> Particles:
+        wavelength = self.file.number("wavelength_um", "the wavelength in micrometres")
+        host = self.file.number("host_index") if "host_index" in self.file else 1.0
+        size = _size(table)
+        with table.located():
+            return spheres(_index(table), wavelength_um=wavelength, host_index=host, **size)
+
+
+def _index(table: Table) -> str | complex:
+    value = table.content["index"]
+    if isinstance(value, str):
+        return value
+    parts = value if isinstance(value, list) else [value, 0.0]
+    if len(parts) != 2 or not all(is_number(part) for part in parts):
+        raise table.wrong("index", f"must be {INDEX}")
+    return complex(*parts)
+
+
+def _size(table: Table) -> dict[str, Any]:
+    """The keyword of ``spheres`` that says how large the particles are."""
+    if "radius_um" in table:
+        return {"radius_um": table.number("radius_um", "a radius in micrometres > 0")}
+    size = table.table("size", tuple(SIZES))
+    if len(size.content) != 1:
+        raise table.wrong("size", f"must be exactly one of {', '.join(SIZES)}")
+    (name,) = size.content
+    distribution, keys = SIZES[name]
+    numbers = size.table(name, keys)
+    with numbers.located():
+        return {"size": distribution(**{key: numbers.number(key) for key in keys})}
+
+
+def _layer(layer: Table, particles: _Particles, folder: Path) -> Layer:
+    if "particles" in layer:
+        inside = particles(layer)
+        lengths = {
+            key: layer.number(key) for key in ("thickness", "thickness_um", "volume_fraction") if key in layer
+        }
+        with layer.located():
+            return Layer.of(inside, **lengths)
+    matrix = _phase(layer, folder)
+    with layer.located():
+        return Layer(matrix, layer.number("albedo"), layer.number("thickness"))
+
+
+def _phase(layer: Table, folder: Path) -> PhaseMatrix:
+    value = layer.content["phase"]
+    if isinstance(value, dict):
+        return _parametric_phase(layer.table("phase", PHASE_KEYS))
+    if not isinstance(value, str):
+        raise layer.wrong("phase", f"must be {PHASES}")
+    if value in NAMED_PHASES:
+        return NAMED_PHASES[value]()
+    if not value.endswith(".csv"):
+        raise layer.wrong("phase", f"must be {PHASES}{nearest(value, NAMED_PHASES)}")
+    try:
+        return read_coefficients(folder / value)
+    except SceneError as error:
+        raise layer.wrong("phase", str(error)) from error
+    except OSError as error:
+        raise layer.wrong("phase", f"the file cannot be read: {error.strerror}") from error
+
+
+def _parametric_phase(table: Table) -> PhaseMatrix:
+    names = [name for name in PHASE_KEYS[:2] if name in table]
+    if len(names) != 1 or ("terms" in table and "rayleigh" in table):
+        raise SceneError(f"{table.name} = {shown(table.content)}: must be {PHASES}")
+    value = table.number(names[0])
+    with table.located():
+        if "rayleigh" in table:
+            return rayleigh(value)
+        terms = table.whole("terms", 1, 1_000_000) if "terms" in table else henyey_greenstein_terms(value)
+        return henyey_greenstein(value, terms)
+
+
+def henyey_greenstein_terms(g: float) -> int:
+    """So many terms that all those left out add up to less than 1e-12 of the phase function's mean.
+
+    >>> henyey_greenstein_terms(0.0), henyey_greenstein_terms(0.5) > 40
+    (2, True)
+    """
+    size = min(abs(g), 1.0 - 1e-6)  # beyond that the library's own check speaks first
+    terms = 2
+    while size and size**terms * (2 * terms + 1) / (1.0 - size) ** 2 > LEFT_OUT:
+        terms = math.ceil(1.05 * terms)
+    return terms
+
+
+def _base(file: Table) -> Lambertian | None:
+    if "base" not in file:
+        return None
+    base = file.table("base", BASE_KEYS)
+    if base.choice("kind", ("black", "lambertian")) == "black":
+        if "albedo" in base:
+            raise base.wrong("albedo", 'goes with kind = "lambertian" only')
+        return None
+    with base.located():
+        return Lambertian(base.number("albedo", "a number between 0 and 1"))

@@ -1,0 +1,169 @@
+"""A table of a TOML file that knows its own dotted key, so that every complaint can name one."""
+
+import difflib
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vrte.errors import SceneError
+
+LARGEST_COUNT = 1_000_000
+RANGE_KEYS = ("start", "stop", "count")
+NUMBERS = "a number, a list of numbers or { start, stop, count }"
+
+
+def nearest(word: str, choices: Iterable[str]) -> str:
+    """A question that offers the choice spelled most like ``word``, or nothing.
+
+    >>> nearest("thicknes", ["thickness", "albedo"])
+    "; did you mean 'thickness'?"
+    """
+    found = difflib.get_close_matches(word, list(choices), n=1)
+    return f"; did you mean {found[0]!r}?" if found else ""
+
+
+def shown(value: Any) -> str:
+    """A value of the file in one short piece.
+
+    >>> shown("gold"), shown([1, 2])
+    ("'gold'", '[1, 2]')
+    """
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The ``content`` of one table; ``name`` is its dotted key ("" for the file), ``allowed`` its keys.
+
+    Raises SceneError for a key that is not allowed.
+
+    >>> Table("base", {"albdo": 0.3}, ("kind", "albedo"))
+    Traceback (most recent call last):
+    vrte.errors.SceneError: base.albdo = 0.3: unknown key; did you mean 'albedo'? Allowed: kind, albedo
+    """
+
+    name: str
+    content: dict[str, Any]
+    allowed: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for key in self.content:
+            if key not in self.allowed:
+                hint = nearest(key, self.allowed) or "."
+                raise self.wrong(key, f"unknown key{hint} Allowed: {', '.join(self.allowed)}")
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.content
+
+    def dotted(self, key: str) -> str:
+        """The full name of a key of this table."""
+        return f"{self.name}.{key}" if self.name else key
+
+    def wrong(self, key: str, complaint: str) -> SceneError:
+        """The error to raise: dotted key, value given, complaint."""
+        given = f" = {shown(self.content[key])}" if key in self.content else ""
+        return SceneError(f"{self.dotted(key)}{given}: {complaint}")
+
+    def required(self, key: str, allowed: str) -> Any:
+        """The value of a key that must be there; ``allowed`` says in words what it may be."""
+        if key not in self.content:
+            raise self.wrong(key, f"is missing; it must be {allowed}")
+        return self.content[key]
+
+    def table(self, key: str, allowed: tuple[str, ...]) -> "Table":
+        """The table below ``key``."""
+        value = self.content[key]
+        if not isinstance(value, dict):
+            raise self.wrong(key, f"must be a table with the keys {', '.join(allowed)}")
+        return Table(self.dotted(key), value, allowed)
+
+    def number(self, key: str, allowed: str = "a number") -> float:
+        """The real number at ``key``; inf passes, NaN does not."""
+        value = self.required(key, allowed)
+        if not is_number(value) or math.isnan(value):
+            raise self.wrong(key, f"must be {allowed}")
+        return float(value)
+
+    def whole(self, key: str, low: int, high: int) -> int:
+        """The whole number at ``key``, within [low, high]."""
+        allowed = f"a whole number from {low} to {high}"
+        value = self.required(key, allowed)
+        if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+            raise self.wrong(key, f"must be {allowed}")
+        return value
+
+    def flag(self, key: str) -> bool:
+        """The truth value at ``key``."""
+        value = self.required(key, "true or false")
+        if not isinstance(value, bool):
+            raise self.wrong(key, "must be true or false")
+        return value
+
+    def choice(self, key: str, choices: tuple[str, ...]) -> str:
+        """The word at ``key``, one of ``choices``."""
+        allowed = " or ".join(f'"{word}"' for word in choices)
+        value = self.required(key, allowed)
+        if not isinstance(value, str) or value not in choices:
+            hint = nearest(value, choices) if isinstance(value, str) else ""
+            raise self.wrong(key, f"must be {allowed}{hint}")
+        return value
+
+    def numbers(self, key: str) -> list[float]:
+        """The numbers at ``key``: one, a list, or a range { start, stop, count } with both ends."""
+        value = self.required(key, NUMBERS)
+        if isinstance(value, dict):
+            return self._range(key)
+        values = value if isinstance(value, list) else [value]
+        if not values or not all(is_number(item) and math.isfinite(item) for item in values):
+            raise self.wrong(key, f"must be {NUMBERS}, all finite")
+        return [float(item) for item in values]
+
+    def _range(self, key: str) -> list[float]:
+        part = self.table(key, RANGE_KEYS)
+        start, stop = (part.number(end, "a finite number") for end in RANGE_KEYS[:2])
+        count = part.whole("count", 1, LARGEST_COUNT)
+        if not (math.isfinite(start) and math.isfinite(stop)):
+            raise self.wrong(key, "start and stop must be finite numbers")
+        if count == 1 and start != stop:
+            raise part.wrong("count", "one value needs start = stop")
+        return np.linspace(start, stop, count).tolist()
+
+    @contextmanager
+    def located(self) -> Iterator[None]:
+        """Puts this table's dotted key in front of a SceneError of the library."""
+        try:
+            yield
+        except SceneError as error:
+            raise SceneError(relocated(str(error), self.name, self.allowed)) from error
+
+
+def relocated(message: str, name: str, keys: Iterable[str]) -> str:
+    """``message`` with a dotted key in front: of the one of ``keys`` it starts with, else of the table.
+
+    >>> relocated("albedo must be between 0 and 1, not 2", "layer[1]", ["albedo"])
+    'layer[1].albedo must be between 0 and 1, not 2'
+    >>> relocated("no such entry", "layer[1]", ["albedo"])
+    'layer[1]: no such entry'
+    """
+    message = message.removeprefix(f"{name}: ")
+    return f"{name}.{message}" if message.split(" ", 1)[0].rstrip(":,") in set(keys) else f"{name}: {message}"
+
+
+def is_number(value: Any) -> bool:
+    """Whether a TOML value is a number that a float can hold; true and false are none.
+
+    >>> is_number(1), is_number(True), is_number("1"), is_number(10**400)
+    (True, False, False, False)
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    try:
+        float(value)
+    except OverflowError:
+        return False
+    return True
