@@ -17,9 +17,9 @@ RADIANCE = "W m-2 sr-1"
 IRRADIANCE = "W m-2"
 CONVENTIONS = (
     "phi_deg is outgoing minus incident azimuth, both along the direction of travel (0 forward, 180 back); "
-    "Stokes vectors refer to the local meridian plane, Q = I_parallel - I_perpendicular, U and V in the signs "
-    "of Hovenier and van der Mee; the light is inside the host medium, nothing is refracted or reflected at its "
-    "surface"
+    "Stokes vectors refer to the local meridian plane, Q = I_parallel - I_perpendicular, U and V in the "
+    "signs of Hovenier and van der Mee; the light is inside the host medium, nothing is refracted or "
+    "reflected at its surface"
 )
 
 BRDF_VARIABLES: dict[str, tuple[list[str], str, str]] = {
@@ -113,10 +113,8 @@ def load(path: str | os.PathLike[str]) -> Brdf | Field:
         raise SceneError(f"{os.fspath(path)} is not a NetCDF file: {error}") from error
     try:
         return _from_xarray(dataset)
-    except (KeyError, AttributeError, json.JSONDecodeError) as error:
-        raise SceneError(
-            f"{os.fspath(path)} holds no BRDF or field written by vrte: {error} is missing"
-        ) from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise SceneError(f"{os.fspath(path)} holds no BRDF or field written by vrte: {error}") from error
 
 
 def _from_xarray(dataset: "xarray.Dataset") -> Brdf | Field:

@@ -7,31 +7,37 @@ would silently leave its default in place. Tables of coefficients are looked for
 import math
 import os
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from vrte.errors import SceneError
 from vrte.formats.coefficient_table import read_coefficients
-from vrte.formats.toml_table import Table, is_number, nearest, relocated, shown
+from vrte.formats.toml_table import Table, is_number, located, nearest, relocated, shown
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.scene import Lambertian, Layer, Scene
 
 DEFAULT_NODES = 40
-MOST_NODES = 2000  # matrices of 4 N x 4 N: this many need gigabytes each
+MOST_NODES = 2000  # matrices of 4 N x 4 N: this many need half a gigabyte each
+MOST_TERMS = 1_000_000
 KINDS = ("brdf", "field")
 FILE_KEYS = ("wavelength_um", "host_index", "nodes", "particles", "layer", "base", *KINDS)
 PARTICLE_KEYS = ("index", "radius_um", "size")
 LAYER_KEYS = ("particles", "phase", "albedo", "thickness", "thickness_um", "volume_fraction")
+THICKNESS_KEYS = LAYER_KEYS[3:]
 BASE_KEYS = ("kind", "albedo")
 REQUEST_KEYS = {
     "brdf": ("mu_i", "mu_o", "phi_deg", "transmission"),
     "field": ("mu0", "stokes", "mu", "phi_deg", "tau"),
 }
-SIZES = {"lognormal": (Lognormal, ("median_um", "sigma")), "gamma": (Gamma, ("r_eff_um", "v_eff"))}
-NAMED_PHASES = {"isotropic": isotropic, "rayleigh": rayleigh}
+SIZES: dict[str, tuple[Callable[..., Lognormal | Gamma], tuple[str, ...]]] = {
+    "lognormal": (Lognormal, ("median_um", "sigma")),
+    "gamma": (Gamma, ("r_eff_um", "v_eff")),
+}
+NAMED_PHASES: dict[str, Callable[[], PhaseMatrix]] = {"isotropic": isotropic, "rayleigh": rayleigh}
 PHASE_KEYS = ("henyey_greenstein", "rayleigh", "terms")
 PHASES = (
     '"isotropic", "rayleigh", { henyey_greenstein = g }, { rayleigh = depolarization } '
@@ -66,10 +72,10 @@ class SceneFile:
 
 
 def read_scene(path: str | os.PathLike[str], kind: str | None = None) -> SceneFile:
-    """Reads and checks the scene file ``path`` for the command ``kind``, or for the only one it has a table of.
+    """Reads and checks the scene file ``path`` for the command ``kind``: "brdf" or "field".
 
-    ``kind`` is "brdf" or "field". Raises SceneError naming the dotted key, what was given and what is allowed;
-    OSError where the file cannot be read.
+    Without ``kind`` the file must have one of the two tables. Raises SceneError naming the dotted key, what
+    was given and what is allowed, OSError where the file cannot be read.
 
     >>> read_scene("gold_powder.toml").kind  # doctest: +SKIP
     'brdf'
@@ -183,9 +189,9 @@ def _check_thickness(layer: Table) -> None:
         raise SceneError(
             f"{layer.name}: either thickness (optical) or thickness_um with volume_fraction is needed"
         )
-    for key in ("thickness", "thickness_um", "volume_fraction"):
+    for key in THICKNESS_KEYS:
         if key in layer:
-            layer.number(key)
+            layer.number(key, "a number >= 0")
 
 
 def _fractions(layer: Table, kinds: dict[str, Table]) -> list[tuple[str, float]]:
@@ -221,7 +227,7 @@ class _Particles:
         fractions = _fractions(layer, self.kinds)
         if len(fractions) == 1:
             return self.kind(fractions[0][0])
-        with layer.located():
+        with located(layer.name, LAYER_KEYS):
             return mixture([(self.kind(name), fraction) for name, fraction in fractions])
 
     def kind(self, name: str) -> Particles:
@@ -232,19 +238,19 @@ class _Particles:
     def _compute(self, table: Table) -> Particles:
         wavelength = self.file.number("wavelength_um", "the wavelength in micrometres")
         host = self.file.number("host_index") if "host_index" in self.file else 1.0
-        size = _size(table)
-        with table.located():
-            return spheres(_index(table), wavelength_um=wavelength, host_index=host, **size)
+        index, size = _index(table), _size(table)
+        with located(table.name, PARTICLE_KEYS):
+            return spheres(index, wavelength_um=wavelength, host_index=host, **size)
 
 
-def _index(table: Table) -> str | complex:
+def _index(table: Table) -> str | tuple[float, float]:
     value = table.content["index"]
     if isinstance(value, str):
         return value
     parts = value if isinstance(value, list) else [value, 0.0]
     if len(parts) != 2 or not all(is_number(part) for part in parts):
         raise table.wrong("index", f"must be {INDEX}")
-    return complex(*parts)
+    return float(parts[0]), float(parts[1])
 
 
 def _size(table: Table) -> dict[str, Any]:
@@ -257,21 +263,20 @@ def _size(table: Table) -> dict[str, Any]:
     (name,) = size.content
     distribution, keys = SIZES[name]
     numbers = size.table(name, keys)
-    with numbers.located():
-        return {"size": distribution(**{key: numbers.number(key) for key in keys})}
+    values = {key: numbers.number(key) for key in keys}
+    with located(numbers.name, keys):
+        return {"size": distribution(**values)}
 
 
 def _layer(layer: Table, particles: _Particles, folder: Path) -> Layer:
     if "particles" in layer:
         inside = particles(layer)
-        lengths = {
-            key: layer.number(key) for key in ("thickness", "thickness_um", "volume_fraction") if key in layer
-        }
-        with layer.located():
+        lengths = {key: layer.number(key) for key in THICKNESS_KEYS if key in layer}
+        with located(layer.name, LAYER_KEYS):
             return Layer.of(inside, **lengths)
-    matrix = _phase(layer, folder)
-    with layer.located():
-        return Layer(matrix, layer.number("albedo"), layer.number("thickness"))
+    matrix, albedo, thickness = _phase(layer, folder), layer.number("albedo"), layer.number("thickness")
+    with located(layer.name, LAYER_KEYS):
+        return Layer(matrix, albedo, thickness)
 
 
 def _phase(layer: Table, folder: Path) -> PhaseMatrix:
@@ -297,11 +302,9 @@ def _parametric_phase(table: Table) -> PhaseMatrix:
     if len(names) != 1 or ("terms" in table and "rayleigh" in table):
         raise SceneError(f"{table.name} = {shown(table.content)}: must be {PHASES}")
     value = table.number(names[0])
-    with table.located():
-        if "rayleigh" in table:
-            return rayleigh(value)
-        terms = table.whole("terms", 1, 1_000_000) if "terms" in table else henyey_greenstein_terms(value)
-        return henyey_greenstein(value, terms)
+    terms = table.whole("terms", 1, MOST_TERMS) if "terms" in table else henyey_greenstein_terms(value)
+    with located(table.dotted(names[0])):
+        return rayleigh(value) if "rayleigh" in table else henyey_greenstein(value, terms)
 
 
 def henyey_greenstein_terms(g: float) -> int:
@@ -325,5 +328,6 @@ def _base(file: Table) -> Lambertian | None:
         if "albedo" in base:
             raise base.wrong("albedo", 'goes with kind = "lambertian" only')
         return None
-    with base.located():
-        return Lambertian(base.number("albedo", "a number between 0 and 1"))
+    albedo = base.number("albedo", "a number between 0 and 1")
+    with located(base.name, BASE_KEYS):
+        return Lambertian(albedo)

@@ -27,13 +27,27 @@ def nearest(word: str, choices: Iterable[str]) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value of the file in one short piece.
+    """A value of the file as TOML writes it, in one short piece.
 
-    >>> shown("gold"), shown([1, 2])
-    ("'gold'", '[1, 2]')
+    >>> print(shown("gold"), shown([1, True]), shown({"gold": 0.5}))
+    "gold" [1, true] { gold = 0.5 }
     """
-    text = repr(value)
+    text = _toml_text(value)
     return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _toml_text(value: Any) -> str:
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_toml_text(item)}' for key, item in value.items())} }}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml_text, value))}]"
+    return (
+        str(value).lower()
+        if isinstance(value, bool)
+        else f'"{value}"'
+        if isinstance(value, str)
+        else f"{value}"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +147,14 @@ class Table:
             raise part.wrong("count", "one value needs start = stop")
         return np.linspace(start, stop, count).tolist()
 
-    @contextmanager
-    def located(self) -> Iterator[None]:
-        """Puts this table's dotted key in front of a SceneError of the library."""
-        try:
-            yield
-        except SceneError as error:
-            raise SceneError(relocated(str(error), self.name, self.allowed)) from error
+
+@contextmanager
+def located(name: str, keys: Iterable[str] = ()) -> Iterator[None]:
+    """Puts the dotted key of a table, or of one of its ``keys``, in front of a SceneError of the library."""
+    try:
+        yield
+    except SceneError as error:
+        raise SceneError(relocated(str(error), name, keys)) from error
 
 
 def relocated(message: str, name: str, keys: Iterable[str]) -> str:
@@ -150,8 +165,9 @@ def relocated(message: str, name: str, keys: Iterable[str]) -> str:
     >>> relocated("no such entry", "layer[1]", ["albedo"])
     'layer[1]: no such entry'
     """
-    message = message.removeprefix(f"{name}: ")
-    return f"{name}.{message}" if message.split(" ", 1)[0].rstrip(":,") in set(keys) else f"{name}: {message}"
+    message = message.removeprefix(f"{name.split('[')[0].split('.')[-1]}: ")
+    known = message.split(" ", 1)[0].rstrip(":,") in set(keys)
+    return f"{name}.{message}" if known else f"{name}: {message}"
 
 
 def is_number(value: Any) -> bool:
