@@ -1,7 +1,7 @@
-"""The polarized subsurface BRDF as a 4x4 Mueller matrix, and on request the BTDF."""
+"""The polarized subsurface BRDF of a scene, and its transmission."""
 
-from dataclasses import dataclass
-from os import PathLike
+import os
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from vrte.arrays import Array, frozen, vector
 from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.solver import solve
 from vrte.errors import SceneError
+from vrte.field import freeze
 from vrte.request import check_scene, cosines, node_count
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
@@ -18,33 +19,62 @@ if TYPE_CHECKING:
     import xarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Brdf:
-    """Subsurface BRDF (nothing is reflected or refracted at the surface itself), arrays read-only.
+    """Mueller matrices of the light that comes back out: radiance out = mueller @ irradiance in.
 
-    mueller (mu_i, mu_o, phi, 4, 4) [1/sr]: radiance out = mueller . irradiance in, meridian planes, phi in degrees
-    (0: forward, 180: back). reflectance (mu_i,): directional-hemispherical, unpolarized light. transmission: None,
-    or the same as mueller for diffuse light going down at the bottom of the last layer, with direct_transmittance
-    (mu_i,) beside it. diagnostics: how it was made.
+    ``mueller`` (mu_i, mu_o, phi, 4, 4) [sr-1] is the subsurface BRDF in the meridian planes; ``reflectance`` (mu_i,) is
+    directional-hemispherical, for unpolarized light. ``transmission`` (same shape as mueller, or None) is the like for
+    diffuse light going down at the bottom, base included, ``direct_transmittance`` (mu_i,) or None the beam's share
+    that gets through unscattered. ``mu_i``, ``mu_o`` are positive cosines; ``phi`` [deg] is outgoing minus incident,
+    both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only.
+    Raises SceneError where the shapes do not fit together.
     """
 
     mueller: Array
     reflectance: Array
-    transmission: Array | None
-    direct_transmittance: Array | None
     mu_i: Array
     mu_o: Array
     phi: Array
     diagnostics: dict[str, Any]
+    transmission: Array | None = None
+    direct_transmittance: Array | None = None
+
+    def __post_init__(self) -> None:
+        incident = (len(self.mu_i),)
+        matrices = (*incident, len(self.mu_o), len(self.phi), 4, 4)
+        shapes = {
+            "mueller": matrices,
+            "reflectance": incident,
+            "mu_i": incident,
+            "mu_o": (len(self.mu_o),),
+            "phi": (len(self.phi),),
+        }
+        if self.transmission is not None:
+            shapes["transmission"] = matrices
+        if self.direct_transmittance is not None:
+            shapes["direct_transmittance"] = incident
+        freeze(self, shapes)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # through the constructor: an unpickled array would otherwise be writable
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+
+    def __repr__(self) -> str:
+        extra = "" if self.transmission is None else ", with transmission"
+        return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
 
     def to_xarray(self) -> "xarray.Dataset":
-        """A labelled dataset (extra 'files')."""
+        """An xarray.Dataset: ``mueller`` with dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in).
+
+        Raises MissingExtraError without xarray.
+        """
         from vrte.formats.netcdf import to_xarray
 
         return to_xarray(self)
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Writes NetCDF, whole or not at all (extra 'files')."""
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes NetCDF, all of it or nothing. Raises MissingExtraError without the extra "files", or OSError."""
         from vrte.formats.netcdf import save
 
         save(self, path)

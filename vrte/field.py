@@ -1,7 +1,7 @@
-"""The polarized radiance field at any depth."""
+"""The radiance field inside and outside a scene."""
 
-from dataclasses import dataclass
-from os import PathLike
+import os
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,14 +19,16 @@ if TYPE_CHECKING:
     import xarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Field:
-    """Diffuse Stokes field below the surface (nothing is refracted there), arrays read-only.
+    """Stokes vectors of the diffuse subsurface light, with fluxes, at each depth and direction.
 
-    stokes (tau, mu, phi, 4) [per steradian, in the unit of the incident flux vector]: I, Q, U, V in the meridian
-    plane of each direction, mu > 0 up, mu < 0 down. flux_up, flux_down (tau,): diffuse, through a horizontal plane;
-    direct (tau,): mu0 stokes[0] e^(-tau/mu0). tau (optical depth), mu, phi (degrees), mu0, incident_stokes (4,).
-    diagnostics: how it was made.
+    ``stokes`` (tau, mu, phi, 4) holds I, Q, U, V [W m-2 sr-1 for an incident beam in W m-2] without the direct beam.
+    ``flux_up``, ``flux_down`` (tau,) are its fluxes through a horizontal plane [W m-2]; ``direct`` (tau,) is the
+    beam's, mu0 * incident_stokes[0] * exp(-tau/mu0). ``tau`` grows downward from the top; ``mu`` > 0 is light going
+    up, ``mu`` < 0 down; ``phi`` [deg] is relative to the beam, both along the direction of travel. ``mu0`` > 0 and
+    ``incident_stokes`` (4,) describe the beam; ``diagnostics`` says how the field was made. All arrays are read-only.
+    Raises SceneError where the shapes do not fit together.
     """
 
     stokes: Array
@@ -40,17 +42,54 @@ class Field:
     incident_stokes: Array
     diagnostics: dict[str, Any]
 
+    def __post_init__(self) -> None:
+        depths = (len(self.tau),)
+        shapes = {
+            "stokes": (*depths, len(self.mu), len(self.phi), 4),
+            "flux_up": depths,
+            "flux_down": depths,
+            "direct": depths,
+            "tau": depths,
+            "mu": (len(self.mu),),
+            "phi": (len(self.phi),),
+            "incident_stokes": (4,),
+        }
+        freeze(self, shapes)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # through the constructor: an unpickled array would otherwise be writable
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+
+    def __repr__(self) -> str:
+        return (
+            f"Field({self.tau.size} tau, {self.mu.size} mu, {self.phi.size} phi, mu0={self.mu0:g}, "
+            f"incident_stokes={self.incident_stokes.tolist()})"
+        )
+
     def to_xarray(self) -> "xarray.Dataset":
-        """A labelled dataset (extra 'files')."""
+        """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes). Raises MissingExtraError without xarray."""
         from vrte.formats.netcdf import to_xarray
 
         return to_xarray(self)
 
-    def save(self, path: str | PathLike[str]) -> None:
-        """Writes NetCDF, whole or not at all (extra 'files')."""
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes NetCDF, all of it or nothing. Raises MissingExtraError without the extra "files", or OSError."""
         from vrte.formats.netcdf import save
 
         save(self, path)
+
+
+def freeze(result: Any, shapes: dict[str, tuple[int, ...]]) -> None:
+    """Replaces the named arrays of a frozen dataclass by read-only copies, and its ``diagnostics`` by a copy.
+
+    Raises SceneError for an array that has not the shape given.
+    """
+    for name, shape in shapes.items():
+        array = frozen(getattr(result, name))
+        if array.shape != shape:
+            raise SceneError(f"{name} must have the shape {shape} to fit its directions, not {array.shape}")
+        object.__setattr__(result, name, array)
+    object.__setattr__(result, "diagnostics", dict(result.diagnostics))
 
 
 def radiance(
