@@ -18,10 +18,10 @@ from vrte.formats.toml_table import Table, is_number, located, nearest, relocate
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
+from vrte.request import MOST_NODES
 from vrte.scene import Lambertian, Layer, Scene
 
 DEFAULT_NODES = 40
-MOST_NODES = 2000  # matrices of 4 N x 4 N: this many need half a gigabyte each
 MOST_TERMS = 1_000_000
 KINDS = ("brdf", "field")
 FILE_KEYS = ("wavelength_um", "host_index", "nodes", "particles", "layer", "base", *KINDS)
