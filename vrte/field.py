@@ -67,7 +67,7 @@ class Field:
         )
 
     def to_xarray(self) -> "xarray.Dataset":
-        """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes). Raises MissingExtraError without xarray."""
+        """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes). MissingExtraError without xarray."""
         from vrte.formats.netcdf import to_xarray
 
         return to_xarray(self)

@@ -54,5 +54,5 @@ def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Ru
     )
     if info.any():
         order, layer = np.argwhere(info)[0]
-        raise AccuracyError(f"the eigenproblem of order {orders[order]}, layer {layer + 1} has no solution (LAPACK {info.max()})")
+        raise AccuracyError(f"the eigenproblem of order {orders[order]}, layer {layer + 1} did not converge")
     return modes

@@ -86,12 +86,8 @@ def mode_coordinates(
     k = np.sqrt(lam)
     response = light * _core.beam_responses(k, rate[:, 0], depth)
     cosine, sine = _core.mode_profiles(k, float(problem.thickness[layer]), depth)
-    ahead = k if np.isinf(problem.thickness[layer]) else -lam * sine
     y = even * cosine + odd * sine + fed * response
-    if np.isinf(problem.thickness[layer]):
-        z = even * ahead * cosine
-    else:
-        z = even * ahead - odd * cosine
+    z = even * k * cosine if np.isinf(problem.thickness[layer]) else -even * lam * sine - odd * cosine
     z = z + light * held * np.exp(-depth * rate) + fed * k * response
     return unpair(y, lam), unpair(z, lam)
 
