@@ -1,0 +1,64 @@
+# Needed beforehand: python3 (3.11 or newer) with venv and headers, a C compiler. Everything else goes into .venv.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
+	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
+
+.PHONY: help env demo test test-all lint bench clean
+.NOTPARALLEL:
+
+help:
+	@echo "make demo      the BRDF of a gold powder: out/gold_powder.nc, .csv and .png"
+	@echo "make test      style, types and the quick tests"
+	@echo "make test-all  style, types and every test"
+	@echo "make lint      style and types only"
+	@echo "make bench     the timings of bench/"
+	@echo "make env       the environment for development: .venv, editable"
+	@echo "make clean     removes what was built and written, not .venv"
+
+# The package itself, editable, with its compiled core; built again when one of these files changes.
+$(VENV)/core.stamp: pyproject.toml setup.py vrte/_core.pyx .ci/prerequisites
+	@sh .ci/prerequisites $(PYTHON)
+	@echo "Making $(VENV) and building the package: about two minutes the first time"
+	@$(PYTHON) -m venv $(VENV)
+	@$(BUILD_REQUIREMENTS) >$(VENV)/build-requirements.txt
+	@$(PIP) install -r $(VENV)/build-requirements.txt
+	@$(PIP) install --no-build-isolation --editable .
+	@touch $@
+
+# The package is there already, so these add the dependencies of its extras and nothing else.
+$(VENV)/demo.stamp: $(VENV)/core.stamp
+	@echo "Installing what the demo needs"
+	@$(PIP) install 'vrte[files,plot]'
+	@touch $@
+
+$(VENV)/test.stamp: $(VENV)/core.stamp
+	@echo "Installing what the tests need"
+	@$(PIP) install 'vrte[test]'
+	@touch $@
+
+env: $(VENV)/test.stamp
+
+demo: $(VENV)/demo.stamp
+	@mkdir -p out
+	$(BIN)/vrte brdf examples/gold_powder.toml -o out/gold_powder.nc --csv out/gold_powder.csv --plot out/gold_powder.png
+
+test: lint
+	$(BIN)/python -m pytest -q
+
+test-all: lint
+	$(BIN)/python -m pytest -q -m "slow or not slow"
+
+lint: $(VENV)/test.stamp
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/ruff check --quiet .
+	$(BIN)/mypy
+
+bench: $(VENV)/test.stamp
+	$(BIN)/python -m pytest -q bench
+
+clean:
+	rm -rf build dist out *.egg-info vrte/_core.c vrte/_core.*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -f $(VENV)/*.stamp
