@@ -52,18 +52,19 @@ class SceneFile:
     """What a scene file holds.
 
     ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``;
-    ``nodes`` is the number of nodes in a hemisphere.
+    ``nodes`` is the number of nodes in a hemisphere, ``particles`` the kinds that the layers hold, by name.
     """
 
     scene: Scene
     kind: str
     request: dict[str, Any]
     nodes: int
+    particles: dict[str, Particles]
 
     def located(self, message: str) -> str:
         """The library's complaint about the request, with the dotted key of the file in front.
 
-        >>> SceneFile(None, "brdf", {}, 40).located("phi must be finite, not nan")
+        >>> SceneFile(None, "brdf", {}, 40, {}).located("phi must be finite, not nan")
         'brdf.phi_deg must be finite, not nan'
         """
         message = message.replace("phi ", "phi_deg ", 1) if message.startswith("phi ") else message
@@ -84,7 +85,8 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None) -> SceneFi
     kind = _kind(file, kind)
     request = _request(file, kind)
     nodes = file.whole("nodes", 1, MOST_NODES) if "nodes" in file else DEFAULT_NODES
-    return SceneFile(_scene(file, Path(path).parent), kind, request, nodes)
+    particles = _Particles(file, _particle_tables(file))
+    return SceneFile(_scene(file, particles, Path(path).parent), kind, request, nodes, particles.computed)
 
 
 def _toml(path: Path) -> dict[str, Any]:
@@ -135,15 +137,12 @@ def _field_request(table: Table) -> dict[str, Any]:
     return request
 
 
-def _scene(file: Table, folder: Path) -> Scene:
+def _scene(file: Table, particles: "_Particles", folder: Path) -> Scene:
     layers = _layer_tables(file)
     base = _base(file)
-    kinds = _particle_tables(file)
     for layer in layers:
-        _check_layer(layer, kinds)
-    particles = _Particles(file, kinds)
-    scene = [_layer(layer, particles, folder) for layer in layers]
-    return Scene(scene, base)
+        _check_layer(layer, particles.kinds)
+    return Scene([_layer(layer, particles, folder) for layer in layers], base)
 
 
 def _layer_tables(file: Table) -> list[Table]:
@@ -186,9 +185,7 @@ def _check_layer(layer: Table, kinds: dict[str, Table]) -> None:
 def _check_thickness(layer: Table) -> None:
     optical, geometrical = "thickness" in layer, "thickness_um" in layer
     if optical == geometrical or geometrical != ("volume_fraction" in layer):
-        raise SceneError(
-            f"{layer.name}: either thickness (optical) or thickness_um with volume_fraction is needed"
-        )
+        raise SceneError(f"{layer.name}: either thickness (optical) or thickness_um with volume_fraction is needed")
     for key in THICKNESS_KEYS:
         if key in layer:
             layer.number(key, "a number >= 0")
@@ -211,9 +208,7 @@ def _fractions(layer: Table, kinds: dict[str, Table]) -> list[tuple[str, float]]
 def _known(layer: Table, name: str, kinds: dict[str, Table]) -> None:
     if name not in kinds:
         defined = ", ".join(kinds) or "none"
-        raise layer.wrong(
-            "particles", f"no table [particles.{name}]{nearest(name, kinds)} Defined: {defined}"
-        )
+        raise layer.wrong("particles", f"no table [particles.{name}]{nearest(name, kinds)} Defined: {defined}")
 
 
 class _Particles:

@@ -41,13 +41,7 @@ def _toml_text(value: Any) -> str:
         return f"{{ {', '.join(f'{key} = {_toml_text(item)}' for key, item in value.items())} }}"
     if isinstance(value, list):
         return f"[{', '.join(map(_toml_text, value))}]"
-    return (
-        str(value).lower()
-        if isinstance(value, bool)
-        else f'"{value}"'
-        if isinstance(value, str)
-        else f"{value}"
-    )
+    return str(value).lower() if isinstance(value, bool) else f'"{value}"' if isinstance(value, str) else f"{value}"
 
 
 @dataclass(frozen=True, eq=False)

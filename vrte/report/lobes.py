@@ -47,8 +47,9 @@ def save_plot(result: Brdf | Field, path: str | os.PathLike[str]) -> None:
 def brdf_figure(brdf: Brdf) -> "Figure":
     """The lobes of a BRDF, all on one scale, and its polar cuts.
 
-    Raises SceneError for fewer than 2 mu_o or 3 azimuths that differ, MissingExtraError.
+    Raises SceneError where there are too few directions, MissingExtraError without matplotlib.
     """
+    check_directions(brdf.mu_o, brdf.phi)
     chosen = spread(brdf.mu_i.size, MOST_LOBES)
     lobes = [hemisphere(brdf, place) for place in chosen]
     scale = max(float(radius.max()) for radius, _ in lobes)
@@ -70,7 +71,7 @@ def hemisphere(brdf: Brdf, place: int) -> tuple[Array, Array]:
 
     Unpolarized light falls in at ``mu_i[place]``. Splines run through the given directions: periodic in azimuth,
     and over the pole along great circles, so that the lobe has no dent there. Nearer to the horizon than the last
-    mu_o there is nothing to show: the edge value is kept. Raises SceneError for too few directions.
+    mu_o there is nothing to show: the edge value is kept.
     """
     intensity, q, u = np.moveaxis(brdf.mueller[place, :, :, :3, 0], -1, 0)
     # Q and U of axes that do not turn with the azimuth: smooth at the pole, where meridian planes are not
@@ -95,10 +96,21 @@ def _on_fine_grid(brdf: Brdf, values: Any) -> Any:
 
     azimuths, around = _full_circle(brdf.phi, values)
     theta, rows = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
-    if azimuths.size < 5 or theta.size < 2:
-        raise SceneError("a picture of the lobes needs at least 2 mu_o and 3 azimuths from 0 to 180 degrees")
     around = CubicSpline(azimuths, around[rows], axis=1, bc_type="periodic")(_wrapped(azimuths[0]))
     return _over_the_pole(theta, around)
+
+
+def check_directions(mu_o: Any, phi: Any) -> None:
+    """Raises SceneError where there are too few directions for a picture of the lobes.
+
+    >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
+    """
+    azimuths, _ = _full_circle(np.atleast_1d(phi), np.zeros((1, np.size(phi))))
+    if azimuths.size < 5 or np.unique(mu_o).size < 2:
+        raise SceneError(
+            "a picture of the lobes needs at least 2 different mu_o and 3 different phi_deg from 0 to 180 (of the "
+            "others, the mirror images are taken)"
+        )
 
 
 def _full_circle(phi: Array, values: Any) -> tuple[Array, Any]:
@@ -229,7 +241,7 @@ def _draw_cuts(axes: Any, radius: Array, scale: float, mu_i: float, legend: bool
 def _few_ticks() -> Any:
     from matplotlib.ticker import MaxNLocator
 
-    return MaxNLocator(4)
+    return MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
 
 
 def _colour_bar(figure: Any, colours: Any) -> None:

@@ -1,0 +1,270 @@
+"""The command `vrte`: a scene file in, result files out.
+
+Exit code 0, 1 for a failure, 2 for bad input, 130 for an interrupt; every error is one line on standard error.
+"""
+
+import argparse
+import importlib.util
+import os
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NoReturn
+
+from vrte import __version__, brdf, radiance
+from vrte.brdf import Brdf
+from vrte.errors import AccuracyError, MissingExtraError, SceneError
+from vrte.field import Field
+from vrte.formats.csv_table import write_csv
+from vrte.formats.scene_file import SceneFile, read_scene
+from vrte.optics.refractive_index import MATERIALS, refractive_index
+
+OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
+EXTRAS = (("output", "files", ("xarray", "h5netcdf")), ("plot", "plot", ("matplotlib",)))
+Tick = Callable[[int, int], None]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line, by default this process's own; returns the exit code.
+
+    >>> main(["material", "water", "--wavelength-um", "nonsense"])
+    Traceback (most recent call last):
+    SystemExit: 2
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        with _termination_cleans_up(), _warnings_in_one_line():
+            options.run(options)
+            sys.stdout.flush()
+    except KeyboardInterrupt:
+        return _complain("interrupted", 130)
+    except BrokenPipeError:
+        # whoever read our output has gone: nobody is left to tell, and the flush at exit would fail again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except SceneError as error:
+        return _complain(str(error), 2)
+    except (AccuracyError, MissingExtraError, OSError) as error:
+        return _complain(str(error), 1)
+    except MemoryError:
+        return _complain("not enough memory for this scene: fewer directions or nodes need less", 1)
+    return 0
+
+
+def _complain(message: str, code: int) -> int:
+    print(f"vrte: error: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+class _Parser(argparse.ArgumentParser):
+    """Complains in one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"vrte: error: {message} (see `{self.prog} --help`)\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="vrte", description="Polarized subsurface reflectance of particulate layers.")
+    parser.add_argument("--version", action="version", version=f"vrte {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_solve(commands, "brdf", "the Mueller BRDF of a scene")
+    _add_solve(commands, "field", "the Stokes field inside and above a scene")
+    material = commands.add_parser("material", help="the refractive index of a material; without a name, all names")
+    material.add_argument("name", nargs="?", help='a name, or a path in the database such as "main/Au/Johnson"')
+    material.add_argument("--wavelength-um", type=float, metavar="UM", help="wavelength in vacuum [micrometres]")
+    material.set_defaults(run=_material)
+    return parser
+
+
+def _add_solve(commands: Any, kind: str, help_text: str) -> None:
+    command = commands.add_parser(kind, help=help_text, description=f"Computes {help_text}.")
+    command.add_argument("scene", metavar="SCENE.toml", type=Path)
+    command.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True, help="NetCDF")
+    command.add_argument("--csv", metavar="OUT.csv", type=Path, help="one row a direction")
+    command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")
+    command.add_argument("--threads", metavar="N", type=_thread_count, help="default: all CPUs that may be used")
+    command.set_defaults(run=_solve, kind=kind)
+
+
+def _thread_count(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 1024, not {text!r}")
+    return int(text)
+
+
+def _material(options: argparse.Namespace) -> None:
+    if options.name is None:
+        for name, entry in MATERIALS.items():
+            print(f"{name:12}{' and '.join(entry.pages)}: {entry.reason}")
+        return
+    if options.wavelength_um is None:
+        raise SceneError("--wavelength-um is missing: an index depends on the wavelength")
+    index = refractive_index(options.name, options.wavelength_um)
+    print(f"{options.name} at {options.wavelength_um:g} um: n = {index.n:.6g}, k = {index.k:.6g}")
+    print(f"from {index.source}")
+
+
+def _solve(options: argparse.Namespace) -> None:
+    _check_outputs(options)
+    seconds: dict[str, float] = {}
+    with _progress() as (phase, tick):
+        phase("particles")
+        with _timed(seconds, "particles"):
+            file = _read(options.scene, options.kind)
+        _check_picture(options, file)
+        phase("Fourier orders")
+        with _timed(seconds, "solver"):
+            result = _run(file, options.threads, tick)
+    _describe(options.scene, file, result)
+    written = [_write(result, options, name, seconds) for name, _ in OUTPUTS if getattr(options, name)]
+    _print_times(seconds, result.diagnostics["stages"])
+    for path in written:
+        print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Whatever would fail after the work is done, as far as it can be seen before."""
+    given = [(getattr(options, name), suffix) for name, suffix in OUTPUTS if getattr(options, name)]
+    for path, suffix in given:
+        if path.suffix.lower() != suffix:
+            raise SceneError(f"the output {path} must end in {suffix}")
+        if not path.parent.is_dir():
+            raise SceneError(f"the output {path} lies in a folder that does not exist: {path.parent}")
+        if path.is_dir() or not os.access(path.parent, os.W_OK):
+            raise SceneError(f"the output {path} cannot be written: {_obstacle(path)}")
+    for option, extra, modules in EXTRAS:
+        if getattr(options, option) and any(importlib.util.find_spec(module) is None for module in modules):
+            raise MissingExtraError(f"writing {getattr(options, option)}", extra)
+
+
+def _obstacle(path: Path) -> str:
+    return "it is a folder" if path.is_dir() else f"no permission to write in {path.parent}"
+
+
+def _read(path: Path, kind: str) -> SceneFile:
+    try:
+        return read_scene(path, kind)
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from error
+    except OSError as error:
+        raise SceneError(f"{path}: {error.strerror or error}") from error
+
+
+def _check_picture(options: argparse.Namespace, file: SceneFile) -> None:
+    if options.plot and file.kind == "brdf":
+        from vrte.report.lobes import check_directions
+
+        check_directions(file.request["mu_o"], file.request.get("phi", 0.0))
+
+
+def _run(file: SceneFile, threads: int | None, tick: Tick) -> Brdf | Field:
+    solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
+    try:
+        return solve(file.scene, **file.request, nodes=file.nodes, threads=threads, progress=tick)
+    except SceneError as error:
+        raise SceneError(file.located(str(error))) from error
+
+
+def _write(result: Brdf | Field, options: argparse.Namespace, name: str, seconds: dict[str, float]) -> Path:
+    path: Path = getattr(options, name)
+    with _timed(seconds, f"writing {path.suffix}"):
+        if name == "output":
+            result.save(path)
+        elif name == "csv":
+            write_csv(result, path)
+        else:
+            from vrte.report.lobes import save_plot
+
+            save_plot(result, path)
+    return path
+
+
+def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
+    """What was computed, of what, and how."""
+    print(f"vrte {__version__}: subsurface {'BRDF' if isinstance(result, Brdf) else 'field'} of {path}")
+    for name, particles in file.particles.items():
+        print(f"  {name}: {particles.description}")
+    for place, layer in enumerate(file.scene.layers, 1):
+        matrix = layer.phase_matrix
+        print(
+            f"  layer {place}: optical thickness {layer.thickness:g}, single-scattering albedo {layer.albedo:.6g}, "
+            f"asymmetry {matrix.asymmetry:.4f}, {matrix.terms} terms"
+        )
+    base = "black" if file.scene.base is None else str(file.scene.base)
+    print(f"  base: {base}{'' if file.scene.base_is_reached else ', which no light reaches'}")
+    made = result.diagnostics
+    print(f"  {result!r}")
+    print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {made['threads']} threads")
+    if made.get("terms_cut"):
+        print(f"  {made['terms_cut']} terms are more than these nodes carry: they count for single scattering only")
+    if isinstance(result, Brdf):
+        shown = ", ".join(
+            f"{r:.4f} at mu_i {mu:g}" for r, mu in zip(result.reflectance[:6], result.mu_i[:6], strict=True)
+        )
+        print(f"  directional-hemispherical reflectance: {shown}{', ...' if result.mu_i.size > 6 else ''}")
+
+
+def _print_times(seconds: dict[str, float], stages: dict[str, dict[str, float]]) -> None:
+    """A table of wall seconds, and of seconds summed over the threads for the stages of the solver."""
+    print(f"\n  {'stage':22}{'wall s':>9}{'thread s':>10}")
+    for name, wall in seconds.items():
+        print(f"  {name:22}{wall:9.3f}")
+        if name == "solver":
+            for stage, took in stages.items():
+                print(f"    {stage:20}{took['wall_seconds']:9.3f}{took['thread_seconds']:10.3f}")
+    print(f"  {'total':22}{sum(seconds.values()):9.3f}\n")
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+    start = time.perf_counter()
+    yield
+    seconds[name] = time.perf_counter() - start
+
+
+@contextmanager
+def _progress() -> Iterator[tuple[Callable[[str], None], Tick]]:
+    """Two calls, one names what begins and one ticks: a bar on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield lambda _: None, lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield (
+            lambda name: bar.update(task, description=name),
+            lambda done, total: bar.update(task, completed=done, total=total),
+        )
+
+
+@contextmanager
+def _termination_cleans_up() -> Iterator[None]:
+    """Lets SIGTERM unwind the stack, so that half-written files go; only a main thread may ask for that."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("default", UserWarning)
+        warnings.showwarning = lambda message, *_, **__: print(f"vrte: warning: {message}", file=sys.stderr)
+        yield
+
+
+if __name__ == "__main__":
+    sys.exit(main())
