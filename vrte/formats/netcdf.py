@@ -42,12 +42,12 @@ BRDF_COORDINATES = {
     "phi_deg": ("degree", "azimuth, outgoing minus incident, along the directions of travel"),
 }
 FIELD_VARIABLES: dict[str, tuple[list[str], str, str]] = {
-    "stokes": (["tau", "mu", "phi_deg", "stokes"], RADIANCE, "subsurface radiance, diffuse light only"),
+    "stokes": (["tau", "mu", "phi_deg", "stokes"], RADIANCE, "subsurface radiance I, Q, U, V, diffuse light only"),
     "flux_up": (["tau"], IRRADIANCE, "diffuse subsurface flux going up through a horizontal plane"),
     "flux_down": (["tau"], IRRADIANCE, "diffuse subsurface flux going down through a horizontal plane"),
     "direct": (["tau"], IRRADIANCE, "flux of the direct beam through a horizontal plane"),
     "mu0": ([], "1", "cosine of the beam's angle of incidence"),
-    "incident_stokes": (["stokes"], IRRADIANCE, "the beam's flux through a plane perpendicular to it"),
+    "incident_stokes": (["stokes"], IRRADIANCE, "the beam's I, Q, U, V as flux through a plane perpendicular to it"),
 }
 FIELD_COORDINATES = {
     "tau": ("1", "optical depth, growing downward from the top"),
@@ -68,7 +68,8 @@ def to_xarray(result: Brdf | Field) -> "xarray.Dataset":
     is_brdf = isinstance(result, Brdf)
     variables = BRDF_VARIABLES if is_brdf else FIELD_VARIABLES
     coordinates = BRDF_COORDINATES if is_brdf else FIELD_COORDINATES
-    stokes_axes = ["stokes_out", "stokes_in"] if is_brdf else ["stokes"]
+    # the variable and the dimension of a field are both called stokes, so that one has no labels
+    stokes_axes = ["stokes_out", "stokes_in"] if is_brdf else []
     data = {
         name: (dims, getattr(result, name), {"units": units, "long_name": long_name})
         for name, (dims, units, long_name) in variables.items()

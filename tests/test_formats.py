@@ -1,0 +1,200 @@
+"""Results as files: every digit comes back, and a file is either complete or not there."""
+
+import csv
+import json
+import pickle
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vrte import Brdf, Field, MissingExtraError, SceneError, load
+from vrte.formats.atomic import atomic_write
+from vrte.formats.csv_table import write_csv
+from vrte.formats.netcdf import to_xarray
+
+AWKWARD = 0.1 + 0.2  # seventeen digits
+
+
+@pytest.fixture
+def brdf() -> Brdf:
+    """Unsorted and repeated directions, odd numbers, transmission."""
+    random = np.random.default_rng(1)
+    shape = (2, 3, 4, 4, 4)
+    return Brdf(
+        mueller=random.normal(size=shape) * 1e-7,
+        reflectance=[AWKWARD, 5e-324],
+        mu_i=[1.0, 0.6],
+        mu_o=[0.5, AWKWARD, 0.5],
+        phi=[0.0, 360.0, -90.0, 0.0],
+        diagnostics={"method": "discrete ordinates", "stages": {"modes": {"wall_seconds": 0.1}}},
+        transmission=random.normal(size=shape),
+        direct_transmittance=[0.0, 1e-300],
+    )
+
+
+@pytest.fixture
+def field() -> Field:
+    stokes = np.random.default_rng(2).normal(size=(2, 3, 2, 4))
+    stokes[0, 0, 0] = [0.0, -0.0, np.nextafter(0.0, 1.0), AWKWARD]
+    return Field(
+        stokes=stokes,
+        flux_up=[1.0, 2.0],
+        flux_down=[3.0, AWKWARD],
+        direct=[0.6, 0.0],
+        tau=[1.0, 0.0],
+        mu=[-0.5, 1e-8, -0.5],
+        phi=[180.0, -720.5],
+        mu0=0.6,
+        incident_stokes=[np.pi, 0.0, 0.0, -1.0],
+        diagnostics={"nodes": 40},
+    )
+
+
+@pytest.fixture(params=["brdf", "field"])
+def result(request: pytest.FixtureRequest) -> Brdf | Field:
+    return request.getfixturevalue(request.param)
+
+
+def assert_same(first: Brdf | Field, second: Brdf | Field) -> None:
+    assert type(first) is type(second)
+    for name, value in vars(first).items():
+        other = getattr(second, name)
+        if isinstance(value, np.ndarray):
+            assert value.tobytes() == other.tobytes(), name
+            assert value.shape == other.shape
+            assert not other.flags.writeable
+        else:
+            assert value == other, name
+
+
+def test_netcdf_brings_back_every_bit(result: Brdf | Field, tmp_path: Path) -> None:
+    result.save(tmp_path / "result.nc")
+    assert_same(result, load(tmp_path / "result.nc"))
+    assert [file.name for file in tmp_path.iterdir()] == ["result.nc"]
+
+
+def test_a_brdf_without_transmission_comes_back_without(brdf: Brdf, tmp_path: Path) -> None:
+    bare = Brdf(brdf.mueller, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
+    bare.save(tmp_path / "bare.nc")
+    assert_same(bare, load(tmp_path / "bare.nc"))
+
+
+def test_pickle_keeps_arrays_read_only(result: Brdf | Field) -> None:
+    assert_same(result, pickle.loads(pickle.dumps(result)))
+
+
+def test_results_own_their_arrays(brdf: Brdf) -> None:
+    mine = np.zeros((1, 1, 1, 4, 4))
+    made = Brdf(mine, [0.0], [1.0], [1.0], [0.0], {})
+    mine[:] = 1.0
+    assert not made.mueller.any()
+    with pytest.raises(ValueError, match="read-only"):
+        made.mueller[:] = 2.0
+    with pytest.raises(AttributeError):
+        made.mu_i = np.ones(1)  # type: ignore[misc]
+
+
+def test_shapes_must_fit() -> None:
+    with pytest.raises(SceneError, match=r"mueller must have the shape \(1, 2, 1, 4, 4\)"):
+        Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [1.0], [1.0, 0.5], [0.0], {})
+
+
+def test_labels(brdf: Brdf, field: Field) -> None:
+    dataset = to_xarray(brdf)
+    assert dataset.mueller.dims == ("mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in")
+    assert dataset.mueller.sel(stokes_out="Q", stokes_in="I")[0, 1, 2] == brdf.mueller[0, 1, 2, 1, 0]
+    assert dataset.mueller.attrs["units"] == "sr-1"
+    assert dataset.phi_deg.attrs["units"] == "degree"
+    assert json.loads(dataset.attrs["diagnostics"]) == brdf.diagnostics
+    assert dataset.attrs["source"].startswith("vrte ")
+    assert "subsurface" in dataset.mueller.attrs["long_name"]
+    labelled = field.to_xarray()
+    assert labelled.stokes.dims == ("tau", "mu", "phi_deg", "stokes")
+    assert labelled.incident_stokes.dims == ("stokes",)
+    for array in [*dataset.data_vars.values(), *labelled.data_vars.values()]:
+        assert {"units", "long_name"} <= set(array.attrs)
+
+
+def test_a_data_set_is_a_copy(brdf: Brdf) -> None:
+    dataset = brdf.to_xarray()
+    dataset.mueller[:] = 0.0
+    assert brdf.mueller.any()
+
+
+def read_csv(path: Path) -> tuple[list[str], np.ndarray]:
+    with open(path, newline="") as file:
+        header, *rows = csv.reader(file)
+    return header, np.array(rows, dtype=float)
+
+
+def test_csv_of_a_brdf(brdf: Brdf, tmp_path: Path) -> None:
+    write_csv(brdf, tmp_path / "brdf.csv")
+    header, rows = read_csv(tmp_path / "brdf.csv")
+    elements = [f"{out}{into}" for out in range(4) for into in range(4)]
+    assert header == ["mu_i", "mu_o", "phi_deg", *(f"f{e}" for e in elements), *(f"t{e}" for e in elements)]
+    assert rows.shape == (24, 35)
+    place = np.ravel_multi_index((1, 1, 2), (2, 3, 4))
+    assert rows[place, :3].tolist() == [0.6, AWKWARD, -90.0]
+    assert rows[:, 3:19].reshape(brdf.mueller.shape).tobytes() == brdf.mueller.tobytes()
+
+
+def test_csv_of_a_field(field: Field, tmp_path: Path) -> None:
+    write_csv(field, tmp_path / "field.csv")
+    header, rows = read_csv(tmp_path / "field.csv")
+    assert header == ["tau", "mu", "phi_deg", "I", "Q", "U", "V"]
+    assert rows[:, 3:].reshape(field.stokes.shape).tobytes() == field.stokes.tobytes()
+    assert rows[-1, :3].tolist() == [0.0, -0.5, -720.5]
+
+
+@pytest.mark.parametrize("reason", [KeyboardInterrupt, OSError, SystemExit])
+def test_an_interrupted_write_leaves_what_was_there(reason: type[BaseException], tmp_path: Path) -> None:
+    target = tmp_path / "result.nc"
+    target.write_text("before")
+
+    def interrupted() -> Iterator[None]:
+        with atomic_write(target) as part:
+            part.write_text("half")
+            yield
+
+    writing = interrupted()
+    next(writing)
+    with pytest.raises(reason):
+        writing.throw(reason())
+    assert target.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_writing_through_a_link_keeps_the_link(field: Field, tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    target, link = tmp_path / "real" / "result.csv", tmp_path / "link.csv"
+    link.symlink_to(target)
+    write_csv(field, link)
+    assert link.is_symlink()
+    assert target.read_text().startswith("tau,")
+
+
+def test_loading_something_else_says_so(tmp_path: Path) -> None:
+    import xarray
+
+    with pytest.raises(FileNotFoundError, match=r"absent\.nc"):
+        load(tmp_path / "absent.nc")
+    (tmp_path / "text.nc").write_text("not NetCDF")
+    with pytest.raises(SceneError, match=r"text\.nc is not a NetCDF file"):
+        load(tmp_path / "text.nc")
+    xarray.Dataset({"mueller": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    with pytest.raises(SceneError, match=r"other\.nc holds no BRDF or field"):
+        load(tmp_path / "other.nc")
+
+
+@pytest.mark.parametrize("module", ["xarray", "h5netcdf"])
+def test_a_missing_extra_is_one_sentence(
+    module: str, brdf: Brdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingExtraError, match=r"needs the extra 'files': pip install 'vrte\[files\]'") as caught:
+        brdf.save(tmp_path / "brdf.nc")
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
