@@ -68,8 +68,8 @@ def to_xarray(result: Brdf | Field) -> "xarray.Dataset":
     is_brdf = isinstance(result, Brdf)
     variables = BRDF_VARIABLES if is_brdf else FIELD_VARIABLES
     coordinates = BRDF_COORDINATES if is_brdf else FIELD_COORDINATES
-    # the variable and the dimension of a field are both called stokes, so that one has no labels
-    stokes_axes = ["stokes_out", "stokes_in"] if is_brdf else []
+    # a field's variable and its last dimension are both called stokes: the labels need a name of their own
+    labels = {"stokes_out": "stokes_out", "stokes_in": "stokes_in"} if is_brdf else {"stokes_parameter": "stokes"}
     data = {
         name: (dims, getattr(result, name), {"units": units, "long_name": long_name})
         for name, (dims, units, long_name) in variables.items()
@@ -79,8 +79,9 @@ def to_xarray(result: Brdf | Field) -> "xarray.Dataset":
         name: (name, getattr(result, name.removesuffix("_deg")), {"units": units, "long_name": long_name})
         for name, (units, long_name) in coordinates.items()
     }
-    coords |= {name: (name, STOKES, {"long_name": "Stokes parameter"}) for name in stokes_axes}
-    return xarray.Dataset(data, coords, _attributes(result)).copy(deep=True)
+    coords |= {name: (axis, STOKES, {"long_name": "Stokes parameter"}) for name, axis in labels.items()}
+    dataset = xarray.Dataset(data, coords, _attributes(result)).copy(deep=True)
+    return dataset if is_brdf else dataset.reset_coords("stokes")  # xarray takes it for a coordinate
 
 
 def save(result: Brdf | Field, path: str | os.PathLike[str]) -> None:
