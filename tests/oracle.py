@@ -21,7 +21,9 @@ def wigner(l, m, k, u):
     total = np.zeros_like(u)
     for j in range(max(0, k - m), min(l + k, l - m) + 1):
         sign = (-1.0) ** (m - k + j)
-        total = total + sign * comb(l + k, j) * comb(l - k, l - m - j) * c ** (2 * l + k - m - 2 * j) * s ** (m - k + 2 * j)
+        total = total + sign * comb(l + k, j) * comb(l - k, l - m - j) * c ** (2 * l + k - m - 2 * j) * s ** (
+            m - k + 2 * j
+        )
     return sqrt(comb(2 * l, l + k) / comb(2 * l, l + m)) * total
 
 

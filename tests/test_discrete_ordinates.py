@@ -1,0 +1,434 @@
+"""The exact solver against a literal one, and against the laws it has to keep."""
+
+import os
+import pickle
+import sys
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import _core
+from vrte.discrete_ordinates.quadrature import double_gauss
+from vrte.running import usable_cpus
+
+from .oracle import azimuthal_sum, brdf_orders, legendre_matrix
+
+Q = np.diag([1.0, 1.0, 1.0, -1.0])
+D = np.diag([1.0, 1.0, -1.0, -1.0])
+MU = np.array([1e-3, 0.1, 0.5, 1.0])
+PHI = np.array([0.0, 30.0, 111.0, 180.0])
+
+
+def spheroids() -> vrte.PhaseMatrix:
+    """Siewert's problem IIA: b2 != 0."""
+    from .test_published import SIEWERT_IIA
+
+    return vrte.PhaseMatrix(*np.array(SIEWERT_IIA).T)
+
+
+def spheres() -> vrte.PhaseMatrix:
+    return vrte.spheres(1.5 + 0.02j, radius_um=0.12, wavelength_um=0.5).phase_matrix
+
+
+def random_layers(seed: int) -> list[vrte.Layer]:
+    """One to three layers of random mixtures with b2 != 0, thin to thick, absorbing to conservative."""
+    rng = np.random.default_rng(seed)
+    kinds = [spheroids(), spheres(), vrte.rayleigh(0.03), vrte.isotropic()]
+    return [
+        vrte.Layer(
+            vrte.mix([(kind, rng.uniform(0.05, 1.0)) for kind in kinds]),
+            albedo=float(rng.choice([rng.uniform(0.1, 1.0), 1.0])),
+            thickness=float(10.0 ** rng.uniform(-2.0, 1.0)),
+        )
+        for _ in range(rng.integers(1, 4))
+    ]
+
+
+def largest_gap(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.abs(a - b).max() / np.abs(b).max())
+
+
+def test_spherical_functions_against_wigners_sum() -> None:
+    mu = np.array([-1.0, -0.8, 0.0, 0.3, 1.0])
+    for m in range(5):
+        functions = _core.generalized_spherical_functions(m, 9, mu)
+        assert not functions[:m].any()
+        for l in range(m, 9):
+            matrix = legendre_matrix(l, m, mu)
+            expected = np.stack([matrix[:, 0, 0], matrix[:, 1, 1], -matrix[:, 1, 2]], axis=1)
+            np.testing.assert_allclose(functions[l], expected, atol=1e-13)
+
+
+def fourier_phase_matrix(matrix: vrte.PhaseMatrix, mu: float, mu0: float, phi: float) -> np.ndarray:
+    """(1:6): the sum over orders, public cosines, light going down at mu0 > 0."""
+    total = np.zeros((4, 4))
+    for m in range(matrix.terms):
+        a = _core.phase_matrices(m, matrix.coefficients, [-mu], [mu0])[0, 0]
+        c, s = np.cos(m * phi), np.sin(m * phi)
+        first, second = np.diag([c, c, s, s]), np.diag([-s, -s, c, c])
+        total += (1 if m == 0 else 2) * (first @ a @ (np.eye(4) + D) / 2 + second @ a @ (np.eye(4) - D) / 2)
+    return total
+
+
+def closed_form(matrix: vrte.PhaseMatrix, mu: float, mu0: float, phi: float) -> np.ndarray:
+    out = np.empty((1, 1, 1, 4, 4))
+    angle = np.cos([phi]), np.sin([phi])
+    stop, seconds = np.zeros(1, np.int32), np.zeros(1)
+    table = np.ascontiguousarray(matrix.coefficients)
+    _core.scattered_once(table, np.array([mu0]), np.array([mu]), *angle, out, 1, seconds, stop)
+    return out[0, 0, 0]
+
+
+def dipole(mu: float, mu0: float, phi: float) -> np.ndarray:
+    """A dipole's Mueller matrix from Jones vectors: E' = E - (E.k')k', l along theta-hat, r = l x k."""
+
+    def frame(u: float, azimuth: float) -> tuple[np.ndarray, np.ndarray]:
+        s = np.sqrt(1 - u * u)
+        k = np.array([s * np.cos(azimuth), s * np.sin(azimuth), u])
+        l = np.array([u * np.cos(azimuth), u * np.sin(azimuth), -s])
+        return l, np.cross(l, k)
+
+    into, out = frame(-mu0, 0.0), frame(mu, phi)
+    jones = np.array([[a @ b for b in into] for a in out])
+    stokes = np.array([[1, 0, 0, 1], [1, 0, 0, -1], [0, 1, 1, 0], [0, 1j, -1j, 0]])
+    return 1.5 * (stokes @ np.kron(jones, jones) @ np.linalg.inv(stokes)).real
+
+
+@pytest.mark.parametrize("mu", [1.0, 0.4, -0.6, -1.0])
+@pytest.mark.parametrize("mu0", [0.6, 0.05, 1.0])
+@pytest.mark.parametrize("phi", [0.0, 0.7, np.pi, 4.0])
+def test_phase_matrix_three_ways(mu: float, mu0: float, phi: float) -> None:
+    """Jones vectors, the Fourier sum and the closed form at the scattering angle."""
+    np.testing.assert_allclose(closed_form(vrte.rayleigh(), mu, mu0, phi), dipole(mu, mu0, phi), atol=1e-14)
+    np.testing.assert_allclose(fourier_phase_matrix(vrte.rayleigh(), mu, mu0, phi), dipole(mu, mu0, phi), atol=1e-14)
+    peak = spheroids().coefficients[:, 0].sum()
+    np.testing.assert_allclose(
+        closed_form(spheroids(), mu, mu0, phi), fourier_phase_matrix(spheroids(), mu, mu0, phi), atol=1e-14 * peak
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_against_adding_doubling(seed: int) -> None:
+    layers, base = random_layers(seed), 0.3 * (seed % 2)
+    into, out = np.array([0.35, 0.8]), np.array([0.2, 0.6, 0.8])
+    literal = [(layer.phase_matrix.coefficients, layer.albedo, layer.thickness) for layer in layers]
+    orders = brdf_orders(literal, base, into, out, 8, max(layer.phase_matrix.terms for layer in layers))
+    scene = vrte.Scene(layers, vrte.Lambertian(base) if base else None)
+    f = vrte.brdf(scene, into, out, PHI, nodes=8, transmission=True)
+    # the literal solver cuts single scattering at 2 N = 16 terms too: all matrices here are shorter
+    assert max(layer.phase_matrix.terms for layer in layers) <= 16
+    assert f.transmission is not None
+    assert largest_gap(f.mueller, azimuthal_sum(orders[0], PHI)) < 1e-12
+    assert largest_gap(f.transmission, azimuthal_sum(orders[1], PHI)) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_reciprocity_mirror_symmetry_and_physicality(seed: int) -> None:
+    scene = vrte.Scene(random_layers(seed), vrte.Lambertian(0.3) if seed % 2 else None)
+    phi = np.array([0.0, 30.0, 180.0, -30.0])
+    f = vrte.brdf(scene, MU, MU, phi, nodes=16).mueller
+    assert largest_gap(f, Q @ f.transpose(1, 0, 2, 4, 3) @ Q) < 1e-10
+    assert largest_gap(f[:, :, 3], D @ f[:, :, 1] @ D) < 1e-10
+    values = coherency_eigenvalues(f)
+    assert values.min() >= -1e-8 * values.max()
+
+
+def coherency_eigenvalues(mueller: np.ndarray) -> np.ndarray:
+    """Eigenvalues of the coherency matrix T = 1/4 sum M_ij s_i (x) s_j*."""
+    pauli = [np.eye(2), np.diag([1, -1]), np.array([[0, 1], [1, 0]]), np.array([[0, -1j], [1j, 0]])]
+    basis = np.array([[np.kron(a, b.conj()) for b in pauli] for a in pauli]) / 4
+    return np.linalg.eigvalsh(np.tensordot(mueller, basis, 2))
+
+
+@pytest.mark.parametrize("thickness", [1e-6, 1.0, 100.0])
+@pytest.mark.parametrize("base", [None, vrte.Lambertian(1.0)])
+def test_energy_is_conserved(thickness: float, base: vrte.Lambertian | None) -> None:
+    levels = [0.0, thickness / 3, thickness]
+    field = vrte.radiance(vrte.Scene([vrte.Layer(spheroids(), 1.0, thickness)], base), 0.6, tau=levels, nodes=20)
+    net = field.flux_down + field.direct - field.flux_up
+    expected = 0.6 - field.flux_up[0]
+    assert np.abs(net - expected).max() < 1e-9
+    if base is not None:
+        assert abs(expected) < 1e-9
+
+
+@pytest.mark.parametrize("missing", [1e-6, 1e-9, 1e-12])
+def test_what_is_missing_was_absorbed(missing: float) -> None:
+    """omega = 1 - 1e-12 absorbs a thousandth of what omega = 1 - 1e-9 does: no digit is lost on the way to 1."""
+    albedo = 1.0 - missing
+    scene = vrte.Scene([vrte.Layer(spheroids(), albedo, 100.0)])
+    field = vrte.radiance(scene, 0.6, tau=[0.0, 100.0], nodes=20)
+    absorbed = 0.6 - field.flux_up[0] - field.flux_down[1] - field.direct[1]
+    assert absorbed / (1.0 - albedo) == pytest.approx(114.463, rel=2e-3 if missing > 1e-10 else 1e-2)
+
+
+def test_one_layer_cut_in_five() -> None:
+    whole, cut = (
+        vrte.brdf(vrte.Scene(layers), MU, MU, PHI, nodes=16, transmission=True)
+        for layers in ([vrte.Layer(spheroids(), 0.99, 5.0)], [vrte.Layer(spheroids(), 0.99, 1.0)] * 5)
+    )
+    assert largest_gap(cut.mueller, whole.mueller) < 1e-10
+    assert cut.transmission is not None
+    assert whole.transmission is not None
+    assert largest_gap(cut.transmission, whole.transmission) < 1e-10
+
+
+def test_scalar_is_vector_with_only_a1() -> None:
+    """A scalar solver of three lines (adding-doubling on I alone) and the vector one."""
+    g = vrte.henyey_greenstein(0.6, 14)
+    alone = vrte.brdf(vrte.Scene([vrte.Layer(g, 0.9, 2.0)]), [0.5], [0.3], PHI, nodes=8).mueller
+    orders, _ = brdf_orders([(g.coefficients, 0.9, 2.0)], 0.0, np.array([0.5]), np.array([0.3]), 8, 14)
+    assert largest_gap(alone[..., 0, 0], azimuthal_sum(orders, PHI)[..., 0, 0]) < 1e-12
+    assert not alone[..., 1:, :].any()
+    assert not alone[..., :, 1:].any()
+
+
+def test_infinite_layer_is_the_limit() -> None:
+    deep, endless = (
+        vrte.brdf(vrte.Scene([vrte.Layer(spheroids(), 0.9, thickness)]), MU, MU, PHI, nodes=16).mueller
+        for thickness in (200.0, np.inf)
+    )
+    assert largest_gap(deep, endless) < 1e-12
+
+
+def test_field_inside_an_infinite_layer() -> None:
+    deep, endless = (
+        vrte.radiance(
+            vrte.Scene([vrte.Layer(spheroids(), 0.8, thickness)]), 0.6, phi=PHI, tau=[0.0, 1.0, 5.0], nodes=16
+        )
+        for thickness in (200.0, np.inf)
+    )
+    assert largest_gap(deep.stokes, endless.stokes) < 1e-12
+    assert largest_gap(deep.flux_down, endless.flux_down) < 1e-12
+
+
+def lambertian_as_mueller(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
+    shape = np.broadcast(mu_i, mu_o, phi_deg).shape
+    return np.broadcast_to(np.diag([0.3 / np.pi, 0.0, 0.0, 0.0]), (*shape, 4, 4))
+
+
+def test_mueller_base_that_is_lambertian() -> None:
+    layers = [vrte.Layer(spheroids(), 0.9, 1.0)]
+    general, plain = (
+        vrte.brdf(vrte.Scene(layers, base), MU, MU, PHI, nodes=12).mueller
+        for base in (vrte.MuellerBase(lambertian_as_mueller), vrte.Lambertian(0.3))
+    )
+    assert largest_gap(general, plain) < 1e-12
+
+
+def test_a_layer_as_the_base_of_another() -> None:
+    """The BRDF of the lower layer, as a Mueller base with b2 != 0, must act as that layer does: no sign can hide."""
+    low = vrte.Layer(spheroids(), 0.9, 2.0)
+
+    def function(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
+        axes, index = zip(
+            *(np.unique(v, return_inverse=True) for v in np.broadcast_arrays(mu_i, mu_o, phi_deg)), strict=True
+        )
+        return vrte.brdf(vrte.Scene([low]), *axes, nodes=10).mueller[index]
+
+    upper = vrte.Layer(spheres(), 0.9, 1.0)
+    based = vrte.brdf(vrte.Scene([upper], vrte.MuellerBase(function)), [0.3, 0.8], [0.2, 1.0], PHI, nodes=10)
+    layered = vrte.brdf(vrte.Scene([upper, low]), [0.3, 0.8], [0.2, 1.0], PHI, nodes=10)
+    assert largest_gap(based.mueller, layered.mueller) < 1e-10
+
+
+def test_base_alone() -> None:
+    f = vrte.brdf(vrte.Scene([vrte.Layer(spheroids(), 0.9, 0.0)], vrte.Lambertian(0.7)), MU, MU, PHI, nodes=4)
+    expected = np.broadcast_to(np.diag([0.7 / np.pi, 0.0, 0.0, 0.0]), f.mueller.shape)
+    np.testing.assert_allclose(f.mueller, expected, atol=1e-14)
+    np.testing.assert_allclose(f.reflectance, 0.7, rtol=1e-13)
+
+
+@pytest.mark.parametrize("case", ["node", "eigenvalue", "same"])
+def test_resonances_are_ordinary(case: str) -> None:
+    """mu0 on a node, on the reciprocal of an eigenvalue, mu = mu0: the same as beside it, and the literal solver's."""
+    nodes = double_gauss(8)[0]
+    layer = vrte.Layer(spheroids(), 0.9, 3.0)
+    mu0 = {"node": nodes[5], "eigenvalue": eigen_cosine(layer, 8), "same": 0.37}[case]
+    out = np.array([nodes[5], mu0, 0.2])
+    literal = [(layer.phase_matrix.coefficients, layer.albedo, layer.thickness)]
+    orders = brdf_orders(literal, 0.0, np.array([mu0]), out, 8, 12)
+    f = vrte.brdf(vrte.Scene([layer]), mu0, out, PHI, nodes=8, transmission=True)
+    assert f.transmission is not None
+    assert largest_gap(f.mueller, azimuthal_sum(orders[0], PHI)) < 1e-11
+    assert largest_gap(f.transmission, azimuthal_sum(orders[1], PHI)) < 1e-11
+
+
+def eigen_cosine(layer: vrte.Layer, nodes: int) -> float:
+    """1/k of a mode of order 1 that lies in (0, 1)."""
+    from vrte.discrete_ordinates.homogeneous import homogeneous
+    from vrte.discrete_ordinates.phase_assembly import assemble
+    from vrte.discrete_ordinates.problem import Run
+    from vrte.discrete_ordinates.solver import discretise
+
+    one = np.ones(1)
+    problem = discretise(vrte.Scene([layer]), one, np.eye(4), one, np.zeros(1), nodes)
+    orders, run = np.array([1], np.int32), Run(1)
+    modes = homogeneous(problem, orders, assemble(problem, orders, run), run)
+    real = modes.lam_re[0, 0][modes.lam_im[0, 0] == 0.0]
+    return float(1.0 / np.sqrt(real[real > 1.5].min()))
+
+
+def test_mu_one_and_grazing() -> None:
+    """At mu = 1 the field is continuous; at 1e-8 it is finite."""
+    scene = vrte.Scene([vrte.Layer(spheroids(), 0.95, 2.0)])
+    mu = [1.0, 1.0 - 1e-12, -1.0, -(1.0 - 1e-12), 1e-8, -1e-8]
+    field = vrte.radiance(scene, 1.0 - 1e-12, mu=mu, phi=PHI, tau=[0.0, 1.0, 2.0], nodes=16)
+    straight = vrte.radiance(scene, 1.0, mu=mu, phi=PHI, tau=[0.0, 1.0, 2.0], nodes=16)
+    assert np.isfinite(field.stokes).all()
+    assert largest_gap(field.stokes[:, 0], field.stokes[:, 1]) < 1e-5
+    assert largest_gap(field.stokes, straight.stokes) < 1e-5
+
+
+def test_no_scattering() -> None:
+    scene = vrte.Scene([vrte.Layer(spheroids(), 0.0, 1.0)], vrte.Lambertian(0.5))
+    f = vrte.brdf(scene, [0.5], [0.25], 0.0, nodes=8).mueller[0, 0, 0]
+    assert f[0, 0] == pytest.approx(0.5 / np.pi * np.exp(-1.0 / 0.5 - 1.0 / 0.25), rel=1e-13)
+
+
+def test_threads_do_not_change_a_bit() -> None:
+    scene = vrte.Scene(random_layers(3), vrte.Lambertian(0.2))
+    one, two, three = (vrte.brdf(scene, MU, MU, PHI, nodes=12, threads=n).mueller for n in (1, 2, 3))
+    assert np.array_equal(one, two)
+    assert np.array_equal(one, three)
+
+
+def test_eight_callers_at_once() -> None:
+    scene = vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)])
+    alone = vrte.brdf(scene, MU, MU, PHI, nodes=8).mueller
+    found: list[np.ndarray] = []
+    calls = [
+        threading.Thread(target=lambda: found.append(vrte.brdf(scene, MU, MU, PHI, nodes=8).mueller)) for _ in range(8)
+    ]
+    for call in calls:
+        call.start()
+    for call in calls:
+        call.join()
+    assert len(found) == 8
+    assert all(np.array_equal(alone, other) for other in found)
+
+
+def test_blas_threads_are_restored() -> None:
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    def counts() -> list[int]:
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    with threadpool_limits(2, user_api="blas"):
+        before = counts()
+        vrte.brdf(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]), 0.5, 0.5, nodes=4)
+        assert counts() == before
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_child_can_solve() -> None:
+    scene = vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)])
+    expected = vrte.brdf(scene, 0.5, 0.5, nodes=8, threads=2).mueller
+    read, write = os.pipe()
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # newer Pythons warn of fork with threads: the point here
+        child = os.fork()
+    if child == 0:
+        os.write(write, pickle.dumps(vrte.brdf(scene, 0.5, 0.5, nodes=8, threads=2).mueller))
+        os._exit(0)
+    os.close(write)
+    with os.fdopen(read, "rb") as pipe:
+        got = pickle.loads(pipe.read())
+    assert os.waitpid(child, 0)[1] == 0
+    assert np.array_equal(got, expected)
+
+
+def test_interrupt_stops_within_a_second() -> None:
+    """SIGINT while a long solve runs in the main thread."""
+    import signal
+    import subprocess
+    import time
+
+    code = (
+        "import vrte\n"
+        "scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, 200), 0.9, 1.0)])\n"
+        "print('ready', flush=True)\n"
+        "vrte.brdf(scene, 0.5, 0.5, nodes=100)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.readline()
+    time.sleep(2.0)
+    process.send_signal(signal.SIGINT)
+    start = time.monotonic()
+    _, errors = process.communicate(timeout=20)
+    assert b"KeyboardInterrupt" in errors
+    assert time.monotonic() - start < 3.0
+
+
+def test_terms_cut_are_told_and_progress_is_called() -> None:
+    calls: list[tuple[int, int]] = []
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.8, 60), 0.9, 1.0)])
+    f = vrte.brdf(scene, 0.5, 0.5, nodes=8, progress=lambda done, total: calls.append((done, total)))
+    assert f.diagnostics["terms_cut"] == 44
+    assert calls[-1][0] == calls[-1][1] == f.diagnostics["orders"]
+    assert set(f.diagnostics["stages"]) >= {"assembly", "homogeneous", "boundary", "reconstruction"}
+
+
+def test_orders_left_out_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    from vrte.discrete_ordinates import solver
+
+    scene = vrte.Scene([vrte.Layer(vrte.spheres(1.5, radius_um=0.4, wavelength_um=0.5).phase_matrix, 0.9, 5.0)])
+    stopped = vrte.brdf(scene, MU, MU, PHI, nodes=24)
+    monkeypatch.setattr(solver, "NEGLIGIBLE", 0.0)
+    whole = vrte.brdf(scene, MU, MU, PHI, nodes=24)
+    assert stopped.diagnostics["orders"] < whole.diagnostics["orders"]
+    assert largest_gap(stopped.mueller, whole.mueller) < 1e-14
+
+
+def test_default_directions_are_the_nodes() -> None:
+    field = vrte.radiance(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]), 0.6, tau=0.5, nodes=8)
+    nodes, weights = double_gauss(8)
+    assert np.array_equal(field.mu, np.concatenate([nodes, -nodes]))
+    mean = [
+        vrte.radiance(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]), 0.6, tau=0.5, phi=p, nodes=8)
+        for p in range(0, 360, 15)
+    ]
+    azimuthal = np.mean([f.stokes[0, :8, 0, 0] for f in mean], axis=0)
+    assert 2 * np.pi * (weights * nodes) @ azimuthal == pytest.approx(field.flux_up[0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mu0": 0.0}, "mu0 must satisfy"),
+        ({"mu0": [0.1, 0.2]}, "mu0 must be one number"),
+        ({"mu": [0.5, 1.5]}, "mu must satisfy"),
+        ({"mu": []}, "mu must be"),
+        ({"phi": np.nan}, "phi must be finite"),
+        ({"tau": 2.0}, "tau must lie between 0 and"),
+        ({"tau": np.inf}, "tau must be finite"),
+        ({"stokes": (1, 0, 0)}, "stokes must be four"),
+        ({"stokes": (1, 0, np.nan, 0)}, "stokes must be finite"),
+        ({"nodes": 0}, "nodes must be a whole number"),
+        ({"nodes": 2.5}, "nodes must be a whole number"),
+        ({"threads": -1}, "threads must be a whole number"),
+        ({"scene": "gold"}, "scene must be a vrte.Scene"),
+    ],
+)
+def test_bad_requests_are_refused_in_one_sentence(change: dict[str, Any], message: str) -> None:
+    request: dict[str, Any] = {"scene": vrte.Scene([vrte.Layer(vrte.isotropic(), 0.9, 1.0)]), "mu0": 0.6, "nodes": 4}
+    with pytest.raises(vrte.SceneError, match=message):
+        vrte.radiance(**{**request, **change})
+
+
+def test_usable_cpus() -> None:
+    assert 1 <= usable_cpus() <= (os.cpu_count() or 1)
+
+
+def test_results_pickle_and_are_read_only() -> None:
+    f = vrte.brdf(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]), 0.5, 0.5, nodes=4)
+    copy = pickle.loads(pickle.dumps(f))
+    assert np.array_equal(copy.mueller, f.mueller)
+    with pytest.raises(ValueError, match="read-only"):
+        f.mueller[0] = 0.0
