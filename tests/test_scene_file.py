@@ -1,0 +1,282 @@
+"""Scene files: what is right is read as meant, what is wrong is named by its dotted key."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.formats.scene_file import SceneFile, henyey_greenstein_terms, read_scene
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "gold_powder.toml"
+SCENE = """
+wavelength_um = 0.64
+nodes = 12
+[particles.gold]
+index = "gold"
+radius_um = 0.1
+[[layer]]
+particles = "gold"
+thickness = 2.0
+[base]
+kind = "lambertian"
+albedo = 0.3
+[brdf]
+mu_i = [0.6, 1.0]
+mu_o = { start = 0.5, stop = 1.0, count = 3 }
+"""
+PHASE = SCENE.replace('particles = "gold"', "phase = PHASE\nalbedo = 0.9")
+FIELD = SCENE.split("[brdf]")[0] + "[field]\nmu0 = 0.5\n"
+Reader = Callable[..., SceneFile]
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Reader:
+    """Reads a text as a scene file, after exchanging parts of it."""
+
+    def reader(text: str, *exchanged: tuple[str, str], kind: str | None = None) -> SceneFile:
+        for old, new in exchanged:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "scene.toml"
+        path.write_text(text)
+        return read_scene(path, kind)
+
+    return reader
+
+
+def test_the_example_is_what_it_says() -> None:
+    file = read_scene(EXAMPLE)
+    assert (file.kind, file.nodes) == ("brdf", 40)
+    assert file.request["mu_i"] == [0.6, 1.0]
+    np.testing.assert_allclose(file.request["mu_o"], np.linspace(0.05, 1.0, 20))
+    assert file.request["phi"][-1] == 360.0
+    assert (file.scene.base, file.scene.thickness) == (None, 100.0)
+    by_hand = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.64)
+    np.testing.assert_array_equal(file.scene.layers[0].phase_matrix.coefficients, by_hand.phase_matrix.coefficients)
+    assert file.scene.layers[0].albedo == by_hand.albedo
+
+
+def test_defaults(read: Reader) -> None:
+    file = read(SCENE, ("nodes = 12\n", ""), ('[base]\nkind = "lambertian"\nalbedo = 0.3\n', ""))
+    assert (file.nodes, file.scene.base) == (40, None)
+    assert set(file.request) == {"mu_i", "mu_o"}
+
+
+def test_a_field_is_asked_for_by_its_own_table(read: Reader) -> None:
+    wanted = "stokes = [3, 0, 0, 1]\nmu = -0.5\nphi_deg = [0, 90]\ntau = { start = 0, stop = 2, count = 3 }\n"
+    file = read(FIELD + wanted)
+    assert file.kind == "field"
+    assert file.request == {
+        "mu0": 0.5,
+        "stokes": [3.0, 0.0, 0.0, 1.0],
+        "mu": [-0.5],
+        "phi": [0.0, 90.0],
+        "tau": [0.0, 1.0, 2.0],
+    }
+
+
+def test_each_command_takes_its_own_table(read: Reader) -> None:
+    both = SCENE + "[field]\nmu0 = 0.5\n"
+    assert read(both, kind="brdf").kind == "brdf"
+    assert read(both, kind="field").request == {"mu0": 0.5}
+    with pytest.raises(vrte.SceneError, match="exactly one of the tables"):
+        read(both)
+    with pytest.raises(vrte.SceneError, match=r"field is missing.*there is \[brdf\]"):
+        read(SCENE, kind="field")
+
+
+@pytest.mark.parametrize(
+    ("size", "expected"),
+    [
+        ("size = { lognormal = { median_um = 0.1, sigma = 1.2 } }", vrte.Lognormal(median_um=0.1, sigma=1.2)),
+        ("size = { gamma = { r_eff_um = 0.1, v_eff = 0.05 } }", vrte.Gamma(r_eff_um=0.1, v_eff=0.05)),
+    ],
+)
+def test_size_distributions(read: Reader, size: str, expected: vrte.Lognormal | vrte.Gamma) -> None:
+    layer = read(SCENE, ("radius_um = 0.1", size)).scene.layers[0]
+    assert layer.albedo == vrte.spheres("gold", size=expected, wavelength_um=0.64).albedo
+
+
+@pytest.mark.parametrize("index", ['"main/Au/Johnson"', "[0.2, 3.5]", "1.5"])
+def test_indices(read: Reader, index: str) -> None:
+    given = {"[0.2, 3.5]": 0.2 + 3.5j, "1.5": 1.5}.get(index, "gold")
+    expected = vrte.spheres(given, radius_um=0.1, wavelength_um=0.64)
+    assert read(SCENE, ('index = "gold"', f"index = {index}")).scene.layers[0].albedo == expected.albedo
+
+
+def test_host(read: Reader) -> None:
+    in_water = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64, host_index=1.33)
+    file = read(SCENE, ("nodes = 12", "host_index = 1.33"))
+    assert file.scene.layers[0].albedo == in_water.albedo
+
+
+def test_mixtures_and_geometrical_thickness(read: Reader) -> None:
+    text = SCENE + "[particles.glass]\nindex = [1.5, 0]\nradius_um = 0.2\n"
+    file = read(
+        text,
+        ('particles = "gold"', "particles = { gold = 0.7, glass = 0.3 }"),
+        ("thickness = 2.0", "thickness_um = 5.0\nvolume_fraction = 0.05"),
+    )
+    gold = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64)
+    glass = vrte.spheres(1.5, radius_um=0.2, wavelength_um=0.64)
+    expected = vrte.Layer.of(vrte.mixture([(gold, 0.7), (glass, 0.3)]), thickness_um=5.0, volume_fraction=0.05)
+    assert file.scene.layers[0].thickness == expected.thickness
+    assert file.scene.layers[0].albedo == expected.albedo
+
+
+@pytest.mark.parametrize(
+    ("phase", "expected"),
+    [
+        ('"isotropic"', vrte.isotropic()),
+        ('"rayleigh"', vrte.rayleigh()),
+        ("{ rayleigh = 0.03 }", vrte.rayleigh(0.03)),
+        ("{ henyey_greenstein = 0.5, terms = 60 }", vrte.henyey_greenstein(0.5, 60)),
+    ],
+)
+def test_phase_matrices_without_particles(read: Reader, phase: str, expected: vrte.PhaseMatrix) -> None:
+    file = read(PHASE, ("PHASE", phase), ("wavelength_um = 0.64\n", ""), ("thickness = 2.0", "thickness = inf"))
+    layer = file.scene.layers[0]
+    np.testing.assert_array_equal(layer.phase_matrix.coefficients, expected.coefficients)
+    assert (layer.albedo, layer.thickness) == (0.9, math.inf)
+
+
+@pytest.mark.parametrize("g", [0.0, -0.3, 0.9, 0.98])
+def test_henyey_greenstein_gets_all_the_terms_that_count(read: Reader, g: float) -> None:
+    matrix = read(PHASE, ("PHASE", f"{{ henyey_greenstein = {g} }}")).scene.layers[0].phase_matrix
+    angle = np.array([0.0, 30.0, 180.0])
+    exact = (1 - g * g) / (1 + g * g - 2 * g * np.cos(np.radians(angle))) ** 1.5
+    found = matrix.scattering_matrix(angle)[:, 0, 0]
+    np.testing.assert_allclose(found, exact, rtol=1e-9, atol=2e-12)
+    assert henyey_greenstein_terms(g) == matrix.terms
+
+
+def test_a_table_of_coefficients_lies_beside_the_scene(read: Reader, tmp_path: Path) -> None:
+    rows = "l,a1,a2,a3,a4,b1,b2\n# Rayleigh\n0,1,0,0,0,0,0\n1,0,0,0,1.5,0,0\n2,0.5,3,0,0,1.224744871391589,0\n"
+    (tmp_path / "rayleigh.csv").write_text(rows)
+    matrix = read(PHASE, ("PHASE", '"rayleigh.csv"')).scene.layers[0].phase_matrix
+    np.testing.assert_allclose(matrix.coefficients, vrte.rayleigh().coefficients, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("rows", "complaint"),
+    [
+        ("l,a1,a2\n0,1,0\n", "the first line must be l,a1,a2,a3,a4,b1,b2"),
+        ("l,a1,a2,a3,a4,b1,b2\n", "no rows"),
+        ("l,a1,a2,a3,a4,b1,b2\n0,1,0,0,x,0,0\n", "line 2: .*not a number"),
+        ("l,a1,a2,a3,a4,b1,b2\n0,1,0,0,0,0\n", "line 2: 7 numbers are needed, not 6"),
+        ("l,a1,a2,a3,a4,b1,b2\n1,1,0,0,0,0,0\n", "line 2: l must count 0, 1, 2, ...: 0 is next, not 1"),
+        ("l,a1,a2,a3,a4,b1,b2\n0,2,0,0,0,0,0\n", "a1"),
+        ("", "the first line must be"),
+    ],
+)
+def test_broken_tables_of_coefficients(read: Reader, tmp_path: Path, rows: str, complaint: str) -> None:
+    (tmp_path / "broken.csv").write_text(rows)
+    with pytest.raises(vrte.SceneError, match=rf'^layer\[1\]\.phase = "broken.csv": .*{complaint}'):
+        read(PHASE, ("PHASE", '"broken.csv"'))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        # a key nobody knows, with the one that was meant
+        ("nodes", "node", "node = 12: unknown key; did you mean 'nodes'? Allowed: wavelength_um, "),
+        ("thickness", "thicknes", "layer[1].thicknes = 2.0: unknown key; did you mean 'thickness'?"),
+        ("radius_um", "diameter", "particles.gold.diameter = 0.1: unknown key. Allowed: index, radius_um, size"),
+        ("albedo = 0.3", "albdo = 0.3", "base.albdo = 0.3: unknown key; did you mean 'albedo'?"),
+        ("count", "cout", "brdf.mu_o.cout = 3: unknown key; did you mean 'count'?"),
+        ("[brdf]", "[brfd]", "unknown key; did you mean 'brdf'?"),
+        # a value of the wrong kind
+        ("12", "true", "nodes = true: must be a whole number from 1 to "),
+        ("12", "12.0", "nodes = 12.0: must be a whole number from 1 to "),
+        ("12", "0", "nodes = 0: must be a whole number from 1 to "),
+        ("0.64", '"0.64"', 'wavelength_um = "0.64": must be the wavelength in micrometres'),
+        ("2.0", "nan", "layer[1].thickness = nan: must be a number >= 0"),
+        ("2.0", "-2.0", "layer[1].thickness must be an optical thickness >= 0"),
+        ('"gold"\nradius', "[1, 2, 3]\nradius", "particles.gold.index = [1, 2, 3]: must be the name of a material"),
+        ('"gold"\nradius', '"glod"\nradius', "particles.gold.index"),
+        ("0.1", "-0.1", "particles.gold.radius_um"),
+        ("[[layer]]", "[layer]", "layer = {"),
+        ("[0.6, 1.0]", "[]", "brdf.mu_i = []: must be a number, a list of numbers or { start, stop, count }"),
+        ("[0.6, 1.0]", "[0.6, nan]", "brdf.mu_i = [0.6, nan]: must be a number, a list"),
+        ("[0.6, 1.0]", "[0.6, [1.0]]", "brdf.mu_i = [0.6, [1.0]]: must be a number, a list"),
+        ("count = 3", "count = 0", "brdf.mu_o.count = 0: must be a whole number from 1"),
+        ("count = 3", "count = 1", "brdf.mu_o.count = 1: one value needs start = stop"),
+        ("start = 0.5, ", "", "brdf.mu_o.start: is missing"),
+        ("mu_i = [0.6, 1.0]", "mu_i = 1\ntransmission = 1", "brdf.transmission = 1: must be true or false"),
+        # something missing or too much
+        ("wavelength_um = 0.64\n", "", "wavelength_um: is missing; it must be the wavelength in micrometres"),
+        ("mu_i = [0.6, 1.0]\n", "", "brdf.mu_i: is missing"),
+        ("radius_um = 0.1\n", "", "particles.gold: exactly one of radius_um and size is needed"),
+        ("thickness = 2.0", "thickness_um = 2.0", "layer[1]: either thickness (optical) or thickness_um with"),
+        ("thickness = 2.0", "thickness = 1\nalbedo = 1", "layer[1].albedo = 1: goes with phase only"),
+        ('kind = "lambertian"', 'kind = "black"', 'base.albedo = 0.3: goes with kind = "lambertian" only'),
+        ('kind = "lambertian"', 'kind = "labmertian"', 'base.kind = "labmertian": must be'),
+        ("albedo = 0.3", "", "base.albedo: is missing; it must be a number between 0 and 1"),
+        ("albedo = 0.3", "albedo = 1.3", "base.albedo must be between 0 and 1, not 1.3"),
+        ('= "gold"\nthick', '= "gild"\nthick', 'layer[1].particles = "gild": no table [particles.gild]; did you mean'),
+        ('= "gold"\nthick', "= { gold = 1, x = 2 }\nthick", "no table [particles.x]"),
+        ("radius_um = 0.1", "size = { normal = 1 }", "particles.gold.size.normal = 1: unknown key; did you mean"),
+        (
+            "radius_um = 0.1",
+            "size = { lognormal = { median_um = 0.1, sigma = 0.5 } }",
+            "particles.gold.size.lognormal.sigma must be",
+        ),
+        ("0.64", "640.0", "particles.gold"),
+        # no TOML at all
+        ("= 12", "== 12", "not valid TOML: "),
+        ("nodes = 12", "nodes = 12\nnodes = 13", "not valid TOML: "),
+    ],
+)
+def test_a_mistake_is_named(read: Reader, old: str, new: str, complaint: str) -> None:
+    with pytest.raises(vrte.SceneError) as caught:
+        read(SCENE, (old, new))
+    assert complaint in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("phase", "complaint"),
+    [
+        ('"isotropc"', 'layer[1].phase = "isotropc": must be'),
+        ('"absent.csv"', 'layer[1].phase = "absent.csv": the file cannot be read'),
+        ("{ rayleigh = 2 }", "layer[1].phase.rayleigh: depolarization must be"),
+        ("{ henyey_greenstein = 1.0 }", "layer[1].phase.henyey_greenstein: "),
+        ("{ henyey_greenstein = 0.9, terms = 3 }", "layer[1].phase.henyey_greenstein: "),
+        ("{ rayleigh = 0, terms = 3 }", "layer[1].phase = "),
+        ("3", "layer[1].phase = 3: must be"),
+    ],
+)
+def test_a_mistaken_phase_is_named(read: Reader, phase: str, complaint: str) -> None:
+    with pytest.raises(vrte.SceneError) as caught:
+        read(PHASE, ("PHASE", phase))
+    assert str(caught.value).startswith(complaint)
+
+
+def test_phase_needs_albedo_and_optical_thickness(read: Reader) -> None:
+    with pytest.raises(vrte.SceneError, match=r"layer\[1\]\.albedo: is missing"):
+        read(PHASE, ("PHASE", '"rayleigh"'), ("albedo = 0.9\n", ""))
+    with pytest.raises(vrte.SceneError, match=r"layer\[1\]\.thickness_um = 1: needs particles"):
+        read(PHASE, ("PHASE", '"rayleigh"'), ("thickness = 2.0", "thickness_um = 1\nvolume_fraction = 0.1"))
+
+
+def test_four_stokes_parameters(read: Reader) -> None:
+    with pytest.raises(vrte.SceneError, match=r"field\.stokes = \[1, 0, 0\]: must be four numbers"):
+        read(FIELD + "stokes = [1, 0, 0]\n")
+
+
+def test_files_that_are_no_text(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_bytes(b"nodes = \xff")
+    with pytest.raises(vrte.SceneError, match="not a text file in UTF-8"):
+        read_scene(tmp_path / "scene.toml")
+    with pytest.raises(FileNotFoundError):
+        read_scene(tmp_path / "absent.toml")
+
+
+def test_nothing_is_computed_for_a_scene_with_a_mistake(read: Reader, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("vrte.formats.scene_file.spheres", lambda *_, **__: pytest.fail("computed"))
+    second = '[[layer]]\nparticles = "gold"\n'
+    with pytest.raises(vrte.SceneError, match=r"layer\[2\]: either thickness"):
+        read(SCENE, ("[base]", second + "[base]"))
