@@ -1,0 +1,100 @@
+"""What `python -m build` makes can be installed elsewhere and works there."""
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import vrte
+from vrte import _core
+
+ROOT = Path(__file__).parents[1]
+SOURCES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md")
+USE_IT = """
+import importlib.metadata, importlib.resources, sys
+import vrte, vrte._core
+from vrte.optics.refractive_index import refractive_index
+for module in (vrte, vrte._core):
+    assert module.__file__.startswith(sys.prefix), module.__file__
+assert importlib.metadata.version("vrte") == vrte.__version__
+for name in ("py.typed", "_core.pyx"):
+    assert importlib.resources.files("vrte").joinpath(name).is_file(), name
+assert refractive_index("gold", 0.64).k > 3.0
+scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
+assert vrte.brdf(scene, mu_i=0.6, mu_o=[0.5, 1.0], nodes=4).mueller.shape == (1, 2, 1, 4, 4)
+"""
+
+
+def run(*command: str | Path, folder: Path) -> str:
+    """Standard output of a command that must succeed."""
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def copy_of_the_sources(folder: Path) -> Path:
+    """The checkout without anything that was built or written in it."""
+    unwanted = shutil.ignore_patterns("*.so", "*.c", "__pycache__", "*.egg-info")
+    for name in ("vrte", "tests", "examples"):
+        shutil.copytree(ROOT / name, folder / name, ignore=unwanted)
+    for name in SOURCES:
+        shutil.copy2(ROOT / name, folder / name)
+    return folder
+
+
+def reuse_the_compiled_core(sources: Path) -> None:
+    """Puts the core that is being tested where the build would put it: it is compiled again only if out of date."""
+    translated = ROOT / "vrte" / "_core.c"
+    if translated.is_file():
+        shutil.copy2(translated, sources / "vrte" / translated.name)
+    built = sources / "build" / f"lib.{sysconfig.get_platform()}-{sys.implementation.cache_tag}" / "vrte"
+    built.mkdir(parents=True)
+    library = Path(_core.__file__)
+    shutil.copy(library, built / library.name)
+
+
+def build_in(folder: Path, *arguments: str) -> Path:
+    """The wheel that `python -m build` makes of the sources in ``folder``."""
+    run(sys.executable, "-m", "build", "--no-isolation", *arguments, "--outdir", folder / "dist", folder, folder=folder)
+    (wheel,) = (folder / "dist").glob("*.whl")
+    return wheel
+
+
+def use_elsewhere(wheel: Path, folder: Path) -> None:
+    """Installs the wheel into a new environment that borrows the dependencies of this one, and uses it there."""
+    run(sys.executable, "-m", "venv", "--without-pip", folder, folder=folder.parent)
+    python = folder / "bin" / "python"
+    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps", wheel, folder=folder)
+    site = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", folder=folder).strip()
+    # a path in a .pth file is searched, but its own .pth files are not read: an editable vrte stays out of sight
+    Path(site, "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    run(python, "-I", "-c", USE_IT, folder=folder)
+    assert run(folder / "bin" / "vrte", "--version", folder=folder) == f"vrte {vrte.__version__}\n"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")
+class TestWheel:
+    def test_it_works_elsewhere_with_its_data_files(self, tmp_path: Path) -> None:
+        sources = copy_of_the_sources(tmp_path / "sources")
+        reuse_the_compiled_core(sources)
+        wheel = build_in(sources, "--wheel")
+        names = zipfile.ZipFile(wheel).namelist()
+        assert not [name for name in names if name.endswith(".c")]
+        assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
+        use_elsewhere(wheel, tmp_path / "elsewhere")
+
+    @pytest.mark.slow
+    def test_one_built_from_the_source_archive_works_elsewhere(self, tmp_path: Path) -> None:
+        wheel = build_in(copy_of_the_sources(tmp_path / "sources"))
+        (archive,) = wheel.parent.glob("*.tar.gz")
+        with tarfile.open(archive) as content:
+            names = {name.partition("/")[2] for name in content.getnames()}
+        assert {"vrte/_core.pyx", "setup.py", "LICENSE", "tests/conftest.py", "examples/gold_powder.toml"} <= names
+        assert not [name for name in names if name.endswith((".c", ".so", ".pyc"))]
+        use_elsewhere(wheel, tmp_path / "elsewhere")
