@@ -27,9 +27,15 @@ class Modes:
 def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Run) -> Modes:
     """The modes of every order and layer. Raises AccuracyError where LAPACK finds none."""
     shape, n = (orders.size, problem.albedo.size), problem.size
-    vectors = [np.empty((*shape, n)) for _ in range(2)]
-    square = [np.empty((*shape, n, n)) for _ in range(3)]
-    modes = Modes(*vectors, *square, np.empty((*shape, n), np.int32), np.empty(shape))
+    modes = Modes(
+        lam_re=np.empty((*shape, n)),
+        lam_im=np.empty((*shape, n)),
+        X=np.empty((*shape, n, n)),
+        Y=np.empty((*shape, n, n)),
+        X_lu=np.empty((*shape, n, n)),
+        X_pivots=np.empty((*shape, n), np.int32),
+        residual=np.zeros(shape),
+    )
     info = np.zeros(shape, np.int32)
     run.timed(
         "homogeneous",

@@ -64,9 +64,7 @@ def phase_matrices_of_layers(layers: tuple[Layer, ...], mu0: Array, mu: Array, p
     return [done[id(layer.phase_matrix)] for layer in layers]
 
 
-def base_reflected(
-    base: Lambertian | MuellerBase | None, problem: Problem, mu: Array, phi: Array
-) -> Array | None:
+def base_reflected(base: Lambertian | MuellerBase | None, problem: Problem, mu: Array, phi: Array) -> Array | None:
     """The beam, reflected by the base and attenuated both ways: (n_tau, n_in, n_mu, n_phi, 4, 4), or None."""
     total = problem.above[-1] + problem.thickness[-1]
     up = mu > 0.0

@@ -192,9 +192,7 @@ def fourier_sum(kernels: Array, orders: IntArray, columns: Array, phi: Array) ->
         first = bool(column[:2].any()) or not column.any()
         for part, angular in ((slice(0, 2), cosine if first else -sine), (slice(2, 4), sine if first else cosine)):
             values = kernels[:, :, :, col, :, part].reshape(n_order, -1)
-            result[:, :, col, :, part] = (values.T @ angular).reshape(
-                shape[0], shape[1], shape[3], 2, phi.size
-            )
+            result[:, :, col, :, part] = (values.T @ angular).reshape(shape[0], shape[1], shape[3], 2, phi.size)
     return result.transpose(0, 1, 3, 5, 4, 2)
 
 

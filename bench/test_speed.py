@@ -1,0 +1,79 @@
+"""The paper's scenes against the LAPACK floor: two threads, from PhaseMatrix to result."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+
+import numpy as np
+
+import vrte
+
+from .conftest import eigenproblems
+
+Measure = Callable[..., float]
+DIRECTIONS = np.linspace(0.05, 1.0, 20)
+
+
+def test_table_3_radiance(gold: vrte.Scene, against_floor: Measure) -> None:
+    """(a) 11 x 19 directions at tau 0, 40 nodes; the target is 1.0 x the floor."""
+    ratio = against_floor(
+        lambda: vrte.radiance(
+            gold,
+            mu0=0.6,
+            stokes=(np.pi, 0, 0, 0),
+            mu=np.linspace(0.05, 1.0, 11),
+            phi=np.arange(0, 181, 10),
+            tau=0.0,
+            nodes=40,
+            threads=2,
+        ),
+        eigenproblems(gold, 40, 41),
+    )
+    assert ratio <= 1.0
+
+
+def test_table_2_siewert(spheroids: vrte.Scene, against_floor: Measure) -> None:
+    """(b) the benchmark's seven depths, 22 x 3 directions, 30 nodes."""
+    mu = np.concatenate([np.linspace(0.1, 1.0, 10), -np.linspace(0.1, 1.0, 10)])
+    against_floor(
+        lambda: vrte.radiance(
+            spheroids,
+            mu0=0.6,
+            stokes=(np.pi, 0, 0, 0),
+            mu=mu,
+            phi=[0.0, 90.0, 180.0],
+            tau=[0.0, 0.125, 0.25, 0.5, 0.75, 0.875, 1.0],
+            nodes=30,
+            threads=2,
+        ),
+        eigenproblems(spheroids, 30, 12),
+    )
+
+
+def test_brdf_20_20_37(gold: vrte.Scene, against_floor: Measure) -> None:
+    """(c) the full Mueller BRDF of the same gold layer; the target is 2.0 x the floor."""
+    ratio = against_floor(
+        lambda: vrte.brdf(gold, DIRECTIONS, DIRECTIONS, np.arange(0, 361, 10), nodes=40, threads=2),
+        eigenproblems(gold, 40, 41),
+    )
+    assert ratio <= 2.0
+
+
+def test_brdf_peak_memory() -> None:
+    """Peak memory of (c) above the process after import: at most 300 MB."""
+    code = """
+import numpy as np, vrte
+
+def peak():
+    line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+    return int(line.split()[1]) / 1024
+
+gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
+scene = vrte.Scene([vrte.Layer.of(gold, thickness=100.0)])
+before, mu = peak(), np.linspace(0.05, 1.0, 20)
+vrte.brdf(scene, mu, mu, np.arange(0, 361, 10), nodes=40, threads=2)
+print(peak() - before)
+"""
+    megabytes = float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout)
+    print(f"\npeak memory of the 20 x 20 x 37 BRDF: {megabytes:.0f} MB")
+    assert megabytes <= 300.0

@@ -1,0 +1,27 @@
+"""The documents must not lag behind the code."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ROWS = re.findall(r"^\| (\(1:.*?) \| (\S+?):(\w+) \|", (ROOT / "docs" / "equations.md").read_text(), re.MULTILINE)
+
+
+def test_the_table_is_read() -> None:
+    assert len(ROWS) >= 18
+
+
+@pytest.mark.parametrize(("equation", "file", "name"), ROWS)
+def test_every_equation_has_its_function(equation: str, file: str, name: str) -> None:
+    source = (ROOT / file).read_text()
+    assert re.search(rf"^(def|cdef|cpdef)\b[^(\n]*\b{name}\(", source, re.MULTILINE), f"{equation}: no {name} in {file}"
+
+
+def test_conventions_and_readme_name_what_exists() -> None:
+    import vrte
+
+    text = (ROOT / "README.md").read_text()
+    for name in set(re.findall(r"\bvrte\.([A-Za-z_]+)\(", text)):
+        assert hasattr(vrte, name), f"README calls vrte.{name}, which does not exist"
