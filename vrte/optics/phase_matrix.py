@@ -5,7 +5,7 @@ a3, a4 on its diagonal, b1 in its upper block and b2 in its lower one; a1 and a4
 P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -13,54 +13,12 @@ import numpy as np
 
 from vrte.arrays import Array, frozen, number, vector, whole
 from vrte.errors import SceneError
+from vrte.optics.spherical_functions import wigner_functions
 
-CHECK_ANGLES_DEG = np.linspace(0.0, 180.0, 721)
+CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)  # cosine ascending
 NEGATIVE_ALLOWED = 1e-4  # of F11, for a coherency eigenvalue: tables rounded to a few digits pass
 ROUNDING = 1e-14  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
-DEGREES_AT_ONCE = 256  # bounds the memory of the spherical functions, whatever the number of terms
-
-
-def spherical_functions(terms: int, cosine: Array) -> Iterator[tuple[int, Array]]:
-    """P_l, P^l_02, P^l_22, P^l_2,-2 at ``cosine`` (n,), by blocks of degrees: (first, (degrees, 4, n)).
-
-    Three-term recurrence in the degree of Wigner's d^l_mn for (m, n) = (0, 0), (0, 2), (2, 2), (2, -2), with
-    P^l_02 = -d^l_02. Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983).
-
-    >>> [(first, block.shape) for first, block in spherical_functions(300, np.array([0.5]))]
-    [(0, (256, 4, 1)), (256, (44, 4, 1))]
-    """
-    m, n = np.array([[0.0], [0.0], [2.0], [2.0]]), np.array([[0.0], [2.0], [2.0], [-2.0]])
-    before, last = np.zeros((2, 4, cosine.size))
-    for first in range(0, terms, DEGREES_AT_ONCE):
-        block = np.empty((min(DEGREES_AT_ONCE, terms - first), 4, cosine.size))
-        for row, degree in enumerate(range(first, first + len(block))):
-            if degree <= 2:
-                now = _first_functions(degree, cosine)
-            else:
-                known = degree - 1.0
-                down = degree * np.sqrt((known**2 - m * m) * (known**2 - n * n))
-                up = known * np.sqrt((degree**2 - m * m) * (degree**2 - n * n))
-                now = ((2.0 * degree - 1.0) / up) * (known * degree * cosine - m * n)
-                now *= last
-                now -= (down / up) * before
-            block[row] = now
-            before, last = last, now
-        yield first, block
-
-
-def _first_functions(degree: int, cosine: Array) -> Array:
-    """The four functions of degree 0, 1 or 2, from which the recurrence starts: (4, n)."""
-    if degree < 2:
-        return np.stack([cosine**degree, *np.zeros((3, cosine.size))])
-    sine_squared = (1.0 - cosine) * (1.0 + cosine)
-    return np.stack(
-        [
-            1.0 - 1.5 * sine_squared,
-            -np.sqrt(6.0) / 4.0 * sine_squared,
-            0.25 * (1.0 + cosine) ** 2,
-            0.25 * (1.0 - cosine) ** 2,
-        ]
-    )
+PAIRS = ((0, 0), (0, 2), (2, 2), (2, -2))  # (m, n) of the Wigner functions that the six sequences multiply
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,19 +84,21 @@ class PhaseMatrix:
         angles = np.asarray(angle_deg, dtype=np.float64)
         if not np.isfinite(angles).all():
             raise SceneError("angle_deg must be finite scattering angles in degrees; NaN or inf was found")
-        a1, a2, a3, a4, b1, b2 = self._elements(np.cos(np.radians(angles.ravel())))
+        cosine = np.cos(np.radians(angles.ravel()))
+        ascending = np.argsort(cosine)
+        a1, a2, a3, a4, b1, b2 = self._elements(cosine[ascending])
         matrix = np.zeros((angles.size, 4, 4))
-        matrix[:, 0, 0], matrix[:, 1, 1], matrix[:, 2, 2], matrix[:, 3, 3] = a1, a2, a3, a4
-        matrix[:, 0, 1] = matrix[:, 1, 0] = b1
-        matrix[:, 2, 3], matrix[:, 3, 2] = b2, -b2
+        elements = [[a1, b1, 0, 0], [b1, a2, 0, 0], [0, 0, a3, b2], [0, 0, -b2, a4]]
+        for row, column in np.ndindex(4, 4):
+            matrix[ascending, row, column] = elements[row][column]
         return matrix.reshape(*angles.shape, 4, 4)
 
     def _elements(self, cosine: Array) -> Array:
-        """a1, a2, a3, a4, b1, b2 as functions of the scattering angle's cosine (n,): (6, n)."""
-        plain, crossed = np.stack([self.a1, self.a4]), np.stack([self.b1, self.b2])
+        """a1, a2, a3, a4, b1, b2 as functions of the scattering angle's cosine (n,), ascending: (6, n)."""
+        plain, crossed = np.stack([self.a1, self.a4]), -np.stack([self.b1, self.b2])  # P^l_02 = -d^l_02
         total, difference = self.a2 + self.a3, self.a2 - self.a3
         sums = np.zeros((6, cosine.size))
-        for first, block in spherical_functions(self.terms, cosine):
+        for first, block in wigner_functions(PAIRS, self.terms, cosine):
             part = slice(first, first + len(block))
             sums[:2] += plain[:, part] @ block[:, 0]
             sums[2:4] += crossed[:, part] @ block[:, 1]
@@ -264,7 +224,5 @@ def _checked_pairs(parts: Sequence[tuple[PhaseMatrix, float]]) -> list[tuple[Pha
         raise SceneError("a mixture needs at least one kind of particle, not an empty list")
     for matrix, _ in pairs:
         if not isinstance(matrix, PhaseMatrix):
-            raise SceneError(
-                f"a mixture needs pairs (phase matrix, weight), not {type(matrix).__name__} as the first"
-            )
+            raise SceneError(f"a mixture needs pairs (phase matrix, weight), not {type(matrix).__name__} as the first")
     return pairs

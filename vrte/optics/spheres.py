@@ -1,186 +1,328 @@
-"""Mie: amplitudes of spheres -> scattering matrix -> expansion coefficients, averaged over sizes, mixed over species.
+"""Spheres: Mie amplitudes, scattering matrix, expansion, averaged over sizes and mixed over species.
 
-Amplitude coefficients a_n, b_n (Bohren and Huffman) come from miepython; the angular sums and size averages are matrix products.
+Amplitudes S1 and S2 and coefficients a_n and b_n are those of Bohren and Huffman, "Absorption and scattering
+of light by small particles" (1983), chapter 4, for a refractive index n + i k.
 """
 
-from collections.abc import Sequence
+import math
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vrte import _core
-from vrte.arrays import Array, number, vector
+from vrte.arrays import Array, number
 from vrte.errors import SceneError
-from vrte.optics.phase_matrix import PhaseMatrix, mix
-from vrte.optics.refractive_index import refractive_index
+from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, mix
+from vrte.optics.refractive_index import Material, RefractiveIndex, refractive_index
 from vrte.optics.size_distribution import Monodisperse, SizeDistribution
+from vrte.optics.spherical_functions import gauss_legendre, wigner_functions
 
-SETTLED = 1e-9  # relative change of the cross sections and of g when the radii are doubled
-MOST_RADII = 4096
-NEGLIGIBLE = 1e-12  # trailing expansion coefficients
+Complex = NDArray[np.complex128]
+
+LARGEST_SIZE = 1e4  # size parameter 2 pi r/wavelength: beyond, an expansion of 2e4 terms helps nobody
+SAME_INDEX = 1e-9  # |m - 1| where the coefficients a_n, b_n are down to their rounding
+NEGLIGIBLE = 1e-16  # of the largest |a_n|, |b_n|: what the orders left out may hold
+LEFT_OUT = 1e-12  # what an expansion coefficient left out may hold; a1[0] is 1
+FEWEST_RADII, MOST_RADII = 129, 2049
+SETTLED = np.array([1e-6, 1e-6, 1e-6, 1e-4])  # relative: extinction, scattering, asymmetry, backscattering
+DOUBTFUL = 1e-3  # relative change of a cross section at MOST_RADII from which the user is warned
+ALL_SIZES_UP_TO = 100.0  # size parameter from which radii follow the sum of r^4 instead of r^6
+ANGLES_AT_ONCE, SIZES_AT_ONCE = 512, 256  # bound the memory
+
+
+class SizeAverageWarning(UserWarning):
+    """The average over sizes still changes with the number of radii (sharp resonances of clear spheres)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Particles:
-    """What one mean particle does: ``phase_matrix``, ``extinction_um2`` and ``scattering_um2`` (mean cross sections,
-    square micrometres), ``volume_um3`` (mean), ``description``.
+    """How one kind of particle scatters, averaged over its sizes: what a Layer needs to know of it.
+
+    ``phase_matrix``; ``albedo`` (of single scattering) and ``asymmetry`` (g); ``extinction_um2``,
+    ``scattering_um2`` and ``volume_um3``, the mean cross sections and volume of one particle; ``description``
+    says in words what it is and where its refractive index comes from.
     """
 
     phase_matrix: PhaseMatrix
+    albedo: float
+    asymmetry: float
     extinction_um2: float
     scattering_um2: float
     volume_um3: float
-    description: str
+    description: str = ""
 
-    @property
-    def albedo(self) -> float:
-        """single_scattering_albedo, 0..1."""
-        return min(1.0, self.scattering_um2 / self.extinction_um2)
 
-    @property
-    def asymmetry(self) -> float:
-        """g, the mean cosine of the scattering angle."""
-        return self.phase_matrix.asymmetry
+@dataclass(frozen=True, eq=False)
+class _Population:
+    """Spheres of many sizes: size parameters and weights (sizes,), a_n and b_n (sizes, orders) from n = 1."""
+
+    sizes: Array
+    weights: Array
+    a: Complex
+    b: Complex
 
 
 def spheres(
-    material: Any,
-    radius_um: float | None = None,
+    material: Material,
     *,
     wavelength_um: float,
+    radius_um: float | None = None,
     size: SizeDistribution | None = None,
     host_index: float = 1.0,
 ) -> Particles:
-    """Homogeneous spheres in a clear host.
+    """Homogeneous spheres of one ``radius_um`` or of a ``size`` distribution, in a clear host medium.
 
-    ``material``: a name, database path, n + ik or (n, k) (see `refractive_index`); ``radius_um``, or ``size``: a
-    Lognormal, Gamma, Tabulated distribution, whose radii are doubled until the cross sections and g change by less
-    than 1e-9; ``wavelength_um`` in vacuum; ``host_index`` real. Raises SceneError for bad input, for spheres with
-    their host's index, and for sizes that do not settle.
+    ``material`` is all that `refractive_index` takes: a name, a database path, n + i k or (n, k).
+    ``wavelength_um`` is measured in vacuum; inside the host (real ``host_index``) it is shorter by that
+    index.
 
-    >>> particles = spheres(1.5 + 0.01j, radius_um=0.5, wavelength_um=0.55)
-    >>> 0.0 < particles.albedo < 1.0
+    An average over sizes starts with 129 radii and doubles their number, keeping those it has, until
+    extinction, scattering and asymmetry change by less than 1e-6 and backscattering by less than 1e-4,
+    relative, or until there are 2049. Clear spheres have resonances narrower than any such spacing:
+    ``description`` says to what the cross sections have settled, and a SizeAverageWarning is given above
+    1e-3.
+
+    Raises SceneError for both or neither of radius_um and size, for an index that is not allowed or equals
+    the host's (nothing would be scattered), and for size parameters above 1e4. Source: Bohren and Huffman
+    (1983), chapter 4; de Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984).
+
+    >>> glass = spheres(1.5, radius_um=0.5, wavelength_um=0.5)
+    >>> glass.albedo, glass.phase_matrix.a1[0]
+    (1.0, np.float64(1.0))
+    """
+    index = refractive_index(material, wavelength_um)
+    host = number("host_index", host_index, 1e-3, 1e3, "a real refractive index from 0.001 to 1000")
+    relative = index.value / host
+    if abs(relative - 1.0) < SAME_INDEX:
+        raise SceneError(
+            f"spheres: the particles have the refractive index of their host, {host:g}, so they scatter nothing"
+        )
+    distribution = _distribution(radius_um, size)
+    wavenumber = 2.0 * math.pi * host / float(wavelength_um)
+    population, changes = _settled(relative, wavenumber, distribution)
+    description = _describe(index, distribution, population, changes, float(wavelength_um), host)
+    if changes[:2].max() > DOUBTFUL:
+        warnings.warn(f"spheres: not settled; {description}", SizeAverageWarning, stacklevel=2)
+    return _average(population, wavenumber, absorbing=relative.imag > 0.0, description=description)
+
+
+def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
+    """Several kinds of particles side by side: pairs of Particles and number fraction (only their ratios matter).
+
+    Cross sections and volume are means over all particles; each kind's phase matrix counts by what it
+    scatters. Raises SceneError for an empty list, something else than pairs, or fractions that are negative
+    or all zero.
+
+    >>> small, large = (spheres(1.5, radius_um=r, wavelength_um=0.5) for r in (0.1, 0.3))
+    >>> mixture([(small, 0.5), (large, 0.5)]).volume_um3 == (small.volume_um3 + large.volume_um3) / 2
     True
     """
-    if (radius_um is None) == (size is None):
-        raise SceneError("spheres need either radius_um or size, not both or neither")
-    host = number("host_index", host_index, 0.1, 100.0, "a real index between 0.1 and 100")
-    index = refractive_index(material, wavelength_um)
-    relative = index.value / host
-    if relative == 1.0:
-        raise SceneError("spheres with the index of their host scatter nothing: index and host_index must differ")
-    wave_number = 2.0 * np.pi * host / float(wavelength_um)
-    distribution = Monodisperse(radius_um) if size is None else size  # type: ignore[arg-type]
-    return average(distribution, relative, wave_number, f"spheres, index {index.n:g} + {index.k:g}i ({index.source})")
+    try:
+        pairs = [(kind, number("number fraction", share, 0.0, 1e300, "a number >= 0")) for kind, share in parts]
+    except SceneError:
+        raise
+    except (TypeError, ValueError):
+        raise SceneError("a mixture needs pairs (particles, number fraction)") from None
+    if not pairs:
+        raise SceneError("a mixture needs at least one kind of particle, not an empty list")
+    for kind, _ in pairs:
+        if not isinstance(kind, Particles):
+            raise SceneError(f"a mixture needs pairs (particles, number fraction), not {type(kind).__name__}")
+    total = math.fsum(share for _, share in pairs)
+    if total == 0.0:
+        raise SceneError("number fraction: at least one kind of particle in a mixture needs more than 0")
+
+    def mean(value: Callable[[Particles], float]) -> float:
+        return math.fsum(value(kind) * share for kind, share in pairs) / total
+
+    extinction, scattering = mean(lambda kind: kind.extinction_um2), mean(lambda kind: kind.scattering_um2)
+    phase_matrix = mix([(kind.phase_matrix, share * kind.scattering_um2) for kind, share in pairs])
+    return Particles(
+        phase_matrix=phase_matrix,
+        albedo=min(1.0, scattering / extinction),
+        asymmetry=phase_matrix.asymmetry,
+        extinction_um2=extinction,
+        scattering_um2=scattering,
+        volume_um3=mean(lambda kind: kind.volume_um3),
+        description="; ".join(f"{share / total:.6g} of {kind.description}" for kind, share in pairs),
+    )
 
 
-def average(distribution: SizeDistribution, relative: complex, wave_number: float, description: str) -> Particles:
-    """Doubles the number of radii until the result settles."""
-    count = 64
-    before: Array | None = None
-    while count <= MOST_RADII:
-        radii, weights = distribution.quadrature(count)
-        result, summary = of_radii(radii, weights, relative, wave_number, description)
-        if before is not None and np.all(np.abs(summary - before) <= SETTLED * np.abs(summary)):
-            return result
-        if radii.size != count:  # one radius, or a table: nothing to refine
-            return result
-        before, count = summary, 2 * count
-    raise SceneError(f"the size distribution needs more than {MOST_RADII} radii: it is too wide for Mie averages to settle")
+def mie_coefficients(relative_index: complex, size: float) -> tuple[Complex, Complex]:
+    """a_n and b_n from n = 1 of a sphere with the size parameter ``size``, index relative to the host.
 
+    Wiscombe's number of orders leaves out some 1e-8 of an amplitude, so more are asked for and those that
+    hold nothing are dropped. Source: Bohren and Huffman (1983), (4.53).
 
-def of_radii(
-    radii: Array, weights: Array, relative: complex, wave_number: float, description: str
-) -> tuple[Particles, Array]:
-    """The mean over given radii; also the numbers that tell whether it has settled."""
-    an, bn = mie_coefficients(relative, wave_number * radii)
-    degree = np.arange(1, an.shape[1] + 1)
-    factor = 2.0 * np.pi / wave_number**2 * (2.0 * degree + 1.0)
-    extinction = float(weights @ ((an + bn).real @ factor))
-    scattering = float(weights @ ((np.abs(an) ** 2 + np.abs(bn) ** 2) @ factor))
-    coefficients = expansion(an, bn, weights)
-    volume = float(weights @ (4.0 / 3.0 * np.pi * radii**3))
-    if relative.imag == 0.0:
-        extinction = scattering  # nothing is absorbed: the albedo is exactly 1
-    matrix = PhaseMatrix(*coefficients.T)
-    result = Particles(matrix, extinction, scattering, volume, description)
-    return result, np.array([extinction, scattering, matrix.asymmetry + 1.0])
-
-
-def mie_coefficients(relative: complex, x: Array) -> tuple[Array, Array]:
-    """a_n, b_n of every size parameter, (size, n), zero beyond each size's last order."""
+    >>> a, b = mie_coefficients(1.5 + 1.0j, 1e-3)
+    >>> f"{1.5j * a[0] / 1e-9:.5f}"  # (m^2 - 1)/(m^2 + 2) of the dipole
+    '0.50160+0.46006j'
+    """
     from miepython import an_bn
 
-    pairs = [an_bn(relative, float(value), 0) for value in x]
-    longest = max(a.size for a, _ in pairs)
-    an, bn = (np.zeros((x.size, longest), complex) for _ in range(2))
-    for row, (a, b) in enumerate(pairs):
-        an[row, : a.size], bn[row, : b.size] = a, b
-    return an, bn
+    a, b = an_bn(complex(relative_index), float(size), int(size + 6.0 * size ** (1.0 / 3.0) + 8.0))
+    strength = np.maximum(np.abs(a), np.abs(b))
+    orders = 1 + int(np.flatnonzero(strength > NEGLIGIBLE * strength.max())[-1])
+    return a[:orders], b[:orders]
 
 
-def amplitudes(an: Array, bn: Array, cosine: Array) -> tuple[Array, Array]:
-    """S1, S2 (size, angle) of Bohren and Huffman, as matrix products with pi_n and tau_n."""
-    degree = np.arange(1, an.shape[1] + 1)
-    pi, tau = angular_functions(degree.size, cosine)
-    scale = (2.0 * degree + 1.0) / (degree * (degree + 1.0))
-    return (an * scale) @ pi + (bn * scale) @ tau, (an * scale) @ tau + (bn * scale) @ pi
+def _distribution(radius_um: float | None, size: SizeDistribution | None) -> SizeDistribution:
+    if (radius_um is None) == (size is None):
+        raise SceneError("spheres: give either radius_um or size")
+    if size is None:
+        return Monodisperse(radius_um)  # type: ignore[arg-type]
+    if not hasattr(size, "quadrature"):
+        raise SceneError(
+            f"spheres: size must be a Lognormal, Gamma, Monodisperse or Tabulated, not {type(size).__name__}"
+        )
+    return size
 
 
-def angular_functions(count: int, cosine: Array) -> tuple[Array, Array]:
-    """pi_n, tau_n for n = 1 .. count: (n, angle), upward recurrence."""
-    pi, tau = np.empty((count, cosine.size)), np.empty((count, cosine.size))
-    before, now = np.zeros_like(cosine), np.ones_like(cosine)
-    for n in range(1, count + 1):
-        pi[n - 1], tau[n - 1] = now, n * cosine * now - (n + 1) * before
-        before, now = now, ((2 * n + 1) * cosine * now - (n + 1) * before) / n
-    return pi, tau
+def _settled(relative_index: complex, wavenumber: float, distribution: SizeDistribution) -> tuple[_Population, Array]:
+    """As many radii as it takes, and the relative change of (extinction, scattering, g, back) by the last step."""
+    coarsest = distribution.quadrature(2, 6)[0]
+    moment = 6 if wavenumber * coarsest[-1] <= ALL_SIZES_UP_TO else 4
+    known: dict[float, tuple[Complex, Complex]] = {}
+    count = max(FEWEST_RADII, coarsest.size)
+    most = max(MOST_RADII, 2 * count - 1)
+    population = _population(relative_index, wavenumber, distribution.quadrature(count, moment), known)
+    changes = np.zeros(4)
+    sums = _bulk_sums(population)
+    while population.sizes.size > 1 and count < most:
+        count = 2 * count - 1
+        population = _population(relative_index, wavenumber, distribution.quadrature(count, moment), known)
+        before, sums = sums, _bulk_sums(population)
+        changes = np.abs(sums - before) / sums[[0, 1, 1, 3]]
+        if np.all(changes <= SETTLED):
+            break
+    return population, changes
 
 
-def expansion(an: Array, bn: Array, weights: Array) -> Array:
-    """The six coefficient lists, (terms, 6), of the weighted mean: exact by Gauss quadrature, for F is a polynomial."""
-    terms = 2 * an.shape[1] + 1
-    cosine, gauss = np.polynomial.legendre.leggauss(terms + 1)
-    s1, s2 = amplitudes(an, bn, cosine)
-    i1, i2 = weights @ (np.abs(s1) ** 2), weights @ (np.abs(s2) ** 2)
-    cross = weights @ (s2 * s1.conj())
-    f11, f12, f33, f34 = 0.5 * (i1 + i2), 0.5 * (i2 - i1), cross.real, cross.imag
-    plain = _core.generalized_spherical_functions(0, terms, cosine)
-    paired = _core.generalized_spherical_functions(2, terms, cosine)
-    half = np.arange(terms) + 0.5
-    plus = half * ((paired[..., 1] + paired[..., 2]) @ (gauss * (f11 + f33)))
-    minus = half * ((paired[..., 1] - paired[..., 2]) @ (gauss * (f11 - f33)))
-    a1, a4 = half * (plain[..., 0] @ (gauss * f11)), half * (plain[..., 0] @ (gauss * f33))
-    b1, b2 = half * (-plain[..., 1] @ (gauss * f12)), half * (-plain[..., 1] @ (gauss * f34))
-    table = np.stack([a1, 0.5 * (plus + minus), 0.5 * (plus - minus), a4, b1, b2], axis=1) / a1[0]
-    table[0, 0] = 1.0
-    kept = np.flatnonzero(np.abs(table).max(axis=1) > NEGLIGIBLE)[-1] + 1
-    return table[:kept]
+def _population(
+    relative_index: complex,
+    wavenumber: float,
+    quadrature: tuple[Array, Array],
+    known: dict[float, tuple[Complex, Complex]],
+) -> _Population:
+    """Mie coefficients at all the radii, padded with zeros; those not ``known`` are worked out and kept there."""
+    radii, weights = quadrature
+    sizes = wavenumber * radii
+    if sizes[-1] > LARGEST_SIZE:
+        raise SceneError(
+            f"spheres: the size parameter 2 pi r/wavelength must be at most {LARGEST_SIZE:g}, "
+            f"not {sizes[-1]:.4g} (a radius of {radii[-1]:.4g} um)"
+        )
+    for size in sizes:
+        if size not in known:
+            known[size] = mie_coefficients(relative_index, size)
+    orders = max(known[size][0].size for size in sizes)
+    a, b = np.zeros((2, sizes.size, orders), dtype=np.complex128)
+    for row, size in enumerate(sizes):
+        found = known[size]
+        a[row, : found[0].size], b[row, : found[1].size] = found
+    return _Population(sizes, weights, a, b)
 
 
-def mixture(species: Sequence[tuple[Particles, float]]) -> Particles:
-    """Several kinds of particles together, by number fractions (they are normalised to sum 1).
+def _bulk_sums(population: _Population) -> Array:
+    """Extinction, scattering, asymmetry x scattering and backscattering, averaged; cross sections k^2/(2 pi).
 
-    Raises SceneError for an empty list or a negative fraction. Cross sections and volumes are the means; phase
-    matrices are weighted by what each scatters.
-
-    >>> small, large = (spheres(1.5, radius_um=r, wavelength_um=0.55) for r in (0.1, 0.2))
-    >>> mixture([(small, 0.5), (large, 0.5)]).volume_um3 > small.volume_um3
-    True
+    Source: Bohren and Huffman (1983), (4.61), (4.62), section 4.5 (asymmetry and backscattering).
     """
-    if not species:
-        raise SceneError("a mixture needs at least one kind of particle, not an empty list")
-    fractions = vector("the number fractions of a mixture", [fraction for _, fraction in species])
-    if (fractions < 0.0).any() or fractions.sum() == 0.0:
-        raise SceneError(f"the number fractions of a mixture must be >= 0 and not all zero, not {fractions.tolist()}")
-    fractions = fractions / fractions.sum()
-    kinds = [particles for particles, _ in species]
-    scattering = [f * p.scattering_um2 for p, f in zip(kinds, fractions, strict=True)]
+    a, b = population.a, population.b
+    order = np.arange(1.0, a.shape[1] + 1.0)
+    twice = 2.0 * order + 1.0
+    extinction = (a + b).real @ twice
+    scattering = (np.abs(a) ** 2 + np.abs(b) ** 2) @ twice
+    neighbours = (a[:, :-1] * a[:, 1:].conj() + b[:, :-1] * b[:, 1:].conj()).real
+    asymmetry = neighbours @ (order * (order + 2.0) / (order + 1.0))[:-1]
+    asymmetry += (a * b.conj()).real @ (twice / (order * (order + 1.0)))
+    back = np.abs((a - b) @ (twice * (-1.0) ** order)) ** 2
+    return population.weights @ np.stack([extinction, scattering, 2.0 * asymmetry, 0.5 * back], axis=1)
+
+
+def _average(population: _Population, wavenumber: float, *, absorbing: bool, description: str) -> Particles:
+    extinction, scattering, _, _ = _bulk_sums(population) * (2.0 * math.pi / wavenumber**2)
+    if not absorbing:
+        extinction = scattering  # the two sums differ by rounding, and an albedo of 1 should be exactly that
+    phase_matrix = _expansion(population)
+    volumes = 4.0 / 3.0 * math.pi * (population.sizes / wavenumber) ** 3
     return Particles(
-        mix([(p.phase_matrix, s) for p, s in zip(kinds, scattering, strict=True)]),
-        float(sum(f * p.extinction_um2 for p, f in zip(kinds, fractions, strict=True))),
-        float(sum(scattering)),
-        float(sum(f * p.volume_um3 for p, f in zip(kinds, fractions, strict=True))),
-        "; ".join(f"{f:g} of {p.description}" for p, f in zip(kinds, fractions, strict=True)),
+        phase_matrix=phase_matrix,
+        albedo=min(1.0, float(scattering / extinction)),
+        asymmetry=phase_matrix.asymmetry,
+        extinction_um2=float(extinction),
+        scattering_um2=float(scattering),
+        volume_um3=float(population.weights @ volumes),
+        description=description,
     )
+
+
+def _expansion(population: _Population) -> PhaseMatrix:
+    """The six sequences, by Gauss-Legendre quadrature over the cosine of the scattering angle.
+
+    The elements of F are polynomials of degree 2 n in the cosine (n orders), so 2 n + 1 nodes and as many terms
+    are exact. Source: de Rooij and van der Stap (1984), section 3.
+    """
+    terms = 2 * population.a.shape[1] + 1
+    cosine, weights = gauss_legendre(terms)
+    pieces = range(0, terms, ANGLES_AT_ONCE)
+    elements = [_scattering_elements(population, cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]
+    plus, minus, f12, f34 = weights * np.concatenate(elements, axis=1)
+    plain, crossed = 0.5 * np.stack([plus + minus, plus - minus], axis=1), -np.stack([f12, f34], axis=1)
+    sums = np.empty((terms, 6))
+    for first, block in wigner_functions(PAIRS, terms, cosine):
+        rows = slice(first, first + len(block))
+        sums[rows, :2], sums[rows, 2:4] = block[:, 0] @ plain, block[:, 1] @ crossed
+        sums[rows, 4], sums[rows, 5] = block[:, 2] @ plus, block[:, 3] @ minus
+    sums *= (2.0 * np.arange(terms)[:, None] + 1.0) / sums[0, 0]
+    kept = 1 + int(np.flatnonzero(np.abs(sums).max(axis=1) > LEFT_OUT)[-1])
+    a1, a4, b1, b2, total, difference = sums[:kept].T
+    return PhaseMatrix(a1, 0.5 * (total + difference), 0.5 * (total - difference), a4, b1, b2)
+
+
+def _scattering_elements(population: _Population, cosine: Array) -> Array:
+    """F11 + F33, F11 - F33, F12 and F34 at ``cosine`` (angles,), ascending, averaged over sizes: (4, angles).
+
+    Times k^2. With S1 + S2 = sum (2n+1)(a_n + b_n) d^n_11 and S1 - S2 = sum (2n+1)(a_n - b_n) d^n_1,-1, which are
+    Bohren and Huffman (1983), (4.74), with pi_n +- tau_n = n(n+1) d^n_1,+-1; the elements are their (4.77).
+    """
+    orders = population.a.shape[1]
+    blocks = [block for _, block in wigner_functions(((1, 1), (1, -1)), orders + 1, cosine)]
+    functions = np.concatenate(blocks)[1:] * (2.0 * np.arange(1, orders + 1)[:, None, None] + 1.0)
+    elements = np.zeros((4, cosine.size))
+    for start in range(0, population.sizes.size, SIZES_AT_ONCE):
+        rows = slice(start, start + SIZES_AT_ONCE)
+        a, b, weights = population.a[rows], population.b[rows], population.weights[rows]
+        total, difference = _product(a + b, functions[:, 0]), _product(a - b, functions[:, 1])
+        cross = weights @ (total * difference.conj())
+        elements[0] += 0.5 * (weights @ np.abs(total) ** 2)
+        elements[1] += 0.5 * (weights @ np.abs(difference) ** 2)
+        elements[2:] += 0.5 * np.stack([-cross.real, cross.imag])
+    return elements
+
+
+def _product(coefficients: Complex, functions: Array) -> Complex:
+    """(sizes, orders) complex times (orders, angles) real, as one product of real matrices."""
+    both = np.concatenate([coefficients.real, coefficients.imag]) @ functions
+    result = np.empty((len(coefficients), functions.shape[1]), dtype=np.complex128)
+    result.real, result.imag = both[: len(coefficients)], both[len(coefficients) :]
+    return result
+
+
+def _describe(
+    index: RefractiveIndex,
+    distribution: SizeDistribution,
+    population: _Population,
+    changes: Array,
+    wavelength_um: float,
+    host: float,
+) -> str:
+    """One line: what the spheres are, where their index comes from and how well their sizes are averaged."""
+    where = f"at {wavelength_um:g} um" + (f" in a host of index {host:g}" if host != 1.0 else "")
+    text = f"spheres, {distribution}, {where}, index {index.n:.6g} + {index.k:.6g}i ({index.source})"
+    if population.sizes.size > 1:
+        settled = max(float(changes[:2].max()), 1e-16)
+        text += f", {population.sizes.size} radii, cross sections settled to {settled:.0e}"
+    return text

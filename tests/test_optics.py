@@ -1,0 +1,458 @@
+"""Refractive indices, size distributions and spheres, against tables, limits and sums written out."""
+
+import csv
+import math
+import pickle
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vrte.errors
+from vrte.errors import SceneError
+from vrte.optics.refractive_index import MATERIALS, RefractiveIndex, refractive_index
+from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse, Tabulated
+from vrte.optics.spheres import Particles, SizeAverageWarning, mie_coefficients, mixture, spheres
+
+# Wiscombe's MIEV0 test cases (NCAR/TN-140+STR), refractive index n + ik: index, size parameter, Qsca, g
+MIEV0 = [
+    (1.33 + 1e-5j, 1.0, 0.093923, 0.184517),
+    (1.33 + 1e-5j, 100.0, 2.096594, 0.868959),
+    (1.5 + 1j, 0.055, 0.000011, 0.000491),
+    (1.5 + 1j, 100.0, 1.283697, 0.850252),
+    (10 + 10j, 1.0, 2.049405, -0.110664),
+    (0.75, 10.0, 2.232265, 0.896473),
+]
+WAVELENGTH = 2.0 * math.pi  # um: the radius in um is the size parameter
+
+
+def amplitudes(index, size, angle_deg):
+    """S1, S2 of Bohren and Huffman (4.74), order by order."""
+    a, b = mie_coefficients(index, size)
+    cosine = np.cos(np.radians(angle_deg))
+    s1, s2 = np.zeros((2, cosine.size), dtype=complex)
+    before, pi = np.zeros_like(cosine), np.ones_like(cosine)
+    for n in range(1, a.size + 1):
+        tau = n * cosine * pi - (n + 1) * before
+        factor = (2 * n + 1) / (n * (n + 1))
+        s1 += factor * (a[n - 1] * pi + b[n - 1] * tau)
+        s2 += factor * (a[n - 1] * tau + b[n - 1] * pi)
+        before, pi = pi, ((2 * n + 1) * cosine * pi - (n + 1) * before) / n
+    return s1, s2
+
+
+def efficiencies(index, size):
+    """Qext, Qsca, g from the coefficients: Bohren and Huffman (4.61), (4.62) and section 4.5."""
+    a, b = mie_coefficients(index, size)
+    n = np.arange(1, a.size + 1)
+    extinction = np.sum((2 * n + 1) * (a + b).real)
+    scattering = np.sum((2 * n + 1) * (abs(a) ** 2 + abs(b) ** 2))
+    g = np.sum((n * (n + 2) / (n + 1))[:-1] * (a[:-1] * a[1:].conj() + b[:-1] * b[1:].conj()).real)
+    g += np.sum((2 * n + 1) / (n * (n + 1)) * (a * b.conj()).real)
+    return 2 * extinction / size**2, 2 * scattering / size**2, 2 * g / scattering
+
+
+# ---- refractive indices
+
+
+@pytest.mark.parametrize("name", sorted(MATERIALS))
+def test_every_named_material_has_an_index(name):
+    index = refractive_index(name, 0.64)
+    assert index.n > 0.0
+    assert index.k >= 0.0
+    assert all(page in index.source for page in MATERIALS[name].pages)
+    assert MATERIALS[name].reason
+
+
+def test_tabulated_values_come_back():
+    # Johnson and Christy, Phys. Rev. B 6, 4370 (1972): 2.01 eV and 3.00 eV
+    hc = 1.23984198
+    gold = refractive_index("gold", hc / 2.01)
+    assert (gold.n, gold.k) == (pytest.approx(0.21, abs=2e-3), pytest.approx(3.272, abs=2e-3))
+    assert refractive_index("main/Au/Johnson", 0.5) == refractive_index("  Gold", 0.5)
+    # Malitson, J. Opt. Soc. Am. 55, 1205 (1965): 1.45846 at the sodium D line
+    silica = refractive_index("silica", 0.5893)
+    assert silica.n == pytest.approx(1.45840, abs=1e-4)
+    assert silica.k == 0.0
+    assert "no k in the table: k = 0" in silica.source
+    assert refractive_index("zinc_oxide", 0.6) == refractive_index("zinc oxide", 0.6)
+
+
+@pytest.mark.parametrize(("name", "book"), [("hematite", "Fe2O3/Querry"), ("rutile", "TiO2/Devore")])
+def test_uniaxial_crystals_have_the_mean_permittivity(name, book):
+    o, e = (refractive_index(f"main/{book}-{ray}", 0.55).value for ray in "oe")
+    mean = refractive_index(name, 0.55)
+    assert mean.value**2 == pytest.approx((2 * o**2 + e**2) / 3)
+    assert "mean permittivity (2 o + e)/3" in mean.source
+
+
+def test_numbers_are_taken_as_they_are():
+    assert refractive_index(1.5, 0.5) == RefractiveIndex(1.5, 0.0, "given")
+    assert refractive_index(1.5 + 0.01j, 0.5).value == 1.5 + 0.01j
+    assert refractive_index((1.5, 0.01), 0.5).value == 1.5 + 0.01j
+    assert refractive_index(np.array([1.5, 0.01]), 0.5).value == 1.5 + 0.01j
+    gold = refractive_index("gold", 0.5)
+    assert refractive_index(gold, 0.5) == gold
+
+
+@pytest.mark.parametrize(
+    ("material", "wavelength", "words"),
+    [
+        ("golld", 0.5, r"'golld' is neither a known name .* did you mean 'gold'"),
+        ("main/Au/Jonson", 0.5, "did you mean 'main/Au/Johnson'"),
+        ("main/Au", 0.5, "neither a known name"),
+        ("iron", 0.5, "did you mean 'main/Fe/"),
+        ("nowhere at all", 0.5, "such as 'main/Au/Johnson'$"),
+        ("", 0.5, "neither a known name"),
+        ("gold", 3.0, r"main/Au/Johnson goes from 0.1879 to 1.937 um; a wavelength of 3 um is outside"),
+        ("rutile", 0.4, r"from 0.43 to 1.53 um"),
+        ("gold", 0.0, "wavelength_um"),
+        ("gold", math.nan, "wavelength_um must be .* not nan"),
+        (1.5 - 0.1j, 0.5, r"k must be >= 0 .* not -0.1"),
+        ((1.5, -0.1), 0.5, "k must be >= 0"),
+        (0.0, 0.5, "n must be above 0"),
+        (math.nan, 0.5, "finite"),
+        ((1.0, 2.0, 3.0), 0.5, "a pair"),
+        (None, 0.5, "a name, a database path"),
+        ([[1.5]], 0.5, "a name, a database path"),
+    ],
+)
+def test_index_errors(material, wavelength, words):
+    with pytest.raises(SceneError, match=words):
+        refractive_index(material, wavelength)
+
+
+def test_the_database_needs_no_network_and_no_home(tmp_path):
+    program = (
+        "import socket\n"
+        "def refuse(*a, **k): raise OSError('no network here')\n"
+        "socket.socket.connect = socket.create_connection = socket.getaddrinfo = refuse\n"
+        "from vrte.optics.refractive_index import refractive_index\n"
+        "print(refractive_index('gold', 0.64).n)\n"
+    )
+    root = Path(vrte.errors.__file__).parents[1]
+    environment = {
+        "HOME": str(tmp_path),
+        "PATH": "/usr/bin:/bin",
+        "PYTHONPATH": str(root),
+        "XDG_CACHE_HOME": str(tmp_path),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) == refractive_index("gold", 0.64).n
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- size distributions
+
+
+def test_lognormal_moments():
+    radii, weights = Lognormal(0.3, 1.5).quadrature(257)
+    width = math.log(1.5)
+    for power in (2, 3, 4, 6):
+        assert weights @ radii**power == pytest.approx(0.3**power * math.exp((power * width) ** 2 / 2), rel=1e-9)
+    assert weights.sum() == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("v_eff", [0.01, 0.07, 0.25, 0.4])
+def test_gamma_moments(v_eff):
+    radii, weights = Gamma(0.2, v_eff).quadrature(513)
+    shape, scale = (1 - 2 * v_eff) / v_eff, 0.2 * v_eff
+    for power in (2, 3, 4, 6):
+        exact = scale**power * math.exp(math.lgamma(shape + power) - math.lgamma(shape))
+        assert weights @ radii**power == pytest.approx(exact, rel=1e-9)
+    area = weights @ radii**2
+    effective = weights @ radii**3 / area
+    assert effective == pytest.approx(0.2, rel=1e-9)
+    assert weights @ (radii**2 * (radii - effective) ** 2) / area / effective**2 == pytest.approx(v_eff, rel=1e-8)
+
+
+def test_gamma_has_the_density_of_its_name():
+    radii, weights = Gamma(0.2, 0.1).quadrature(400)
+    density = weights / np.gradient(radii)
+    expected = radii ** ((1 - 0.3) / 0.1) * np.exp(-radii / 0.02)
+    inside = slice(150, 350)
+    np.testing.assert_allclose((density / expected)[inside], (density / expected)[250], rtol=1e-3)
+
+
+def test_tabulated_is_linear_between_its_radii():
+    radii, weights = Tabulated([0.1, 0.2, 0.4], [0.0, 5.0, 0.0]).quadrature(2049)
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights @ radii == pytest.approx(0.7 / 3, rel=1e-6)  # the centroid of a triangle
+    assert Tabulated(np.linspace(1, 2, 300), np.ones(300)).quadrature(10)[0].size == 300
+    assert repr(Tabulated([0.1, 0.2], [1, 1])) == "Tabulated(2 radii from 0.1 to 0.2 um)"
+
+
+@pytest.mark.parametrize("distribution", [Lognormal(0.2, 1.4), Gamma(0.2, 0.07), Tabulated([0.1, 0.3, 0.4], [1, 2, 0])])
+def test_radii_come_back_when_their_number_doubles(distribution):
+    few, many = (set(distribution.quadrature(count)[0]) for count in (129, 257))
+    assert few < many
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Lognormal(0.2, 1.0), "sigma must be a geometric standard deviation above 1"),
+        (lambda: Lognormal(-0.2, 1.5), "median_um must be a length"),
+        (lambda: Gamma(0.2, 0.5), "v_eff must be an effective variance .* below 0.5"),
+        (lambda: Gamma(0.0, 0.1), "r_eff_um"),
+        (lambda: Monodisperse(math.nan), "radius_um"),
+        (lambda: Tabulated([0.1], [1.0]), "equally long"),
+        (lambda: Tabulated([0.1, 0.2], [1.0]), "equally long"),
+        (lambda: Tabulated([0.2, 0.1], [1.0, 1.0]), "must increase"),
+        (lambda: Tabulated([0.0, 0.1], [1.0, 1.0]), "must be a length"),
+        (lambda: Tabulated([0.1, 0.2], [0.0, 0.0]), "not zero everywhere"),
+        (lambda: Tabulated([0.1, 0.2], [1.0, -1.0]), ">= 0"),
+        (lambda: Tabulated([], []), "non-empty"),
+    ],
+)
+def test_size_errors(make, words):
+    with pytest.raises(SceneError, match=words):
+        make()
+
+
+# ---- spheres
+
+
+@pytest.mark.parametrize(("index", "size", "scattering", "g"), MIEV0)
+def test_miev0_quoted(index, size, scattering, g):
+    found = efficiencies(index, size)
+    assert found[1] == pytest.approx(scattering, abs=1.1e-6)
+    assert found[2] == pytest.approx(g, abs=1.1e-6)
+
+
+def test_miev0_all(reference):
+    with reference("mie/miev0_testcases.csv").open() as file:
+        cases = [row for row in csv.DictReader(file) if "PEC" not in row["m_im"]]
+    assert len(cases) == 19
+    for row in cases:
+        found = efficiencies(complex(float(row["m_re"]), -float(row["m_im"])), float(row["x"]))
+        for value, column in zip(found, ("Qext", "Qsca", "g"), strict=True):
+            if row[column]:
+                digits = len(row[column].partition(".")[2])
+                assert abs(value - float(row[column])) <= 1.1 * 10.0**-digits, (row, column)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_coefficients_are_those_of_n_plus_ik_whatever_sign_is_passed(sign):
+    from miepython import an_bn
+
+    for one, other in zip(an_bn(complex(1.5, sign * 0.1), 3.0, 0), mie_coefficients(1.5 + 0.1j, 3.0), strict=True):
+        np.testing.assert_allclose(one, other[: one.size], rtol=1e-12)
+    # the dipole's -(2i/3) x^3 (m^2 - 1)/(m^2 + 2), Bohren and Huffman (5.7): absorption makes Re a_1 positive
+    x, m = 1e-3, 1.5 + 1j
+    a, _ = mie_coefficients(m, x)
+    assert a[0] == pytest.approx(-2j / 3 * x**3 * (m**2 - 1) / (m**2 + 2), rel=1e-5)
+    assert a[0].real > 0.0
+
+
+def test_more_orders_than_wiscombes_change_nothing_below_them():
+    from miepython import an_bn
+
+    a, _ = an_bn(1.5 + 0.1j, 50.0, 0)
+    more, _ = mie_coefficients(1.5 + 0.1j, 50.0)
+    assert more.size > a.size
+    np.testing.assert_allclose(more[: a.size], a, atol=1e-14)
+    assert abs(a[-1]) > 1e-10  # what stopping there would leave out
+    assert abs(more[-1]) < 1e-14
+
+
+def test_miev0_amplitudes(reference):
+    table = np.genfromtxt(reference("mie/miev0_S1S2_x1_m1.5-1i.csv"), delimiter=",", names=True)
+    s1, s2 = amplitudes(1.5 + 1j, 1.0, table["theta_deg"])
+    # printed for n - ik: conjugate amplitudes
+    np.testing.assert_allclose(s1.conj(), table["ReS1"] + 1j * table["ImS1"], atol=6e-7)
+    np.testing.assert_allclose(s2.conj(), table["ReS2"] + 1j * table["ImS2"], atol=6e-7)
+
+
+def test_the_gamma_distributions_expansion(reference):
+    table = np.genfromtxt(reference("mie/gamma_distribution_expansion.csv"), delimiter=",", names=True)
+    found = spheres(1.44, size=Gamma(0.2, 0.07), wavelength_um=0.951).phase_matrix
+    for name in ("a1", "a2", "a3", "a4", "b1", "b2"):
+        np.testing.assert_allclose(getattr(found, name)[: len(table)], table[name], atol=1e-8)
+    assert np.abs(found.coefficients[len(table) :]).max() < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("index", "size", "peak"),
+    [
+        (1.5, 1e-3, 1e-13),
+        (0.97 + 1.87j, 9.42, 1e-13),
+        (1.33, 40.0, 1e-11),
+        (0.05 + 4j, 5.0, 1e-13),
+        (2.7, 100.0, 1e-10),
+    ],
+)
+def test_the_expansion_gives_the_amplitudes_back(index, size, peak):
+    particles = spheres(index, radius_um=size, wavelength_um=WAVELENGTH)
+    angle = np.linspace(0.0, 180.0, 91)
+    s1, s2 = amplitudes(index, size, angle)
+    norm = 4.0 * math.pi / particles.scattering_um2
+    one, two, cross = norm * abs(s1) ** 2, norm * abs(s2) ** 2, norm * s1 * s2.conj()
+    f = particles.phase_matrix.scattering_matrix(angle)
+    tolerance = peak * one.max()
+    np.testing.assert_allclose(f[:, 0, 0], (one + two) / 2, atol=tolerance)
+    np.testing.assert_allclose(f[:, 1, 1], (one + two) / 2, atol=tolerance)
+    np.testing.assert_allclose(f[:, 0, 1], (two - one) / 2, atol=tolerance)
+    np.testing.assert_allclose(f[:, 2, 2], cross.real, atol=tolerance)
+    np.testing.assert_allclose(f[:, 3, 3], cross.real, atol=tolerance)
+    np.testing.assert_allclose(f[:, 2, 3], -cross.imag, atol=tolerance)
+    np.testing.assert_allclose(f[:, 3, 2], cross.imag, atol=tolerance)
+
+
+@pytest.mark.parametrize(("index", "size"), [(1.5, 0.01), (1.5 + 0.1j, 7.0), (1.33, 60.0), (0.2 + 3j, 200.0)])
+def test_sum_rules(index, size):
+    particles = spheres(index, radius_um=size, wavelength_um=WAVELENGTH)
+    extinction, scattering, g = efficiencies(index, size)
+    pm, area = particles.phase_matrix, math.pi * size**2
+    assert pm.a1[0] == 1.0
+    assert pm.a1[1] / 3.0 == pytest.approx(g, abs=1e-12)
+    assert particles.asymmetry == pm.asymmetry
+    assert particles.scattering_um2 == pytest.approx(scattering * area, rel=1e-12)
+    assert particles.extinction_um2 == pytest.approx(extinction * area, rel=1e-9)
+    assert particles.albedo == pytest.approx(scattering / extinction, rel=1e-9)
+    assert particles.volume_um3 == pytest.approx(4 / 3 * math.pi * size**3)
+    np.testing.assert_allclose(pm.coefficients[-1], 0.0, atol=1e-9)
+    # the optical theorem, from the forward amplitude
+    forward = amplitudes(index, size, np.zeros(1))[0][0]
+    assert particles.extinction_um2 == pytest.approx(4.0 * math.pi * forward.real, rel=1e-9)
+
+
+def test_clear_spheres_have_the_albedo_1_exactly():
+    for size in (1e-3, 3.0, 77.0):
+        assert spheres(1.5, radius_um=size, wavelength_um=WAVELENGTH).albedo == 1.0
+
+
+def test_tiny_spheres_are_rayleighs_dipoles():
+    particles = spheres(1.5 + 0.1j, radius_um=1e-3, wavelength_um=WAVELENGTH)
+    from vrte.optics.phase_matrix import rayleigh
+
+    np.testing.assert_allclose(particles.phase_matrix.coefficients[:3], rayleigh().coefficients, atol=1e-5)
+    m2 = (1.5 + 0.1j) ** 2
+    polarizability = (m2 - 1) / (m2 + 2)
+    assert particles.scattering_um2 == pytest.approx(8 / 3 * math.pi * 1e-18 * abs(polarizability) ** 2, rel=1e-5)
+    absorption = 4 * math.pi * 1e-9 * polarizability.imag
+    assert particles.extinction_um2 - particles.scattering_um2 == pytest.approx(absorption, rel=1e-5)
+
+
+def test_large_spheres():
+    particles = spheres(1.33, radius_um=1100.0, wavelength_um=WAVELENGTH)
+    assert particles.extinction_um2 / (math.pi * 1100.0**2) == pytest.approx(2.0, abs=0.03)
+    assert particles.phase_matrix.terms > 2200
+
+
+def test_a_host_changes_wavelength_and_contrast():
+    in_water = spheres(1.5, radius_um=0.3, wavelength_um=0.5, host_index=1.33)
+    alone = spheres(1.5 / 1.33, radius_um=0.3, wavelength_um=0.5 / 1.33)
+    assert in_water.scattering_um2 == pytest.approx(alone.scattering_um2, rel=1e-12)
+    np.testing.assert_allclose(in_water.phase_matrix.coefficients, alone.phase_matrix.coefficients, atol=1e-11)
+    bubble = spheres(1.0, radius_um=0.3, wavelength_um=0.5, host_index=1.33)
+    assert bubble.albedo == 1.0
+
+
+def test_an_average_is_the_sum_over_its_radii():
+    table = Tabulated([0.10, 0.1001], [1.0, 1.0])
+    narrow = spheres("gold", size=table, wavelength_um=0.6)
+    single = spheres("gold", radius_um=0.10005, wavelength_um=0.6)
+    assert narrow.extinction_um2 == pytest.approx(single.extinction_um2, rel=1e-5)
+    np.testing.assert_allclose(narrow.phase_matrix.a1[:8], single.phase_matrix.a1[:8], atol=1e-5)
+    radii, weights = Lognormal(0.2, 1.3).quadrature(257)
+    areas = [efficiencies(1.4 + 0.02j, math.tau * r / 0.5)[0] * math.pi * r**2 for r in radii]
+    assert spheres(1.4 + 0.02j, size=Lognormal(0.2, 1.3), wavelength_um=0.5).extinction_um2 == pytest.approx(
+        weights @ areas, rel=1e-6
+    )
+
+
+def test_averages_say_how_far_they_have_settled(monkeypatch):
+    smooth = spheres("gold", size=Lognormal(0.1, 1.4), wavelength_um=0.5)
+    assert "257 radii" in smooth.description
+    assert "main/Au/Johnson" in smooth.description
+    assert smooth.volume_um3 == pytest.approx(4 / 3 * math.pi * 1e-3 * math.exp(4.5 * math.log(1.4) ** 2), rel=1e-9)
+    monkeypatch.setattr("vrte.optics.spheres.MOST_RADII", 257)
+    with pytest.warns(SizeAverageWarning, match="not settled; .* 257 radii, cross sections settled to .e-0"):
+        spheres(2.7, size=Lognormal(0.4, 1.5), wavelength_um=0.5)
+
+
+def test_mixture_of_species():
+    gold, silica = (spheres(name, radius_um=0.1, wavelength_um=0.6) for name in ("gold", "silica"))
+    mixed = mixture([(gold, 0.7), (silica, 0.3)])
+    assert isinstance(mixed, Particles)
+    assert mixed.extinction_um2 == pytest.approx(0.7 * gold.extinction_um2 + 0.3 * silica.extinction_um2)
+    assert mixed.albedo == pytest.approx(mixed.scattering_um2 / mixed.extinction_um2)
+    share = 0.7 * gold.scattering_um2 / mixed.scattering_um2
+    angle = [0.0, 60.0, 150.0]
+    f = [one.phase_matrix.scattering_matrix(angle) for one in (gold, silica, mixed)]
+    np.testing.assert_allclose(f[2], share * f[0] + (1 - share) * f[1], atol=1e-12)
+    assert mixture([(gold, 7), (silica, 3)]).asymmetry == pytest.approx(mixed.asymmetry, rel=1e-14)
+    assert mixture([(silica, 1.0)]).albedo == 1.0
+    assert "0.7 of spheres" in mixed.description
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"radius_um": 0.3, "host_index": 1.5}, "refractive index of their host, 1.5, so they scatter nothing"),
+        ({}, "either radius_um or size"),
+        ({"radius_um": 0.3, "size": Gamma(0.2, 0.1)}, "either radius_um or size"),
+        ({"radius_um": -0.3}, "radius_um must be a length"),
+        ({"radius_um": 1e4}, "size parameter .* at most 10000"),
+        ({"size": 0.3}, "size must be a Lognormal"),
+        ({"radius_um": 0.3, "host_index": 0.0}, "host_index"),
+        ({"radius_um": 0.3, "host_index": 1.3 + 0.1j}, "host_index must be a number"),
+    ],
+)
+def test_sphere_errors(arguments, words):
+    with pytest.raises(SceneError, match=words):
+        spheres(1.5, wavelength_um=0.5, **arguments)
+
+
+def test_index_errors_reach_the_user():
+    with pytest.raises(SceneError, match="k must be >= 0"):
+        spheres(1.5 - 0.1j, radius_um=0.3, wavelength_um=0.5)
+    with pytest.raises(SceneError, match="goes from"):
+        spheres("gold", radius_um=0.3, wavelength_um=5.0)
+    with pytest.raises(SceneError, match="wavelength_um"):
+        spheres(1.5, radius_um=0.3, wavelength_um=-0.5)
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ([], "at least one kind"),
+        ([("gold", 1.0)], "not str"),
+        ([0.3], "pairs"),
+        ([(spheres(1.5, radius_um=0.1, wavelength_um=0.5), -1.0)], "number fraction must be a number >= 0"),
+        ([(spheres(1.5, radius_um=0.1, wavelength_um=0.5), 0.0)], "needs more than 0"),
+    ],
+)
+def test_mixture_errors(parts, words):
+    with pytest.raises(SceneError, match=words):
+        mixture(parts)
+
+
+def test_everything_pickles_and_stays_read_only():
+    table = pickle.loads(pickle.dumps(Tabulated([0.1, 0.2], [1.0, 2.0])))
+    with pytest.raises(ValueError, match="read-only"):
+        table.radius_um[0] = 1.0
+    gold = spheres("gold", size=table, wavelength_um=0.5)
+    copy = pickle.loads(pickle.dumps(gold))
+    assert copy.extinction_um2 == gold.extinction_um2
+    np.testing.assert_array_equal(copy.phase_matrix.coefficients, gold.phase_matrix.coefficients)
+    assert not copy.phase_matrix.a1.flags.writeable
+    with pytest.raises(AttributeError):
+        copy.albedo = 0.5
+    for distribution in (Lognormal(0.2, 1.4), Gamma(0.2, 0.07), Monodisperse(0.1)):
+        assert pickle.loads(pickle.dumps(distribution)) == distribution
+
+
+def test_two_hundred_sizes_are_quick():
+    radii = np.linspace(1.5, 300.0, 200)
+    start = time.perf_counter()
+    for size in radii:
+        mie_coefficients(1.5 + 0.01j, size)
+    assert time.perf_counter() - start < 2.0
