@@ -38,13 +38,9 @@ class Layer:
 
     def __post_init__(self) -> None:
         if not isinstance(self.phase_matrix, PhaseMatrix):
-            raise SceneError(
-                f"layer: phase_matrix must be a vrte.PhaseMatrix, not {type(self.phase_matrix).__name__}"
-            )
+            raise SceneError(f"layer: phase_matrix must be a vrte.PhaseMatrix, not {type(self.phase_matrix).__name__}")
         object.__setattr__(self, "albedo", number("layer: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
-        thickness = number(
-            "layer: thickness", self.thickness, 0.0, math.inf, "an optical thickness >= 0, or inf"
-        )
+        thickness = number("layer: thickness", self.thickness, 0.0, math.inf, "an optical thickness >= 0, or inf")
         object.__setattr__(self, "thickness", thickness)
 
     @staticmethod
@@ -66,13 +62,9 @@ class Layer:
         1.0
         """
         if not isinstance(particles, Particles):
-            raise SceneError(
-                f"layer: particles must be vrte.spheres(...) or a mixture, not {type(particles).__name__}"
-            )
+            raise SceneError(f"layer: particles must be vrte.spheres(...) or a mixture, not {type(particles).__name__}")
         geometric = thickness_um is not None or volume_fraction is not None
-        if (thickness is not None) == geometric or (
-            geometric and (thickness_um is None or volume_fraction is None)
-        ):
+        if (thickness is not None) == geometric or (geometric and (thickness_um is None or volume_fraction is None)):
             raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
         if thickness is None:
             thickness = _optical_thickness(particles, thickness_um, volume_fraction)
@@ -82,9 +74,7 @@ class Layer:
 def _optical_thickness(particles: Particles, thickness_um: Any, volume_fraction: Any) -> float:
     """Extinction cross section times number density (volume fraction over particle volume) times length."""
     length = number("layer: thickness_um", thickness_um, 0.0, math.inf, "a length in micrometres >= 0")
-    fraction = number(
-        "layer: volume_fraction", volume_fraction, 5e-324, 1.0 - 2.0**-53, "above 0 and below 1"
-    )
+    fraction = number("layer: volume_fraction", volume_fraction, 5e-324, 1.0 - 2.0**-53, "above 0 and below 1")
     if fraction > INDEPENDENT_UP_TO:
         warnings.warn(
             f"layer: a volume_fraction of {fraction:g} is above {INDEPENDENT_UP_TO}, where it is doubtful "
@@ -195,9 +185,7 @@ class Scene:
         try:
             layers = (self.layers,) if isinstance(self.layers, Layer) else tuple(self.layers)
         except TypeError:
-            raise SceneError(
-                f"layers must be a list of vrte.Layer, not {type(self.layers).__name__}"
-            ) from None
+            raise SceneError(f"layers must be a list of vrte.Layer, not {type(self.layers).__name__}") from None
         object.__setattr__(self, "layers", layers)
         if not layers:
             raise SceneError("a scene needs at least one layer, not an empty list")
@@ -208,8 +196,7 @@ class Scene:
                 raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only")
         if not isinstance(self.base, (Lambertian, MuellerBase, type(None))):
             raise SceneError(
-                "base must be None (black), vrte.Lambertian or vrte.MuellerBase, "
-                f"not {type(self.base).__name__}"
+                f"base must be None (black), vrte.Lambertian or vrte.MuellerBase, not {type(self.base).__name__}"
             )
 
     @property

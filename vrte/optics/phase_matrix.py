@@ -17,7 +17,7 @@ from vrte.optics.spherical_functions import wigner_functions
 
 CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)  # cosine ascending
 NEGATIVE_ALLOWED = 1e-4  # of F11, for a coherency eigenvalue: tables rounded to a few digits pass
-ROUNDING = 1e-14  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
+ROUNDING = 1e-13  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
 PAIRS = ((0, 0), (0, 2), (2, 2), (2, -2))  # (m, n) of the Wigner functions that the six sequences multiply
 
 
