@@ -77,8 +77,8 @@ def _optical_thickness(particles: Particles, thickness_um: Any, volume_fraction:
     fraction = number("layer: volume_fraction", volume_fraction, 5e-324, 1.0 - 2.0**-53, "above 0 and below 1")
     if fraction > INDEPENDENT_UP_TO:
         warnings.warn(
-            f"layer: a volume_fraction of {fraction:g} is above {INDEPENDENT_UP_TO}, where it is doubtful "
-            "that the particles scatter independently of each other, as is assumed here",
+            f"layer: a volume_fraction of {fraction:g} is above {INDEPENDENT_UP_TO}: independent scattering, "
+            "which is assumed here, is doubtful",
             IndependentScatteringWarning,
             stacklevel=3,
         )
