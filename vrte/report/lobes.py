@@ -180,6 +180,7 @@ def _draw_lobe(axes: Any, radius: Array, colours: Array, mu_i: float) -> None:
     axes.set_box_aspect((2.0, 2.0, 1.0), zoom=1.36)
     axes.view_init(elev=24.0, azim=-72.0)
     axes.set_axis_off()
+    axes.patch.set_visible(False)  # drawn even so, it would cover the labels of the lobe beside
 
 
 def _shaded(colours: Array, x: Array, y: Array, z: Array) -> Array:
@@ -245,7 +246,7 @@ def _few_ticks() -> Any:
 
 
 def _colour_bar(figure: Any, colours: Any) -> None:
-    bar = figure.colorbar(colours, cax=figure.add_axes((0.905, 0.44, 0.014, 0.38)), extend="max")
+    bar = figure.colorbar(colours, cax=figure.add_axes((0.918, 0.44, 0.014, 0.38)), extend="max")
     bar.set_label("degree of linear polarization, unpolarized incidence", fontsize=10)
     bar.ax.yaxis.set_major_locator(_few_ticks())
     bar.ax.tick_params(labelsize=9)
