@@ -1,0 +1,275 @@
+"""The command line: files, messages and exit codes, as a shell sees them."""
+
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import cli
+
+SCENE = """
+nodes = 4
+[[layer]]
+phase = "rayleigh"
+albedo = 0.9
+thickness = 1.0
+[brdf]
+mu_i = [0.6, 1.0]
+mu_o = [0.5, 1.0]
+phi_deg = [0, 60, 120, 180]
+[field]
+mu0 = 0.6
+tau = [0, 1]
+"""
+VRTE = [sys.executable, "-m", "vrte.cli"]
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def run(*arguments: str | Path) -> int:
+    """The exit code of `vrte` with these arguments."""
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as leaving:
+        return leaving.code  # type: ignore[return-value]
+
+
+def files(folder: Path) -> set[str]:
+    return {file.name for file in folder.iterdir()}
+
+
+def test_brdf_writes_what_it_says(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = scene.parent
+    outputs = [folder / f"out.{suffix}" for suffix in ("nc", "csv", "png")]
+    assert run("brdf", scene, "-o", outputs[0], "--csv", outputs[1], "--plot", outputs[2], "--threads", 1) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    for output in outputs:
+        assert f"wrote {output}" in told.out
+    assert re.search(r"homogeneous +\d+\.\d{3} +\d+\.\d{3}\n", told.out)
+    assert "1 thread" in told.out
+    assert files(folder) == {"scene.toml", "out.nc", "out.csv", "out.png"}
+    layer = vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)
+    expected = vrte.brdf(vrte.Scene([layer]), [0.6, 1.0], [0.5, 1.0], [0, 60, 120, 180], nodes=4, threads=1)
+    saved = vrte.load(outputs[0])
+    assert isinstance(saved, vrte.Brdf)
+    np.testing.assert_array_equal(saved.mueller, expected.mueller)
+    assert outputs[1].read_text().count("\n") == 1 + 2 * 2 * 4
+    assert outputs[2].read_bytes().startswith(b"\x89PNG")
+
+
+def test_field_writes_what_it_says(scene: Path) -> None:
+    folder = scene.parent
+    assert run("field", scene, "-o", folder / "out.nc", "--csv", folder / "out.csv", "--plot", folder / "out.png") == 0
+    saved = vrte.load(folder / "out.nc")
+    assert isinstance(saved, vrte.Field)
+    assert saved.stokes.shape == (2, 8, 1, 4)
+    assert (folder / "out.csv").read_text().startswith("tau,mu,phi_deg,I,Q,U,V\n")
+    assert files(folder) == {"scene.toml", "out.nc", "out.csv", "out.png"}
+
+
+def test_an_unreached_base_and_doubtful_particles_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dense = "wavelength_um = 0.6\n[particles.p]\nindex = [1.5, 0.1]\nradius_um = 0.1\n"
+    layer = '[[layer]]\nparticles = "p"\nthickness_um = 1\nvolume_fraction = 0.3\n'
+    rest = '[[layer]]\nphase = "isotropic"\nalbedo = 0.5\nthickness = inf\n[base]\nkind = "lambertian"\nalbedo = 1\n'
+    (tmp_path / "scene.toml").write_text("nodes = 4\n" + dense + layer + rest + "[field]\nmu0 = 0.5\n")
+    assert run("field", tmp_path / "scene.toml", "-o", tmp_path / "out.nc") == 0
+    told = capsys.readouterr()
+    assert re.fullmatch(r"vrte: warning: [^\n]*0\.3[^\n]*\n", told.err)
+    assert "base: Lambertian(albedo=1.0), which no light reaches" in told.out
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("out.txt", "must end in .nc"),
+        ("absent/out.nc", "lies in a folder that does not exist"),
+        ("folder.nc", "it is a folder"),
+    ],
+)
+def test_outputs_are_checked_before_the_work(
+    scene: Path, name: str, complaint: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cli, "read_scene", lambda *_: pytest.fail("worked"))
+    (scene.parent / "folder.nc").mkdir()
+    assert run("brdf", scene, "-o", scene.parent / name) == 2
+    assert complaint in one_line(capsys)
+
+
+def test_two_outputs_must_differ_in_kind(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("brdf", scene, "-o", scene.parent / "out.nc", "--csv", scene.parent / "out.nc") == 2
+    assert "must end in .csv" in one_line(capsys)
+
+
+def test_too_few_directions_for_a_picture(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene.write_text(SCENE.replace("phi_deg = [0, 60, 120, 180]", ""))
+    assert run("brdf", scene, "-o", scene.parent / "out.nc", "--plot", scene.parent / "out.png") == 2
+    assert "3 different phi_deg" in one_line(capsys)
+    assert files(scene.parent) == {"scene.toml"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("thickness", "thicknes", r"scene\.toml: layer\[1\]\.thicknes = 1\.0: unknown key; did you mean 'thickness'"),
+        ("mu_i = [0.6, 1.0]", "mu_i = 1.5", r"brdf\.mu_i .*1\.5"),
+        ("[0, 60, 120, 180]", "[nan]", r"brdf\.phi_deg"),
+        ("nodes = 4", "nodes = ", r"scene\.toml: not valid TOML: .*line 2"),
+        ("[brdf]", "[field2]", r"field2 = .*: unknown key; did you mean 'field'"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(
+    scene: Path, old: str, new: str, complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene.write_text(SCENE.replace(old, new))
+    assert run("brdf", scene, "-o", scene.parent / "out.nc") == 2
+    assert re.search(complaint, one_line(capsys))
+    assert files(scene.parent) == {"scene.toml"}
+
+
+def one_line(capsys: pytest.CaptureFixture[str]) -> str:
+    """What stands on standard error, which must be one line that names the program."""
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert re.fullmatch(r"vrte: error: [^\n]+\n", told.err)
+    return told.err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["bdrf"],
+        ["brdf"],
+        ["brdf", "absent.toml", "-o", "out.nc"],
+        ["brdf", "scene.toml", "-o", "out.nc", "--threads", "0"],
+        ["brdf", "scene.toml", "-o", "out.nc", "--threads", "many"],
+        ["brdf", "scene.toml", "-o", "out.nc", "--colour"],
+        ["brdf", ".", "-o", "out.nc"],
+        ["material", "gold"],
+        ["material", "glod", "--wavelength-um", "0.6"],
+        ["material", "gold", "--wavelength-um", "-1"],
+        ["material", "gold", "--wavelength-um", "600"],
+        ["material", "gold", "--wavelength-um", "x"],
+    ],
+)
+def test_bad_arguments_are_one_line_and_code_2(
+    scene: Path, arguments: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(scene.parent)
+    assert run(*arguments) == 2
+    one_line(capsys)
+    assert files(scene.parent) == {"scene.toml"}
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (vrte.AccuracyError("the residual is 1"), 1),
+        (MemoryError(), 1),
+        (OSError(28, "No space left on device"), 1),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_failures(
+    scene: Path,
+    error: BaseException,
+    code: int,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "brdf", fail)
+    assert run("brdf", scene, "-o", scene.parent / "out.nc") == code
+    one_line(capsys)
+    assert files(scene.parent) == {"scene.toml"}
+
+
+@pytest.mark.parametrize(("module", "extra"), [("xarray", "files"), ("h5netcdf", "files"), ("matplotlib", "plot")])
+def test_a_missing_extra_is_named_before_the_work(
+    scene: Path, module: str, extra: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find = cli.importlib.util.find_spec
+    monkeypatch.setattr(cli.importlib.util, "find_spec", lambda name: None if name == module else find(name))
+    monkeypatch.setattr(cli, "read_scene", lambda *_: pytest.fail("worked"))
+    assert run("brdf", scene, "-o", scene.parent / "out.nc", "--plot", scene.parent / "out.png") == 1
+    assert f"pip install 'vrte[{extra}]'" in one_line(capsys)
+
+
+def test_material(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("material", "gold", "--wavelength-um", "0.64") == 0
+    index = vrte.refractive_index("gold", 0.64)
+    told = capsys.readouterr().out
+    assert told == f"gold at 0.64 um: n = {index.n:.6g}, k = {index.k:.6g}\nfrom {index.source}\n"
+    assert run("material") == 0
+    assert "zinc oxide" in capsys.readouterr().out
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--version") == 0
+    assert capsys.readouterr().out == f"vrte {vrte.__version__}\n"
+
+
+def test_warnings_and_signals_are_as_they_were() -> None:
+    before = warnings.showwarning, signal.getsignal(signal.SIGTERM)
+    run("material")
+    assert (warnings.showwarning, signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_a_bar_on_a_terminal_and_none_in_a_pipe(scene: Path) -> None:
+    command = [*VRTE, "field", str(scene), "-o", str(scene.parent / "out.nc")]
+    assert subprocess.run(command, check=True, capture_output=True, timeout=60).stderr == b""
+    master, terminal = pty.openpty()
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": "100"}
+    ended = subprocess.run(command, stdout=subprocess.PIPE, stderr=terminal, env=environment, timeout=60, check=True)
+    os.close(terminal)
+    shown = os.read(master, 1 << 16).decode()
+    os.close(master)
+    assert "Fourier orders" in shown
+    assert b"wrote" in ended.stdout
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_run_that_is_stopped_leaves_nothing(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    """Stopped while it solves: a scene that would take a minute."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        "nodes = 200\n[[layer]]\nphase = { henyey_greenstein = 0.97 }\nalbedo = 0.99\nthickness = 10\n"
+        "[brdf]\nmu_i = { start = 0.1, stop = 1, count = 50 }\nmu_o = { start = 0.1, stop = 1, count = 50 }\n"
+    )
+    command = [*VRTE, "brdf", str(scene), "-o", str(tmp_path / "out.nc")]
+    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(2.0)
+    started.send_signal(number)
+    out, err = started.communicate(timeout=60)
+    assert started.returncode == code, err
+    assert "Traceback" not in err
+    assert out == ""
+    assert files(tmp_path) == {"scene.toml"}
+
+
+def test_a_reader_that_leaves_early_is_no_error(scene: Path) -> None:
+    listing = subprocess.Popen([*VRTE, "material"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert listing.stdout is not None
+    assert listing.stderr is not None
+    listing.stdout.close()
+    complaint = listing.stderr.read()
+    listing.stderr.close()
+    assert listing.wait(timeout=60) in (0, 1)
+    assert complaint == b""
