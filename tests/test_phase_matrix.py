@@ -142,6 +142,12 @@ def test_scattering_matrix_takes_any_shape_and_order():
     np.testing.assert_allclose(f[1, 1], pm.scattering_matrix(91.0), rtol=1e-14, atol=1e-15)
 
 
+def test_many_angles_come_in_pieces():
+    pm, angle = henyey_greenstein(0.6, 90), np.linspace(0.0, 180.0, 10_001)
+    np.testing.assert_allclose(pm.scattering_matrix(angle)[::500], pm.scattering_matrix(angle[::500]), rtol=1e-13)
+    assert pm.scattering_matrix(np.zeros((0, 3))).shape == (0, 3, 4, 4)
+
+
 def test_many_terms_come_in_blocks():
     g, terms = 0.97, 700
     a1 = (2 * np.arange(terms) + 1) * g ** np.arange(terms)

@@ -18,6 +18,7 @@ from vrte.optics.spherical_functions import wigner_functions
 CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)  # cosine ascending
 NEGATIVE_ALLOWED = 1e-4  # of F11, for a coherency eigenvalue: tables rounded to a few digits pass
 ROUNDING = 1e-13  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
+ANGLES_AT_ONCE = 4096  # bounds the memory, whatever the number of angles
 PAIRS = ((0, 0), (0, 2), (2, 2), (2, -2))  # (m, n) of the Wigner functions that the six sequences multiply
 
 
@@ -95,6 +96,10 @@ class PhaseMatrix:
 
     def _elements(self, cosine: Array) -> Array:
         """a1, a2, a3, a4, b1, b2 as functions of the scattering angle's cosine (n,), ascending: (6, n)."""
+        pieces = np.array_split(cosine, 1 + cosine.size // ANGLES_AT_ONCE)
+        return np.concatenate([self._elements_at_once(piece) for piece in pieces], axis=1)
+
+    def _elements_at_once(self, cosine: Array) -> Array:
         plain, crossed = np.stack([self.a1, self.a4]), -np.stack([self.b1, self.b2])  # P^l_02 = -d^l_02
         total, difference = self.a2 + self.a3, self.a2 - self.a3
         sums = np.zeros((6, cosine.size))
