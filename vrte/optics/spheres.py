@@ -27,7 +27,7 @@ NEGLIGIBLE = 1e-16  # of the largest |a_n|, |b_n|: what the orders left out may 
 LEFT_OUT = 1e-12  # what an expansion coefficient left out may hold; a1[0] is 1
 FEWEST_RADII, MOST_RADII = 129, 2049
 SETTLED = np.array([1e-6, 1e-6, 1e-6, 1e-4])  # relative: extinction, scattering, asymmetry, backscattering
-DOUBTFUL = 1e-3  # relative change of a cross section at MOST_RADII from which the user is warned
+DOUBTFUL = 1e-2  # relative change of a cross section at MOST_RADII from which the user is warned
 ALL_SIZES_UP_TO = 100.0  # size parameter from which radii follow the sum of r^4 instead of r^6
 ANGLES_AT_ONCE, SIZES_AT_ONCE = 512, 256  # bound the memory
 
@@ -81,8 +81,8 @@ def spheres(
     An average over sizes starts with 129 radii and doubles their number, keeping those it has, until
     extinction, scattering and asymmetry change by less than 1e-6 and backscattering by less than 1e-4,
     relative, or until there are 2049. Clear spheres have resonances narrower than any such spacing:
-    ``description`` says to what the cross sections have settled, and a SizeAverageWarning is given above
-    1e-3.
+    ``description`` says to what the cross sections have settled (1e-3 for a clear index of 2.7), and a
+    SizeAverageWarning is given above 1e-2.
 
     Raises SceneError for both or neither of radius_um and size, for an index that is not allowed or equals
     the host's (nothing would be scattered), and for size parameters above 1e4. Source: Bohren and Huffman
