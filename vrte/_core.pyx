@@ -1056,7 +1056,7 @@ cdef double amplitudes(int n, int n_rhs, const double* lam_re, const double* lam
         slab_matrix(n, True, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
         product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, odd, n, 1.0, spare, n)
         worst = max(worst, largest_of(nr, spare))
-    return worst / largest if largest > 0.0 else 0.0
+    return worst / largest if largest > 1e-280 else 0.0      # below, denormal numbers have no digits to check
 
 
 cdef inline double largest_of(size_t n, const double* a) noexcept nogil:
@@ -1113,7 +1113,7 @@ cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil
 
 def reconstruction_work(int n, int n_out, int n_rhs, int n_layer):
     """Doubles of `work` that one thread of `reconstruct` needs."""
-    return 8 * n_out * n * n_layer + 12 * n_out * n + 3 * n * n_rhs + 4 * 4 * n_out * n_rhs + 8 * n
+    return 8 * n_out * n * n_layer + 20 * n_out * n_rhs + 12 * n_out * n + n * n_rhs + 2 * n
 
 
 def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, const double[:, :, ::1] lam_re,

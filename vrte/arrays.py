@@ -33,6 +33,8 @@ def vector(name: str, values: Any) -> Array:
 def number(name: str, value: Any, low: float, high: float, allowed: str) -> float:
     """A float within [low, high]; `allowed` says in words what the range is."""
     try:
+        if isinstance(value, str):
+            raise TypeError
         result = float(value)
     except (TypeError, ValueError):
         raise SceneError(f"{name} must be a number {allowed}, not {value!r:.80}") from None

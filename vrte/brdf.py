@@ -119,7 +119,7 @@ def brdf(
         mueller=frozen(per_irradiance[0, :, : out.size]),
         reflectance=frozen(solution.flux_up[0, :, 0] / into),
         transmission=frozen(per_irradiance[1, :, out.size :]) if transmission else None,
-        direct_transmittance=frozen(np.exp(-scene.thickness / into)) if transmission else None,
+        direct_transmittance=frozen(np.exp(-scene.thickness / into)),
         mu_i=into,
         mu_o=out,
         phi=azimuths,

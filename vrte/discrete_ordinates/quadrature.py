@@ -1,8 +1,7 @@
 """Double-Gauss quadrature, (1:15): Gauss-Legendre nodes on each hemisphere."""
 
-import numpy as np
-
 from vrte.arrays import Array
+from vrte.optics.spherical_functions import gauss_legendre
 
 
 def double_gauss(nodes: int) -> tuple[Array, Array]:
@@ -11,5 +10,5 @@ def double_gauss(nodes: int) -> tuple[Array, Array]:
     >>> double_gauss(1)
     (array([0.5]), array([1.]))
     """
-    x, weights = np.polynomial.legendre.leggauss(nodes)
+    x, weights = gauss_legendre(nodes)
     return 0.5 * (x + 1.0), 0.5 * weights

@@ -167,9 +167,15 @@ def solve_orders(
         if progress is not None:
             progress(min(first + step, orders.size), int(orders.size))
     if not max(worst_mode, worst_boundary) <= RESIDUAL_ALLOWED or not np.isfinite(kernels).all():
+        longest = max(layer.phase_matrix.terms for layer in scene.layers)
+        advice = (
+            f": {problem.nodes.size} nodes do not resolve {longest} terms, use more"
+            if longest > problem.terms.max()
+            else ""
+        )
         raise AccuracyError(
             f"the residuals of the eigenproblems ({worst_mode:.2g}) and of the boundary systems ({worst_boundary:.2g}) "
-            f"must be at most {RESIDUAL_ALLOWED:g}"
+            f"must be at most {RESIDUAL_ALLOWED:g}{advice}"
         )
     return kernels, up, down, (worst_mode, worst_boundary)
 
