@@ -3,6 +3,7 @@
 import os
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from vrte.arrays import whole
@@ -29,23 +30,34 @@ def interruptible(run: Run, call: Callable[[], Result]) -> Result:
     The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own.
     """
     box: dict[str, Any] = {}
+    done = (
+        threading.Event()
+    )  # not Thread.join: interrupted, it takes a running thread for a finished one (CPython 3.11)
 
     def work() -> None:
         try:
             box["result"] = call()
         except BaseException as error:
             box["error"] = error
+        finally:
+            done.set()
 
-    worker = threading.Thread(target=work, name="vrte-solve", daemon=True)
-    worker.start()
+    threading.Thread(target=work, name="vrte-solve", daemon=True).start()
     try:
-        while worker.is_alive():
-            worker.join(0.2)
+        while not done.wait(0.2):
+            pass
     except BaseException:
         run.stop[0] = 1
-        worker.join()
+        wait_for(done)
         raise
     if "error" in box:
         raise box["error"]
     result: Result = box["result"]
     return result
+
+
+def wait_for(done: threading.Event) -> None:
+    """Until the compiled loops are left: a process that ends before them would crash in BLAS."""
+    while not done.is_set():
+        with suppress(KeyboardInterrupt, SystemExit):  # an impatient second signal
+            done.wait(0.1)
