@@ -81,8 +81,10 @@ def star(upper, lower):
 
 
 def brdf_orders(layers, base_albedo, mu_i, mu_o, nodes, n_order):
-    """f^m (order, in, out, 4, 4) [1/sr] of layers (coefficients, albedo, thickness) over a Lambertian base, in the public
-    frame, and the BTDF's orders (total transmission's diffuse part) below the last layer."""
+    """f^m (order, in, out, 4, 4) [1/sr], public frame, and the diffuse BTDF's orders below the last layer.
+
+    layers: (coefficients, albedo, thickness), over a Lambertian base.
+    """
     x, w = np.polynomial.legendre.leggauss(nodes)
     mu = np.concatenate([(x + 1) / 2, mu_o, mu_i])
     weights = np.concatenate([w / 2, np.zeros(mu_o.size), np.ones(mu_i.size)])

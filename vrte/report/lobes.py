@@ -52,7 +52,7 @@ def brdf_figure(brdf: Brdf) -> "Figure":
     check_directions(brdf.mu_o, brdf.phi)
     chosen = spread(brdf.mu_i.size, MOST_LOBES)
     lobes = [hemisphere(brdf, place) for place in chosen]
-    scale = max(float(radius.max()) for radius, _ in lobes)
+    scale = max(float(radius.max()) for radius, _ in lobes) or 1.0  # a dark scene is drawn as a point
     figure = _figure(width=max(4.6 * len(chosen), 6.4), height=8.2)
     colours = _colours(max(float(polarized[FINE_THETA <= COLOURED_TO].max()) for _, polarized in lobes))
     for column, (place, (radius, polarized)) in enumerate(zip(chosen, lobes, strict=True)):
