@@ -18,7 +18,7 @@ from .oracle import azimuthal_sum, brdf_orders, legendre_matrix
 
 Q = np.diag([1.0, 1.0, 1.0, -1.0])
 D = np.diag([1.0, 1.0, -1.0, -1.0])
-MU = np.array([1e-3, 0.1, 0.5, 1.0])
+MU = np.array([0.05, 0.1, 0.5, 1.0])
 PHI = np.array([0.0, 30.0, 111.0, 180.0])
 
 

@@ -1,5 +1,6 @@
 """The documents must not lag behind the code."""
 
+import doctest
 import re
 from pathlib import Path
 
@@ -17,6 +18,20 @@ def test_the_table_is_read() -> None:
 def test_every_equation_has_its_function(equation: str, file: str, name: str) -> None:
     source = (ROOT / file).read_text()
     assert re.search(rf"^(def|cdef|cpdef)\b[^(\n]*\b{name}\(", source, re.MULTILINE), f"{equation}: no {name} in {file}"
+
+
+def test_examples_of_the_compiled_module() -> None:
+    from vrte import _core
+
+    runner, finder = doctest.DocTestRunner(), doctest.DocTestFinder(recurse=False)
+    for function in (_core.generalized_spherical_functions, _core.phase_matrices):
+        for example in finder.find(function, globs=vars(_core).copy()):
+            runner.run(example)
+    assert runner.tries >= 2
+    assert runner.failures == 0
+    page = doctest.testfile(str(ROOT / "docs" / "core.md"), module_relative=False)
+    assert page.attempted >= 4
+    assert page.failed == 0
 
 
 def test_conventions_and_readme_name_what_exists() -> None:
