@@ -383,57 +383,69 @@ def legendre_matrices(functions):
     return matrices
 
 
+def bounds_work(int n_all, int n_term):
+    """Doubles of `work` that one thread of `order_bounds` needs."""
+    return 3 * n_all * n_term + 2 * n_all
+
+
 def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
-                 const double[::1] directions, const double[::1] weights, int n_out):
+                 const double[::1] directions, const double[::1] weights, int n_out, double[::1] bounds, int threads,
+                 double[:, ::1] work, double[::1] seconds, const int[::1] stop):
     """An upper bound, order by order, on what multiple scattering adds to the source function of (1:38).
 
     coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. With the sums
     over degrees of the norms of P_l^m B_l P_l^m on the nodes, q, from the nodes to an outgoing direction, u, and
-    from an incident direction to the nodes, v, the Neumann series is at most u v / (1 - q). Returns (order,):
+    from an incident direction to the nodes, v, the Neumann series is at most u v / (1 - q). bounds (order,):
     inf where q >= 1.
     """
-    cdef int n_layer = <int>coefficients.shape[0], n_term = <int>coefficients.shape[1]
-    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0]
-    cdef double[::1] bounds = np.zeros(n_term)
-    cdef double[::1] prt = np.empty(<size_t>n_term * n_all * 3)
-    cdef double[::1] rows = np.empty(n_all)
-    cdef double[::1] norms = np.empty(n_all)
-    cdef int m, l, i, j, layer
-    cdef double b, nodes, q, u, v, size, worst_q, worst_u, worst_v
+    cdef int n_term = <int>coefficients.shape[1], m, thread
+    cdef double start
+    for m in prange(n_term, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            bounds[m] = order_bound(m, n_term, <int>coefficients.shape[0], &coefficients[0, 0, 0], &terms[0], &albedo[0],
+                                    &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], n_out,
+                                    &work[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef double order_bound(int m, int n_term, int n_layer, const double* coefficients, const int* terms, const double* albedo,
+                        const double* directions, int n_all, const double* weights, int n_node, int n_out,
+                        double* work) noexcept nogil:
+    cdef double* prt = work
+    cdef double* norms = prt + <size_t>3 * n_all * n_term
+    cdef double* rows = norms + n_all
+    cdef int l, i, j, layer
+    cdef double b, nodes, q, size, worst_q = 0.0, worst_u = 0.0, worst_v = 0.0
     cdef const double* value
-    with nogil:
-        for m in range(n_term):
-            spherical(m, n_term, &directions[0], n_all, &prt[0])
-            worst_q = worst_u = worst_v = 0.0
-            for layer in range(n_layer):
-                q = u = v = 0.0
-                for i in range(n_all):
-                    rows[i] = 0.0
-                for l in range(m, terms[layer]):
-                    size = 0.0
-                    for j in range(6):
-                        b = coefficients[layer, l, j]
-                        size += (2.0 if j >= 4 else 1.0) * b * b
-                    size = albedo[layer] * sqrt(size)
-                    nodes = 0.0
-                    for i in range(n_all):
-                        value = &prt[(<size_t>l * n_all + i) * 3]
-                        b = 2.0 * (value[0] * value[0] + value[1] * value[1] + value[2] * value[2])
-                        norms[i] = sqrt(b)
-                        if i < n_node:
-                            nodes += weights[i] * b
-                    q += size * nodes
-                    nodes = size * sqrt(nodes)
-                    for i in range(n_node, n_all):
-                        rows[i] += norms[i] * nodes
-                for i in range(n_node, n_all):
-                    if i < n_node + n_out:
-                        u = max(u, rows[i])
-                    else:
-                        v = max(v, rows[i])
-                worst_q, worst_u, worst_v = max(worst_q, q), max(worst_u, u), max(worst_v, v)
-            bounds[m] = worst_u * worst_v / (1.0 - worst_q) if worst_q < 1.0 else INFINITY
-    return np.asarray(bounds)
+    spherical(m, n_term, directions, n_all, prt)
+    for layer in range(n_layer):
+        q = 0.0
+        memset(rows, 0, sizeof(double) * n_all)
+        for l in range(m, terms[layer]):
+            size = 0.0
+            for j in range(6):
+                b = coefficients[(<size_t>layer * n_term + l) * 6 + j]
+                size += (2.0 if j >= 4 else 1.0) * b * b
+            size = albedo[layer] * sqrt(size)
+            nodes = 0.0
+            for i in range(n_all):
+                value = prt + (<size_t>l * n_all + i) * 3
+                b = 2.0 * (value[0] * value[0] + value[1] * value[1] + value[2] * value[2])
+                norms[i] = sqrt(b)
+                if i < n_node:
+                    nodes += weights[i] * b
+            q += size * nodes
+            nodes = size * sqrt(nodes)
+            for i in range(n_node, n_all):
+                rows[i] += norms[i] * nodes
+        worst_q = max(worst_q, q)
+        for i in range(n_node, n_node + n_out):
+            worst_u = max(worst_u, rows[i])
+        for i in range(n_node + n_out, n_all):
+            worst_v = max(worst_v, rows[i])
+    return worst_u * worst_v / (1.0 - worst_q) if worst_q < 1.0 else INFINITY
 
 
 def assembly_work(int n_all, int n_term):

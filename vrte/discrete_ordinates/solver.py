@@ -65,7 +65,7 @@ def solve(
         # light going up first
         rank = np.argsort(mu < 0.0, kind="stable")
         problem = discretise(scene, mu0, columns, mu[rank], tau, nodes)
-        orders = orders_needed(scene, problem)
+        orders = orders_needed(scene, problem, run)
         kernels, up, down, residuals = solve_orders(scene, problem, orders, run, progress)
         begin = time.perf_counter()
         radiance = np.empty((tau.size, mu0.size, mu.size, phi.size, 4, columns.shape[0]))
@@ -124,20 +124,26 @@ def discretise(scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, 
     )
 
 
-def orders_needed(scene: Scene, problem: Problem) -> IntArray:
+def orders_needed(scene: Scene, problem: Problem, run: Run) -> IntArray:
     """Orders 0 .. last: beyond, a bound on multiple scattering is below 1e-15 of the albedo. At least order 0.
 
     A Mueller base can feed light back at any order, so there all orders of the phase matrix run.
     """
     n_order = int(problem.terms.max())
     if not (isinstance(scene.base, MuellerBase) and scene.base_is_reached):
-        bounds = _core.order_bounds(
+        bounds, directions = np.empty(n_order), problem.directions
+        run.timed(
+            "order bounds",
+            _core.order_bounds,
             problem.coefficients,
             problem.terms,
             problem.albedo,
-            problem.directions,
+            directions,
             problem.weights,
             problem.mu_out.size,
+            bounds,
+            run.threads,
+            run.work(_core.bounds_work(directions.size, n_order)),
         )
         tail = np.cumsum(2.0 * bounds[::-1])[::-1]
         n_order = max(1, int(np.count_nonzero(tail > NEGLIGIBLE * max(problem.albedo.max(), 1e-300))))
