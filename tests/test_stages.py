@@ -1,0 +1,144 @@
+"""Every compiled stage against its equation written out in NumPy."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import vrte
+from vrte import _core
+from vrte.discrete_ordinates.base import expand_base
+from vrte.discrete_ordinates.boundary import boundary
+from vrte.discrete_ordinates.homogeneous import Modes, homogeneous
+from vrte.discrete_ordinates.particular import particular
+from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
+from vrte.discrete_ordinates.problem import Problem, Run
+from vrte.discrete_ordinates.reconstruction import mode_coordinates, reconstruct
+from vrte.discrete_ordinates.solver import discretise
+
+from .test_discrete_ordinates import spheroids
+
+NODES, ALBEDO, THICKNESS, MU0 = 6, 0.9, 2.0, 0.45
+ORDERS = np.array([0, 1, 3], np.int32)
+FLIP = np.diag([1.0, 1.0, -1.0, -1.0])
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    scene = vrte.Scene([vrte.Layer(spheroids(), ALBEDO, THICKNESS)])
+    return discretise(scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), np.array([0.0, 0.8, THICKNESS]), NODES)
+
+
+@pytest.fixture(scope="module")
+def matrices(problem: Problem) -> Assembled:
+    return assemble(problem, ORDERS, Run(1))
+
+
+@pytest.fixture(scope="module")
+def modes(problem: Problem, matrices: Assembled) -> Modes:
+    return homogeneous(problem, ORDERS, matrices, Run(1))
+
+
+def kernel(m: int, to: np.ndarray, frm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pp + Pm and Pp - Pm, (4 to, 4 from): A(mu, mu') and A(mu, -mu') D."""
+    table = spheroids().coefficients
+    same = _core.phase_matrices(m, table, to, frm)
+    other = _core.phase_matrices(m, table, to, -frm) @ FLIP
+    flat = [a.transpose(0, 2, 1, 3).reshape(4 * to.size, 4 * frm.size) for a in (same + other, same - other)]
+    return flat[0], flat[1]
+
+
+def exponents(modes: Modes, o: int) -> np.ndarray:
+    """lambda as a real block-diagonal matrix in the coordinates of the modes."""
+    blocks, j = [], 0
+    re, im = modes.lam_re[o, 0], modes.lam_im[o, 0]
+    while j < re.size:
+        if im[j] == 0.0:
+            blocks.append(np.array([[re[j]]]))
+        else:
+            blocks.append(np.array([[re[j], im[j]], [-im[j], re[j]]]))
+        j += len(blocks[-1])
+    return scipy.linalg.block_diag(*blocks)
+
+
+def test_assembly(problem: Problem, matrices: Assembled) -> None:
+    mu, weights, out = problem.nodes, problem.weights, problem.mu_out
+    scale, mu4 = np.repeat(np.sqrt(weights * mu), 4), np.repeat(mu, 4)
+    for o, m in enumerate(ORDERS):
+        for sign, stored, led, source in (
+            (0, matrices.E, matrices.G_E, matrices.source_d),
+            (1, matrices.F, matrices.G_F, matrices.source_s),
+        ):
+            plain = (np.eye(4 * NODES) - ALBEDO / 2 * kernel(m, mu, mu)[sign] * np.repeat(weights, 4)) / mu4[:, None]
+            np.testing.assert_allclose(stored[o, 0].T, plain * scale[:, None] / scale, atol=1e-12)
+            rows = ALBEDO / 2 * kernel(m, out, mu)[sign] * np.repeat(weights, 4) / scale
+            np.testing.assert_allclose(led[o, 0].T, rows, atol=1e-13)
+            beam = ALBEDO / 2 * kernel(m, mu, np.array([MU0]))[sign] * (scale / mu4)[:, None]
+            np.testing.assert_allclose(source[o, 0].T, beam, atol=1e-13)
+
+
+def test_modes_solve_the_halved_eigenproblem(matrices: Assembled, modes: Modes) -> None:
+    complex_pairs = 0
+    for o in range(ORDERS.size):
+        E, F, X, Y = (stored[o, 0].T for stored in (matrices.E, matrices.F, modes.X, modes.Y))
+        lam = exponents(modes, o)
+        np.testing.assert_allclose(F @ E @ X, X @ lam, atol=1e-11 * np.abs(lam).max())
+        np.testing.assert_allclose(F @ Y, X, atol=1e-12)
+        np.testing.assert_allclose(E @ X, Y @ lam, atol=1e-11 * np.abs(lam).max())
+        complex_pairs += int(np.count_nonzero(modes.lam_im[o]))
+    assert complex_pairs > 0
+
+
+def test_the_field_obeys_its_equation_and_its_boundaries(problem: Problem, matrices: Assembled, modes: Modes) -> None:
+    """s' = -F d + q_s, d' = -E s + q_d by central differences; nothing falls in at the top or at the bottom."""
+    run = Run(1)
+    order = np.array([0], np.int32)
+    first = Assembled(*(getattr(matrices, name)[:1] for name in Assembled.__dataclass_fields__))
+    found = homogeneous(problem, order, first, run)
+    beam = particular(problem, first, found, run)
+    amplitudes = boundary(problem, order, found, beam, expand_base(None, problem, 1), run)
+
+    def field(depth: float) -> tuple[np.ndarray, np.ndarray]:
+        y, z = mode_coordinates(problem, 0, depth, found, beam, amplitudes)
+        return y @ found.X[0, 0], z @ found.Y[0, 0]
+
+    depth, step = 0.8, 1e-4
+    (s, d), (s2, d2), (s1, d1) = field(depth), field(depth + step), field(depth - step)
+    E, F = first.E[0, 0].T, first.F[0, 0].T
+    light = np.exp(-depth / MU0)
+    np.testing.assert_allclose((s2 - s1) / (2 * step), -d @ F.T + light * first.source_s[0, 0], atol=1e-5)
+    np.testing.assert_allclose((d2 - d1) / (2 * step), -s @ E.T + light * first.source_d[0, 0], atol=1e-5)
+    (s, d), (s2, d2) = field(0.0), field(THICKNESS)
+    assert np.abs(s + d).max() < 1e-13
+    assert np.abs(s2 - d2).max() < 1e-13
+
+
+def test_reconstruction_at_a_node_is_the_nodal_field(problem: Problem) -> None:
+    """Source-function integration, plus single scattering, gives back what the modes say on the nodes."""
+    scene = vrte.Scene([vrte.Layer(spheroids(), ALBEDO, THICKNESS)])
+    field = vrte.radiance(scene, MU0, tau=[0.8], phi=np.arange(16) * 22.5, nodes=NODES)
+    up = field.stokes[0, :NODES, :, 0].mean(axis=1)
+    assert 2 * np.pi * (problem.weights * problem.nodes) @ up == pytest.approx(field.flux_up[0], rel=1e-12)
+    down = field.stokes[0, NODES:, :, 0].mean(axis=1)
+    assert 2 * np.pi * (problem.weights * problem.nodes) @ down == pytest.approx(field.flux_down[0], rel=1e-12)
+
+
+@pytest.mark.parametrize("stage", ["assemble", "homogeneous", "particular", "boundary", "reconstruct"])
+def test_stages_do_not_depend_on_threads(problem: Problem, stage: str) -> None:
+    def run_all(threads: int) -> dict[str, list[np.ndarray]]:
+        run = Run(threads)
+        built = assemble(problem, ORDERS, run)
+        found = homogeneous(problem, ORDERS, built, run)
+        beam = particular(problem, built, found, run)
+        base = expand_base(None, problem, 4)
+        amplitudes = boundary(problem, ORDERS, found, beam, base, run)
+        out = reconstruct(problem, ORDERS, built, found, beam, amplitudes, base, run)
+        return {
+            "assemble": list(vars(built).values()),
+            "homogeneous": list(vars(found).values()),
+            "particular": list(vars(beam).values()),
+            "boundary": list(vars(amplitudes).values()),
+            "reconstruct": [out],
+        }
+
+    for one, other in zip(run_all(1)[stage], run_all(2)[stage], strict=True):
+        assert np.array_equal(one, other)
