@@ -197,4 +197,5 @@ def test_a_missing_extra_is_one_sentence(
     with pytest.raises(MissingExtraError, match=r"needs the extra 'files': pip install 'vrte\[files\]'") as caught:
         brdf.save(tmp_path / "brdf.nc")
     assert "\n" not in str(caught.value)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
     assert not list(tmp_path.iterdir())

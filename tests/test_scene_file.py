@@ -218,6 +218,9 @@ def test_broken_tables_of_coefficients(read: Reader, tmp_path: Path, rows: str, 
         ("albedo = 0.3", "albedo = 1.3", "base.albedo must be between 0 and 1, not 1.3"),
         ('= "gold"\nthick', '= "gild"\nthick', 'layer[1].particles = "gild": no table [particles.gild]; did you mean'),
         ('= "gold"\nthick', "= { gold = 1, x = 2 }\nthick", "no table [particles.x]"),
+        ('= "gold"\nthick', "= { gold = -1 }\nthick", "layer[1].particles.gold = -1: must be a number fraction >= 0"),
+        ('= "gold"\nthick', "= { gold = 0 }\nthick", "layer[1].particles = { gold = 0 }: at least one number fraction"),
+        ("[brdf]", "[field]\nmu00 = 1\n[brdf]", "field.mu00 = 1: unknown key; did you mean 'mu0'?"),
         ("radius_um = 0.1", "size = { normal = 1 }", "particles.gold.size.normal = 1: unknown key; did you mean"),
         (
             "radius_um = 0.1",
@@ -228,11 +231,12 @@ def test_broken_tables_of_coefficients(read: Reader, tmp_path: Path, rows: str, 
         # no TOML at all
         ("= 12", "== 12", "not valid TOML: "),
         ("nodes = 12", "nodes = 12\nnodes = 13", "not valid TOML: "),
+        ("nodes = 12", f"nodes = {5000 * '['}", "nested too deeply"),
     ],
 )
 def test_a_mistake_is_named(read: Reader, old: str, new: str, complaint: str) -> None:
     with pytest.raises(vrte.SceneError) as caught:
-        read(SCENE, (old, new))
+        read(SCENE, (old, new), kind="brdf" if "[field]" in new else None)
     assert complaint in str(caught.value)
     assert "\n" not in str(caught.value)
 

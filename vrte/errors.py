@@ -14,3 +14,8 @@ class MissingExtraError(ImportError):
 
     def __init__(self, purpose: str, extra: str) -> None:
         super().__init__(f"{purpose} needs the extra '{extra}': pip install 'vrte[{extra}]'")
+        self.purpose, self.extra = purpose, extra
+
+    def __reduce__(self) -> tuple[type["MissingExtraError"], tuple[str, str]]:
+        # by its two arguments: an exception is otherwise rebuilt from its message alone
+        return type(self), (self.purpose, self.extra)

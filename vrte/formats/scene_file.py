@@ -44,6 +44,7 @@ PHASES = (
     "or the path of a .csv with the columns l, a1, a2, a3, a4, b1, b2"
 )
 INDEX = 'the name of a material, a path in the database such as "main/Au/Johnson", or [n, k]'
+SHARE = "a number fraction >= 0"
 LEFT_OUT = 1e-12  # of a Henyey-Greenstein phase function, in the terms beyond the last
 
 
@@ -96,6 +97,8 @@ def _toml(path: Path) -> dict[str, Any]:
         raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"not valid TOML: {error}") from error
+    except RecursionError as error:
+        raise SceneError("not a scene: tables or lists nested too deeply") from error
 
 
 def _kind(file: Table, kind: str | None) -> str:
@@ -112,7 +115,8 @@ def _kind(file: Table, kind: str | None) -> str:
 
 
 def _request(file: Table, kind: str) -> dict[str, Any]:
-    table = file.table(kind, REQUEST_KEYS[kind])
+    tables = {name: file.table(name, REQUEST_KEYS[name]) for name in KINDS if name in file}
+    table = tables[kind]
     return _brdf_request(table) if kind == "brdf" else _field_request(table)
 
 
@@ -202,7 +206,13 @@ def _fractions(layer: Table, kinds: dict[str, Table]) -> list[tuple[str, float]]
     for name in value:
         _known(layer, name, kinds)
     fractions = layer.table("particles", tuple(kinds))
-    return [(name, fractions.number(name, "a number fraction > 0")) for name in value]
+    shares = [(name, fractions.number(name, SHARE)) for name in value]
+    for name, share in shares:
+        if not 0.0 <= share < math.inf:
+            raise fractions.wrong(name, f"must be {SHARE}")
+    if not any(share for _, share in shares):
+        raise layer.wrong("particles", "at least one number fraction must be above 0")
+    return shares
 
 
 def _known(layer: Table, name: str, kinds: dict[str, Table]) -> None:
