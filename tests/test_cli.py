@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -254,13 +255,24 @@ def test_a_run_that_is_stopped_leaves_nothing(tmp_path: Path, number: signal.Sig
         "[brdf]\nmu_i = { start = 0.1, stop = 1, count = 50 }\nmu_o = { start = 0.1, stop = 1, count = 50 }\n"
     )
     command = [*VRTE, "brdf", str(scene), "-o", str(tmp_path / "out.nc")]
-    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    time.sleep(2.0)
+    master, terminal = pty.openpty()
+    environment = os.environ | {"TERM": "xterm", "COLUMNS": "100"}
+    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal, env=environment)
+    os.close(terminal)
+    shown = os.read(master, 1 << 16)
+    while b"Fourier orders" not in shown:  # the progress bar: the solve has begun
+        shown += os.read(master, 1 << 16)
+    time.sleep(0.5)
     started.send_signal(number)
-    out, err = started.communicate(timeout=60)
-    assert started.returncode == code, err
-    assert "Traceback" not in err
-    assert out == ""
+    assert started.stdout is not None
+    with started.stdout:
+        assert started.stdout.read() == b""
+    assert started.wait(timeout=60) == code
+    with suppress(OSError):  # a terminal whose other end is closed
+        while more := os.read(master, 1 << 16):
+            shown += more
+    os.close(master)
+    assert b"Traceback" not in shown
     assert files(tmp_path) == {"scene.toml"}
 
 

@@ -283,6 +283,16 @@ def test_mu_one_and_grazing() -> None:
     assert largest_gap(field.stokes, straight.stokes) < 1e-5
 
 
+def test_more_directions_than_nodes() -> None:
+    """Fifty directions on two nodes are the same as one by one."""
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(0.03), 0.95, 2.0)])
+    mu = np.linspace(0.02, 1.0, 50)
+    together = vrte.brdf(scene, mu, mu, 40.0, nodes=2).mueller
+    for place in (0, 20, 49):
+        alone = vrte.brdf(scene, mu[place], mu, 40.0, nodes=2).mueller
+        assert largest_gap(together[place : place + 1], alone) < 1e-13
+
+
 def test_no_scattering() -> None:
     scene = vrte.Scene([vrte.Layer(spheroids(), 0.0, 1.0)], vrte.Lambertian(0.5))
     f = vrte.brdf(scene, [0.5], [0.25], 0.0, nodes=8).mueller[0, 0, 0]
@@ -343,27 +353,26 @@ def test_a_forked_child_can_solve() -> None:
     assert np.array_equal(got, expected)
 
 
-def test_interrupt_stops_within_a_second() -> None:
-    """SIGINT while a long solve runs in the main thread."""
+def test_interrupt_stops_a_long_solve() -> None:
+    """SIGINT in the midst of some 25 s of work, sent once the first orders are done."""
     import signal
     import subprocess
     import time
 
-    code = (
-        "import vrte\n"
-        "scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, 200), 0.9, 1.0)])\n"
-        "print('ready', flush=True)\n"
-        "vrte.brdf(scene, 0.5, 0.5, nodes=100)\n"
-    )
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdout is not None
-    process.stdout.readline()
-    time.sleep(2.0)
-    process.send_signal(signal.SIGINT)
-    start = time.monotonic()
-    _, errors = process.communicate(timeout=20)
+    code = """
+import vrte
+scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, 200), 0.9, 1.0)])
+vrte.brdf(scene, 0.5, 0.5, nodes=100, progress=lambda done, total: print(done, flush=True))
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert int(process.stdout.readline()) < 100
+        process.send_signal(signal.SIGINT)
+        start = time.monotonic()
+        errors = process.stderr.read()
     assert b"KeyboardInterrupt" in errors
-    assert time.monotonic() - start < 3.0
+    assert time.monotonic() - start < 8.0
 
 
 def test_terms_cut_are_told_and_progress_is_called() -> None:
