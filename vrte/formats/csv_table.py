@@ -19,7 +19,7 @@ def write_csv(result: Brdf | Field, path: str | os.PathLike[str]) -> None:
     A BRDF has the columns mu_i, mu_o, phi_deg, f00 .. f33 [sr-1], then t00 .. t33 where transmission was
     computed; a field has tau, mu, phi_deg, I, Q, U, V.
 
-    >>> write_csv(brdf, "gold.csv")  # doctest: +SKIP
+    >>> write_csv(brdf, "result.csv")
     """
     names, columns = _brdf_table(result) if isinstance(result, Brdf) else _field_table(result)
     with atomic_write(path) as part, open(part, "w", encoding="ascii", newline="") as file:

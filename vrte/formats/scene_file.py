@@ -79,7 +79,7 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None) -> SceneFi
     Without ``kind`` the file must have one of the two tables. Raises SceneError naming the dotted key, what
     was given and what is allowed, OSError where the file cannot be read.
 
-    >>> read_scene("gold_powder.toml").kind  # doctest: +SKIP
+    >>> read_scene("gold_powder.toml").kind
     'brdf'
     """
     file = Table("", _toml(Path(path)), FILE_KEYS)

@@ -37,7 +37,7 @@ def save_plot(result: Brdf | Field, path: str | os.PathLike[str]) -> None:
     polarization against mu. Raises MissingExtraError without the extra "plot", SceneError where there are too few
     directions for a picture, OSError.
 
-    >>> save_plot(brdf, "gold.png")  # doctest: +SKIP
+    >>> save_plot(brdf, "lobes.png")
     """
     figure = brdf_figure(result) if isinstance(result, Brdf) else field_figure(result)
     with atomic_write(path) as part:
