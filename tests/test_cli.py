@@ -9,6 +9,7 @@ import sys
 import time
 import warnings
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -257,7 +258,9 @@ def test_a_run_that_is_stopped_leaves_nothing(tmp_path: Path, number: signal.Sig
     command = [*VRTE, "brdf", str(scene), "-o", str(tmp_path / "out.nc")]
     master, terminal = pty.openpty()
     environment = os.environ | {"TERM": "xterm", "COLUMNS": "100"}
-    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal, env=environment)
+    # a background shell hands down an ignored SIGINT
+    default = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    started = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal, env=environment, preexec_fn=default)
     os.close(terminal)
     shown = os.read(master, 1 << 16)
     while b"Fourier orders" not in shown:  # the progress bar: the solve has begun

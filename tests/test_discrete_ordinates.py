@@ -4,6 +4,7 @@ import os
 import pickle
 import sys
 import threading
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -364,7 +365,9 @@ import vrte
 scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, 200), 0.9, 1.0)])
 vrte.brdf(scene, 0.5, 0.5, nodes=100, progress=lambda done, total: print(done, flush=True))
 """
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    command = [sys.executable, "-c", code]
+    default = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a background shell hands down an ignored SIGINT
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=default) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         assert int(process.stdout.readline()) < 100
