@@ -10,29 +10,12 @@ import scipy.linalg
 from threadpoolctl import threadpool_limits
 
 import vrte
+from tests.test_published import SIEWERT_IIA
 from vrte.discrete_ordinates.phase_assembly import assemble
 from vrte.discrete_ordinates.problem import Run
 from vrte.discrete_ordinates.solver import discretise
 
 ROUNDS = 5
-
-# Siewert, JQSRT 64, 227 (2000), problem IIA: a1, a2, a3, a4, b1, b2 of the twelve degrees
-SIEWERT_IIA = np.array(
-    [
-        [1.0, 0.0, 0.0, 0.915207, 0.0, 0.0],
-        [2.104031, 0.0, 0.0, 2.095727, 0.0, 0.0],
-        [2.095158, 3.726079, 3.615946, 2.008624, 0.116688, 0.065456],
-        [1.414939, 2.202868, 2.240516, 1.436545, 0.20937, 0.221658],
-        [0.703593, 1.190694, 1.139473, 0.706244, 0.227137, 0.097752],
-        [0.235001, 0.391203, 0.365605, 0.238475, 0.144524, 0.052458],
-        [0.064039, 0.105556, 0.082779, 0.056448, 0.05264, 0.009239],
-        [0.012837, 0.020484, 0.013649, 0.009703, 0.0124, 0.001411],
-        [0.00201, 0.003097, 0.001721, 0.001267, 0.002093, 0.000133],
-        [0.000246, 0.000366, 0.000172, 0.00013, 0.000267, 1.1e-05],
-        [2.4e-05, 3.5e-05, 1.4e-05, 1.1e-05, 2.7e-05, 1e-06],
-        [2e-06, 3e-06, 1e-06, 1e-06, 2e-06, 0.0],
-    ]
-)
 
 
 @pytest.fixture(scope="session")
@@ -44,7 +27,7 @@ def gold() -> vrte.Scene:
 @pytest.fixture(scope="session")
 def spheroids() -> vrte.Scene:
     """Table 2 of the paper: the benchmark of Wauben and Hovenier, as in Siewert (2000)."""
-    return vrte.Scene([vrte.Layer(vrte.PhaseMatrix(*SIEWERT_IIA.T), 0.973527, 1.0)])
+    return vrte.Scene([vrte.Layer(vrte.PhaseMatrix(*np.array(SIEWERT_IIA).T), 0.973527, 1.0)])
 
 
 def eigenproblems(scene: vrte.Scene, nodes: int, orders: int) -> list[np.ndarray]:

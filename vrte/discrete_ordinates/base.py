@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from vrte.arrays import Array
-from vrte.discrete_ordinates.problem import IntArray, Problem
+from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem
 from vrte.errors import AccuracyError
 from vrte.scene import Lambertian, MuellerBase
 
 SETTLED = 1e-10
 MOST_AZIMUTHS = 1 << 14
-FLIP = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)

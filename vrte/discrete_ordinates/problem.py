@@ -11,6 +11,7 @@ from vrte.arrays import Array
 
 IntArray = NDArray[np.int32]
 Progress = Callable[[int, int], None]
+FLIP = np.array([1.0, 1.0, -1.0, -1.0])  # D of (1:11)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,7 @@ from vrte.discrete_ordinates.boundary import Amplitudes
 from vrte.discrete_ordinates.homogeneous import Modes
 from vrte.discrete_ordinates.particular import Beam
 from vrte.discrete_ordinates.phase_assembly import Assembled
-from vrte.discrete_ordinates.problem import IntArray, Problem, Run
-
-FLIP = np.array([1.0, 1.0, -1.0, -1.0])
+from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem, Run
 
 
 def reconstruct(
