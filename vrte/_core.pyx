@@ -18,10 +18,10 @@ LAPACK's verdict in `info` (0: fine). No item depends on another, so results do 
 import numpy as np
 
 from cython.parallel cimport prange, threadid
-from libc.math cimport INFINITY, cos, exp, expm1, fabs, hypot, sin, sqrt
+from libc.math cimport INFINITY, cos, exp, expm1, fabs, hypot, sin, sqrt, tanh
 from libc.string cimport memcpy, memset
 from scipy.linalg.cython_blas cimport dgemm
-from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetrs
+from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs
 
 cdef extern from *:
     """
@@ -1077,6 +1077,789 @@ cdef inline double largest_of(size_t n, const double* a) noexcept nogil:
     for i in range(n):
         largest = max(largest, fabs(a[i]))
     return largest
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Impedance doubling: R and T of a homogeneous slab without an eigenproblem. With A = F E, half a slab's thickness h
+# and f(A) = tanh(h sqrt A)/sqrt A: Ze = E f, Zo = f F, S = Z (1 + Z)^-1, R = So - Se, T = 1 - So - Se.
+#
+# Directions off the nodes are nodes of weight zero: a matrix is lower triangular in its blocks (incident, nodes,
+# outgoing). On the diagonal II (r,) and OO (o,) are numbers, one a right-hand side or row, and N (n, n) a matrix; below
+# it NI (r, n), ON (n, o), OI (r, o). The beam's scattering straight into an outgoing direction would be E's and F's OI:
+# it is left at zero, because single scattering has a closed form; what OI then holds is multiple scattering alone.
+# ---------------------------------------------------------------------------------------------------------
+
+cdef struct Extended:
+    double* N
+    double* NI
+    double* ON
+    double* OI
+    double* OO
+    double* II
+
+
+cdef struct Sizes:
+    int n
+    int r
+    int o
+
+
+def extended_size(int n, int r, int o):
+    """Doubles of one matrix with its incident and outgoing directions."""
+    return n * n + r * n + n * o + r * o + o + r
+
+
+cdef inline size_t size_extended(Sizes s) noexcept nogil:
+    return <size_t>s.n * s.n + <size_t>s.r * s.n + <size_t>s.n * s.o + <size_t>s.r * s.o + s.o + s.r
+
+
+cdef inline Extended extended_at(Sizes s, double* memory) noexcept nogil:
+    cdef Extended x
+    x.N = memory
+    x.NI = x.N + <size_t>s.n * s.n
+    x.ON = x.NI + <size_t>s.r * s.n
+    x.OI = x.ON + <size_t>s.n * s.o
+    x.OO = x.OI + <size_t>s.r * s.o
+    x.II = x.OO + s.o
+    return x
+
+
+cdef inline void copy_extended(Sizes s, Extended a, Extended b) noexcept nogil:
+    memcpy(b.N, a.N, sizeof(double) * size_extended(s))
+
+
+cdef inline void scale_extended(Sizes s, double factor, Extended a) noexcept nogil:
+    cdef size_t i
+    for i in range(size_extended(s)):
+        a.N[i] *= factor
+
+
+cdef inline void add_extended(Sizes s, double factor, Extended a, Extended b) noexcept nogil:
+    """b += factor a."""
+    cdef size_t i
+    for i in range(size_extended(s)):
+        b.N[i] += factor * a.N[i]
+
+
+cdef inline void add_identity(Sizes s, double factor, Extended a) noexcept nogil:
+    cdef int i
+    for i in range(s.n):
+        a.N[<size_t>i * s.n + i] += factor
+    for i in range(s.o):
+        a.OO[i] += factor
+    for i in range(s.r):
+        a.II[i] += factor
+
+
+cdef void product_extended(Sizes s, double factor, Extended a, Extended b, Extended c) noexcept nogil:
+    """c = factor a b; c is neither a nor b."""
+    cdef int i, j
+    cdef size_t k
+    product(b"N", b"N", s.n, s.n, s.n, factor, a.N, s.n, b.N, s.n, 0.0, c.N, s.n)
+    for j in range(s.r):
+        for i in range(s.n):
+            k = <size_t>j * s.n + i
+            c.NI[k] = a.NI[k] * b.II[j]
+        for i in range(s.o):
+            k = <size_t>j * s.o + i
+            c.OI[k] = factor * (a.OI[k] * b.II[j] + a.OO[i] * b.OI[k])
+        c.II[j] = factor * a.II[j] * b.II[j]
+    for j in range(s.n):
+        for i in range(s.o):
+            k = <size_t>j * s.o + i
+            c.ON[k] = a.OO[i] * b.ON[k]
+    for i in range(s.o):
+        c.OO[i] = factor * a.OO[i] * b.OO[i]
+    product(b"N", b"N", s.n, s.r, s.n, factor, a.N, s.n, b.NI, s.n, factor, c.NI, s.n)
+    product(b"N", b"N", s.o, s.n, s.n, factor, a.ON, s.o, b.N, s.n, factor, c.ON, s.o)
+    product(b"N", b"N", s.o, s.r, s.n, factor, a.ON, s.o, b.NI, s.n, 1.0, c.OI, s.o)
+
+
+cdef int invert_extended(Sizes s, Extended a, Extended spare, int* pivots) noexcept nogil:
+    """a <- a^-1."""
+    cdef int i, j, info = factorise(s.n, a.N, s.n, pivots), room = s.n * s.n
+    cdef size_t k
+    if info != 0:
+        return info
+    dgetri(&s.n, a.N, &s.n, pivots, spare.N, &room, &info)
+    if info != 0:
+        return info
+    for i in range(s.o):
+        a.OO[i] = 1.0 / a.OO[i]
+    for j in range(s.r):
+        a.II[j] = 1.0 / a.II[j]
+        for i in range(s.n):
+            spare.NI[<size_t>j * s.n + i] = -a.NI[<size_t>j * s.n + i] * a.II[j]
+    product(b"N", b"N", s.n, s.r, s.n, 1.0, a.N, s.n, spare.NI, s.n, 0.0, a.NI, s.n)
+    for j in range(s.r):
+        for i in range(s.o):
+            k = <size_t>j * s.o + i
+            a.OI[k] = -a.OO[i] * a.OI[k] * a.II[j]
+    for j in range(s.n):
+        for i in range(s.o):
+            k = <size_t>j * s.o + i
+            spare.ON[k] = -a.OO[i] * a.ON[k]
+    product(b"N", b"N", s.o, s.r, s.n, 1.0, spare.ON, s.o, a.NI, s.n, 1.0, a.OI, s.o)
+    product(b"N", b"N", s.o, s.n, s.n, 1.0, spare.ON, s.o, a.N, s.n, 0.0, a.ON, s.o)
+    return 0
+
+
+def doubling_work(int n, int n_in, int n_col, int n_out):
+    """Doubles of `work` that one thread of `double_slabs` needs."""
+    return 8 * extended_size(n, n_in * n_col, 4 * n_out) + 4 * n
+
+
+def double_slabs(const int[::1] orders, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
+                 const double[::1] asymmetry, const double[::1] nodes, const double[::1] weights, const double[::1] mu0,
+                 const double[:, ::1] columns, const double[::1] mu_out, const double[:, :, :, ::1] E,
+                 const double[:, :, :, ::1] F, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
+                 const double[:, :, :, ::1] source_s, const double[:, :, :, ::1] source_d, double[:, :, ::1] R,
+                 double[:, :, ::1] T, double[:, :, ::1] lost, double[:, ::1] residual, int[:, ::1] doublings,
+                 int[:, ::1] info, int threads, double[:, ::1] work, int[:, ::1] pivots, double[::1] seconds,
+                 const int[::1] stop):
+    """Reflection and transmission of homogeneous slabs, on the nodes and for directions off them.
+
+    material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
+    left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, 4) the incident Stokes vectors, mu_out (n_out,).
+    R, T (order, slab, extended_size(n, n_in n_col, 4 n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
+    the unscattered light on its diagonal; in order 0 the nodes are turned so that the first axis carries the flux.
+    lost (order, slab, n): what the slab absorbs of it, the first row of 1 - R - T. residual (order, slab): how well R
+    and T satisfy invariance, relative; doublings (order, slab).
+    """
+    cdef int n_order = <int>orders.shape[0], n_slab = <int>material.shape[0], item, thread, o, k, m
+    cdef int n_item = n_order * n_slab
+    cdef double start
+    for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            o = item // n_slab
+            k = item % n_slab
+            m = material[k]
+            info[o, k] = double_one(
+                orders[o], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
+                thickness[k], albedo[m], asymmetry[m], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0],
+                &E[o, m, 0, 0], &F[o, m, 0, 0], &G_E[o, m, 0, 0], &G_F[o, m, 0, 0], &source_s[o, m, 0, 0],
+                &source_d[o, m, 0, 0], &R[o, k, 0], &T[o, k, 0], &lost[o, k, 0], &residual[o, k], &doublings[o, k],
+                &work[thread, 0], &pivots[thread, 0], &stop[0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef int double_one(int m, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
+                    const double* nodes, const double* weights, const double* mu0, const double* columns,
+                    const double* mu_out, const double* E, const double* F, const double* G_E, const double* G_F,
+                    const double* source_s, const double* source_d, double* R, double* T, double* lost, double* residual,
+                    int* doublings, double* work, int* pivots, const int* stop) noexcept nogil:
+    cdef Sizes s
+    cdef int info, i
+    cdef size_t each
+    s.n, s.r, s.o = 4 * n_node, n_in * n_col, 4 * n_out
+    each = size_extended(s)
+    cdef Extended e = extended_at(s, work), f = extended_at(s, work + each)
+    cdef Extended Ze = extended_at(s, work + 2 * each), Zo = extended_at(s, work + 3 * each)
+    cdef Extended C = extended_at(s, work + 4 * each), a = extended_at(s, work + 5 * each)
+    cdef Extended b = extended_at(s, work + 6 * each), spare = extended_at(s, work + 7 * each)
+    cdef Extended r = extended_at(s, R), t = extended_at(s, T)
+    cdef double* v = work + 8 * each
+    cdef double steepest = 0.0
+    memset(R, 0, sizeof(double) * each)
+    memset(T, 0, sizeof(double) * each)
+    memset(lost, 0, sizeof(double) * s.n)
+    residual[0] = 0.0
+    doublings[0] = 0
+    rates(s, n_col, nodes, mu0, mu_out, e, &steepest)
+    if albedo == 0.0:
+        clear_slab(s, thickness, nodes, weights, e, t, m, lost, v, spare.N)
+        return 0
+    extend(s, n_col, n_in, columns, E, G_E, source_d, mu_out, e)
+    rates(s, n_col, nodes, mu0, mu_out, f, &steepest)
+    extend(s, n_col, n_in, columns, F, G_F, source_s, mu_out, f)
+    if m == 0:
+        turn_extended(s, albedo, nodes, weights, columns, n_col, mu_out, v, e, f, spare.N)
+    if thickness < 1e300:
+        info = double_plainly(s, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
+    else:
+        info = double_endless(s, m, albedo, asymmetry, steepest, e, f, Ze, Zo, a, b, spare, doublings, pivots, stop)
+    if info != 0 or stop[0]:
+        return info
+    info = reflect_and_transmit(s, thickness, Ze, Zo, C, a, b, spare, r, t, lost, m, pivots)
+    if info == 0:
+        residual[0] = invariance(s, e, f, r, t, a, b, spare)
+    return info
+
+
+cdef void rates(Sizes s, int n_col, const double* nodes, const double* mu0, const double* mu_out, Extended a,
+                double* steepest) noexcept nogil:
+    """1/mu of the incident and outgoing directions on the diagonal; the largest of all."""
+    cdef int i
+    for i in range(s.o):
+        a.OO[i] = 1.0 / mu_out[i // 4]
+        steepest[0] = max(steepest[0], a.OO[i])
+    for i in range(s.r):
+        a.II[i] = 1.0 / mu0[i // n_col]
+        steepest[0] = max(steepest[0], a.II[i])
+    for i in range(s.n // 4):
+        steepest[0] = max(steepest[0], 1.0 / nodes[i])
+
+
+cdef void clear_slab(Sizes s, double thickness, const double* nodes, const double* weights, Extended rate, Extended t, int m,
+                     double* lost, double* v, double* spare) noexcept nogil:
+    """A slab that does not scatter: T alone."""
+    cdef int i
+    cdef double size = 0.0
+    for i in range(s.n):
+        t.N[<size_t>i * s.n + i] = exp(-thickness / nodes[i // 4])
+    for i in range(s.o):
+        t.OO[i] = exp(-thickness * rate.OO[i])
+    for i in range(s.r):
+        t.II[i] = exp(-thickness * rate.II[i])
+    if m != 0:
+        return
+    conserving_axis(s.n, nodes, weights, v)
+    reflect_both(s.n, v, t.N, spare)
+    for i in range(s.n // 4):
+        size += weights[i] * nodes[i]
+    for i in range(s.n // 4):     # the first axis is minus the unit null vector
+        lost[4 * i] = sqrt(weights[i] * nodes[i] / size) * expm1(-thickness / nodes[i])
+    turn_columns(s.n, 1, v, lost)
+
+
+cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const double* matrix, const double* G,
+                 const double* source, const double* mu_out, Extended a) noexcept nogil:
+    """E or F with its incident and outgoing directions: the sources with the other sign, no OI."""
+    cdef int i, j
+    memcpy(a.N, matrix, sizeof(double) * <size_t>s.n * s.n)
+    for j in range(s.n):
+        for i in range(s.o):
+            a.ON[<size_t>j * s.o + i] = -G[<size_t>j * s.o + i] / mu_out[i // 4]
+    for i in range(n_in):
+        product(b"N", b"N", s.n, n_col, 4, -1.0, source + <size_t>4 * i * s.n, s.n, columns, 4, 0.0,
+                a.NI + <size_t>i * n_col * s.n, s.n)
+    memset(a.OI, 0, sizeof(double) * <size_t>s.r * s.o)
+
+
+cdef void turn_extended(Sizes s, double albedo, const double* nodes, const double* weights, const double* columns, int n_col,
+                        const double* mu_out, double* v, Extended e, Extended f, double* spare) noexcept nogil:
+    """Order 0: the first axis becomes sqrt(weight mu) on I, whose row and column of E are known exactly (2 N terms)."""
+    cdef int i
+    cdef double size = 0.0
+    conserving_axis(s.n, nodes, weights, v)
+    for i in range(s.n // 4):
+        size += weights[i] * nodes[i]
+    size = sqrt(size)
+    reflect_both(s.n, v, e.N, spare)
+    reflect_both(s.n, v, f.N, spare)
+    exact_conservation(s.n, albedo, nodes, weights, v, e.N, spare)
+    turn_edges(s, v, e, spare)
+    turn_edges(s, v, f, spare)
+    for i in range(s.r):
+        e.NI[<size_t>i * s.n] = albedo * columns[4 * (i % n_col)] / size
+    for i in range(s.o):
+        e.ON[i] = 0.0 if i % 4 else albedo / (mu_out[i // 4] * size)
+
+
+cdef inline void turn_edges(Sizes s, const double* v, Extended a, double* spare) noexcept nogil:
+    """NI <- (1 - v v^T) NI, ON <- ON (1 - v v^T)."""
+    turn_columns(s.n, s.r, v, a.NI)
+    turn_rows(s.n, s.o, v, a.ON, spare)
+
+
+cdef inline void turn_columns(int n, int columns, const double* v, double* a) noexcept nogil:
+    """a <- (1 - v v^T) a, a of n rows."""
+    cdef int i, j
+    cdef double total
+    for j in range(columns):
+        total = 0.0
+        for i in range(0, n, 4):
+            total += v[i] * a[<size_t>j * n + i]
+        for i in range(0, n, 4):
+            a[<size_t>j * n + i] -= total * v[i]
+
+
+cdef inline void turn_rows(int n, int rows, const double* v, double* a, double* spare) noexcept nogil:
+    """a <- a (1 - v v^T), a of n columns."""
+    cdef int i, j
+    memset(spare, 0, sizeof(double) * rows)
+    for j in range(0, n, 4):
+        for i in range(rows):
+            spare[i] += a[<size_t>j * rows + i] * v[j]
+    for j in range(0, n, 4):
+        for i in range(rows):
+            a[<size_t>j * rows + i] -= spare[i] * v[j]
+
+
+cdef inline double norm_1(int n, const double* a) noexcept nogil:
+    """The largest sum of a column's |elements|."""
+    cdef int i, j
+    cdef double largest = 0.0, total
+    for j in range(n):
+        total = 0.0
+        for i in range(n):
+            total += fabs(a[<size_t>j * n + i])
+        largest = max(largest, total)
+    return largest
+
+
+cdef int double_plainly(Sizes s, double thickness, double steepest, Extended e, Extended f, Extended Ze, Extended Zo,
+                        Extended C, Extended a, Extended b, Extended spare, int* doublings, int* pivots,
+                        const int* stop) noexcept nogil:
+    """Ze, Zo and C = 1 - Zo Ze of a finite slab: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1, L = 1 + Zo Ze.
+
+    C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
+    C <- (C L^-1)^2, which keeps them where T is too small for a difference.
+    """
+    cdef int info, step, i, count = 0
+    cdef double h = 0.5 * thickness, whole = h
+    cdef bint carried = False
+    product_extended(s, 1.0, f, e, a)
+    steepest = max(steepest, sqrt(norm_1(s.n, a.N)))
+    while h * steepest > 0.5:
+        h = 0.5 * h
+        count = count + 1
+    doublings[0] = count
+    info = rational_start(s, h, e, f, Ze, Zo, a, b, C, spare, pivots)
+    for step in range(count):
+        if info != 0 or stop[0]:
+            return info
+        product_extended(s, 1.0, Zo, Ze, a)                      # L - 1
+        if 2.0 * h > 0.75 and not carried:
+            complement(s, h, e, a, C)
+            carried = True
+        add_identity(s, 1.0, a)
+        info = invert_extended(s, a, spare, pivots)
+        product_extended(s, 2.0, a, Zo, b)
+        copy_extended(s, b, Zo)
+        product_extended(s, 2.0, Ze, a, b)
+        copy_extended(s, b, Ze)
+        h = 2.0 * h
+        for i in range(s.o):
+            Ze.OO[i] = Zo.OO[i] = tanh(h * e.OO[i])
+        for i in range(s.r):
+            Ze.II[i] = Zo.II[i] = tanh(h * e.II[i])
+        if carried:
+            product_extended(s, 1.0, C, a, b)
+            product_extended(s, 1.0, b, b, C)
+            direct_complement(s, h, e, C)
+    if not carried:
+        product_extended(s, 1.0, Zo, Ze, a)
+        complement(s, h, e, a, C)
+    return info
+
+
+cdef inline void complement(Sizes s, double h, Extended rate, Extended product_of_both, Extended C) noexcept nogil:
+    """C = 1 - Zo Ze."""
+    copy_extended(s, product_of_both, C)
+    scale_extended(s, -1.0, C)
+    add_identity(s, 1.0, C)
+    direct_complement(s, h, rate, C)
+
+
+cdef inline void direct_complement(Sizes s, double h, Extended rate, Extended C) noexcept nogil:
+    """1 - tanh^2 = 1/cosh^2 of the unscattered light, without a difference."""
+    cdef int i
+    for i in range(s.o):
+        C.OO[i] = one_over_cosh_squared(h * rate.OO[i])
+    for i in range(s.r):
+        C.II[i] = one_over_cosh_squared(h * rate.II[i])
+
+
+cdef inline double one_over_cosh_squared(double x) noexcept nogil:
+    cdef double e = exp(-2.0 * x)
+    return 4.0 * e / ((1.0 + e) * (1.0 + e))
+
+
+cdef int rational_start(Sizes s, double h, Extended e, Extended f, Extended Ze, Extended Zo, Extended z, Extended power,
+                        Extended above, Extended below, int* pivots) noexcept nogil:
+    """Ze = E f, Zo = f F with the seventh convergent of tanh's continued fraction (2e-16 for h sqrt(A) <= 1/2).
+
+    z: F E on entry. power, above, below: scratch.
+    """
+    cdef int info
+    cdef double numerator[4]
+    cdef double denominator[4]
+    cdef int i
+    numerator[0], numerator[1], numerator[2], numerator[3] = 135135.0, 17325.0, 378.0, 1.0
+    denominator[0], denominator[1], denominator[2], denominator[3] = 135135.0, 62370.0, 3150.0, 28.0
+    scale_extended(s, h * h, z)
+    memset(above.N, 0, sizeof(double) * size_extended(s))
+    memset(below.N, 0, sizeof(double) * size_extended(s))
+    add_identity(s, numerator[0], above)
+    add_identity(s, denominator[0], below)
+    copy_extended(s, z, power)
+    for i in range(1, 4):
+        add_extended(s, numerator[i], power, above)
+        add_extended(s, denominator[i], power, below)
+        if i < 3:
+            product_extended(s, 1.0, z, power, Ze)
+            copy_extended(s, Ze, power)
+    info = invert_extended(s, below, power, pivots)
+    product_extended(s, h, below, above, z)
+    product_extended(s, 1.0, e, z, Ze)
+    product_extended(s, 1.0, z, f, Zo)
+    for i in range(s.o):
+        Ze.OO[i] = Zo.OO[i] = tanh(h * e.OO[i])
+    for i in range(s.r):
+        Ze.II[i] = Zo.II[i] = tanh(h * e.II[i])
+    return info
+
+
+cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double steepest, Extended e, Extended f,
+                        Extended Ze, Extended Zo, Extended a, Extended b, Extended spare, int* doublings, int* pivots,
+                        const int* stop) noexcept nogil:
+    """Ze and Zo of a slab without end, where Zo Ze = 1, by scaled doublings.
+
+    Before each, both are multiplied by ratio^(-1/2), `ratio` being the smallest over the largest eigenvalue of
+    sqrt(Zo Ze): the smallest is estimated from below, and a wrong guess costs steps, no digits.
+    """
+    cdef int info = 0, step, i
+    cdef double ratio, gap, slowest
+    product_extended(s, 1.0, f, e, a)
+    steepest = max(steepest, sqrt(norm_1(s.n, a.N)))
+    slowest = sqrt((1.0 - albedo) * (1.0 - albedo * asymmetry))
+    if m > 0 or albedo == 1.0:
+        slowest = max(slowest, 0.05)
+    ratio = min(1.0, slowest / steepest)
+    copy_extended(s, e, Ze)
+    copy_extended(s, f, Zo)
+    scale_extended(s, 1.0 / steepest, Ze)
+    scale_extended(s, 1.0 / steepest, Zo)
+    for step in range(100):
+        if stop[0]:
+            return 0
+        scale_extended(s, 1.0 / sqrt(ratio), Ze)
+        scale_extended(s, 1.0 / sqrt(ratio), Zo)
+        product_extended(s, 1.0, Zo, Ze, a)
+        gap = 0.0
+        # at omega = 1 the first axis has Ze = 0 for ever
+        for i in range(1 if m == 0 and albedo == 1.0 else 0, s.n):
+            gap = max(gap, fabs(a.N[<size_t>i * s.n + i] - 1.0))
+        for i in range(s.o):
+            gap = max(gap, fabs(a.OO[i] - 1.0))
+        for i in range(s.r):
+            gap = max(gap, fabs(a.II[i] - 1.0))
+        add_identity(s, 1.0, a)
+        info = invert_extended(s, a, spare, pivots)
+        if info != 0:
+            return info
+        product_extended(s, 2.0, a, Zo, b)
+        copy_extended(s, b, Zo)
+        product_extended(s, 2.0, Ze, a, b)
+        copy_extended(s, b, Ze)
+        doublings[0] += 1
+        if gap < 1e-9 and ratio > 0.999:      # the error is squared by the step just done
+            break
+        ratio = min(1.0, 2.0 * sqrt(ratio) / (1.0 + ratio))
+    return 0
+
+
+cdef int reflect_and_transmit(Sizes s, double thickness, Extended Ze, Extended Zo, Extended C, Extended a, Extended b,
+                              Extended spare, Extended r, Extended t, double* lost, int m, int* pivots) noexcept nogil:
+    """r = So - Se and t = (1 + Zo)^-1 C (1 + Ze)^-1; without end r = 1 - 2 Se and t = 0. lost = 2 Se, first row."""
+    cdef int info, i
+    cdef bint endless = thickness > 1e300
+    copy_extended(s, Ze, a)
+    add_identity(s, 1.0, a)
+    info = invert_extended(s, a, spare, pivots)
+    if info != 0:
+        return info
+    product_extended(s, -2.0 if endless else -1.0, Ze, a, r)
+    if m == 0:
+        for i in range(s.n):
+            lost[i] = r.N[<size_t>i * s.n] * (-1.0 if endless else -2.0)
+    if endless:
+        add_identity(s, 1.0, r)
+    else:
+        product_extended(s, 1.0, C, a, b)                        # C (1 + Ze)^-1
+        copy_extended(s, Zo, a)
+        add_identity(s, 1.0, a)
+        info = invert_extended(s, a, spare, pivots)
+        product_extended(s, 1.0, a, b, t)
+        product_extended(s, 1.0, Zo, a, b)
+        add_extended(s, 1.0, b, r)
+    for i in range(s.o):      # unscattered light only
+        r.OO[i] = 0.0
+    for i in range(s.r):
+        r.II[i] = 0.0
+    return info
+
+
+cdef double invariance(Sizes s, Extended e, Extended f, Extended r, Extended t, Extended a, Extended b,
+                       Extended c) noexcept nogil:
+    """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative:
+    beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R), alpha, beta = (E +- F)/2."""
+    cdef size_t i, nn = <size_t>s.n * s.n
+    cdef int n = s.n
+    cdef double* alpha = a.N
+    cdef double* beta = b.N
+    cdef double* x = c.N
+    cdef double gap = 0.0, largest = 0.0, size
+    for i in range(nn):
+        alpha[i] = 0.5 * (e.N[i] + f.N[i])
+        beta[i] = 0.5 * (e.N[i] - f.N[i])
+    product(b"N", b"N", n, n, n, 1.0, r.N, n, beta, n, 0.0, x, n)
+    for i in range(nn):
+        x[i] += alpha[i]                                         # alpha + R beta
+    product(b"N", b"N", n, n, n, 1.0, r.N, n, alpha, n, 0.0, e.N, n)
+    for i in range(nn):
+        largest = max(largest, max(fabs(e.N[i]), fabs(beta[i])))
+        e.N[i] += beta[i]
+    product(b"N", b"N", n, n, n, 1.0, x, n, r.N, n, 1.0, e.N, n)  # beta + R alpha + (alpha + R beta) R
+    product(b"N", b"N", n, n, n, 1.0, t.N, n, beta, n, 0.0, f.N, n)
+    product(b"N", b"N", n, n, n, -1.0, f.N, n, t.N, n, 1.0, e.N, n)
+    gap = largest_of(nn, e.N) / largest if largest > 0.0 else 0.0
+    product(b"N", b"N", n, n, n, 1.0, x, n, t.N, n, 0.0, e.N, n)
+    size = largest_of(nn, e.N)
+    product(b"N", b"N", n, n, n, -1.0, t.N, n, alpha, n, 1.0, e.N, n)
+    product(b"N", b"N", n, n, n, -1.0, f.N, n, r.N, n, 1.0, e.N, n)
+    if size > 1e-280:
+        gap = max(gap, largest_of(nn, e.N) / size)
+    return gap
+
+
+# ---------------------------------------------------------------------------------------------------------
+# Slabs joined by the star product from the base up, (2:8), then the field at their interfaces from the top down.
+# ---------------------------------------------------------------------------------------------------------
+
+def joining_work(int n, int n_slab, int n_rhs, int n_out):
+    """Doubles of `work` that one thread of `join_slabs` needs."""
+    return n_slab * (n * n + n * n_rhs) + (n_slab + 1) * 2 * n * n_rhs + 5 * n * n + 4 * n * n_rhs + 5 * n + 8 * n_out * (n + n_rhs)
+
+
+def join_slabs(const int[::1] orders, const int[::1] slabs, const double[::1] above, const double[::1] nodes,
+               const double[::1] weights, const double[::1] mu0, int n_out, const double[:, :, ::1] R,
+               const double[:, :, ::1] T, const double[:, :, ::1] lost, const int[::1] base_row,
+               const double[:, :, ::1] base, const double[:, :, ::1] base_source, const double[:, :, ::1] base_out,
+               const int[::1] interface, double[:, :, :, ::1] up, double[:, :, :, ::1] down, double[:, :, :, ::1] flux,
+               double[:, ::1] residual, int[::1] info, int threads, double[:, ::1] work, int[:, ::1] pivots,
+               double[::1] seconds, const int[::1] stop):
+    """The multiply scattered field at the interfaces of a pile of slabs, one Fourier order after another.
+
+    slabs (place,): which slab of R, T and lost (order, slab, ...) lies there, top first; above (place + 1,): optical
+    depth of each interface, the last below the pile; base_row (order,): row of base (row, n, n), base_source (row,
+    n_rhs, n) and base_out (row, n, 4 n_out), or -1 for black; interface (level,): where the field is wanted. up, down
+    (order, level, n_rhs, 4 n_out): radiance times 2 pi for a unit beam, upward flipped by D; flux (order, level, 2,
+    n_rhs): up and down through a horizontal plane, in order 0; residual (order, place): of the joints' systems.
+    """
+    cdef int n_order = <int>orders.shape[0], o, thread
+    cdef Sizes s
+    cdef double start
+    s.n, s.r, s.o = 4 * <int>nodes.shape[0], <int>up.shape[2], 4 * n_out
+    for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            info[o] = join_one(
+                s, orders[o] == 0, <int>slabs.shape[0], <int>mu0.shape[0], <int>interface.shape[0], &slabs[0], &above[0],
+                &nodes[0], &weights[0], &mu0[0], <double*>&R[o, 0, 0], <double*>&T[o, 0, 0], &lost[o, 0, 0],
+                &base[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
+                &base_source[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
+                &base_out[base_row[o], 0, 0] if base_row[o] >= 0 else NULL, &interface[0], &up[o, 0, 0, 0],
+                &down[o, 0, 0, 0], &flux[o, 0, 0, 0], &residual[o, 0], &work[thread, 0], &pivots[thread, 0], &stop[0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef int join_one(Sizes s, bint conserving, int n_place, int n_in, int n_level, const int* slabs, const double* above,
+                  const double* nodes, const double* weights, const double* mu0, double* R, double* T,
+                  const double* lost, const double* base, const double* base_source, const double* base_out,
+                  const int* interface, double* up, double* down, double* flux, double* residual, double* work, int* pivots,
+                  const int* stop) noexcept nogil:
+    cdef size_t nn = <size_t>s.n * s.n, nr = <size_t>s.n * s.r, no = <size_t>s.n * s.o, each = size_extended(s), i
+    cdef double* G = work                                # per place: from falling at its bottom to up there,
+    cdef double* g = G + n_place * nn                    # and what comes up by itself
+    cdef double* going_up = g + n_place * nr             # per interface
+    cdef double* going_down = going_up + (n_place + 1) * nr
+    cdef double* below = going_down + (n_place + 1) * nr
+    cdef double* scratch = below + nn                    # 4 n^2
+    cdef double* vectors = scratch + 4 * nn              # 4 n n_rhs
+    cdef double* absorbed = vectors + 4 * nr             # row of 1 - below that belongs to the flux
+    cdef double* v = absorbed + s.n                      # then 3 n spare
+    cdef double* out = v + 4 * s.n                       # base_out, turned, then running and spare
+    cdef Extended r, t
+    cdef int place, info, b, per_beam = s.r // n_in
+    cdef double size = 0.0, fade
+    memset(below, 0, sizeof(double) * nn)
+    memset(absorbed, 0, sizeof(double) * s.n)
+    memset(going_up, 0, sizeof(double) * 2 * (n_place + 1) * nr)
+    absorbed[0] = 1.0
+    if conserving:
+        conserving_axis(s.n, nodes, weights, v)
+        for i in range(<size_t>s.n // 4):
+            size += weights[i] * nodes[i]
+    if base != NULL:
+        put_base(s, conserving, n_in, v, base, base_source, base_out, above[n_place], mu0, below,
+                 going_up + n_place * nr, out, absorbed, scratch)
+    for place in range(n_place - 1, -1, -1):
+        if stop[0]:
+            return 0
+        r = extended_at(s, R + slabs[place] * each)
+        t = extended_at(s, T + slabs[place] * each)
+        info = join_below(s, conserving, n_in, above[place], mu0, r, t, lost + <size_t>slabs[place] * s.n, below, absorbed,
+                          going_up + (place + 1) * nr, going_up + place * nr, G + place * nn, g + place * nr, scratch,
+                          vectors, v + s.n, &residual[place], pivots)
+        if info != 0:
+            return info
+    for place in range(n_place):        # falling: T down + emitted, then up = G falling + g, then R up on top of it
+        r = extended_at(s, R + slabs[place] * each)
+        t = extended_at(s, T + slabs[place] * each)
+        emitted(s, n_in, above[place], mu0, t.NI, vectors)
+        product(b"N", b"N", s.n, s.r, s.n, 1.0, t.N, s.n, going_down + place * nr, s.n, 1.0, vectors, s.n)
+        memcpy(going_up + (place + 1) * nr, g + place * nr, sizeof(double) * nr)
+        product(b"N", b"N", s.n, s.r, s.n, 1.0, G + place * nn, s.n, vectors, s.n, 1.0, going_up + (place + 1) * nr, s.n)
+        memcpy(going_down + (place + 1) * nr, vectors, sizeof(double) * nr)
+        product(b"N", b"N", s.n, s.r, s.n, 1.0, r.N, s.n, going_up + (place + 1) * nr, s.n, 1.0,
+                going_down + (place + 1) * nr, s.n)
+    for b in range(n_level):
+        for i in range(<size_t>s.r):
+            flux[(2 * b) * s.r + i] = -sqrt(size) * going_up[interface[b] * nr + i * s.n]
+            flux[(2 * b + 1) * s.r + i] = -sqrt(size) * going_down[interface[b] * nr + i * s.n]
+    leave(s, n_place, n_in, n_level, slabs, above, mu0, R, T, base_out != NULL, out, going_up, going_down, interface, up, down,
+          out + no)
+    return 0
+
+
+cdef void put_base(Sizes s, bint conserving, int n_in, const double* v, const double* base, const double* base_source,
+                   const double* base_out, double depth, const double* mu0, double* below, double* up, double* out,
+                   double* absorbed, double* spare) noexcept nogil:
+    """The base's operator, the beam that it reflects, its rows out, and (order 0) the row of what it absorbs."""
+    cdef size_t nr = <size_t>s.n * s.r, i
+    memcpy(below, base, sizeof(double) * <size_t>s.n * s.n)
+    memcpy(out, base_out, sizeof(double) * <size_t>s.n * s.o)
+    for i in range(nr):
+        up[i] = base_source[i] * exp(-depth / mu0[(i // s.n) // <size_t>(s.r // n_in)])
+    if not conserving:
+        return
+    reflect_both(s.n, v, below, spare)
+    turn_columns(s.n, s.r, v, up)
+    turn_rows(s.n, s.o, v, out, spare)
+    for i in range(<size_t>s.n):
+        absorbed[i] = (1.0 if i == 0 else 0.0) - below[i * s.n]
+        if fabs(absorbed[i]) < 4e-16:    # rounding of the operator's quadrature, not a loss
+            absorbed[i] = 0.0
+
+
+cdef inline void emitted(Sizes s, int n_in, double depth, const double* mu0, const double* NI, double* out) noexcept nogil:
+    """What a slab below optical depth `depth` sends out of the attenuated beam."""
+    cdef size_t i
+    cdef int j
+    cdef double fade
+    for j in range(s.r):
+        fade = exp(-depth / mu0[j // (s.r // n_in)])
+        for i in range(<size_t>s.n):
+            out[<size_t>j * s.n + i] = fade * NI[<size_t>j * s.n + i]
+
+
+cdef int join_below(Sizes s, bint conserving, int n_in, double depth, const double* mu0, Extended r, Extended t,
+                    const double* lost, double* below, double* absorbed, const double* up, double* up_above, double* G,
+                    double* g, double* scratch, double* vectors, double* row, double* residual, int* pivots) noexcept nogil:
+    """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T.
+
+    In order 0 the flux's row of 1 - below R, which is small where nothing absorbs, is summed from what is lost:
+    lost + T's first row + absorbed R, and `absorbed` becomes lost + (lost G + absorbed (1 + R G)) T.
+    """
+    cdef size_t nn = <size_t>s.n * s.n, nr = <size_t>s.n * s.r, i
+    cdef int n = s.n, info
+    cdef double* M = scratch
+    cdef double* kept = M + nn
+    cdef double* GT = kept + nn
+    cdef double largest
+    cdef double* rhs = vectors
+    memset(M, 0, sizeof(double) * nn)
+    for i in range(<size_t>n):
+        M[i * n + i] = 1.0
+    product(b"N", b"N", n, n, n, -1.0, below, n, r.N, n, 1.0, M, n)
+    memcpy(G, below, sizeof(double) * nn)
+    memcpy(g, up, sizeof(double) * nr)
+    if conserving:
+        product(b"N", b"N", 1, n, n, 1.0, absorbed, 1, r.N, n, 0.0, row, 1)
+        for i in range(<size_t>n):
+            row[i] += lost[i] + t.N[i * n]
+        largest = largest_of(n, row)
+        if largest > 0.0:
+            for i in range(<size_t>n):
+                M[i * n] = row[i] / largest
+                G[i * n] /= largest
+            for i in range(<size_t>s.r):
+                g[i * n] /= largest
+    memcpy(kept, M, sizeof(double) * nn)
+    memcpy(rhs, g, sizeof(double) * nr)
+    info = factorise(n, M, n, pivots)
+    if info != 0:
+        return info
+    solve(b"N", n, n, M, n, pivots, G, n)
+    solve(b"N", n, s.r, M, n, pivots, g, n)
+    largest = largest_of(nr, rhs)
+    product(b"N", b"N", n, s.r, n, -1.0, kept, n, g, n, 1.0, rhs, n)
+    residual[0] = largest_of(nr, rhs) / largest if largest > 1e-280 else 0.0
+    product(b"N", b"N", n, n, n, 1.0, G, n, t.N, n, 0.0, GT, n)
+    if conserving:
+        # absorbed (1 + R G) T = absorbed T + (absorbed R) GT
+        product(b"N", b"N", 1, n, n, 1.0, absorbed, 1, r.N, n, 0.0, row, 1)
+        for i in range(<size_t>n):
+            row[i] += lost[i]
+        memcpy(row + n, lost, sizeof(double) * n)
+        product(b"N", b"N", 1, n, n, 1.0, row, 1, GT, n, 1.0, row + n, 1)
+        product(b"N", b"N", 1, n, n, 1.0, absorbed, 1, t.N, n, 1.0, row + n, 1)
+        memcpy(absorbed, row + n, sizeof(double) * n)
+    memcpy(below, r.N, sizeof(double) * nn)
+    product(b"N", b"N", n, n, n, 1.0, t.N, n, GT, n, 1.0, below, n)
+    # up above = emitted up + T (G emitted down + g)
+    emitted(s, n_in, depth, mu0, t.NI, vectors)
+    memcpy(vectors + nr, g, sizeof(double) * nr)
+    product(b"N", b"N", n, s.r, n, 1.0, G, n, vectors, n, 1.0, vectors + nr, n)
+    emitted(s, n_in, depth, mu0, r.NI, up_above)
+    product(b"N", b"N", n, s.r, n, 1.0, t.N, n, vectors + nr, n, 1.0, up_above, n)
+    return 0
+
+
+cdef void leave(Sizes s, int n_place, int n_in, int n_level, const int* slabs, const double* above, const double* mu0,
+                double* R, double* T, bint has_base, const double* base_out, const double* going_up,
+                const double* going_down, const int* interface, double* up, double* down, double* work) noexcept nogil:
+    """The field off the nodes at every wanted interface, first up through the slabs, then down."""
+    cdef size_t nr = <size_t>s.n * s.r, size = <size_t>s.o * s.r, each = size_extended(s)
+    cdef double* running = work
+    cdef double* next = running + size
+    cdef Extended r, t
+    cdef int place, level
+    memset(running, 0, sizeof(double) * size)
+    if has_base:
+        product(b"N", b"N", s.o, s.r, s.n, 1.0, base_out, s.o, going_down + n_place * nr, s.n, 0.0, running, s.o)
+    for place in range(n_place, -1, -1):
+        for level in range(n_level):
+            if interface[level] == place:
+                memcpy(up + level * size, running, sizeof(double) * size)
+        if place > 0:
+            r = extended_at(s, R + slabs[place - 1] * each)
+            t = extended_at(s, T + slabs[place - 1] * each)
+            off_nodes(s, n_in, above[place - 1], mu0, r, t, going_up + place * nr, going_down + (place - 1) * nr, r.OI, t.OO,
+                      running, next)
+            memcpy(running, next, sizeof(double) * size)
+    memset(running, 0, sizeof(double) * size)
+    for place in range(n_place + 1):
+        for level in range(n_level):
+            if interface[level] == place:
+                memcpy(down + level * size, running, sizeof(double) * size)
+        if place < n_place:
+            r = extended_at(s, R + slabs[place] * each)
+            t = extended_at(s, T + slabs[place] * each)
+            off_nodes(s, n_in, above[place], mu0, r, t, going_down + place * nr, going_up + (place + 1) * nr, t.OI, t.OO,
+                      running, next)
+            memcpy(running, next, sizeof(double) * size)
+
+
+cdef inline void off_nodes(Sizes s, int n_in, double depth, const double* mu0, Extended r, Extended t,
+                           const double* through, const double* turned, const double* OI, const double* direct,
+                           const double* entering, double* out) noexcept nogil:
+    """out = direct entering + T_ON through + R_ON turned + OI of the attenuated beam."""
+    cdef int i, j
+    cdef size_t k
+    cdef double fade
+    for j in range(s.r):
+        fade = exp(-depth / mu0[j // (s.r // n_in)])
+        for i in range(s.o):
+            k = <size_t>j * s.o + i
+            out[k] = direct[i] * entering[k] + fade * OI[k]
+    product(b"N", b"N", s.o, s.r, s.n, 1.0, t.ON, s.o, through, s.n, 1.0, out, s.o)
+    product(b"N", b"N", s.o, s.r, s.n, 1.0, r.ON, s.o, turned, s.n, 1.0, out, s.o)
 
 
 # ---------------------------------------------------------------------------------------------------------

@@ -1,0 +1,103 @@
+"""The two exact routes from the discrete problem to its field, order by order, behind one signature."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.discrete_ordinates.base import expand_base
+from vrte.discrete_ordinates.boundary import boundary
+from vrte.discrete_ordinates.doubling import double_slabs
+from vrte.discrete_ordinates.homogeneous import homogeneous
+from vrte.discrete_ordinates.particular import particular
+from vrte.discrete_ordinates.phase_assembly import assemble
+from vrte.discrete_ordinates.problem import IntArray, Problem, Run
+from vrte.discrete_ordinates.reconstruction import nodal_fluxes, reconstruct
+from vrte.discrete_ordinates.slabs import cut, join
+from vrte.scene import Lambertian, MuellerBase
+
+CHUNK_BYTES = 48e6
+
+
+@dataclass(frozen=True, eq=False)
+class Orders:
+    """Multiply scattered light of some Fourier orders.
+
+    kernels (order, n_tau, n_in, n_col, n_out, 4): radiance for a unit beam, public frame; flux_up, flux_down (n_tau,
+    n_in, n_col): of the first of the orders, all diffuse light on the nodes; residual (order,): how well the route's
+    own equations hold.
+    """
+
+    kernels: Array
+    flux_up: Array
+    flux_down: Array
+    residual: Array
+
+
+class Route(Protocol):
+    """One way to solve the discrete problem."""
+
+    name: str
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once: what fits the memory meant for it, at least one a thread."""
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders. Raises AccuracyError where a system is singular."""
+
+
+class Modes:
+    """Eigenmodes, beam, boundary, reconstruction: section 2.C of Collin, Pattanaik and Bouatouch."""
+
+    name = "modes"
+
+    def __init__(self, problem: Problem, base: Lambertian | MuellerBase | None, n_order: int) -> None:
+        self.problem, self.base = problem, expand_base(base, problem, n_order)
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        problem = self.problem
+        n, out = problem.size, 4 * problem.mu_out.size
+        doubles = problem.albedo.size * n * (5 * n + 2 * out + 8 * problem.mu0.size + 4 * problem.n_rhs)
+        return max(threads, int(CHUNK_BYTES / (8 * doubles)))
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        matrices = assemble(self.problem, orders, run)
+        modes = homogeneous(self.problem, orders, matrices, run)
+        beam = particular(self.problem, matrices, modes, run)
+        amplitudes = boundary(self.problem, orders, modes, beam, self.base, run)
+        kernels = reconstruct(self.problem, orders, matrices, modes, beam, amplitudes, self.base, run)
+        residual = np.maximum(modes.residual.max(axis=1), amplitudes.residual.max(axis=1))
+        return Orders(kernels, *nodal_fluxes(self.problem, modes, beam, amplitudes), residual)
+
+
+class Doubling:
+    """Impedance doubling of homogeneous slabs, joined by the star product."""
+
+    name = "doubling"
+
+    def __init__(self, problem: Problem, base: Lambertian | MuellerBase | None, n_order: int) -> None:
+        self.pile = cut(problem)
+        self.base = expand_base(base, self.pile.problem, n_order)
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        problem = self.pile.problem
+        n, out, into = problem.size, 4 * problem.mu_out.size, 4 * problem.mu0.size
+        assembled = problem.albedo.size * 2 * n * (n + out + into)
+        doubled = 2 * self.pile.material.size * (n + out) * (n + problem.n_rhs)
+        left = 2 * self.pile.interface.size * problem.n_rhs * out
+        return max(threads, int(CHUNK_BYTES / (8 * (assembled + doubled + left))))
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        pile = self.pile
+        matrices = assemble(pile.problem, orders, run)
+        slabs = double_slabs(pile.problem, pile.material, pile.thickness, orders, matrices, run)
+        kernels, up, down, residual = join(pile, orders, slabs, self.base, run)
+        return Orders(kernels, up, down, np.maximum(residual, slabs.residual.max(axis=1)))
+
+
+ROUTES: dict[str, type[Modes] | type[Doubling]] = {"modes": Modes, "doubling": Doubling}
