@@ -1214,7 +1214,7 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
                  const double[:, ::1] columns, const double[::1] mu_out, const double[:, :, :, ::1] E,
                  const double[:, :, :, ::1] F, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
                  const double[:, :, :, ::1] source_s, const double[:, :, :, ::1] source_d, double[:, :, ::1] R,
-                 double[:, :, ::1] T, double[:, :, ::1] lost, double[:, ::1] residual, int[:, ::1] doublings,
+                 double[:, :, ::1] T, double[:, :, ::1] lost, double[:, :, ::1] residual, int[:, ::1] doublings,
                  int[:, ::1] info, int threads, double[:, ::1] work, int[:, ::1] pivots, double[::1] seconds,
                  const int[::1] stop):
     """Reflection and transmission of homogeneous slabs, on the nodes and for directions off them.
@@ -1223,8 +1223,8 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
     left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, 4) the incident Stokes vectors, mu_out (n_out,).
     R, T (order, slab, extended_size(n, n_in n_col, 4 n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
     the unscattered light on its diagonal; in order 0 the nodes are turned so that the first axis carries the flux.
-    lost (order, slab, n): what the slab absorbs of it, the first row of 1 - R - T. residual (order, slab): how well R
-    and T satisfy invariance, relative; doublings (order, slab).
+    lost (order, slab, n): what the slab absorbs of it, the first row of 1 - R - T. residual (order, slab, 2): how well
+    R, and T, satisfy invariance, relative; doublings (order, slab).
     """
     cdef int n_order = <int>orders.shape[0], n_slab = <int>material.shape[0], item, thread, o, k, m
     cdef int n_item = n_order * n_slab
@@ -1240,7 +1240,7 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
                 orders[o], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
                 thickness[k], albedo[m], asymmetry[m], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0],
                 &E[o, m, 0, 0], &F[o, m, 0, 0], &G_E[o, m, 0, 0], &G_F[o, m, 0, 0], &source_s[o, m, 0, 0],
-                &source_d[o, m, 0, 0], &R[o, k, 0], &T[o, k, 0], &lost[o, k, 0], &residual[o, k], &doublings[o, k],
+                &source_d[o, m, 0, 0], &R[o, k, 0], &T[o, k, 0], &lost[o, k, 0], &residual[o, k, 0], &doublings[o, k],
                 &work[thread, 0], &pivots[thread, 0], &stop[0])
             seconds[thread] += vrte_seconds() - start
 
@@ -1265,7 +1265,7 @@ cdef int double_one(int m, int n_node, int n_in, int n_col, int n_out, double th
     memset(R, 0, sizeof(double) * each)
     memset(T, 0, sizeof(double) * each)
     memset(lost, 0, sizeof(double) * s.n)
-    residual[0] = 0.0
+    residual[0] = residual[1] = 0.0
     doublings[0] = 0
     rates(s, n_col, nodes, mu0, mu_out, e, &steepest)
     if albedo == 0.0:
@@ -1277,14 +1277,17 @@ cdef int double_one(int m, int n_node, int n_in, int n_col, int n_out, double th
     if m == 0:
         turn_extended(s, albedo, nodes, weights, columns, n_col, mu_out, v, e, f, spare.N)
     if thickness < 1e300:
-        info = double_plainly(s, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
+        info = double_plainly(s, m, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
     else:
         info = double_endless(s, m, albedo, asymmetry, steepest, e, f, Ze, Zo, a, b, spare, doublings, pivots, stop)
     if info != 0 or stop[0]:
         return info
     info = reflect_and_transmit(s, thickness, Ze, Zo, C, a, b, spare, r, t, lost, m, pivots)
     if info == 0:
-        residual[0] = invariance(s, e, f, r, t, a, b, spare)
+        half_sum_and_difference(s, e, f)
+        if thickness > 1.5:
+            reflect_by_invariance(s, e, f, r, t, a)
+        invariance(s, e, f, r, t, a, b, spare, residual)
     return info
 
 
@@ -1400,7 +1403,7 @@ cdef inline double norm_1(int n, const double* a) noexcept nogil:
     return largest
 
 
-cdef int double_plainly(Sizes s, double thickness, double steepest, Extended e, Extended f, Extended Ze, Extended Zo,
+cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Extended e, Extended f, Extended Ze, Extended Zo,
                         Extended C, Extended a, Extended b, Extended spare, int* doublings, int* pivots,
                         const int* stop) noexcept nogil:
     """Ze, Zo and C = 1 - Zo Ze of a finite slab: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1, L = 1 + Zo Ze.
@@ -1429,6 +1432,9 @@ cdef int double_plainly(Sizes s, double thickness, double steepest, Extended e, 
         info = invert_extended(s, a, spare, pivots)
         product_extended(s, 2.0, a, Zo, b)
         copy_extended(s, b, Zo)
+        if m == 0:
+            for i in range(1, s.n):    # reciprocity; rounding in this row would double at each step
+                Zo.N[<size_t>i * s.n] = -Zo.N[i] if i % 4 == 3 else Zo.N[i]
         product_extended(s, 2.0, Ze, a, b)
         copy_extended(s, b, Ze)
         h = 2.0 * h
@@ -1574,8 +1580,12 @@ cdef int reflect_and_transmit(Sizes s, double thickness, Extended Ze, Extended Z
         add_identity(s, 1.0, a)
         info = invert_extended(s, a, spare, pivots)
         product_extended(s, 1.0, a, b, t)
-        product_extended(s, 1.0, Zo, a, b)
-        add_extended(s, 1.0, b, r)
+        if thickness > 1.5:     # Zo may be as large as the slab is thick: So = 1 - (1 + Zo)^-1
+            add_extended(s, -1.0, a, r)
+            add_identity(s, 1.0, r)
+        else:                   # Zo may be small: So = Zo (1 + Zo)^-1
+            product_extended(s, 1.0, Zo, a, b)
+            add_extended(s, 1.0, b, r)
     for i in range(s.o):      # unscattered light only
         r.OO[i] = 0.0
     for i in range(s.r):
@@ -1583,37 +1593,70 @@ cdef int reflect_and_transmit(Sizes s, double thickness, Extended Ze, Extended Z
     return info
 
 
-cdef double invariance(Sizes s, Extended e, Extended f, Extended r, Extended t, Extended a, Extended b,
-                       Extended c) noexcept nogil:
-    """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative:
-    beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R), alpha, beta = (E +- F)/2."""
+cdef inline void half_sum_and_difference(Sizes s, Extended e, Extended f) noexcept nogil:
+    """E, F <- alpha, beta = (E +- F)/2: I+' = -alpha I+ - beta I~ and I~' = beta I+ + alpha I~."""
+    cdef size_t i
+    cdef double x
+    for i in range(size_extended(s)):
+        x = e.N[i]
+        e.N[i] = 0.5 * (x + f.N[i])
+        f.N[i] = 0.5 * (x - f.N[i])
+
+
+cdef void reflect_by_invariance(Sizes s, Extended alpha, Extended beta, Extended r, Extended t, Extended spare) noexcept nogil:
+    """R's OI anew, from R's and T's other blocks: a thin layer added on top and taken off below changes nothing.
+
+    In a thick slab at omega = 1 Zo grows with the thickness, and what it leaves in OI is the difference of two such
+    numbers; here nothing is large. (1/mu + 1/mu0) R = -(alpha R + R alpha + R beta R - T beta T) through the nodes.
+    """
+    cdef int i, j
+    cdef size_t k, nr = <size_t>s.n * s.r
+    # everything right of R_ON, and of T_ON
+    memcpy(spare.NI, alpha.NI, sizeof(double) * nr)
+    product(b"N", b"N", s.n, s.r, s.n, 1.0, beta.N, s.n, r.NI, s.n, 1.0, spare.NI, s.n)
+    product(b"N", b"N", s.o, s.r, s.n, -1.0, r.ON, s.o, spare.NI, s.n, 0.0, r.OI, s.o)
+    for j in range(s.r):
+        for i in range(s.n):
+            k = <size_t>j * s.n + i
+            spare.NI[k] = beta.NI[k] * t.II[j]
+    product(b"N", b"N", s.n, s.r, s.n, 1.0, beta.N, s.n, t.NI, s.n, 1.0, spare.NI, s.n)
+    product(b"N", b"N", s.o, s.r, s.n, 1.0, t.ON, s.o, spare.NI, s.n, 1.0, r.OI, s.o)
+    product(b"N", b"N", s.o, s.r, s.n, -1.0, alpha.ON, s.o, r.NI, s.n, 1.0, r.OI, s.o)
+    for j in range(s.n):
+        for i in range(s.o):
+            k = <size_t>j * s.o + i
+            spare.ON[k] = t.OO[i] * beta.ON[k]
+    product(b"N", b"N", s.o, s.r, s.n, 1.0, spare.ON, s.o, t.NI, s.n, 1.0, r.OI, s.o)
+    for j in range(s.r):
+        for i in range(s.o):
+            r.OI[<size_t>j * s.o + i] /= alpha.OO[i] + alpha.II[j]
+
+
+cdef void invariance(Sizes s, Extended alpha, Extended beta, Extended r, Extended t, Extended a, Extended b,
+                     Extended c, double* residual) noexcept nogil:
+    """How far R and T are from not caring whether a thin layer is added on top or at the bottom, each relative:
+    beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R)."""
     cdef size_t i, nn = <size_t>s.n * s.n
     cdef int n = s.n
-    cdef double* alpha = a.N
-    cdef double* beta = b.N
-    cdef double* x = c.N
-    cdef double gap = 0.0, largest = 0.0, size
+    cdef double* x = a.N
+    cdef double* y = b.N
+    cdef double* z = c.N
+    cdef double largest
+    memcpy(x, alpha.N, sizeof(double) * nn)
+    product(b"N", b"N", n, n, n, 1.0, r.N, n, beta.N, n, 1.0, x, n)      # alpha + R beta
+    product(b"N", b"N", n, n, n, 1.0, t.N, n, beta.N, n, 0.0, y, n)      # T beta
+    product(b"N", b"N", n, n, n, 1.0, r.N, n, alpha.N, n, 0.0, z, n)
+    largest = max(largest_of(nn, z), largest_of(nn, beta.N))
     for i in range(nn):
-        alpha[i] = 0.5 * (e.N[i] + f.N[i])
-        beta[i] = 0.5 * (e.N[i] - f.N[i])
-    product(b"N", b"N", n, n, n, 1.0, r.N, n, beta, n, 0.0, x, n)
-    for i in range(nn):
-        x[i] += alpha[i]                                         # alpha + R beta
-    product(b"N", b"N", n, n, n, 1.0, r.N, n, alpha, n, 0.0, e.N, n)
-    for i in range(nn):
-        largest = max(largest, max(fabs(e.N[i]), fabs(beta[i])))
-        e.N[i] += beta[i]
-    product(b"N", b"N", n, n, n, 1.0, x, n, r.N, n, 1.0, e.N, n)  # beta + R alpha + (alpha + R beta) R
-    product(b"N", b"N", n, n, n, 1.0, t.N, n, beta, n, 0.0, f.N, n)
-    product(b"N", b"N", n, n, n, -1.0, f.N, n, t.N, n, 1.0, e.N, n)
-    gap = largest_of(nn, e.N) / largest if largest > 0.0 else 0.0
-    product(b"N", b"N", n, n, n, 1.0, x, n, t.N, n, 0.0, e.N, n)
-    size = largest_of(nn, e.N)
-    product(b"N", b"N", n, n, n, -1.0, t.N, n, alpha, n, 1.0, e.N, n)
-    product(b"N", b"N", n, n, n, -1.0, f.N, n, r.N, n, 1.0, e.N, n)
-    if size > 1e-280:
-        gap = max(gap, largest_of(nn, e.N) / size)
-    return gap
+        z[i] += beta.N[i]
+    product(b"N", b"N", n, n, n, 1.0, x, n, r.N, n, 1.0, z, n)
+    product(b"N", b"N", n, n, n, -1.0, y, n, t.N, n, 1.0, z, n)
+    residual[0] = largest_of(nn, z) / largest if largest > 0.0 else 0.0
+    product(b"N", b"N", n, n, n, 1.0, x, n, t.N, n, 0.0, z, n)
+    largest = largest_of(nn, z)
+    product(b"N", b"N", n, n, n, -1.0, t.N, n, alpha.N, n, 1.0, z, n)
+    product(b"N", b"N", n, n, n, -1.0, y, n, r.N, n, 1.0, z, n)
+    residual[1] = largest_of(nn, z) / largest if largest > 1e-280 else 0.0
 
 
 # ---------------------------------------------------------------------------------------------------------

@@ -13,7 +13,8 @@ from vrte.errors import AccuracyError
 
 @dataclass(frozen=True, eq=False)
 class Slabs:
-    """R, T (order, slab, blocks of `double_slabs` in _core.pyx); lost (order, slab, n); residual, doublings (order, slab)."""
+    """R, T (order, slab, blocks), see `double_slabs` in _core.pyx; lost (order, slab, n); residual (order, slab, 2) of
+    R and of T; doublings (order, slab)."""
 
     R: Array
     T: Array
@@ -35,7 +36,7 @@ def double_slabs(
         R=np.empty((*shape, size)),
         T=np.empty((*shape, size)),
         lost=np.empty((*shape, problem.size)),
-        residual=np.zeros(shape),
+        residual=np.zeros((*shape, 2)),
         doublings=np.zeros(shape, np.int32),
     )
     info = np.zeros(shape, np.int32)

@@ -1,7 +1,7 @@
 """The two exact routes from the discrete problem to its field, order by order, behind one signature."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -25,20 +25,21 @@ class Orders:
     """Multiply scattered light of some Fourier orders.
 
     kernels (order, n_tau, n_in, n_col, n_out, 4): radiance for a unit beam, public frame; flux_up, flux_down (n_tau,
-    n_in, n_col): of the first of the orders, all diffuse light on the nodes; residual (order,): how well the route's
-    own equations hold.
+    n_in, n_col): of the first of the orders, all diffuse light on the nodes; residuals: how well the route's own
+    equations hold, by name, each (order,).
     """
 
     kernels: Array
     flux_up: Array
     flux_down: Array
-    residual: Array
+    residuals: dict[str, Array]
 
 
 class Route(Protocol):
-    """One way to solve the discrete problem."""
+    """One way to solve the discrete problem; `allowed` says up to which residuals it vouches for its answer."""
 
     name: str
+    allowed: dict[str, float]
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once: what fits the memory meant for it, at least one a thread."""
@@ -51,6 +52,7 @@ class Modes:
     """Eigenmodes, beam, boundary, reconstruction: section 2.C of Collin, Pattanaik and Bouatouch."""
 
     name = "modes"
+    allowed: ClassVar = {"residual_of_modes": 1e-9, "residual_of_boundary": 1e-9}
 
     def __init__(self, problem: Problem, base: Lambertian | MuellerBase | None, n_order: int) -> None:
         self.problem, self.base = problem, expand_base(base, problem, n_order)
@@ -69,14 +71,18 @@ class Modes:
         beam = particular(self.problem, matrices, modes, run)
         amplitudes = boundary(self.problem, orders, modes, beam, self.base, run)
         kernels = reconstruct(self.problem, orders, matrices, modes, beam, amplitudes, self.base, run)
-        residual = np.maximum(modes.residual.max(axis=1), amplitudes.residual.max(axis=1))
-        return Orders(kernels, *nodal_fluxes(self.problem, modes, beam, amplitudes), residual)
+        residuals = {
+            "residual_of_modes": modes.residual.max(axis=1),
+            "residual_of_boundary": amplitudes.residual.max(axis=1),
+        }
+        return Orders(kernels, *nodal_fluxes(self.problem, modes, beam, amplitudes), residuals)
 
 
 class Doubling:
     """Impedance doubling of homogeneous slabs, joined by the star product."""
 
     name = "doubling"
+    allowed: ClassVar = {"residual_of_reflection": 1e-9, "residual_of_transmission": 1e-6, "residual_of_joints": 1e-9}
 
     def __init__(self, problem: Problem, base: Lambertian | MuellerBase | None, n_order: int) -> None:
         self.pile = cut(problem)
@@ -97,7 +103,13 @@ class Doubling:
         matrices = assemble(pile.problem, orders, run)
         slabs = double_slabs(pile.problem, pile.material, pile.thickness, orders, matrices, run)
         kernels, up, down, residual = join(pile, orders, slabs, self.base, run)
-        return Orders(kernels, up, down, np.maximum(residual, slabs.residual.max(axis=1)))
+        worst = slabs.residual.max(axis=1)
+        residuals = {
+            "residual_of_reflection": worst[:, 0],
+            "residual_of_transmission": worst[:, 1],
+            "residual_of_joints": residual,
+        }
+        return Orders(kernels, up, down, residuals)
 
 
 ROUTES: dict[str, type[Modes] | type[Doubling]] = {"modes": Modes, "doubling": Doubling}
