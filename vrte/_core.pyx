@@ -527,7 +527,7 @@ cdef void assemble_one(int m, int terms, double albedo, const double* coefficien
 
 def homogeneous_work(int n):
     """Doubles of `work` that one thread of `homogeneous` needs (its LAPACK block included)."""
-    return 4 * n * n + 40 * n
+    return 4 * n * n + 44 * n
 
 
 def homogeneous(const int[::1] orders, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
@@ -565,53 +565,84 @@ cdef int homogeneous_one(int n, int m, double albedo, const double* directions, 
     cdef double* a = f + n * n
     cdef double* v = a + n * n
     cdef double* spare = v + n
-    cdef int info = 0, lwork = n * n, i
-    # permute only: scaling would amplify rounding in the nearly empty first column that exact_conservation makes
-    cdef char no = b"N", yes = b"V", balance = b"P"
-    cdef int low, high
-    cdef double norm
-    cdef int one = 1
-    cdef double unused = 0.0
-    memcpy(e, E, sizeof(double) * n * n)
+    cdef int info, i
+    if m == 0:     # (I, Q) and (U, V) do not mix
+        info = half_of_modes(n, 0, E, F, lam_re, lam_im, X, a, spare, pivots)
+        if info == 0:
+            info = half_of_modes(n, 1, E, F, lam_re + n // 2, lam_im + n // 2, X + n // 2 * n, a, spare, pivots)
+    else:
+        product(b"N", b"N", n, n, n, 1.0, F, n, E, n, 0.0, a, n)
+        info = eigenproblem(n, a, lam_re, lam_im, X, spare, pivots)
+    if info != 0:
+        return info
     memcpy(f, F, sizeof(double) * n * n)
+    info = factorise(n, f, n, pivots)
+    if info != 0:
+        return info
     if m == 0:
         conserving_axis(n, directions, weights, v)
+        memcpy(e, E, sizeof(double) * n * n)
         reflect_both(n, v, e, spare)
-        reflect_both(n, v, f, spare)
         exact_conservation(n, albedo, directions, weights, v, e, spare)
-    product(b"N", b"N", n, n, n, 1.0, f, n, e, n, 0.0, a, n)
-    dgeevx(&balance, &no, &yes, &no, &n, a, &n, lam_re, lam_im, &unused, &one, X, &n, &low, &high, spare + n * n, &norm,
-           &unused, &unused, spare, &lwork, pivots, &info)
-    if info != 0:
-        return info
-    memcpy(a, f, sizeof(double) * n * n)
-    info = factorise(n, a, n, pivots)
-    if info != 0:
-        return info
-    if m == 0 and albedo < 1.0:
-        polish_smallest(n, e, a, pivots, lam_re, lam_im, X, spare, pivots + n)
+        polish_smallest(n, albedo, directions, weights, v, e, f, pivots, lam_re, lam_im, X, a, spare, pivots + n)
     for i in range(n):
         if lam_im[i] == 0.0 and lam_re[i] < 0.0:   # rounding below zero; the residual tells if it was more
             lam_re[i] = 0.0
     memcpy(Y, X, sizeof(double) * n * n)
-    solve(b"N", n, n, a, n, pivots, Y, n)
-    residual[0] = mode_residual(n, e, f, lam_re, lam_im, X, a, spare)
-    if m == 0:
-        reflect_rows(n, v, X)
-        reflect_rows(n, v, Y)
+    solve(b"N", n, n, f, n, pivots, Y, n)
+    residual[0] = mode_residual(n, E, F, lam_re, lam_im, X, a, e)
     memcpy(X_lu, X, sizeof(double) * n * n)
     return factorise(n, X_lu, n, X_pivots)
 
 
+cdef int eigenproblem(int n, double* a, double* lam_re, double* lam_im, double* X, double* spare, int* pivots) noexcept nogil:
+    """a X = X lambda; destroys a. Permutes only: scaling to balance loses digits next to omega = 1."""
+    cdef char no = b"N", yes = b"V", balance = b"P"
+    cdef int info = 0, lwork = n * n, low, high, one = 1
+    cdef double norm, unused = 0.0
+    dgeevx(&balance, &no, &yes, &no, &n, a, &n, lam_re, lam_im, &unused, &one, X, &n, &low, &high, spare + lwork, &norm,
+           &unused, &unused, spare, &lwork, pivots, &info)
+    return info
+
+
+cdef int half_of_modes(int n, int half, const double* E, const double* F, double* lam_re, double* lam_im, double* X,
+                       double* room, double* spare, int* pivots) noexcept nogil:
+    """The modes of (I, Q), half 0, or (U, V), half 1: n/2 columns of X, zero in the other half's rows."""
+    cdef int h = n // 2, i, j, info, row, column
+    cdef double* e = room
+    cdef double* f = e + h * h
+    cdef double* a = f + h * h
+    cdef double* x = a + h * h
+    for j in range(h):
+        column = 4 * (j // 2) + 2 * half + j % 2
+        for i in range(h):
+            row = 4 * (i // 2) + 2 * half + i % 2
+            e[j * h + i] = E[column * n + row]
+            f[j * h + i] = F[column * n + row]
+    product(b"N", b"N", h, h, h, 1.0, f, h, e, h, 0.0, a, h)
+    info = eigenproblem(h, a, lam_re, lam_im, x, spare, pivots)
+    memset(X, 0, sizeof(double) * h * n)
+    for j in range(h):
+        for i in range(h):
+            X[j * n + 4 * (i // 2) + 2 * half + i % 2] = x[j * h + i]
+    return info
+
+
+cdef inline int flux_axis(int n) noexcept nogil:
+    """The axis that carries the flux once order 0 is turned: I of the last node, so that steep nodes stay apart (turned
+    into the first, the small eigenvalues would be known to 1e-16 of the largest only)."""
+    return n - 4
+
+
 cdef void conserving_axis(int n, const double* directions, const double* weights, double* v) noexcept nogil:
-    """v: the Householder vector that turns sqrt(weight mu) on I, the null vector of E at omega = 1, to the first axis."""
+    """v: the Householder vector that turns sqrt(weight mu) on I, the null vector of E at omega = 1, to the flux's axis."""
     cdef int i
     cdef double size = 0.0
     memset(v, 0, sizeof(double) * n)
     for i in range(n // 4):
         v[4 * i] = sqrt(weights[i] * directions[i])
         size += v[4 * i] * v[4 * i]
-    v[0] += sqrt(size)
+    v[flux_axis(n)] += sqrt(size)
     size = 0.0
     for i in range(n // 4):
         size += v[4 * i] * v[4 * i]
@@ -620,35 +651,40 @@ cdef void conserving_axis(int n, const double* directions, const double* weights
         v[4 * i] *= size
 
 
-cdef void reflect_rows(int n, const double* v, double* a) noexcept nogil:
-    """a <- (1 - v v^T) a."""
+cdef inline void turn_columns(int n, int columns, const double* v, double* a) noexcept nogil:
+    """a <- (1 - v v^T) a, a of n rows."""
     cdef int i, j
     cdef double total
-    for j in range(n):
+    for j in range(columns):
         total = 0.0
         for i in range(0, n, 4):
-            total += v[i] * a[j * n + i]
+            total += v[i] * a[<size_t>j * n + i]
         for i in range(0, n, 4):
-            a[j * n + i] -= total * v[i]
+            a[<size_t>j * n + i] -= total * v[i]
+
+
+cdef inline void turn_rows(int n, int rows, const double* v, double* a, double* spare) noexcept nogil:
+    """a <- a (1 - v v^T), a of n columns."""
+    cdef int i, j
+    memset(spare, 0, sizeof(double) * rows)
+    for j in range(0, n, 4):
+        for i in range(rows):
+            spare[i] += a[<size_t>j * rows + i] * v[j]
+    for j in range(0, n, 4):
+        for i in range(rows):
+            a[<size_t>j * rows + i] -= spare[i] * v[j]
 
 
 cdef void reflect_both(int n, const double* v, double* a, double* spare) noexcept nogil:
     """a <- (1 - v v^T) a (1 - v v^T)."""
-    cdef int i, j
-    reflect_rows(n, v, a)
-    memset(spare, 0, sizeof(double) * n)
-    for j in range(0, n, 4):
-        for i in range(n):
-            spare[i] += a[j * n + i] * v[j]
-    for j in range(0, n, 4):
-        for i in range(n):
-            a[j * n + i] -= spare[i] * v[j]
+    turn_columns(n, n, v, a)
+    turn_rows(n, n, v, a, spare)
 
 
 cdef void exact_conservation(int n, double albedo, const double* directions, const double* weights, const double* v,
                              double* e, double* row) noexcept nogil:
-    """First row and column of the turned E: (1 - omega) M^-1 v exactly (2 N terms at most), zero at omega = 1."""
-    cdef int i
+    """The flux's row and column of the turned E: (1 - omega) M^-1 v exactly (2 N terms at most), zero at omega = 1."""
+    cdef int i, axis = flux_axis(n)
     cdef double size = 0.0, total = 0.0
     memset(row, 0, sizeof(double) * n)
     for i in range(n // 4):
@@ -660,52 +696,68 @@ cdef void exact_conservation(int n, double albedo, const double* directions, con
     for i in range(0, n, 4):
         row[i] = (1.0 - albedo) * (row[i] - total * v[i])
     for i in range(n):
-        e[i] = row[i]
-        e[i * n] = row[i]
+        e[axis * n + i] = row[i]
+        e[i * n + axis] = row[i]
 
 
-cdef void polish_smallest(int n, const double* e, const double* f_lu, const int* f_pivots, double* lam_re, double* lam_im,
-                          double* X, double* work, int* pivots) noexcept nogil:
-    """The diffusion mode by inverse iteration with E's first row and column exact (a small lambda is else known
-    only to 1e-16 of the largest)."""
-    cdef int inner = n - 1, i, j, best = -1, sweep
-    cdef double smallest = 0.05, pivot, top, norm, growth
-    cdef double* lu = work                       # (n-1, n-1)
-    cdef double* column = lu + inner * inner     # E''^-1 c
+cdef void polish_smallest(int n, double albedo, const double* directions, const double* weights, const double* v,
+                          const double* e, const double* f_lu, const int* f_pivots, double* lam_re, double* lam_im,
+                          double* X, double* work, double* spare, int* pivots) noexcept nogil:
+    """The diffusion mode, whose small lambda is else known only to 1e-16 of the largest: at omega = 1 the null vector
+    itself, below by inverse iteration with e, the turned E, whose row and column of the flux are exact."""
+    cdef int inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n)
+    cdef double smallest = 0.05, pivot, top, norm, growth = 1.0
+    cdef double* lu = work                       # (n-1, n-1), e without the axis
+    cdef double* row = spare                     # (n-1,)
+    cdef double* column = row + inner            # e''^-1 row, e is symmetric there
+    cdef double* part = column + inner
     cdef double* x
-    for j in range(n):
-        if lam_im[j] == 0.0 and lam_re[j] < smallest and X[j * n] != 0.0:
+    for j in range(n // 2):     # of (I, Q)
+        if lam_im[j] == 0.0 and lam_re[j] < smallest:
             best, smallest = j, lam_re[j]
     if best < 0:
         return
+    x = X + best * n
+    if albedo == 1.0:
+        for i in range(n):
+            x[i] = 0.0 if i % 4 else sqrt(weights[i // 4] * directions[i // 4])
+        lam_re[best] = 0.0
+        return
     for j in range(inner):
-        memcpy(lu + j * inner, e + (j + 1) * n + 1, sizeof(double) * inner)
+        leave_out(n, axis, e + (j if j < axis else j + 1) * n, lu + j * inner)
     if factorise(inner, lu, inner, pivots) != 0:
         return
-    memcpy(column, e + 1, sizeof(double) * inner)
+    leave_out(n, axis, e + axis * n, row)
+    memcpy(column, row, sizeof(double) * inner)
     solve(b"N", inner, 1, lu, inner, pivots, column, inner)
-    pivot = e[0]
+    pivot = e[axis * n + axis]
     for i in range(inner):
-        pivot -= e[(i + 1) * n] * column[i]
-    x = X + best * n
-    growth = 1.0
+        pivot -= row[i] * column[i]
     for sweep in range(8):
         solve(b"N", n, 1, f_lu, n, f_pivots, x, n)
-        top = x[0]
-        solve(b"N", inner, 1, lu, inner, pivots, x + 1, inner)
+        turn_columns(n, 1, v, x)
+        top = x[axis]
+        leave_out(n, axis, x, part)
+        solve(b"N", inner, 1, lu, inner, pivots, part, inner)
         for i in range(inner):
-            top -= e[(i + 1) * n] * x[i + 1]
+            top -= row[i] * part[i]
         top /= pivot
-        x[0] = top
+        norm = top * top
         for i in range(inner):
-            x[i + 1] -= column[i] * top
-        norm = 0.0
-        for i in range(n):
-            norm += x[i] * x[i]
+            part[i] -= column[i] * top
+            norm += part[i] * part[i]
         growth = sqrt(norm)
-        for i in range(n):
-            x[i] /= growth
+        for i in range(inner):
+            x[i if i < axis else i + 1] = part[i] / growth
+        x[axis] = top / growth
+        turn_columns(n, 1, v, x)
     lam_re[best] = 1.0 / growth
+
+
+cdef inline void leave_out(int n, int axis, const double* x, double* out) noexcept nogil:
+    """x (n,) without one element."""
+    memcpy(out, x, sizeof(double) * axis)
+    memcpy(out + axis, x + axis + 1, sizeof(double) * (n - 1 - axis))
 
 
 cdef double mode_residual(int n, const double* e, const double* f, const double* lam_re, const double* lam_im,
@@ -1222,8 +1274,8 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
     material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
     left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, 4) the incident Stokes vectors, mu_out (n_out,).
     R, T (order, slab, extended_size(n, n_in n_col, 4 n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
-    the unscattered light on its diagonal; in order 0 the nodes are turned so that the first axis carries the flux.
-    lost (order, slab, n): what the slab absorbs of it, the first row of 1 - R - T. residual (order, slab, 2): how well
+    the unscattered light on its diagonal; in order 0 the nodes are turned so that one axis (`flux_axis`) carries the flux.
+    lost (order, slab, n): what the slab absorbs of it, its row of 1 - R - T. residual (order, slab, 2): how well
     R, and T, satisfy invariance, relative; doublings (order, slab).
     """
     cdef int n_order = <int>orders.shape[0], n_slab = <int>material.shape[0], item, thread, o, k, m
@@ -1322,7 +1374,7 @@ cdef void clear_slab(Sizes s, double thickness, const double* nodes, const doubl
     reflect_both(s.n, v, t.N, spare)
     for i in range(s.n // 4):
         size += weights[i] * nodes[i]
-    for i in range(s.n // 4):     # the first axis is minus the unit null vector
+    for i in range(s.n // 4):     # the axis is minus the unit null vector
         lost[4 * i] = sqrt(weights[i] * nodes[i] / size) * expm1(-thickness / nodes[i])
     turn_columns(s.n, 1, v, lost)
 
@@ -1343,8 +1395,8 @@ cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const doub
 
 cdef void turn_extended(Sizes s, double albedo, const double* nodes, const double* weights, const double* columns, int n_col,
                         const double* mu_out, double* v, Extended e, Extended f, double* spare) noexcept nogil:
-    """Order 0: the first axis becomes sqrt(weight mu) on I, whose row and column of E are known exactly (2 N terms)."""
-    cdef int i
+    """Order 0: one axis becomes sqrt(weight mu) on I, whose row and column of E are known exactly (2 N terms)."""
+    cdef int i, axis = flux_axis(s.n)
     cdef double size = 0.0
     conserving_axis(s.n, nodes, weights, v)
     for i in range(s.n // 4):
@@ -1356,39 +1408,15 @@ cdef void turn_extended(Sizes s, double albedo, const double* nodes, const doubl
     turn_edges(s, v, e, spare)
     turn_edges(s, v, f, spare)
     for i in range(s.r):
-        e.NI[<size_t>i * s.n] = albedo * columns[4 * (i % n_col)] / size
+        e.NI[<size_t>i * s.n + axis] = albedo * columns[4 * (i % n_col)] / size
     for i in range(s.o):
-        e.ON[i] = 0.0 if i % 4 else albedo / (mu_out[i // 4] * size)
+        e.ON[<size_t>axis * s.o + i] = 0.0 if i % 4 else albedo / (mu_out[i // 4] * size)
 
 
 cdef inline void turn_edges(Sizes s, const double* v, Extended a, double* spare) noexcept nogil:
     """NI <- (1 - v v^T) NI, ON <- ON (1 - v v^T)."""
     turn_columns(s.n, s.r, v, a.NI)
     turn_rows(s.n, s.o, v, a.ON, spare)
-
-
-cdef inline void turn_columns(int n, int columns, const double* v, double* a) noexcept nogil:
-    """a <- (1 - v v^T) a, a of n rows."""
-    cdef int i, j
-    cdef double total
-    for j in range(columns):
-        total = 0.0
-        for i in range(0, n, 4):
-            total += v[i] * a[<size_t>j * n + i]
-        for i in range(0, n, 4):
-            a[<size_t>j * n + i] -= total * v[i]
-
-
-cdef inline void turn_rows(int n, int rows, const double* v, double* a, double* spare) noexcept nogil:
-    """a <- a (1 - v v^T), a of n columns."""
-    cdef int i, j
-    memset(spare, 0, sizeof(double) * rows)
-    for j in range(0, n, 4):
-        for i in range(rows):
-            spare[i] += a[<size_t>j * rows + i] * v[j]
-    for j in range(0, n, 4):
-        for i in range(rows):
-            a[<size_t>j * rows + i] -= spare[i] * v[j]
 
 
 cdef inline double norm_1(int n, const double* a) noexcept nogil:
@@ -1411,8 +1439,9 @@ cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Exten
     C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
     C <- (C L^-1)^2, which keeps them where T is too small for a difference.
     """
-    cdef int info, step, i, count = 0
-    cdef double h = 0.5 * thickness, whole = h
+    cdef int info, step, i, count = 0, axis = flux_axis(s.n)
+    cdef size_t k
+    cdef double h = 0.5 * thickness
     cdef bint carried = False
     product_extended(s, 1.0, f, e, a)
     steepest = max(steepest, sqrt(norm_1(s.n, a.N)))
@@ -1433,8 +1462,9 @@ cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Exten
         product_extended(s, 2.0, a, Zo, b)
         copy_extended(s, b, Zo)
         if m == 0:
-            for i in range(1, s.n):    # reciprocity; rounding in this row would double at each step
-                Zo.N[<size_t>i * s.n] = -Zo.N[i] if i % 4 == 3 else Zo.N[i]
+            for i in range(s.n):    # reciprocity; rounding in this row would double at each step
+                k = <size_t>axis * s.n + i
+                Zo.N[<size_t>i * s.n + axis] = -Zo.N[k] if i % 4 == 3 else Zo.N[k]
         product_extended(s, 2.0, Ze, a, b)
         copy_extended(s, b, Ze)
         h = 2.0 * h
@@ -1517,7 +1547,7 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
     Before each, both are multiplied by ratio^(-1/2), `ratio` being the smallest over the largest eigenvalue of
     sqrt(Zo Ze): the smallest is estimated from below, and a wrong guess costs steps, no digits.
     """
-    cdef int info = 0, step, i
+    cdef int info = 0, step, i, axis = flux_axis(s.n)
     cdef double ratio, gap, slowest
     product_extended(s, 1.0, f, e, a)
     steepest = max(steepest, sqrt(norm_1(s.n, a.N)))
@@ -1536,9 +1566,9 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
         scale_extended(s, 1.0 / sqrt(ratio), Zo)
         product_extended(s, 1.0, Zo, Ze, a)
         gap = 0.0
-        # at omega = 1 the first axis has Ze = 0 for ever
-        for i in range(1 if m == 0 and albedo == 1.0 else 0, s.n):
-            gap = max(gap, fabs(a.N[<size_t>i * s.n + i] - 1.0))
+        for i in range(s.n):
+            if not (m == 0 and albedo == 1.0 and i == axis):     # there Ze = 0 for ever
+                gap = max(gap, fabs(a.N[<size_t>i * s.n + i] - 1.0))
         for i in range(s.o):
             gap = max(gap, fabs(a.OO[i] - 1.0))
         for i in range(s.r):
@@ -1560,8 +1590,8 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
 
 cdef int reflect_and_transmit(Sizes s, double thickness, Extended Ze, Extended Zo, Extended C, Extended a, Extended b,
                               Extended spare, Extended r, Extended t, double* lost, int m, int* pivots) noexcept nogil:
-    """r = So - Se and t = (1 + Zo)^-1 C (1 + Ze)^-1; without end r = 1 - 2 Se and t = 0. lost = 2 Se, first row."""
-    cdef int info, i
+    """r = So - Se and t = (1 + Zo)^-1 C (1 + Ze)^-1; without end r = 1 - 2 Se and t = 0. lost = 2 Se, the flux's row."""
+    cdef int info, i, axis = flux_axis(s.n)
     cdef bint endless = thickness > 1e300
     copy_extended(s, Ze, a)
     add_identity(s, 1.0, a)
@@ -1571,7 +1601,7 @@ cdef int reflect_and_transmit(Sizes s, double thickness, Extended Ze, Extended Z
     product_extended(s, -2.0 if endless else -1.0, Ze, a, r)
     if m == 0:
         for i in range(s.n):
-            lost[i] = r.N[<size_t>i * s.n] * (-1.0 if endless else -2.0)
+            lost[i] = r.N[<size_t>i * s.n + axis] * (-1.0 if endless else -2.0)
     if endless:
         add_identity(s, 1.0, r)
     else:
@@ -1718,12 +1748,12 @@ cdef int join_one(Sizes s, bint conserving, int n_place, int n_in, int n_level, 
     cdef double* v = absorbed + s.n                      # then 3 n spare
     cdef double* out = v + 4 * s.n                       # base_out, turned, then running and spare
     cdef Extended r, t
-    cdef int place, info, b, per_beam = s.r // n_in
-    cdef double size = 0.0, fade
+    cdef int place, info, b, axis = flux_axis(s.n)
+    cdef double size = 0.0
     memset(below, 0, sizeof(double) * nn)
     memset(absorbed, 0, sizeof(double) * s.n)
     memset(going_up, 0, sizeof(double) * 2 * (n_place + 1) * nr)
-    absorbed[0] = 1.0
+    absorbed[flux_axis(s.n)] = 1.0
     if conserving:
         conserving_axis(s.n, nodes, weights, v)
         for i in range(<size_t>s.n // 4):
@@ -1753,8 +1783,8 @@ cdef int join_one(Sizes s, bint conserving, int n_place, int n_in, int n_level, 
                 going_down + (place + 1) * nr, s.n)
     for b in range(n_level):
         for i in range(<size_t>s.r):
-            flux[(2 * b) * s.r + i] = -sqrt(size) * going_up[interface[b] * nr + i * s.n]
-            flux[(2 * b + 1) * s.r + i] = -sqrt(size) * going_down[interface[b] * nr + i * s.n]
+            flux[(2 * b) * s.r + i] = -sqrt(size) * going_up[interface[b] * nr + i * s.n + axis]
+            flux[(2 * b + 1) * s.r + i] = -sqrt(size) * going_down[interface[b] * nr + i * s.n + axis]
     leave(s, n_place, n_in, n_level, slabs, above, mu0, R, T, base_out != NULL, out, going_up, going_down, interface, up, down,
           out + no)
     return 0
@@ -1765,6 +1795,7 @@ cdef void put_base(Sizes s, bint conserving, int n_in, const double* v, const do
                    double* absorbed, double* spare) noexcept nogil:
     """The base's operator, the beam that it reflects, its rows out, and (order 0) the row of what it absorbs."""
     cdef size_t nr = <size_t>s.n * s.r, i
+    cdef int axis = flux_axis(s.n)
     memcpy(below, base, sizeof(double) * <size_t>s.n * s.n)
     memcpy(out, base_out, sizeof(double) * <size_t>s.n * s.o)
     for i in range(nr):
@@ -1775,7 +1806,7 @@ cdef void put_base(Sizes s, bint conserving, int n_in, const double* v, const do
     turn_columns(s.n, s.r, v, up)
     turn_rows(s.n, s.o, v, out, spare)
     for i in range(<size_t>s.n):
-        absorbed[i] = (1.0 if i == 0 else 0.0) - below[i * s.n]
+        absorbed[i] = (1.0 if <int>i == axis else 0.0) - below[i * s.n + axis]
         if fabs(absorbed[i]) < 4e-16:    # rounding of the operator's quadrature, not a loss
             absorbed[i] = 0.0
 
@@ -1797,10 +1828,10 @@ cdef int join_below(Sizes s, bint conserving, int n_in, double depth, const doub
     """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T.
 
     In order 0 the flux's row of 1 - below R, which is small where nothing absorbs, is summed from what is lost:
-    lost + T's first row + absorbed R, and `absorbed` becomes lost + (lost G + absorbed (1 + R G)) T.
+    lost + T's row + absorbed R, and `absorbed` becomes lost + (lost G + absorbed (1 + R G)) T.
     """
     cdef size_t nn = <size_t>s.n * s.n, nr = <size_t>s.n * s.r, i
-    cdef int n = s.n, info
+    cdef int n = s.n, info, axis = flux_axis(s.n)
     cdef double* M = scratch
     cdef double* kept = M + nn
     cdef double* GT = kept + nn
@@ -1815,14 +1846,14 @@ cdef int join_below(Sizes s, bint conserving, int n_in, double depth, const doub
     if conserving:
         product(b"N", b"N", 1, n, n, 1.0, absorbed, 1, r.N, n, 0.0, row, 1)
         for i in range(<size_t>n):
-            row[i] += lost[i] + t.N[i * n]
+            row[i] += lost[i] + t.N[i * n + axis]
         largest = largest_of(n, row)
         if largest > 0.0:
             for i in range(<size_t>n):
-                M[i * n] = row[i] / largest
-                G[i * n] /= largest
+                M[i * n + axis] = row[i] / largest
+                G[i * n + axis] /= largest
             for i in range(<size_t>s.r):
-                g[i * n] /= largest
+                g[i * n + axis] /= largest
     memcpy(kept, M, sizeof(double) * nn)
     memcpy(rhs, g, sizeof(double) * nr)
     info = factorise(n, M, n, pivots)
