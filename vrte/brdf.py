@@ -11,7 +11,7 @@ from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.solver import solve
 from vrte.errors import SceneError
 from vrte.field import freeze
-from vrte.request import check_scene, cosines, node_count
+from vrte.request import check_scene, cosines, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
@@ -89,12 +89,14 @@ def brdf(
     threads: int | None = None,
     transmission: bool = False,
     progress: Progress | None = None,
+    algorithm: str = "auto",
+    verify: bool = False,
 ) -> Brdf:
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
-    Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``threads``, ``progress`` as for
-    `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without end). Raises SceneError for bad
-    input, AccuracyError where the solver cannot vouch for its answer.
+    Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``threads``, ``progress``,
+    ``algorithm``, ``verify`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without
+    end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
@@ -103,14 +105,14 @@ def brdf(
     """
     scene = check_scene(scene)
     into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
-    azimuths, node_total = vector("phi", phi), node_count(nodes)
+    azimuths, options = vector("phi", phi), solver_options(nodes, algorithm, verify)
     if transmission and not np.isfinite(scene.thickness):
         raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
     levels = frozen([0.0, scene.thickness] if transmission else [0.0])
     directions = np.concatenate([out, -out]) if transmission else out
     run = new_run(threads)
     solution = interruptible(
-        run, lambda: solve(scene, into, np.eye(4), directions, azimuths, levels, node_total, run, progress)
+        run, lambda: solve(scene, into, np.eye(4), directions, azimuths, levels, options, run, progress)
     )
     per_irradiance = solution.radiance
     per_irradiance /= into[:, None, None, None, None]

@@ -11,7 +11,7 @@ from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.solver import solve
 from vrte.errors import SceneError
-from vrte.request import check_scene, cosines, depths, node_count, stokes_vector
+from vrte.request import check_scene, cosines, depths, solver_options, stokes_vector
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
@@ -102,15 +102,19 @@ def radiance(
     nodes: int = 40,
     threads: int | None = None,
     progress: Progress | None = None,
+    algorithm: str = "auto",
+    verify: bool = False,
 ) -> Field:
     """The diffuse field of one beam, by discrete ordinates.
 
     Parameters: ``mu0``, the beam's positive cosine; ``stokes``, its flux vector perpendicular to it; ``mu``, signed
     cosines (default: the nodes, up and down); ``phi``, degrees from the beam's heading; ``tau``, optical depths;
     ``nodes`` a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for
-    single scattering); ``threads``, default all usable CPUs; ``progress``, called with (orders done, orders).
-    Raises SceneError for bad input, AccuracyError where the solver cannot vouch for its answer.
-    Source: Collin, Pattanaik, Bouatouch, section 2.
+    single scattering); ``threads``, default all usable CPUs; ``progress``, called with (orders done, orders);
+    ``algorithm``, "modes" (eigenvectors), "doubling" (impedance doubling, no eigenproblem) or "auto", which takes one
+    by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``. Raises SceneError for bad
+    input, AccuracyError where neither algorithm can vouch for its answer. Source: Collin, Pattanaik, Bouatouch,
+    section 2.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
@@ -121,15 +125,15 @@ def radiance(
     beam = cosines("mu0", mu0)
     if beam.size != 1:
         raise SceneError(f"mu0 must be one number a call, not {beam.size}")
-    node_total = node_count(nodes)
-    points = double_gauss(node_total)[0]
+    options = solver_options(nodes, algorithm, verify)
+    points = double_gauss(options.nodes)[0]
     directions = cosines("mu", np.concatenate([points, -points]) if mu is None else mu, signed=True)
     incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
     parts = [incident * [1, 1, 0, 0], incident * [0, 0, 1, 1]]
     columns = np.array([part for part in parts if part.any()] or parts[:1])
     run = new_run(threads)
     solution = interruptible(
-        run, lambda: solve(scene, beam, columns, directions, azimuths, levels, node_total, run, progress)
+        run, lambda: solve(scene, beam, columns, directions, azimuths, levels, options, run, progress)
     )
     return Field(
         stokes=frozen(solution.radiance[:, 0].sum(axis=-1)),

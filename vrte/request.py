@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 
 from vrte.arrays import Array, vector, whole
+from vrte.discrete_ordinates.choice import ALGORITHMS
+from vrte.discrete_ordinates.solver import Options
 from vrte.errors import SceneError
 from vrte.scene import Scene
 
@@ -54,6 +56,10 @@ def depths(values: Any, scene: Scene) -> Array:
     return array
 
 
-def node_count(nodes: Any) -> int:
-    """Nodes of a hemisphere."""
-    return whole("nodes", nodes, 1, MOST_NODES)
+def solver_options(nodes: Any, algorithm: Any, verify: Any) -> Options:
+    """Nodes of a hemisphere, the algorithm's name, a yes or no."""
+    if not (isinstance(algorithm, str) and algorithm in ALGORITHMS):
+        raise SceneError(f"algorithm must be {', '.join(map(repr, ALGORITHMS))}, not {algorithm!r:.80}")
+    if not isinstance(verify, (bool, np.bool_)):
+        raise SceneError(f"verify must be True or False, not {verify!r:.80}")
+    return Options(whole("nodes", nodes, 1, MOST_NODES), algorithm, bool(verify))

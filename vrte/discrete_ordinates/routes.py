@@ -1,9 +1,7 @@
 """The two exact routes from the discrete problem to its field, order by order, behind one signature."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
-
-import numpy as np
+from typing import ClassVar
 
 from vrte.arrays import Array
 from vrte.discrete_ordinates.base import expand_base
@@ -35,23 +33,11 @@ class Orders:
     residuals: dict[str, Array]
 
 
-class Route(Protocol):
-    """One way to solve the discrete problem; `allowed` says up to which residuals it vouches for its answer."""
-
-    name: str
-    allowed: dict[str, float]
-
-    def chunk(self, threads: int) -> int:
-        """Orders to be done at once: what fits the memory meant for it, at least one a thread."""
-
-    def solve(self, orders: IntArray, run: Run) -> Orders:
-        """The given orders. Raises AccuracyError where a system is singular."""
-
-
 class Modes:
     """Eigenmodes, beam, boundary, reconstruction: section 2.C of Collin, Pattanaik and Bouatouch."""
 
     name = "modes"
+    # residuals up to which the answer counts
     allowed: ClassVar = {"residual_of_modes": 1e-9, "residual_of_boundary": 1e-9}
 
     def __init__(self, problem: Problem, base: Lambertian | MuellerBase | None, n_order: int) -> None:
@@ -112,4 +98,6 @@ class Doubling:
         return Orders(kernels, up, down, residuals)
 
 
+Route = Modes | Doubling
 ROUTES: dict[str, type[Modes] | type[Doubling]] = {"modes": Modes, "doubling": Doubling}
+OTHER = {"modes": "doubling", "doubling": "modes"}

@@ -34,7 +34,8 @@ def cut(problem: Problem) -> Pile:
     """Cuts the layers at the wanted depths and finds what is equal."""
     materials, kinds = distinct_materials(problem)
     found: dict[tuple[int, float], int] = {}
-    slabs, above = [], [0.0]
+    slabs: list[int] = []
+    above = [0.0]
     interface = np.zeros(problem.level.size, np.int32)
     for layer, thickness in enumerate(problem.thickness):
         here = problem.level_layer == layer

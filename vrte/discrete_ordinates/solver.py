@@ -1,22 +1,19 @@
-"""One Fourier order after another: assembly, modes, beam, boundary, reconstruction, and the sum over azimuth."""
+"""One Fourier order after another by one of the two exact routes, what fails by the other, and the azimuthal sum."""
 
 import time
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vrte import _core
 from vrte.arrays import Array
 from vrte.blas import single_threaded
-from vrte.discrete_ordinates.base import expand_base
-from vrte.discrete_ordinates.boundary import boundary
-from vrte.discrete_ordinates.homogeneous import homogeneous
-from vrte.discrete_ordinates.particular import particular
-from vrte.discrete_ordinates.phase_assembly import assemble
+from vrte.discrete_ordinates.choice import choose
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
-from vrte.discrete_ordinates.reconstruction import nodal_fluxes, reconstruct
+from vrte.discrete_ordinates.routes import OTHER, ROUTES, Orders, Route
 from vrte.discrete_ordinates.single_scattering import (
     base_reflected,
     cos_sin_deg,
@@ -26,9 +23,8 @@ from vrte.discrete_ordinates.single_scattering import (
 from vrte.errors import AccuracyError
 from vrte.scene import MuellerBase, Scene
 
+BoolArray = NDArray[np.bool_]
 NEGLIGIBLE = 1e-15  # of the single-scattering albedo: a bound on what the orders left out could add
-RESIDUAL_ALLOWED = 1e-6
-CHUNK_BYTES = 48e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +40,15 @@ class Solution:
     diagnostics: dict[str, Any]
 
 
+@dataclass(frozen=True)
+class Options:
+    """How to solve: nodes of a hemisphere, algorithm "auto", "modes" or "doubling", and whether to run both."""
+
+    nodes: int
+    algorithm: str = "auto"
+    verify: bool = False
+
+
 def solve(
     scene: Scene,
     mu0: Array,
@@ -51,44 +56,48 @@ def solve(
     mu: Array,
     phi: Array,
     tau: Array,
-    nodes: int,
+    options: Options,
     run: Run,
     progress: Progress | None = None,
 ) -> Solution:
     """The diffuse field at depths tau (n_tau,), signed cosines mu (n_mu,) and azimuths phi (degrees).
 
     ``columns`` (n_col, 4): incident Stokes vectors, each within (I, Q) or within (U, V). Raises AccuracyError where
-    the solver's own residuals are too large.
+    neither route can vouch for its answer.
     """
     start = time.perf_counter()
     with single_threaded():
         # light going up first
         rank = np.argsort(mu < 0.0, kind="stable")
-        problem = discretise(scene, mu0, columns, mu[rank], tau, nodes)
+        problem = discretise(scene, mu0, columns, mu[rank], tau, options.nodes)
         orders = orders_needed(scene, problem, run)
-        kernels, up, down, residuals = solve_orders(scene, problem, orders, run, progress)
+        choice = choose(options.algorithm, problem)
+        result, repeated = solve_orders(scene, problem, orders, choice.name, run, progress)
         begin = time.perf_counter()
         radiance = np.empty((tau.size, mu0.size, mu.size, phi.size, 4, columns.shape[0]))
-        radiance[:, :, rank] = fourier_sum(kernels, orders, columns, phi)
+        radiance[:, :, rank] = fourier_sum(result.kernels, orders, columns, phi)
         run.book("fourier sum", time.perf_counter() - begin)
         add_closed_forms(radiance, scene, problem, mu, phi, run)
+        agreement = compare_routes(scene, problem, orders, choice.name, result, run) if options.verify else None
     longest = max(layer.phase_matrix.terms for layer in scene.layers)
     diagnostics = {
         "method": "discrete-ordinates",
-        "algorithm": "modes",
-        "nodes": int(nodes),
+        "algorithm": choice.name,
+        "algorithm_rule": choice.reason,
+        "orders_repeated": {"by": OTHER[choice.name], "orders": repeated} if repeated else None,
+        "nodes": int(options.nodes),
         "threads": run.threads,
         "openmp": _core.HAS_OPENMP,
         "orders": int(orders.size),
         "orders_of_phase_matrix": longest,
-        "terms_cut": max(0, longest - 2 * nodes),
+        "terms_cut": max(0, longest - 2 * options.nodes),
         "base": base_statement(scene),
-        "residual_of_modes": residuals[0],
-        "residual_of_boundary": residuals[1],
+        **{name: float(values.max()) for name, values in result.residuals.items()},
+        **({} if agreement is None else {"agreement": agreement}),
         "stages": run.stages,
         "wall_seconds": time.perf_counter() - start,
     }
-    return Solution(radiance, up, down, diagnostics)
+    return Solution(radiance, result.flux_up, result.flux_down, diagnostics)
 
 
 def base_statement(scene: Scene) -> str:
@@ -151,46 +160,109 @@ def orders_needed(scene: Scene, problem: Problem, run: Run) -> IntArray:
 
 
 def solve_orders(
-    scene: Scene, problem: Problem, orders: IntArray, run: Run, progress: Progress | None
-) -> tuple[Array, Array, Array, tuple[float, float]]:
-    """Kernels (order, n_tau, n_in, n_col, n_out, 4), fluxes and residuals, a few orders at a time to bound memory."""
-    base = expand_base(scene.base if scene.base_is_reached else None, problem, orders.size)
-    shape = (orders.size, problem.level.size, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size, 4)
-    kernels = np.empty(shape)
-    worst_mode = worst_boundary = 0.0
-    step = chunk(problem, run.threads)
-    for first in range(0, orders.size, step):
-        part = orders[first : first + step]
-        matrices = assemble(problem, part, run)
-        modes = homogeneous(problem, part, matrices, run)
-        beam = particular(problem, matrices, modes, run)
-        amplitudes = boundary(problem, part, modes, beam, base, run)
-        kernels[first : first + step] = reconstruct(problem, part, matrices, modes, beam, amplitudes, base, run)
-        if first == 0:
-            up, down = nodal_fluxes(problem, modes, beam, amplitudes)
-        worst_mode = max(worst_mode, float(modes.residual.max()))
-        worst_boundary = max(worst_boundary, float(amplitudes.residual.max()))
+    scene: Scene, problem: Problem, orders: IntArray, name: str, run: Run, progress: Progress | None = None
+) -> tuple[Orders, list[int]]:
+    """All orders by the named route, a few at a time to bound memory, and which of them took the other one.
+
+    Raises AccuracyError where an order passes the checks of neither.
+    """
+    base = scene.base if scene.base_is_reached else None
+    n_order = int(orders[-1]) + 1
+    route: Route = ROUTES[name](problem, base, n_order)
+    other: Route | None = None
+    parts: list[Orders] = []
+    repeated: list[int] = []
+    done = 0
+    while done < orders.size:
+        part = orders[done : done + route.chunk(run.threads)]
+        result, doubt = attempt(route, part, run)
+        if doubt:
+            if other is None:
+                other = ROUTES[OTHER[name]](problem, base, n_order)
+            again, still = attempt(other, part[list(doubt)], run)
+            if still:
+                place, reason = next(iter(still.items()))
+                bad = list(doubt)[place]
+                raise AccuracyError(
+                    f"neither algorithm can vouch for Fourier order {part[bad]}: {route.name} ({doubt[bad]}), "
+                    f"{other.name} ({reason}){advice(scene, problem)}"
+                )
+            result = merged(result, again, list(doubt))
+            repeated += part[list(doubt)].tolist()
+        assert result is not None
+        parts.append(result)
+        done += part.size
         if progress is not None:
-            progress(min(first + step, orders.size), int(orders.size))
-    if not max(worst_mode, worst_boundary) <= RESIDUAL_ALLOWED or not np.isfinite(kernels).all():
-        longest = max(layer.phase_matrix.terms for layer in scene.layers)
-        advice = (
-            f": {problem.nodes.size} nodes do not resolve {longest} terms, use more"
-            if longest > problem.terms.max()
-            else ""
-        )
-        raise AccuracyError(
-            f"the residuals of the eigenproblems ({worst_mode:.2g}) and of the boundary systems ({worst_boundary:.2g}) "
-            f"must be at most {RESIDUAL_ALLOWED:g}{advice}"
-        )
-    return kernels, up, down, (worst_mode, worst_boundary)
+            progress(done, int(orders.size))
+    return concatenated(parts), repeated
 
 
-def chunk(problem: Problem, threads: int) -> int:
-    """Orders done at once: as many as fit the memory meant for it, at least one a thread."""
-    n, out, n_layer = problem.size, 4 * problem.mu_out.size, problem.albedo.size
-    doubles = n_layer * n * (5 * n + 2 * out + 8 * problem.mu0.size + 4 * problem.n_rhs)
-    return max(threads, int(CHUNK_BYTES / (8 * doubles)))
+def attempt(route: Route, orders: IntArray, run: Run) -> tuple[Orders | None, dict[int, str]]:
+    """The orders by one route (None where it found no answer), and what is wrong with those that fail its checks."""
+    try:
+        result = route.solve(orders, run)
+    except AccuracyError as error:
+        return None, dict.fromkeys(range(orders.size), str(error))
+    doubt: dict[int, str] = {}
+    for place in range(orders.size):
+        for name, values in result.residuals.items():
+            if not values[place] <= route.allowed[name]:
+                doubt[place] = f"{name} {values[place]:.2g}, allowed {route.allowed[name]:g}"
+        if not np.isfinite(result.kernels[place]).all():
+            doubt[place] = "the answer is not finite"
+    return result, doubt
+
+
+def merged(result: Orders | None, again: Orders | None, places: list[int]) -> Orders:
+    """`result` with the orders at `places` as the other route found them; residuals stay with those that count."""
+    assert again is not None
+    if result is None or len(places) == result.kernels.shape[0]:
+        return again
+    result.kernels[places] = again.kernels
+    kept = np.delete(np.arange(result.kernels.shape[0]), places)
+    first = again if places[0] == 0 else result
+    residuals = {name: values[kept] for name, values in result.residuals.items()} | again.residuals
+    return Orders(result.kernels, first.flux_up, first.flux_down, residuals)
+
+
+def concatenated(parts: list[Orders]) -> Orders:
+    """All orders in one piece; the fluxes are those of the first."""
+    names = {name for part in parts for name in part.residuals}
+    residuals = {
+        name: np.concatenate([part.residuals[name] for part in parts if name in part.residuals])
+        for name in sorted(names)
+    }
+    kernels = parts[0].kernels if len(parts) == 1 else np.concatenate([part.kernels for part in parts])
+    return Orders(kernels, parts[0].flux_up, parts[0].flux_down, residuals)
+
+
+def advice(scene: Scene, problem: Problem) -> str:
+    """What a user can do about a scene that no route solves."""
+    longest = max(layer.phase_matrix.terms for layer in scene.layers)
+    resolved = longest <= problem.terms.max()
+    return "" if resolved else f"; {problem.nodes.size} nodes do not resolve {longest} terms, use more"
+
+
+def compare_routes(
+    scene: Scene, problem: Problem, orders: IntArray, name: str, result: Orders, run: Run
+) -> dict[str, float | str]:
+    """All orders once more by the other route: the largest difference of an order's field and of the fluxes.
+
+    Both relative, depth by depth, to the largest there. Raises AccuracyError where the other route fails.
+    """
+    other, _ = solve_orders(scene, problem, orders, OTHER[name], run)
+    axes = (0, 2, 3, 4, 5)
+    radiance = np.abs(other.kernels - result.kernels).max(axis=axes) / positive(np.abs(result.kernels).max(axis=axes))
+    gap = np.maximum(np.abs(other.flux_up - result.flux_up), np.abs(other.flux_down - result.flux_down)).max(
+        axis=(1, 2)
+    )
+    size = np.maximum(np.abs(result.flux_up), np.abs(result.flux_down)).max(axis=(1, 2))
+    return {"with": OTHER[name], "radiance": float(radiance.max()), "flux": float((gap / positive(size)).max())}
+
+
+def positive(values: Array) -> Array:
+    """`values` with zeros replaced by the smallest normal number, to divide by."""
+    return np.maximum(values, np.finfo(float).tiny)
 
 
 def fourier_sum(kernels: Array, orders: IntArray, columns: Array, phi: Array) -> Array:
