@@ -598,7 +598,7 @@ cdef int homogeneous_one(int n, int m, double albedo, const double* directions, 
 cdef int eigenproblem(int n, double* a, double* lam_re, double* lam_im, double* X, double* spare, int* pivots) noexcept nogil:
     """a X = X lambda; destroys a. Permutes only: scaling to balance loses digits next to omega = 1."""
     cdef char no = b"N", yes = b"V", balance = b"P"
-    cdef int info = 0, lwork = n * n, low, high, one = 1
+    cdef int info = 0, lwork = n * n + 8 * n, low, high, one = 1
     cdef double norm, unused = 0.0
     dgeevx(&balance, &no, &yes, &no, &n, a, &n, lam_re, lam_im, &unused, &one, X, &n, &low, &high, spare + lwork, &norm,
            &unused, &unused, spare, &lwork, pivots, &info)
@@ -861,8 +861,22 @@ cdef void particular_one(int n, int n_in, int n_col, const double* F, const doub
 # Boundary conditions, (1:49)-(1:65), all layers of one order. Even and odd modes about the middle of a layer,
 #   even: y = cosh(k t)/cosh(k h), z = -lambda y_odd;  odd: y = sinh(k t)/(k cosh(k h)), z = -y_even,
 # split the 8N system of a slab into two 4N systems and stay regular at lambda = 0; layers join by the star
-# product from the base up, as in (2:8). In a last layer without end, "even" is e^(-k tau) and "odd" is absent.
+# product from the base up, as in (2:8). In a layer so thick that every mode fades (`fades`), "even" is e^(-k tau)
+# and "odd" e^(-k (thickness - tau)), each referred to its own face as in (2:12)-(2:15): faint light keeps its digits.
 # ---------------------------------------------------------------------------------------------------------
+
+cdef inline double slowest_rate(int n, const double* lam_re, const double* lam_im) noexcept nogil:
+    cdef int j
+    cdef double rate = INFINITY
+    for j in range(n):
+        rate = min(rate, c_sqrt(make(lam_re[j], lam_im[j])).real)
+    return rate
+
+
+cdef inline bint fades(int n, const double* lam_re, const double* lam_im, double thickness) noexcept nogil:
+    """Whether every mode loses e^4 from face to face; always in a layer without end."""
+    return thickness > 1e300 or slowest_rate(n, lam_re, lam_im) * thickness > 4.0
+
 
 cdef inline cplx half_tangent(cplx k, double thickness) noexcept nogil:
     """tanh(k h)/k with h = thickness/2."""
@@ -944,7 +958,7 @@ cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam
             for i in range(nr):
                 up[i] = base_source[i] * exp(-(above[n_layer - 1] + thickness[n_layer - 1]) / mu0[i // per_beam])
         for layer in range(n_layer - 1, -1, -1):
-            info = join_layer(n, n_rhs, X + layer * nn, Y + layer * nn, thickness[layer], systems + 5 * layer * nn,
+            info = join_layer(n, n_rhs, lam_re + layer * n, lam_im + layer * n, X + layer * nn, Y + layer * nn, thickness[layer], systems + 5 * layer * nn,
                               pivots + 2 * layer * n, pivots + 2 * n_layer * n, vectors + 5 * layer * nr, below, up,
                               scratch, spare)
             if info != 0:
@@ -977,14 +991,15 @@ cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam
 
 cdef void slab_matrix(int n, bint is_odd, const double* lam_re, const double* lam_im, const double* X, const double* Y,
                       double thickness, double* matrix, double* spare) noexcept nogil:
-    """Even: X + Y lambda f (without end: X + Y k); odd: X f + Y; f = tanh(k h)/k."""
+    """Even: X + Y lambda f (where all fades: X + Y k); odd: X f + Y; f = tanh(k h)/k."""
     cdef int j
     cdef size_t i
     cdef cplx* f = <cplx*>spare
     cdef cplx k
+    cdef bint fading = fades(n, lam_re, lam_im, thickness)
     for j in range(n):
         k = c_sqrt(make(lam_re[j], lam_im[j]))
-        if thickness > 1e300:
+        if fading:
             f[j] = k
         else:
             f[j] = half_tangent(k, thickness)
@@ -1010,7 +1025,7 @@ cdef int slab_systems(int n, int n_in, int n_rhs, const double* lam_re, const do
     cdef double at_top, at_bottom
     slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, systems, spare)
     info = factorise(n, systems, n, pivots)
-    if info == 0 and thickness < 1e300:
+    if info == 0 and not fades(n, lam_re, lam_im, thickness):
         slab_matrix(n, True, lam_re, lam_im, X, Y, thickness, systems + nn, spare)
         info = factorise(n, systems + nn, n, pivots + n)
     product(b"N", b"N", n, n_rhs, n, 0.5, Y, n, zeta, n, 0.0, vectors, n)
@@ -1040,7 +1055,58 @@ cdef int slab_systems(int n, int n_in, int n_rhs, const double* lam_re, const do
     return info
 
 
-cdef int join_layer(int n, int n_rhs, const double* X, const double* Y, double thickness, double* systems,
+cdef int fading_slab(int n, const double* lam_re, const double* lam_im, const double* X, const double* Y, double thickness,
+                     const double* systems, const int* pivots, int* pivots_inner, double* R, double* T, double* scratch,
+                     double* spare) noexcept nogil:
+    """R and T from those of the endless layer, R0 = (X - Y k) P^-1, and S = P e^(-k thickness) P^-1, P = X + Y k:
+    R = (R0 - S W) a and T = (S - R0 W) a with W = R0 S, a = (1 - W^2)^-1."""
+    cdef size_t nn = <size_t>n * n, i
+    cdef int j, info = 0
+    cdef double rate = slowest_rate(n, lam_re, lam_im)
+    cdef double* W = scratch
+    cdef double* M = scratch + nn
+    cdef cplx* fade = <cplx*>spare
+    transpose(n, X, W)
+    solve(b"T", n, n, systems, n, pivots, W, n)
+    transpose(n, W, R)
+    for i in range(nn):
+        R[i] *= 2.0
+    for i in range(<size_t>n):
+        R[i * n + i] -= 1.0
+    memset(T, 0, sizeof(double) * nn)
+    if thickness > 1e300:
+        return 0
+    slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, M, spare)
+    for j in range(n):
+        fade[j] = c_exp(-thickness * c_sqrt(make(lam_re[j], lam_im[j])))
+    scale_columns(n, n, lam_im, fade, M, W)
+    transpose(n, W, M)
+    solve(b"T", n, n, systems, n, pivots, M, n)
+    transpose(n, M, T)                                                      # S
+    product(b"N", b"N", n, n, n, 1.0, R, n, T, n, 0.0, W, n)
+    memcpy(M, R, sizeof(double) * nn)                                       # R0
+    product(b"N", b"N", n, n, n, -1.0, T, n, W, n, 1.0, R, n)
+    product(b"N", b"N", n, n, n, -1.0, M, n, W, n, 1.0, T, n)
+    if rate * thickness < 20.0:                                             # else W^2 < 1e-17
+        memset(M, 0, sizeof(double) * nn)
+        for i in range(<size_t>n):
+            M[i * n + i] = 1.0
+        product(b"N", b"N", n, n, n, -1.0, W, n, W, n, 1.0, M, n)
+        info = factorise(n, M, n, pivots_inner)
+        times_inverse(n, M, pivots_inner, R, W)
+        times_inverse(n, M, pivots_inner, T, W)
+    return info
+
+
+cdef inline void times_inverse(int n, const double* lu, const int* pivots, double* a, double* spare) noexcept nogil:
+    """a <- a M^-1, M given by its factors."""
+    transpose(n, a, spare)
+    solve(b"T", n, n, lu, n, pivots, spare, n)
+    transpose(n, spare, a)
+
+
+cdef int join_layer(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X, const double* Y,
+                    double thickness, double* systems,
                     const int* pivots, int* pivots_below, double* vectors, double* below, double* up, double* scratch,
                     double* spare) noexcept nogil:
     """R and T of the layer, then (star product) what lies below its top: `below` its reflection, `up` its emission."""
@@ -1052,17 +1118,15 @@ cdef int join_layer(int n, int n_rhs, const double* X, const double* Y, double t
     cdef double* g = vectors + 4 * nr
     cdef double* old = scratch
     cdef int info
-    # X (X + Y lambda f)^-1 = (1 + R + T)/2 and Y (X f + Y)^-1 = (1 - R + T)/2, by transposed systems
-    transpose(n, X, old)
-    solve(b"T", n, n, systems, n, pivots, old, n)
-    transpose(n, old, R)
-    if thickness > 1e300:
-        memset(T, 0, sizeof(double) * nn)
-        for i in range(nn):
-            R[i] *= 2.0
-        for i in range(<size_t>n):
-            R[i * n + i] -= 1.0
+    if fades(n, lam_re, lam_im, thickness):
+        info = fading_slab(n, lam_re, lam_im, X, Y, thickness, systems, pivots, pivots_below, R, T, scratch, spare)
+        if info != 0:
+            return info
     else:
+        # X (X + Y lambda f)^-1 = (1 + R + T)/2 and Y (X f + Y)^-1 = (1 - R + T)/2, by transposed systems
+        transpose(n, X, old)
+        solve(b"T", n, n, systems, n, pivots, old, n)
+        transpose(n, old, R)
         transpose(n, Y, old)
         solve(b"T", n, n, systems + nn, n, pivots + n, old, n)
         transpose(n, old, T)
@@ -1102,25 +1166,80 @@ cdef double amplitudes(int n, int n_rhs, const double* lam_re, const double* lam
                        double thickness, const double* systems, const int* pivots, const double* top, const double* bottom,
                        double* even, double* odd, double* scratch, double* spare) noexcept nogil:
     """even = (X + Y lambda f)^-1 (top + bottom), odd = (X f + Y)^-1 (bottom - top); the relative residual."""
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i
-    cdef bint endless = thickness > 1e300
+    cdef size_t nr = <size_t>n * n_rhs, nn = <size_t>n * n, i
     cdef double worst, largest = 0.0
+    if fades(n, lam_re, lam_im, thickness):
+        return fading_amplitudes(n, n_rhs, lam_re, lam_im, X, Y, thickness, systems, pivots, top, bottom, even, odd,
+                                 scratch, spare)
     for i in range(nr):
-        even[i] = 2.0 * top[i] if endless else top[i] + bottom[i]
-        odd[i] = 0.0 if endless else bottom[i] - top[i]
+        even[i] = top[i] + bottom[i]
+        odd[i] = bottom[i] - top[i]
         largest = max(largest, max(fabs(even[i]), fabs(odd[i])))
     memcpy(spare, even, sizeof(double) * nr)
     solve(b"N", n, n_rhs, systems, n, pivots, even, n)
     slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
     product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, even, n, 1.0, spare, n)
     worst = largest_of(nr, spare)
-    if not endless:
-        memcpy(spare, odd, sizeof(double) * nr)
-        solve(b"N", n, n_rhs, systems + nn, n, pivots + n, odd, n)
-        slab_matrix(n, True, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
-        product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, odd, n, 1.0, spare, n)
-        worst = max(worst, largest_of(nr, spare))
+    memcpy(spare, odd, sizeof(double) * nr)
+    solve(b"N", n, n_rhs, systems + nn, n, pivots + n, odd, n)
+    slab_matrix(n, True, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
+    product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, odd, n, 1.0, spare, n)
+    worst = max(worst, largest_of(nr, spare))
     return worst / largest if largest > 1e-280 else 0.0      # below, denormal numbers have no digits to check
+
+
+cdef double fading_amplitudes(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X,
+                              const double* Y, double thickness, const double* systems, const int* pivots,
+                              const double* top, const double* bottom, double* from_top, double* from_bottom,
+                              double* scratch, double* spare) noexcept nogil:
+    """from_top = P^-1 (2 top - Q e^(-k thickness) from_bottom), from_bottom = P^-1 (2 bottom - Q e^(-k thickness) from_top)
+    by turns, P, Q = X +- Y k: each gains the factor e^(-k thickness) squared. The relative residual at the top."""
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i
+    cdef int sweep, sweeps = 1
+    cdef double largest = 0.0
+    for i in range(nr):
+        largest = max(largest, 2.0 * fabs(top[i]))
+        from_top[i] = 2.0 * top[i]
+    solve(b"N", n, n_rhs, systems, n, pivots, from_top, n)
+    memset(from_bottom, 0, sizeof(double) * nr)
+    if thickness < 1e300:
+        sweeps = 1 + <int>(19.0 / (slowest_rate(n, lam_re, lam_im) * thickness))
+        for sweep in range(sweeps):
+            if sweep > 0:
+                other_face(n, n_rhs, lam_re, lam_im, X, Y, thickness, top, from_bottom, from_top, scratch, spare)
+                solve(b"N", n, n_rhs, systems, n, pivots, from_top, n)
+            other_face(n, n_rhs, lam_re, lam_im, X, Y, thickness, bottom, from_top, from_bottom, scratch, spare)
+            solve(b"N", n, n_rhs, systems, n, pivots, from_bottom, n)
+        other_face(n, n_rhs, lam_re, lam_im, X, Y, thickness, top, from_bottom, spare + nr, scratch, spare)
+    else:
+        for i in range(nr):
+            spare[nr + i] = 2.0 * top[i]
+    slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
+    product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, from_top, n, 1.0, spare + nr, n)
+    return largest_of(nr, spare + nr) / largest if largest > 1e-280 else 0.0
+
+
+cdef void other_face(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X, const double* Y,
+                     double thickness, const double* entering, const double* amplitude, double* out, double* scratch,
+                     double* spare) noexcept nogil:
+    """out = 2 entering - (X - Y k) e^(-k thickness) amplitude."""
+    cdef size_t nr = <size_t>n * n_rhs, i
+    cdef int j, r
+    cdef cplx* fade = <cplx*>scratch
+    cdef cplx* slope = fade + n
+    cdef cplx k
+    for j in range(n):
+        k = c_sqrt(make(lam_re[j], lam_im[j]))
+        fade[j] = c_exp(-thickness * k)
+        slope[j] = times(k, fade[j])
+    for i in range(nr):
+        out[i] = 2.0 * entering[i]
+    for r in range(n_rhs):
+        scale_coordinates(n, lam_im, fade, amplitude + <size_t>r * n, spare + <size_t>r * n)
+    product(b"N", b"N", n, n_rhs, n, -1.0, X, n, spare, n, 1.0, out, n)
+    for r in range(n_rhs):
+        scale_coordinates(n, lam_im, slope, amplitude + <size_t>r * n, spare + <size_t>r * n)
+    product(b"N", b"N", n, n_rhs, n, 1.0, Y, n, spare, n, 1.0, out, n)
 
 
 cdef inline double largest_of(size_t n, const double* a) noexcept nogil:
@@ -1339,7 +1458,7 @@ cdef int double_one(int m, int n_node, int n_in, int n_col, int n_out, double th
         half_sum_and_difference(s, e, f)
         if thickness > 1.5:
             reflect_by_invariance(s, e, f, r, t, a)
-        invariance(s, e, f, r, t, a, b, spare, residual)
+        invariance(s, thickness, e, f, r, t, a, b, spare, residual)
     return info
 
 
@@ -1545,10 +1664,11 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
     """Ze and Zo of a slab without end, where Zo Ze = 1, by scaled doublings.
 
     Before each, both are multiplied by ratio^(-1/2), `ratio` being the smallest over the largest eigenvalue of
-    sqrt(Zo Ze): the smallest is estimated from below, and a wrong guess costs steps, no digits.
+    sqrt(Zo Ze): the smallest is estimated from below, and a wrong guess costs steps, no digits. The condition of L is
+    1/ratio: it is not let below 1e-3.
     """
     cdef int info = 0, step, i, axis = flux_axis(s.n)
-    cdef double ratio, gap, slowest
+    cdef double ratio, used, gap, slowest
     product_extended(s, 1.0, f, e, a)
     steepest = max(steepest, sqrt(norm_1(s.n, a.N)))
     slowest = sqrt((1.0 - albedo) * (1.0 - albedo * asymmetry))
@@ -1562,8 +1682,9 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
     for step in range(100):
         if stop[0]:
             return 0
-        scale_extended(s, 1.0 / sqrt(ratio), Ze)
-        scale_extended(s, 1.0 / sqrt(ratio), Zo)
+        used = max(ratio, 1e-3)
+        scale_extended(s, 1.0 / sqrt(used), Ze)
+        scale_extended(s, 1.0 / sqrt(used), Zo)
         product_extended(s, 1.0, Zo, Ze, a)
         gap = 0.0
         for i in range(s.n):
@@ -1584,7 +1705,8 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
         doublings[0] += 1
         if gap < 1e-9 and ratio > 0.999:      # the error is squared by the step just done
             break
-        ratio = min(1.0, 2.0 * sqrt(ratio) / (1.0 + ratio))
+        # x -> 2 (x/sqrt(used))/(1 + x^2/used) of the two ends; the largest is 1 again
+        ratio = min(2.0 * ratio * sqrt(used) / (used + ratio * ratio), 2.0 * sqrt(used) / (1.0 + used))
     return 0
 
 
@@ -1662,10 +1784,12 @@ cdef void reflect_by_invariance(Sizes s, Extended alpha, Extended beta, Extended
             r.OI[<size_t>j * s.o + i] /= alpha.OO[i] + alpha.II[j]
 
 
-cdef void invariance(Sizes s, Extended alpha, Extended beta, Extended r, Extended t, Extended a, Extended b,
+cdef void invariance(Sizes s, double thickness, Extended alpha, Extended beta, Extended r, Extended t, Extended a, Extended b,
                      Extended c, double* residual) noexcept nogil:
-    """How far R and T are from not caring whether a thin layer is added on top or at the bottom, each relative:
-    beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R)."""
+    """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative:
+    beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R).
+
+    R counts relative to the light that it meets, not to itself: where albedo is 1e-12, nobody sees its last digits."""
     cdef size_t i, nn = <size_t>s.n * s.n
     cdef int n = s.n
     cdef double* x = a.N
@@ -1676,7 +1800,8 @@ cdef void invariance(Sizes s, Extended alpha, Extended beta, Extended r, Extende
     product(b"N", b"N", n, n, n, 1.0, r.N, n, beta.N, n, 1.0, x, n)      # alpha + R beta
     product(b"N", b"N", n, n, n, 1.0, t.N, n, beta.N, n, 0.0, y, n)      # T beta
     product(b"N", b"N", n, n, n, 1.0, r.N, n, alpha.N, n, 0.0, z, n)
-    largest = max(largest_of(nn, z), largest_of(nn, beta.N))
+    largest = largest_of(nn, alpha.N)
+    largest = max(max(largest_of(nn, z), largest_of(nn, beta.N)), largest * min(1.0, thickness * largest))
     for i in range(nn):
         z[i] += beta.N[i]
     product(b"N", b"N", n, n, n, 1.0, x, n, r.N, n, 1.0, z, n)
@@ -1941,18 +2066,24 @@ cdef inline void off_nodes(Sizes s, int n_in, double depth, const double* mu0, E
 # source is left out: single scattering has a closed form over all orders (`single_scattering` below).
 # ---------------------------------------------------------------------------------------------------------
 
+cdef inline void fading_integrals(cplx k, double mu, double thickness, double depth, cplx* from_top,
+                                  cplx* from_bottom) noexcept nogil:
+    """int e^(-k x) and int e^(-k (thickness - x)) times e^(-(x - depth)/mu) dx/mu over x from depth to the bottom."""
+    cdef double left = thickness - depth
+    from_bottom[0] = make(0.0, 0.0)
+    if thickness > 1e300:
+        from_top[0] = over(c_exp(-depth * k), 1.0 + mu * k)
+    else:
+        from_top[0] = over(times(c_exp(-depth * k), -c_expm1(-left * (k + 1.0 / mu))), 1.0 + mu * k)
+        from_bottom[0] = (left / mu) * exp_difference(-left * k, make(-left / mu, 0.0))
+
+
 cdef void hyperbolic_integrals(cplx k, double mu, double thickness, double depth, cplx* cosine, cplx* sine) noexcept nogil:
     """int cosh(k t)/cosh(k h) and int sinh(k t)/(k cosh(k h)) times e^(-(x - depth)/mu) dx/mu over x from depth to
-    the slab's bottom, t = x - h. For a slab without end: int e^(-k x) ..., and 0."""
+    the slab's bottom, t = x - h."""
     cdef double left = thickness - depth, h = 0.5 * thickness
     cdef cplx from_top, from_bottom, whole, u, v, plus, minus
-    if thickness > 1e300:
-        cosine[0] = over(c_exp(-depth * k), 1.0 + mu * k)
-        sine[0] = make(0.0, 0.0)
-        return
-    # e^(-k x) and e^(-k (T - x)), integrated
-    from_top = over(times(c_exp(-depth * k), -c_expm1(-left * (k + 1.0 / mu))), 1.0 + mu * k)
-    from_bottom = (left / mu) * exp_difference(-left * k, make(-left / mu, 0.0))
+    fading_integrals(k, mu, thickness, depth, &from_top, &from_bottom)
     whole = 1.0 + c_exp(-thickness * k)
     cosine[0] = over(from_top + from_bottom, whole)
     if size_of(k) * thickness > 1.0:
@@ -2076,6 +2207,7 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
     """
     cdef size_t used = 4 * n_mu, r, i, column, row
     cdef int j, mu, pair, width, beam, per_beam = n_rhs // n_in
+    cdef bint fading
     cdef double left = thickness - depth if upward else depth     # optical path over mu
     cdef double sign = -1.0 if upward else 1.0, ge0, ge1, gf0, gf1, fade, light, mirror
     cdef double* even_gain = work                     # (n, used): amplitude of the even modes -> radiance
@@ -2093,6 +2225,7 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
         for r in range(n_rhs):
             memcpy(out + r * rows, entering + r * rows, sizeof(double) * used)
         return
+    fading = fades(n, lam_re, lam_im, thickness)
     mirror = thickness - left                          # by symmetry about the middle, down at depth is up at T - depth
     for mu in range(n_mu):
         j = 0
@@ -2100,11 +2233,15 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
             width = 1 if lam_im[j] == 0.0 else 2
             lam = make(lam_re[j], lam_im[j])
             k = c_sqrt(lam)
-            if thickness > 1e300 and not upward:
-                cosine = (left / mu_out[mu]) * exp_difference(-left * k, make(-left / mu_out[mu], 0.0))
-                sine = make(0.0, 0.0)
-            else:
+            if not fading:
                 hyperbolic_integrals(k, mu_out[mu], thickness, depth if upward else mirror, &cosine, &sine)
+            elif upward:
+                fading_integrals(k, mu_out[mu], thickness, depth, &cosine, &sine)
+            else:      # the mirror image: from the top is from the bottom
+                sine = make(0.0, 0.0)
+                if thickness < 1e300:
+                    sine = over(times(c_exp(-mirror * k), -c_expm1(-left * (k + 1.0 / mu_out[mu]))), 1.0 + mu_out[mu] * k)
+                cosine = (left / mu_out[mu]) * exp_difference(-left * k, make(-left / mu_out[mu], 0.0))
             bottom = 1.0 + mu_out[mu] * k if upward else mu_out[mu] * k - 1.0
             bottom = make(0.0, 0.0) if size_of(bottom) < 0.02 else over(make(1.0, 0.0), bottom)
             for i in range(4):
@@ -2114,9 +2251,9 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
                 ge1 = g_e[row + rows] if width == 2 else 0.0
                 gf1 = g_f[row + rows] if width == 2 else 0.0
                 # (Re, Im) of a pair's two columns as one complex gain
-                if thickness > 1e300:      # y = e^(-k x), z = k e^(-k x)
+                if fading:      # y = e^(-k x), z = k y; y = e^(-k (thickness - x)), z = -k y
                     a = times(cosine, make(ge0, ge1) + sign * times(k, make(gf0, gf1)))
-                    b = make(0.0, 0.0)
+                    b = times(sine, make(ge0, ge1) - sign * times(k, make(gf0, gf1)))
                 else:
                     a = times(cosine, make(ge0, ge1)) + times(times(lam, sine), make(gf0, gf1))
                     b = times(sine, make(ge0, ge1)) + times(cosine, make(gf0, gf1))
@@ -2346,20 +2483,24 @@ def beam_responses(const double complex[::1] k, const double[::1] rate, double d
 
 
 def mode_profiles(const double complex[::1] k, double thickness, double depth):
-    """cosh(k t)/cosh(k h) and sinh(k t)/(k cosh(k h)) at t = depth - h, each (k,); without end: e^(-k depth), 0."""
-    cdef int j
-    cdef double t = depth - 0.5 * thickness
-    cdef double complex[::1] cosine = np.zeros(k.shape[0], complex)
-    cdef double complex[::1] sine = np.zeros(k.shape[0], complex)
-    cdef cplx from_top, from_bottom, whole
-    for j in range(<int>k.shape[0]):
+    """The even and the odd mode's y and z at a depth, each (k,): y_even, z_even, y_odd, z_odd; see `boundary`."""
+    cdef int j, n = <int>k.shape[0]
+    cdef double t = depth - 0.5 * thickness, slowest = INFINITY
+    cdef double complex[:, ::1] out = np.zeros((4, n), complex)
+    cdef cplx from_top, from_bottom, whole, cosine, sine
+    for j in range(n):
+        slowest = min(slowest, k[j].real)
+    for j in range(n):
         from_top = c_exp(-depth * k[j])
-        if thickness > 1e300:
-            cosine[j] = from_top
+        from_bottom = make(0.0, 0.0) if thickness > 1e300 else c_exp((depth - thickness) * k[j])
+        if thickness > 1e300 or slowest * thickness > 4.0:
+            out[0, j], out[1, j] = from_top, times(k[j], from_top)
+            out[2, j], out[3, j] = from_bottom, -times(k[j], from_bottom)
             continue
-        from_bottom = c_exp((depth - thickness) * k[j])
         whole = 1.0 + c_exp(-thickness * k[j])
-        cosine[j] = over(from_top + from_bottom, whole)
+        cosine = over(from_top + from_bottom, whole)
         # (e^(k t) - e^(-k t))/(2 k), then over cosh(k h) = e^(k h) whole/2
-        sine[j] = 2.0 * t * over(exp_difference((depth - thickness) * k[j], -depth * k[j]), whole)
-    return np.asarray(cosine), np.asarray(sine)
+        sine = 2.0 * t * over(exp_difference((depth - thickness) * k[j], -depth * k[j]), whole)
+        out[0, j], out[1, j] = cosine, -times(times(k[j], k[j]), sine)
+        out[2, j], out[3, j] = sine, -cosine
+    return np.asarray(out)

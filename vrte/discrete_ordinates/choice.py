@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from vrte.discrete_ordinates.problem import Problem
 
 ALGORITHMS = ("auto", "modes", "doubling")
-DEEP = 1e-4  # of the light at the top: modes know a field to 1e-15 of what enters, not of itself
+THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
 
 
 @dataclass(frozen=True)
@@ -22,16 +20,6 @@ def choose(algorithm: str, problem: Problem) -> Choice:
     """The route asked for, or for "auto" the one that the rule takes."""
     if algorithm != "auto":
         return Choice(algorithm, "asked for")
-    if deepest(problem) < DEEP:
-        return Choice("doubling", "auto: light at the deepest level is too faint for modes")
+    if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
+        return Choice("doubling", f"auto: what scatters is thinner than {THIN:g}")
     return Choice("modes", "auto: modes are faster")
-
-
-def deepest(problem: Problem) -> float:
-    """A guess of the diffuse light at the deepest wanted level over that at the top: exp(-sum k thickness)."""
-    asymmetry = problem.coefficients[:, 1, 0] / 3.0 if problem.coefficients.shape[1] > 1 else 0.0 * problem.albedo
-    rate = np.minimum(1.0, np.sqrt(3.0 * (1.0 - problem.albedo) * (1.0 - problem.albedo * asymmetry)))
-    level = int(np.argmax(problem.above[problem.level_layer] + problem.level))
-    layer = problem.level_layer[level]
-    depth = float(rate[:layer] @ problem.thickness[:layer] + rate[layer] * problem.level[level])
-    return float(np.exp(-depth))

@@ -83,9 +83,9 @@ def mode_coordinates(
     light = np.exp(-problem.above[layer] * rate)
     k = np.sqrt(lam)
     response = light * _core.beam_responses(k, rate[:, 0], depth)
-    cosine, sine = _core.mode_profiles(k, float(problem.thickness[layer]), depth)
-    y = even * cosine + odd * sine + fed * response
-    z = even * k * cosine if np.isinf(problem.thickness[layer]) else -even * lam * sine - odd * cosine
+    y_even, z_even, y_odd, z_odd = _core.mode_profiles(k, float(problem.thickness[layer]), depth)
+    y = even * y_even + odd * y_odd + fed * response
+    z = even * z_even + odd * z_odd
     z = z + light * held * np.exp(-depth * rate) + fed * k * response
     return unpair(y, lam), unpair(z, lam)
 
