@@ -1,7 +1,9 @@
 """How a solve runs: threads, progress, and Ctrl-C."""
 
+import atexit
 import os
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar
@@ -10,6 +12,7 @@ from vrte.arrays import whole
 from vrte.discrete_ordinates.problem import Run
 
 Result = TypeVar("Result")
+PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
 
 
 def usable_cpus() -> int:
@@ -48,7 +51,9 @@ def interruptible(run: Run, call: Callable[[], Result]) -> Result:
             pass
     except BaseException:
         run.stop[0] = 1
-        wait_for(done)
+        if not wait_for(done, PATIENCE):
+            # one large eigenproblem cannot be stopped: whoever asked goes on, only the end of the process waits for it
+            atexit.register(wait_for, done, 3600.0)
         raise
     if "error" in box:
         raise box["error"]
@@ -56,8 +61,10 @@ def interruptible(run: Run, call: Callable[[], Result]) -> Result:
     return result
 
 
-def wait_for(done: threading.Event) -> None:
-    """Until the compiled loops are left: a process that ends before them would crash in BLAS."""
-    while not done.is_set():
+def wait_for(done: threading.Event, seconds: float) -> bool:
+    """Whether the compiled loops are left within the time: a process that ends before them would crash in BLAS."""
+    end = time.monotonic() + seconds
+    while not done.is_set() and time.monotonic() < end:
         with suppress(KeyboardInterrupt, SystemExit):  # an impatient second signal
             done.wait(0.1)
+    return done.is_set()
