@@ -1,5 +1,8 @@
 """Every compiled stage against its equation written out in NumPy."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -8,13 +11,16 @@ import vrte
 from vrte import _core
 from vrte.discrete_ordinates.base import expand_base
 from vrte.discrete_ordinates.boundary import boundary
+from vrte.discrete_ordinates.doubling import double_slabs
 from vrte.discrete_ordinates.homogeneous import Modes, homogeneous
 from vrte.discrete_ordinates.particular import particular
 from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.reconstruction import mode_coordinates, reconstruct
+from vrte.discrete_ordinates.slabs import cut, join
 from vrte.discrete_ordinates.solver import discretise
 
+from .oracle import slab
 from .test_discrete_ordinates import spheroids
 
 NODES, ALBEDO, THICKNESS, MU0 = 6, 0.9, 2.0, 0.45
@@ -142,3 +148,116 @@ def test_stages_do_not_depend_on_threads(problem: Problem, stage: str) -> None:
 
     for one, other in zip(run_all(1)[stage], run_all(2)[stage], strict=True):
         assert np.array_equal(one, other)
+
+
+def flux_turn(problem: Problem) -> np.ndarray:
+    """The reflection that turns sqrt(weight mu) on I to the axis of the flux, I of the last node."""
+    v = np.zeros(problem.size)
+    v[::4] = np.sqrt(problem.weights * problem.nodes)
+    v[-4] += np.linalg.norm(v)
+    return np.eye(problem.size) - 2.0 * np.outer(v, v) / (v @ v)
+
+
+def blocks(problem: Problem, values: np.ndarray) -> dict[str, np.ndarray]:
+    """N, NI, ON, OI as matrices, OO and II as numbers, from what `double_slabs` leaves."""
+    n, r, o = problem.size, problem.n_rhs, 4 * problem.mu_out.size
+    shapes = {"N": (n, n), "NI": (r, n), "ON": (n, o), "OI": (r, o), "OO": (o,), "II": (r,)}
+    edges = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
+    parts = (values[a:b] for a, b in pairwise(edges))
+    return {name: part.reshape(shape).T for (name, shape), part in zip(shapes.items(), parts, strict=True)}
+
+
+@pytest.mark.parametrize("thickness", [1e-8, 0.3, 5.0])
+def test_doubling(problem: Problem, thickness: float) -> None:
+    """R and T on the nodes and off them, against a matrix exponential and plain doublings of R and T."""
+    pile = cut(replace(problem, level=problem.level[:1], level_layer=problem.level_layer[:1]))
+    matrices = assemble(pile.problem, ORDERS, Run(1))
+    slabs = double_slabs(pile.problem, pile.material, np.array([thickness]), ORDERS, matrices, Run(1))
+    out, n = pile.problem.mu_out, problem.size
+    mu = np.concatenate([problem.nodes, out, [MU0]])
+    weights = np.concatenate([problem.weights, np.zeros(out.size), [1.0]])
+    scale = np.repeat(np.sqrt(problem.weights * problem.nodes), 4)
+    rows, beam = slice(n, n + 4 * out.size), slice(n + 4 * out.size, None)
+    for o, m in enumerate(ORDERS):
+        turn = flux_turn(problem) if m == 0 else np.eye(n)
+        literal = slab(int(m), spheroids().coefficients, ALBEDO, thickness, mu, weights, 1)
+        plus, minus = kernel(int(m), out, np.array([MU0]))
+        once = 0.25 * ALBEDO * np.repeat(1.0 / out, 4)[:, None] * np.array([plus - minus, plus + minus])
+        sums, gaps = np.repeat(1.0 / out + 1.0 / MU0, 4), np.repeat(1.0 / out - 1.0 / MU0, 4)
+        once[0] *= (-np.expm1(-thickness * sums) / sums)[:, None]
+        once[1] *= (np.exp(-thickness / MU0) * -np.expm1(-thickness * gaps) / gaps)[:, None]
+        for full, single, values in zip(literal, once, (slabs.R[o, 0], slabs.T[o, 0]), strict=True):
+            found = blocks(pile.problem, values)
+            size = np.abs(full[:n, :n]).max()
+            np.testing.assert_allclose(
+                found["N"], turn @ (scale[:, None] * full[:n, :n] / scale) @ turn, atol=1e-13 * size
+            )
+            expected = turn @ (scale[:, None] * full[:n, beam])
+            np.testing.assert_allclose(found["NI"], expected, atol=1e-13 * np.abs(expected).max())
+            expected = (full[rows, :n] / scale) @ turn
+            np.testing.assert_allclose(found["ON"], expected, atol=1e-13 * np.abs(expected).max())
+            np.testing.assert_allclose(found["OI"], full[rows, beam] - single, atol=1e-13 * np.abs(single).max())
+        np.testing.assert_allclose(found["OO"], np.exp(-thickness * np.repeat(1.0 / out, 4)), rtol=1e-14)
+        assert slabs.residual[o].max() < 1e-12
+        if m == 0:
+            R, T = (blocks(pile.problem, x[o, 0])["N"] for x in (slabs.R, slabs.T))
+            row = np.eye(n)[n - 4] - R[n - 4] - T[n - 4]
+            np.testing.assert_allclose(slabs.lost[o, 0], row, atol=1e-14)
+
+
+def test_joining(problem: Problem) -> None:
+    """Three slabs over a base, joined, against the star product of their R and T on the nodes."""
+    scene = vrte.Scene(
+        [
+            vrte.Layer(spheroids(), ALBEDO, 0.5),
+            vrte.Layer(vrte.rayleigh(), 0.7, 0.8),
+            vrte.Layer(spheroids(), ALBEDO, 0.5),
+        ],
+        vrte.Lambertian(0.4),
+    )
+    levels = np.array([0.0, 0.5, 1.3, 1.8])
+    problem = discretise(scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), levels, NODES)
+    pile = cut(problem)
+    assert (pile.material.size, pile.slabs.tolist(), pile.interface.tolist()) == (2, [0, 1, 0], [0, 1, 2, 3])
+    base = expand_base(scene.base, pile.problem, 4)
+    run = Run(1)
+    slabs = double_slabs(pile.problem, pile.material, pile.thickness, ORDERS, assemble(pile.problem, ORDERS, run), run)
+    kernels, up, down, residual = join(pile, ORDERS, slabs, base, run)
+    assert kernels.shape == (3, 4, 1, 4, 2, 4)
+    assert residual.max() < 1e-12
+    # downward light on the base and upward light at the top, order 0: all interreflections as one big linear system
+    n, turn = problem.size, flux_turn(problem)
+    R, T, source_R, source_T = [], [], [], []
+    for place, slab_here in enumerate(pile.slabs):
+        r, t = (blocks(pile.problem, x[0, slab_here]) for x in (slabs.R, slabs.T))
+        fade = np.exp(-pile.above[place] / MU0)
+        R.append(r["N"])
+        T.append(t["N"])
+        source_R.append(fade * r["NI"])
+        source_T.append(fade * t["NI"])
+    ground = turn @ base.matrix[0].T @ turn
+    beam = np.exp(-1.8 / MU0) * (turn @ base.source[0].T)
+    # unknowns: down below each slab, up above each slab; up[3] = ground down[3] + beam
+    size = 2 * len(R) * n
+    system, right = np.eye(size), np.zeros((size, 4))
+    d = lambda k: slice((k - 1) * n, k * n)  # noqa: E731
+    u = lambda k: slice((3 + k) * n, (4 + k) * n)  # noqa: E731
+    for k in range(3):
+        if k > 0:
+            system[d(k + 1), d(k)] -= T[k]
+            system[u(k), d(k)] -= R[k]
+        right[d(k + 1)] += source_T[k]
+        right[u(k)] += source_R[k]
+        if k < 2:
+            system[d(k + 1), u(k + 1)] -= R[k]
+            system[u(k), u(k + 1)] -= T[k]
+        else:
+            system[d(3), d(3)] -= R[2] @ ground
+            system[u(2), d(3)] -= T[2] @ ground
+            right[d(3)] += R[2] @ beam
+            right[u(2)] += T[2] @ beam
+    found = np.linalg.solve(system, right)
+    size_of_flux = np.sqrt(problem.weights @ problem.nodes)
+    for k in range(3):
+        np.testing.assert_allclose(up[k, 0], -size_of_flux * found[u(k)][n - 4], atol=1e-14)
+        np.testing.assert_allclose(down[k + 1, 0], -size_of_flux * found[d(k + 1)][n - 4], atol=1e-14)

@@ -383,7 +383,7 @@ def legendre_matrices(functions):
     return matrices
 
 
-def bounds_work(int n_all, int n_term):
+def bounds_work(n_all, n_term):
     """Doubles of `work` that one thread of `order_bounds` needs."""
     return 3 * n_all * n_term + 2 * n_all
 
@@ -448,7 +448,7 @@ cdef double order_bound(int m, int n_term, int n_layer, const double* coefficien
     return worst_u * worst_v / (1.0 - worst_q) if worst_q < 1.0 else INFINITY
 
 
-def assembly_work(int n_all, int n_term):
+def assembly_work(n_all, n_term):
     """Doubles of `work` that one thread of `assemble` needs."""
     return 3 * n_all * n_term + 4 * (4 * n_all) * (2 * n_term) + n_all
 
@@ -525,7 +525,7 @@ cdef void assemble_one(int m, int terms, double albedo, const double* coefficien
 # Homogeneous solution, (1:40)-(1:45): s' = -F d, d' = -E s; s = X y, d = Y z, so y' = -z, z' = -lambda y.
 # ---------------------------------------------------------------------------------------------------------
 
-def homogeneous_work(int n):
+def homogeneous_work(n):
     """Doubles of `work` that one thread of `homogeneous` needs (its LAPACK block included)."""
     return 4 * n * n + 44 * n
 
@@ -787,7 +787,7 @@ cdef double mode_residual(int n, const double* e, const double* f, const double*
 # y = c D and z = zeta e^(-tau/mu0) + c k D, where c = (q + p/mu0)/(k + 1/mu0), zeta = (p k - q)/(k + 1/mu0).
 # ---------------------------------------------------------------------------------------------------------
 
-def particular_work(int n, int n_in):
+def particular_work(n, n_in):
     """Doubles of `work` that one thread of `particular` needs."""
     return 2 * n * 4 * n_in + 4 * n
 
@@ -892,7 +892,7 @@ cdef inline cplx beam_response(cplx k, double rate, double depth) noexcept nogil
     return depth * exp_difference(make(-depth * rate, 0.0), -depth * k)
 
 
-def boundary_work(int n, int n_layer, int n_rhs):
+def boundary_work(n, n_layer, n_rhs):
     """Doubles of `work` that one thread of `boundary` needs."""
     return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + 2 * n
 
@@ -1275,7 +1275,7 @@ cdef struct Sizes:
     int o
 
 
-def extended_size(int n, int r, int o):
+def extended_size(n, r, o):
     """Doubles of one matrix with its incident and outgoing directions."""
     return n * n + r * n + n * o + r * o + o + r
 
@@ -1375,7 +1375,7 @@ cdef int invert_extended(Sizes s, Extended a, Extended spare, int* pivots) noexc
     return 0
 
 
-def doubling_work(int n, int n_in, int n_col, int n_out):
+def doubling_work(n, n_in, n_col, n_out):
     """Doubles of `work` that one thread of `double_slabs` needs."""
     return 8 * extended_size(n, n_in * n_col, 4 * n_out) + 4 * n
 
@@ -1818,7 +1818,7 @@ cdef void invariance(Sizes s, double thickness, Extended alpha, Extended beta, E
 # Slabs joined by the star product from the base up, (2:8), then the field at their interfaces from the top down.
 # ---------------------------------------------------------------------------------------------------------
 
-def joining_work(int n, int n_slab, int n_rhs, int n_out):
+def joining_work(n, n_slab, n_rhs, n_out):
     """Doubles of `work` that one thread of `join_slabs` needs."""
     return n_slab * (n * n + n * n_rhs) + (n_slab + 1) * 2 * n * n_rhs + 5 * n * n + 4 * n * n_rhs + 5 * n + 8 * n_out * (n + n_rhs)
 
@@ -2111,7 +2111,7 @@ cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil
     return (depth / mu) * exp_difference(make(-depth / mu0, 0.0), make(-depth / mu, 0.0)).real
 
 
-def reconstruction_work(int n, int n_out, int n_rhs, int n_layer):
+def reconstruction_work(n, n_out, n_rhs, n_layer):
     """Doubles of `work` that one thread of `reconstruct` needs."""
     return 8 * n_out * n * n_layer + 20 * n_out * n_rhs + 12 * n_out * n + n * n_rhs + 2 * n
 

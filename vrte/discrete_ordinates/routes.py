@@ -8,14 +8,13 @@ from vrte.discrete_ordinates.base import expand_base
 from vrte.discrete_ordinates.boundary import boundary
 from vrte.discrete_ordinates.doubling import double_slabs
 from vrte.discrete_ordinates.homogeneous import homogeneous
+from vrte.discrete_ordinates.memory import doubles_of_doubling, doubles_of_modes, orders_at_once
 from vrte.discrete_ordinates.particular import particular
 from vrte.discrete_ordinates.phase_assembly import assemble
 from vrte.discrete_ordinates.problem import IntArray, Problem, Run
 from vrte.discrete_ordinates.reconstruction import nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.slabs import cut, join
 from vrte.scene import Lambertian, MuellerBase
-
-CHUNK_BYTES = 48e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +44,7 @@ class Modes:
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
-        problem = self.problem
-        n, out = problem.size, 4 * problem.mu_out.size
-        doubles = problem.albedo.size * n * (5 * n + 2 * out + 8 * problem.mu0.size + 4 * problem.n_rhs)
-        return max(threads, int(CHUNK_BYTES / (8 * doubles)))
+        return orders_at_once(doubles_of_modes(self.problem)[0], threads)
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
@@ -76,12 +72,7 @@ class Doubling:
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
-        problem = self.pile.problem
-        n, out, into = problem.size, 4 * problem.mu_out.size, 4 * problem.mu0.size
-        assembled = problem.albedo.size * 2 * n * (n + out + into)
-        doubled = 2 * self.pile.material.size * (n + out) * (n + problem.n_rhs)
-        left = 2 * self.pile.interface.size * problem.n_rhs * out
-        return max(threads, int(CHUNK_BYTES / (8 * (assembled + doubled + left))))
+        return orders_at_once(doubles_of_doubling(self.pile)[0], threads)
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""

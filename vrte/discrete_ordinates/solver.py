@@ -11,6 +11,7 @@ from vrte import _core
 from vrte.arrays import Array
 from vrte.blas import single_threaded
 from vrte.discrete_ordinates.choice import choose
+from vrte.discrete_ordinates.memory import check_memory
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.routes import OTHER, ROUTES, Orders, Route
@@ -70,8 +71,9 @@ def solve(
         # light going up first
         rank = np.argsort(mu < 0.0, kind="stable")
         problem = discretise(scene, mu0, columns, mu[rank], tau, options.nodes)
-        orders = orders_needed(scene, problem, run)
         choice = choose(options.algorithm, problem)
+        check_memory(scene, problem, phi.size, run.threads, choice.name)
+        orders = orders_needed(scene, problem, run)
         result, repeated = solve_orders(scene, problem, orders, choice.name, run, progress)
         begin = time.perf_counter()
         radiance = np.empty((tau.size, mu0.size, mu.size, phi.size, 4, columns.shape[0]))

@@ -1,0 +1,116 @@
+"""How much memory a request takes, said before it starts."""
+
+import os
+from pathlib import Path
+
+from vrte import _core
+from vrte.discrete_ordinates.problem import Problem
+from vrte.discrete_ordinates.slabs import Pile, cut
+from vrte.errors import SceneError
+from vrte.scene import MuellerBase, Scene
+
+BYTES = 8
+CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
+LARGEST_SHARE = 0.9  # of what is available
+FILES = (  # what a control group may use, and what it uses: version 2, version 1
+    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+)
+
+
+def check_memory(scene: Scene, problem: Problem, n_phi: int, threads: int, route: str) -> None:
+    """Raises SceneError where the request needs more memory than there is."""
+    needed, available = BYTES * doubles_needed(scene, problem, n_phi, threads, route), available_bytes()
+    if needed > LARGEST_SHARE * available:
+        raise SceneError(
+            f"nodes, layers and directions together need about {in_gigabytes(needed)} of memory and "
+            f"{in_gigabytes(available)} are available: ask for fewer nodes, depths, mu or phi"
+        )
+
+
+def doubles_needed(scene: Scene, problem: Problem, n_phi: int, threads: int, route: str) -> float:
+    """Doubles at the peak, before the number of orders is known: at most one a term."""
+    per_order, per_thread = doubles_of_doubling(cut(problem)) if route == "doubling" else doubles_of_modes(problem)
+    n_order = float(problem.terms.max())
+    n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
+    matrices = {id(layer.phase_matrix) for layer in scene.layers}
+    directions = float(n_in) * n_out * n_phi
+    radiance = 4.0 * n_col * problem.level.size * directions
+    base = 0.0
+    if isinstance(scene.base, MuellerBase) and scene.base_is_reached:
+        nodes = problem.nodes.size
+        base = n_order * 16.0 * (nodes + n_in) * (nodes + n_out) * 3.0 + 16.0 * problem.level.size * directions
+    return (
+        4.0 * radiance  # the sum over orders, single scattering, the result's own copy
+        + 16.0 * len(matrices) * directions
+        + 2.0 * n_order * problem.level.size * problem.n_rhs * n_out * 4.0
+        + min(n_order, orders_at_once(per_order, threads)) * per_order
+        + threads * per_thread
+        + base
+    )
+
+
+def doubles_of_modes(problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory, by modes."""
+    n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
+    out, into = 4 * problem.mu_out.size, 4 * problem.mu0.size
+    per_order = float(n_layer) * n * (5 * n + 2 * out + 2 * into + 4 * n_rhs)
+    scratch = (
+        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1]),
+        _core.homogeneous_work(n),
+        _core.boundary_work(n, n_layer, n_rhs),
+        _core.reconstruction_work(n, problem.mu_out.size, n_rhs, n_layer),
+    )
+    return per_order, float(max(scratch))
+
+
+def doubles_of_doubling(pile: Pile) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory, by impedance doubling."""
+    problem = pile.problem
+    n, n_rhs, n_out, n_col = problem.size, problem.n_rhs, problem.mu_out.size, problem.columns.shape[0]
+    into = 4 * problem.mu0.size
+    per_order = (
+        2.0 * problem.albedo.size * n * (n + 4 * n_out + into)
+        + 2.0 * max(1, pile.material.size) * _core.extended_size(n, n_rhs, 4 * n_out)
+        + 2.0 * pile.interface.size * n_rhs * 4 * n_out
+    )
+    scratch = (
+        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1]),
+        _core.doubling_work(n, problem.mu0.size, n_col, n_out),
+        _core.joining_work(n, pile.slabs.size, n_rhs, n_out),
+    )
+    return per_order, float(max(scratch))
+
+
+def orders_at_once(per_order: float, threads: int) -> int:
+    """Orders whose matrices fit the memory meant for them, at least one a thread."""
+    return max(threads, int(CHUNK_BYTES / (BYTES * per_order)))
+
+
+def available_bytes() -> float:
+    """What this process may still take: of the machine's free memory, and of its control group's."""
+    free = [machine_bytes()]
+    for limit, used in FILES:
+        try:
+            free.append(float(Path(limit).read_text()) - float(Path(used).read_text()))
+        except (OSError, ValueError):  # no such file, or "max"
+            continue
+    return max(0.0, min(free))
+
+
+def machine_bytes() -> float:
+    """Memory of the machine that can be had, infinite where it does not tell."""
+    try:
+        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
+        return 1024.0 * float(lines["MemAvailable"].split()[0])
+    except (OSError, KeyError, ValueError):
+        pass
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, OSError, ValueError):
+        return float("inf")
+
+
+def in_gigabytes(size: float) -> str:
+    """Three digits."""
+    return f"{size / 1e9:.3g} GB"
