@@ -572,6 +572,6 @@ def test_a_request_larger_than_the_memory_is_refused_before_it_starts(request_of
 
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0 + 0.01 * k) for k in range(100)])
     start = time.monotonic()
-    with pytest.raises(vrte.SceneError, match="GB of memory and .* GB are available"):
+    with pytest.raises(vrte.SceneError, match=r"GB of memory and .* GB are available"):
         vrte.radiance(scene, 0.6, **request_of)
     assert time.monotonic() - start < 2.0
