@@ -50,6 +50,17 @@ def test_table_2_siewert(spheroids: vrte.Scene, against_floor: Measure) -> None:
     )
 
 
+def test_table_3_by_doubling(gold: vrte.Scene, against_floor: Measure) -> None:
+    """(a) of an endless layer by the route without an eigenproblem."""
+    endless = vrte.Scene([vrte.Layer(gold.layers[0].phase_matrix, gold.layers[0].albedo, np.inf)])
+    against_floor(
+        lambda: vrte.radiance(
+            endless, mu0=0.6, mu=np.linspace(0.05, 1.0, 11), nodes=40, threads=2, algorithm="doubling"
+        ),
+        eigenproblems(gold, 40, 41),
+    )
+
+
 def test_brdf_20_20_37(gold: vrte.Scene, against_floor: Measure) -> None:
     """(c) the full Mueller BRDF of the same gold layer; the target is 2.0 x the floor."""
     ratio = against_floor(

@@ -84,6 +84,19 @@ def test_field_writes_what_it_says(scene: Path) -> None:
     assert files(folder) == {"scene.toml", "out.nc", "out.csv", "out.png"}
 
 
+def test_the_algorithm_and_its_check_are_told(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ("brdf", scene, "-o", scene.parent / "out.nc")
+    assert run(*command) == 0
+    assert re.search(r"by modes \(auto: doubling is predicted to take [\d.]+ times", capsys.readouterr().out)
+    assert run(*command, "--algorithm", "doubling", "--verify") == 0
+    told = capsys.readouterr().out
+    assert "by doubling (asked for)" in told
+    assert re.search(r"modes agrees to \d\.\de-1[3-7] in radiance, \d\.\de-1[3-7] in flux", told)
+    assert vrte.load(scene.parent / "out.nc").diagnostics["agreement"]["with"] == "modes"
+    assert run(*command, "--algorithm", "guess") == 2
+    assert "'auto', 'modes', 'doubling'" in one_line(capsys)
+
+
 def test_an_unreached_base_and_doubtful_particles_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     dense = "wavelength_um = 0.6\n[particles.p]\nindex = [1.5, 0.1]\nradius_um = 0.1\n"
     layer = '[[layer]]\nparticles = "p"\nthickness_um = 1\nvolume_fraction = 0.3\n'

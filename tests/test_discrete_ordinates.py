@@ -452,6 +452,9 @@ def test_default_directions_are_the_nodes() -> None:
         ({"nodes": 2.5}, "nodes must be a whole number"),
         ({"threads": -1}, "threads must be a whole number"),
         ({"scene": "gold"}, "scene must be a vrte.Scene"),
+        ({"algorithm": "guess"}, "algorithm must be 'auto', 'modes', 'doubling', not 'guess'"),
+        ({"algorithm": None}, "algorithm must be 'auto'"),
+        ({"verify": 1}, "verify must be True or False"),
     ],
 )
 def test_bad_requests_are_refused_in_one_sentence(change: dict[str, Any], message: str) -> None:

@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 
 from vrte import __version__, brdf, radiance
 from vrte.brdf import Brdf
+from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.errors import AccuracyError, MissingExtraError, SceneError
 from vrte.field import Field
 from vrte.formats.csv_table import write_csv
@@ -88,6 +89,8 @@ def _add_solve(commands: Any, kind: str, help_text: str) -> None:
     command.add_argument("--csv", metavar="OUT.csv", type=Path, help="one row a direction")
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")
     command.add_argument("--threads", metavar="N", type=_thread_count, help="default: all CPUs that may be used")
+    command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
+    command.add_argument("--verify", action="store_true", help="solve by both algorithms and report their agreement")
     command.set_defaults(run=_solve, kind=kind)
 
 
@@ -119,7 +122,7 @@ def _solve(options: argparse.Namespace) -> None:
         _check_picture(options, file)
         phase("Fourier orders")
         with _timed(seconds, "solver"):
-            result = _run(file, options.threads, tick)
+            result = _run(file, options, tick)
     _describe(options.scene, file, result)
     written = [_write(result, options, name, seconds) for name, _ in OUTPUTS if getattr(options, name)]
     _print_times(seconds, result.diagnostics["stages"])
@@ -162,10 +165,11 @@ def _check_picture(options: argparse.Namespace, file: SceneFile) -> None:
         check_directions(file.request["mu_o"], file.request.get("phi", 0.0))
 
 
-def _run(file: SceneFile, threads: int | None, tick: Tick) -> Brdf | Field:
+def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
+    how = {name: getattr(options, name) for name in ("threads", "algorithm", "verify")}
     try:
-        return solve(file.scene, **file.request, nodes=file.nodes, threads=threads, progress=tick)
+        return solve(file.scene, **file.request, nodes=file.nodes, progress=tick, **how)
     except SceneError as error:
         raise SceneError(file.located(str(error))) from error
 
@@ -200,6 +204,12 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     made = result.diagnostics
     print(f"  {result!r}")
     print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {made['threads']} threads")
+    print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
+    if made["orders_repeated"]:
+        print(f"  {len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
+    if "agreement" in made:
+        agreed = made["agreement"]
+        print(f"  {agreed['with']} agrees to {agreed['radiance']:.1e} in radiance, {agreed['flux']:.1e} in flux")
     if made.get("terms_cut"):
         print(f"  {made['terms_cut']} terms are more than these nodes carry: they count for single scattering only")
     if isinstance(result, Brdf):
