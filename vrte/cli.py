@@ -208,15 +208,21 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     if made["orders_repeated"]:
         print(f"  {len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
     if "agreement" in made:
-        agreed = made["agreement"]
-        print(f"  {agreed['with']} agrees to {agreed['radiance']:.1e} in radiance, {agreed['flux']:.1e} in flux")
-    if made.get("terms_cut"):
-        print(f"  {made['terms_cut']} terms are more than these nodes carry: they count for single scattering only")
+        print(f"  {_agreement(made['agreement'])}")
     if isinstance(result, Brdf):
         shown = ", ".join(
             f"{r:.4f} at mu_i {mu:g}" for r, mu in zip(result.reflectance[:6], result.mu_i[:6], strict=True)
         )
         print(f"  directional-hemispherical reflectance: {shown}{', ...' if result.mu_i.size > 6 else ''}")
+
+
+def _agreement(found: dict[str, Any]) -> str:
+    """What `verify` found, in words."""
+    if not found["orders_compared"]:
+        return f"{found['with']} cannot vouch for any order: nothing to compare"
+    flux = "" if found["flux"] is None else f", {found['flux']:.1e} in flux"
+    agreed = f"{found['with']} agrees to {found['radiance']:.1e} in radiance{flux}"
+    return f"{agreed} ({found['orders_compared']} orders compared)"
 
 
 def _print_times(seconds: dict[str, float], stages: dict[str, dict[str, float]]) -> None:
