@@ -1,0 +1,36 @@
+"""Every digit, in stiff and extreme scenes: the scenes, what is checked of each, and the table of what was found.
+
+A covering array of the axes in `scenes` and the named `corners` are solved and checked against stored answers of ball
+arithmetic where there are any, and against the laws that every answer has to keep. `vrte stability` runs it all.
+"""
+
+from vrte.report.stability.cases import all_cases, oracle_cases, quick_cases
+from vrte.report.stability.corners import corner_cases
+from vrte.report.stability.run import Record, run_cases
+from vrte.report.stability.scenes import (
+    LOBE_AMPLITUDE,
+    LOBE_MATRIX,
+    LOBE_WIDTH_DEG,
+    Case,
+    Slab,
+    covering_cases,
+    mueller_lobe,
+)
+from vrte.report.stability.solving import Options
+
+__all__ = [
+    "LOBE_AMPLITUDE",
+    "LOBE_MATRIX",
+    "LOBE_WIDTH_DEG",
+    "Case",
+    "Options",
+    "Record",
+    "Slab",
+    "all_cases",
+    "corner_cases",
+    "covering_cases",
+    "mueller_lobe",
+    "oracle_cases",
+    "quick_cases",
+    "run_cases",
+]

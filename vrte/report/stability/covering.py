@@ -1,0 +1,96 @@
+"""Covering arrays: a few rows in which every pair of values of two axes occurs.
+
+Greedy, one row after another, like the AETG of Cohen, Dalal, Fredman and Patton, IEEE Trans. Softw. Eng. 23, 437
+(1997). Only `random.Random.random` draws, the one sequence that Python keeps the same in all its versions.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from random import Random
+from typing import TypeVar
+
+Value = TypeVar("Value")
+Row = tuple[int, ...]
+Cell = tuple[tuple[int, int], ...]  # (axis, value), axes ascending
+CANDIDATES = 20  # tried for each row
+
+
+def covering_array(
+    sizes: Sequence[int], rows: int, seed: int, unwanted: Callable[[Row], bool] = lambda row: False
+) -> list[Row]:
+    """Rows of value numbers, one an axis, that cover every pair; then more, up to ``rows``, for triples.
+
+    ``sizes``: how many values each axis has, two axes or more. A row for which ``unwanted`` holds is taken where a
+    pair needs it, never for a triple. Fewer rows come back where there are no more, more where the pairs need them.
+
+    >>> rows = covering_array([2, 2, 2], rows=6, seed=1)
+    >>> len(rows), uncovered(rows, [2, 2, 2], 2)
+    (6, set())
+    """
+    draw = Random(seed)
+    pairs = uncovered([], sizes, 2)
+    found: list[Row] = []
+    while pairs:
+        tries = [_row_for_a_pair(sizes, pairs, draw) for _ in range(CANDIDATES)]
+        best = max(tries, key=lambda row: (len(cells(row, 2) & pairs), not unwanted(row)))
+        pairs -= cells(best, 2)
+        found.append(best)
+    triples = uncovered(found, sizes, 3)
+    for _ in range(10 * rows):  # ends even where all that is left is unwanted
+        if len(found) >= rows or not triples:
+            break
+        tries = [tuple(_choice(range(size), draw) for size in sizes) for _ in range(3 * CANDIDATES)]
+        best = max(tries, key=lambda row: -1 if unwanted(row) else len(cells(row, 3) & triples))
+        if not unwanted(best) and best not in found:
+            triples -= cells(best, 3)
+            found.append(best)
+    return found
+
+
+def uncovered(rows: Sequence[Row], sizes: Sequence[int], strength: int) -> set[Cell]:
+    """The combinations of ``strength`` values of different axes that occur in no row.
+
+    >>> uncovered([(0, 0), (1, 0)], [2, 2], 2) == {((0, 0), (1, 1)), ((0, 1), (1, 1))}
+    True
+    """
+    open_cells: set[Cell] = set()
+    for axes in combinations(range(len(sizes)), strength):
+        grown: list[Cell] = [()]
+        for axis in axes:
+            grown = [(*cell, (axis, value)) for cell in grown for value in range(sizes[axis])]
+        open_cells.update(grown)
+    return open_cells.difference(*(cells(row, strength) for row in rows))
+
+
+def cells(row: Row, strength: int) -> set[Cell]:
+    """All combinations of ``strength`` values that occur in a row.
+
+    >>> cells((0, 2), 2)
+    {((0, 0), (1, 2))}
+    """
+    return set(combinations(tuple(enumerate(row)), strength))
+
+
+def _row_for_a_pair(sizes: Sequence[int], pairs: set[Cell], draw: Random) -> Row:
+    """A row that holds one open pair, the other axes filled in random order, each with the value that closes most."""
+    row: dict[int, int] = dict(_choice(sorted(pairs), draw))
+    for axis in _shuffled([axis for axis in range(len(sizes)) if axis not in row], draw):
+        values = _shuffled(range(sizes[axis]), draw)
+        row[axis] = max(values, key=lambda value: _closed(row, axis, value, pairs))
+    return tuple(row[axis] for axis in range(len(sizes)))
+
+
+def _closed(row: dict[int, int], axis: int, value: int, pairs: set[Cell]) -> int:
+    """How many open pairs this value of one more axis would close."""
+    return sum(
+        (((other, there), (axis, value)) if other < axis else ((axis, value), (other, there))) in pairs
+        for other, there in row.items()
+    )
+
+
+def _choice(values: Sequence[Value], draw: Random) -> Value:
+    return values[int(draw.random() * len(values))]
+
+
+def _shuffled(values: Sequence[int], draw: Random) -> list[int]:
+    return sorted(values, key=lambda _: draw.random())
