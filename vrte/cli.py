@@ -79,7 +79,22 @@ def _parser() -> argparse.ArgumentParser:
     material.add_argument("name", nargs="?", help='a name, or a path in the database such as "main/Au/Johnson"')
     material.add_argument("--wavelength-um", type=float, metavar="UM", help="wavelength in vacuum [micrometres]")
     material.set_defaults(run=_material)
+    _add_stability(commands)
     return parser
+
+
+def _add_stability(commands: Any) -> None:
+    help_text = "stiff and extreme scenes, solved and checked, as a table"
+    command = commands.add_parser("stability", help=help_text, description=f"Computes {help_text}.")
+    command.add_argument(
+        "-o", "--output", metavar="FOLDER", type=Path, default=Path("stability"), help="made if absent"
+    )
+    command.add_argument("--quick", action="store_true", help="some forty small scenes instead of all")
+    command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
+    command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
+    command.add_argument("--cases", metavar="PATTERN", default="*", help='names, such as "rayleigh*N=8"; default: all')
+    command.add_argument("--threads", metavar="N", type=_thread_count, help="default: all CPUs that may be used")
+    command.set_defaults(run=_stability)
 
 
 def _add_solve(commands: Any, kind: str, help_text: str) -> None:
@@ -128,6 +143,30 @@ def _solve(options: argparse.Namespace) -> None:
     _print_times(seconds, result.diagnostics["stages"])
     for path in written:
         print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+
+
+def _stability(options: argparse.Namespace) -> None:
+    from vrte.report import stability
+
+    cases = stability.matching(options.cases, options.quick)
+    folder: Path = options.output
+    if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
+        raise SceneError(f"the output {folder} must be a folder that can be written in")
+    folder.mkdir(parents=True, exist_ok=True)
+    how = stability.Options(options.algorithm, options.threads)
+    with _progress() as (phase, tick):
+
+        def told(done: int, total: int, name: str) -> None:
+            phase(name)
+            tick(done, total)
+
+        records = stability.run_cases(cases, folder, how, options.fresh, told)
+    print(stability.as_text(records))
+    print()
+    settings = f"{'quick, ' if options.quick else ''}cases {options.cases}, algorithm {options.algorithm}"
+    for path in stability.write_tables(records, folder, settings):
+        print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+    stability.require_all(records)
 
 
 def _check_outputs(options: argparse.Namespace) -> None:

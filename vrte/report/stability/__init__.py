@@ -4,9 +4,9 @@ A covering array of the axes in `scenes` and the named `corners` are solved and 
 arithmetic where there are any, and against the laws that every answer has to keep. `vrte stability` runs it all.
 """
 
-from vrte.report.stability.cases import all_cases, oracle_cases, quick_cases
+from vrte.report.stability.cases import all_cases, matching, oracle_cases, quick_cases
 from vrte.report.stability.corners import corner_cases
-from vrte.report.stability.run import Record, run_cases
+from vrte.report.stability.run import Record, require_all, run_cases
 from vrte.report.stability.scenes import (
     LOBE_AMPLITUDE,
     LOBE_MATRIX,
@@ -17,6 +17,7 @@ from vrte.report.stability.scenes import (
     mueller_lobe,
 )
 from vrte.report.stability.solving import Options
+from vrte.report.stability.table import as_markdown, as_text, write_tables
 
 __all__ = [
     "LOBE_AMPLITUDE",
@@ -27,10 +28,15 @@ __all__ = [
     "Record",
     "Slab",
     "all_cases",
+    "as_markdown",
+    "as_text",
     "corner_cases",
     "covering_cases",
+    "matching",
     "mueller_lobe",
     "oracle_cases",
     "quick_cases",
+    "require_all",
     "run_cases",
+    "write_tables",
 ]

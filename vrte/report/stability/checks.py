@@ -7,7 +7,7 @@ from the oracle's table, or estimated where there is no oracle.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from vrte.brdf import Brdf
 from vrte.errors import AccuracyError
 from vrte.field import Field
 from vrte.report.stability.oracle import OracleAnswer
-from vrte.report.stability.scenes import Case, conservative_between
+from vrte.report.stability.scenes import BEAM, Case, conservative_between
 from vrte.report.stability.solving import (
     FEW,
     SECOND_DIRECTION,
@@ -64,7 +64,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Examined:
-    """The checks of a case, its c, and the oracle's part in it: "yes", "none", "out of date" or "too many nodes"."""
+    """The checks of a case, its c, and the oracle's part in it: "yes" or why there is none."""
 
     checks: list[Check]
     c: float
@@ -92,7 +92,7 @@ def whole_checks(case: Case, oracle: OracleAnswer | None, options: Options, limi
     other = solve_field(case, cut(case), phi[few], options.algorithm, options.threads)
     yield finite(field.stokes, field.flux_up, field.flux_down, brdf.mueller, brdf.transmission, other.stokes)
     if oracle is not None:
-        yield from against_oracle(case, field, oracle)
+        yield from against_oracle(case, in_the_oracles_light(case, field, options), oracle)
     yield Check("BRDF and radiance", brdf_gap(case, field, brdf, few), limit)
     if brdf.transmission is not None:
         yield Check("BTDF and radiance", btdf_gap(case, field, brdf, few), limit)
@@ -105,6 +105,13 @@ def whole_checks(case: Case, oracle: OracleAnswer | None, options: Options, limi
     yield Check("mirror symmetry", mirror(brdf), TARGET)
     yield Check("physical BRDF", unphysical_matrix(brdf.mueller), TARGET, case.resolved, "other")
     yield Check("physical light", unphysical_light(field.stokes), TARGET, case.resolved, "other")
+
+
+def in_the_oracles_light(case: Case, field: Field, options: Options) -> Field:
+    """The field of the beam that the oracle's table is for."""
+    if case.beam == BEAM:
+        return field
+    return solve_field(replace(case, beam=BEAM), case.scene, field.phi, options.algorithm, options.threads)
 
 
 def both_algorithms(

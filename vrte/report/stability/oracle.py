@@ -49,10 +49,12 @@ def lookup(case: Case, table: Table) -> OracleAnswer | str:
     name = case.name
     if case.nodes > ORACLE_NODES:
         return "too many nodes"
-    if f"{name}/hash" not in table or any(f"{name}/{m}/radiance" not in table for m in case.orders):
+    if f"{name}/hash" not in table:
         return "none"
     if str(table[f"{name}/hash"]) != case.key:
         return "out of date"
+    if any(f"{name}/{m}/radiance" not in table for m in case.orders):
+        return "no stable answer"
     return OracleAnswer(
         orders={m: table[f"{name}/{m}/radiance"] for m in case.orders},
         c={m: float(table[f"{name}/{m}/c"]) for m in case.orders},

@@ -181,3 +181,12 @@ def fingerprint(options: Options) -> str:
         if path.is_file():
             digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def require_all(records: Sequence[Record]) -> None:
+    """Raises AccuracyError, naming the first, where a case falls short."""
+    short = [record for record in records if record.shortfalls]
+    if short:
+        raise AccuracyError(
+            f"{len(short)} of {len(records)} scenes fall short, the first: {short[0].name}: {short[0].shortfalls[0]}"
+        )

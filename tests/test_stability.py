@@ -1,0 +1,362 @@
+"""The stability table: its scenes cover what they say, its checks find errors, a run resumes and says what it found."""
+
+import csv
+import json
+import math
+import pickle
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import cli
+from vrte.report import stability
+from vrte.report.stability import Case, Slab, checks, oracle, run, scenes, solving
+from vrte.report.stability.covering import covering_array, uncovered
+from vrte.report.stability.phases import PHASES, phase_matrix
+from vrte.report.stability.table import CASE_COLUMNS, COLUMNS
+
+SMALL = Case("small", 4, (Slab("rayleigh", 1.0, 1.0),), sun=0.6)
+PATTERN = "thickness 0*"  # three cases
+
+
+def call(*arguments: str | Path) -> int:
+    """The exit code of `vrte stability` with these arguments."""
+    try:
+        return cli.main(["stability", *(str(argument) for argument in arguments)])
+    except SystemExit as leaving:
+        return leaving.code  # type: ignore[return-value]
+
+
+def checked(case: Case, **options: Any) -> dict[str, checks.Check]:
+    """The checks of a case by name."""
+    return {check.name: check for check in checks.examine(case, "none", solving.Options(**options)).checks}
+
+
+def test_the_covering_array_covers_every_pair_of_values() -> None:
+    rows = scenes.covering_rows()
+    sizes = [len(values) for values in scenes.AXES.values()]
+    assert not uncovered(rows, sizes, 2)
+    assert len(rows) == len(set(rows)) == scenes.SCENES
+    assert len(uncovered(rows, sizes, 3)) < 0.45 * len(uncovered([], sizes, 3))
+
+
+@pytest.mark.parametrize("sizes", [[2, 2], [3, 1, 4], [5, 4, 3, 2]])
+def test_covering_arrays_of_other_sizes(sizes: list[int]) -> None:
+    most = math.prod(sizes)
+    rows = covering_array(sizes, rows=most, seed=3)
+    assert not uncovered(rows, sizes, 2)
+    assert rows == covering_array(sizes, rows=most, seed=3)
+    assert len(set(rows)) == len(rows) <= most
+
+
+def test_unwanted_rows_only_where_a_pair_needs_them() -> None:
+    def unwanted(row: tuple[int, ...]) -> bool:
+        return row[:2] == (0, 0)
+
+    rows = covering_array([3, 3, 3, 3], rows=40, seed=5, unwanted=unwanted)
+    pairs_alone = covering_array([3, 3, 3, 3], rows=0, seed=5, unwanted=unwanted)
+    assert not any(unwanted(row) for row in rows[len(pairs_alone) :])
+
+
+def test_cases_are_as_many_and_as_named_as_promised() -> None:
+    cases = stability.all_cases()
+    assert len(stability.corner_cases()) >= 40
+    assert len({case.name for case in cases}) == len(cases) >= 340
+    assert not [case.name for case in cases if "/" in case.name]  # the oracle's table has it between its keys
+    assert all(case.reason for case in stability.corner_cases())
+    assert 40 <= len(stability.quick_cases()) <= 60
+    assert {slab.phase for case in cases for slab in case.slabs} == set(PHASES)
+
+
+@pytest.mark.parametrize("layering", scenes.LAYERINGS)
+@pytest.mark.parametrize("thickness", [1e-10, 4.0, math.inf])
+def test_layers_are_stacked_as_they_are_called(layering: str, thickness: float) -> None:
+    slabs, main = scenes.stack("haze-L", 1.0, thickness, layering)
+    assert len(slabs) == {"one": 1, "two": 2, "hundred": 100}.get(layering, 3)
+    assert slabs[main].phase == "haze-L"
+    assert [math.isinf(slab.thickness) for slab in slabs] == [False] * (len(slabs) - 1) + [math.isinf(thickness)]
+    own = math.fsum(slab.thickness for slab in slabs if layering in ("one", "identical-neighbours", "hundred"))
+    assert own in (0.0, pytest.approx(thickness, rel=1e-13))
+
+
+def test_levels_are_depths_from_top_to_bottom() -> None:
+    for case in stability.all_cases():
+        tau = case.tau
+        assert tau[0] == 0.0
+        assert (np.diff(tau) >= 0.0).all(), case.name
+        assert np.isfinite(tau).all()
+        assert tau.max() <= case.thickness
+        if math.isfinite(case.thickness):
+            assert tau[-1] == case.thickness
+
+
+def test_cosines_are_what_they_are_called() -> None:
+    case = Case("kinds", 8, (Slab("rayleigh", 0.9, 1.0),), sun="eigenvalue", view="node")
+    nodes = vrte.radiance(case.scene, 0.5, nodes=8).mu
+    assert case.mu[0] in nodes
+    assert case.mu0 not in nodes
+    assert {case.mu0, -case.mu0} <= set(case.mu.tolist())
+    assert case.cosine("1-1e-12") == 1.0 - 1e-12
+
+
+def test_an_eigenvalue_is_one() -> None:
+    """At mu0 = 1/k the textbook's particular solution is singular: its matrix loses rank."""
+    from vrte import _core
+    from vrte.discrete_ordinates.quadrature import double_gauss
+
+    slab, nodes = Slab("glass-x1", 0.9, 1.0), 6
+    mu, weights = double_gauss(nodes)
+    signed = np.concatenate([mu, -mu])
+    table = phase_matrix(slab.phase).coefficients[: 2 * nodes]
+    kernel = _core.phase_matrices(0, table, signed, signed).transpose(0, 2, 1, 3).reshape(48, 48)
+    both = np.repeat(np.tile(weights, 2), 4)
+    generator = (0.5 * slab.albedo * kernel * both - np.eye(48)) / np.repeat(signed, 4)[:, None]
+    decay = 1.0 / scenes.eigen_cosine(slab, nodes)
+    values = np.linalg.svd(generator + decay * np.eye(48), compute_uv=False)
+    assert values[-1] < 1e-12 * values[0]
+
+
+def test_the_lobe_is_a_base() -> None:
+    base = vrte.MuellerBase(stability.mueller_lobe)
+    assert pickle.loads(pickle.dumps(base)).function is stability.mueller_lobe
+    layer = vrte.Layer(vrte.isotropic(), 0.0, 0.0)
+    f = vrte.brdf(vrte.Scene([layer], base), [0.3, 1.0], [0.3, 1.0], [0.0, 20.0], nodes=40)
+    assert 0.2 < f.reflectance[1] < 0.3
+    assert checks.unphysical_matrix(f.mueller) < 1e-12
+    assert checks.reciprocity(f) < 1e-12
+
+
+def test_haze_l_is_the_published_one() -> None:
+    """Garcia and Siewert (1986): a1[1] = 2.41260 and a1[2] = 3.23047, for water spheres of this distribution."""
+    assert phase_matrix("haze-L").a1[1:3] == pytest.approx([2.41260, 3.23047], abs=2e-5)
+
+
+def test_orders_are_those_that_went_in() -> None:
+    """A field made of known orders, sampled at equal steps."""
+    rng = np.random.default_rng(1)
+    parts = {m: rng.normal(size=(2, 2, 3, 4)) for m in range(4)}
+    phi = np.arange(16) * (2.0 * math.pi / 16)
+    stokes = np.zeros((2, 3, 16, 4))
+    parts[0][0, ..., 2:] = parts[0][1, ..., :2] = 0.0  # what order 0 has not
+    for m, (first, second) in parts.items():
+        c, s = (np.array([w(m * phi)] * 2).T for w in (np.cos, np.sin))
+        scale = 1.0 if m == 0 else 2.0
+        stokes += scale * (first[:, :, None] * np.hstack([c, s]) + second[:, :, None] * np.hstack([-s, c]))
+    found = checks.fourier_orders(SMALL, stokes, (0, 1, 3))
+    for m, values in found.items():
+        np.testing.assert_allclose(values, parts[m], atol=1e-14)
+
+
+def test_a_case_is_examined_in_full() -> None:
+    found = checked(SMALL)
+    assert {"energy", "reciprocity", "mirror symmetry", "layer cut otherwise", "both algorithms"} <= set(found)
+    assert all(check.holds for check in found.values())
+    white = checked(replace(SMALL, base_kind="white"))
+    assert white["reflectance of 1"].value < 1e-13
+
+
+def test_few_orders_where_all_would_take_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solving, "WHOLE_UP_TO", 0.0)
+    found = checked(replace(SMALL, slabs=(Slab("glass-x1", 1.0, 1.0),), base_kind="lobe"))
+    assert {"energy 1", "energy 2", "reciprocity", "both algorithms, fluxes"} <= set(found)
+    assert all(check.holds for check in found.values())
+
+
+def spoiled(kind: str) -> Any:
+    """`solve_field` with something wrong in its answer."""
+    right = solving.solve_field
+
+    def solve(*arguments: Any) -> vrte.Field:
+        field = right(*arguments)
+        stokes, up = field.stokes.copy(), field.flux_up.copy()
+        if kind == "nan":
+            stokes[0, 0, 0, 0] = math.nan
+        elif kind == "absorbed":
+            up[0] *= 1.0 - 1e-9
+        elif kind == "polarized":
+            stokes[..., 1] = 1.1 * stokes[..., 0]
+        else:
+            stokes[0] *= 1.0 + 1e-8
+        return replace(field, stokes=stokes, flux_up=up)
+
+    return solve
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"),
+    [
+        ("nan", {"not finite", "BRDF and radiance"}),
+        ("absorbed", {"energy"}),
+        ("polarized", {"physical light", "BRDF and radiance"}),
+        ("scaled", {"BRDF and radiance"}),
+    ],
+)
+def test_what_is_wrong_is_found(kind: str, names: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checks, "solve_field", spoiled(kind))
+    assert names <= {name for name, check in checked(SMALL).items() if not check.holds}
+
+
+def test_a_scene_that_is_refused_or_warns_falls_short(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> None:
+        raise vrte.AccuracyError("no")
+
+    def warn(*arguments: Any) -> vrte.Field:
+        np.log(np.zeros(1))
+        return solve(*arguments)
+
+    solve = solving.solve_field
+    monkeypatch.setattr(checks, "solve_field", refuse)
+    assert run.record_of(SMALL, {}, solving.Options()).shortfalls == ["refused: no"]
+    monkeypatch.setattr(checks, "solve_field", warn)
+    (short,) = run.record_of(SMALL, {}, solving.Options()).shortfalls
+    assert "divide by zero" in short
+
+
+def oracle_table(case: Case) -> dict[str, np.ndarray]:
+    """As the ball-arithmetic oracle stores it, from the solver itself."""
+    field = solving.solve_field(case, case.scene, solving.azimuths(case), "modes", None)
+    table = {f"{case.name}/hash": np.array(case.key)}
+    for m, values in checks.fourier_orders(case, field.stokes, case.orders).items():
+        table |= {f"{case.name}/{m}/radiance": values, f"{case.name}/{m}/c": np.array(1e-15)}
+    both = {"flux_up": field.flux_up, "flux_down": field.flux_down}
+    return table | {f"{case.name}/{name}": np.stack([flux, 0.0 * flux]) for name, flux in both.items()}
+
+
+def test_an_oracle_is_compared_with() -> None:
+    table = oracle_table(SMALL)
+    record = run.record_of(SMALL, table, solving.Options())
+    assert (record.oracle, record.shortfalls) == ("yes", [])
+    assert record.worst("oracle") < 1e-12
+    table["small/1/radiance"] = table["small/1/radiance"] + 1e-6
+    table["small/flux_down"] = table["small/flux_down"] * (1.0 + 1e-7)
+    short = " ".join(run.record_of(SMALL, table, solving.Options()).shortfalls)
+    for part in ("order 1, up at the top", "order 1, inside", "order 1, down at the bottom", "fluxes", "transmitted"):
+        assert part in short
+    assert "order 0" not in short
+
+
+def test_an_oracle_that_does_not_fit_says_so() -> None:
+    table = oracle_table(SMALL)
+    assert oracle.lookup(replace(SMALL, sun=0.7), table) == "out of date"
+    assert oracle.lookup(replace(SMALL, name="another"), table) == "none"
+    assert oracle.lookup(replace(SMALL, nodes=40), table) == "too many nodes"
+    assert oracle.lookup(SMALL, {"small/hash": table["small/hash"]}) == "no stable answer"
+
+
+def test_the_estimate_of_c_is_of_the_right_size() -> None:
+    """T at omega = 1 and thickness 1e6 moves by 1e-4 per unit in the last place (256-bit arithmetic)."""
+    thick = replace(SMALL, slabs=(Slab("rayleigh", 1.0, 1e6),))
+    assert 3e-5 < checks.estimated_c(thick) < 1e-3
+    assert checks.estimated_c(SMALL) < 1e-14
+
+
+def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("--quick", "-o", tmp_path / "out") == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert re.search(r"^  all .* holds$", told.out, re.MULTILINE)
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"stability.jsonl", "stability.md", "stability.csv", "stability_cases.csv"}
+    text = (tmp_path / "out" / "stability.md").read_text()
+    tables = re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE)
+    assert len(tables) == 3
+    for table in tables:
+        bars = {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}
+        assert len(bars) == 1
+    assert f"numpy {np.__version__}" in text
+    assert "Nothing." in text
+    with (tmp_path / "out" / "stability.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["scenes", "condition", *COLUMNS[2:]]
+    assert {len(row) for row in rows} == {len(COLUMNS)}
+    with (tmp_path / "out" / "stability_cases.csv").open(newline="") as file:
+        cases = list(csv.DictReader(file))
+    assert [row["name"] for row in cases] == [case.name for case in stability.quick_cases()]
+    assert set(cases[0]) == set(CASE_COLUMNS)
+    assert {row["verdict"] for row in cases} == {"holds"}
+
+
+def test_a_run_that_was_killed_is_taken_up_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    examined: list[str] = []
+    examine = run.examine
+
+    def counted(case: Case, *rest: Any) -> Any:
+        if len(examined) == 2:
+            raise KeyboardInterrupt
+        examined.append(case.name)
+        return examine(case, *rest)
+
+    monkeypatch.setattr(run, "examine", counted)
+    assert call("--cases", PATTERN, "-o", tmp_path) == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["stability.jsonl"]
+    log = tmp_path / "stability.jsonl"
+    first, second = log.read_text().splitlines()
+    log.write_text(first + "\n" + second[:50])  # killed while it wrote
+    examined.clear()
+    monkeypatch.setattr(run, "examine", lambda case, *rest: (examined.append(case.name), examine(case, *rest))[1])
+    assert call("--cases", PATTERN, "-o", tmp_path) == 0
+    assert examined == [case.name for case in stability.matching(PATTERN)[1:]]
+    examined.clear()
+    assert call("--cases", PATTERN, "-o", tmp_path) == 0
+    assert examined == []
+    assert call("--cases", PATTERN, "-o", tmp_path, "--algorithm", "doubling") == 0
+    assert len(examined) == 3
+    examined.clear()
+    assert call("--cases", PATTERN, "-o", tmp_path, "--fresh") == 0
+    assert len(examined) == 3
+    assert all(json.loads(line)["record"]["name"] in examined for line in log.read_text().splitlines())
+    capsys.readouterr()
+
+
+def test_a_shortfall_is_exit_code_1_and_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checks, "ENERGY", -1.0)
+    assert call("--cases", "sun on a node", "-o", tmp_path) == 1
+    told = capsys.readouterr()
+    assert re.fullmatch(r"vrte: error: 1 of 1 scenes fall short, the first: sun on a node: energy [^\n]+\n", told.err)
+    assert "1 fall short" in told.out
+    assert "- sun on a node: energy" in (tmp_path / "stability.md").read_text()
+
+
+def test_a_known_reason_is_told_and_does_not_count(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checks, "ENERGY", -1.0)
+    known = ("sun on*", "energy", "nothing is less than nothing"), ("sun on*", "net flux*", "nor this")
+    monkeypatch.setattr(run, "KNOWN", known)
+    assert call("--cases", "sun on a node", "-o", tmp_path) == 0
+    assert "nothing is less than nothing" in capsys.readouterr().out
+    assert "nothing is less than nothing" in (tmp_path / "stability.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--cases", "nothing like it"], "matches no scene"),
+        (["--algorithm", "guessing"], "invalid choice"),
+        (["--threads", "0"], "whole number from 1"),
+        (["--colour"], "unrecognized arguments"),
+    ],
+)
+def test_bad_options_are_one_line_and_code_2(
+    tmp_path: Path, arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("-o", tmp_path / "out", *arguments) == 2
+    told = capsys.readouterr()
+    assert re.fullmatch(r"vrte: error: [^\n]+\n", told.err)
+    assert complaint in told.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "out").write_text("a file")
+    assert call("-o", tmp_path / "out", "--quick") == 2
+    assert "must be a folder" in capsys.readouterr().err
