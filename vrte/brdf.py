@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, vector
+from vrte.arrays import Array, flag, frozen, vector
 from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.solver import solve
 from vrte.errors import SceneError
@@ -106,7 +106,7 @@ def brdf(
     scene = check_scene(scene)
     into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
     azimuths, options = vector("phi", phi), solver_options(nodes, algorithm, verify)
-    if transmission and not np.isfinite(scene.thickness):
+    if flag("transmission", transmission) and not np.isfinite(scene.thickness):
         raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
     levels = frozen([0.0, scene.thickness] if transmission else [0.0])
     directions = np.concatenate([out, -out]) if transmission else out

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, vector, whole
+from vrte.arrays import Array, flag, shown, vector, whole
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.solver import Options
 from vrte.errors import SceneError
@@ -44,7 +44,7 @@ def depths(values: Any, scene: Scene) -> Array:
     """Optical depths from 0 to the scene's total."""
     try:
         numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    except (TypeError, ValueError):
+    except Exception:
         numbers = vector("tau", values)
     if np.isinf(numbers).any():
         raise SceneError("tau must be finite, also inside a layer without end")
@@ -59,7 +59,5 @@ def depths(values: Any, scene: Scene) -> Array:
 def solver_options(nodes: Any, algorithm: Any, verify: Any) -> Options:
     """Nodes of a hemisphere, the algorithm's name, a yes or no."""
     if not (isinstance(algorithm, str) and algorithm in ALGORITHMS):
-        raise SceneError(f"algorithm must be {', '.join(map(repr, ALGORITHMS))}, not {algorithm!r:.80}")
-    if not isinstance(verify, (bool, np.bool_)):
-        raise SceneError(f"verify must be True or False, not {verify!r:.80}")
-    return Options(whole("nodes", nodes, 1, MOST_NODES), algorithm, bool(verify))
+        raise SceneError(f"algorithm must be {', '.join(map(repr, ALGORITHMS))}, not {shown(algorithm)}")
+    return Options(whole("nodes", nodes, 1, MOST_NODES), algorithm, flag("verify", verify))

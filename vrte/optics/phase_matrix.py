@@ -16,6 +16,7 @@ from vrte.errors import SceneError
 from vrte.optics.spherical_functions import wigner_functions
 
 CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)  # cosine ascending
+LARGEST_COEFFICIENT = 1e9  # far above the 2 l + 1 of any particle, far below overflow
 NEGATIVE_ALLOWED = 1e-4  # of F11, for a coherency eigenvalue: tables rounded to a few digits pass
 ROUNDING = 1e-13  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
 ANGLES_AT_ONCE = 4096  # bounds the memory, whatever the number of angles
@@ -49,6 +50,10 @@ class PhaseMatrix:
         scale = lists["a1"][0]
         if abs(scale - 1.0) > 1e-6:
             raise SceneError(f"a1[0] must be 1 within 1e-6 (the mean of F11 over the sphere), not {scale}")
+        for name, values in lists.items():
+            largest = float(np.abs(values).max())
+            if largest > LARGEST_COEFFICIENT:
+                raise SceneError(f"{name} holds {largest:g}: a coefficient is at most 2 l + 1 in size")
         terms = max(values.size for values in lists.values())
         for name, values in lists.items():
             object.__setattr__(self, name, frozen(np.pad(values, (0, terms - values.size)) / scale))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import number
+from vrte.arrays import number, shown
 from vrte.errors import SceneError
 
 
@@ -46,6 +46,9 @@ MATERIALS = {
     "silica": Named(("main/SiO2/Malitson",), "Malitson 1965: fused silica, 0.21 to 6.7 um"),
     "water": Named(("main/H2O/Hale",), "Hale and Querry 1973: liquid water at 25 C, n and k, 0.2 to 200 um"),
 }
+
+
+LARGEST_INDEX = 1e4  # of metals in the far infrared; Mie's continued fraction takes as many steps as index times size
 
 
 @dataclass(frozen=True)
@@ -97,9 +100,9 @@ def _given(material: Any) -> RefractiveIndex:
     """From a number n + i k or a pair (n, k)."""
     try:
         n, k = (complex(material).real, complex(material).imag) if np.ndim(material) == 0 else map(float, material)
-    except (TypeError, ValueError):
+    except Exception:  # whatever a foreign object raises when it is asked for numbers
         raise SceneError(
-            f"index: a name, a database path, a number n + i k or a pair (n, k) is needed, not {material!r:.80}"
+            f"index: a name, a database path, a number n + i k or a pair (n, k) is needed, not {shown(material)}"
         ) from None
     return _checked(n, k, "given")
 
@@ -107,6 +110,8 @@ def _given(material: Any) -> RefractiveIndex:
 def _checked(n: float, k: float, source: str) -> RefractiveIndex:
     if not (math.isfinite(n) and math.isfinite(k)):
         raise SceneError(f"index: n and k must be finite numbers, not {n:g} and {k:g} ({source})")
+    if max(n, k) > LARGEST_INDEX:
+        raise SceneError(f"index: n and k must be at most {LARGEST_INDEX:g}, not {n:g} and {k:g} ({source})")
     if n <= 0.0:
         raise SceneError(f"index: n must be above 0, not {n:g} ({source})")
     if k < 0.0:
@@ -169,7 +174,7 @@ def _unknown(name: str) -> SceneError:
     suggestions = [repr(one) for one in similar + _similar_pages(name)]
     hint = f"; did you mean {' or '.join(suggestions)}?" if suggestions else ""
     return SceneError(
-        f"index: {name!r} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "
+        f"index: {shown(name)} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "
         f"such as 'main/Au/Johnson'{hint}"
     )
 

@@ -1,0 +1,331 @@
+"""Bad input, found by machine: whatever is given, the answer is right or a SceneError says what is wrong, where."""
+
+import contextlib
+import io
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import vrte
+from vrte import cli
+
+QUICK, FULL = {"calls": 100, "parts": 80, "files": 60}, {"calls": 1000, "parts": 800, "files": 600}
+PATIENCE = 10.0  # seconds an example may take
+
+
+class Sullen:
+    """Something that refuses to be an array."""
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise RuntimeError("no")
+
+    def __repr__(self) -> str:
+        return "Sullen()"
+
+
+WHOLE = st.sampled_from([-(10**30), -1, 0, 1, 2, 3, 5, 5000, 2**31, 2**63, 10**30])  # no request of an hour's work
+REAL = st.one_of(
+    st.sampled_from([0.0, -0.0, 1.0, 0.5, -0.5, 1e-8, 9e-9, 5e-324, 1e308, -1e308, np.inf, -np.inf, np.nan, 1 + 1e-15]),
+    st.floats(),
+)
+SCALAR = st.one_of(
+    st.none(), st.booleans(), WHOLE, REAL, st.complex_numbers(), st.text(max_size=5), st.binary(max_size=5)
+)
+NUMBERS = st.lists(st.one_of(REAL, REAL, WHOLE), max_size=4)
+ARRAYS = st.one_of(
+    NUMBERS.map(lambda x: np.array(x, dtype=object)),
+    st.lists(st.floats(0, 1), max_size=4).map(lambda x: np.array(x, np.float16)),
+    st.sampled_from(
+        [
+            np.zeros((0,)),
+            np.zeros((2, 2)),
+            np.array(0.5),
+            np.array(["a"]),
+            np.array(["2026-01-01"], "datetime64[D]"),
+            np.zeros(2, "f8,i4"),
+            np.arange(8.0)[::3] / 8.0,
+            np.ma.masked_array([0.5, 0.6], [0, 1]),
+        ]
+    ),
+)
+ODD = st.sampled_from([Sullen(), {}, {"a": 1}, [[1.0], [1.0, 2.0]], [[]], object, print, "x" * 1000, range(3), {0.5}])
+JUNK = st.one_of(SCALAR, NUMBERS, ARRAYS, ODD, st.lists(SCALAR, max_size=3))
+
+
+def tried(example: Callable[[], Any], *names: str) -> Any:
+    """The result, or None after a SceneError in one sentence that has one of the names."""
+    start = time.monotonic()
+    try:
+        return example()
+    except vrte.SceneError as error:
+        text = str(error)
+        assert text
+        assert "\n" not in text
+        assert "Traceback" not in text
+        assert len(text) < 1000
+        assert any(name in text for name in names), f"none of {names} in: {text}"
+        return None
+    finally:
+        assert time.monotonic() - start < PATIENCE
+
+
+def is_right(found: Any, scene: vrte.Scene) -> None:
+    """Finite, not negative, no more light than came in."""
+    if isinstance(found, vrte.Field):
+        assert np.isfinite(found.stokes).all()
+        size = max(float(np.abs(found.incident_stokes).max()), 1e-300)
+        passive = found.incident_stokes[0] >= np.sqrt((found.incident_stokes[1:] ** 2).sum())
+        if passive:
+            assert found.stokes[..., 0].min() >= -1e-9 * size
+            assert found.flux_up[0] <= found.mu0 * found.incident_stokes[0] * (1 + 1e-9)
+    else:
+        assert np.isfinite(found.mueller).all()
+        assert found.mueller[..., 0, 0].min() >= -1e-9
+        assert found.reflectance.min() >= -1e-12
+        assert found.reflectance.max() <= 1 + 1e-9
+    assert isinstance(scene, vrte.Scene)
+
+
+REQUESTS: dict[str, dict[str, Any]] = {
+    "radiance": {
+        "mu0": 0.6,
+        "stokes": (1, 0, 0, 0),
+        "mu": [0.5, -0.5],
+        "phi": 0.0,
+        "tau": 0.5,
+        "nodes": 3,
+        "threads": 1,
+    },
+    "brdf": {"mu_i": 0.6, "mu_o": [0.5, 1.0], "phi": [0, 90], "nodes": 3, "threads": 1, "transmission": True},
+}
+
+
+@st.composite
+def calls(draw: st.DrawFn) -> tuple[str, dict[str, Any], list[str]]:
+    """A function, its keywords, and which of them are junk."""
+    name = draw(st.sampled_from(sorted(REQUESTS)))
+    request = dict(REQUESTS[name])
+    extra = ["algorithm", "verify"]
+    spoilt = draw(st.lists(st.sampled_from(sorted(request) + extra), min_size=1, max_size=2, unique=True))
+    for field in spoilt:
+        request[field] = draw(JUNK)
+    if isinstance(request.get("threads"), int) and request["threads"] > 8:
+        request["threads"] = -request["threads"]
+    return name, request, spoilt
+
+
+@st.composite
+def layers(draw: st.DrawFn) -> vrte.Layer:
+    """A layer that is right, however odd."""
+    kind = draw(st.sampled_from([vrte.isotropic(), vrte.rayleigh(), vrte.henyey_greenstein(0.5, 9)]))
+    albedo = draw(st.one_of(st.sampled_from([0.0, 1.0, 1 - 1e-12, 5e-324]), st.floats(0, 1)))
+    return vrte.Layer(kind, albedo, draw(st.one_of(st.sampled_from([0.0, 5e-324, 1e-10, 0.5]), st.floats(0, 1e6))))
+
+
+@given(calls(), st.lists(layers(), min_size=1, max_size=2), st.sampled_from([None, 0.0, 0.3, 1.0]))
+def property_of_calls(call: tuple[str, dict[str, Any], list[str]], pile: list[vrte.Layer], base: float | None) -> None:
+    name, request, spoilt = call
+    scene = vrte.Scene(pile, None if base is None else vrte.Lambertian(base))
+    if "tau" not in spoilt and "tau" in request:
+        request["tau"] = scene.thickness / 2
+    found = tried(lambda: getattr(vrte, name)(scene, **request), *spoilt, "memory")
+    if found is not None:
+        is_right(found, scene)
+
+
+PARTS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+    "PhaseMatrix": (vrte.PhaseMatrix, {"a1": [1.0, 0.3], "a2": None, "a3": None, "a4": None, "b1": None, "b2": None}),
+    "henyey_greenstein": (vrte.henyey_greenstein, {"g": 0.5, "terms": 9}),
+    "rayleigh": (vrte.rayleigh, {"depolarization": 0.0}),
+    "Layer": (vrte.Layer, {"phase_matrix": vrte.rayleigh(), "albedo": 0.9, "thickness": 1.0}),
+    "Lambertian": (vrte.Lambertian, {"albedo": 0.3}),
+    "Scene": (vrte.Scene, {"layers": [vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], "base": None}),
+    "MuellerBase": (vrte.MuellerBase, {"function": None}),
+    "Gamma": (vrte.Gamma, {"r_eff_um": 0.2, "v_eff": 0.1}),
+    "Lognormal": (vrte.Lognormal, {"median_um": 0.2, "sigma": 1.4}),
+    "spheres": (vrte.spheres, {"material": 1.5, "radius_um": 0.05, "wavelength_um": 0.5, "size": None}),
+}
+
+
+@st.composite
+def parts(draw: st.DrawFn) -> tuple[str, dict[str, Any], str]:
+    """A constructor, its arguments and which one is junk."""
+    name = draw(st.sampled_from(sorted(PARTS)))
+    arguments = dict(PARTS[name][1])
+    spoilt = draw(st.sampled_from(sorted(arguments)))
+    arguments[spoilt] = draw(JUNK)
+    if name == "spheres":  # a radius of a metre is a legal request of an hour's work
+        for length in ("radius_um", "wavelength_um"):
+            value = arguments[length]
+            if isinstance(value, (int, float)) and value > 0 and not 1e-3 <= value <= 2:
+                arguments[length] = -value
+    return name, arguments, spoilt
+
+
+@given(parts())
+def property_of_parts(part: tuple[str, dict[str, Any], str]) -> None:
+    name, arguments, spoilt = part
+    words = {
+        "layers": ("layer",),
+        "depolarization": ("depolar",),
+        "material": ("index", "k "),
+        "size": ("size",),
+    }
+    tried(lambda: PARTS[name][0](**arguments), spoilt, *words.get(spoilt, ()), "phase matrix is not physical")
+
+
+FILE = """wavelength_um = 0.64
+nodes = 3
+[particles.p]
+index = [1.5, 0.01]
+radius_um = 0.05
+[[layer]]
+particles = "p"
+thickness = 1.0
+[[layer]]
+phase = { henyey_greenstein = 0.5 }
+albedo = 0.99
+thickness = 2.0
+[base]
+kind = "lambertian"
+albedo = 0.3
+[brdf]
+mu_i = [0.6, 1.0]
+mu_o = { start = 0.05, stop = 1.0, count = 3 }
+phi_deg = [0, 90, 180]
+"""
+TOKENS = [
+    "nan",
+    "inf",
+    "-inf",
+    "-1",
+    "0",
+    "1e308",
+    "1e-320",
+    '"text"',
+    "[]",
+    "[1, 2]",
+    "{}",
+    "true",
+    "1979-05-27",
+    "0x2",
+    "99999999999999999999",
+    "'''x",
+    "-0.0",
+    "[[1]]",
+    "2.5",
+    '"p"',
+    "",
+    "=",
+    "{ count = 10 }",
+    "\x00",
+    "\u00e9",
+    "1_000_000",
+]
+
+
+@st.composite
+def files(draw: st.DrawFn) -> bytes:
+    """A scene file with one to three things done to it."""
+    lines = FILE.splitlines()
+    for _ in range(draw(st.integers(1, 3))):
+        place = draw(st.integers(0, len(lines) - 1))
+        what = draw(st.sampled_from(["drop", "twice", "value", "key", "cut", "swap", "junk"]))
+        key, equals, _ = lines[place].partition("=")
+        if what == "drop":
+            del lines[place]
+        elif what == "twice":
+            lines.insert(place, lines[place])
+        elif what == "value" and equals:
+            lines[place] = f"{key}= {draw(st.sampled_from(TOKENS))}"
+        elif what == "key":
+            lines[place] = draw(st.sampled_from(["x", "nodess", "[layer]", "[[layer]]", "albedo"])) + equals + " 1"
+        elif what == "cut":
+            lines[place] = lines[place][: len(lines[place]) // 2]
+        elif what == "swap":
+            other = draw(st.integers(0, len(lines) - 1))
+            lines[place], lines[other] = lines[other], lines[place]
+        else:
+            lines.insert(place, draw(st.text(max_size=8)))
+        lines = lines or [""]
+    text = "\n".join(lines).encode("utf-8", "surrogatepass")
+    return text + draw(st.sampled_from([b"", b"", b"", b"\xff\xfe", b"\x00"]))
+
+
+@given(files())
+def property_of_files(text: bytes) -> None:
+    """Exit code 0 and a file, or 2, one line on standard error and no file."""
+    with tempfile.TemporaryDirectory() as folder:
+        scene, output = Path(folder, "scene.toml"), Path(folder, "out.nc")
+        scene.write_bytes(text)
+        told, errors, start = io.StringIO(), io.StringIO(), time.monotonic()
+        with contextlib.redirect_stdout(told), contextlib.redirect_stderr(errors):
+            code = cli.main(["brdf", str(scene), "-o", str(output), "--threads", "1"])
+        assert time.monotonic() - start < PATIENCE
+        left = {file.name for file in Path(folder).iterdir()}
+        if code == 0:
+            found = vrte.load(output)
+            assert np.isfinite(found.mueller).all()
+            return
+        assert code == 2
+        assert left == {"scene.toml"}
+        complaint = errors.getvalue()
+        assert complaint.startswith("vrte: error: ")
+        assert complaint.count("\n") == 1
+        assert "scene.toml" in complaint
+
+
+PROPERTIES = {"calls": property_of_calls, "parts": property_of_parts, "files": property_of_files}
+
+
+def run(name: str, examples: int) -> None:
+    """The property, with examples that are the same every time."""
+    chosen = settings(
+        max_examples=examples, derandomize=True, database=None, deadline=None, suppress_health_check=list(HealthCheck)
+    )
+    chosen(PROPERTIES[name])()
+
+
+@pytest.mark.parametrize("name", sorted(PROPERTIES))
+def test_a_right_answer_or_a_clear_error(name: str) -> None:
+    run(name, QUICK[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(PROPERTIES))
+def test_a_right_answer_or_a_clear_error_at_length(name: str) -> None:
+    run(name, FULL[name])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: vrte.spheres(1e308, radius_um=1.0, wavelength_um=0.5), "n and k must be at most 10000"),
+        (lambda: vrte.PhaseMatrix([1.0], b1=[0.0, 0.0, 1e308]), "b1 holds 1e+308"),
+        (lambda: vrte.rayleigh(Sullen()), "depolar"),
+        (
+            lambda: vrte.Lambertian(np.array([1.0, 2.0, 1.000000000000001], dtype=object)),
+            "base: albedo must be a number",
+        ),
+    ],
+)
+def test_what_the_machine_found(call: Callable[[], Any], message: str) -> None:
+    """Hung, overflowed, raised what the object raised, and two lines."""
+    with pytest.raises(vrte.SceneError) as raised:
+        call()
+    assert message in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("value", [np.array([]), 1, "yes", None])
+def test_a_flag_is_true_or_false(value: Any) -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
+    with pytest.raises(vrte.SceneError, match="transmission must be True or False"):
+        vrte.brdf(scene, 0.5, 0.5, nodes=2, transmission=value)
