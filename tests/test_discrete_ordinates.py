@@ -583,3 +583,14 @@ def test_a_request_larger_than_the_memory_is_refused_before_it_starts(request_of
     with pytest.raises(vrte.SceneError, match=r"GB of memory and .* GB are available"):
         vrte.radiance(scene, 0.6, **request_of)
     assert time.monotonic() - start < 2.0
+
+
+@BOTH
+def test_a_depth_next_to_an_interface_lies_on_it(algorithm: str) -> None:
+    """0.7 + 0.1 is not 0.8: the last place is a path of 1e-8 along a cosine of 1e-8, and no light comes along it."""
+    scene = vrte.Scene(
+        [vrte.Layer(vrte.rayleigh(), 0.9, 0.7), vrte.Layer(vrte.isotropic(), 0.9, 0.1)], vrte.Lambertian(1)
+    )
+    for tau in (scene.thickness, 0.7 + 0.1, np.nextafter(scene.thickness, 0.0)):
+        up = vrte.radiance(scene, 0.5, mu=[0.5, 1e-8], tau=tau, nodes=8, algorithm=algorithm).stokes[0, :, 0, 0]
+        assert up[1] == pytest.approx(up[0], rel=1e-14)

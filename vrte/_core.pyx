@@ -539,7 +539,8 @@ def homogeneous(const int[::1] orders, const double[::1] albedo, const double[::
 
     E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
     pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X; residual (order, layer):
-    the largest of |F E X - X lambda| over that of |F E X|.
+    the largest of |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading,
+    which only a phase matrix with more terms than the nodes carry has.
     """
     cdef int n_order = <int>orders.shape[0], n_layer = <int>albedo.shape[0], n = <int>X.shape[3]
     cdef int item, thread, o, k, n_item = n_order * n_layer
@@ -565,14 +566,10 @@ cdef int homogeneous_one(int n, int m, double albedo, const double* directions, 
     cdef double* a = f + n * n
     cdef double* v = a + n * n
     cdef double* spare = v + n
-    cdef int info, i
-    if m == 0:     # (I, Q) and (U, V) do not mix
-        info = half_of_modes(n, 0, E, F, lam_re, lam_im, X, a, spare, pivots)
-        if info == 0:
-            info = half_of_modes(n, 1, E, F, lam_re + n // 2, lam_im + n // 2, X + n // 2 * n, a, spare, pivots)
-    else:
-        product(b"N", b"N", n, n, n, 1.0, F, n, E, n, 0.0, a, n)
-        info = eigenproblem(n, a, lam_re, lam_im, X, spare, pivots)
+    cdef int info, i, together
+    cdef bint growing = False      # a mode that neither fades nor grows: only a phase matrix with too many terms has one
+    cdef double largest
+    info = modes_by_stokes(n, E, F, lam_re, lam_im, X, work, spare, pivots, &together)
     if info != 0:
         return info
     memcpy(f, F, sizeof(double) * n * n)
@@ -584,47 +581,96 @@ cdef int homogeneous_one(int n, int m, double albedo, const double* directions, 
         memcpy(e, E, sizeof(double) * n * n)
         reflect_both(n, v, e, spare)
         exact_conservation(n, albedo, directions, weights, v, e, spare)
-        polish_smallest(n, albedo, directions, weights, v, e, f, pivots, lam_re, lam_im, X, a, spare, pivots + n)
+        polish_smallest(n, together, albedo, directions, weights, v, e, f, pivots, lam_re, lam_im, X, a, spare,
+                        pivots + n)
+    largest = 0.0
     for i in range(n):
-        if lam_im[i] == 0.0 and lam_re[i] < 0.0:   # rounding below zero; the residual tells if it was more
+        largest = max(largest, fabs(lam_re[i]))
+    for i in range(n):
+        if lam_im[i] == 0.0 and lam_re[i] < 0.0:
+            growing = growing or lam_re[i] < -1e-15 * largest      # else rounding below zero
             lam_re[i] = 0.0
     memcpy(Y, X, sizeof(double) * n * n)
     solve(b"N", n, n, f, n, pivots, Y, n)
-    residual[0] = mode_residual(n, E, F, lam_re, lam_im, X, a, e)
+    residual[0] = 1.0 if growing else mode_residual(n, E, F, lam_re, lam_im, X, a, e)
     memcpy(X_lu, X, sizeof(double) * n * n)
     return factorise(n, X_lu, n, X_pivots)
 
 
 cdef int eigenproblem(int n, double* a, double* lam_re, double* lam_im, double* X, double* spare, int* pivots) noexcept nogil:
-    """a X = X lambda; destroys a. Permutes only: scaling to balance loses digits next to omega = 1."""
-    cdef char no = b"N", yes = b"V", balance = b"P"
+    """a X = X lambda; destroys a. Neither permutes nor scales: steep nodes have to stay on top, else small eigenvalues are
+    known to 1e-16 of the largest only."""
+    cdef char no = b"N", yes = b"V"
     cdef int info = 0, lwork = n * n + 8 * n, low, high, one = 1
     cdef double norm, unused = 0.0
-    dgeevx(&balance, &no, &yes, &no, &n, a, &n, lam_re, lam_im, &unused, &one, X, &n, &low, &high, spare + lwork, &norm,
+    dgeevx(&no, &no, &yes, &no, &n, a, &n, lam_re, lam_im, &unused, &one, X, &n, &low, &high, spare + lwork, &norm,
            &unused, &unused, spare, &lwork, pivots, &info)
     return info
 
 
-cdef int half_of_modes(int n, int half, const double* E, const double* F, double* lam_re, double* lam_im, double* X,
-                       double* room, double* spare, int* pivots) noexcept nogil:
-    """The modes of (I, Q), half 0, or (U, V), half 1: n/2 columns of X, zero in the other half's rows."""
-    cdef int h = n // 2, i, j, info, row, column
+cdef int modes_by_stokes(int n, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* room,
+                         double* spare, int* pivots, int* together) noexcept nogil:
+    """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set.
+
+    Order 0 keeps (I, Q) from (U, V), b2 = 0 keeps V apart, a scalar phase function everything. In one system their
+    equal eigenvalues would mix and lose digits.
+    """
+    cdef int set_of[4]
+    cdef int a, b, i, j, info = 0, size, column = 0, old
+    for a in range(4):
+        set_of[a] = a
+    for j in range(n):
+        for i in range(n):
+            a, b = set_of[i % 4], set_of[j % 4]
+            if a != b and (E[<size_t>j * n + i] != 0.0 or F[<size_t>j * n + i] != 0.0):
+                old = max(a, b)
+                for size in range(4):
+                    if set_of[size] == old:
+                        set_of[size] = min(a, b)
+    for a in range(4):
+        size = 0
+        for b in range(4):
+            size += set_of[b] == a
+        if size > 0 and info == 0:
+            info = modes_of_set(n, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, room,
+                                spare, pivots)
+            column += size * (n // 4)
+            if a == 0:
+                together[0] = column
+    return info
+
+
+cdef int modes_of_set(int n, int which, int members, const int* set_of, const double* E, const double* F, double* lam_re,
+                      double* lam_im, double* X, double* room, double* spare, int* pivots) noexcept nogil:
+    """The modes of one set: columns of X, zero in the other rows."""
+    cdef int h = members * (n // 4), i, j, row, column, info
     cdef double* e = room
-    cdef double* f = e + h * h
-    cdef double* a = f + h * h
-    cdef double* x = a + h * h
-    for j in range(h):
-        column = 4 * (j // 2) + 2 * half + j % 2
-        for i in range(h):
-            row = 4 * (i // 2) + 2 * half + i % 2
-            e[j * h + i] = E[column * n + row]
-            f[j * h + i] = F[column * n + row]
+    cdef double* f = e + <size_t>h * h
+    cdef double* a = f + <size_t>h * h
+    cdef double* x = a + <size_t>h * h
+    if members == 4:
+        product(b"N", b"N", n, n, n, 1.0, F, n, E, n, 0.0, room, n)
+        return eigenproblem(n, room, lam_re, lam_im, X, spare, pivots)
+    column = 0
+    for j in range(n):
+        if set_of[j % 4] != which:
+            continue
+        row = 0
+        for i in range(n):
+            if set_of[i % 4] == which:
+                e[<size_t>column * h + row] = E[<size_t>j * n + i]
+                f[<size_t>column * h + row] = F[<size_t>j * n + i]
+                row += 1
+        column += 1
     product(b"N", b"N", h, h, h, 1.0, f, h, e, h, 0.0, a, h)
     info = eigenproblem(h, a, lam_re, lam_im, x, spare, pivots)
-    memset(X, 0, sizeof(double) * h * n)
+    memset(X, 0, sizeof(double) * <size_t>h * n)
     for j in range(h):
-        for i in range(h):
-            X[j * n + 4 * (i // 2) + 2 * half + i % 2] = x[j * h + i]
+        row = 0
+        for i in range(n):
+            if set_of[i % 4] == which:
+                X[<size_t>j * n + i] = x[<size_t>j * h + row]
+                row += 1
     return info
 
 
@@ -700,7 +746,7 @@ cdef void exact_conservation(int n, double albedo, const double* directions, con
         e[i * n + axis] = row[i]
 
 
-cdef void polish_smallest(int n, double albedo, const double* directions, const double* weights, const double* v,
+cdef void polish_smallest(int n, int together, double albedo, const double* directions, const double* weights, const double* v,
                           const double* e, const double* f_lu, const int* f_pivots, double* lam_re, double* lam_im,
                           double* X, double* work, double* spare, int* pivots) noexcept nogil:
     """The diffusion mode, whose small lambda is else known only to 1e-16 of the largest: at omega = 1 the null vector
@@ -712,9 +758,9 @@ cdef void polish_smallest(int n, double albedo, const double* directions, const 
     cdef double* column = row + inner            # e''^-1 row, e is symmetric there
     cdef double* part = column + inner
     cdef double* x
-    for j in range(n // 2):     # of (I, Q)
-        if lam_im[j] == 0.0 and lam_re[j] < smallest:
-            best, smallest = j, lam_re[j]
+    for j in range(together):     # those that have I
+        if lam_im[j] == 0.0 and fabs(lam_re[j]) < smallest:
+            best, smallest = j, fabs(lam_re[j])
     if best < 0:
         return
     x = X + best * n

@@ -34,21 +34,29 @@ def layer_paths(problem: Problem, mu: Array) -> Array:
     rate = 1.0 / np.abs(mu)
     result = np.zeros((problem.albedo.size, problem.level.size, problem.mu0.size, mu.size))
     for t, (level, at) in enumerate(zip(problem.level, problem.level_layer, strict=True)):
-        tau = problem.above[at] + level
         for k, (top, thickness) in enumerate(zip(problem.above, problem.thickness, strict=True)):
-            bottom = top + thickness
             if k >= at:  # light going up comes from below tau
-                start = tau if k == at else top
-                length = bottom - start
+                start, length = (top + level, thickness - level) if k == at else (top, thickness)
                 both = rate_in + rate
-                up = np.exp(-start * rate_in - (start - tau) * rate) * -np.expm1(-length * both) * rate / both
+                way = distance(problem, t, k)
+                up = np.exp(-start * rate_in - way * rate) * -np.expm1(-length * both) * rate / both
                 result[k, t] += np.where(mu > 0.0, up, 0.0)
             if k <= at:
                 length = level if k == at else thickness
                 down = length * rate * exp_difference(-length * rate_in, -length * rate)
-                down *= np.exp(-top * rate_in - (tau - top - length) * rate)
+                down *= np.exp(-top * rate_in - distance(problem, t, k) * rate)
                 result[k, t] += np.where(mu < 0.0, down, 0.0)
     return result
+
+
+def distance(problem: Problem, t: int, k: int) -> float:
+    """Optical depth between level t and the nearer face of layer k, exactly 0 where they touch; 0 inside the layer."""
+    at, level = problem.level_layer[t], problem.level[t]
+    if k == at:
+        return 0.0
+    if k > at:
+        return float(problem.above[k] - problem.above[at + 1] + (problem.thickness[at] - level))
+    return float(problem.above[at] - problem.above[k + 1] + level)
 
 
 def phase_matrices_of_layers(layers: tuple[Layer, ...], mu0: Array, mu: Array, phi: Array, run: Run) -> list[Array]:
@@ -76,7 +84,8 @@ def base_reflected(base: Lambertian | MuellerBase | None, problem: Problem, mu: 
         f[..., 0, 0] = base.albedo / np.pi
     else:
         f = base(mu_i, mu_o, phi)
-    tau = problem.above[problem.level_layer] + problem.level
-    left = (total - tau)[:, None, None] / np.abs(mu)
+    at = problem.level_layer
+    below = np.append(problem.above, total)[at + 1]
+    left = (total - below + (problem.thickness[at] - problem.level))[:, None, None] / np.abs(mu)
     fade = np.where(up, np.exp(-total / problem.mu0[:, None] - left) * problem.mu0[:, None], 0.0)
     return fade[..., None, None, None] * f
