@@ -346,10 +346,10 @@ def centres(balls: list) -> np.ndarray:
 
 def mueller_lobe_orders(width_deg: float, amplitude: float, matrix: np.ndarray) -> Lobe:
     """Orders of amplitude exp(-(1 - c)/width^2) M: 2 pi e^-x I_m(x) in the cosine blocks; M has no sine blocks."""
-    kappa = 1 / (exact(math.radians(width_deg)) ** 2)
     constant = arb_mat([[exact(value) for value in row] for row in matrix])
 
     def orders(m: int, mu_in: arb, mu_out: arb) -> arb_mat:
+        kappa = 1 / exact(math.radians(width_deg)) ** 2  # here, with the bits of the answer
         sines = ((1 - mu_in**2) * (1 - mu_out**2)).sqrt()
         x = kappa * sines
         # the scaled function carries e^-x

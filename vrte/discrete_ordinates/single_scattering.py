@@ -1,5 +1,7 @@
 """Singly scattered light, and light reflected once by the base, in closed form over all Fourier orders."""
 
+import math
+
 import numpy as np
 
 from vrte import _core
@@ -50,13 +52,16 @@ def layer_paths(problem: Problem, mu: Array) -> Array:
 
 
 def distance(problem: Problem, t: int, k: int) -> float:
-    """Optical depth between level t and the nearer face of layer k, exactly 0 where they touch; 0 inside the layer."""
+    """Optical depth between level t and the nearer face of layer k (number of layers: of the base); 0 inside the layer.
+
+    A sum of thicknesses, never a difference of depths: along a cosine of 1e-8 its last place would be seen.
+    """
     at, level = problem.level_layer[t], problem.level[t]
     if k == at:
         return 0.0
     if k > at:
-        return float(problem.above[k] - problem.above[at + 1] + (problem.thickness[at] - level))
-    return float(problem.above[at] - problem.above[k + 1] + level)
+        return float(problem.thickness[at] - level) + math.fsum(problem.thickness[at + 1 : k])
+    return float(level) + math.fsum(problem.thickness[k + 1 : at])
 
 
 def phase_matrices_of_layers(layers: tuple[Layer, ...], mu0: Array, mu: Array, phi: Array, run: Run) -> list[Array]:
@@ -84,8 +89,7 @@ def base_reflected(base: Lambertian | MuellerBase | None, problem: Problem, mu: 
         f[..., 0, 0] = base.albedo / np.pi
     else:
         f = base(mu_i, mu_o, phi)
-    at = problem.level_layer
-    below = np.append(problem.above, total)[at + 1]
-    left = (total - below + (problem.thickness[at] - problem.level))[:, None, None] / np.abs(mu)
+    left = np.array([distance(problem, t, problem.albedo.size) for t in range(problem.level.size)])
+    left = left[:, None, None] / np.abs(mu)
     fade = np.where(up, np.exp(-total / problem.mu0[:, None] - left) * problem.mu0[:, None], 0.0)
     return fade[..., None, None, None] * f

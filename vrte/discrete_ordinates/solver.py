@@ -277,7 +277,8 @@ def compare_routes(
     """All orders once more by the other route: the largest difference of the field and of the fluxes.
 
     Both relative, depth by depth, to the largest there, ``size`` (n_tau,) for the field; None where nothing could be
-    compared, because one of the routes alone vouches for every order. Raises AccuracyError where the other route finds no answer either.
+    compared, because one of the routes alone vouches for every order. Raises AccuracyError where the other route finds
+    no answer either.
     """
     other, other_repeated = solve_orders(scene, problem, orders, OTHER[name], run)
     both = ~np.isin(orders, repeated + other_repeated)
