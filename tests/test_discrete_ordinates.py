@@ -147,7 +147,7 @@ def coherency_eigenvalues(mueller: np.ndarray) -> np.ndarray:
 
 
 @BOTH
-@pytest.mark.parametrize("thickness", [1e-10, 1e-6, 1.0, 100.0, 1e4, 1e6])
+@pytest.mark.parametrize("thickness", [1e-10, 1.0, 1e4, 1e6])
 @pytest.mark.parametrize("base", [None, vrte.Lambertian(1.0)])
 def test_energy_is_conserved(thickness: float, base: vrte.Lambertian | None, algorithm: str) -> None:
     levels = [0.0, thickness / 3, thickness]
