@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import vrte
 from vrte import cli
+from vrte.formats.scene_file import read_scene
 
 QUICK, FULL = {"calls": 100, "parts": 80, "files": 60}, {"calls": 1000, "parts": 800, "files": 600}
 PATIENCE = 10.0  # seconds an example may take
@@ -329,3 +330,56 @@ def test_a_flag_is_true_or_false(value: Any) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
     with pytest.raises(vrte.SceneError, match="transmission must be True or False"):
         vrte.brdf(scene, 0.5, 0.5, nodes=2, transmission=value)
+
+
+def spoiling(mu_i: Any, mu_o: Any, phi_deg: Any) -> Any:
+    """A Lambertian base whose function overwrites the arrays it is given."""
+    f = np.zeros((*np.broadcast_shapes(mu_i.shape, mu_o.shape, phi_deg.shape), 4, 4))
+    f[..., 0, 0] = 0.3 / np.pi
+    for values in (mu_i, mu_o, phi_deg):
+        values[...] = np.nan
+    return f
+
+
+def test_a_base_may_overwrite_what_it_is_given() -> None:
+    layer = vrte.Layer(vrte.rayleigh(), 0.9, 0.5)
+    request: dict[str, Any] = {"mu_i": 0.5, "mu_o": [0.5, 1.0], "phi": [0.0, 90.0], "nodes": 4, "threads": 1}
+    found = vrte.brdf(vrte.Scene([layer], vrte.MuellerBase(spoiling)), **request)
+    expected = vrte.brdf(vrte.Scene([layer], vrte.Lambertian(0.3)), **request)
+    np.testing.assert_allclose(found.mueller, expected.mueller, atol=1e-13)
+
+
+PLAIN = vrte.Layer(vrte.isotropic(), 0.5, 1.0)
+SCENE = vrte.Scene(PLAIN)
+ANSWERS: list[tuple[Callable[[], Any], str]] = [
+    (lambda: vrte.Layer(vrte.isotropic(), True, 1.0), "layer: albedo"),
+    (lambda: vrte.Layer(vrte.isotropic(), "0.5", 1.0), "layer: albedo"),
+    (lambda: vrte.Layer(vrte.isotropic(), 0.5, 1e13), "layer: thickness"),
+    (lambda: vrte.Scene([PLAIN] * 10_001), "layers"),
+    (lambda: vrte.brdf(SCENE, 0.5, np.array([0.5 + 1e-3j]), 0.0, nodes=2), "mu_o"),
+    (lambda: vrte.brdf(SCENE, 0.5, np.ma.masked_array([0.5, 0.6], [0, 1]), 0.0, nodes=2), "mu_o"),
+    (lambda: vrte.brdf(SCENE, 0.5, np.broadcast_to(0.5, 10**12), 0.0, nodes=2), "mu_o"),
+    (lambda: vrte.radiance(SCENE, 0.5, (1e200, 0, 0, 0), 0.5, 0.0, 0.0, nodes=2), "stokes"),
+    (lambda: vrte.spheres(1e-5, radius_um=0.1, wavelength_um=0.5), "index"),
+    (lambda: vrte.spheres(1.5, radius_um=0.1, wavelength_um="0.5"), "wavelength_um"),
+    (lambda: vrte.henyey_greenstein(1 - 1e-9, 50), "at most"),
+    (lambda: cli_scene('"a\\nb" = 1'), "a\\nb"),
+    (lambda: cli_scene("a" + ".a" * 5000 + " = 1"), "30 parts"),
+    (lambda: cli_scene("nodes = " + "9" * 5000), "4000 digits"),
+]
+
+
+def cli_scene(text: str) -> Any:
+    """A scene file of one line, read."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "scene.toml")
+        path.write_text(text)
+        return read_scene(path)
+
+
+@pytest.mark.parametrize(("call", "named"), ANSWERS)
+def test_refused_by_name(call: Callable[[], Any], named: str) -> None:
+    with pytest.raises(vrte.SceneError) as told:
+        call()
+    assert named in str(told.value)
+    assert str(told.value).isprintable()

@@ -1,5 +1,8 @@
 """Small checks shared by everything that takes numbers from a user."""
 
+import itertools
+import math
+from collections.abc import Iterable, Sized
 from typing import Any
 
 import numpy as np
@@ -9,6 +12,9 @@ from vrte.errors import SceneError
 
 Array = NDArray[np.float64]
 
+MOST_NUMBERS = 100_000_000  # of one argument: beyond, to look at them all would take all the memory
+SHOWN = 80  # characters of a value in an error message
+
 
 def frozen(values: Any) -> Array:
     """A read-only float64 copy, contiguous."""
@@ -17,12 +23,20 @@ def frozen(values: Any) -> Array:
     return array
 
 
-def vector(name: str, values: Any) -> Array:
-    """A read-only, finite 1-D array; a scalar becomes one of length 1."""
+def numbers(name: str, values: Any) -> Array:
+    """Real numbers of any shape as float64; text, dates, complex numbers and truth values are none."""
+    count = values.size if isinstance(values, np.ndarray) else length(values)
+    if count > MOST_NUMBERS:
+        raise SceneError(f"{name} must be at most {MOST_NUMBERS} numbers, not {count}")
     try:
-        array = frozen(np.atleast_1d(np.asarray(values, dtype=np.float64)))
+        return _real(values)
     except Exception:  # whatever a foreign object raises when it is asked for numbers
         raise SceneError(f"{name} must be real numbers, not {shown(values)}") from None
+
+
+def vector(name: str, values: Any) -> Array:
+    """A read-only, finite 1-D array; a scalar becomes one of length 1."""
+    array = frozen(np.atleast_1d(numbers(name, values)))
     if array.ndim != 1 or array.size == 0:
         raise SceneError(f"{name} must be a number or a non-empty 1-D list, not of shape {array.shape}")
     if not np.all(np.isfinite(array)):
@@ -33,9 +47,7 @@ def vector(name: str, values: Any) -> Array:
 def number(name: str, value: Any, low: float, high: float, allowed: str) -> float:
     """A float within [low, high]; `allowed` says in words what the range is."""
     try:
-        if isinstance(value, (str, bytes)):
-            raise TypeError
-        result = float(value)
+        result = real(value)
     except Exception:  # whatever a foreign object raises when it is asked for a number
         raise SceneError(f"{name} must be a number ({allowed}), not {shown(value)}") from None
     if not low <= result <= high:  # also refuses NaN
@@ -46,13 +58,12 @@ def number(name: str, value: Any, low: float, high: float, allowed: str) -> floa
 def whole(name: str, value: Any, low: int, high: int) -> int:
     """An integer within [low, high]."""
     try:
-        result = int(value)
-        exact = bool(result == value) and not isinstance(value, (bool, str, bytes))
+        result = real(value)
     except Exception:
-        exact = False
-    if not exact or not low <= result <= high:
+        result = math.nan
+    if not (low <= result <= high and result.is_integer()):
         raise SceneError(f"{name} must be a whole number from {low} to {high}, not {shown(value)}")
-    return result
+    return int(result)
 
 
 def flag(name: str, value: Any) -> bool:
@@ -62,9 +73,79 @@ def flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def listed(name: str, values: Iterable[Any], most: int) -> list[Any]:
+    """The items of whatever can be iterated, at most ``most``: an iterator may have no end."""
+    try:
+        found = list(itertools.islice(values, most + 1))
+    except Exception:
+        raise SceneError(f"{name} must be a list, not {shown(values)}") from None
+    if len(found) > most:
+        raise SceneError(f"{name} must be a list of at most {most}, not of more")
+    return found
+
+
+def real(value: Any) -> float:
+    """One real number as a float, NaN for a whole number that no float can hold; else raises, TypeError or another.
+
+    >>> real(np.float32(0.5)), real(10**400)
+    (0.5, nan)
+    >>> real("0.5")
+    Traceback (most recent call last):
+    TypeError: not a real number
+    """
+    if type(value) is float:
+        return value
+    array = _real(value)
+    if array.ndim:
+        raise TypeError("not one number")
+    result = float(array)
+    return math.nan if math.isinf(result) and isinstance(value, int) else result
+
+
+def _real(values: Any) -> Array:
+    """Conversion without a cast that loses something: numpy's own takes text and drops imaginary parts and masks."""
+    given = np.asarray(values)
+    if given.dtype.kind == "O":
+        return np.array([_real_object(item) for item in given.flat], dtype=np.float64).reshape(given.shape)
+    if given.dtype.kind not in "iuf" or np.ma.is_masked(values):
+        raise TypeError("not a real number")
+    with np.errstate(over="ignore"):  # a long double beyond the range becomes inf
+        return given.astype(np.float64)
+
+
+def _real_object(value: Any) -> float:
+    """A number that numpy has no type for: a fraction, a decimal, a large integer."""
+    if isinstance(value, np.generic):
+        return float(_real(value))
+    if isinstance(value, (str, bytes, bytearray, bool, complex, np.ndarray)):
+        raise TypeError("not a real number")
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def length(value: Any) -> int:
+    """Number of items, 1 for what has none or does not tell."""
+    try:
+        return len(value) if isinstance(value, Sized) else 1
+    except Exception:
+        return 1
+
+
 def shown(value: Any) -> str:
     """A value in an error message: one line, not too long, whatever it is."""
     try:
-        return " ".join(repr(value).split())[:80]
+        return in_one_line(repr(value))
     except Exception:
-        return f"a {type(value).__name__}"
+        return f"an object of type {type(value).__name__}"
+
+
+def in_one_line(text: str, most: int = SHOWN) -> str:
+    """A text without line breaks and control characters, cut after ``most`` characters.
+
+    >>> in_one_line("two\\n lines\\x1b[2J"), in_one_line(100 * "x", 10)
+    ('two lines?[2J', 'xxxxxxx...')
+    """
+    line = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))
+    return line if len(line) <= most else f"{line[: most - 3]}..."

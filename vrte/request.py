@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, flag, shown, vector, whole
+from vrte.arrays import Array, flag, numbers, shown, vector, whole
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.solver import Options
 from vrte.errors import SceneError
@@ -12,6 +12,7 @@ from vrte.scene import Scene
 
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
+LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
 
 
 def check_scene(scene: Any) -> Scene:
@@ -33,22 +34,22 @@ def cosines(name: str, values: Any, signed: bool = False) -> Array:
 
 
 def stokes_vector(values: Any) -> Array:
-    """Four finite numbers."""
+    """Four numbers of any sensible unit."""
     array = vector("stokes", values)
     if array.shape != (4,):
         raise SceneError(f"stokes must be four numbers I, Q, U, V, not {array.size}")
+    largest = np.abs(array).max()
+    if largest > LARGEST_STOKES:
+        raise SceneError(f"stokes must be four numbers of at most {LARGEST_STOKES:g} in size, not {largest:g}")
     return array
 
 
 def depths(values: Any, scene: Scene) -> Array:
     """Optical depths from 0 to the scene's total."""
-    try:
-        numbers = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    except Exception:
-        numbers = vector("tau", values)
-    if np.isinf(numbers).any():
+    given = numbers("tau", values)
+    if np.isinf(given).any():
         raise SceneError("tau must be finite, also inside a layer without end")
-    array = vector("tau", numbers)
+    array = vector("tau", given)
     total = scene.thickness
     bad = (array < 0.0) | (array > total)
     if bad.any():

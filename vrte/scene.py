@@ -9,12 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, number
+from vrte.arrays import Array, in_one_line, listed, number, numbers
 from vrte.errors import SceneError
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.optics.spheres import Particles
 
 INDEPENDENT_UP_TO = 0.1  # volume fraction
+LARGEST_THICKNESS = 1e12  # of a layer that ends; beyond, one without end is meant
+LARGEST_BASE = 1e100  # of an element of a base's Mueller matrix [1/sr]
+MOST_LAYERS = 10_000
 
 
 class IndependentScatteringWarning(UserWarning):
@@ -40,8 +43,8 @@ class Layer:
         if not isinstance(self.phase_matrix, PhaseMatrix):
             raise SceneError(f"layer: phase_matrix must be a vrte.PhaseMatrix, not {type(self.phase_matrix).__name__}")
         object.__setattr__(self, "albedo", number("layer: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
-        thickness = number("layer: thickness", self.thickness, 0.0, math.inf, "an optical thickness >= 0, or inf")
-        object.__setattr__(self, "thickness", thickness)
+        allowed = f"an optical thickness >= 0, at most {LARGEST_THICKNESS:g} or inf"
+        object.__setattr__(self, "thickness", _extent("layer: thickness", self.thickness, allowed))
 
     @staticmethod
     def of(
@@ -71,9 +74,16 @@ class Layer:
         return Layer(particles.phase_matrix, particles.albedo, thickness)
 
 
+def _extent(name: str, value: Any, allowed: str) -> float:
+    """From 0 to LARGEST_THICKNESS, or infinite."""
+    extent = number(name, value, 0.0, math.inf, allowed)
+    return extent if math.isinf(extent) else number(name, value, 0.0, LARGEST_THICKNESS, allowed)
+
+
 def _optical_thickness(particles: Particles, thickness_um: Any, volume_fraction: Any) -> float:
     """Extinction cross section times number density (volume fraction over particle volume) times length."""
-    length = number("layer: thickness_um", thickness_um, 0.0, math.inf, "a length in micrometres >= 0")
+    allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
+    length = _extent("layer: thickness_um", thickness_um, allowed)
     fraction = number("layer: volume_fraction", volume_fraction, 5e-324, 1.0 - 2.0**-53, "above 0 and below 1")
     if fraction > INDEPENDENT_UP_TO:
         warnings.warn(
@@ -133,18 +143,14 @@ class MuellerBase:
 
     def __call__(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """f on the broadcast shape of the arguments, checked: (..., 4, 4), 1/sr."""
-        directions = [np.asarray(values, dtype=np.float64) for values in (mu_i, mu_o, phi_deg)]
-        shape = np.broadcast_shapes(*(values.shape for values in directions))
+        named = {"mu_i": mu_i, "mu_o": mu_o, "phi_deg": phi_deg}
+        directions = [numbers(f"base: {name}", values) for name, values in named.items()]
         try:
-            given = np.asarray(self.function(*directions))
-        except Exception as reason:
-            raise SceneError(
-                f"base: the function, called with arrays that broadcast to {shape}, failed with "
-                f"{type(reason).__name__}: {reason}"
-            ) from reason
-        if given.dtype.kind not in "fiu":
-            raise SceneError(f"base: the function must return real numbers, not {given.dtype}")
-        values = given.astype(np.float64)
+            shape = np.broadcast_shapes(*(values.shape for values in directions))
+        except ValueError:
+            shapes = ", ".join(str(values.shape) for values in directions)
+            raise SceneError(f"base: mu_i, mu_o and phi_deg must broadcast, not be of the shapes {shapes}") from None
+        values = numbers("base: what the function returns", self._called(directions, shape))
         try:
             values = np.broadcast_to(values, (*shape, 4, 4))
         except ValueError:
@@ -154,16 +160,30 @@ class MuellerBase:
             ) from None
         if not np.isfinite(values).all():
             raise SceneError("base: the function must return finite values; NaN or inf was found")
+        if np.abs(values).max(initial=0.0) > LARGEST_BASE:
+            raise SceneError(f"base: the function must return values of at most {LARGEST_BASE:g} in size")
         if (values[..., 0, 0] < 0.0).any():
             raise SceneError(f"base: f_00 must be >= 0, not {values[..., 0, 0].min():.3g}")
         return values
+
+    def _called(self, directions: list[Array], shape: tuple[int, ...]) -> Any:
+        """What the function makes of copies, which it may change as it likes."""
+        try:
+            return self.function(*(values.copy() for values in directions))
+        except Exception as reason:
+            raise SceneError(
+                f"base: the function, called with arrays that broadcast to {shape}, failed with "
+                f"{in_one_line(f'{type(reason).__name__}: {reason}', 200)}"
+            ) from reason
 
     def __reduce__(self) -> tuple[Any, ...]:
         try:
             pickle.dumps(self.function)
         except Exception as reason:
             name = getattr(self.function, "__qualname__", repr(self.function))
-            raise SceneError(f"base: the MuellerBase function {name} cannot be pickled: {reason}") from reason
+            raise SceneError(
+                f"base: the MuellerBase function {name} cannot be pickled: {in_one_line(str(reason), 200)}"
+            ) from reason
         return (MuellerBase, (self.function,))
 
 
@@ -182,10 +202,8 @@ class Scene:
     base: Lambertian | MuellerBase | None = None
 
     def __post_init__(self) -> None:
-        try:
-            layers = (self.layers,) if isinstance(self.layers, Layer) else tuple(self.layers)
-        except TypeError:
-            raise SceneError(f"layers must be a list of vrte.Layer, not {type(self.layers).__name__}") from None
+        given = (self.layers,) if isinstance(self.layers, Layer) else self.layers
+        layers = tuple(listed("layers", given, MOST_LAYERS))
         object.__setattr__(self, "layers", layers)
         if not layers:
             raise SceneError("a scene needs at least one layer, not an empty list")

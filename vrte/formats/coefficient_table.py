@@ -5,9 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from vrte.arrays import in_one_line
 from vrte.errors import SceneError
-from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.formats.text_file import read_text
+from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
 
+LARGEST_FILE = 100_000_000  # bytes
 COLUMNS = ["l", "a1", "a2", "a3", "a4", "b1", "b2"]
 
 
@@ -20,13 +23,14 @@ def read_coefficients(path: str | os.PathLike[str]) -> PhaseMatrix:
     >>> read_coefficients("rayleigh.csv").terms
     3
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise SceneError("the file is not text in UTF-8") from error
+    if Path(path).exists() and not Path(path).is_file():
+        raise SceneError("it is no file")  # a device or a pipe may have no end
+    text = read_text(path, LARGEST_FILE)
     lines = [(place, line) for place, line in enumerate(text.splitlines(), 1) if _counts(line)]
     if not lines or [name.strip() for name in lines[0][1].split(",")] != COLUMNS:
         raise SceneError(f"the first line must be {','.join(COLUMNS)}")
+    if len(lines) > MOST_TERMS + 1:
+        raise SceneError(f"the table must have at most {MOST_TERMS} rows, not {len(lines) - 1}")
     rows = [_row(place, line, degree) for degree, (place, line) in enumerate(lines[1:])]
     if not rows:
         raise SceneError("the table has no rows")
@@ -42,7 +46,8 @@ def _row(place: int, line: str, degree: int) -> list[float]:
     try:
         values = [float(item) for item in line.split(",")]
     except ValueError:
-        raise SceneError(f"line {place}: {line.strip()!r:.60} holds something that is not a number") from None
+        given = in_one_line(repr(line.strip()), 60)
+        raise SceneError(f"line {place}: {given} holds something that is not a number") from None
     if len(values) != len(COLUMNS):
         raise SceneError(f"line {place}: {len(COLUMNS)} numbers are needed, not {len(values)}")
     if values[0] != degree:

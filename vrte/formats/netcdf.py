@@ -4,10 +4,12 @@ import json
 import os
 from typing import TYPE_CHECKING, Any
 
+from vrte.arrays import in_one_line
 from vrte.brdf import Brdf
 from vrte.errors import MissingExtraError, SceneError
 from vrte.field import Field
 from vrte.formats.atomic import atomic_write
+from vrte.formats.text_file import file_name
 
 if TYPE_CHECKING:
     import xarray
@@ -109,16 +111,22 @@ def load(path: str | os.PathLike[str]) -> Brdf | Field:
     """
     xarray = _xarray()
     _require_h5netcdf()
-    if not os.path.isfile(path):
-        raise FileNotFoundError(f"no such file: {os.fspath(path)}")
+    name = file_name(path)
+    if not os.path.isfile(name):
+        raise FileNotFoundError(f"no such file: {name}")
     try:
-        dataset = xarray.load_dataset(path, engine="h5netcdf", mask_and_scale=False)
-    except (OSError, ValueError) as error:
-        raise SceneError(f"{os.fspath(path)} is not a NetCDF file: {error}") from error
+        dataset = xarray.load_dataset(name, engine="h5netcdf", mask_and_scale=False)
+    except Exception as error:  # whatever four libraries below make of bytes that mean nothing
+        raise SceneError(f"{name} is not a NetCDF file: {_reason(error)}") from error
     try:
         return _from_xarray(dataset)
-    except (KeyError, TypeError, ValueError) as error:
-        raise SceneError(f"{os.fspath(path)} holds no BRDF or field written by vrte: {error}") from error
+    except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise SceneError(f"{name} holds no BRDF or field written by vrte: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """What another library says, in one line and not too long."""
+    return in_one_line(f"{type(error).__name__}: {error}", 200)
 
 
 def _from_xarray(dataset: "xarray.Dataset") -> Brdf | Field:
@@ -148,8 +156,15 @@ def _attributes(result: Brdf | Field) -> dict[str, str]:
         "title": f"Polarized {kind} of a particulate layer",
         "source": f"vrte {__version__}",
         "comment": CONVENTIONS,
-        "diagnostics": json.dumps(result.diagnostics),
+        "diagnostics": _as_json(result.diagnostics),
     }
+
+
+def _as_json(diagnostics: dict[str, Any]) -> str:
+    try:
+        return json.dumps(diagnostics)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise SceneError(f"diagnostics must be what JSON can hold: {_reason(error)}") from error
 
 
 def _xarray() -> Any:

@@ -6,23 +6,28 @@ would silently leave its default in place. Tables of coefficients are looked for
 
 import math
 import os
+import re
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from vrte.arrays import in_one_line
 from vrte.errors import SceneError
 from vrte.formats.coefficient_table import read_coefficients
-from vrte.formats.toml_table import Table, is_number, located, nearest, relocated, shown
-from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, rayleigh
+from vrte.formats.text_file import read_text
+from vrte.formats.toml_table import Table, is_number, located, nearest, relocated, shortened, shown, shown_key
+from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.request import MOST_NODES
-from vrte.scene import Lambertian, Layer, Scene
+from vrte.scene import MOST_LAYERS, Lambertian, Layer, Scene
 
 DEFAULT_NODES = 40
-MOST_TERMS = 1_000_000
+LARGEST_FILE = 10_000_000  # bytes
+# a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
+LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 KINDS = ("brdf", "field")
 FILE_KEYS = ("wavelength_um", "host_index", "nodes", "particles", "layer", "base", *KINDS)
 PARTICLE_KEYS = ("index", "radius_um", "size")
@@ -82,7 +87,7 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None) -> SceneFi
     >>> read_scene("gold_powder.toml").kind
     'brdf'
     """
-    file = Table("", _toml(Path(path)), FILE_KEYS)
+    file = Table("", _toml(read_text(path, LARGEST_FILE)), FILE_KEYS)
     kind = _kind(file, kind)
     request = _request(file, kind)
     nodes = file.whole("nodes", 1, MOST_NODES) if "nodes" in file else DEFAULT_NODES
@@ -90,13 +95,16 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None) -> SceneFi
     return SceneFile(_scene(file, particles, Path(path).parent), kind, request, nodes, particles.computed)
 
 
-def _toml(path: Path) -> dict[str, Any]:
+def _toml(text: str) -> dict[str, Any]:
+    long_key = LONG_KEY.search(text)
+    if long_key:
+        raise SceneError(f"not a scene: a key of more than 30 parts, {shown(long_key[0])}")
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
-    except UnicodeDecodeError as error:
-        raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"not valid TOML: {error}") from error
+        raise SceneError(f"not valid TOML: {in_one_line(str(error), 200)}") from error
+    except ValueError as error:
+        raise SceneError("not valid TOML: a whole number of more than 4000 digits") from error
     except RecursionError as error:
         raise SceneError("not a scene: tables or lists nested too deeply") from error
 
@@ -153,6 +161,8 @@ def _layer_tables(file: Table) -> list[Table]:
     layers = file.required("layer", "at least one table [[layer]], top first")
     if not isinstance(layers, list) or not layers or not all(isinstance(layer, dict) for layer in layers):
         raise file.wrong("layer", "must be tables headed [[layer]], top first")
+    if len(layers) > MOST_LAYERS:
+        raise SceneError(f"layer: there must be at most {MOST_LAYERS} of them, not {len(layers)}")
     return [Table(f"layer[{place}]", layer, LAYER_KEYS) for place, layer in enumerate(layers, 1)]
 
 
@@ -161,11 +171,12 @@ def _particle_tables(file: Table) -> dict[str, Table]:
     content = file.content.get("particles", {})
     if not isinstance(content, dict) or not all(isinstance(kind, dict) for kind in content.values()):
         raise file.wrong("particles", "must be tables headed [particles.NAME]")
-    tables = {name: Table(f"particles.{name}", kind, PARTICLE_KEYS) for name, kind in content.items()}
+    tables = {name: Table(f"particles.{shown_key(name)}", kind, PARTICLE_KEYS) for name, kind in content.items()}
     for table in tables.values():
         table.required("index", INDEX)
         if ("radius_um" in table) == ("size" in table):
             raise SceneError(f"{table.name}: exactly one of radius_um and size is needed")
+        _index(table), _size(table)  # checked also where no layer asks for them
     return tables
 
 
@@ -217,8 +228,9 @@ def _fractions(layer: Table, kinds: dict[str, Table]) -> list[tuple[str, float]]
 
 def _known(layer: Table, name: str, kinds: dict[str, Table]) -> None:
     if name not in kinds:
-        defined = ", ".join(kinds) or "none"
-        raise layer.wrong("particles", f"no table [particles.{name}]{nearest(name, kinds)} Defined: {defined}")
+        defined = shortened(", ".join(map(shown_key, kinds)) or "none", 200)
+        hint = nearest(name, kinds) or "."
+        raise layer.wrong("particles", f"no table [particles.{shown_key(name)}]{hint} Defined: {defined}")
 
 
 class _Particles:
@@ -308,6 +320,8 @@ def _parametric_phase(table: Table) -> PhaseMatrix:
         raise SceneError(f"{table.name} = {shown(table.content)}: must be {PHASES}")
     value = table.number(names[0])
     terms = table.whole("terms", 1, MOST_TERMS) if "terms" in table else henyey_greenstein_terms(value)
+    if abs(value) < 1.0 and terms > MOST_TERMS:
+        raise table.wrong(names[0], f"it takes {terms} terms, and at most {MOST_TERMS} are allowed")
     with located(table.dotted(names[0])):
         return rayleigh(value) if "rayleigh" in table else henyey_greenstein(value, terms)
 

@@ -1,7 +1,10 @@
 """A table of a TOML file that knows its own dotted key, so that every complaint can name one."""
 
 import difflib
+import itertools
+import json
 import math
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +16,7 @@ from vrte.errors import SceneError
 
 LARGEST_COUNT = 1_000_000
 RANGE_KEYS = ("start", "stop", "count")
+SHOWN, SHOWN_KEY, SHOWN_DEPTH = 80, 60, 8  # characters of a value and of a key in a complaint, tables in tables
 NUMBERS = "a number, a list of numbers or { start, stop, count }"
 
 
@@ -22,8 +26,17 @@ def nearest(word: str, choices: Iterable[str]) -> str:
     >>> nearest("thicknes", ["thickness", "albedo"])
     "; did you mean 'thickness'?"
     """
-    found = difflib.get_close_matches(word, list(choices), n=1)
-    return f"; did you mean {found[0]!r}?" if found else ""
+    found = difflib.get_close_matches(word[:SHOWN], list(choices), n=1)
+    return f"; did you mean {shortened(found[0], SHOWN)!r}?" if found else ""
+
+
+def shortened(text: str, most: int) -> str:
+    """The text, or its beginning and three dots.
+
+    >>> shortened("thickness", 8)
+    'thick...'
+    """
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def shown(value: Any) -> str:
@@ -32,16 +45,38 @@ def shown(value: Any) -> str:
     >>> print(shown("gold"), shown([1, True]), shown({"gold": 0.5}))
     "gold" [1, true] { gold = 0.5 }
     """
-    text = _toml_text(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
+    return shortened(_toml_text(value, SHOWN_DEPTH), SHOWN)
 
 
-def _toml_text(value: Any) -> str:
+def shown_key(key: str) -> str:
+    """A key as TOML writes it, in one short piece.
+
+    >>> print(shown_key("gold"), shown_key("fool's gold"))
+    gold "fool's gold"
+    """
+    return shortened(key if re.fullmatch("[A-Za-z0-9_-]+", key) else _quoted(key), SHOWN_KEY)
+
+
+def _toml_text(value: Any, depth: int) -> str:
+    """No more of the value than can be shown, and no deeper than ``depth``."""
+    if isinstance(value, (dict, list)) and not depth:
+        return "..."
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_toml_text(item)}' for key, item in value.items())} }}"
+        pairs = itertools.islice(value.items(), SHOWN)
+        return f"{{ {', '.join(f'{shown_key(key)} = {_toml_text(item, depth - 1)}' for key, item in pairs)} }}"
     if isinstance(value, list):
-        return f"[{', '.join(map(_toml_text, value))}]"
-    return str(value).lower() if isinstance(value, bool) else f'"{value}"' if isinstance(value, str) else f"{value}"
+        return f"[{', '.join(_toml_text(item, depth - 1) for item in value[:SHOWN])}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and value.bit_length() > 10_000:
+        return hex(value)  # Python refuses to write thousands of decimals
+    return _quoted(value) if isinstance(value, str) else f"{value}"
+
+
+def _quoted(text: str) -> str:
+    """A string between quotes, line breaks and control characters escaped."""
+    start = json.dumps(text[: SHOWN + 1], ensure_ascii=False)
+    return "".join(sign if sign.isprintable() else f"\\u{ord(sign):04x}" for sign in start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +105,7 @@ class Table:
 
     def dotted(self, key: str) -> str:
         """The full name of a key of this table."""
-        return f"{self.name}.{key}" if self.name else key
+        return f"{self.name}.{shown_key(key)}" if self.name else shown_key(key)
 
     def wrong(self, key: str, complaint: str) -> SceneError:
         """The error to raise: dotted key, value given, complaint."""
@@ -135,8 +170,8 @@ class Table:
         part = self.table(key, RANGE_KEYS)
         start, stop = (part.number(end, "a finite number") for end in RANGE_KEYS[:2])
         count = part.whole("count", 1, LARGEST_COUNT)
-        if not (math.isfinite(start) and math.isfinite(stop)):
-            raise self.wrong(key, "start and stop must be finite numbers")
+        if not math.isfinite(stop - start):
+            raise self.wrong(key, "start and stop must be finite numbers, and so must be their difference")
         if count == 1 and start != stop:
             raise part.wrong("count", "one value needs start = stop")
         return np.linspace(start, stop, count).tolist()

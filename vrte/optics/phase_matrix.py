@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, number, vector, whole
+from vrte.arrays import Array, frozen, length, listed, number, numbers, shown, vector, whole
 from vrte.errors import SceneError
 from vrte.optics.spherical_functions import wigner_functions
 
 CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)  # cosine ascending
+MOST_TERMS = 100_000  # more than any particle has that can be computed; as many take seconds to check
+MOST_KINDS = 10_000  # in a mixture
 LARGEST_COEFFICIENT = 1e9  # far above the 2 l + 1 of any particle, far below overflow
 NEGATIVE_ALLOWED = 1e-4  # of F11, for a coherency eigenvalue: tables rounded to a few digits pass
 ROUNDING = 1e-13  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
@@ -46,6 +48,9 @@ class PhaseMatrix:
 
     def __post_init__(self) -> None:
         given = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name, values in given.items():
+            if length(values) > MOST_TERMS:
+                raise SceneError(f"{name} must be at most {MOST_TERMS} coefficients, not {length(values)}")
         lists = {name: vector(name, [0.0] if value is None else value) for name, value in given.items()}
         scale = lists["a1"][0]
         if abs(scale - 1.0) > 1e-6:
@@ -87,7 +92,7 @@ class PhaseMatrix:
         >>> rayleigh().scattering_matrix(0.0).diagonal().tolist()
         [1.5, 1.5, 1.5, 1.5]
         """
-        angles = np.asarray(angle_deg, dtype=np.float64)
+        angles = numbers("angle_deg", angle_deg)
         if not np.isfinite(angles).all():
             raise SceneError("angle_deg must be finite scattering angles in degrees; NaN or inf was found")
         cosine = np.cos(np.radians(angles.ravel()))
@@ -184,13 +189,17 @@ def henyey_greenstein(g: float, terms: int) -> PhaseMatrix:
     0.5
     """
     value = number("g", g, -1.0 + 1e-12, 1.0 - 1e-12, "between -1 and 1, both excluded")
-    degrees = np.arange(whole("terms", terms, 1, 1_000_000))
+    degrees = np.arange(whole("terms", terms, 1, MOST_TERMS))
     try:
         return PhaseMatrix((2.0 * degrees + 1.0) * value**degrees)
     except SceneError:
+        enough = _henyey_greenstein_terms(value)
+        advice = (
+            f"{enough} are enough" if enough <= MOST_TERMS else f"{enough} would be, at most {MOST_TERMS} are allowed"
+        )
         raise SceneError(
-            f"henyey_greenstein: {terms} terms are too few for g = {value:g} (the phase function turns "
-            f"negative somewhere); {_henyey_greenstein_terms(value)} are enough"
+            f"henyey_greenstein: {degrees.size} terms are too few for g = {value!r} (the phase function turns "
+            f"negative somewhere); {advice}"
         ) from None
 
 
@@ -216,8 +225,9 @@ def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     """
     pairs = _checked_pairs(parts)
     weights = vector("the weights of a mixture", [weight for _, weight in pairs])
-    if (weights < 0.0).any() or weights.sum() == 0.0:
-        raise SceneError(f"the weights of a mixture must be >= 0 and not all zero, not {weights.tolist()}")
+    if (weights < 0.0).any() or not weights.any():
+        raise SceneError(f"the weights of a mixture must be >= 0 and not all zero, not {shown(weights.tolist())}")
+    weights = weights / weights.max()  # their sum cannot overflow
     total = np.zeros((max(matrix.terms for matrix, _ in pairs), 6))
     for (matrix, _), weight in zip(pairs, weights / weights.sum(), strict=True):
         total[: matrix.terms] += weight * matrix.coefficients
@@ -225,13 +235,20 @@ def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     return PhaseMatrix(*total.T)
 
 
-def _checked_pairs(parts: Sequence[tuple[PhaseMatrix, float]]) -> list[tuple[PhaseMatrix, float]]:
+def pairs_of_mixture(parts: Any, pair: str) -> list[tuple[Any, Any]]:
+    """The parts of a mixture, at least one, as pairs of what ``pair`` says."""
+    found = listed("the parts of a mixture", parts, MOST_KINDS)
     try:
-        pairs = [(matrix, weight) for matrix, weight in parts]
-    except (TypeError, ValueError):
-        raise SceneError("a mixture needs pairs (phase matrix, weight)") from None
+        pairs = [(kind, share) for kind, share in found]
+    except Exception:
+        raise SceneError(f"a mixture needs pairs ({pair})") from None
     if not pairs:
         raise SceneError("a mixture needs at least one kind of particle, not an empty list")
+    return pairs
+
+
+def _checked_pairs(parts: Sequence[tuple[PhaseMatrix, float]]) -> list[tuple[PhaseMatrix, float]]:
+    pairs: list[tuple[PhaseMatrix, float]] = pairs_of_mixture(parts, "phase matrix, weight")
     for matrix, _ in pairs:
         if not isinstance(matrix, PhaseMatrix):
             raise SceneError(f"a mixture needs pairs (phase matrix, weight), not {type(matrix).__name__} as the first")

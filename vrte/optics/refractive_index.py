@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import number, shown
+from vrte.arrays import number, real, shown
 from vrte.errors import SceneError
 
 
@@ -48,7 +48,8 @@ MATERIALS = {
 }
 
 
-LARGEST_INDEX = 1e4  # of metals in the far infrared; Mie's continued fraction takes as many steps as index times size
+SMALLEST_INDEX, LARGEST_INDEX = 1e-4, 1e4  # n below any known; n and k of metals in the far infrared
+LONGEST_NAME = 200  # characters of which similar names are looked for
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     """
     wavelength = number("wavelength_um", wavelength_um, 1e-6, 1e6, "a length from 1e-6 to 1e6 um")
     if isinstance(material, RefractiveIndex):
-        return _checked(material.n, material.k, material.source)
+        return _checked(*_pair((material.n, material.k)), material.source)
     if isinstance(material, str):
         return _from_database(material, wavelength)
     return _given(material)
@@ -98,13 +99,21 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
 
 def _given(material: Any) -> RefractiveIndex:
     """From a number n + i k or a pair (n, k)."""
+    return _checked(*_pair(material), "given")
+
+
+def _pair(material: Any) -> tuple[float, float]:
+    """n and k."""
     try:
-        n, k = (complex(material).real, complex(material).imag) if np.ndim(material) == 0 else map(float, material)
+        if np.ndim(material) == 0:
+            given = complex(material)
+            return given.real, given.imag
+        n, k = map(real, material)
+        return n, k
     except Exception:  # whatever a foreign object raises when it is asked for numbers
         raise SceneError(
             f"index: a name, a database path, a number n + i k or a pair (n, k) is needed, not {shown(material)}"
         ) from None
-    return _checked(n, k, "given")
 
 
 def _checked(n: float, k: float, source: str) -> RefractiveIndex:
@@ -114,6 +123,8 @@ def _checked(n: float, k: float, source: str) -> RefractiveIndex:
         raise SceneError(f"index: n and k must be at most {LARGEST_INDEX:g}, not {n:g} and {k:g} ({source})")
     if n <= 0.0:
         raise SceneError(f"index: n must be above 0, not {n:g} ({source})")
+    if n < SMALLEST_INDEX:
+        raise SceneError(f"index: n must be at least {SMALLEST_INDEX:g}, not {n:g} ({source})")
     if k < 0.0:
         raise SceneError(f"index: k must be >= 0 (absorption; k < 0 would amplify light), not {k:g} ({source})")
     return RefractiveIndex(float(n), float(k), source)
@@ -170,8 +181,9 @@ def _page(path: str, wavelength: float) -> tuple[complex, bool]:
 
 def _unknown(name: str) -> SceneError:
     """What is there instead: names that look alike, and pages of the database."""
-    similar = difflib.get_close_matches(name.lower(), MATERIALS, n=3, cutoff=0.6)
-    suggestions = [repr(one) for one in similar + _similar_pages(name)]
+    start = name[:LONGEST_NAME]
+    similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.6)
+    suggestions = [repr(one) for one in similar + _similar_pages(start)]
     hint = f"; did you mean {' or '.join(suggestions)}?" if suggestions else ""
     return SceneError(
         f"index: {shown(name)} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "

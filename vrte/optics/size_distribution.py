@@ -129,7 +129,8 @@ class Tabulated:
             )
         if not np.all(np.diff(radii) > 0.0):
             raise SceneError("tabulated: radius_um must increase from each to the next")
-        _length("tabulated: radius_um", radii[0]), _length("tabulated: radius_um", radii[-1])
+        for end in (radii[0], radii[-1]):
+            _length("tabulated: radius_um", float(end))
         if (density < 0.0).any() or not density.any():
             raise SceneError("tabulated: number must be >= 0 everywhere and not zero everywhere")
         object.__setattr__(self, "radius_um", radii)
@@ -142,7 +143,8 @@ class Tabulated:
         inside = np.arange(parts) / parts
         radii = np.append((knots[:-1, None] + np.diff(knots)[:, None] * inside).ravel(), knots[-1])
         gaps = np.diff(radii, prepend=radii[0], append=radii[-1])
-        weights = np.interp(radii, knots, np.asarray(self.number)) * 0.5 * (gaps[:-1] + gaps[1:])
+        density = np.asarray(self.number) / np.max(self.number)  # in any unit, so as large or small as a double may be
+        weights = np.interp(radii, knots, density) * 0.5 * (gaps[:-1] + gaps[1:])
         return radii, weights / weights.sum()
 
     def __repr__(self) -> str:

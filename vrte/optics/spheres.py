@@ -5,6 +5,7 @@ of light by small particles" (1983), chapter 4, for a refractive index n + i k.
 """
 
 import math
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.arrays import Array, number
+from vrte.arrays import Array, number, vector
 from vrte.errors import SceneError
-from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, mix
+from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, mix, pairs_of_mixture
 from vrte.optics.refractive_index import Material, RefractiveIndex, refractive_index
 from vrte.optics.size_distribution import Monodisperse, SizeDistribution
 from vrte.optics.spherical_functions import gauss_legendre, wigner_functions
@@ -22,6 +23,8 @@ from vrte.optics.spherical_functions import gauss_legendre, wigner_functions
 Complex = NDArray[np.complex128]
 
 LARGEST_SIZE = 1e4  # size parameter 2 pi r/wavelength: beyond, an expansion of 2e4 terms helps nobody
+LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's continued fraction takes as many steps
+LARGEST_AREA = 1e100  # cross section [um2] and volume [um3] of a particle: products stay far below overflow
 SAME_INDEX = 1e-9  # |m - 1| where the coefficients a_n, b_n are down to their rounding
 NEGLIGIBLE = 1e-16  # of the largest |a_n|, |b_n|: what the orders left out may hold
 LEFT_OUT = 1e-12  # what an expansion coefficient left out may hold; a1[0] is 1
@@ -42,7 +45,7 @@ class Particles:
 
     ``phase_matrix``; ``albedo`` (of single scattering) and ``asymmetry`` (g); ``extinction_um2``,
     ``scattering_um2`` and ``volume_um3``, the mean cross sections and volume of one particle; ``description``
-    says in words what it is and where its refractive index comes from.
+    says in words what it is and where its refractive index comes from. Raises SceneError naming the field.
     """
 
     phase_matrix: PhaseMatrix
@@ -52,6 +55,21 @@ class Particles:
     scattering_um2: float
     volume_um3: float
     description: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.phase_matrix, PhaseMatrix):
+            given = type(self.phase_matrix).__name__
+            raise SceneError(f"particles: phase_matrix must be a vrte.PhaseMatrix, not {given}")
+        above_zero = f"above 0 and at most {LARGEST_AREA:g}"
+        ranges = {
+            "albedo": (0.0, 1.0, "between 0 and 1"),
+            "asymmetry": (-1.001, 1.001, "a mean cosine, between -1 and 1"),  # published tables are rounded
+            "extinction_um2": (1.0 / LARGEST_AREA, LARGEST_AREA, above_zero),
+            "scattering_um2": (0.0, LARGEST_AREA, f"between 0 and {LARGEST_AREA:g}"),
+            "volume_um3": (1.0 / LARGEST_AREA, LARGEST_AREA, above_zero),
+        }
+        for name, (low, high, allowed) in ranges.items():
+            object.__setattr__(self, name, number(f"particles: {name}", getattr(self, name), low, high, allowed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +118,10 @@ def spheres(
             f"spheres: the particles have the refractive index of their host, {host:g}, so they scatter nothing"
         )
     distribution = _distribution(radius_um, size)
-    wavenumber = 2.0 * math.pi * host / float(wavelength_um)
+    wavelength = number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
+    wavenumber = 2.0 * math.pi * host / wavelength
     population, changes = _settled(relative, wavenumber, distribution)
-    description = _describe(index, distribution, population, changes, float(wavelength_um), host)
+    description = _describe(index, distribution, population, changes, wavelength, host)
     if changes[:2].max() > DOUBTFUL:
         warnings.warn(f"spheres: not settled; {description}", SizeAverageWarning, stacklevel=2)
     return _average(population, wavenumber, absorbing=relative.imag > 0.0, description=description)
@@ -119,20 +138,17 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
     >>> mixture([(small, 0.5), (large, 0.5)]).volume_um3 == (small.volume_um3 + large.volume_um3) / 2
     True
     """
-    try:
-        pairs = [(kind, number("number fraction", share, 0.0, 1e300, "a number >= 0")) for kind, share in parts]
-    except SceneError:
-        raise
-    except (TypeError, ValueError):
-        raise SceneError("a mixture needs pairs (particles, number fraction)") from None
-    if not pairs:
-        raise SceneError("a mixture needs at least one kind of particle, not an empty list")
+    pairs: list[tuple[Particles, float]] = pairs_of_mixture(parts, "particles, number fraction")
     for kind, _ in pairs:
         if not isinstance(kind, Particles):
             raise SceneError(f"a mixture needs pairs (particles, number fraction), not {type(kind).__name__}")
-    total = math.fsum(share for _, share in pairs)
-    if total == 0.0:
+    shares = [number("number fraction", share, 0.0, sys.float_info.max, "a number >= 0") for _, share in pairs]
+    largest = max(shares)
+    if largest == 0.0:
         raise SceneError("number fraction: at least one kind of particle in a mixture needs more than 0")
+    # of the largest: only ratios matter, and what is made of these neither overflows nor vanishes
+    pairs = [(kind, share / largest) for (kind, _), share in zip(pairs, shares, strict=True)]
+    total = math.fsum(share for _, share in pairs)
 
     def mean(value: Callable[[Particles], float]) -> float:
         return math.fsum(value(kind) * share for kind, share in pairs) / total
@@ -173,7 +189,7 @@ def _distribution(radius_um: float | None, size: SizeDistribution | None) -> Siz
         raise SceneError("spheres: give either radius_um or size")
     if size is None:
         return Monodisperse(radius_um)  # type: ignore[arg-type]
-    if not hasattr(size, "quadrature"):
+    if isinstance(size, type) or not callable(getattr(size, "quadrature", None)):
         raise SceneError(
             f"spheres: size must be a Lognormal, Gamma, Monodisperse or Tabulated, not {type(size).__name__}"
         )
@@ -182,22 +198,37 @@ def _distribution(radius_um: float | None, size: SizeDistribution | None) -> Siz
 
 def _settled(relative_index: complex, wavenumber: float, distribution: SizeDistribution) -> tuple[_Population, Array]:
     """As many radii as it takes, and the relative change of (extinction, scattering, g, back) by the last step."""
-    coarsest = distribution.quadrature(2, 6)[0]
+    coarsest = _quadrature(distribution, 2, 6)[0]
     moment = 6 if wavenumber * coarsest[-1] <= ALL_SIZES_UP_TO else 4
     known: dict[float, tuple[Complex, Complex]] = {}
     count = max(FEWEST_RADII, coarsest.size)
     most = max(MOST_RADII, 2 * count - 1)
-    population = _population(relative_index, wavenumber, distribution.quadrature(count, moment), known)
+    population = _population(relative_index, wavenumber, _quadrature(distribution, count, moment), known)
     changes = np.zeros(4)
     sums = _bulk_sums(population)
     while population.sizes.size > 1 and count < most:
         count = 2 * count - 1
-        population = _population(relative_index, wavenumber, distribution.quadrature(count, moment), known)
+        population = _population(relative_index, wavenumber, _quadrature(distribution, count, moment), known)
         before, sums = sums, _bulk_sums(population)
         changes = np.abs(sums - before) / sums[[0, 1, 1, 3]]
         if np.all(changes <= SETTLED):
             break
     return population, changes
+
+
+def _quadrature(distribution: SizeDistribution, count: int, moment: int) -> tuple[Array, Array]:
+    """Radii and weights, checked: a distribution may be anybody's."""
+    try:
+        radii, weights = distribution.quadrature(count, moment)
+    except Exception as reason:
+        name = type(distribution).__name__
+        raise SceneError(f"spheres: size: {name}.quadrature failed with {type(reason).__name__}") from reason
+    radii, weights = vector("spheres: size: the radii", radii), vector("spheres: size: the weights", weights)
+    if radii.size != weights.size or radii[0] <= 0.0 or (np.diff(radii) < 0.0).any():
+        raise SceneError("spheres: size: the radii must increase from above 0, with one weight for each")
+    if (weights < 0.0).any() or not weights.any():
+        raise SceneError("spheres: size: the weights must be >= 0 and not all zero")
+    return radii, weights
 
 
 def _population(
@@ -213,6 +244,11 @@ def _population(
         raise SceneError(
             f"spheres: the size parameter 2 pi r/wavelength must be at most {LARGEST_SIZE:g}, "
             f"not {sizes[-1]:.4g} (a radius of {radii[-1]:.4g} um)"
+        )
+    if relative_index.real * sizes[-1] > LARGEST_PHASE:
+        raise SceneError(
+            f"spheres: the index relative to the host times the size parameter must be at most {LARGEST_PHASE:g}, "
+            f"not {relative_index.real * sizes[-1]:.4g} (a radius of {radii[-1]:.4g} um)"
         )
     for size in sizes:
         if size not in known:
