@@ -1,8 +1,8 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The compiled loops: arrays in, arrays out, no class of the package, the caller owns every buffer.
 
-Matrices are stored column by column, so in the shapes below the *last* axis is the row. `n` is 4 N: node by
-node, the four Stokes components I, Q, U, V inside. Inside the solver the unknowns on the nodes are scaled by
+Matrices are stored column by column, so in the shapes below the *last* axis is the row. `n` is S N: node by
+node, S Stokes parameters inside: all four, or those of a set that mixes with no other. Inside the solver the unknowns on the nodes are scaled by
 sqrt(weight mu) and the upward field is flipped by D = diag(1, 1, -1, -1) (handbook: docs/conventions.md).
 s and d are the sum and the difference of the two hemispheres. (1:n) is equation n of Collin, Pattanaik and
 Bouatouch, (2:n) of Budak and Efremenko.
@@ -295,51 +295,101 @@ def generalized_spherical_functions(int m, int terms, mu):
     return np.asarray(out)
 
 
-cdef inline void parity_columns(int m, int terms, int even_kind, const double* prt, int n_all, int first, int n_mu,
-                                const double* scale, double* out) noexcept nogil:
-    """out, 4 n_mu rows by 2 (terms - m) columns: from P_l^m its columns I, Q where l - m has the parity of
-    `even_kind`, else U, V (the rest of (1:41) cancels); rows times scale."""
-    cdef int l, i, rows = 4 * n_mu
+cdef struct Parity:
+    # which columns of P_l^m a set of Stokes parameters has, [l - m even or odd as asked][left, right], and where its
+    # parameters lie inside a node (-1: not of the set)
+    int has[2][2]
+    int place[4]
+    int stokes
+
+
+cdef Parity parity_of(int m, int stokes, const int* members) noexcept nogil:
+    """From P_l^m the left column is I, or Q and U where the parity is the other; the right one Q and U, or V."""
+    cdef Parity p
+    cdef int i
+    cdef bint turns = m > 0          # t_l^0 = 0
+    p.stokes = stokes
+    for i in range(4):
+        p.place[i] = -1
+    for i in range(stokes):
+        p.place[members[i]] = i
+    p.has[0][0] = p.place[0] >= 0
+    p.has[0][1] = p.place[1] >= 0 or (turns and p.place[2] >= 0)
+    p.has[1][0] = p.place[2] >= 0 or (turns and p.place[1] >= 0)
+    p.has[1][1] = p.place[3] >= 0
+    return p
+
+
+cdef inline int columns_of(Parity p, int m, int terms, int even_kind) noexcept nogil:
+    """Columns of all degrees m .. terms - 1."""
+    cdef int same = (terms - m + 1) // 2, other = (terms - m) // 2    # l - m even, odd
+    if even_kind != 0:
+        same, other = other, same
+    return max(0, same) * (p.has[0][0] + p.has[0][1]) + max(0, other) * (p.has[1][0] + p.has[1][1])
+
+
+cdef void parity_columns(Parity p, int m, int terms, int even_kind, const double* prt, int n_all, int first, int n_mu,
+                         const double* scale, double* out) noexcept nogil:
+    """out, S n_mu rows by `columns_of`: from P_l^m its columns I, Q where l - m has the parity of `even_kind`, else
+    U, V (the rest of (1:41) cancels), those that the set has; rows times scale."""
+    cdef int l, i, kind, rows = p.stokes * n_mu
+    cdef size_t column = 0
     cdef double* left
     cdef double* right
     cdef const double* value
     cdef double f
-    memset(out, 0, sizeof(double) * <size_t>rows * 2 * (terms - m))
+    memset(out, 0, sizeof(double) * <size_t>rows * columns_of(p, m, terms, even_kind))
     for l in range(m, terms):
-        left = out + <size_t>rows * 2 * (l - m)
-        right = left + rows
+        kind = (l - m) % 2 != even_kind
+        left = out + <size_t>rows * column
+        right = left + <size_t>rows * p.has[kind][0]
+        column += p.has[kind][0] + p.has[kind][1]
         for i in range(n_mu):
             value = prt + (<size_t>l * n_all + first + i) * 3
             f = scale[i] if scale != NULL else 1.0
-            if (l - m) % 2 == even_kind:
-                left[4 * i] = f * value[0]
-                right[4 * i + 1] = f * value[1]
-                right[4 * i + 2] = -f * value[2]
+            if kind == 0:
+                if p.place[0] >= 0:
+                    left[p.stokes * i + p.place[0]] = f * value[0]
+                if p.place[1] >= 0:
+                    right[p.stokes * i + p.place[1]] = f * value[1]
+                if p.place[2] >= 0 and p.has[0][1]:
+                    right[p.stokes * i + p.place[2]] = -f * value[2]
             else:
-                left[4 * i + 1] = -f * value[2]
-                left[4 * i + 2] = f * value[1]
-                right[4 * i + 3] = f * value[0]
+                if p.place[1] >= 0 and p.has[1][0]:
+                    left[p.stokes * i + p.place[1]] = -f * value[2]
+                if p.place[2] >= 0:
+                    left[p.stokes * i + p.place[2]] = f * value[1]
+                if p.place[3] >= 0:
+                    right[p.stokes * i + p.place[3]] = f * value[0]
 
 
-cdef inline void times_coefficients(int m, int terms, int even_kind, double factor, const double* coefficients, int rows,
-                                    const double* phi, double* out) noexcept nogil:
-    """out = factor phi B^T, two columns a degree: B_l of (1:9) cut to the kept columns."""
-    cdef int l, i
+cdef void times_coefficients(Parity p, int m, int terms, int even_kind, double factor, const double* coefficients, int rows,
+                             const double* phi, double* out) noexcept nogil:
+    """out = factor phi B^T, column by column: B_l of (1:9) cut to the kept columns."""
+    cdef int l, i, kind
+    cdef size_t column = 0
     cdef double b00, b01, b10, b11
     cdef const double* c
     cdef const double* x
     cdef double* y
     for l in range(m, terms):
         c = coefficients + 6 * l
-        if (l - m) % 2 == even_kind:
+        kind = (l - m) % 2 != even_kind
+        if kind == 0:
             b00, b01, b10, b11 = c[0], -c[4], -c[4], c[1]
         else:
             b00, b01, b10, b11 = c[2], -c[5], c[5], c[3]
-        x = phi + <size_t>rows * 2 * (l - m)
-        y = out + <size_t>rows * 2 * (l - m)
-        for i in range(rows):
-            y[i] = factor * (b00 * x[i] + b01 * x[rows + i])
-            y[rows + i] = factor * (b10 * x[i] + b11 * x[rows + i])
+        x = phi + <size_t>rows * column
+        y = out + <size_t>rows * column
+        column += p.has[kind][0] + p.has[kind][1]
+        if p.has[kind][0] and p.has[kind][1]:
+            for i in range(rows):
+                y[i] = factor * (b00 * x[i] + b01 * x[rows + i])
+                y[rows + i] = factor * (b10 * x[i] + b11 * x[rows + i])
+        elif p.has[kind][0] or p.has[kind][1]:
+            b00 = factor * (b00 if p.has[kind][0] else b11)
+            for i in range(rows):
+                y[i] = b00 * x[i]
 
 
 def phase_matrices(int m, coefficients, mu, mu_from):
@@ -448,23 +498,25 @@ cdef double order_bound(int m, int n_term, int n_layer, const double* coefficien
     return worst_u * worst_v / (1.0 - worst_q) if worst_q < 1.0 else INFINITY
 
 
-def assembly_work(n_all, n_term):
+def assembly_work(n_all, n_term, stokes):
     """Doubles of `work` that one thread of `assemble` needs."""
-    return 3 * n_all * n_term + 4 * (4 * n_all) * (2 * n_term) + n_all
+    return 3 * n_all * n_term + 4 * (stokes * n_all) * (2 * n_term) + n_all
 
 
-def assemble(const int[::1] orders, const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
-             const double[::1] directions, const double[::1] weights, int n_out, double[:, :, :, ::1] E,
-             double[:, :, :, ::1] F, double[:, :, :, ::1] G_E, double[:, :, :, ::1] G_F, double[:, :, :, ::1] source_s,
-             double[:, :, :, ::1] source_d, int threads, double[:, ::1] work, double[::1] seconds, const int[::1] stop):
+def assemble(const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients, const int[::1] terms,
+             const double[::1] albedo, const double[::1] directions, const double[::1] weights, int n_out,
+             double[:, :, :, ::1] E, double[:, :, :, ::1] F, double[:, :, :, ::1] G_E, double[:, :, :, ::1] G_F,
+             double[:, :, :, ::1] source_s, double[:, :, :, ::1] source_d, int threads, double[:, ::1] work,
+             double[::1] seconds, const int[::1] stop):
     """E and F of (1:41) in the symmetric scaling, the rows that lead out of them and the beam's sources.
 
-    directions: nodes, then n_out outgoing, then incident cosines (all positive); weights of the nodes.
-    E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E, G_F (order, layer, n, 4 n_out):
-    from the scaled field on the nodes to the sum and difference of the two sources of (1:38); source_s, source_d
-    (order, layer, 4 n_in, n): M^-1 omega (Pp -+ Pm)(., mu0), (1:14) for a unit beam but for 1/(2 pi).
+    members (S,): the Stokes parameters, ascending; directions: nodes, then n_out outgoing, then incident cosines (all
+    positive); weights of the nodes. E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E, G_F
+    (order, layer, n, S n_out): from the scaled field on the nodes to the sum and difference of the two sources of
+    (1:38); source_s, source_d (order, layer, S n_in, n): M^-1 omega (Pp -+ Pm)(., mu0), (1:14) for a unit beam but for
+    1/(2 pi).
     """
-    cdef int n_order = <int>orders.shape[0], n_layer = <int>coefficients.shape[0]
+    cdef int n_order = <int>orders.shape[0], n_layer = <int>coefficients.shape[0], stokes = <int>members.shape[0]
     cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0]
     cdef int item, thread, n_in = n_all - n_node - n_out, n_item = n_order * n_layer
     cdef double start
@@ -472,7 +524,8 @@ def assemble(const int[::1] orders, const double[:, :, ::1] coefficients, const 
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
-            assemble_one(orders[item // n_layer], terms[item % n_layer], albedo[item % n_layer],
+            assemble_one(orders[item // n_layer], parity_of(orders[item // n_layer], stokes, &members[0]),
+                         terms[item % n_layer], albedo[item % n_layer],
                          &coefficients[item % n_layer, 0, 0], &directions[0], &weights[0], n_node, n_out, n_in,
                          <int>coefficients.shape[1],
                          &E[item // n_layer, item % n_layer, 0, 0], &F[item // n_layer, item % n_layer, 0, 0],
@@ -482,43 +535,46 @@ def assemble(const int[::1] orders, const double[:, :, ::1] coefficients, const 
             seconds[thread] += vrte_seconds() - start
 
 
-cdef void assemble_one(int m, int terms, double albedo, const double* coefficients, const double* directions,
+cdef void assemble_one(int m, Parity p, int terms, double albedo, const double* coefficients, const double* directions,
                        const double* weights, int n_node, int n_out, int n_in, int n_term, double* E, double* F,
                        double* G_E, double* G_F, double* source_s, double* source_d, double* work) noexcept nogil:
-    cdef int n_all = n_node + n_out + n_in, n = 4 * n_node, i, j, kind, inner = 2 * (terms - m)
+    cdef int n_all = n_node + n_out + n_in, n = p.stokes * n_node, into = p.stokes * n_in, out = p.stokes * n_out
+    cdef int i, j, kind, inner
+    cdef size_t room = <size_t>(2 * p.stokes * n_all) * n_term
     cdef double* prt = work
-    cdef double* phi = prt + 3 * n_all * n_term
-    cdef double* psi = phi + <size_t>(8 * n_all) * n_term
-    cdef double* phi_in = psi + <size_t>(8 * n_all) * n_term
-    cdef double* scale = phi_in + <size_t>(16 * n_all) * n_term
+    cdef double* phi = prt + <size_t>3 * n_all * n_term
+    cdef double* psi = phi + room
+    cdef double* phi_in = psi + room
+    cdef double* psi_in = phi_in + room
+    cdef double* scale = psi_in + room
     cdef double* matrix
-    if inner <= 0 or albedo == 0.0:
+    if terms <= m or albedo == 0.0:
         memset(E, 0, sizeof(double) * n * n)
         memset(F, 0, sizeof(double) * n * n)
-        memset(G_E, 0, sizeof(double) * 4 * n_out * n)
-        memset(G_F, 0, sizeof(double) * 4 * n_out * n)
-        memset(source_s, 0, sizeof(double) * 4 * n_in * n)
-        memset(source_d, 0, sizeof(double) * 4 * n_in * n)
+        memset(G_E, 0, sizeof(double) * out * n)
+        memset(G_F, 0, sizeof(double) * out * n)
+        memset(source_s, 0, sizeof(double) * into * n)
+        memset(source_d, 0, sizeof(double) * into * n)
     else:
         spherical(m, terms, directions, n_all, prt)
         for i in range(n_node):
             scale[i] = sqrt(weights[i] / directions[i])
         for kind in range(2):       # 0: E, 1: F
             matrix = F if kind else E
-            parity_columns(m, terms, kind, prt, n_all, 0, n_node, scale, phi)
-            times_coefficients(m, terms, kind, albedo, coefficients, n, phi, psi)
+            inner = columns_of(p, m, terms, kind)
+            parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, phi)
+            times_coefficients(p, m, terms, kind, albedo, coefficients, n, phi, psi)
             product(b"N", b"T", n, n, inner, -1.0, phi, n, psi, n, 0.0, matrix, n)
             # the beam: column mu0 of the same product; rows: phi, the nodes
-            parity_columns(m, terms, kind, prt, n_all, n_node + n_out, n_in, NULL, phi_in)
-            times_coefficients(m, terms, kind, albedo, coefficients, 4 * n_in, phi_in, phi_in + <size_t>(8 * n_in) * n_term)
-            product(b"N", b"T", n, 4 * n_in, inner, 1.0, phi, n, phi_in + <size_t>(8 * n_in) * n_term, 4 * n_in, 0.0,
-                    source_s if kind else source_d, n)
-            parity_columns(m, terms, kind, prt, n_all, n_node, n_out, NULL, phi)
-            product(b"N", b"T", 4 * n_out, n, inner, 1.0, phi, 4 * n_out, psi, n, 0.0, G_F if kind else G_E, 4 * n_out)
+            parity_columns(p, m, terms, kind, prt, n_all, n_node + n_out, n_in, NULL, phi_in)
+            times_coefficients(p, m, terms, kind, albedo, coefficients, into, phi_in, psi_in)
+            product(b"N", b"T", n, into, inner, 1.0, phi, n, psi_in, into, 0.0, source_s if kind else source_d, n)
+            parity_columns(p, m, terms, kind, prt, n_all, n_node, n_out, NULL, phi)
+            product(b"N", b"T", out, n, inner, 1.0, phi, out, psi, n, 0.0, G_F if kind else G_E, out)
     for i in range(n):
         j = i * n + i
-        E[j] += 1.0 / directions[i // 4]
-        F[j] += 1.0 / directions[i // 4]
+        E[j] += 1.0 / directions[i // p.stokes]
+        F[j] += 1.0 / directions[i // p.stokes]
 
 
 # ---------------------------------------------------------------------------------------------------------
@@ -530,20 +586,20 @@ def homogeneous_work(n):
     return 4 * n * n + 44 * n
 
 
-def homogeneous(const int[::1] orders, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
+def homogeneous(const int[::1] orders, bint conserving, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
                 const double[:, :, :, ::1] E, const double[:, :, :, ::1] F, double[:, :, ::1] lam_re,
                 double[:, :, ::1] lam_im, double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu,
                 int[:, :, ::1] X_pivots, double[:, ::1] residual, int[:, ::1] info, int threads, double[:, ::1] work,
                 int[:, ::1] pivots, double[::1] seconds, const int[::1] stop):
     """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
 
-    E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
+    conserving: whether order 0 has I, so that its flux is conserved. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
     pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X; residual (order, layer):
     the largest of |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading,
     which only a phase matrix with more terms than the nodes carry has.
     """
     cdef int n_order = <int>orders.shape[0], n_layer = <int>albedo.shape[0], n = <int>X.shape[3]
-    cdef int item, thread, o, k, n_item = n_order * n_layer
+    cdef int item, thread, o, k, n_item = n_order * n_layer, stokes = n // <int>weights.shape[0]
     cdef double start
     for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
         thread = threadid()
@@ -552,13 +608,13 @@ def homogeneous(const int[::1] orders, const double[::1] albedo, const double[::
             o = item // n_layer
             k = item % n_layer
             info[o, k] = homogeneous_one(
-                n, orders[o], albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
+                n, stokes, conserving and orders[o] == 0, albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
                 &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
                 &residual[o, k], &work[thread, 0], &pivots[thread, 0])
             seconds[thread] += vrte_seconds() - start
 
 
-cdef int homogeneous_one(int n, int m, double albedo, const double* directions, const double* weights, const double* E,
+cdef int homogeneous_one(int n, int stokes, bint conserving, double albedo, const double* directions, const double* weights, const double* E,
                          const double* F, double* lam_re, double* lam_im, double* X, double* Y, double* X_lu,
                          int* X_pivots, double* residual, double* work, int* pivots) noexcept nogil:
     cdef double* e = work
@@ -569,19 +625,19 @@ cdef int homogeneous_one(int n, int m, double albedo, const double* directions, 
     cdef int info, i, together
     cdef bint growing = False      # a mode that neither fades nor grows: only a phase matrix with too many terms has one
     cdef double largest
-    info = modes_by_stokes(n, E, F, lam_re, lam_im, X, work, spare, pivots, &together)
+    info = modes_by_stokes(n, stokes, E, F, lam_re, lam_im, X, work, spare, pivots, &together)
     if info != 0:
         return info
     memcpy(f, F, sizeof(double) * n * n)
     info = factorise(n, f, n, pivots)
     if info != 0:
         return info
-    if m == 0:
-        conserving_axis(n, directions, weights, v)
+    if conserving:
+        conserving_axis(n, stokes, directions, weights, v)
         memcpy(e, E, sizeof(double) * n * n)
-        reflect_both(n, v, e, spare)
-        exact_conservation(n, albedo, directions, weights, v, e, spare)
-        polish_smallest(n, together, albedo, directions, weights, v, e, f, pivots, lam_re, lam_im, X, a, spare,
+        reflect_both(n, stokes, v, e, spare)
+        exact_conservation(n, stokes, albedo, directions, weights, v, e, spare)
+        polish_smallest(n, stokes, together, albedo, directions, weights, v, e, f, pivots, lam_re, lam_im, X, a, spare,
                         pivots + n)
     largest = 0.0
     for i in range(n):
@@ -608,7 +664,7 @@ cdef int eigenproblem(int n, double* a, double* lam_re, double* lam_im, double* 
     return info
 
 
-cdef int modes_by_stokes(int n, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* room,
+cdef int modes_by_stokes(int n, int stokes, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* room,
                          double* spare, int* pivots, int* together) noexcept nogil:
     """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set.
 
@@ -617,47 +673,47 @@ cdef int modes_by_stokes(int n, const double* E, const double* F, double* lam_re
     """
     cdef int set_of[4]
     cdef int a, b, i, j, info = 0, size, column = 0, old
-    for a in range(4):
+    for a in range(stokes):
         set_of[a] = a
     for j in range(n):
         for i in range(n):
-            a, b = set_of[i % 4], set_of[j % 4]
+            a, b = set_of[i % stokes], set_of[j % stokes]
             if a != b and (E[<size_t>j * n + i] != 0.0 or F[<size_t>j * n + i] != 0.0):
                 old = max(a, b)
-                for size in range(4):
+                for size in range(stokes):
                     if set_of[size] == old:
                         set_of[size] = min(a, b)
-    for a in range(4):
+    for a in range(stokes):
         size = 0
-        for b in range(4):
+        for b in range(stokes):
             size += set_of[b] == a
         if size > 0 and info == 0:
-            info = modes_of_set(n, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, room,
+            info = modes_of_set(n, stokes, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, room,
                                 spare, pivots)
-            column += size * (n // 4)
+            column += size * (n // stokes)
             if a == 0:
                 together[0] = column
     return info
 
 
-cdef int modes_of_set(int n, int which, int members, const int* set_of, const double* E, const double* F, double* lam_re,
+cdef int modes_of_set(int n, int stokes, int which, int members, const int* set_of, const double* E, const double* F, double* lam_re,
                       double* lam_im, double* X, double* room, double* spare, int* pivots) noexcept nogil:
     """The modes of one set: columns of X, zero in the other rows."""
-    cdef int h = members * (n // 4), i, j, row, column, info
+    cdef int h = members * (n // stokes), i, j, row, column, info
     cdef double* e = room
     cdef double* f = e + <size_t>h * h
     cdef double* a = f + <size_t>h * h
     cdef double* x = a + <size_t>h * h
-    if members == 4:
+    if members == stokes:
         product(b"N", b"N", n, n, n, 1.0, F, n, E, n, 0.0, room, n)
         return eigenproblem(n, room, lam_re, lam_im, X, spare, pivots)
     column = 0
     for j in range(n):
-        if set_of[j % 4] != which:
+        if set_of[j % stokes] != which:
             continue
         row = 0
         for i in range(n):
-            if set_of[i % 4] == which:
+            if set_of[i % stokes] == which:
                 e[<size_t>column * h + row] = E[<size_t>j * n + i]
                 f[<size_t>column * h + row] = F[<size_t>j * n + i]
                 row += 1
@@ -668,90 +724,90 @@ cdef int modes_of_set(int n, int which, int members, const int* set_of, const do
     for j in range(h):
         row = 0
         for i in range(n):
-            if set_of[i % 4] == which:
+            if set_of[i % stokes] == which:
                 X[<size_t>j * n + i] = x[<size_t>j * h + row]
                 row += 1
     return info
 
 
-cdef inline int flux_axis(int n) noexcept nogil:
+cdef inline int flux_axis(int n, int stokes) noexcept nogil:
     """The axis that carries the flux once order 0 is turned: I of the last node, so that steep nodes stay apart (turned
     into the first, the small eigenvalues would be known to 1e-16 of the largest only)."""
-    return n - 4
+    return n - stokes
 
 
-cdef void conserving_axis(int n, const double* directions, const double* weights, double* v) noexcept nogil:
+cdef void conserving_axis(int n, int stokes, const double* directions, const double* weights, double* v) noexcept nogil:
     """v: the Householder vector that turns sqrt(weight mu) on I, the null vector of E at omega = 1, to the flux's axis."""
     cdef int i
     cdef double size = 0.0
     memset(v, 0, sizeof(double) * n)
-    for i in range(n // 4):
-        v[4 * i] = sqrt(weights[i] * directions[i])
-        size += v[4 * i] * v[4 * i]
-    v[flux_axis(n)] += sqrt(size)
+    for i in range(n // stokes):
+        v[stokes * i] = sqrt(weights[i] * directions[i])
+        size += v[stokes * i] * v[stokes * i]
+    v[flux_axis(n, stokes)] += sqrt(size)
     size = 0.0
-    for i in range(n // 4):
-        size += v[4 * i] * v[4 * i]
+    for i in range(n // stokes):
+        size += v[stokes * i] * v[stokes * i]
     size = sqrt(2.0 / size)
-    for i in range(n // 4):
-        v[4 * i] *= size
+    for i in range(n // stokes):
+        v[stokes * i] *= size
 
 
-cdef inline void turn_columns(int n, int columns, const double* v, double* a) noexcept nogil:
+cdef inline void turn_columns(int n, int stokes, int columns, const double* v, double* a) noexcept nogil:
     """a <- (1 - v v^T) a, a of n rows."""
     cdef int i, j
     cdef double total
     for j in range(columns):
         total = 0.0
-        for i in range(0, n, 4):
-            total += v[i] * a[<size_t>j * n + i]
-        for i in range(0, n, 4):
-            a[<size_t>j * n + i] -= total * v[i]
+        for i in range(n // stokes):
+            total += v[i * stokes] * a[<size_t>j * n + i * stokes]
+        for i in range(n // stokes):
+            a[<size_t>j * n + i * stokes] -= total * v[i * stokes]
 
 
-cdef inline void turn_rows(int n, int rows, const double* v, double* a, double* spare) noexcept nogil:
+cdef inline void turn_rows(int n, int stokes, int rows, const double* v, double* a, double* spare) noexcept nogil:
     """a <- a (1 - v v^T), a of n columns."""
     cdef int i, j
     memset(spare, 0, sizeof(double) * rows)
-    for j in range(0, n, 4):
+    for j in range(n // stokes):
         for i in range(rows):
-            spare[i] += a[<size_t>j * rows + i] * v[j]
-    for j in range(0, n, 4):
+            spare[i] += a[<size_t>j * stokes * rows + i] * v[j * stokes]
+    for j in range(n // stokes):
         for i in range(rows):
-            a[<size_t>j * rows + i] -= spare[i] * v[j]
+            a[<size_t>j * stokes * rows + i] -= spare[i] * v[j * stokes]
 
 
-cdef void reflect_both(int n, const double* v, double* a, double* spare) noexcept nogil:
+cdef void reflect_both(int n, int stokes, const double* v, double* a, double* spare) noexcept nogil:
     """a <- (1 - v v^T) a (1 - v v^T)."""
-    turn_columns(n, n, v, a)
-    turn_rows(n, n, v, a, spare)
+    turn_columns(n, stokes, n, v, a)
+    turn_rows(n, stokes, n, v, a, spare)
 
 
-cdef void exact_conservation(int n, double albedo, const double* directions, const double* weights, const double* v,
+cdef void exact_conservation(int n, int stokes, double albedo, const double* directions, const double* weights, const double* v,
                              double* e, double* row) noexcept nogil:
     """The flux's row and column of the turned E: (1 - omega) M^-1 v exactly (2 N terms at most), zero at omega = 1."""
-    cdef int i, axis = flux_axis(n)
+    cdef int i, axis = flux_axis(n, stokes)
     cdef double size = 0.0, total = 0.0
     memset(row, 0, sizeof(double) * n)
-    for i in range(n // 4):
+    for i in range(n // stokes):
         size += weights[i] * directions[i]
-    for i in range(n // 4):     # M^-1 on minus the unit null vector: the reflection sends the null vector to -|.|
-        row[4 * i] = -sqrt(weights[i] * directions[i] / size) / directions[i]
-    for i in range(0, n, 4):
-        total += v[i] * row[i]
-    for i in range(0, n, 4):
-        row[i] = (1.0 - albedo) * (row[i] - total * v[i])
+    for i in range(n // stokes):     # M^-1 on minus the unit null vector: the reflection sends the null vector to -|.|
+        row[stokes * i] = -sqrt(weights[i] * directions[i] / size) / directions[i]
+    for i in range(n // stokes):
+        total += v[i * stokes] * row[i * stokes]
+    for i in range(n // stokes):
+        row[i * stokes] = (1.0 - albedo) * (row[i * stokes] - total * v[i * stokes])
     for i in range(n):
         e[axis * n + i] = row[i]
         e[i * n + axis] = row[i]
 
 
-cdef void polish_smallest(int n, int together, double albedo, const double* directions, const double* weights, const double* v,
+cdef void polish_smallest(int n, int stokes, int together, double albedo, const double* directions, const double* weights, const double* v,
                           const double* e, const double* f_lu, const int* f_pivots, double* lam_re, double* lam_im,
                           double* X, double* work, double* spare, int* pivots) noexcept nogil:
     """The diffusion mode, whose small lambda is else known only to 1e-16 of the largest: at omega = 1 the null vector
     itself, below by inverse iteration with e, the turned E, whose row and column of the flux are exact."""
-    cdef int inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n)
+    cdef int inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n, stokes)
     cdef double smallest = 0.05, pivot, top, norm, growth = 1.0
     cdef double* lu = work                       # (n-1, n-1), e without the axis
     cdef double* row = spare                     # (n-1,)
@@ -766,7 +822,7 @@ cdef void polish_smallest(int n, int together, double albedo, const double* dire
     x = X + best * n
     if albedo == 1.0:
         for i in range(n):
-            x[i] = 0.0 if i % 4 else sqrt(weights[i // 4] * directions[i // 4])
+            x[i] = 0.0 if i % stokes else sqrt(weights[i // stokes] * directions[i // stokes])
         lam_re[best] = 0.0
         return
     for j in range(inner):
@@ -781,7 +837,7 @@ cdef void polish_smallest(int n, int together, double albedo, const double* dire
         pivot -= row[i] * column[i]
     for sweep in range(8):
         solve(b"N", n, 1, f_lu, n, f_pivots, x, n)
-        turn_columns(n, 1, v, x)
+        turn_columns(n, stokes, 1, v, x)
         top = x[axis]
         leave_out(n, axis, x, part)
         solve(b"N", inner, 1, lu, inner, pivots, part, inner)
@@ -796,7 +852,7 @@ cdef void polish_smallest(int n, int together, double albedo, const double* dire
         for i in range(inner):
             x[i if i < axis else i + 1] = part[i] / growth
         x[axis] = top / growth
-        turn_columns(n, 1, v, x)
+        turn_columns(n, stokes, 1, v, x)
     lam_re[best] = 1.0 / growth
 
 
@@ -833,9 +889,9 @@ cdef double mode_residual(int n, const double* e, const double* f, const double*
 # y = c D and z = zeta e^(-tau/mu0) + c k D, where c = (q + p/mu0)/(k + 1/mu0), zeta = (p k - q)/(k + 1/mu0).
 # ---------------------------------------------------------------------------------------------------------
 
-def particular_work(n, n_in):
+def particular_work(n, n_in, stokes):
     """Doubles of `work` that one thread of `particular` needs."""
-    return 2 * n * 4 * n_in + 4 * n
+    return 2 * n * stokes * n_in + 4 * n
 
 
 def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s, const double[:, :, :, ::1] source_d,
@@ -845,7 +901,7 @@ def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s
                const int[::1] stop):
     """The beam's solution in the coordinates of the modes.
 
-    source_s, source_d (order, layer, 4 n_in, n) as `assemble` leaves them; mu0 (n_in,); columns (n_col, 4): the
+    source_s, source_d (order, layer, S n_in, n) as `assemble` leaves them; mu0 (n_in,); columns (n_col, S): the
     incident Stokes vectors. c, zeta (order, layer, n_in n_col, n).
     """
     cdef int n_order = <int>F.shape[0], n_layer = <int>F.shape[1], n = <int>F.shape[3], n_in = <int>mu0.shape[0]
@@ -857,13 +913,13 @@ def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s
             start = vrte_seconds()
             o = item // n_layer
             k = item % n_layer
-            particular_one(n, n_in, n_col, &F[o, k, 0, 0], &source_s[o, k, 0, 0], &source_d[o, k, 0, 0], &mu0[0],
+            particular_one(n, <int>columns.shape[1], n_in, n_col, &F[o, k, 0, 0], &source_s[o, k, 0, 0], &source_d[o, k, 0, 0], &mu0[0],
                            &columns[0, 0], &lam_re[o, k, 0], &lam_im[o, k, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
                            &c[o, k, 0, 0], &zeta[o, k, 0, 0], &work[thread, 0])
             seconds[thread] += vrte_seconds() - start
 
 
-cdef void particular_one(int n, int n_in, int n_col, const double* F, const double* source_s, const double* source_d,
+cdef void particular_one(int n, int stokes, int n_in, int n_col, const double* F, const double* source_s, const double* source_d,
                          const double* mu0, const double* columns, const double* lam_re, const double* lam_im,
                          const double* X_lu, const int* X_pivots, double* c, double* zeta, double* work) noexcept nogil:
     cdef int i, j, a, col, row
@@ -874,10 +930,10 @@ cdef void particular_one(int n, int n_in, int n_col, const double* F, const doub
     cdef double* out_z
     cdef double p1, p2, q1, q2, rate
     cdef cplx k, below, pc, qc, value
-    product(b"N", b"N", n, 4 * n_in, n, 1.0, F, n, source_d, n, 0.0, fd, n)
+    product(b"N", b"N", n, stokes * n_in, n, 1.0, F, n, source_d, n, 0.0, fd, n)
     for a in range(n_in):                     # the right-hand sides' Stokes columns
-        product(b"N", b"N", n, n_col, 4, 1.0, source_s + <size_t>4 * a * n, n, columns, 4, 0.0, p + <size_t>a * n_col * n, n)
-        product(b"N", b"N", n, n_col, 4, 1.0, fd + <size_t>4 * a * n, n, columns, 4, 0.0, q + <size_t>a * n_col * n, n)
+        product(b"N", b"N", n, n_col, stokes, 1.0, source_s + <size_t>stokes * a * n, n, columns, stokes, 0.0, p + <size_t>a * n_col * n, n)
+        product(b"N", b"N", n, n_col, stokes, 1.0, fd + <size_t>stokes * a * n, n, columns, stokes, 0.0, q + <size_t>a * n_col * n, n)
     solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, p, n)
     solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, q, n)
     for a in range(n_in):
@@ -940,7 +996,7 @@ cdef inline cplx beam_response(cplx k, double rate, double depth) noexcept nogil
 
 def boundary_work(n, n_layer, n_rhs):
     """Doubles of `work` that one thread of `boundary` needs."""
-    return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + 2 * n
+    return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + 10 * n
 
 
 def boundary(const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
@@ -983,7 +1039,7 @@ cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam
     cdef double* systems = work                             # per layer: LU even, LU odd, R, T, G
     cdef double* vectors = systems + 5 * n_layer * nn       # per layer: beam down at the top, up and down at the
     cdef double* scratch = vectors + 5 * n_layer * nr       # bottom; emitted down; g: sent up from below
-    cdef double* below = scratch + 3 * nn
+    cdef double* below = scratch + 3 * nn + 8 * n
     cdef double* up = below + nn
     cdef double* down = up + nr
     cdef double* falling = down + nr
@@ -1319,6 +1375,7 @@ cdef struct Sizes:
     int n
     int r
     int o
+    int stokes
 
 
 def extended_size(n, r, o):
@@ -1421,12 +1478,12 @@ cdef int invert_extended(Sizes s, Extended a, Extended spare, int* pivots) noexc
     return 0
 
 
-def doubling_work(n, n_in, n_col, n_out):
+def doubling_work(n, r, o):
     """Doubles of `work` that one thread of `double_slabs` needs."""
-    return 8 * extended_size(n, n_in * n_col, 4 * n_out) + 4 * n
+    return 8 * extended_size(n, r, o) + 4 * n
 
 
-def double_slabs(const int[::1] orders, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
+def double_slabs(const int[::1] orders, bint conserving, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
                  const double[::1] asymmetry, const double[::1] nodes, const double[::1] weights, const double[::1] mu0,
                  const double[:, ::1] columns, const double[::1] mu_out, const double[:, :, :, ::1] E,
                  const double[:, :, :, ::1] F, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
@@ -1436,9 +1493,9 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
                  const int[::1] stop):
     """Reflection and transmission of homogeneous slabs, on the nodes and for directions off them.
 
-    material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
-    left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, 4) the incident Stokes vectors, mu_out (n_out,).
-    R, T (order, slab, extended_size(n, n_in n_col, 4 n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
+    conserving: whether order 0 has I; material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
+    left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, S) the incident Stokes vectors, mu_out (n_out,).
+    R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
     the unscattered light on its diagonal; in order 0 the nodes are turned so that one axis (`flux_axis`) carries the flux.
     lost (order, slab, n): what the slab absorbs of it, its row of 1 - R - T. residual (order, slab, 2): how well
     R, and T, satisfy invariance, relative; doublings (order, slab).
@@ -1454,7 +1511,7 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
             k = item % n_slab
             m = material[k]
             info[o, k] = double_one(
-                orders[o], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
+                orders[o] if conserving else max(orders[o], 1), <int>columns.shape[1], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
                 thickness[k], albedo[m], asymmetry[m], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0],
                 &E[o, m, 0, 0], &F[o, m, 0, 0], &G_E[o, m, 0, 0], &G_F[o, m, 0, 0], &source_s[o, m, 0, 0],
                 &source_d[o, m, 0, 0], &R[o, k, 0], &T[o, k, 0], &lost[o, k, 0], &residual[o, k, 0], &doublings[o, k],
@@ -1462,7 +1519,7 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
             seconds[thread] += vrte_seconds() - start
 
 
-cdef int double_one(int m, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
+cdef int double_one(int m, int stokes, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
                     const double* nodes, const double* weights, const double* mu0, const double* columns,
                     const double* mu_out, const double* E, const double* F, const double* G_E, const double* G_F,
                     const double* source_s, const double* source_d, double* R, double* T, double* lost, double* residual,
@@ -1470,7 +1527,7 @@ cdef int double_one(int m, int n_node, int n_in, int n_col, int n_out, double th
     cdef Sizes s
     cdef int info, i
     cdef size_t each
-    s.n, s.r, s.o = 4 * n_node, n_in * n_col, 4 * n_out
+    s.n, s.r, s.o, s.stokes = stokes * n_node, n_in * n_col, stokes * n_out, stokes
     each = size_extended(s)
     cdef Extended e = extended_at(s, work), f = extended_at(s, work + each)
     cdef Extended Ze = extended_at(s, work + 2 * each), Zo = extended_at(s, work + 3 * each)
@@ -1513,12 +1570,12 @@ cdef void rates(Sizes s, int n_col, const double* nodes, const double* mu0, cons
     """1/mu of the incident and outgoing directions on the diagonal; the largest of all."""
     cdef int i
     for i in range(s.o):
-        a.OO[i] = 1.0 / mu_out[i // 4]
+        a.OO[i] = 1.0 / mu_out[i // s.stokes]
         steepest[0] = max(steepest[0], a.OO[i])
     for i in range(s.r):
         a.II[i] = 1.0 / mu0[i // n_col]
         steepest[0] = max(steepest[0], a.II[i])
-    for i in range(s.n // 4):
+    for i in range(s.n // s.stokes):
         steepest[0] = max(steepest[0], 1.0 / nodes[i])
 
 
@@ -1528,20 +1585,20 @@ cdef void clear_slab(Sizes s, double thickness, const double* nodes, const doubl
     cdef int i
     cdef double size = 0.0
     for i in range(s.n):
-        t.N[<size_t>i * s.n + i] = exp(-thickness / nodes[i // 4])
+        t.N[<size_t>i * s.n + i] = exp(-thickness / nodes[i // s.stokes])
     for i in range(s.o):
         t.OO[i] = exp(-thickness * rate.OO[i])
     for i in range(s.r):
         t.II[i] = exp(-thickness * rate.II[i])
     if m != 0:
         return
-    conserving_axis(s.n, nodes, weights, v)
-    reflect_both(s.n, v, t.N, spare)
-    for i in range(s.n // 4):
+    conserving_axis(s.n, s.stokes, nodes, weights, v)
+    reflect_both(s.n, s.stokes, v, t.N, spare)
+    for i in range(s.n // s.stokes):
         size += weights[i] * nodes[i]
-    for i in range(s.n // 4):     # the axis is minus the unit null vector
-        lost[4 * i] = sqrt(weights[i] * nodes[i] / size) * expm1(-thickness / nodes[i])
-    turn_columns(s.n, 1, v, lost)
+    for i in range(s.n // s.stokes):     # the axis is minus the unit null vector
+        lost[s.stokes * i] = sqrt(weights[i] * nodes[i] / size) * expm1(-thickness / nodes[i])
+    turn_columns(s.n, s.stokes, 1, v, lost)
 
 
 cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const double* matrix, const double* G,
@@ -1551,9 +1608,9 @@ cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const doub
     memcpy(a.N, matrix, sizeof(double) * <size_t>s.n * s.n)
     for j in range(s.n):
         for i in range(s.o):
-            a.ON[<size_t>j * s.o + i] = -G[<size_t>j * s.o + i] / mu_out[i // 4]
+            a.ON[<size_t>j * s.o + i] = -G[<size_t>j * s.o + i] / mu_out[i // s.stokes]
     for i in range(n_in):
-        product(b"N", b"N", s.n, n_col, 4, -1.0, source + <size_t>4 * i * s.n, s.n, columns, 4, 0.0,
+        product(b"N", b"N", s.n, n_col, s.stokes, -1.0, source + <size_t>s.stokes * i * s.n, s.n, columns, s.stokes, 0.0,
                 a.NI + <size_t>i * n_col * s.n, s.n)
     memset(a.OI, 0, sizeof(double) * <size_t>s.r * s.o)
 
@@ -1561,27 +1618,27 @@ cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const doub
 cdef void turn_extended(Sizes s, double albedo, const double* nodes, const double* weights, const double* columns, int n_col,
                         const double* mu_out, double* v, Extended e, Extended f, double* spare) noexcept nogil:
     """Order 0: one axis becomes sqrt(weight mu) on I, whose row and column of E are known exactly (2 N terms)."""
-    cdef int i, axis = flux_axis(s.n)
+    cdef int i, axis = flux_axis(s.n, s.stokes)
     cdef double size = 0.0
-    conserving_axis(s.n, nodes, weights, v)
-    for i in range(s.n // 4):
+    conserving_axis(s.n, s.stokes, nodes, weights, v)
+    for i in range(s.n // s.stokes):
         size += weights[i] * nodes[i]
     size = sqrt(size)
-    reflect_both(s.n, v, e.N, spare)
-    reflect_both(s.n, v, f.N, spare)
-    exact_conservation(s.n, albedo, nodes, weights, v, e.N, spare)
+    reflect_both(s.n, s.stokes, v, e.N, spare)
+    reflect_both(s.n, s.stokes, v, f.N, spare)
+    exact_conservation(s.n, s.stokes, albedo, nodes, weights, v, e.N, spare)
     turn_edges(s, v, e, spare)
     turn_edges(s, v, f, spare)
     for i in range(s.r):
-        e.NI[<size_t>i * s.n + axis] = albedo * columns[4 * (i % n_col)] / size
+        e.NI[<size_t>i * s.n + axis] = albedo * columns[s.stokes * (i % n_col)] / size
     for i in range(s.o):
-        e.ON[<size_t>axis * s.o + i] = 0.0 if i % 4 else albedo / (mu_out[i // 4] * size)
+        e.ON[<size_t>axis * s.o + i] = 0.0 if i % s.stokes else albedo / (mu_out[i // s.stokes] * size)
 
 
 cdef inline void turn_edges(Sizes s, const double* v, Extended a, double* spare) noexcept nogil:
     """NI <- (1 - v v^T) NI, ON <- ON (1 - v v^T)."""
-    turn_columns(s.n, s.r, v, a.NI)
-    turn_rows(s.n, s.o, v, a.ON, spare)
+    turn_columns(s.n, s.stokes, s.r, v, a.NI)
+    turn_rows(s.n, s.stokes, s.o, v, a.ON, spare)
 
 
 cdef inline double norm_1(int n, const double* a) noexcept nogil:
@@ -1604,7 +1661,7 @@ cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Exten
     C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
     C <- (C L^-1)^2, which keeps them where T is too small for a difference.
     """
-    cdef int info, step, i, count = 0, axis = flux_axis(s.n)
+    cdef int info, step, i, count = 0, axis = flux_axis(s.n, s.stokes)
     cdef size_t k
     cdef double h = 0.5 * thickness
     cdef bint carried = False
@@ -1629,7 +1686,7 @@ cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Exten
         if m == 0:
             for i in range(s.n):    # reciprocity; rounding in this row would double at each step
                 k = <size_t>axis * s.n + i
-                Zo.N[<size_t>i * s.n + axis] = -Zo.N[k] if i % 4 == 3 else Zo.N[k]
+                Zo.N[<size_t>i * s.n + axis] = -Zo.N[k] if s.stokes == 4 and i % 4 == 3 else Zo.N[k]
         product_extended(s, 2.0, Ze, a, b)
         copy_extended(s, b, Ze)
         h = 2.0 * h
@@ -1713,7 +1770,7 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
     sqrt(Zo Ze): the smallest is estimated from below, and a wrong guess costs steps, no digits. The condition of L is
     1/ratio: it is not let below 1e-3.
     """
-    cdef int info = 0, step, i, axis = flux_axis(s.n)
+    cdef int info = 0, step, i, axis = flux_axis(s.n, s.stokes)
     cdef double ratio, used, gap, slowest
     product_extended(s, 1.0, f, e, a)
     steepest = max(steepest, sqrt(norm_1(s.n, a.N)))
@@ -1759,7 +1816,7 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
 cdef int reflect_and_transmit(Sizes s, double thickness, Extended Ze, Extended Zo, Extended C, Extended a, Extended b,
                               Extended spare, Extended r, Extended t, double* lost, int m, int* pivots) noexcept nogil:
     """r = So - Se and t = (1 + Zo)^-1 C (1 + Ze)^-1; without end r = 1 - 2 Se and t = 0. lost = 2 Se, the flux's row."""
-    cdef int info, i, axis = flux_axis(s.n)
+    cdef int info, i, axis = flux_axis(s.n, s.stokes)
     cdef bint endless = thickness > 1e300
     copy_extended(s, Ze, a)
     add_identity(s, 1.0, a)
@@ -1864,12 +1921,12 @@ cdef void invariance(Sizes s, double thickness, Extended alpha, Extended beta, E
 # Slabs joined by the star product from the base up, (2:8), then the field at their interfaces from the top down.
 # ---------------------------------------------------------------------------------------------------------
 
-def joining_work(n, n_slab, n_rhs, n_out):
+def joining_work(n, n_slab, n_rhs, o):
     """Doubles of `work` that one thread of `join_slabs` needs."""
-    return n_slab * (n * n + n * n_rhs) + (n_slab + 1) * 2 * n * n_rhs + 5 * n * n + 4 * n * n_rhs + 5 * n + 8 * n_out * (n + n_rhs)
+    return n_slab * (n * n + n * n_rhs) + (n_slab + 1) * 2 * n * n_rhs + 5 * n * n + 4 * n * n_rhs + 5 * n + 2 * o * (n + n_rhs)
 
 
-def join_slabs(const int[::1] orders, const int[::1] slabs, const double[::1] above, const double[::1] nodes,
+def join_slabs(const int[::1] orders, bint conserving, const int[::1] slabs, const double[::1] above, const double[::1] nodes,
                const double[::1] weights, const double[::1] mu0, int n_out, const double[:, :, ::1] R,
                const double[:, :, ::1] T, const double[:, :, ::1] lost, const int[::1] base_row,
                const double[:, :, ::1] base, const double[:, :, ::1] base_source, const double[:, :, ::1] base_out,
@@ -1878,22 +1935,23 @@ def join_slabs(const int[::1] orders, const int[::1] slabs, const double[::1] ab
                double[::1] seconds, const int[::1] stop):
     """The multiply scattered field at the interfaces of a pile of slabs, one Fourier order after another.
 
-    slabs (place,): which slab of R, T and lost (order, slab, ...) lies there, top first; above (place + 1,): optical
+    conserving: whether order 0 has I. slabs (place,): which slab of R, T and lost (order, slab, ...) lies there, top first; above (place + 1,): optical
     depth of each interface, the last below the pile; base_row (order,): row of base (row, n, n), base_source (row,
-    n_rhs, n) and base_out (row, n, 4 n_out), or -1 for black; interface (level,): where the field is wanted. up, down
-    (order, level, n_rhs, 4 n_out): radiance times 2 pi for a unit beam, upward flipped by D; flux (order, level, 2,
+    n_rhs, n) and base_out (row, n, S n_out), or -1 for black; interface (level,): where the field is wanted. up, down
+    (order, level, n_rhs, S n_out): radiance times 2 pi for a unit beam, upward flipped by D; flux (order, level, 2,
     n_rhs): up and down through a horizontal plane, in order 0; residual (order, place): of the joints' systems.
     """
     cdef int n_order = <int>orders.shape[0], o, thread
     cdef Sizes s
     cdef double start
-    s.n, s.r, s.o = 4 * <int>nodes.shape[0], <int>up.shape[2], 4 * n_out
+    s.stokes = <int>up.shape[3] // n_out
+    s.n, s.r, s.o = s.stokes * <int>nodes.shape[0], <int>up.shape[2], s.stokes * n_out
     for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
             info[o] = join_one(
-                s, orders[o] == 0, <int>slabs.shape[0], <int>mu0.shape[0], <int>interface.shape[0], &slabs[0], &above[0],
+                s, conserving and orders[o] == 0, <int>slabs.shape[0], <int>mu0.shape[0], <int>interface.shape[0], &slabs[0], &above[0],
                 &nodes[0], &weights[0], &mu0[0], <double*>&R[o, 0, 0], <double*>&T[o, 0, 0], &lost[o, 0, 0],
                 &base[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
                 &base_source[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
@@ -1919,15 +1977,15 @@ cdef int join_one(Sizes s, bint conserving, int n_place, int n_in, int n_level, 
     cdef double* v = absorbed + s.n                      # then 3 n spare
     cdef double* out = v + 4 * s.n                       # base_out, turned, then running and spare
     cdef Extended r, t
-    cdef int place, info, b, axis = flux_axis(s.n)
+    cdef int place, info, b, axis = flux_axis(s.n, s.stokes)
     cdef double size = 0.0
     memset(below, 0, sizeof(double) * nn)
     memset(absorbed, 0, sizeof(double) * s.n)
     memset(going_up, 0, sizeof(double) * 2 * (n_place + 1) * nr)
-    absorbed[flux_axis(s.n)] = 1.0
+    absorbed[flux_axis(s.n, s.stokes)] = 1.0
     if conserving:
-        conserving_axis(s.n, nodes, weights, v)
-        for i in range(<size_t>s.n // 4):
+        conserving_axis(s.n, s.stokes, nodes, weights, v)
+        for i in range(<size_t>s.n // s.stokes):
             size += weights[i] * nodes[i]
     if base != NULL:
         put_base(s, conserving, n_in, v, base, base_source, base_out, above[n_place], mu0, below,
@@ -1966,16 +2024,16 @@ cdef void put_base(Sizes s, bint conserving, int n_in, const double* v, const do
                    double* absorbed, double* spare) noexcept nogil:
     """The base's operator, the beam that it reflects, its rows out, and (order 0) the row of what it absorbs."""
     cdef size_t nr = <size_t>s.n * s.r, i
-    cdef int axis = flux_axis(s.n)
+    cdef int axis = flux_axis(s.n, s.stokes)
     memcpy(below, base, sizeof(double) * <size_t>s.n * s.n)
     memcpy(out, base_out, sizeof(double) * <size_t>s.n * s.o)
     for i in range(nr):
         up[i] = base_source[i] * exp(-depth / mu0[(i // s.n) // <size_t>(s.r // n_in)])
     if not conserving:
         return
-    reflect_both(s.n, v, below, spare)
-    turn_columns(s.n, s.r, v, up)
-    turn_rows(s.n, s.o, v, out, spare)
+    reflect_both(s.n, s.stokes, v, below, spare)
+    turn_columns(s.n, s.stokes, s.r, v, up)
+    turn_rows(s.n, s.stokes, s.o, v, out, spare)
     for i in range(<size_t>s.n):
         absorbed[i] = (1.0 if <int>i == axis else 0.0) - below[i * s.n + axis]
         if fabs(absorbed[i]) < 4e-16:    # rounding of the operator's quadrature, not a loss
@@ -2002,7 +2060,7 @@ cdef int join_below(Sizes s, bint conserving, int n_in, double depth, const doub
     lost + T's row + absorbed R, and `absorbed` becomes lost + (lost G + absorbed (1 + R G)) T.
     """
     cdef size_t nn = <size_t>s.n * s.n, nr = <size_t>s.n * s.r, i
-    cdef int n = s.n, info, axis = flux_axis(s.n)
+    cdef int n = s.n, info, axis = flux_axis(s.n, s.stokes)
     cdef double* M = scratch
     cdef double* kept = M + nn
     cdef double* GT = kept + nn
@@ -2157,9 +2215,9 @@ cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil
     return (depth / mu) * exp_difference(make(-depth / mu0, 0.0), make(-depth / mu, 0.0)).real
 
 
-def reconstruction_work(n, n_out, n_rhs, n_layer):
+def reconstruction_work(n, rows, n_rhs, n_layer):
     """Doubles of `work` that one thread of `reconstruct` needs."""
-    return 8 * n_out * n * n_layer + 20 * n_out * n_rhs + 12 * n_out * n + n * n_rhs + 2 * n
+    return 2 * rows * n * n_layer + 5 * rows * n_rhs + 3 * rows * n + n * n_rhs + 2 * n
 
 
 def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, const double[:, :, ::1] lam_re,
@@ -2173,8 +2231,8 @@ def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, 
     """The field at any depth and direction, one Fourier order after another, without singly scattered light.
 
     mu_out (n_out,): positive cosines, the first n_up of them for light going up, the others down; level (n_tau,):
-    depth below the top of layer level_layer; base_out (row, n, 4 n_out): what the base sends up from the scaled
-    field on its nodes. out (order, n_tau, n_rhs, 4 n_out): radiance times 2 pi for a unit beam; upward rows are
+    depth below the top of layer level_layer; base_out (row, n, S n_out): what the base sends up from the scaled
+    field on its nodes. out (order, n_tau, n_rhs, S n_out): radiance times 2 pi for a unit beam; upward rows are
     flipped by D.
     """
     cdef int n_order = <int>X.shape[0], o, thread
@@ -2184,7 +2242,7 @@ def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, 
         if not stop[0]:
             start = vrte_seconds()
             reconstruct_one(
-                <int>X.shape[3], <int>mu_out.shape[0], n_up, <int>X.shape[1], <int>mu0.shape[0], <int>c.shape[2],
+                <int>X.shape[3], <int>(out.shape[3] // mu_out.shape[0]), <int>mu_out.shape[0], n_up, <int>X.shape[1], <int>mu0.shape[0], <int>c.shape[2],
                 <int>level.shape[0], &G_E[o, 0, 0, 0], &G_F[o, 0, 0, 0], &lam_re[o, 0, 0], &lam_im[o, 0, 0],
                 &X[o, 0, 0, 0], &Y[o, 0, 0, 0], &c[o, 0, 0, 0], &zeta[o, 0, 0, 0], &even[o, 0, 0, 0], &odd[o, 0, 0, 0],
                 &base_down[o, 0, 0], &base_out[base_row[o], 0, 0] if base_row[o] >= 0 else NULL, &thickness[0], &above[0],
@@ -2192,13 +2250,13 @@ def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, 
             seconds[thread] += vrte_seconds() - start
 
 
-cdef void reconstruct_one(int n, int n_out, int n_up, int n_layer, int n_in, int n_rhs, int n_level, const double* G_E,
+cdef void reconstruct_one(int n, int stokes, int n_out, int n_up, int n_layer, int n_in, int n_rhs, int n_level, const double* G_E,
                           const double* G_F, const double* lam_re, const double* lam_im, const double* X, const double* Y,
                           const double* c, const double* zeta, const double* even, const double* odd,
                           const double* base_down, const double* base_out, const double* thickness, const double* above,
                           const double* mu0, const double* mu_out, const double* level, const int* level_layer,
                           double* out, double* work) noexcept nogil:
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, rows = 4 * n_out, size = rows * n_rhs, i, r
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, rows = stokes * n_out, size = rows * n_rhs, i, r
     cdef double* g_e = work                             # G_E X and G_F Y, per layer
     cdef double* g_f = g_e + rows * n * n_layer
     cdef double* running = g_f + rows * n * n_layer     # the field that enters the present layer
@@ -2213,14 +2271,14 @@ cdef void reconstruct_one(int n, int n_out, int n_up, int n_layer, int n_in, int
     # light going up: from the base through the layers
     memset(running, 0, sizeof(double) * size)
     if base_out != NULL and n_up > 0:
-        product(b"N", b"N", 4 * n_up, n_rhs, n, 1.0, base_out, <int>rows, base_down, n, 0.0, running, <int>rows)
+        product(b"N", b"N", stokes * n_up, n_rhs, n, 1.0, base_out, <int>rows, base_down, n, 0.0, running, <int>rows)
     for layer in range(n_layer - 1, -1, -1):
         for t in range(n_level + 1):
             if t < n_level and level_layer[t] != layer:
                 continue
             if t == n_level and layer == 0:
                 continue
-            through_layer(True, n, <int>rows, n_up, n_in, n_rhs, g_e + layer * rows * n, g_f + layer * rows * n,
+            through_layer(True, n, stokes, <int>rows, n_up, n_in, n_rhs, g_e + layer * rows * n, g_f + layer * rows * n,
                           lam_re + layer * n, lam_im + layer * n, c + layer * nr, zeta + layer * nr, even + layer * nr,
                           odd + layer * nr, thickness[layer], above[layer], mu0, mu_out, level[t] if t < n_level else 0.0,
                           running, out + t * size if t < n_level else part, spare)
@@ -2234,24 +2292,24 @@ cdef void reconstruct_one(int n, int n_out, int n_up, int n_layer, int n_in, int
                 continue
             if t == n_level and layer == n_layer - 1:
                 continue
-            through_layer(False, n, <int>rows, n_out - n_up, n_in, n_rhs, g_e + layer * rows * n + 4 * n_up,
-                          g_f + layer * rows * n + 4 * n_up, lam_re + layer * n, lam_im + layer * n, c + layer * nr,
+            through_layer(False, n, stokes, <int>rows, n_out - n_up, n_in, n_rhs, g_e + layer * rows * n + stokes * n_up,
+                          g_f + layer * rows * n + stokes * n_up, lam_re + layer * n, lam_im + layer * n, c + layer * nr,
                           zeta + layer * nr, even + layer * nr, odd + layer * nr, thickness[layer], above[layer], mu0,
-                          mu_out + n_up, level[t] if t < n_level else thickness[layer], running + 4 * n_up,
-                          (out + t * size if t < n_level else part) + 4 * n_up, spare)
+                          mu_out + n_up, level[t] if t < n_level else thickness[layer], running + stokes * n_up,
+                          (out + t * size if t < n_level else part) + stokes * n_up, spare)
         if layer < n_layer - 1:
             memcpy(running, part, sizeof(double) * size)
 
 
-cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
+cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
                         const double* lam_re, const double* lam_im, const double* c, const double* zeta,
                         const double* even, const double* odd, double thickness, double above, const double* mu0,
                         const double* mu_out, double depth, const double* entering, double* out, double* work) noexcept nogil:
     """out = what arrives at `depth`: entering light attenuated, plus the layer's source between its far face and depth.
 
-    g_e, g_f, entering and out have 4 n_mu used rows of `rows`.
+    g_e, g_f, entering and out have S n_mu used rows of `rows`.
     """
-    cdef size_t used = 4 * n_mu, r, i, column, row
+    cdef size_t used = stokes * n_mu, r, i, column, row
     cdef int j, mu, pair, width, beam, per_beam = n_rhs // n_in
     cdef bint fading
     cdef double left = thickness - depth if upward else depth     # optical path over mu
@@ -2290,9 +2348,9 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
                 cosine = (left / mu_out[mu]) * exp_difference(-left * k, make(-left / mu_out[mu], 0.0))
             bottom = 1.0 + mu_out[mu] * k if upward else mu_out[mu] * k - 1.0
             bottom = make(0.0, 0.0) if size_of(bottom) < 0.02 else over(make(1.0, 0.0), bottom)
-            for i in range(4):
-                column = j * used + 4 * mu + i
-                row = <size_t>j * rows + 4 * mu + i
+            for i in range(stokes):
+                column = j * used + stokes * mu + i
+                row = <size_t>j * rows + stokes * mu + i
                 ge0, gf0 = g_e[row], g_f[row]
                 ge1 = g_e[row + rows] if width == 2 else 0.0
                 gf1 = g_f[row + rows] if width == 2 else 0.0
@@ -2313,8 +2371,8 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
     for r in range(n_rhs):
         for mu in range(n_mu):
             fade = exp(-left / mu_out[mu])
-            for i in range(4):
-                out[r * rows + 4 * mu + i] = fade * entering[r * rows + 4 * mu + i]
+            for i in range(stokes):
+                out[r * rows + stokes * mu + i] = fade * entering[r * rows + stokes * mu + i]
     product(b"N", b"N", <int>used, n_rhs, n, 1.0, even_gain, <int>used, even, n, 1.0, out, rows)
     product(b"N", b"N", <int>used, n_rhs, n, 1.0, odd_gain, <int>used, odd, n, 1.0, out, rows)
     product(b"N", b"N", <int>used, n_rhs, n, 0.5, beam_gain, <int>used, c, n, 0.0, first, <int>used)
@@ -2326,9 +2384,9 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
         fade = exp(-above / mu0[beam])
         for mu in range(n_mu):
             light = beam_up(mu_out[mu], mu0[beam], thickness, depth) if upward else beam_down(mu_out[mu], mu0[beam], depth)
-            for i in range(4):
-                column = r * used + 4 * mu + i
-                out[r * rows + 4 * mu + i] += fade * (
+            for i in range(stokes):
+                column = r * used + stokes * mu + i
+                out[r * rows + stokes * mu + i] += fade * (
                     light * (mu_out[mu] * first[column] + third[column]) + (second[column] if upward else -second[column]))
     if upward and thickness < 1e300:
         feed(n, n_in, n_rhs, lam_re, lam_im, c, mu0, thickness, response, fed)
@@ -2336,10 +2394,10 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
         for r in range(n_rhs):
             for mu in range(n_mu):
                 fade = exp(-above / mu0[<int>r // per_beam] - left / mu_out[mu])
-                for i in range(4):
-                    out[r * rows + 4 * mu + i] -= fade * second[r * used + 4 * mu + i]
+                for i in range(stokes):
+                    out[r * rows + stokes * mu + i] -= fade * second[r * used + stokes * mu + i]
     if not upward:
-        resonances(n, rows, n_mu, n_in, n_rhs, g_e, g_f, lam_re, lam_im, c, mu0, mu_out, depth, above, out)
+        resonances(n, stokes, rows, n_mu, n_in, n_rhs, g_e, g_f, lam_re, lam_im, c, mu0, mu_out, depth, above, out)
 
 
 cdef inline void a_gain(double* gain, size_t column, cplx value, size_t used, int width) noexcept nogil:
@@ -2359,7 +2417,7 @@ cdef void feed(int n, int n_in, int n_rhs, const double* lam_re, const double* l
         scale_coordinates(n, lam_im, response, c + <size_t>r * n, fed + <size_t>r * n)
 
 
-cdef void resonances(int n, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
+cdef void resonances(int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
                      const double* lam_re, const double* lam_im, const double* c, const double* mu0, const double* mu_out,
                      double depth, double above, double* out) noexcept nogil:
     """Adds the beam's part of the modes with k mu close to 1, left out above: int D e^(-(depth - x)/mu) dx/mu is
@@ -2379,11 +2437,11 @@ cdef void resonances(int n, int rows, int n_mu, int n_in, int n_rhs, const doubl
                         value = (0.5 * depth * depth / mu_out[mu] * exp(-above / mu0[r // per_beam])) * exp_difference_2(
                             make(-depth / mu_out[mu], 0.0), -depth * k, make(-depth / mu0[r // per_beam], 0.0))
                     y = c + <size_t>r * n + j
-                    for i in range(4):
-                        row = <size_t>j * rows + 4 * mu + i
+                    for i in range(stokes):
+                        row = <size_t>j * rows + stokes * mu + i
                         gain = times(value, make(g_e[row], g_e[row + rows] if width == 2 else 0.0)
                                      + times(k, make(g_f[row], g_f[row + rows] if width == 2 else 0.0)))
-                        out[<size_t>r * rows + 4 * mu + i] += gain.real * y[0] + (gain.imag * y[1] if width == 2 else 0.0)
+                        out[<size_t>r * rows + stokes * mu + i] += gain.real * y[0] + (gain.imag * y[1] if width == 2 else 0.0)
             j = j + width
 
 

@@ -210,7 +210,7 @@ def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Fie
     try:
         return solve(file.scene, **file.request, nodes=file.nodes, progress=tick, **how)
     except SceneError as error:
-        raise SceneError(file.located(str(error))) from error
+        raise SceneError(f"{options.scene}: {file.located(str(error))}") from error
 
 
 def _write(result: Brdf | Field, options: argparse.Namespace, name: str, seconds: dict[str, float]) -> Path:

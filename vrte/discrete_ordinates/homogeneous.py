@@ -41,6 +41,7 @@ def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Ru
         "homogeneous",
         _core.homogeneous,
         orders,
+        problem.conserves,
         problem.albedo,
         problem.nodes,
         problem.weights,

@@ -53,13 +53,13 @@ def doubles_needed(scene: Scene, problem: Problem, n_phi: int, threads: int, rou
 def doubles_of_modes(problem: Problem) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by modes."""
     n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
-    out, into = 4 * problem.mu_out.size, 4 * problem.mu0.size
+    out, into = problem.rows_out, len(problem.stokes) * problem.mu0.size
     per_order = float(n_layer) * n * (5 * n + 2 * out + 2 * into + 4 * n_rhs)
     scratch = (
-        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1]),
+        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
         _core.homogeneous_work(n),
         _core.boundary_work(n, n_layer, n_rhs),
-        _core.reconstruction_work(n, problem.mu_out.size, n_rhs, n_layer),
+        _core.reconstruction_work(n, problem.rows_out, n_rhs, n_layer),
     )
     return per_order, float(max(scratch))
 
@@ -67,17 +67,16 @@ def doubles_of_modes(problem: Problem) -> tuple[float, float]:
 def doubles_of_doubling(pile: Pile) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by impedance doubling."""
     problem = pile.problem
-    n, n_rhs, n_out, n_col = problem.size, problem.n_rhs, problem.mu_out.size, problem.columns.shape[0]
-    into = 4 * problem.mu0.size
+    n, n_rhs, out, into = problem.size, problem.n_rhs, problem.rows_out, len(problem.stokes) * problem.mu0.size
     per_order = (
-        2.0 * problem.albedo.size * n * (n + 4 * n_out + into)
-        + 2.0 * max(1, pile.material.size) * _core.extended_size(n, n_rhs, 4 * n_out)
-        + 2.0 * pile.interface.size * n_rhs * 4 * n_out
+        2.0 * problem.albedo.size * n * (n + out + into)
+        + 2.0 * max(1, pile.material.size) * _core.extended_size(n, n_rhs, out)
+        + 2.0 * pile.interface.size * n_rhs * out
     )
     scratch = (
-        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1]),
-        _core.doubling_work(n, problem.mu0.size, n_col, n_out),
-        _core.joining_work(n, pile.slabs.size, n_rhs, n_out),
+        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
+        _core.doubling_work(n, n_rhs, out),
+        _core.joining_work(n, pile.slabs.size, n_rhs, out),
     )
     return per_order, float(max(scratch))
 

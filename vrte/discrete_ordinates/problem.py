@@ -12,6 +12,7 @@ from vrte.arrays import Array
 IntArray = NDArray[np.int32]
 Progress = Callable[[int, int], None]
 FLIP = np.array([1.0, 1.0, -1.0, -1.0])  # D of (1:11)
+ALL = (0, 1, 2, 3)  # places of I, Q, U, V
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +20,8 @@ class Problem:
     """Layers, directions and incident beams in the solver's frame (docs/conventions.md).
 
     coefficients (layer, term, 6), cut at 2 N terms; terms, albedo, thickness, above (layer,); nodes, weights (N,);
-    mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, 4) incident Stokes
-    vectors, each within (I, Q) or within (U, V); level, level_layer (n_tau,): depths below the top of a layer.
+    mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, S) incident Stokes
+    vectors; stokes (S,): places of the S Stokes parameters at work, ascending; level, level_layer (n_tau,): depths below the top of a layer.
     """
 
     coefficients: Array
@@ -36,6 +37,7 @@ class Problem:
     columns: Array
     level: Array
     level_layer: IntArray
+    stokes: tuple[int, ...] = ALL
 
     @property
     def directions(self) -> Array:
@@ -44,8 +46,23 @@ class Problem:
 
     @property
     def size(self) -> int:
-        """n = 4 N."""
-        return 4 * self.nodes.size
+        """n = S N."""
+        return len(self.stokes) * self.nodes.size
+
+    @property
+    def rows_out(self) -> int:
+        """S n_out."""
+        return len(self.stokes) * self.mu_out.size
+
+    @property
+    def flip(self) -> Array:
+        """D of (1:11) on the Stokes parameters at work."""
+        return FLIP[list(self.stokes)]
+
+    @property
+    def conserves(self) -> bool:
+        """Whether order 0 carries the flux."""
+        return self.stokes[0] == 0
 
     @property
     def n_rhs(self) -> int:
