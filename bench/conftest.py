@@ -11,9 +11,9 @@ from threadpoolctl import threadpool_limits
 
 import vrte
 from tests.test_published import SIEWERT_IIA
+from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.phase_assembly import assemble
 from vrte.discrete_ordinates.problem import Run
-from vrte.discrete_ordinates.solver import discretise
 
 ROUNDS = 5
 

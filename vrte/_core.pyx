@@ -18,7 +18,7 @@ LAPACK's verdict in `info` (0: fine). No item depends on another, so results do 
 import numpy as np
 
 from cython.parallel cimport prange, threadid
-from libc.math cimport INFINITY, cos, exp, expm1, fabs, hypot, sin, sqrt, tanh
+from libc.math cimport INFINITY, M_PI as PI, cos, exp, expm1, fabs, hypot, sin, sqrt, tanh
 from libc.string cimport memcpy, memset
 from scipy.linalg.cython_blas cimport dgemm
 from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs
@@ -363,9 +363,10 @@ cdef void parity_columns(Parity p, int m, int terms, int even_kind, const double
                     right[p.stokes * i + p.place[3]] = f * value[0]
 
 
-cdef void times_coefficients(Parity p, int m, int terms, int even_kind, double factor, const double* coefficients, int rows,
-                             const double* phi, double* out) noexcept nogil:
-    """out = factor phi B^T, column by column: B_l of (1:9) cut to the kept columns."""
+cdef void times_coefficients(Parity p, int m, int terms, int even_kind, double factor, double v_sign,
+                             const double* coefficients, int rows, const double* phi, double* out) noexcept nogil:
+    """out = factor phi B^T, column by column: B_l of (1:9) cut to the kept columns; V's column of phi counts v_sign
+    times."""
     cdef int l, i, kind
     cdef size_t column = 0
     cdef double b00, b01, b10, b11
@@ -378,7 +379,7 @@ cdef void times_coefficients(Parity p, int m, int terms, int even_kind, double f
         if kind == 0:
             b00, b01, b10, b11 = c[0], -c[4], -c[4], c[1]
         else:
-            b00, b01, b10, b11 = c[2], -c[5], c[5], c[3]
+            b00, b01, b10, b11 = c[2], -v_sign * c[5], c[5], v_sign * c[3]
         x = phi + <size_t>rows * column
         y = out + <size_t>rows * column
         column += p.has[kind][0] + p.has[kind][1]
@@ -435,18 +436,21 @@ def legendre_matrices(functions):
 
 def bounds_work(n_all, n_term):
     """Doubles of `work` that one thread of `order_bounds` needs."""
-    return 3 * n_all * n_term + 2 * n_all
+    return 4 * n_all * n_term + n_all + 3 * n_term
 
 
 def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
-                 const double[::1] directions, const double[::1] weights, int n_out, double[::1] bounds, int threads,
-                 double[:, ::1] work, double[::1] seconds, const int[::1] stop):
-    """An upper bound, order by order, on what multiple scattering adds to the source function of (1:38).
+                 const double[::1] directions, const double[::1] weights, int n_out, double[::1] strength,
+                 double[::1] bounds, double[:, ::1] effect, int threads, double[:, ::1] work, double[::1] seconds,
+                 const int[::1] stop):
+    """What multiple scattering can do, order by order, before anything is solved.
 
-    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. With the sums
-    over degrees of the norms of P_l^m B_l P_l^m on the nodes, q, from the nodes to an outgoing direction, u, and
-    from an incident direction to the nodes, v, the Neumann series is at most u v / (1 - q). bounds (order,):
-    inf where q >= 1.
+    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. strength (order,): the
+    norm q of one scattering, the largest omega |B_l|/(2 l + 1) of the degrees l >= m; bounds (order,): what all light
+    scattered at least twice adds, times 1 - q, to the radiance of one order for a unit beam: with the norm of L2 over
+    depth and direction, u v sqrt(mu0/mu)/(16 pi), where u and v are the norms of A^m's row to an outgoing direction and
+    of its column from an incident one. effect (order, node): what light that is scattered by way of one node adds,
+    times (1 - q)^2.
     """
     cdef int n_term = <int>coefficients.shape[1], m, thread
     cdef double start
@@ -454,48 +458,58 @@ def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, con
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
-            bounds[m] = order_bound(m, n_term, <int>coefficients.shape[0], &coefficients[0, 0, 0], &terms[0], &albedo[0],
-                                    &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], n_out,
-                                    &work[thread, 0])
+            order_bound(m, n_term, <int>coefficients.shape[0], &coefficients[0, 0, 0], &terms[0], &albedo[0],
+                        &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], n_out, &strength[m],
+                        &bounds[m], &effect[m, 0], &work[thread, 0])
             seconds[thread] += vrte_seconds() - start
 
 
-cdef double order_bound(int m, int n_term, int n_layer, const double* coefficients, const int* terms, const double* albedo,
-                        const double* directions, int n_all, const double* weights, int n_node, int n_out,
-                        double* work) noexcept nogil:
+cdef inline double norm_of_coefficients(const double* c) noexcept nogil:
+    """Of both 2 x 2 blocks of B_l, the larger norm, or a little more."""
+    cdef double first = 0.5 * fabs(c[0] + c[1]) + hypot(0.5 * (c[0] - c[1]), c[4])
+    return max(first, max(fabs(c[2]), fabs(c[3])) + fabs(c[5]))
+
+
+cdef void order_bound(int m, int n_term, int n_layer, const double* coefficients, const int* terms, const double* albedo,
+                      const double* directions, int n_all, const double* weights, int n_node, int n_out, double* strength,
+                      double* bound, double* effect, double* work) noexcept nogil:
     cdef double* prt = work
-    cdef double* norms = prt + <size_t>3 * n_all * n_term
-    cdef double* rows = norms + n_all
-    cdef int l, i, j, layer
-    cdef double b, nodes, q, size, worst_q = 0.0, worst_u = 0.0, worst_v = 0.0
+    cdef double* norms = prt + <size_t>3 * n_all * n_term      # (l, direction): |P_l^m|
+    cdef double* u = norms + <size_t>n_all * n_term
+    cdef double* size = u + n_all
+    cdef double* out = size + n_term                           # (l,): the largest norm of an outgoing, an incident
+    cdef double* into = out + n_term                           # direction
+    cdef int l, i, layer
+    cdef double worst_u, worst_v, to_out, to_in
     cdef const double* value
+    strength[0] = bound[0] = 0.0
+    memset(effect, 0, sizeof(double) * n_node)
     spherical(m, n_term, directions, n_all, prt)
+    for l in range(m, n_term):
+        for i in range(n_all):
+            value = prt + (<size_t>l * n_all + i) * 3
+            norms[<size_t>l * n_all + i] = max(fabs(value[0]), fabs(value[1]) + fabs(value[2]))
+        out[l] = largest_of(n_out, norms + <size_t>l * n_all + n_node)
+        into[l] = largest_of(n_all - n_node - n_out, norms + <size_t>l * n_all + n_node + n_out)
     for layer in range(n_layer):
-        q = 0.0
-        memset(rows, 0, sizeof(double) * n_all)
+        worst_u = worst_v = 0.0
+        memset(u, 0, sizeof(double) * n_all)
         for l in range(m, terms[layer]):
-            size = 0.0
-            for j in range(6):
-                b = coefficients[(<size_t>layer * n_term + l) * 6 + j]
-                size += (2.0 if j >= 4 else 1.0) * b * b
-            size = albedo[layer] * sqrt(size)
-            nodes = 0.0
+            size[l] = albedo[layer] * norm_of_coefficients(coefficients + (<size_t>layer * n_term + l) * 6)
+            strength[0] = max(strength[0], size[l] / (2.0 * l + 1.0))
             for i in range(n_all):
-                value = prt + (<size_t>l * n_all + i) * 3
-                b = 2.0 * (value[0] * value[0] + value[1] * value[1] + value[2] * value[2])
-                norms[i] = sqrt(b)
-                if i < n_node:
-                    nodes += weights[i] * b
-            q += size * nodes
-            nodes = size * sqrt(nodes)
-            for i in range(n_node, n_all):
-                rows[i] += norms[i] * nodes
-        worst_q = max(worst_q, q)
-        for i in range(n_node, n_node + n_out):
-            worst_u = max(worst_u, rows[i])
+                u[i] += 2.0 / (2.0 * l + 1.0) * (size[l] * norms[<size_t>l * n_all + i]) ** 2
+        for i in range(n_node, n_node + n_out):      # grazing light leaves the uppermost sheet: no more than at 0.01
+            worst_u = max(worst_u, u[i] / max(directions[i], 0.01))
         for i in range(n_node + n_out, n_all):
-            worst_v = max(worst_v, rows[i])
-    return worst_u * worst_v / (1.0 - worst_q) if worst_q < 1.0 else INFINITY
+            worst_v = max(worst_v, u[i] * directions[i])
+        bound[0] = max(bound[0], sqrt(worst_u * worst_v) / (16.0 * PI))
+        for i in range(n_node):                      # by way of a node
+            to_out = to_in = 0.0
+            for l in range(m, terms[layer]):
+                to_out += size[l] * out[l] * norms[<size_t>l * n_all + i]
+                to_in += size[l] * into[l] * norms[<size_t>l * n_all + i]
+            effect[i] = max(effect[i], weights[i] * to_out * to_in / (8.0 * PI))
 
 
 def assembly_work(n_all, n_term, stokes):
@@ -563,11 +577,11 @@ cdef void assemble_one(int m, Parity p, int terms, double albedo, const double* 
             matrix = F if kind else E
             inner = columns_of(p, m, terms, kind)
             parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, phi)
-            times_coefficients(p, m, terms, kind, albedo, coefficients, n, phi, psi)
+            times_coefficients(p, m, terms, kind, albedo, 1.0, coefficients, n, phi, psi)
             product(b"N", b"T", n, n, inner, -1.0, phi, n, psi, n, 0.0, matrix, n)
             # the beam: column mu0 of the same product; rows: phi, the nodes
             parity_columns(p, m, terms, kind, prt, n_all, n_node + n_out, n_in, NULL, phi_in)
-            times_coefficients(p, m, terms, kind, albedo, coefficients, into, phi_in, psi_in)
+            times_coefficients(p, m, terms, kind, albedo, 1.0, coefficients, into, phi_in, psi_in)
             product(b"N", b"T", n, into, inner, 1.0, phi, n, psi_in, into, 0.0, source_s if kind else source_d, n)
             parity_columns(p, m, terms, kind, prt, n_all, n_node, n_out, NULL, phi)
             product(b"N", b"T", out, n, inner, 1.0, phi, out, psi, n, 0.0, G_F if kind else G_E, out)
@@ -2163,6 +2177,183 @@ cdef inline void off_nodes(Sizes s, int n_in, double depth, const double* mu0, E
             out[k] = direct[i] * entering[k] + fade * OI[k]
     product(b"N", b"N", s.o, s.r, s.n, 1.0, t.ON, s.o, through, s.n, 1.0, out, s.o)
     product(b"N", b"N", s.o, s.r, s.n, 1.0, r.ON, s.o, turned, s.n, 1.0, out, s.o)
+
+
+# ---------------------------------------------------------------------------------------------------------
+# The top of a layer without end, by invariance alone: a thin layer added on top changes nothing, so with E = D - e and
+# F = D - f, D = 1/mu,
+#   D R + R D = ((1 + R) e (1 + R) - (1 - R) f (1 - R))/2.
+# e = phi C phi^T and f alike are of low rank, a few columns a degree. With He = phi_e + R phi_e, Hf = phi_f - R phi_f
+# (Ambarzumian's functions, as matrices) R = (He Ce He'^T - Hf Cf Hf'^T)/2 over 1/mu + 1/mu', and H' = Q H q by
+# reciprocity, Q and q the signs of V. A fixed point of it gains a factor of about q of `order_bounds` a step.
+# ---------------------------------------------------------------------------------------------------------
+
+def invariance_work(n_node, n_off, stokes, n_term):
+    """Doubles of `work` that one thread of `reflect_endless` needs."""
+    n, u = stokes * n_node, stokes * n_off
+    return 3 * (n_node + n_off) * n_term + n_node + 12 * n_term * (n + u) + n * n + u * n + u * u + max(n, u) ** 2
+
+
+def reflect_endless(const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients, int terms,
+                    double albedo, const double[::1] directions, const double[::1] weights, const int[::1] out,
+                    const int[::1] into, const double[:, ::1] columns, double tolerance, double[:, :, :, ::1] up,
+                    double[:, :, ::1] on_nodes, double[::1] residual, int[::1] steps, int threads, double[:, ::1] work,
+                    double[::1] seconds, const int[::1] stop):
+    """The light that a layer without end sends back, one Fourier order after another, single scattering left out.
+
+    members (S,): the Stokes parameters; coefficients (term, 6); directions: nodes, then off the nodes; weights (N,);
+    out (n_out,), into (n_in,): places among the latter; columns (n_col, S). up (order, n_in, n_col, S n_out): radiance
+    times 2 pi for a unit beam, flipped by D; on_nodes (order, n_in n_col, n): the scaled diffuse field on the nodes, all
+    of it. residual (order,): what is still missing of R, estimated from the last steps, relative to its largest element;
+    steps (order,).
+    """
+    cdef int n_order = <int>orders.shape[0], o, thread, stokes = <int>members.shape[0]
+    cdef double start
+    for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            endless_one(orders[o], parity_of(orders[o], stokes, &members[0]), terms, albedo, &coefficients[0, 0],
+                        &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], &out[0],
+                        <int>out.shape[0], &into[0], <int>into.shape[0], &columns[0, 0], <int>columns.shape[0], tolerance,
+                        &up[o, 0, 0, 0], &on_nodes[o, 0, 0], &residual[o], &steps[o], &work[thread, 0], &stop[0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef struct Sheet:
+    # what one kind (E or F) has on some rows: phi, H and H C, column by column
+    int rows
+    int columns
+    double* phi
+    double* H
+    double* HC
+
+
+cdef double* sheet_at(double* memory, Parity p, int m, int terms, int kind, int n_mu, Sheet* sheet) noexcept nogil:
+    """Places a sheet; what lies behind it."""
+    sheet.rows, sheet.columns = p.stokes * n_mu, columns_of(p, m, terms, kind)
+    sheet.phi = memory
+    sheet.H = sheet.phi + <size_t>sheet.rows * sheet.columns
+    sheet.HC = sheet.H + <size_t>sheet.rows * sheet.columns
+    return sheet.HC + <size_t>sheet.rows * sheet.columns
+
+
+cdef void step_of(Sheet rows, Sheet nodes, double sign, double* HC_H, double add) noexcept nogil:
+    """HC_H = sign H C H_nodes^T + add HC_H."""
+    product(b"N", b"T", rows.rows, nodes.rows, rows.columns, sign, rows.HC, rows.rows, nodes.H, nodes.rows, add, HC_H,
+            rows.rows)
+
+
+cdef void renew(Sheet rows, Sheet nodes, double sign, const double* R) noexcept nogil:
+    """H = phi + sign R phi_nodes."""
+    memcpy(rows.H, rows.phi, sizeof(double) * <size_t>rows.rows * rows.columns)
+    product(b"N", b"N", rows.rows, rows.columns, nodes.rows, sign, R, rows.rows, nodes.phi, nodes.rows, 1.0, rows.H,
+            rows.rows)
+
+
+cdef double divide_by_rates(Parity p, int rows, const double* mu_row, int columns, const double* mu_column, double* new,
+                            double* R, double* largest) noexcept nogil:
+    """new <- new Q/2 over 1/mu + 1/mu'; what it differs from R, which it replaces."""
+    cdef int i, j
+    cdef size_t k
+    cdef double rate, half, gap = 0.0
+    largest[0] = 0.0
+    for j in range(columns):
+        rate = 1.0 / mu_column[j // p.stokes]
+        half = -0.5 if j % p.stokes == p.place[3] else 0.5
+        for i in range(rows):
+            k = <size_t>j * rows + i
+            new[k] *= half / (1.0 / mu_row[i // p.stokes] + rate)
+            gap = max(gap, fabs(new[k] - R[k]))
+            largest[0] = max(largest[0], fabs(new[k]))
+            R[k] = new[k]
+    return gap
+
+
+cdef double settle(Parity p, int m, int terms, double albedo, const double* coefficients, Sheet* rows, Sheet* nodes,
+                   const double* mu_row, const double* mu_node, double tolerance, double* R, double* new, int* steps,
+                   const int* stop) noexcept nogil:
+    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes."""
+    cdef int step, kind
+    cdef double gap = 0.0, before = 0.0, largest = 0.0, missing = 1.0, rate
+    memset(R, 0, sizeof(double) * <size_t>rows[0].rows * nodes[0].rows)
+    for kind in range(2):
+        memcpy(rows[kind].H, rows[kind].phi, sizeof(double) * <size_t>rows[kind].rows * rows[kind].columns)
+    for step in range(MOST_STEPS):
+        for kind in range(2):
+            times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, rows[kind].rows, rows[kind].H, rows[kind].HC)
+            step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
+        gap = divide_by_rates(p, rows[0].rows, mu_row, nodes[0].rows, mu_node, new, R, &largest)
+        for kind in range(2):
+            renew(rows[kind], nodes[kind], -1.0 if kind else 1.0, R)
+        steps[0] += 1
+        if largest == 0.0 or stop[0]:
+            return 0.0
+        if step > 0:
+            rate = min(gap / before, 0.999) if before > 0.0 else 0.0
+            missing = gap * rate / (1.0 - rate) / largest
+            if missing <= tolerance or gap <= 4e-16 * largest:
+                return missing
+        before = gap
+    return missing
+
+
+cdef enum:
+    MOST_STEPS = 400
+
+
+cdef void endless_one(int m, Parity p, int terms, double albedo, const double* coefficients, const double* directions,
+                      int n_all, const double* weights, int n_node, const int* out, int n_out, const int* into, int n_in,
+                      const double* columns, int n_col, double tolerance, double* up, double* on_nodes, double* residual,
+                      int* steps, double* work, const int* stop) noexcept nogil:
+    cdef int n_off = n_all - n_node, n = p.stokes * n_node, u = p.stokes * n_off, kind, i, j, a, b, c, beam, rhs
+    cdef const double* off = directions + n_node
+    cdef double* prt = work
+    cdef double* scale = prt + <size_t>3 * n_all * terms
+    cdef double* R = scale + n_node
+    cdef double* Ru = R + <size_t>n * n                   # (u, n)
+    cdef double* Ruu = Ru + <size_t>u * n                 # (u, u)
+    cdef double* new = Ruu + <size_t>u * u                # the largest of the three again
+    cdef double* memory = new + max(<size_t>n * n, max(<size_t>u * n, <size_t>u * u))
+    cdef Sheet nodes[2]
+    cdef Sheet rows[2]
+    cdef double total, largest, sign
+    spherical(m, terms, directions, n_all, prt)
+    for i in range(n_node):
+        scale[i] = sqrt(weights[i] / directions[i])
+    for kind in range(2):
+        memory = sheet_at(memory, p, m, terms, kind, n_node, &nodes[kind])
+        memory = sheet_at(memory, p, m, terms, kind, n_off, &rows[kind])
+        parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
+        parity_columns(p, m, terms, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
+    steps[0] = 0
+    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, tolerance, R, new, steps,
+                         stop)
+    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, tolerance, Ru,
+                                          new, steps, stop))
+    # from off the nodes to off the nodes, less what is scattered once
+    for kind in range(2):
+        sign = -1.0 if kind else 1.0
+        times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, u, rows[kind].H, rows[kind].HC)
+        product(b"N", b"T", u, u, rows[kind].columns, sign, rows[kind].HC, u, rows[kind].H, u, 1.0 if kind else 0.0, new, u)
+        times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, u, rows[kind].phi, rows[kind].HC)
+        product(b"N", b"T", u, u, rows[kind].columns, -sign, rows[kind].HC, u, rows[kind].phi, u, 1.0, new, u)
+    divide_by_rates(p, u, off, u, off, new, Ruu, &largest)
+    for beam in range(n_in):
+        for c in range(n_col):
+            rhs = beam * n_col + c
+            for i in range(n_out):
+                for a in range(p.stokes):
+                    total = 0.0
+                    for b in range(p.stokes):
+                        total += Ruu[<size_t>(p.stokes * into[beam] + b) * u + p.stokes * out[i] + a] * columns[c * p.stokes + b]
+                    up[(<size_t>rhs * n_out + i) * p.stokes + a] = total / off[out[i]]
+            for j in range(n):                           # R_NI = Q Ru^T Q
+                total = 0.0
+                for b in range(p.stokes):
+                    sign = -1.0 if (b == p.place[3]) != (j % p.stokes == p.place[3]) else 1.0
+                    total += sign * Ru[<size_t>j * u + p.stokes * into[beam] + b] * columns[c * p.stokes + b]
+                on_nodes[<size_t>rhs * n + j] = total
 
 
 # ---------------------------------------------------------------------------------------------------------

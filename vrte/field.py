@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, vector
-from vrte.discrete_ordinates.problem import Progress
-from vrte.discrete_ordinates.quadrature import double_gauss
-from vrte.discrete_ordinates.solver import solve
+from vrte.arrays import Array, frozen
+from vrte.discrete_ordinates.problem import Progress, Run
+from vrte.discrete_ordinates.solver import Solution, solve
 from vrte.errors import SceneError
-from vrte.request import check_scene, cosines, depths, solver_options, stokes_vector
+from vrte.plan import Plan, make_plan
+from vrte.request import Request, radiance_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
@@ -99,11 +99,12 @@ def radiance(
     mu: Any = None,
     phi: Any = 0.0,
     tau: Any = 0.0,
-    nodes: int = 40,
+    nodes: int | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     algorithm: str = "auto",
     verify: bool = False,
+    accuracy: float | None = None,
 ) -> Field:
     """The diffuse field of one beam, by discrete ordinates.
 
@@ -121,29 +122,26 @@ def radiance(
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    scene = check_scene(scene)
-    beam = cosines("mu0", mu0)
-    if beam.size != 1:
-        raise SceneError(f"mu0 must be one number a call, not {beam.size}")
-    options = solver_options(nodes, algorithm, verify)
-    points = double_gauss(options.nodes)[0]
-    directions = cosines("mu", np.concatenate([points, -points]) if mu is None else mu, signed=True)
-    incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
-    parts = [incident * [1, 1, 0, 0], incident * [0, 0, 1, 1]]
-    columns = np.array([part for part in parts if part.any()] or parts[:1])
+    options = solver_options(nodes, accuracy, algorithm, verify)
+    request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
     run = new_run(threads)
-    solution = interruptible(
-        run, lambda: solve(scene, beam, columns, directions, azimuths, levels, options, run, progress)
-    )
+    plan, solution = interruptible(run, lambda: planned(request, run, progress))
+    levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
     return Field(
-        stokes=frozen(solution.radiance[:, 0].sum(axis=-1)),
+        stokes=frozen(solution.radiance[:, 0, : directions.size].sum(axis=-1)),
         flux_up=frozen(solution.flux_up[:, 0].sum(axis=-1)),
         flux_down=frozen(solution.flux_down[:, 0].sum(axis=-1)),
         direct=frozen(beam[0] * incident[0] * np.exp(-levels / beam[0])),
         tau=levels,
         mu=directions,
-        phi=azimuths,
+        phi=request.phi,
         mu0=float(beam[0]),
         incident_stokes=incident,
         diagnostics=solution.diagnostics,
     )
+
+
+def planned(request: Request, run: Run, progress: Progress | None) -> tuple[Plan, Solution]:
+    """The plan of a request, and its solution."""
+    plan = make_plan(request, run)
+    return plan, solve(plan, run, progress)

@@ -1,18 +1,40 @@
 """What a user asks for, checked before any work."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, flag, numbers, shown, vector, whole
+from vrte.arrays import Array, flag, number, numbers, shown, vector, whole
 from vrte.discrete_ordinates.choice import ALGORITHMS
-from vrte.discrete_ordinates.solver import Options
 from vrte.errors import SceneError
 from vrte.scene import Scene
 
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
 LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
+FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
+WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What is asked of a scene: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V), signed
+    mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,), and how: nodes (None: chosen by the plan), accuracy relative to
+    the largest I at each depth, algorithm, verify. ``fluxes_only``: mu is there for form's sake."""
+
+    kind: str
+    scene: Scene
+    mu0: Array
+    columns: Array
+    mu: Array | None
+    phi: Array
+    tau: Array
+    nodes: int | None
+    accuracy: float
+    algorithm: str
+    verify: bool
+    fluxes_only: bool = False
 
 
 def check_scene(scene: Any) -> Scene:
@@ -57,8 +79,48 @@ def depths(values: Any, scene: Scene) -> Array:
     return array
 
 
-def solver_options(nodes: Any, algorithm: Any, verify: Any) -> Options:
-    """Nodes of a hemisphere, the algorithm's name, a yes or no."""
+def solver_options(nodes: Any, accuracy: Any, algorithm: Any, verify: Any) -> dict[str, Any]:
+    """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no: as fields of a Request."""
     if not (isinstance(algorithm, str) and algorithm in ALGORITHMS):
         raise SceneError(f"algorithm must be {', '.join(map(repr, ALGORITHMS))}, not {shown(algorithm)}")
-    return Options(whole("nodes", nodes, 1, MOST_NODES), algorithm, flag("verify", verify))
+    if accuracy is None:
+        accuracy = WITHOUT_NODES if nodes is None else WITH_NODES
+    return {
+        "nodes": None if nodes is None else whole("nodes", nodes, 1, MOST_NODES),
+        "accuracy": number("accuracy", accuracy, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
+        "algorithm": algorithm,
+        "verify": flag("verify", verify),
+    }
+
+
+def brdf_request(
+    scene: Any, mu_i: Any, mu_o: Any, phi: Any, transmission: Any, options: dict[str, Any]
+) -> tuple[Request, Array]:
+    """The request of a BRDF, and its outgoing cosines."""
+    scene = check_scene(scene)
+    into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
+    azimuths = vector("phi", phi)
+    if flag("transmission", transmission) and not np.isfinite(scene.thickness):
+        raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
+    levels = np.array([0.0, scene.thickness] if transmission else [0.0])
+    directions = np.concatenate([out, -out]) if transmission else out
+    return Request("brdf", scene, into, np.eye(4), directions, azimuths, levels, **options), out
+
+
+def radiance_request(
+    scene: Any, mu0: Any, stokes: Any, mu: Any, phi: Any, tau: Any, options: dict[str, Any]
+) -> tuple[Request, Array]:
+    """The request of a field, and the incident Stokes vector."""
+    scene = check_scene(scene)
+    beam = cosines("mu0", mu0)
+    if beam.size != 1:
+        raise SceneError(f"mu0 must be one number a call, not {beam.size}")
+    fluxes_only = isinstance(mu, (list, tuple)) and not mu
+    directions = np.ones(1) if fluxes_only else None if mu is None else cosines("mu", mu, signed=True)
+    incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
+    parts = [incident * [1, 1, 0, 0], incident * [0, 0, 1, 1]]
+    columns = np.array([part for part in parts if part.any()] or parts[:1])
+    request = Request(
+        "radiance", scene, beam, columns, directions, azimuths, levels, **options, fluxes_only=fluxes_only
+    )
+    return request, incident

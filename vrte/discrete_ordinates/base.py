@@ -48,8 +48,9 @@ def expand_base(base: Lambertian | MuellerBase | None, problem: Problem, n_order
     else:
         orders, azimuths = mueller_orders(base, into, out, n_order)
     row = np.where(np.arange(n_order) < orders.shape[0], np.arange(n_order), -1).astype(np.int32)
-    members = np.ix_(problem.stokes, problem.stokes)
-    return Base(row, *operators(problem, (FLIP[:, None] * orders)[(..., *members)]), azimuths)
+    members = list(problem.stokes)
+    orders = (FLIP[:, None] * orders)[..., members, :][..., members]
+    return Base(row, *operators(problem, orders), azimuths)
 
 
 def operators(problem: Problem, orders: Array) -> tuple[Array, Array, Array]:

@@ -1,13 +1,17 @@
 """How much memory a request takes, said before it starts."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from vrte import _core
+from vrte.discrete_ordinates.blocks import Block
 from vrte.discrete_ordinates.problem import Problem
 from vrte.discrete_ordinates.slabs import Pile, cut
 from vrte.errors import SceneError
-from vrte.scene import MuellerBase, Scene
+from vrte.scene import MuellerBase
 
 BYTES = 8
 CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
@@ -18,9 +22,9 @@ FILES = (  # what a control group may use, and what it uses: version 2, version 
 )
 
 
-def check_memory(scene: Scene, problem: Problem, n_phi: int, threads: int, route: str) -> None:
+def check_memory(problem: Problem, blocks: Sequence[Block], n_phi: int, threads: int) -> None:
     """Raises SceneError where the request needs more memory than there is."""
-    needed, available = BYTES * doubles_needed(scene, problem, n_phi, threads, route), available_bytes()
+    needed, available = BYTES * doubles_needed(problem, blocks, n_phi, threads), available_bytes()
     if needed > LARGEST_SHARE * available:
         raise SceneError(
             f"nodes, layers and directions together need about {in_gigabytes(needed)} of memory and "
@@ -28,26 +32,38 @@ def check_memory(scene: Scene, problem: Problem, n_phi: int, threads: int, route
         )
 
 
-def doubles_needed(scene: Scene, problem: Problem, n_phi: int, threads: int, route: str) -> float:
-    """Doubles at the peak, before the number of orders is known: at most one a term."""
-    per_order, per_thread = doubles_of_doubling(cut(problem)) if route == "doubling" else doubles_of_modes(problem)
-    n_order = float(problem.terms.max())
+def doubles_needed(problem: Problem, blocks: Sequence[Block], n_phi: int, threads: int) -> float:
+    """Doubles at the peak: one block after another, beside what they add up to."""
     n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
-    matrices = {id(layer.phase_matrix) for layer in scene.layers}
     directions = float(n_in) * n_out * n_phi
     radiance = 4.0 * n_col * problem.level.size * directions
+    # the sum over orders, single scattering, the result's own copy
+    return 4.0 * radiance + 16.0 * directions + max((doubles_of_block(block, threads) for block in blocks), default=0.0)
+
+
+def doubles_of_block(block: Block, threads: int) -> float:
+    """Doubles of all orders' kernels and of the matrices of those done at once."""
+    problem, n_order = block.problem, float(block.orders.size)
+    per_order, per_thread = doubles_of_route(block.choice.name, problem)
     base = 0.0
-    if isinstance(scene.base, MuellerBase) and scene.base_is_reached:
-        nodes = problem.nodes.size
-        base = n_order * 16.0 * (nodes + n_in) * (nodes + n_out) * 3.0 + 16.0 * problem.level.size * directions
-    return (
-        4.0 * radiance  # the sum over orders, single scattering, the result's own copy
-        + 16.0 * len(matrices) * directions
-        + 2.0 * n_order * problem.level.size * problem.n_rhs * n_out * 4.0
-        + min(n_order, orders_at_once(per_order, threads)) * per_order
-        + threads * per_thread
-        + base
-    )
+    if isinstance(block.base, MuellerBase):
+        base = n_order * 48.0 * (problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
+    kernels = 2.0 * n_order * problem.level.size * problem.n_rhs * problem.rows_out
+    return kernels + min(n_order, orders_at_once(per_order, threads)) * per_order + threads * per_thread + base
+
+
+def doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory."""
+    if name == "doubling":
+        return doubles_of_doubling(cut(problem))
+    return doubles_of_invariance(problem) if name == "invariance" else doubles_of_modes(problem)
+
+
+def doubles_of_invariance(problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory, by invariance."""
+    directions = np.union1d(problem.mu_out, problem.mu0)
+    work = _core.invariance_work(problem.nodes.size, directions.size, len(problem.stokes), int(problem.terms.max()))
+    return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
 
 
 def doubles_of_modes(problem: Problem) -> tuple[float, float]:

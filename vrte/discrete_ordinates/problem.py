@@ -21,7 +21,8 @@ class Problem:
 
     coefficients (layer, term, 6), cut at 2 N terms; terms, albedo, thickness, above (layer,); nodes, weights (N,);
     mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, S) incident Stokes
-    vectors; stokes (S,): places of the S Stokes parameters at work, ascending; level, level_layer (n_tau,): depths below the top of a layer.
+    vectors; stokes (S,): places of the S Stokes parameters at work, ascending; terms_cut: how many terms of the longest
+    phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer.
     """
 
     coefficients: Array
@@ -38,6 +39,7 @@ class Problem:
     level: Array
     level_layer: IntArray
     stokes: tuple[int, ...] = ALL
+    terms_cut: int = 0
 
     @property
     def directions(self) -> Array:

@@ -1,0 +1,155 @@
+"""What multiple scattering of each Fourier order can do, known beforehand: how much of a scene matters."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte import _core
+from vrte.arrays import Array
+from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
+from vrte.discrete_ordinates.single_scattering import layer_paths, phase_matrices_of_layers
+from vrte.scene import Scene
+
+SHARE = 0.25  # of the accuracy asked for, for each thing left out
+SAMPLES = 5  # directions of each kind that singly scattered light is looked at
+DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may fade with
+LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
+ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
+
+
+@dataclass(frozen=True, eq=False)
+class Needs:
+    """strength, bounds (order,), effect (order, node): see `order_bounds` in _core.pyx."""
+
+    strength: Array
+    bounds: Array
+    effect: Array
+
+
+def needs_of(problem: Problem, run: Run) -> Needs:
+    """Strength of each order, and bounds on what it adds and on what passes by way of each node."""
+    n_order, directions = int(problem.terms.max()), problem.directions
+    needs = Needs(np.empty(n_order), np.empty(n_order), np.empty((n_order, problem.nodes.size)))
+    run.timed(
+        "planning",
+        _core.order_bounds,
+        problem.coefficients,
+        problem.terms,
+        problem.albedo,
+        directions,
+        problem.weights,
+        problem.mu_out.size,
+        needs.strength,
+        needs.bounds,
+        needs.effect,
+        run.threads,
+        run.work(_core.bounds_work(directions.size, n_order)),
+    )
+    return needs
+
+
+def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
+    """Singly scattered I per unit of incident light, seen along a few of the directions ``mu``: the brightest at each
+    depth for the beam that it is faintest of, (n_tau,). Never more than the light there is."""
+    out, into = spread(mu.size), spread(problem.mu0.size)
+    few = Problem(**{**vars(problem), "mu0": np.ascontiguousarray(problem.mu0[into])})
+    paths = layer_paths(few, mu[out])
+    phase = phase_matrices_of_layers(tuple(scene.layers), few.mu0, mu[out], np.array([0.0, 180.0]), run)
+    total = np.zeros(paths.shape[1:])
+    for z, path, layer in zip(phase, paths, scene.layers, strict=True):
+        total += layer.albedo / (4.0 * np.pi) * path * z[..., 0, 0].max(axis=-1)
+    brightest: Array = total.max(axis=2).min(axis=1)
+    return brightest
+
+
+def spread(count: int) -> IntArray:
+    """A few places among ``count``, first and last included."""
+    places: IntArray = np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(np.int32))
+    return places
+
+
+def orders_that_matter(needs: Needs, depth: Array, brightest: Array, accuracy: float) -> int:
+    """So many orders that all others together add less, at every depth, than a share of the accuracy; at least 1.
+
+    An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
+    bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
+    """
+    strength = np.minimum(needs.strength, 1.0)[:, None, None]
+    kappa = DECAYS * (1.0 - strength)
+    rest = (1.0 - kappa) - strength
+    fading = np.exp(-kappa * depth[None, :, None])
+    bound = np.where(rest > 0.0, fading / np.where(rest > 0.0, rest, 1.0), np.inf).min(axis=2)
+    tail = np.cumsum(2.0 * (needs.bounds[:, None] * bound)[::-1], axis=0)[::-1]
+    matters = ~(tail <= SHARE * accuracy * brightest).all(axis=1)
+    return max(1, int(np.count_nonzero(matters)))
+
+
+def nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
+    """How many nodes, from the lowest mu, each order needs: what passes by way of the others is less than a share."""
+    gain = 1.0 / np.maximum(1.0 - needs.strength, LARGEST_GAIN**-0.5) ** 2
+    lost = np.cumsum(needs.effect[:, ::-1], axis=1) * gain[:, None]
+    allowed = SHARE * accuracy * brightest / needs.strength.size
+    seen: IntArray = (needs.effect.shape[1] - (lost <= allowed).sum(axis=1)).astype(np.int32)
+    seen[0] = needs.effect.shape[1]
+    return np.maximum.accumulate(seen[::-1])[::-1]
+
+
+def layer_strengths(problem: Problem) -> Array:
+    """q of each layer alone, (layer, order): the largest omega |B_l|/(2 l + 1) of the degrees l >= m."""
+    a1, a2, a3, a4, b1, b2 = np.moveaxis(problem.coefficients, -1, 0)
+    first = 0.5 * np.abs(a1 + a2) + np.hypot(0.5 * (a1 - a2), b1)
+    norm = np.maximum(first, np.maximum(np.abs(a3), np.abs(a4)) + np.abs(b2))
+    degree = np.arange(norm.shape[1])
+    strength = problem.albedo[:, None] * norm / (2.0 * degree + 1.0)
+    kept: Array = np.maximum.accumulate(strength[:, ::-1], axis=1)[:, ::-1]
+    return kept
+
+
+def layers_reached(problem: Problem, strengths: Array, order: int, accuracy: float) -> tuple[int, bool]:
+    """How many layers light of an order comes back from, and whether it comes back from the end of the last of them.
+
+    On its way down from the lowest level asked for, and up again, it fades with kappa = 0.8 (1 - q) at least.
+    """
+    deepest = int(problem.level_layer.max())
+    start = float(problem.level[problem.level_layer == deepest].max())
+    q = np.minimum(strengths[:, order], ALMOST_ONE)
+    kappa = 0.8 * (1.0 - q)
+    path = 0.0
+    for layer in range(deepest, problem.albedo.size):
+        if q[layer] < ALMOST_ONE:
+            gain = ((0.2 + 0.8 * q[deepest : layer + 1]) / (0.2 * (1.0 - q[deepest : layer + 1]))).max() ** 2
+            length = float(problem.thickness[layer]) - (start if layer == deepest else 0.0)
+            path += kappa[layer] * length
+            if path >= 0.5 * math.log(gain / (SHARE * accuracy)):
+                return layer + 1, False
+        elif math.isinf(problem.thickness[layer]):
+            return layer + 1, False
+    return problem.albedo.size, not math.isinf(problem.thickness[-1])
+
+
+def stokes_sets(problem: Problem, order: int, mixed_by_base: bool) -> list[tuple[int, ...]]:
+    """The sets of Stokes parameters that an order keeps apart, each ascending, without those that do not scatter."""
+    table = np.abs(problem.coefficients[problem.albedo > 0.0, order:]).max(axis=(0, 1), initial=0.0)
+    _, a2, a3, a4, b1, b2 = table
+    if mixed_by_base:
+        return [ALL]
+    parent = [0, 1, 2, 3]
+
+    def join(a: int, b: int) -> None:
+        old, new = max(parent[a], parent[b]), min(parent[a], parent[b])
+        parent[:] = [new if p == old else p for p in parent]
+
+    if order > 0 and (a2 > 0.0 or a3 > 0.0):
+        join(1, 2)
+    if b1 > 0.0:
+        join(0, 1)
+        if order > 0:
+            join(0, 2)
+    if b2 > 0.0:
+        join(2, 3)
+        if order > 0:
+            join(1, 3)
+    scatters = [True, a2 > 0.0 or a3 > 0.0 or b1 > 0.0, a2 > 0.0 or a3 > 0.0 or b2 > 0.0, a4 > 0.0 or b2 > 0.0]
+    sets = [tuple(i for i in ALL if parent[i] == p) for p in sorted(set(parent))]
+    return [members for members in sets if any(scatters[i] for i in members)]
