@@ -60,7 +60,9 @@ def reconstruct(
 def nodal_fluxes(problem: Problem, modes: Modes, beam: Beam, amplitudes: Amplitudes) -> tuple[Array, Array]:
     """Diffuse flux up and down through a horizontal plane at every level, from order 0: (n_tau, n_in, n_col) each."""
     shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
-    up, down = np.empty(shape), np.empty(shape)
+    up, down = np.zeros(shape), np.zeros(shape)
+    if not problem.conserves:
+        return up, down
     weight = np.sqrt(problem.weights * problem.nodes)
     for t, (level, layer) in enumerate(zip(problem.level, problem.level_layer, strict=True)):
         y, z = mode_coordinates(problem, int(layer), float(level), modes, beam, amplitudes)

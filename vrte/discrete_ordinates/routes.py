@@ -98,11 +98,14 @@ class Invariance:
     """Fixed points of the invariance equation: the top of a layer without end alone."""
 
     name = "invariance"
-    allowed: ClassVar = {"residual_of_invariance": 1e-9}
 
     def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
         self.problem, self.tolerance = problem, TIGHTER * accuracy
-        self.allowed = {name: max(limit, 2.0 * self.tolerance) for name, limit in type(self).allowed.items()}
+
+    @property
+    def allowed(self) -> dict[str, float]:
+        """Residuals up to which the answer counts."""
+        return {"residual_of_invariance": max(1e-9, 2.0 * self.tolerance)}
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once: all, their matrices are scratch memory."""
