@@ -6,6 +6,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.arrays import Array
+from vrte.discrete_ordinates.azimuths import cos_sin_deg
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.scene import Lambertian, Layer, MuellerBase
 
@@ -16,15 +17,6 @@ def exp_difference(a: Array, b: Array) -> Array:
     gap = np.where(np.isfinite(low), low, -1e300) - high
     safe = np.where(gap == 0.0, 1.0, gap)
     return np.exp(high) * np.where(gap == 0.0, 1.0, np.expm1(safe) / safe)
-
-
-def cos_sin_deg(angle_deg: Array) -> tuple[Array, Array]:
-    """cos and sin, exact at multiples of 90 degrees."""
-    turn = np.remainder(angle_deg, 360.0)
-    cosine, sine = np.cos(np.radians(turn)), np.sin(np.radians(turn))
-    cosine = np.where((turn == 90.0) | (turn == 270.0), 0.0, cosine)
-    sine = np.where((turn == 0.0) | (turn == 180.0), 0.0, sine)
-    return cosine, sine
 
 
 def layer_paths(problem: Problem, mu: Array) -> Array:

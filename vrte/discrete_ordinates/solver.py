@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vrte import _core
 from vrte.arrays import Array
 from vrte.blas import single_threaded
+from vrte.discrete_ordinates.azimuths import cos_sin_deg
 from vrte.discrete_ordinates.choice import choose
 from vrte.discrete_ordinates.memory import check_memory
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
@@ -17,7 +18,6 @@ from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.routes import OTHER, ROUTES, Orders, Route
 from vrte.discrete_ordinates.single_scattering import (
     base_reflected,
-    cos_sin_deg,
     layer_paths,
     phase_matrices_of_layers,
 )
