@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, flag, frozen, vector
+from vrte.arrays import Array, flag, frozen, settled, vector
 from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.solver import solve
+from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
 from vrte.field import freeze
 from vrte.request import check_scene, cosines, solver_options
@@ -110,17 +111,22 @@ def brdf(
         raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
     levels = frozen([0.0, scene.thickness] if transmission else [0.0])
     directions = np.concatenate([out, -out]) if transmission else out
+    # light going up at the top, and light going down at the bottom
+    parts = [
+        (np.array([k], np.int32), np.arange(k * out.size, (k + 1) * out.size, dtype=np.int32))
+        for k in range(levels.size)
+    ]
+    wanted = Wanted(parts, np.arange(4, dtype=np.int32), 1.0 / into)
     run = new_run(threads)
     solution = interruptible(
-        run, lambda: solve(scene, into, np.eye(4), directions, azimuths, levels, options, run, progress)
+        run, lambda: solve(scene, into, np.eye(4), directions, azimuths, levels, wanted, options, run, progress)
     )
-    per_irradiance = solution.radiance
-    per_irradiance /= into[:, None, None, None, None]
-    # (n_in, n_mu, n_phi, 4, column)
+    # (1, n_in, n_mu, n_phi, 4, column)
+    matrices = [settled(values)[0] for values in solution.parts]
     return Brdf(
-        mueller=frozen(per_irradiance[0, :, : out.size]),
+        mueller=matrices[0],
         reflectance=frozen(solution.flux_up[0, :, 0] / into),
-        transmission=frozen(per_irradiance[1, :, out.size :]) if transmission else None,
+        transmission=matrices[1] if transmission else None,
         direct_transmittance=frozen(np.exp(-scene.thickness / into)),
         mu_i=into,
         mu_o=out,

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, vector
+from vrte.arrays import Array, frozen, is_settled, settled, vector
 from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.solver import solve
+from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
 from vrte.request import check_scene, cosines, depths, solver_options, stokes_vector
 from vrte.running import interruptible, new_run
@@ -80,12 +81,15 @@ class Field:
 
 
 def freeze(result: Any, shapes: dict[str, tuple[int, ...]]) -> None:
-    """Replaces the named arrays of a frozen dataclass by read-only copies, and its ``diagnostics`` by a copy.
+    """Replaces the named arrays of a frozen dataclass by read-only ones, and its ``diagnostics`` by a copy.
+
+    Arrays that are read-only already, all the way down, are taken as they are: a large table would be copied twice.
 
     Raises SceneError for an array that has not the shape given.
     """
     for name, shape in shapes.items():
-        array = frozen(getattr(result, name))
+        given = getattr(result, name)
+        array = given if is_settled(given) else frozen(given)
         if array.shape != shape:
             raise SceneError(f"{name} must have the shape {shape} to fit its directions, not {array.shape}")
         object.__setattr__(result, name, array)
@@ -131,12 +135,14 @@ def radiance(
     incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
     parts = [incident * [1, 1, 0, 0], incident * [0, 0, 1, 1]]
     columns = np.array([part for part in parts if part.any()] or parts[:1])
+    everything = np.arange(levels.size, dtype=np.int32), np.arange(directions.size, dtype=np.int32)
+    wanted = Wanted([everything], np.zeros(len(columns), np.int32), np.ones(1))  # all columns at one place
     run = new_run(threads)
     solution = interruptible(
-        run, lambda: solve(scene, beam, columns, directions, azimuths, levels, options, run, progress)
+        run, lambda: solve(scene, beam, columns, directions, azimuths, levels, wanted, options, run, progress)
     )
     return Field(
-        stokes=frozen(solution.radiance[:, 0].sum(axis=-1)),
+        stokes=settled(solution.parts[0])[:, 0, ..., 0],
         flux_up=frozen(solution.flux_up[:, 0].sum(axis=-1)),
         flux_down=frozen(solution.flux_down[:, 0].sum(axis=-1)),
         direct=frozen(beam[0] * incident[0] * np.exp(-levels / beam[0])),

@@ -12,9 +12,11 @@ from vrte.discrete_ordinates.problem import IntArray
 class Azimuths:
     """Distinct azimuths from 0 to 180 degrees, and which of them each azimuth asked for is.
 
-    distinct (n_angle,), degrees; angle (n_phi,): index into it; sign (n_phi,): -1 for a mirror image, otherwise 1.
+    phi (n_phi,), degrees: what was asked for; distinct (n_angle,), degrees; angle (n_phi,): index into it; sign
+    (n_phi,): -1 for a mirror image, otherwise 1.
     """
 
+    phi: Array
     distinct: Array
     angle: IntArray
     sign: Array
@@ -35,7 +37,7 @@ def fold(phi: Array) -> Azimuths:
     turn = np.remainder(phi, 360.0)
     mirrored = turn > 180.0
     distinct, angle = np.unique(np.where(mirrored, 360.0 - turn, turn), return_inverse=True)
-    return Azimuths(distinct, angle.astype(np.int32), np.where(mirrored, -1.0, 1.0))
+    return Azimuths(phi, distinct, angle.astype(np.int32), np.where(mirrored, -1.0, 1.0))
 
 
 def cos_sin_deg(angle_deg: Array) -> tuple[Array, Array]:

@@ -4,12 +4,15 @@ import os
 from pathlib import Path
 
 from vrte import _core
+from vrte.discrete_ordinates.azimuths import Azimuths
 from vrte.discrete_ordinates.problem import Problem
 from vrte.discrete_ordinates.slabs import Pile, cut
 from vrte.errors import SceneError
 from vrte.scene import MuellerBase, Scene
 
 BYTES = 8
+PIECE_BYTES = 16e6  # of the result at a time: it stays in the cache, and a progress bar moves
+TILE_DOUBLES = 32768  # of a thread at the end, more where one direction's azimuths take more
 CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
 LARGEST_SHARE = 0.9  # of what is available
 FILES = (  # what a control group may use, and what it uses: version 2, version 1
@@ -18,9 +21,9 @@ FILES = (  # what a control group may use, and what it uses: version 2, version 
 )
 
 
-def check_memory(scene: Scene, problem: Problem, n_phi: int, threads: int, route: str) -> None:
-    """Raises SceneError where the request needs more memory than there is."""
-    needed, available = BYTES * doubles_needed(scene, problem, n_phi, threads, route), available_bytes()
+def check_memory(scene: Scene, problem: Problem, result: float, azimuths: Azimuths, threads: int, route: str) -> None:
+    """Raises SceneError where the request, with so many doubles of result, needs more memory than there is."""
+    needed, available = BYTES * doubles_needed(scene, problem, result, azimuths, threads, route), available_bytes()
     if needed > LARGEST_SHARE * available:
         raise SceneError(
             f"nodes, layers and directions together need about {in_gigabytes(needed)} of memory and "
@@ -28,21 +31,23 @@ def check_memory(scene: Scene, problem: Problem, n_phi: int, threads: int, route
         )
 
 
-def doubles_needed(scene: Scene, problem: Problem, n_phi: int, threads: int, route: str) -> float:
+def doubles_needed(
+    scene: Scene, problem: Problem, result: float, azimuths: Azimuths, threads: int, route: str
+) -> float:
     """Doubles at the peak, before the number of orders is known: at most one a term."""
     per_order, per_thread = doubles_of_doubling(cut(problem)) if route == "doubling" else doubles_of_modes(problem)
     n_order = float(problem.terms.max())
     n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
-    matrices = {id(layer.phase_matrix) for layer in scene.layers}
-    directions = float(n_in) * n_out * n_phi
-    radiance = 4.0 * n_col * problem.level.size * directions
     base = 0.0
     if isinstance(scene.base, MuellerBase) and scene.base_is_reached:
         nodes = problem.nodes.size
-        base = n_order * 16.0 * (nodes + n_in) * (nodes + n_out) * 3.0 + 16.0 * problem.level.size * directions
+        # its Fourier orders, and its samples for one piece of the result
+        piece = max(4.0 * result / n_in, PIECE_BYTES / BYTES)
+        base = n_order * 16.0 * (nodes + n_in) * (nodes + n_out) * 3.0 + 4.0 * piece
     return (
-        4.0 * radiance  # the sum over orders, single scattering, the result's own copy
-        + 16.0 * len(matrices) * directions
+        result
+        + 8.0 * azimuths.angle.size
+        + threads * (TILE_DOUBLES + 8.0 * n_col * azimuths.distinct.size)  # some directions of the sums
         + 2.0 * n_order * problem.level.size * problem.n_rhs * n_out * 4.0
         + min(n_order, orders_at_once(per_order, threads)) * per_order
         + threads * per_thread

@@ -1,6 +1,7 @@
 """One Fourier order after another by one of the two exact routes, what fails by the other, and the azimuthal sum."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,17 +11,13 @@ from numpy.typing import NDArray
 from vrte import _core
 from vrte.arrays import Array
 from vrte.blas import single_threaded
-from vrte.discrete_ordinates.azimuths import cos_sin_deg
+from vrte.discrete_ordinates.azimuths import fold
 from vrte.discrete_ordinates.choice import choose
 from vrte.discrete_ordinates.memory import check_memory
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.routes import OTHER, ROUTES, Orders, Route
-from vrte.discrete_ordinates.single_scattering import (
-    base_reflected,
-    layer_paths,
-    phase_matrices_of_layers,
-)
+from vrte.discrete_ordinates.summing import Block, Wanted, fill, number_of_pieces
 from vrte.errors import AccuracyError
 from vrte.scene import MuellerBase, Scene
 
@@ -34,10 +31,11 @@ NEGLIGIBLE = 1e-15  # of the single-scattering albedo: a bound on what the order
 class Solution:
     """Radiance for each incident Stokes column, and fluxes.
 
-    radiance (n_tau, n_in, n_mu, n_phi, 4, n_col), diffuse, public frame; flux_up, flux_down (n_tau, n_in, n_col).
+    parts: one array (n_level, n_in, n_mu, n_phi, 4, n_place) for each that was wanted, diffuse, public frame; flux_up,
+    flux_down (n_tau, n_in, n_col).
     """
 
-    radiance: Array
+    parts: list[Array]
     flux_up: Array
     flux_down: Array
     diagnostics: dict[str, Any]
@@ -59,14 +57,15 @@ def solve(
     mu: Array,
     phi: Array,
     tau: Array,
+    wanted: Wanted,
     options: Options,
     run: Run,
     progress: Progress | None = None,
 ) -> Solution:
     """The diffuse field at depths tau (n_tau,), signed cosines mu (n_mu,) and azimuths phi (degrees).
 
-    ``columns`` (n_col, 4): incident Stokes vectors, each within (I, Q) or within (U, V). Raises AccuracyError where
-    neither route can vouch for its answer.
+    ``columns`` (n_col, 4): incident Stokes vectors, each within (I, Q) or within (U, V). ``progress`` counts Fourier
+    orders, then pieces of the result. Raises AccuracyError where neither route can vouch for its answer.
     """
     start = time.perf_counter()
     with single_threaded():
@@ -74,17 +73,22 @@ def solve(
         rank = np.argsort(mu < 0.0, kind="stable")
         problem = discretise(scene, mu0, columns, mu[rank], tau, options.nodes)
         choice = choose(options.algorithm, problem)
-        check_memory(scene, problem, phi.size, run.threads, choice.name)
+        azimuths = fold(phi)
+        check_memory(scene, problem, wanted.doubles(phi.size), azimuths, run.threads, choice.name)
         orders = orders_needed(scene, problem, run)
-        result, repeated = solve_orders(scene, problem, orders, choice.name, run, progress)
-        begin = time.perf_counter()
-        radiance = np.empty((tau.size, mu0.size, mu.size, phi.size, 4, columns.shape[0]))
-        radiance[:, :, rank] = fourier_sum(result.kernels, orders, columns, phi)
-        run.book("fourier sum", time.perf_counter() - begin)
-        add_closed_forms(radiance, scene, problem, mu, phi, run)
+        steps = int(orders.size) + number_of_pieces(wanted, phi.size)
+
+        def told(done: int) -> None:
+            if progress is not None:
+                progress(done, steps)
+
+        result, repeated = solve_orders(scene, problem, orders, choice.name, run, told)
+        everything = np.arange(4, dtype=np.int32), np.arange(columns.shape[0], dtype=np.int32)
+        blocks = [Block(orders, *everything, result.kernels)]
+        parts = fill(wanted, blocks, scene, problem, mu, azimuths, run, lambda pieces: told(int(orders.size) + pieces))
         agreement = None
         if options.verify:
-            size = np.abs(radiance[..., 0, :]).max(axis=(1, 2, 3, 4))
+            size = largest(parts, wanted, tau.size)
             agreement = compare_routes(scene, problem, orders, choice.name, result, repeated, size, run)
     longest = max(layer.phase_matrix.terms for layer in scene.layers)
     diagnostics = {
@@ -104,7 +108,7 @@ def solve(
         "stages": run.stages,
         "wall_seconds": time.perf_counter() - start,
     }
-    return Solution(radiance, result.flux_up, result.flux_down, diagnostics)
+    return Solution(parts, result.flux_up, result.flux_down, diagnostics)
 
 
 def base_statement(scene: Scene) -> str:
@@ -181,7 +185,12 @@ def orders_needed(scene: Scene, problem: Problem, run: Run) -> IntArray:
 
 
 def solve_orders(
-    scene: Scene, problem: Problem, orders: IntArray, name: str, run: Run, progress: Progress | None = None
+    scene: Scene,
+    problem: Problem,
+    orders: IntArray,
+    name: str,
+    run: Run,
+    told: Callable[[int], None] = lambda done: None,
 ) -> tuple[Orders, list[int]]:
     """All orders by the named route, a few at a time to bound memory, and which of them took the other one.
 
@@ -213,8 +222,7 @@ def solve_orders(
         assert result is not None
         parts.append(result)
         done += part.size
-        if progress is not None:
-            progress(done, int(orders.size))
+        told(done)
     return concatenated(parts), repeated
 
 
@@ -304,32 +312,11 @@ def positive(values: Array) -> Array:
     return np.maximum(values, NO_LIGHT)
 
 
-def fourier_sum(kernels: Array, orders: IntArray, columns: Array, phi: Array) -> Array:
-    """(1:6)-(1:8), (1:12) without its 1/2: (n_tau, n_in, n_out, n_phi, 4, n_col), orders summed in order."""
-    cosine, sine = cos_sin_deg(orders[:, None] * phi)
-    twice = np.where(orders == 0, 1.0, 2.0)[:, None]
-    cosine, sine = twice * cosine, twice * sine
-    n_order, *shape, _ = kernels.shape  # order, tau, in, col, out
-    result = np.empty((*shape, 4, phi.size))
-    for col, column in enumerate(columns):
-        first = bool(column[:2].any()) or not column.any()
-        for part, angular in ((slice(0, 2), cosine if first else -sine), (slice(2, 4), sine if first else cosine)):
-            values = kernels[:, :, :, col, :, part].reshape(n_order, -1)
-            result[:, :, col, :, part] = (values.T @ angular).reshape(shape[0], shape[1], shape[3], 2, phi.size)
-    return result.transpose(0, 1, 3, 5, 4, 2)
-
-
-def add_closed_forms(radiance: Array, scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> None:
-    """Adds single scattering and the base's direct reflection to radiance, in place."""
-    phase = phase_matrices_of_layers(tuple(scene.layers), problem.mu0, mu, phi, run)
-    begin = time.perf_counter()
-    paths = layer_paths(problem, mu)
-    stokes = problem.columns.T
-    for z, path, layer in zip(phase, paths, scene.layers, strict=True):
-        if layer.albedo > 0.0:
-            scattered = z @ stokes
-            radiance += (layer.albedo / (4.0 * np.pi)) * path[..., None, None, None] * scattered
-    reflected = base_reflected(scene.base, problem, mu, phi)
-    if reflected is not None:
-        radiance += reflected @ stokes
-    run.book("single scattering", time.perf_counter() - begin)
+def largest(parts: list[Array], wanted: Wanted, n_tau: int) -> Array:
+    """The largest intensity at each depth for a unit beam, (n_tau,); 0 where none was wanted."""
+    size = np.zeros(n_tau)
+    for values, (levels, _) in zip(parts, wanted.parts, strict=True):
+        for i, scale in enumerate(wanted.scale):
+            found = np.abs(values[:, i, :, :, 0]).max(axis=(1, 2, 3)) / scale
+            size[levels] = np.maximum(size[levels], found)
+    return size
