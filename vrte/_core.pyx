@@ -2799,3 +2799,362 @@ def mode_profiles(const double complex[::1] k, double thickness, double depth):
         out[0, j], out[1, j] = cosine, -times(times(k[j], k[j]), sine)
         out[2, j], out[3, j] = sine, -cosine
     return np.asarray(out)
+
+
+# ---------------------------------------------------------------------------------------------------------
+# The end of a solve, added straight into the result: sums over Fourier orders, and single scattering over all of
+# them in closed form. `out` (n_level, n_in, n_mu, n_phi, 4, n_place) is never copied; the incident directions
+# first .. last - 1 are done, so that a caller can go through a large table in pieces that stay in the cache.
+# Columns (incident Stokes vectors) lie within (I, Q), kind 0, or within (U, V), kind 1; several may share a place.
+# Azimuths beyond 180 degrees are the mirror images of others: Z(-phi) = D Z(phi) D, D = diag(1, 1, -1, -1), so `angle`
+# (n_phi,) names the azimuth that was computed and `sign` (n_phi,) is -1 where it is to be mirrored.
+# ---------------------------------------------------------------------------------------------------------
+
+cdef enum:
+    MOST_ENTRIES = 64     # columns times Stokes components
+    TILE = 8              # outgoing directions of one product of matrices
+    TILE_DOUBLES = 32768  # what the products of a tile should not exceed
+
+
+cdef struct Entries:
+    # elements of a Mueller matrix with cos(m phi) first, then those with sin: where they lie in a kernel's (column, out,
+    # Stokes) and in a row of `out`
+    int count, cosines
+    int column[MOST_ENTRIES]
+    int component[MOST_ENTRIES]
+    int target[MOST_ENTRIES]
+    double factor[MOST_ENTRIES]
+
+
+cdef void list_entries(const int[::1] stokes, const int[::1] kind, const int[::1] place, int n_place, Entries* e) noexcept nogil:
+    """(1:6)-(1:8): cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V)."""
+    cdef int with_sine, c, s, k
+    e.count = 0
+    for with_sine in range(2):
+        for c in range(<int>kind.shape[0]):
+            for s in range(<int>stokes.shape[0]):
+                if ((stokes[s] >= 2) != (kind[c] == 1)) == with_sine:
+                    k = e.count
+                    e.column[k], e.component[k], e.target[k] = c, s, stokes[s] * n_place + place[c]
+                    e.factor[k] = -1.0 if with_sine and stokes[s] < 2 else 1.0
+                    e.count += 1
+        if not with_sine:
+            e.cosines = e.count
+
+
+cdef inline int tile_of(int n_entry, int n_angle) noexcept nogil:
+    return max(1, min(<int>TILE, <int>TILE_DOUBLES // max(1, n_entry * n_angle)))
+
+
+def azimuthal_work(n_order, n_col, n_stokes, n_angle):
+    """Doubles of `work` that one thread of `azimuthal_sum` needs."""
+    n_entry = n_col * n_stokes
+    return tile_of(n_entry, n_angle) * n_entry * (n_order + n_angle)
+
+
+def azimuthal_sum(const double[:, :, :, :, :, :] kernels, const int[::1] stokes, const int[::1] kind, const int[::1] place,
+                  const double[:, ::1] cosine, const double[:, ::1] sine, const int[::1] angle, const double[::1] sign,
+                  const int[::1] levels, const int[::1] rows, const double[::1] scale, int first, int last,
+                  double[:, :, :, :, :, ::1] out, int threads, double[:, ::1] work, double[::1] seconds,
+                  const int[::1] stop):
+    """Adds the sum over Fourier orders of kernels times cos or sin(m phi), (1:6)-(1:8) and (1:12) without its 1/2.
+
+    kernels (order, n_tau, n_in, n_col, n_out, S), in any order in memory, hold the Stokes components `stokes` (S,) for
+    the columns of `kind` (n_col,), which go to `place` (n_col,) of out; cosine, sine (order, n_angle): times 2 for
+    m > 0; levels (n_level,), rows (n_mu,): what of the kernels' n_tau and n_out is wanted; scale (n_in,): factor of
+    each incident direction.
+    """
+    cdef int n_mu = <int>rows.shape[0], n_here = last - first, n_angle = <int>cosine.shape[1], tile, tiles, item, thread
+    cdef Entries entries
+    cdef double start
+    if kind.shape[0] * stokes.shape[0] > MOST_ENTRIES:
+        raise ValueError(f"at most {MOST_ENTRIES} columns times Stokes components")
+    list_entries(stokes, kind, place, <int>out.shape[5], &entries)
+    if kernels.size == 0 or out.size == 0:
+        return
+    tile = tile_of(entries.count, n_angle)
+    tiles = (n_mu + tile - 1) // tile
+    for item in prange(<int>levels.shape[0] * n_here * tiles, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            sum_tile(kernels, &entries, cosine, sine, angle, sign, levels[item // (n_here * tiles)],
+                     first + item // tiles % n_here, rows, item % tiles * tile, min(n_mu, (item % tiles + 1) * tile),
+                     scale[first + item // tiles % n_here],
+                     &out[item // (n_here * tiles), first + item // tiles % n_here, 0, 0, 0, 0], <int>out.shape[5],
+                     &work[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef void sum_tile(const double[:, :, :, :, :, :] kernels, const Entries* e, const double[:, ::1] cosine,
+                   const double[:, ::1] sine, const int[::1] angle, const double[::1] sign, int level, int i,
+                   const int[::1] rows, int begin, int end, double scale, double* out, int n_place,
+                   double* work) noexcept nogil:
+    """Some outgoing directions of one incident direction; out (n_mu, n_phi, 4, n_place)."""
+    cdef int n_order = <int>kernels.shape[0], n_angle = <int>cosine.shape[1], n_phi = <int>angle.shape[0]
+    cdef int wide = end - begin, with_cosine = wide * e.cosines, with_sine = wide * (e.count - e.cosines)
+    cdef int m, k, p, f
+    cdef double* a = work                                    # (order, wide, entry): cosines
+    cdef double* b = a + <size_t>n_order * with_cosine       # the same for sines
+    cdef double* at_cosine = b + <size_t>n_order * with_sine  # (angle, wide, entry)
+    cdef double* at_sine = at_cosine + <size_t>n_angle * with_cosine
+    cdef double* to
+    cdef const double* from_cosine
+    cdef const double* from_sine
+    for m in range(n_order):
+        for p in range(wide):
+            for k in range(e.cosines):
+                a[(<size_t>m * wide + p) * e.cosines + k] = (
+                    scale * kernels[m, level, i, e.column[k], rows[begin + p], e.component[k]])
+            for k in range(e.cosines, e.count):
+                b[(<size_t>m * wide + p) * (e.count - e.cosines) + k - e.cosines] = (
+                    scale * e.factor[k] * kernels[m, level, i, e.column[k], rows[begin + p], e.component[k]])
+    if with_cosine:
+        product(b"N", b"T", with_cosine, n_angle, n_order, 1.0, a, with_cosine, &cosine[0, 0], n_angle, 0.0, at_cosine,
+                with_cosine)
+    if with_sine:
+        product(b"N", b"T", with_sine, n_angle, n_order, 1.0, b, with_sine, &sine[0, 0], n_angle, 0.0, at_sine, with_sine)
+    for p in range(wide):
+        to = out + <size_t>(begin + p) * n_phi * 4 * n_place
+        for f in range(n_phi):
+            from_cosine = at_cosine + (<size_t>angle[f] * wide + p) * e.cosines
+            for k in range(e.cosines):
+                to[e.target[k]] += from_cosine[k]
+            from_sine = at_sine + (<size_t>angle[f] * wide + p) * (e.count - e.cosines) - e.cosines
+            for k in range(e.cosines, e.count):
+                to[e.target[k]] += sign[f] * from_sine[k]
+            to += 4 * n_place
+
+
+cdef extern from *:
+    """
+    #include <math.h>
+
+    /* Azimuths are done VRTE_BLOCK at a time, in loops that a compiler turns into vectors of any width. With GNU C on
+       x86-64 the same code is compiled a second time for AVX2 and FMA, and the processor says which one runs. */
+    #if defined(__GNUC__)
+    #define VRTE_INLINE static inline __attribute__((always_inline))
+    #else
+    #define VRTE_INLINE static __inline
+    #endif
+    enum { VRTE_BLOCK = 32, VRTE_SERIES = 13 };
+
+    /* F11, F44, F12, F34, F22 + F33, F22 - F33 at the cosines x, one a row of f; terms is even. A row of the table: the
+       factors of d^{l+1} = (a x -+ b) d^l - c d^{l-1} (a, c of d_00; a, c of d_02; a, b, c of d_2,+-2), then the
+       coefficients. Two terms at a time: their functions stay in registers, and so do the sums. */
+    VRTE_INLINE void vrte_series(int terms, const double* table, const double* x, double* f) {
+        double p[VRTE_BLOCK], p_old[VRTE_BLOCK], q[VRTE_BLOCK], q_old[VRTE_BLOCK];
+        double u[VRTE_BLOCK], u_old[VRTE_BLOCK], w[VRTE_BLOCK], w_old[VRTE_BLOCK];
+        double *f11 = f, *f44 = f + VRTE_BLOCK, *f12 = f + 2 * VRTE_BLOCK, *f34 = f + 3 * VRTE_BLOCK;
+        double *sum = f + 4 * VRTE_BLOCK, *difference = f + 5 * VRTE_BLOCK;
+        const double *s = table, *t = table + VRTE_SERIES;
+        for (int i = 0; i < VRTE_BLOCK; i++) {
+            f11[i] = s[7] + t[7] * x[i];
+            f44[i] = s[8] + t[8] * x[i];
+            f12[i] = f34[i] = sum[i] = difference[i] = 0.0;
+            p[i] = 1.5 * x[i] * x[i] - 0.5;
+            p_old[i] = x[i];
+            q[i] = -0.6123724356957945 * (1.0 - x[i]) * (1.0 + x[i]); /* sqrt(6)/4 */
+            u[i] = 0.25 * (1.0 + x[i]) * (1.0 + x[i]);
+            w[i] = 0.25 * (1.0 - x[i]) * (1.0 - x[i]);
+            q_old[i] = u_old[i] = w_old[i] = 0.0;
+        }
+        for (int l = 2; l < terms; l += 2) {
+            s = table + VRTE_SERIES * l;
+            t = s + VRTE_SERIES;
+            for (int i = 0; i < VRTE_BLOCK; i++) {
+                double p_next = s[0] * x[i] * p[i] - s[1] * p_old[i], q_next = s[2] * x[i] * q[i] - s[3] * q_old[i];
+                f11[i] += s[7] * p[i] + t[7] * p_next;
+                f44[i] += s[8] * p[i] + t[8] * p_next;
+                f12[i] += s[9] * q[i] + t[9] * q_next;
+                f34[i] += s[10] * q[i] + t[10] * q_next;
+                p[i] = t[0] * x[i] * p_next - t[1] * p[i];
+                q[i] = t[2] * x[i] * q_next - t[3] * q[i];
+                p_old[i] = p_next;
+                q_old[i] = q_next;
+            }
+            for (int i = 0; i < VRTE_BLOCK; i++) {
+                double u_next = (s[4] * x[i] - s[5]) * u[i] - s[6] * u_old[i];
+                double w_next = (s[4] * x[i] + s[5]) * w[i] - s[6] * w_old[i];
+                sum[i] += s[11] * u[i] + t[11] * u_next;
+                difference[i] += s[12] * w[i] + t[12] * w_next;
+                u[i] = (t[4] * x[i] - t[5]) * u_next - t[6] * u[i];
+                w[i] = (t[4] * x[i] + t[5]) * w_next - t[6] * w[i];
+                u_old[i] = u_next;
+                w_old[i] = w_next;
+            }
+        }
+    }
+
+    /* cos and sin of twice the angles from the scattering plane to the meridian planes, outgoing then incident: 4 rows
+       of turns. l is theta-hat, r = l x k; n, normal to the scattering plane, is k x k'; in a plane with r_s = n:
+       cos(sigma) = n.r and sin(sigma) = -n.l. Straight on and straight back the meridian plane serves. */
+    VRTE_INLINE void vrte_turns(double mu0, double mu, int count, const double* cos_phi, const double* sin_phi,
+                                double* turns) {
+        double sine0 = sqrt((1.0 - mu0) * (1.0 + mu0)), sine = sqrt((1.0 - mu) * (1.0 + mu));
+        for (int i = 0; i < count; i++) {
+            double kx = sine * cos_phi[i], ky = sine * sin_phi[i], kz = mu; /* outgoing; incident: (sine0, 0, -mu0) */
+            double lx = mu * cos_phi[i], ly = mu * sin_phi[i], lz = -sine;
+            double rx = ly * kz - lz * ky, ry = lz * kx - lx * kz; /* l x k is horizontal */
+            double nx = -ky * mu0, ny = kz * sine0 + kx * mu0, nz = -ky * sine0;
+            int none = nx * nx + ny * ny + nz * nz < 1e-18;
+            nx = none ? rx : nx;
+            ny = none ? ry : ny;
+            nz = none ? 0.0 : nz;
+            double c = nx * rx + ny * ry, s = -(nx * lx + ny * ly + nz * lz), length = c * c + s * s;
+            turns[i] = (c * c - s * s) / length;
+            turns[VRTE_BLOCK + i] = 2.0 * c * s / length;
+            c = -ny; /* incident: l' = (-mu0, 0, -sine0), r' = l' x k' = (0, -1, 0) */
+            s = nx * mu0 + nz * sine0;
+            length = c * c + s * s;
+            turns[2 * VRTE_BLOCK + i] = (c * c - s * s) / length;
+            turns[3 * VRTE_BLOCK + i] = 2.0 * c * s / length;
+        }
+    }
+
+    /* The phase matrix times one column (g, h) within (I, Q), kind 0, or (U, V), kind 1: 4 rows of z. */
+    VRTE_INLINE void vrte_scattered(int kind, double g, double h, int count, const double* f, const double* turns,
+                                    double* z, size_t stride) {
+        for (int i = 0; i < count; i++) {
+            double a1 = f[i], a4 = f[VRTE_BLOCK + i], b1 = f[2 * VRTE_BLOCK + i], b2 = f[3 * VRTE_BLOCK + i];
+            double a2 = 0.5 * (f[4 * VRTE_BLOCK + i] + f[5 * VRTE_BLOCK + i]);
+            double a3 = 0.5 * (f[4 * VRTE_BLOCK + i] - f[5 * VRTE_BLOCK + i]);
+            double c = turns[i], s = turns[VRTE_BLOCK + i];
+            double c_in = turns[2 * VRTE_BLOCK + i], s_in = turns[3 * VRTE_BLOCK + i];
+            double i_s = kind ? b1 * s_in * g : a1 * g + b1 * c_in * h; /* I, Q, U, V in the scattering plane */
+            double q_s = kind ? a2 * s_in * g : b1 * g + a2 * c_in * h;
+            double u_s = kind ? a3 * c_in * g + b2 * h : -a3 * s_in * h;
+            double v_s = kind ? a4 * h - b2 * c_in * g : b2 * s_in * h;
+            z[i] = i_s;
+            z[stride + i] = c * q_s - s * u_s;
+            z[2 * stride + i] = s * q_s + c * u_s;
+            z[3 * stride + i] = v_s;
+        }
+    }
+
+    VRTE_INLINE void vrte_scatter(int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+                                  const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
+                                  size_t stride) {
+        double x[VRTE_BLOCK] = {0.0}, f[6 * VRTE_BLOCK], turns[4 * VRTE_BLOCK];
+        double sines = sqrt((1.0 - mu) * (1.0 + mu)) * sqrt((1.0 - mu0) * (1.0 + mu0));
+        for (int i = 0; i < count; i++) {
+            double cosine = sines * cos_phi[i] - mu * mu0;
+            x[i] = cosine > 1.0 ? 1.0 : cosine < -1.0 ? -1.0 : cosine;
+        }
+        vrte_series(terms, table, x, f);
+        vrte_turns(mu0, mu, count, cos_phi, sin_phi, turns);
+        for (int c = 0; c < n_col; c++) {
+            const double* pair = columns + 4 * c + 2 * kind[c];
+            if (kind[c])
+                vrte_scattered(1, pair[0], pair[1], count, f, turns, z + 4 * c * stride, stride);
+            else
+                vrte_scattered(0, pair[0], pair[1], count, f, turns, z + 4 * c * stride, stride);
+        }
+    }
+
+    typedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
+                                const double*, double*, size_t);
+
+    static void vrte_scatter_plain(int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+                                   const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
+                                   size_t stride) {
+        vrte_scatter(terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
+    }
+
+    #if defined(__GNUC__) && defined(__x86_64__)
+    __attribute__((target("avx2,fma")))
+    static void vrte_scatter_wide(int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+                                  const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
+                                  size_t stride) {
+        vrte_scatter(terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
+    }
+
+    static vrte_scatterer* vrte_best_scatterer(int wide) {
+        __builtin_cpu_init();
+        wide = wide && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+        return wide ? vrte_scatter_wide : vrte_scatter_plain;
+    }
+    #else
+    static vrte_scatterer* vrte_best_scatterer(int wide) { return vrte_scatter_plain; }
+    #endif
+    """
+    const int VRTE_BLOCK
+    ctypedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
+                                 const double*, double*, size_t) noexcept nogil
+    vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
+
+
+def scattering_work(n_col, n_angle):
+    """Doubles of `work` that one thread of `add_single_scattering` needs."""
+    return 4 * n_col * n_angle
+
+
+def add_single_scattering(const double[:, ::1] coefficients, const double[:, :, ::1] path, const double[::1] mu0,
+                          const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
+                          const double[::1] sign, const double[:, ::1] columns, const int[::1] kind,
+                          const int[::1] place, int first, int last, double[:, :, :, :, :, ::1] out, int threads,
+                          double[:, ::1] work, double[::1] seconds, const int[::1] stop, bint wide=True):
+    """Adds path Z(mu, -mu0, phi) columns, Z the phase matrix of all terms between meridian planes.
+
+    coefficients (terms, 6); path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
+    (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
+    `wide=False` leaves AVX2 unused.
+    """
+    cdef int n_mu = <int>mu.shape[0], n_level = <int>path.shape[0], n_col = <int>columns.shape[0], item, thread
+    cdef double[:, ::1] table
+    cdef vrte_scatterer* scatter = vrte_best_scatterer(wide)
+    cdef double start
+    if 4 * n_col > MOST_ENTRIES:
+        raise ValueError(f"at most {MOST_ENTRIES // 4} columns")
+    if out.size == 0:
+        return
+    table = series_table(np.asarray(coefficients))
+    for item in prange((last - first) * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            scatter_pair(scatter, <int>table.shape[0], &table[0, 0], path, mu0[first + item // n_mu], mu[item % n_mu], first + item // n_mu,
+                         item % n_mu, cos_phi, sin_phi, angle, sign, columns, kind, place, out, &work[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+def series_table(coefficients):
+    """The factors of the recurrences and the coefficients, as `vrte_series` takes them: (terms, 13), terms made even."""
+    terms = coefficients.shape[0] + coefficients.shape[0] % 2
+    a1, a2, a3, a4, b1, b2 = np.pad(coefficients, ((0, terms - coefficients.shape[0]), (0, 0))).T
+    return np.column_stack([recurrences(terms)[:, :7], a1, a4, b1, b2, a2 + a3, a2 - a3])
+
+
+cdef void scatter_pair(vrte_scatterer* scatter, int terms, const double* table, const double[:, :, ::1] path, double mu0,
+                       double mu, int i, int j, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
+                       const double[::1] sign, const double[:, ::1] columns, const int[::1] kind, const int[::1] place,
+                       double[:, :, :, :, :, ::1] out, double* z) noexcept nogil:
+    """All azimuths and depths of one pair of directions; z (column, Stokes, angle)."""
+    cdef int n_angle = <int>cos_phi.shape[0], n_col = <int>columns.shape[0], n_place = <int>out.shape[5]
+    cdef int n_level = <int>path.shape[0], n_phi = <int>angle.shape[0], first = 0, t, f, k
+    cdef int target[MOST_ENTRIES]
+    cdef double factor[2][MOST_ENTRIES]     # as computed, and mirrored
+    cdef double* to
+    cdef const double* now
+    cdef bint lit = False
+    for t in range(n_level):
+        lit = lit or path[t, i, j] != 0.0
+    if not lit:
+        return
+    while first < n_angle:
+        scatter(terms, table, mu0, mu, min(<int>VRTE_BLOCK, n_angle - first), &cos_phi[first], &sin_phi[first], n_col,
+                &kind[0], &columns[0, 0], z + first, n_angle)
+        first += VRTE_BLOCK
+    for t in range(n_level):
+        if path[t, i, j] == 0.0:
+            continue
+        for k in range(4 * n_col):
+            target[k] = k % 4 * n_place + place[k // 4]
+            factor[0][k] = path[t, i, j]
+            factor[1][k] = path[t, i, j] if (k % 4 >= 2) == (kind[k // 4] == 1) else -path[t, i, j]
+        to = &out[t, i, j, 0, 0, 0]
+        for f in range(n_phi):
+            now = &factor[sign[f] < 0.0][0]
+            for k in range(4 * n_col):
+                to[target[k]] += now[k] * z[<size_t>k * n_angle + angle[f]]
+            to += 4 * n_place

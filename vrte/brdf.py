@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen
+from vrte.arrays import Array, frozen, settled
 from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.solver import solve
 from vrte.field import freeze
@@ -108,13 +108,12 @@ def brdf(
     request, out = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
     into, run = request.mu0, new_run(threads)
     solution = interruptible(run, lambda: solve(make_plan(request, run), run, progress))
-    per_irradiance = solution.radiance
-    per_irradiance /= into[:, None, None, None, None]
-    # (n_in, n_mu, n_phi, 4, column)
+    # (1, n_in, n_mu, n_phi, 4, column)
+    matrices = [settled(values)[0] for values in solution.parts]
     return Brdf(
-        mueller=frozen(per_irradiance[0, :, : out.size]),
+        mueller=matrices[0],
         reflectance=frozen(solution.flux_up[0, :, 0] / into),
-        transmission=frozen(per_irradiance[1, :, out.size :]) if transmission else None,
+        transmission=matrices[1] if transmission else None,
         direct_transmittance=frozen(np.exp(-request.scene.thickness / into)),
         mu_i=into,
         mu_o=out,

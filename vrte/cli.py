@@ -135,7 +135,7 @@ def _solve(options: argparse.Namespace) -> None:
         with _timed(seconds, "particles"):
             file = _read(options.scene, options.kind)
         _check_picture(options, file)
-        phase("Fourier orders")
+        phase("Fourier orders, then directions")
         with _timed(seconds, "solver"):
             result = _run(file, options, tick)
     _describe(options.scene, file, result)

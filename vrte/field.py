@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen
+from vrte.arrays import Array, frozen, is_settled, settled
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import Solution, solve
 from vrte.errors import SceneError
@@ -80,12 +80,14 @@ class Field:
 
 
 def freeze(result: Any, shapes: dict[str, tuple[int, ...]]) -> None:
-    """Replaces the named arrays of a frozen dataclass by read-only copies, and its ``diagnostics`` by a copy.
+    """Replaces the named arrays of a frozen dataclass by read-only ones, and its ``diagnostics`` by a copy.
 
+    Arrays that are read-only already, all the way down, are taken as they are: a large table would be copied twice.
     Raises SceneError for an array that has not the shape given.
     """
     for name, shape in shapes.items():
-        array = frozen(getattr(result, name))
+        given = getattr(result, name)
+        array = given if is_settled(given) else frozen(given)
         if array.shape != shape:
             raise SceneError(f"{name} must have the shape {shape} to fit its directions, not {array.shape}")
         object.__setattr__(result, name, array)
@@ -128,7 +130,7 @@ def radiance(
     plan, solution = interruptible(run, lambda: planned(request, run, progress))
     levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
     return Field(
-        stokes=frozen(solution.radiance[:, 0, : directions.size].sum(axis=-1)),
+        stokes=settled(solution.parts[0])[:, 0, : directions.size, ..., 0],
         flux_up=frozen(solution.flux_up[:, 0].sum(axis=-1)),
         flux_down=frozen(solution.flux_down[:, 0].sum(axis=-1)),
         direct=frozen(beam[0] * incident[0] * np.exp(-levels / beam[0])),

@@ -11,6 +11,7 @@ from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import Needs, brightness, needs_of, orders_that_matter
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
+from vrte.discrete_ordinates.summing import Wanted
 from vrte.request import Request
 from vrte.scene import MuellerBase, Scene
 
@@ -29,9 +30,15 @@ class Plan:
     mu: Array
     needs: Needs
     brightest: Array
+    wanted: Wanted
     orders: int
     blocks: tuple[Block, ...]
     notes: tuple[str, ...] = field(default=())
+
+    @property
+    def fed_back(self) -> bool:
+        """Whether the base mixes orders and Stokes parameters as it likes."""
+        return isinstance(self.request.scene.base, MuellerBase) and self.request.scene.base_is_reached
 
     def diagnostics(self) -> dict[str, Any]:
         """What a result says of how it was made."""
@@ -74,4 +81,11 @@ def make_plan(request: Request, run: Run) -> Plan:
         count = orders_that_matter(needs, request.tau, brightest, request.accuracy)
     orders = np.arange(count, dtype=np.int32)
     blocks = make_blocks(problem, base, orders, needs, float(brightest.min()), request.accuracy, request.algorithm)
-    return Plan(request, problem, mu, needs, brightest, count, tuple(blocks))
+    wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
+    return Plan(request, problem, mu, needs, brightest, wanted, count, tuple(blocks))
+
+
+def everything(n_tau: int, n_mu: int, n_col: int) -> Wanted:
+    """All depths and directions of one beam, its columns added up."""
+    part = np.arange(n_tau, dtype=np.int32), np.arange(n_mu, dtype=np.int32)
+    return Wanted([part], np.zeros(n_col, np.int32), np.ones(1))

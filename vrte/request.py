@@ -7,6 +7,7 @@ import numpy as np
 
 from vrte.arrays import Array, flag, number, numbers, shown, vector, whole
 from vrte.discrete_ordinates.choice import ALGORITHMS
+from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
 from vrte.scene import Scene
 
@@ -21,7 +22,8 @@ WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
 class Request:
     """What is asked of a scene: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V), signed
     mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,), and how: nodes (None: chosen by the plan), accuracy relative to
-    the largest I at each depth, algorithm, verify. ``fluxes_only``: mu is there for form's sake."""
+    the largest I at each depth, algorithm, verify. ``wanted`` (None: everything) says what becomes of the solution.
+    ``fluxes_only``: mu is there for form's sake."""
 
     kind: str
     scene: Scene
@@ -30,6 +32,7 @@ class Request:
     mu: Array | None
     phi: Array
     tau: Array
+    wanted: Wanted | None
     nodes: int | None
     accuracy: float
     algorithm: str
@@ -104,7 +107,13 @@ def brdf_request(
         raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
     levels = np.array([0.0, scene.thickness] if transmission else [0.0])
     directions = np.concatenate([out, -out]) if transmission else out
-    return Request("brdf", scene, into, np.eye(4), directions, azimuths, levels, **options), out
+    # light going up at the top, and light going down at the bottom
+    parts = [
+        (np.array([k], np.int32), np.arange(k * out.size, (k + 1) * out.size, dtype=np.int32))
+        for k in range(levels.size)
+    ]
+    wanted = Wanted(parts, np.arange(4, dtype=np.int32), 1.0 / into)
+    return Request("brdf", scene, into, np.eye(4), directions, azimuths, levels, wanted, **options), out
 
 
 def radiance_request(
@@ -121,6 +130,6 @@ def radiance_request(
     parts = [incident * [1, 1, 0, 0], incident * [0, 0, 1, 1]]
     columns = np.array([part for part in parts if part.any()] or parts[:1])
     request = Request(
-        "radiance", scene, beam, columns, directions, azimuths, levels, **options, fluxes_only=fluxes_only
+        "radiance", scene, beam, columns, directions, azimuths, levels, None, **options, fluxes_only=fluxes_only
     )
     return request, incident

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from vrte import _core
+from vrte.discrete_ordinates.azimuths import Azimuths
 from vrte.discrete_ordinates.blocks import Block
 from vrte.discrete_ordinates.problem import Problem
 from vrte.discrete_ordinates.slabs import Pile, cut
@@ -15,6 +16,8 @@ from vrte.scene import MuellerBase
 
 BYTES = 8
 CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
+PIECE_BYTES = 16e6  # of the result at a time: it stays in the cache, and a progress bar moves
+TILE_DOUBLES = 32768  # of a thread at the end, more where one direction's azimuths take more
 LARGEST_SHARE = 0.9  # of what is available
 FILES = (  # what a control group may use, and what it uses: version 2, version 1
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
@@ -22,9 +25,9 @@ FILES = (  # what a control group may use, and what it uses: version 2, version 
 )
 
 
-def check_memory(problem: Problem, blocks: Sequence[Block], n_phi: int, threads: int) -> None:
-    """Raises SceneError where the request needs more memory than there is."""
-    needed, available = BYTES * doubles_needed(problem, blocks, n_phi, threads), available_bytes()
+def check_memory(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> None:
+    """Raises SceneError where the request, with so many doubles of result, needs more memory than there is."""
+    needed, available = BYTES * doubles_needed(problem, blocks, result, azimuths, threads), available_bytes()
     if needed > LARGEST_SHARE * available:
         raise SceneError(
             f"nodes, layers and directions together need about {in_gigabytes(needed)} of memory and "
@@ -32,24 +35,31 @@ def check_memory(problem: Problem, blocks: Sequence[Block], n_phi: int, threads:
         )
 
 
-def doubles_needed(problem: Problem, blocks: Sequence[Block], n_phi: int, threads: int) -> float:
+def doubles_needed(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> float:
     """Doubles at the peak: one block after another, beside what they add up to."""
-    n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
-    directions = float(n_in) * n_out * n_phi
-    radiance = 4.0 * n_col * problem.level.size * directions
-    # the sum over orders, single scattering, the result's own copy
-    return 4.0 * radiance + 16.0 * directions + max((doubles_of_block(block, threads) for block in blocks), default=0.0)
+    sums = threads * (TILE_DOUBLES + 8.0 * problem.columns.shape[0] * azimuths.distinct.size)
+    base = 0.0
+    if any(isinstance(block.base, MuellerBase) for block in blocks):  # its samples for one piece of the result
+        base = 4.0 * max(4.0 * result / problem.mu0.size, PIECE_BYTES / BYTES)
+    kernels = sum(doubles_of_kernels(block) for block in blocks)
+    matrices = max((doubles_of_block(block, threads) for block in blocks), default=0.0)
+    return result + 8.0 * azimuths.angle.size + sums + base + kernels + matrices
+
+
+def doubles_of_kernels(block: Block) -> float:
+    """Doubles of what a block finds, twice."""
+    problem = block.problem
+    return 2.0 * block.orders.size * problem.level.size * problem.n_rhs * problem.rows_out
 
 
 def doubles_of_block(block: Block, threads: int) -> float:
-    """Doubles of all orders' kernels and of the matrices of those done at once."""
+    """Doubles of the matrices of the orders done at once."""
     problem, n_order = block.problem, float(block.orders.size)
     per_order, per_thread = doubles_of_route(block.choice.name, problem)
     base = 0.0
     if isinstance(block.base, MuellerBase):
         base = n_order * 48.0 * (problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
-    kernels = 2.0 * n_order * problem.level.size * problem.n_rhs * problem.rows_out
-    return kernels + min(n_order, orders_at_once(per_order, threads)) * per_order + threads * per_thread + base
+    return min(n_order, orders_at_once(per_order, threads)) * per_order + threads * per_thread + base
 
 
 def doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:

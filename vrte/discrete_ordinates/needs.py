@@ -1,14 +1,14 @@
 """What multiple scattering of each Fourier order can do, known beforehand: how much of a scene matters."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vrte import _core
 from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
-from vrte.discrete_ordinates.single_scattering import layer_paths, phase_matrices_of_layers
+from vrte.discrete_ordinates.single_scattering import scatterers
 from vrte.scene import Scene
 
 SHARE = 0.25  # of the accuracy asked for, for each thing left out
@@ -52,14 +52,32 @@ def needs_of(problem: Problem, run: Run) -> Needs:
 def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
     """Singly scattered I per unit of incident light, seen along a few of the directions ``mu``: the brightest at each
     depth for the beam that it is faintest of, (n_tau,). Never more than the light there is."""
-    out, into = spread(mu.size), spread(problem.mu0.size)
-    few = Problem(**{**vars(problem), "mu0": np.ascontiguousarray(problem.mu0[into])})
-    paths = layer_paths(few, mu[out])
-    phase = phase_matrices_of_layers(tuple(scene.layers), few.mu0, mu[out], np.array([0.0, 180.0]), run)
-    total = np.zeros(paths.shape[1:])
-    for z, path, layer in zip(phase, paths, scene.layers, strict=True):
-        total += layer.albedo / (4.0 * np.pi) * path * z[..., 0, 0].max(axis=-1)
-    brightest: Array = total.max(axis=2).min(axis=1)
+    out, into = mu[spread(mu.size)], np.ascontiguousarray(problem.mu0[spread(problem.mu0.size)])
+    few = replace(problem, mu0=into)
+    levels = np.arange(problem.level.size, dtype=np.int32)
+    light = np.zeros((levels.size, into.size, out.size, 2, 4, 1))
+    for coefficients, path in scatterers(scene.layers, few, levels, out):
+        run.timed(
+            "planning",
+            _core.add_single_scattering,
+            coefficients,
+            path,
+            into,
+            out,
+            np.array([1.0, -1.0]),
+            np.zeros(2),
+            np.arange(2, dtype=np.int32),
+            np.ones(2),
+            np.array([[1.0, 0.0, 0.0, 0.0]]),
+            np.zeros(1, np.int32),
+            np.zeros(1, np.int32),
+            0,
+            into.size,
+            light,
+            1,
+            run.work(_core.scattering_work(1, 2)),
+        )
+    brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0).min(axis=1)
     return brightest
 
 

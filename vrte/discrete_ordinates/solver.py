@@ -1,29 +1,24 @@
 """The plan executed: block after block by its algorithm, what fails by another, and the azimuthal sum."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vrte import _core
 from vrte.arrays import Array
 from vrte.blas import single_threaded
+from vrte.discrete_ordinates.azimuths import fold
 from vrte.discrete_ordinates.blocks import Base, Block
 from vrte.discrete_ordinates.memory import check_memory
 from vrte.discrete_ordinates.needs import orders_that_matter
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.routes import OTHER, ROUTES, Orders, Route
-from vrte.discrete_ordinates.single_scattering import (
-    base_reflected,
-    cos_sin_deg,
-    layer_paths,
-    phase_matrices_of_layers,
-)
+from vrte.discrete_ordinates.summing import Light, Wanted, fill, number_of_pieces
 from vrte.errors import AccuracyError
 from vrte.plan import Plan
-from vrte.scene import Scene
 
 NO_LIGHT = 1e-290  # per unit of incident light: below, numbers lose digits
 
@@ -32,10 +27,11 @@ NO_LIGHT = 1e-290  # per unit of incident light: below, numbers lose digits
 class Solution:
     """Radiance for each incident Stokes column, and fluxes.
 
-    radiance (n_tau, n_in, n_mu, n_phi, 4, n_col), diffuse, public frame; flux_up, flux_down (n_tau, n_in, n_col).
+    parts: one array (n_level, n_in, n_mu, n_phi, 4, n_place) for each that was wanted, diffuse, public frame; flux_up,
+    flux_down (n_tau, n_in, n_col).
     """
 
-    radiance: Array
+    parts: list[Array]
     flux_up: Array
     flux_down: Array
     diagnostics: dict[str, Any]
@@ -57,59 +53,61 @@ class Tally:
 def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     """The diffuse field of a plan. Raises AccuracyError where no algorithm can vouch for its answer."""
     start = time.perf_counter()
-    request, problem = plan.request, plan.problem
-    mu = plan.mu
+    request, problem, wanted = plan.request, plan.problem, plan.wanted
+    azimuths = fold(request.phi)
+    total = sum(block.orders.size for block in plan.blocks) + number_of_pieces(wanted, request.phi.size)
     with single_threaded():
-        check_memory(problem, plan.blocks, request.phi.size, run.threads)
-        rank = np.argsort(mu < 0.0, kind="stable")
-        n_col = request.columns.shape[0]
-        shape = (request.tau.size, request.mu0.size, mu.size, request.phi.size, 4, n_col)
-        radiance = np.zeros(shape)
-        flux_up, flux_down = np.zeros((2, request.tau.size, request.mu0.size, n_col))
+        check_memory(problem, plan.blocks, wanted.doubles(request.phi.size), azimuths, run.threads)
+        flux_up, flux_down = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
+        lights: list[Light] = []
         tally = Tally(set(), {}, {}, {})
-        left, brightest = plan.orders, plan.brightest
-        total, done = sum(block.orders.size for block in plan.blocks), 0
+        left, brightest, done = plan.orders, plan.brightest, 0
         for block in plan.blocks:
-            wanted = block.orders[block.orders < left]
-            if wanted.size:
-                result = solve_block(plan, block, wanted, run, tally, sized(progress, done, total))
-                begin = time.perf_counter()
-                add_orders(radiance, rank, result.kernels, wanted, block, request.phi)
-                run.book("fourier sum", time.perf_counter() - begin)
-                if wanted[0] == 0:
-                    places = list(block.columns)
-                    flux_up[..., places] += result.flux_up
-                    flux_down[..., places] += result.flux_down
-                    if block.stokes[0] == 0:
-                        brightest = np.maximum(brightest, light_of(result, block))
-                        left = min(left, orders_that_matter(plan.needs, request.tau, brightest, request.accuracy))
-            done += block.orders.size
+            orders = block.orders[block.orders < left]
+            if orders.size:
+                result = solve_block(plan, block, orders, run, tally, sized(progress, done, total))
+                lights.append(light_of(block, orders, result))
+                if orders[0] == 0:
+                    flux_up[..., list(block.columns)] += result.flux_up
+                    flux_down[..., list(block.columns)] += result.flux_down
+                if orders[0] == 0 and block.stokes[0] == 0 and not plan.fed_back:
+                    brightest = np.maximum(brightest, brightness_of(result, block))
+                    left = min(left, orders_that_matter(plan.needs, request.tau, brightest, request.accuracy))
+            done += int(block.orders.size)
             if progress is not None:
                 progress(done, total)
-        add_closed_forms(radiance, request.scene, problem, mu, request.phi, run)
+        pieces = sized(progress, done, total)
+        parts = fill(wanted, lights, request.scene, problem, plan.mu, azimuths, run, pieces)
     diagnostics = {
         **plan.diagnostics(),
         "threads": run.threads,
         "openmp": _core.HAS_OPENMP,
         "orders": len(tally.orders),
         "orders_by": tally.by,
-        "orders_repeated": told(tally.repeated),
+        "orders_repeated": statement_of(tally.repeated),
         **{name: float(value) for name, value in sorted(tally.residuals.items())},
-        **({"agreement": agreement(tally, radiance, flux_up, flux_down)} if request.verify else {}),
+        **(
+            {"agreement": agreement(tally, largest(parts, wanted, request.tau.size), flux_up, flux_down)}
+            if request.verify
+            else {}
+        ),
         "stages": run.stages,
         "wall_seconds": time.perf_counter() - start,
     }
-    return Solution(radiance, flux_up, flux_down, diagnostics)
+    return Solution(parts, flux_up, flux_down, diagnostics)
 
 
-def sized(progress: Progress | None, before: int, total: int) -> Progress | None:
-    """The same call-back, counted on from what other blocks have done."""
-    if progress is None:
-        return None
-    return lambda done, _: progress(before + done, total)
+def sized(progress: Progress | None, before: int, total: int) -> Callable[[int], None]:
+    """The call-back of one step, counted on from what was done before."""
+    return lambda done: None if progress is None else progress(before + done, total)
 
 
-def light_of(result: Orders, block: Block) -> Array:
+def light_of(block: Block, orders: IntArray, result: Orders) -> Light:
+    """What a block found, with its places in the request."""
+    return Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), result.kernels)
+
+
+def brightness_of(result: Orders, block: Block) -> Array:
     """The brightest I of order 0 at each depth, for the beam that it is faintest of, (n_tau,)."""
     lit = np.abs(block.problem.columns[:, 0])
     kernels = np.abs(result.kernels[0, :, :, int(np.argmax(lit)), :, 0])
@@ -118,11 +116,11 @@ def light_of(result: Orders, block: Block) -> Array:
 
 
 def solve_block(
-    plan: Plan, block: Block, orders: IntArray, run: Run, tally: Tally, progress: Progress | None
+    plan: Plan, block: Block, orders: IntArray, run: Run, tally: Tally, told: Callable[[int], None]
 ) -> Orders:
     """The block's orders; what they took goes into the tally."""
     name = block.choice.name
-    result, repeated = solve_orders(block.problem, block.base, orders, name, run, plan.request.accuracy, progress)
+    result, repeated = solve_orders(block.problem, block.base, orders, name, run, plan.request.accuracy, told)
     tally.orders |= set(orders.tolist())
     tally.by[name] = tally.by.get(name, 0) + orders.size - len(repeated)
     if repeated:
@@ -142,7 +140,7 @@ def solve_orders(
     name: str,
     run: Run,
     accuracy: float,
-    progress: Progress | None = None,
+    told: Callable[[int], None] = lambda done: None,
 ) -> tuple[Orders, list[int]]:
     """All orders by the named route, a few at a time to bound memory, and which of them took the other one.
 
@@ -173,8 +171,7 @@ def solve_orders(
         assert result is not None
         parts.append(result)
         done += part.size
-        if progress is not None:
-            progress(done, int(orders.size))
+        told(done)
     return concatenated(parts), repeated
 
 
@@ -225,7 +222,7 @@ def advice(problem: Problem) -> str:
     return "" if resolved else f"; {problem.nodes.size} nodes do not resolve the phase matrix, use more"
 
 
-def told(repeated: dict[str, set[int]]) -> dict[str, Any] | None:
+def statement_of(repeated: dict[str, set[int]]) -> dict[str, Any] | None:
     """Which orders were done again, for the diagnostics."""
     if not repeated:
         return None
@@ -253,7 +250,7 @@ def compare(
         tally.flux_gap = np.abs(second - first).max(axis=(0, 2, 3))
 
 
-def agreement(tally: Tally, radiance: Array, flux_up: Array, flux_down: Array) -> dict[str, Any]:
+def agreement(tally: Tally, size: Array, flux_up: Array, flux_down: Array) -> dict[str, Any]:
     """The largest difference of the field and of the fluxes, relative, depth by depth, to the largest there; None where
     nothing could be compared, because one of the routes alone vouches for every order."""
     found: dict[str, Any] = {
@@ -263,7 +260,6 @@ def agreement(tally: Tally, radiance: Array, flux_up: Array, flux_down: Array) -
         "flux": None,
     }
     if tally.gap is not None:
-        size = np.abs(radiance[..., 0, :]).max(axis=(1, 2, 3, 4))
         found["radiance"] = float((tally.gap / np.maximum(size, NO_LIGHT)).max())
     if tally.flux_gap is not None:
         largest = np.maximum(np.abs(flux_up), np.abs(flux_down)).max(axis=(1, 2))
@@ -271,34 +267,11 @@ def agreement(tally: Tally, radiance: Array, flux_up: Array, flux_down: Array) -
     return found
 
 
-def add_orders(
-    radiance: Array, rank: NDArray[np.intp], kernels: Array, orders: IntArray, block: Block, phi: Array
-) -> None:
-    """(1:6)-(1:8), (1:12) without its 1/2: adds the block's orders, summed in order, to radiance in place."""
-    cosine, sine = cos_sin_deg(orders[:, None] * phi)
-    twice = np.where(orders == 0, 1.0, 2.0)[:, None]
-    cosine, sine = twice * cosine, twice * sine
-    n_order, n_tau, n_in, _, n_out, _ = kernels.shape
-    for col, (place, column) in enumerate(zip(block.columns, block.problem.columns, strict=True)):
-        first = any(column[i] for i, stokes in enumerate(block.stokes) if stokes < 2)
-        for i, stokes in enumerate(block.stokes):
-            angular = (cosine if first else -sine) if stokes < 2 else (sine if first else cosine)
-            values = kernels[:, :, :, col, :, i].reshape(n_order, -1)
-            part = (values.T @ angular).reshape(n_tau, n_in, n_out, phi.size)
-            radiance[..., stokes, place][:, :, rank] += part
-
-
-def add_closed_forms(radiance: Array, scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> None:
-    """Adds single scattering and the base's direct reflection to radiance, in place."""
-    phase = phase_matrices_of_layers(tuple(scene.layers), problem.mu0, mu, phi, run)
-    begin = time.perf_counter()
-    paths = layer_paths(problem, mu)
-    stokes = problem.columns.T
-    for z, path, layer in zip(phase, paths, scene.layers, strict=True):
-        if layer.albedo > 0.0:
-            scattered = z @ stokes
-            radiance += (layer.albedo / (4.0 * np.pi)) * path[..., None, None, None] * scattered
-    reflected = base_reflected(scene.base, problem, mu, phi)
-    if reflected is not None:
-        radiance += reflected @ stokes
-    run.book("single scattering", time.perf_counter() - begin)
+def largest(parts: list[Array], wanted: Wanted, n_tau: int) -> Array:
+    """The largest intensity at each depth for a unit beam, (n_tau,); 0 where none was wanted."""
+    size = np.zeros(n_tau)
+    for values, (levels, _) in zip(parts, wanted.parts, strict=True):
+        for i, scale in enumerate(wanted.scale):
+            found = np.abs(values[:, i, :, :, 0]).max(axis=(1, 2, 3)) / scale
+            size[levels] = np.maximum(size[levels], found)
+    return size
