@@ -183,8 +183,8 @@ def with_sasktran2(problem: Problem, streams: int, orders: int | None = None) ->
 
     ``orders`` fixes its number of azimuthal orders, which it finds itself otherwise. Single scattering is left to
     the discrete ordinates too: with these few terms that is exact, and faster and more accurate than its source
-    "Exact", which sums along the line of sight (one layer: wrong by 0.17 at mu 0.1). Its b1, Q and U have the signs
-    of vrte and its relative azimuth is phi.
+    "Exact", which sums along the line of sight (one layer: off by 0.18 of the largest I). Its b1, Q and U have the
+    signs of vrte and its relative azimuth is phi.
     """
     sasktran2 = imported("sasktran2")
     config = sasktran2.Config()
@@ -316,7 +316,7 @@ def shortfalls(rows: list[Row]) -> list[str]:
             continue
         where = f"{row.problem}, {row.streams} streams, {row.code}"
         if row.ratio < row.target:
-            found.append(f"{where}: {row.ratio:.2f} x faster, wanted {row.target:g} x")
+            found.append(f"{where}: vrte is {row.ratio:.2f} x as fast, wanted {row.target:g} x")
         found += [
             f"{where}: error in {name} {mine:.1e}, the peer's {theirs:.1e}"
             for name, mine, theirs in zip("IQU", ours.errors, row.errors, strict=False)

@@ -19,7 +19,8 @@ INTRODUCTION = """# Beside other codes
 vrte and the two solvers of its kind that pip installs (extra `bench`):
 [nanodisort](https://pypi.org/project/nanodisort/), scalar, the C translation of DISORT, and
 [sasktran2](https://pypi.org/project/sasktran2/) (Zawada et al., Atmos. Meas. Tech. 8, 2609, 2015), whose discrete
-ordinates carry I, Q and U. `make bench-peers` prints this page, `python -m bench.peers -o docs/peers.md` writes it.
+ordinates carry I, Q and U. On Linux (x86-64) both come as wheels for Python 3.11 to 3.14. `make bench-peers` prints
+this page, `python -m bench.peers -o docs/peers.md` writes it.
 """
 
 METHOD = f"""## What is compared
@@ -31,9 +32,9 @@ METHOD = f"""## What is compared
   orders may stop at {ACCURACY:g} (`accur`).
 - Siewert's problem IIA: I, Q, U leaving the top, 10 cosines (0.1 to 1), azimuths 0, 90 and 180; vrte carries V as well.
   sasktran2 is plane-parallel with one layer and makes no derivatives. Its single scattering comes from its discrete
-  ordinates: its "exact" source sums along the line of sight and with one layer is off by 0.17 at mu 0.1. Its b1, Q and
-  U have the signs of vrte and its relative azimuth is phi: no sign is changed. The row "12 orders" tells it how many
-  azimuthal orders there are (`num_forced_azimuth`), which it does not see by itself; that row has no target.
+  ordinates: its "exact" source sums along the line of sight and with one layer is off by 0.18 of the largest I. Its
+  b1, Q and U have the signs of vrte and its relative azimuth is phi: no sign is changed. The row "12 orders" tells it
+  how many azimuthal orders there are (`num_forced_azimuth`), which it does not see by itself; that row has no target.
 - Times are CPU times of the process. Set-up, the median of {SETUPS}, is what can be kept for another solve of the same
   kind: the scene, nanodisort's arrays, sasktran2's engine and atmosphere. Solve is the median of {ROUNDS[0]} to
   {ROUNDS[1]} calls, the codes in turn.
