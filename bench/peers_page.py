@@ -90,7 +90,7 @@ def made_with(load_before: str) -> str:
     """Date, machine, load and versions, as a Markdown list."""
     codes = ", ".join(f"{name} {version(name)}" for name in ("vrte", "nanodisort", "sasktran2", "numpy", "scipy"))
     keywords = (
-        ", ".join(f"{name}={value:g}" for name, value in wanted_keywords().items()) or "none beyond nodes and threads"
+        ", ".join(f"{name}={value!r}" for name, value in wanted_keywords().items()) or "none beyond nodes and threads"
     )
     facts = [
         f"{datetime.now(UTC):%Y-%m-%d}, {processor()}, {usable_cpus()} cores",
