@@ -192,11 +192,13 @@ def _tables(options: argparse.Namespace) -> None:
             phase(name)
             tick(done, total)
 
+        others = cost.OthersClock()
         measurements = cost.measure(axes, configurations, seconds_a_point, told)
+    busy = others.statement()
     names = [configuration.name for configuration in configurations]
     print(cost.as_text(measurements, axes, names))
-    print()
-    settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}"
+    print(f"  {busy}\n")
+    settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}; {busy}"
     written = cost.write_figures(measurements, axes, names, folder)
     for path in [*written, *cost.write_page(measurements, axes, names, folder, settings)]:
         print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")

@@ -12,6 +12,7 @@ from vrte.report.cost.measuring import (
     configurations,
     measure,
 )
+from vrte.report.cost.others import OthersClock
 from vrte.report.cost.page import as_text, write_page
 from vrte.report.cost.sweeps import Axis, Point, axes
 
@@ -21,6 +22,7 @@ __all__ = [
     "Axis",
     "Configuration",
     "Measurement",
+    "OthersClock",
     "Point",
     "as_text",
     "axes",

@@ -26,7 +26,7 @@ class Fit:
     points: int
 
     def __str__(self) -> str:
-        return f"{self.exponent:.2f} ± {self.error:.2f}"
+        return f"{self.exponent:z.2f} ± {self.error:.2f}"
 
     def at(self, x: Any) -> Any:
         """Seconds on the fitted line."""

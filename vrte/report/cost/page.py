@@ -86,7 +86,7 @@ def exponent_header(axis: Axis, configurations: Sequence[str]) -> list[str]:
     upper = values[upper_half(values)]
     columns = ["step", "the paper"]
     for name in configurations:
-        columns += [f"{name}: all ({span(values)})", f"upper half ({span(upper)})", "share of the last"]
+        columns += [f"{name}: all ({span(values)})", f"upper half ({span(upper)})", f"share at {values[-1]:g}"]
     return columns
 
 
