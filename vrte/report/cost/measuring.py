@@ -22,7 +22,7 @@ STEP_OF_STAGE = {
     "single scattering": "reconstruction",  # Q of (1:38)
 }
 FEWEST_ROUNDS, MOST_ROUNDS = 3, 15
-SECONDS_A_POINT = 3.0  # of all configurations together; beyond, no further round begins
+SECONDS_A_POINT = 1.5  # of all configurations together; beyond, no further round begins
 SECONDS_A_POINT_QUICK = 0.1
 Tick = Callable[[int, int, str], None]
 
