@@ -1,7 +1,7 @@
 """Wall times of solves, in total and step by step, the configurations taking turns."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,7 +22,7 @@ STEP_OF_STAGE = {
     "single scattering": "reconstruction",  # Q of (1:38)
 }
 FEWEST_ROUNDS, MOST_ROUNDS = 3, 15
-SECONDS_A_POINT = 1.5  # of all configurations together; beyond, no further round begins
+SECONDS_A_POINT = 1.5  # of all configurations and rounds together, where 3 rounds fit in
 SECONDS_A_POINT_QUICK = 0.1
 Tick = Callable[[int, int, str], None]
 
@@ -81,29 +81,39 @@ def measure(
     seconds_a_point: float = SECONDS_A_POINT,
     tick: Tick = lambda done, total, name: None,
 ) -> list[Measurement]:
-    """Every point of every axis, the configurations in turn: 3 rounds, and up to 15 while ``seconds_a_point`` last.
+    """Every point of every axis in one round after another, the configurations in turn: 3 rounds, and up to 15 of
+    points that take less than ``seconds_a_point`` in all.
 
-    ``tick(done, total, name)`` before each point. One solve of each configuration beforehand is not counted.
+    Whole rounds, so that a disturbance meets a round of many points and not all rounds of one. ``tick(done, total,
+    name)`` before each point. One solve of each configuration beforehand is not counted.
     """
-    points = [(axis, point) for axis in axes for point in axis.points]
+    places = [(axis, point) for axis in axes for point in axis.points]
     for configuration in configurations:
-        solve(points[0][1], configuration)
+        solve(places[0][1], configuration)
+    wanted = [FEWEST_ROUNDS] * len(places)
     found: list[Measurement] = []
-    for done, (axis, point) in enumerate(points):
-        tick(done, len(points), f"{axis.name} {axis.value(point)}")
-        for number in rounds(seconds_a_point):
+    done = 0
+    for number in range(MOST_ROUNDS):
+        for place, (axis, point) in enumerate(places):
+            if number >= wanted[place]:
+                continue
+            tick(done, sum(wanted), f"{axis.name} {axis.value(point)}")
+            start = time.perf_counter()
             found += [measured(axis, point, configuration, number) for configuration in configurations]
-    tick(len(points), len(points), "")
+            if number == 0:
+                wanted[place] = rounds(time.perf_counter() - start, seconds_a_point)
+            done += 1
+    tick(done, done, "")
     return found
 
 
-def rounds(seconds: float) -> Iterator[int]:
-    """0, 1, ...: FEWEST_ROUNDS of them, and more up to MOST_ROUNDS as long as the time lasts."""
-    start = time.perf_counter()
-    for number in range(MOST_ROUNDS):
-        if number >= FEWEST_ROUNDS and time.perf_counter() - start > seconds:
-            return
-        yield number
+def rounds(first: float, available: float) -> int:
+    """How many fit into the ``available`` seconds if the first is typical, from FEWEST_ROUNDS to MOST_ROUNDS.
+
+    >>> rounds(0.3, 1.5), rounds(2.0, 1.5), rounds(1e-6, 1.5)
+    (5, 3, 15)
+    """
+    return int(min(max(available / first, FEWEST_ROUNDS), MOST_ROUNDS))
 
 
 def measured(axis: Axis, point: Point, configuration: Configuration, number: int) -> Measurement:
