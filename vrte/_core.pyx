@@ -20,8 +20,8 @@ import numpy as np
 from cython.parallel cimport prange, threadid
 from libc.math cimport INFINITY, M_PI as PI, cos, exp, expm1, fabs, hypot, sin, sqrt, tanh
 from libc.string cimport memcpy, memset
-from scipy.linalg.cython_blas cimport dgemm
-from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs
+from scipy.linalg.cython_blas cimport dgemm, dtrmm
+from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs, dpotrf, dsyevd
 
 cdef extern from *:
     """
@@ -597,7 +597,7 @@ cdef void assemble_one(int m, Parity p, int terms, double albedo, const double* 
 
 def homogeneous_work(n):
     """Doubles of `work` that one thread of `homogeneous` needs (its LAPACK block included)."""
-    return 4 * n * n + 44 * n
+    return 5 * n * n + 50 * n + 8
 
 
 def homogeneous(const int[::1] orders, bint conserving, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
@@ -710,17 +710,15 @@ cdef int modes_by_stokes(int n, int stokes, const double* E, const double* F, do
     return info
 
 
-cdef int modes_of_set(int n, int stokes, int which, int members, const int* set_of, const double* E, const double* F, double* lam_re,
-                      double* lam_im, double* X, double* room, double* spare, int* pivots) noexcept nogil:
+cdef int modes_of_set(int n, int stokes, int which, int members, const int* set_of, const double* E, const double* F,
+                      double* lam_re, double* lam_im, double* X, double* room, double* spare, int* pivots) noexcept nogil:
     """The modes of one set: columns of X, zero in the other rows."""
     cdef int h = members * (n // stokes), i, j, row, column, info
+    cdef size_t hh = <size_t>h * h
     cdef double* e = room
-    cdef double* f = e + <size_t>h * h
-    cdef double* a = f + <size_t>h * h
-    cdef double* x = a + <size_t>h * h
-    if members == stokes:
-        product(b"N", b"N", n, n, n, 1.0, F, n, E, n, 0.0, room, n)
-        return eigenproblem(n, room, lam_re, lam_im, X, spare, pivots)
+    cdef double* f = e + hh
+    cdef double* a = f + hh
+    cdef double* x = X if members == stokes else a + hh
     column = 0
     for j in range(n):
         if set_of[j % stokes] != which:
@@ -732,8 +730,14 @@ cdef int modes_of_set(int n, int stokes, int which, int members, const int* set_
                 f[<size_t>column * h + row] = F[<size_t>j * n + i]
                 row += 1
         column += 1
-    product(b"N", b"N", h, h, h, 1.0, f, h, e, h, 0.0, a, h)
-    info = eigenproblem(h, a, lam_re, lam_im, x, spare, pivots)
+    info = 1
+    if symmetric(h, e) and symmetric(h, f):
+        info = symmetric_modes(h, e, f, lam_re, lam_im, x, a, spare, pivots)
+    if info != 0:
+        product(b"N", b"N", h, h, h, 1.0, f, h, e, h, 0.0, a, h)
+        info = eigenproblem(h, a, lam_re, lam_im, x, spare, pivots)
+    if members == stokes:
+        return info
     memset(X, 0, sizeof(double) * <size_t>h * n)
     for j in range(h):
         row = 0
@@ -741,6 +745,40 @@ cdef int modes_of_set(int n, int stokes, int which, int members, const int* set_
             if set_of[i % stokes] == which:
                 X[<size_t>j * n + i] = x[<size_t>j * h + row]
                 row += 1
+    return info
+
+
+cdef bint symmetric(int n, const double* a) noexcept nogil:
+    """But for rounding."""
+    cdef int i, j
+    cdef double gap = 0.0
+    for j in range(n):
+        for i in range(j):
+            gap = fabs(a[<size_t>j * n + i] - a[<size_t>i * n + j])
+            if gap > 1e-13 * sqrt(fabs(a[<size_t>i * n + i] * a[<size_t>j * n + j])):
+                return False
+    return True
+
+
+cdef int symmetric_modes(int n, const double* e, const double* f, double* lam_re, double* lam_im, double* X, double* a,
+                         double* spare, int* pivots) noexcept nogil:
+    """Modes of symmetric E and F = L L^T: L^T E L W = W lambda, X = L W; steep nodes first, where the reduction to
+    tridiagonal form starts. Not 0 where F is not positive; f is kept, for a second try."""
+    cdef char side = b"L", lower = b"L", yes = b"V", no = b"N", transposed = b"T", right = b"R"
+    cdef int info = 0, lwork = 2 * n * n + 6 * n + 1, liwork = 5 * n + 3
+    cdef double one = 1.0
+    cdef double* L = a
+    memcpy(L, f, sizeof(double) * <size_t>n * n)
+    dpotrf(&lower, &n, L, &n, &info)
+    if info != 0:
+        return info
+    memcpy(X, e, sizeof(double) * <size_t>n * n)
+    dtrmm(&right, &lower, &no, &no, &n, &n, &one, L, &n, X, &n)
+    dtrmm(&side, &lower, &transposed, &no, &n, &n, &one, L, &n, X, &n)
+    dsyevd(&yes, &lower, &n, X, &n, lam_re, spare, &lwork, pivots, &liwork, &info)
+    memset(lam_im, 0, sizeof(double) * n)
+    if info == 0:
+        dtrmm(&side, &lower, &no, &no, &n, &n, &one, L, &n, X, &n)
     return info
 
 

@@ -57,7 +57,7 @@ def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Ru
         info,
         run.threads,
         run.work(_core.homogeneous_work(n)),
-        run.pivots(2 * n),
+        run.pivots(6 * n + 8),
     )
     if info.any():
         order, layer = np.argwhere(info)[0]
