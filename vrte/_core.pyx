@@ -2835,31 +2835,49 @@ cdef extern from *:
     vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
 
 
+def series_table(const double[:, :] coefficients):
+    """The phase matrix with coefficients (terms, 6) as `add_single_scattering` takes it, (terms, 13), terms made even: the
+    factors of the recurrences, then the coefficients."""
+    cdef int terms = <int>coefficients.shape[0], l
+    cdef double[:, ::1] table = np.zeros((terms + terms % 2, 13))
+    cdef double here, above
+    for l in range(terms):
+        table[l, 0], table[l, 1] = (2.0 * l + 1.0) / (l + 1.0), l / (l + 1.0)
+        if l >= 2:
+            here, above = sqrt(l * l - 4.0), sqrt((l + 1.0) * (l + 1.0) - 4.0)
+            table[l, 2], table[l, 3] = (2.0 * l + 1.0) / above, here / above
+            table[l, 4] = (2.0 * l + 1.0) * (l + 1.0) / (above * above)
+            table[l, 5] = 4.0 * (2.0 * l + 1.0) / (l * above * above)
+            table[l, 6] = (l + 1.0) * here * here / (l * above * above)
+        table[l, 7], table[l, 8] = coefficients[l, 0], coefficients[l, 3]
+        table[l, 9], table[l, 10] = coefficients[l, 4], coefficients[l, 5]
+        table[l, 11], table[l, 12] = coefficients[l, 1] + coefficients[l, 2], coefficients[l, 1] - coefficients[l, 2]
+    return np.asarray(table)
+
+
 def scattering_work(n_col, n_angle):
     """Doubles of `work` that one thread of `add_single_scattering` needs."""
     return 4 * n_col * n_angle
 
 
-def add_single_scattering(const double[:, ::1] coefficients, const double[:, :, ::1] path, const double[::1] mu0,
+def add_single_scattering(const double[:, ::1] table, const double[:, :, ::1] path, const double[::1] mu0,
                           const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
                           const double[::1] sign, const double[:, ::1] columns, const int[::1] kind,
                           const int[::1] place, int first, int last, double[:, :, :, :, :, ::1] out, int threads,
                           double[:, ::1] work, double[::1] seconds, const int[::1] stop, bint wide=True):
     """Adds path Z(mu, -mu0, phi) columns, Z the phase matrix of all terms between meridian planes.
 
-    coefficients (terms, 6); path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
+    table: of `series_table`; path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
     (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
     `wide=False` leaves AVX2 unused.
     """
     cdef int n_mu = <int>mu.shape[0], n_level = <int>path.shape[0], n_col = <int>columns.shape[0], item, thread
-    cdef double[:, ::1] table
     cdef vrte_scatterer* scatter = vrte_best_scatterer(wide)
     cdef double start
     if 4 * n_col > MOST_ENTRIES:
         raise ValueError(f"at most {MOST_ENTRIES // 4} columns")
     if out.size == 0:
         return
-    table = series_table(np.asarray(coefficients))
     for item in prange((last - first) * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
         thread = threadid()
         if not stop[0]:
@@ -2867,13 +2885,6 @@ def add_single_scattering(const double[:, ::1] coefficients, const double[:, :, 
             scatter_pair(scatter, <int>table.shape[0], &table[0, 0], path, mu0[first + item // n_mu], mu[item % n_mu], first + item // n_mu,
                          item % n_mu, cos_phi, sin_phi, angle, sign, columns, kind, place, out, &work[thread, 0])
             seconds[thread] += vrte_seconds() - start
-
-
-def series_table(coefficients):
-    """The factors of the recurrences and the coefficients, as `vrte_series` takes them: (terms, 13), terms made even."""
-    terms = coefficients.shape[0] + coefficients.shape[0] % 2
-    a1, a2, a3, a4, b1, b2 = np.pad(coefficients, ((0, terms - coefficients.shape[0]), (0, 0))).T
-    return np.column_stack([recurrences(terms)[:, :7], a1, a4, b1, b2, a2 + a3, a2 - a3])
 
 
 cdef void scatter_pair(vrte_scatterer* scatter, int terms, const double* table, const double[:, :, ::1] path, double mu0,

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from vrte.scene import MuellerBase, Scene
 BoolArray = NDArray[np.bool_]
 NO_LIGHT = 1e-290  # per unit of incident light: below, numbers lose digits
 LAST_PLACES = 4.0  # what sums of thicknesses may be off by
+WORTH_THREADS = 1e5  # products of matrices, in multiplications: about a millisecond of all stages
 NEGLIGIBLE = 1e-15  # of the single-scattering albedo: a bound on what the orders left out could add
 
 
@@ -67,7 +68,7 @@ def solve(
     ``columns`` (n_col, 4): incident Stokes vectors, each within (I, Q) or within (U, V). ``progress`` counts Fourier
     orders, then pieces of the result. Raises AccuracyError where neither route can vouch for its answer.
     """
-    start = time.perf_counter()
+    start, threads = time.perf_counter(), run.threads
     with single_threaded():
         # light going up first
         rank = np.argsort(mu < 0.0, kind="stable")
@@ -75,6 +76,7 @@ def solve(
         choice = choose(options.algorithm, problem)
         azimuths = fold(phi)
         check_memory(scene, problem, wanted.doubles(phi.size), azimuths, run.threads, choice.name)
+        run = worth_threads(run, problem)
         orders = orders_needed(scene, problem, run)
         steps = int(orders.size) + number_of_pieces(wanted, phi.size)
 
@@ -97,7 +99,7 @@ def solve(
         "algorithm_rule": choice.reason,
         "orders_repeated": {"by": OTHER[choice.name], "orders": repeated} if repeated else None,
         "nodes": int(options.nodes),
-        "threads": run.threads,
+        "threads": threads,
         "openmp": _core.HAS_OPENMP,
         "orders": int(orders.size),
         "orders_of_phase_matrix": longest,
@@ -182,6 +184,13 @@ def orders_needed(scene: Scene, problem: Problem, run: Run) -> IntArray:
         tail = np.cumsum(2.0 * bounds[::-1])[::-1]
         n_order = max(1, int(np.count_nonzero(tail > NEGLIGIBLE * max(problem.albedo.max(), 1e-300))))
     return np.arange(n_order, dtype=np.int32)
+
+
+def worth_threads(run: Run, problem: Problem) -> Run:
+    """The run, on one thread where starting another would take longer than the solve."""
+    n = float(problem.size)
+    work = float(problem.terms.max()) * n * (n * n + problem.n_rhs * 4.0 * problem.mu_out.size)
+    return run if work > WORTH_THREADS else replace(run, threads=1)
 
 
 def solve_orders(
