@@ -2829,7 +2829,7 @@ cdef extern from *:
     static vrte_scatterer* vrte_best_scatterer(int wide) { return vrte_scatter_plain; }
     #endif
     """
-    const int VRTE_BLOCK
+    const int VRTE_BLOCK, VRTE_SERIES
     ctypedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
                                  const double*, double*, size_t) noexcept nogil
     vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
@@ -2839,7 +2839,7 @@ def series_table(const double[:, :] coefficients):
     """The phase matrix with coefficients (terms, 6) as `add_single_scattering` takes it, (terms, 13), terms made even: the
     factors of the recurrences, then the coefficients."""
     cdef int terms = <int>coefficients.shape[0], l
-    cdef double[:, ::1] table = np.zeros((terms + terms % 2, 13))
+    cdef double[:, ::1] table = np.zeros((terms + terms % 2, VRTE_SERIES))
     cdef double here, above
     for l in range(terms):
         table[l, 0], table[l, 1] = (2.0 * l + 1.0) / (l + 1.0), l / (l + 1.0)
@@ -2876,6 +2876,8 @@ def add_single_scattering(const double[:, ::1] table, const double[:, :, ::1] pa
     cdef double start
     if 4 * n_col > MOST_ENTRIES:
         raise ValueError(f"at most {MOST_ENTRIES // 4} columns")
+    if table.shape[0] % 2 or table.shape[1] != VRTE_SERIES:
+        raise ValueError("the table must be one of series_table")
     if out.size == 0:
         return
     for item in prange((last - first) * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
