@@ -78,7 +78,7 @@ def fourier_phase_matrix(matrix: vrte.PhaseMatrix, mu: float, mu0: float, phi: f
 def closed_form(matrix: vrte.PhaseMatrix, mu: float, mu0: float, phi: float) -> np.ndarray:
     out, one = np.zeros((1, 1, 1, 1, 4, 4)), np.zeros(1, np.int32)
     _core.add_single_scattering(
-        np.ascontiguousarray(matrix.coefficients),
+        _core.series_table(matrix.coefficients),
         np.ones((1, 1, 1)),
         np.array([mu0]),
         np.array([mu]),

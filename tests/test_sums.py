@@ -172,7 +172,7 @@ def scattered(
     kind = summing.column_kinds(columns)
     for first, last in ((0, 1), (1, mu0.size)):
         _core.add_single_scattering(
-            np.ascontiguousarray(coefficients),
+            _core.series_table(coefficients),
             path,
             mu0,
             mu,

@@ -2674,137 +2674,6 @@ cdef void resonances(int n, int stokes, int rows, int n_mu, int n_in, int n_rhs,
             j = j + width
 
 
-# ---------------------------------------------------------------------------------------------------------
-# Single scattering in closed form: the phase matrix at the scattering angle, turned into the meridian planes.
-# ---------------------------------------------------------------------------------------------------------
-
-cdef enum:
-    BLOCK = 64
-
-
-def scattered_once(const double[:, ::1] coefficients, const double[::1] mu0, const double[::1] mu, const double[::1] cos_phi,
-                   const double[::1] sin_phi, double[:, :, :, :, ::1] out, int threads, double[::1] seconds,
-                   const int[::1] stop):
-    """The phase matrix Z(mu, -mu0, phi), all terms, between meridian planes.
-
-    coefficients (terms, 6); mu0 (n_in,) > 0: light going down; mu (n_mu,): signed public cosines. out (n_in, n_mu,
-    n_phi, 4, 4). Where the scattering plane is undefined (straight on, straight back) the meridian plane serves.
-    """
-    cdef int n_in = <int>mu0.shape[0], n_mu = <int>mu.shape[0], n_phi = <int>cos_phi.shape[0], item, thread
-    cdef int terms = <int>coefficients.shape[0], first
-    cdef double[:, ::1] tables = recurrences(terms)
-    cdef double start
-    for item in prange(n_in * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            first = 0
-            while first < n_phi:
-                scatter_block(terms, &coefficients[0, 0], &tables[0, 0], mu0[item // n_mu], mu[item % n_mu],
-                              &cos_phi[first], &sin_phi[first], min(BLOCK, n_phi - first),
-                              &out[item // n_mu, item % n_mu, first, 0, 0])
-                first = first + BLOCK
-            seconds[thread] += vrte_seconds() - start
-
-
-def recurrences(int terms):
-    """(terms, 8): the factors of d^{l+1} = (a x -+ b) d^l - c d^{l-1}: columns a, c of d_00; a, c of d_02; a, b, c of
-    d_2,+-2."""
-    l = np.arange(terms, dtype=float)
-    table = np.zeros((terms, 8))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        table[:, 0], table[:, 1] = (2 * l + 1) / (l + 1), l / (l + 1)
-        above, here = np.sqrt((l + 1) ** 2 - 4), np.sqrt(np.maximum(l * l - 4, 0))
-        table[:, 2], table[:, 3] = (2 * l + 1) / above, here / above
-        table[:, 4] = (2 * l + 1) * (l + 1) / above**2
-        table[:, 5] = 4 * (2 * l + 1) / (l * above**2)
-        table[:, 6] = (l + 1) * here**2 / (l * above**2)
-    table[:2, 2:] = 0.0
-    return table
-
-
-cdef void scatter_block(int terms, const double* coefficients, const double* table, double mu0, double mu, const double* cos_phi,
-                        const double* sin_phi, int count, double* out) noexcept nogil:
-    cdef double x[BLOCK]
-    cdef double f[6][BLOCK]       # F11, F44, (F22 + F33), (F22 - F33), F12, F34
-    cdef double p[BLOCK]
-    cdef double p_old[BLOCK]
-    cdef double q[BLOCK]
-    cdef double q_old[BLOCK]
-    cdef double u[BLOCK]
-    cdef double u_old[BLOCK]
-    cdef double w[BLOCK]
-    cdef double w_old[BLOCK]
-    cdef double sine0 = sqrt((1.0 - mu0) * (1.0 + mu0)), sine = sqrt((1.0 - mu) * (1.0 + mu)), now
-    cdef const double* c
-    cdef const double* t
-    cdef int i, l
-    for i in range(count):
-        x[i] = max(-1.0, min(1.0, -mu * mu0 + sine * sine0 * cos_phi[i]))
-        p[i], p_old[i], q[i], q_old[i], u[i], u_old[i], w[i], w_old[i] = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for l in range(6):
-            f[l][i] = 0.0
-    for l in range(terms):
-        c = coefficients + 6 * l
-        t = table + 8 * l
-        if l == 2:
-            for i in range(count):
-                q[i] = -sqrt(6.0) / 4.0 * (1.0 - x[i]) * (1.0 + x[i])
-                u[i] = 0.25 * (1.0 + x[i]) * (1.0 + x[i])
-                w[i] = 0.25 * (1.0 - x[i]) * (1.0 - x[i])
-        for i in range(count):
-            f[0][i] += c[0] * p[i]
-            f[1][i] += c[3] * p[i]
-            f[2][i] += (c[1] + c[2]) * u[i]
-            f[3][i] += (c[1] - c[2]) * w[i]
-            f[4][i] += c[4] * q[i]
-            f[5][i] += c[5] * q[i]
-            now = t[0] * x[i] * p[i] - t[1] * p_old[i]
-            p_old[i] = p[i]
-            p[i] = now
-            now = t[2] * x[i] * q[i] - t[3] * q_old[i]
-            q_old[i] = q[i]
-            q[i] = now
-            now = (t[4] * x[i] - t[5]) * u[i] - t[6] * u_old[i]
-            u_old[i] = u[i]
-            u[i] = now
-            now = (t[4] * x[i] + t[5]) * w[i] - t[6] * w_old[i]
-            w_old[i] = w[i]
-            w[i] = now
-    for i in range(count):
-        turn(mu0, sine0, mu, sine, cos_phi[i], sin_phi[i], f[0][i], 0.5 * (f[2][i] + f[3][i]), 0.5 * (f[2][i] - f[3][i]),
-             f[1][i], f[4][i], f[5][i], out + 16 * i)
-
-
-cdef void turn(double mu0, double sine0, double mu, double sine, double cos_phi, double sin_phi, double a1, double a2,
-               double a3, double a4, double b1, double b2, double* z) noexcept nogil:
-    """From the scattering plane into the meridian planes. l is theta-hat, r = l x k; n, normal to the scattering plane,
-    is k x k'; in a plane with r_s = n: cos(sigma) = n.r and sin(sigma) = -n.l."""
-    cdef double kx = sine * cos_phi, ky = sine * sin_phi, kz = mu      # outgoing; incident: (sine0, 0, -mu0)
-    cdef double nx = -ky * mu0, ny = kz * sine0 + kx * mu0, nz = -ky * sine0
-    cdef double lx = mu * cos_phi, ly = mu * sin_phi, lz = -sine
-    cdef double rx = ly * kz - lz * ky, ry = lz * kx - lx * kz         # l x k is horizontal
-    cdef double length, c, s, c2, s2, c2_in, s2_in, m11, m12, m21, m22
-    if nx * nx + ny * ny + nz * nz < 1e-18:
-        nx, ny, nz = rx, ry, 0.0
-    c, s = nx * rx + ny * ry, -(nx * lx + ny * ly + nz * lz)
-    length = c * c + s * s
-    c2, s2 = (c * c - s * s) / length, 2.0 * c * s / length
-    # incident: l' = (-mu0, 0, -sine0), r' = l' x k' = (0, -1, 0)
-    c, s = -ny, nx * mu0 + nz * sine0
-    length = c * c + s * s
-    c2_in, s2_in = (c * c - s * s) / length, 2.0 * c * s / length
-    z[0] = a1
-    z[1], z[2], z[3] = b1 * c2_in, b1 * s2_in, 0.0
-    z[4], z[8], z[12] = b1 * c2, b1 * s2, 0.0
-    m11, m12, m21, m22 = a2 * c2_in, a2 * s2_in, -a3 * s2_in, a3 * c2_in
-    z[5], z[6] = c2 * m11 - s2 * m21, c2 * m12 - s2 * m22
-    z[9], z[10] = s2 * m11 + c2 * m21, s2 * m12 + c2 * m22
-    z[7], z[11] = -s2 * b2, c2 * b2
-    z[13], z[14] = b2 * s2_in, -b2 * c2_in
-    z[15] = a4
-
-
 def beam_responses(const double complex[::1] k, const double[::1] rate, double depth):
     """D(depth) of the particular solution: (rate, k)."""
     cdef int i, j
@@ -3116,10 +2985,30 @@ cdef extern from *:
     static vrte_scatterer* vrte_best_scatterer(int wide) { return vrte_scatter_plain; }
     #endif
     """
-    const int VRTE_BLOCK
+    const int VRTE_BLOCK, VRTE_SERIES
     ctypedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
                                  const double*, double*, size_t) noexcept nogil
     vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
+
+
+def series_table(const double[:, :] coefficients):
+    """The phase matrix with coefficients (terms, 6) as `add_single_scattering` takes it, (terms, 13), terms made even: the
+    factors of the recurrences, then the coefficients."""
+    cdef int terms = <int>coefficients.shape[0], l
+    cdef double[:, ::1] table = np.zeros((terms + terms % 2, VRTE_SERIES))
+    cdef double here, above
+    for l in range(terms):
+        table[l, 0], table[l, 1] = (2.0 * l + 1.0) / (l + 1.0), l / (l + 1.0)
+        if l >= 2:
+            here, above = sqrt(l * l - 4.0), sqrt((l + 1.0) * (l + 1.0) - 4.0)
+            table[l, 2], table[l, 3] = (2.0 * l + 1.0) / above, here / above
+            table[l, 4] = (2.0 * l + 1.0) * (l + 1.0) / (above * above)
+            table[l, 5] = 4.0 * (2.0 * l + 1.0) / (l * above * above)
+            table[l, 6] = (l + 1.0) * here * here / (l * above * above)
+        table[l, 7], table[l, 8] = coefficients[l, 0], coefficients[l, 3]
+        table[l, 9], table[l, 10] = coefficients[l, 4], coefficients[l, 5]
+        table[l, 11], table[l, 12] = coefficients[l, 1] + coefficients[l, 2], coefficients[l, 1] - coefficients[l, 2]
+    return np.asarray(table)
 
 
 def scattering_work(n_col, n_angle):
@@ -3127,26 +3016,26 @@ def scattering_work(n_col, n_angle):
     return 4 * n_col * n_angle
 
 
-def add_single_scattering(const double[:, ::1] coefficients, const double[:, :, ::1] path, const double[::1] mu0,
+def add_single_scattering(const double[:, ::1] table, const double[:, :, ::1] path, const double[::1] mu0,
                           const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
                           const double[::1] sign, const double[:, ::1] columns, const int[::1] kind,
                           const int[::1] place, int first, int last, double[:, :, :, :, :, ::1] out, int threads,
                           double[:, ::1] work, double[::1] seconds, const int[::1] stop, bint wide=True):
     """Adds path Z(mu, -mu0, phi) columns, Z the phase matrix of all terms between meridian planes.
 
-    coefficients (terms, 6); path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
+    table: of `series_table`; path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
     (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
     `wide=False` leaves AVX2 unused.
     """
     cdef int n_mu = <int>mu.shape[0], n_level = <int>path.shape[0], n_col = <int>columns.shape[0], item, thread
-    cdef double[:, ::1] table
     cdef vrte_scatterer* scatter = vrte_best_scatterer(wide)
     cdef double start
     if 4 * n_col > MOST_ENTRIES:
         raise ValueError(f"at most {MOST_ENTRIES // 4} columns")
+    if table.shape[0] % 2 or table.shape[1] != VRTE_SERIES:
+        raise ValueError("the table must be one of series_table")
     if out.size == 0:
         return
-    table = series_table(np.asarray(coefficients))
     for item in prange((last - first) * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
         thread = threadid()
         if not stop[0]:
@@ -3154,13 +3043,6 @@ def add_single_scattering(const double[:, ::1] coefficients, const double[:, :, 
             scatter_pair(scatter, <int>table.shape[0], &table[0, 0], path, mu0[first + item // n_mu], mu[item % n_mu], first + item // n_mu,
                          item % n_mu, cos_phi, sin_phi, angle, sign, columns, kind, place, out, &work[thread, 0])
             seconds[thread] += vrte_seconds() - start
-
-
-def series_table(coefficients):
-    """The factors of the recurrences and the coefficients, as `vrte_series` takes them: (terms, 13), terms made even."""
-    terms = coefficients.shape[0] + coefficients.shape[0] % 2
-    a1, a2, a3, a4, b1, b2 = np.pad(coefficients, ((0, terms - coefficients.shape[0]), (0, 0))).T
-    return np.column_stack([recurrences(terms)[:, :7], a1, a4, b1, b2, a2 + a3, a2 - a3])
 
 
 cdef void scatter_pair(vrte_scatterer* scatter, int terms, const double* table, const double[:, :, ::1] path, double mu0,

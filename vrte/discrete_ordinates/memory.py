@@ -18,6 +18,7 @@ BYTES = 8
 CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
 PIECE_BYTES = 16e6  # of the result at a time: it stays in the cache, and a progress bar moves
 TILE_DOUBLES = 32768  # of a thread at the end, more where one direction's azimuths take more
+ALWAYS_THERE = 32e6  # less than what the interpreter has taken already
 LARGEST_SHARE = 0.9  # of what is available
 FILES = (  # what a control group may use, and what it uses: version 2, version 1
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
@@ -27,7 +28,10 @@ FILES = (  # what a control group may use, and what it uses: version 2, version 
 
 def check_memory(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> None:
     """Raises SceneError where the request, with so many doubles of result, needs more memory than there is."""
-    needed, available = BYTES * doubles_needed(problem, blocks, result, azimuths, threads), available_bytes()
+    needed = BYTES * doubles_needed(problem, blocks, result, azimuths, threads)
+    if needed < ALWAYS_THERE:  # asking the system takes as long as a small solve
+        return
+    available = available_bytes()
     if needed > LARGEST_SHARE * available:
         raise SceneError(
             f"nodes, layers and directions together need about {in_gigabytes(needed)} of memory and "

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vrte import _core
 from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import IntArray, Problem
 from vrte.scene import Lambertian, Layer, MuellerBase
@@ -19,7 +20,7 @@ def exp_difference(a: Array, b: Array) -> Array:
 
 
 def scatterers(layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: Array) -> list[tuple[Array, Array]]:
-    """What scatters once: the coefficients (terms, 6) of every phase matrix, and what multiplies it.
+    """What scatters once: the table of every phase matrix, as the kernel takes it, and what multiplies it.
 
     That is omega/(4 pi) times the path integral, (n_level, n_in, n_mu), summed over the layers that share it.
     """
@@ -30,8 +31,9 @@ def scatterers(layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: 
             key = id(layer.phase_matrix)
             weighted = layer.albedo / (4.0 * np.pi) * path
             if key in found:
-                weighted += found[key][1]
-            found[key] = (np.ascontiguousarray(layer.phase_matrix.coefficients), weighted)
+                found[key][1][:] += weighted
+            else:
+                found[key] = (_core.series_table(layer.phase_matrix.coefficients), weighted)
     return list(found.values())
 
 

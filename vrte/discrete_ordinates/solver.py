@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from vrte.errors import AccuracyError
 from vrte.plan import Plan
 
 NO_LIGHT = 1e-290  # per unit of incident light: below, numbers lose digits
+WORTH_THREADS = 1e5  # products of matrices, in multiplications: about a millisecond of all stages
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,7 @@ def solve_block(
     plan: Plan, block: Block, orders: IntArray, run: Run, tally: Tally, told: Callable[[int], None]
 ) -> Orders:
     """The block's orders; what they took goes into the tally."""
-    name = block.choice.name
+    name, run = block.choice.name, worth_threads(run, block.problem, orders)
     result, repeated = solve_orders(block.problem, block.base, orders, name, run, plan.request.accuracy, told)
     tally.orders |= set(orders.tolist())
     tally.by[name] = tally.by.get(name, 0) + orders.size - len(repeated)
@@ -131,6 +132,13 @@ def solve_block(
     if plan.request.verify:
         compare(block, orders, result, repeated, run, plan.request.accuracy, tally)
     return result
+
+
+def worth_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
+    """The run, on one thread where starting another would take longer than the solve."""
+    n = float(problem.size)
+    work = orders.size * n * (n * n + problem.n_rhs * problem.rows_out)
+    return run if work > WORTH_THREADS and orders.size * problem.albedo.size > 1 else replace(run, threads=1)
 
 
 def solve_orders(

@@ -4,7 +4,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,9 +81,10 @@ def fill(
     """
     parts = make_parts(wanted, mu, azimuths.phi.size)
     kind = column_kinds(problem.columns)
-    threads = run.threads if sum(part.values.nbytes for part in parts) > WORTH_THREADS else 1
-    sums = [prepare_sum(light, wanted, kind, azimuths, run, threads) for light in lights]
-    single = prepare_scattering(parts, wanted, scene, problem, kind, azimuths, run, threads)
+    if sum(part.values.nbytes for part in parts) < WORTH_THREADS:
+        run = replace(run, threads=1)
+    sums = [prepare_sum(light, wanted, kind, azimuths, run) for light in lights]
+    single = prepare_scattering(parts, wanted, scene, problem, kind, azimuths, run)
     for k, (first, last) in enumerate(pieces(wanted, azimuths.phi.size), 1):
         for part in parts:
             for add in sums:
@@ -143,7 +144,7 @@ def pieces(wanted: Wanted, n_phi: int) -> Iterator[tuple[int, int]]:
     return itertools.pairwise(edges)
 
 
-def prepare_sum(light: Light, wanted: Wanted, kind: IntArray, azimuths: Azimuths, run: Run, threads: int) -> Adder:
+def prepare_sum(light: Light, wanted: Wanted, kind: IntArray, azimuths: Azimuths, run: Run) -> Adder:
     """What adds a light's orders to a piece."""
     cosine, sine = azimuths.cos_sin(light.orders)
     n_angle = azimuths.distinct.size
@@ -167,7 +168,7 @@ def prepare_sum(light: Light, wanted: Wanted, kind: IntArray, azimuths: Azimuths
             first,
             last,
             part.values,
-            threads,
+            run.threads,
             work,
         )
 
@@ -182,7 +183,6 @@ def prepare_scattering(
     kind: IntArray,
     azimuths: Azimuths,
     run: Run,
-    threads: int,
 ) -> Adder:
     """What adds single scattering in all layers to a piece."""
     cosine, sine = cos_sin_deg(azimuths.distinct)
@@ -190,19 +190,19 @@ def prepare_scattering(
     begin = time.perf_counter()
     tables = {
         id(part): [
-            (coefficients, wanted.scale[:, None] * path)
-            for coefficients, path in scatterers(scene.layers, problem, part.levels, part.mu)
+            (table, wanted.scale[:, None] * path)
+            for table, path in scatterers(scene.layers, problem, part.levels, part.mu)
         ]
         for part in parts
     }
     run.book("single scattering", time.perf_counter() - begin)
 
     def add(part: Part, first: int, last: int) -> None:
-        for coefficients, path in tables[id(part)]:
+        for table, path in tables[id(part)]:
             run.timed(
                 "single scattering",
                 _core.add_single_scattering,
-                coefficients,
+                table,
                 path,
                 problem.mu0,
                 part.mu,
@@ -216,7 +216,7 @@ def prepare_scattering(
                 first,
                 last,
                 part.values,
-                threads,
+                run.threads,
                 work,
             )
 
