@@ -168,7 +168,7 @@ def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.Captur
     assert "quick, OpenMP, 1 thread" in text
     assert "nodes | orders solved | total [ms], OpenMP, 1 thread" in text
     totals = [float(row["total_s"]) for row in rows if (row["axis"], row["value"]) == ("nodes", "12")]
-    assert re.search(rf"^\| 12 \| \d+ \| {re.escape(f'{1e3 * np.median(totals):.3g}')} \|$", text, re.MULTILINE)
+    assert re.search(rf"^\| 12 \| \d+ \| {re.escape(f'{1e3 * np.median(totals):.1f}')} \|$", text, re.MULTILINE)
 
 
 @pytest.mark.usefixtures("no_solver")

@@ -131,7 +131,7 @@ def total_rows(measurements: Sequence[Measurement], axis: Axis, found: dict[str,
     orders = {found.value: found.orders_solved for found in measurements if found.axis == axis.name}
     rows = []
     for place, value in enumerate(axis.values.tolist()):
-        totals = [f"{1e3 * lines[TOTAL].seconds[place]:.3g}" for lines in found.values()]
+        totals = [f"{1e3 * lines[TOTAL].seconds[place]:.1f}" for lines in found.values()]
         rows.append([f"{value:g}", str(orders[value]), *totals])
     return rows
 
