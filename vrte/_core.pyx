@@ -600,14 +600,15 @@ def homogeneous_work(n):
     return 5 * n * n + 50 * n + 8
 
 
-def homogeneous(const int[::1] orders, bint conserving, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
+def homogeneous(const int[::1] orders, bint conserving, bint quick, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
                 const double[:, :, :, ::1] E, const double[:, :, :, ::1] F, double[:, :, ::1] lam_re,
                 double[:, :, ::1] lam_im, double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu,
                 int[:, :, ::1] X_pivots, double[:, ::1] residual, int[:, ::1] info, int threads, double[:, ::1] work,
                 int[:, ::1] pivots, double[::1] seconds, const int[::1] stop):
     """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
 
-    conserving: whether order 0 has I, so that its flux is conserved. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
+    conserving: whether order 0 has I, so that its flux is conserved; quick: whether symmetric E and F go to the
+    symmetric eigensolver, which is several times faster and loses a digit. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
     pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X; residual (order, layer):
     the largest of |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading,
     which only a phase matrix with more terms than the nodes carry has.
@@ -622,13 +623,13 @@ def homogeneous(const int[::1] orders, bint conserving, const double[::1] albedo
             o = item // n_layer
             k = item % n_layer
             info[o, k] = homogeneous_one(
-                n, stokes, conserving and orders[o] == 0, albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
+                n, stokes, conserving and orders[o] == 0, quick, albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
                 &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
                 &residual[o, k], &work[thread, 0], &pivots[thread, 0])
             seconds[thread] += vrte_seconds() - start
 
 
-cdef int homogeneous_one(int n, int stokes, bint conserving, double albedo, const double* directions, const double* weights, const double* E,
+cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double albedo, const double* directions, const double* weights, const double* E,
                          const double* F, double* lam_re, double* lam_im, double* X, double* Y, double* X_lu,
                          int* X_pivots, double* residual, double* work, int* pivots) noexcept nogil:
     cdef double* e = work
@@ -639,7 +640,7 @@ cdef int homogeneous_one(int n, int stokes, bint conserving, double albedo, cons
     cdef int info, i, together
     cdef bint growing = False      # a mode that neither fades nor grows: only a phase matrix with too many terms has one
     cdef double largest
-    info = modes_by_stokes(n, stokes, E, F, lam_re, lam_im, X, work, spare, pivots, &together)
+    info = modes_by_stokes(n, stokes, quick, E, F, lam_re, lam_im, X, work, spare, pivots, &together)
     if info != 0:
         return info
     memcpy(f, F, sizeof(double) * n * n)
@@ -678,7 +679,7 @@ cdef int eigenproblem(int n, double* a, double* lam_re, double* lam_im, double* 
     return info
 
 
-cdef int modes_by_stokes(int n, int stokes, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* room,
+cdef int modes_by_stokes(int n, int stokes, bint quick, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* room,
                          double* spare, int* pivots, int* together) noexcept nogil:
     """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set.
 
@@ -702,7 +703,7 @@ cdef int modes_by_stokes(int n, int stokes, const double* E, const double* F, do
         for b in range(stokes):
             size += set_of[b] == a
         if size > 0 and info == 0:
-            info = modes_of_set(n, stokes, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, room,
+            info = modes_of_set(n, stokes, quick, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, room,
                                 spare, pivots)
             column += size * (n // stokes)
             if a == 0:
@@ -710,7 +711,7 @@ cdef int modes_by_stokes(int n, int stokes, const double* E, const double* F, do
     return info
 
 
-cdef int modes_of_set(int n, int stokes, int which, int members, const int* set_of, const double* E, const double* F,
+cdef int modes_of_set(int n, int stokes, bint quick, int which, int members, const int* set_of, const double* E, const double* F,
                       double* lam_re, double* lam_im, double* X, double* room, double* spare, int* pivots) noexcept nogil:
     """The modes of one set: columns of X, zero in the other rows."""
     cdef int h = members * (n // stokes), i, j, row, column, info
@@ -731,7 +732,7 @@ cdef int modes_of_set(int n, int stokes, int which, int members, const int* set_
                 row += 1
         column += 1
     info = 1
-    if symmetric(h, e) and symmetric(h, f):
+    if quick and symmetric(h, e) and symmetric(h, f):
         info = symmetric_modes(h, e, f, lam_re, lam_im, x, a, spare, pivots)
     if info != 0:
         product(b"N", b"N", h, h, h, 1.0, f, h, e, h, 0.0, a, h)

@@ -7,7 +7,7 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.discrete_ordinates.choice import Choice, choose
 from vrte.discrete_ordinates.needs import Needs, layer_strengths, layers_reached, nodes_seen, stokes_sets
-from vrte.discrete_ordinates.problem import IntArray, Problem
+from vrte.discrete_ordinates.problem import ALL, IntArray, Problem
 from vrte.scene import Lambertian, MuellerBase
 
 Base = Lambertian | MuellerBase | None
@@ -30,10 +30,10 @@ class Block:
 
 @dataclass(frozen=True)
 class Part:
-    """What makes two orders alike."""
+    """What makes two orders alike; ``straight``: the Stokes parameters that light them along the normal."""
 
     stokes: tuple[int, ...]
-    columns: tuple[int, ...]
+    straight: tuple[int, ...]
     nodes: int
     layers: int
     has_end: bool
@@ -44,22 +44,27 @@ def make_blocks(
 ) -> list[Block]:
     """All orders, sorted into blocks; ascending, and I before V."""
     fed_back = isinstance(base, MuellerBase)
-    strengths = layer_strengths(problem)
-    nodes = node_counts(problem, nodes_seen(needs, brightest, accuracy), fed_back)
+    nodes = node_counts(problem, nodes_seen(needs, brightest, accuracy), fed_back).tolist()
+    layers, has_end = layers_reached(problem, layer_strengths(problem), accuracy)
+    sets = stokes_sets(problem)
+    along_normal = bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
     parts: dict[Part, list[int]] = {}
     for order in orders.tolist():
-        reached = (problem.albedo.size, True) if fed_back else layers_reached(problem, strengths, order, accuracy)
-        for stokes in stokes_sets(problem, order, fed_back):
-            columns = columns_of(problem, stokes, order)
-            if columns:
-                parts.setdefault(Part(stokes, columns, int(nodes[order]), *reached), []).append(order)
+        reached = (problem.albedo.size, True) if fed_back else (layers[order], has_end[order])
+        for stokes in (ALL,) if fed_back else sets[order]:
+            parts.setdefault(Part(stokes, lit_by(order) if along_normal else ALL, nodes[order], *reached), []).append(
+                order
+            )
     blocks = []
     for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
-        reduced = reduce(problem, part)
+        columns = columns_of(problem, part)
+        if not columns:
+            continue
+        reduced = reduce(problem, part, columns)
         below = base if part.has_end and (fed_back or (members[0] == 0 and part.stokes[0] == 0)) else None
         chosen = np.array(members, np.int32)
         choice = choose(algorithm, reduced, float(needs.strength[members].max()), accuracy)
-        blocks.append(Block(chosen, part.stokes, part.columns, reduced, below, choice))
+        blocks.append(Block(chosen, part.stokes, columns, reduced, below, choice))
     return blocks
 
 
@@ -75,26 +80,28 @@ def node_counts(problem: Problem, seen: IntArray, all_nodes: bool) -> IntArray:
     return np.maximum(rounded, 1).astype(np.int32)
 
 
-def columns_of(problem: Problem, stokes: tuple[int, ...], order: int) -> tuple[int, ...]:
-    """Places of the incident Stokes columns that light the set; at normal incidence I and V have order 0 alone, Q and U
-    order 2."""
-    lit = list(stokes)
-    if (problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all():
-        wanted = {0: (0, 3), 2: (1, 2)}.get(order, ())
-        if (problem.mu0 == 1.0).all():
-            lit = [i for i in stokes if i in wanted]
-        elif not wanted:
-            lit = []
+def lit_by(order: int) -> tuple[int, ...]:
+    """At normal incidence I and V have order 0 alone, Q and U order 2; at normal exit those orders alone are left."""
+    return {0: (0, 3), 2: (1, 2)}.get(order, ())
+
+
+def columns_of(problem: Problem, part: Part) -> tuple[int, ...]:
+    """Places of the incident Stokes columns that light the part."""
+    lit = list(part.stokes)
+    if (problem.mu0 == 1.0).all():
+        lit = [i for i in lit if i in part.straight]
+    elif (problem.mu_out == 1.0).all() and not part.straight:
+        lit = []
     return tuple(place for place, column in enumerate(problem.columns) if column[lit].any())
 
 
-def reduce(problem: Problem, part: Part) -> Problem:
+def reduce(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
     """The problem on the part's nodes, layers and Stokes parameters."""
     terms = problem.terms[: part.layers]
     thickness = problem.thickness[: part.layers].copy()
     if not part.has_end:
         thickness[-1] = np.inf
-    columns: Array = problem.columns[np.ix_(part.columns, part.stokes)]
+    incident: Array = problem.columns[np.ix_(columns, part.stokes)]
     return replace(
         problem,
         coefficients=np.ascontiguousarray(problem.coefficients[: part.layers]),
@@ -104,6 +111,6 @@ def reduce(problem: Problem, part: Part) -> Problem:
         above=problem.above[: part.layers],
         nodes=problem.nodes[: part.nodes],
         weights=problem.weights[: part.nodes],
-        columns=np.ascontiguousarray(columns),
+        columns=np.ascontiguousarray(incident),
         stokes=part.stokes,
     )

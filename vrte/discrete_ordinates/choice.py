@@ -12,6 +12,7 @@ ALGORITHMS = ("auto", "modes", "doubling", "invariance")
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
 STEPS_ENDLESS = 8
 JOINT = 0.2  # time of a joint over that of a layer's modes
+ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
 WORTH_IT = 0.7  # predicted times are right to about a third
 GENERAL, SYMMETRIC = 45.0, 18.0  # operations over n^3 of a layer's modes, eigenproblem included
 FINEST = 1e-13  # accuracy that iterations are taken for
@@ -46,6 +47,8 @@ def choose(algorithm: str, problem: Problem, strength: float, accuracy: float) -
             return Choice(
                 "invariance", f"auto: only the top is seen; predicted to take {share:.2g} of the time of modes"
             )
+    if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
+        return Choice("modes", "auto: one layer, one eigenproblem")
     ratio = time_of_doubling(cut(problem)) / problem.albedo.size
     name = "doubling" if ratio < WORTH_IT else "modes"
     return Choice(name, f"auto: doubling is predicted to take {ratio:.2g} times the time of modes")

@@ -24,8 +24,8 @@ class Modes:
     residual: Array
 
 
-def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Run) -> Modes:
-    """The modes of every order and layer. Raises AccuracyError where LAPACK finds none."""
+def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Run, quick: bool = False) -> Modes:
+    """The modes of every order and layer, ``quick`` where E and F are symmetric. Raises AccuracyError without any."""
     shape, n = (orders.size, problem.albedo.size), problem.size
     modes = Modes(
         lam_re=np.empty((*shape, n)),
@@ -42,6 +42,7 @@ def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Ru
         _core.homogeneous,
         orders,
         problem.conserves,
+        quick,
         problem.albedo,
         problem.nodes,
         problem.weights,

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -15,6 +16,7 @@ SHARE = 0.25  # of the accuracy asked for, for each thing left out
 SAMPLES = 5  # directions of each kind that singly scattered light is looked at
 DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may fade with
 LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
+WORTH_THREADS = 1e6  # spherical functions: a few milliseconds
 ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
 
 
@@ -31,6 +33,8 @@ def needs_of(problem: Problem, run: Run) -> Needs:
     """Strength of each order, and bounds on what it adds and on what passes by way of each node."""
     n_order, directions = int(problem.terms.max()), problem.directions
     needs = Needs(np.empty(n_order), np.empty(n_order), np.empty((n_order, problem.nodes.size)))
+    if directions.size * n_order**2 < WORTH_THREADS:
+        run = replace(run, threads=1)
     run.timed(
         "planning",
         _core.order_bounds,
@@ -124,50 +128,55 @@ def layer_strengths(problem: Problem) -> Array:
     return kept
 
 
-def layers_reached(problem: Problem, strengths: Array, order: int, accuracy: float) -> tuple[int, bool]:
-    """How many layers light of an order comes back from, and whether it comes back from the end of the last of them.
+def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:
+    """How many layers light of each order comes back from, and whether it comes back from the end of the last of them.
 
     On its way down from the lowest level asked for, and up again, it fades with kappa = 0.8 (1 - q) at least.
     """
-    deepest = int(problem.level_layer.max())
+    deepest, n_layer, n_order = int(problem.level_layer.max()), problem.albedo.size, strengths.shape[1]
     start = float(problem.level[problem.level_layer == deepest].max())
-    q = np.minimum(strengths[:, order], ALMOST_ONE)
-    kappa = 0.8 * (1.0 - q)
-    path = 0.0
-    for layer in range(deepest, problem.albedo.size):
-        if q[layer] < ALMOST_ONE:
-            gain = ((0.2 + 0.8 * q[deepest : layer + 1]) / (0.2 * (1.0 - q[deepest : layer + 1]))).max() ** 2
-            length = float(problem.thickness[layer]) - (start if layer == deepest else 0.0)
-            path += kappa[layer] * length
-            if path >= 0.5 * math.log(gain / (SHARE * accuracy)):
-                return layer + 1, False
-        elif math.isinf(problem.thickness[layer]):
-            return layer + 1, False
-    return problem.albedo.size, not math.isinf(problem.thickness[-1])
+    layers, has_end = np.full(n_order, n_layer), np.full(n_order, not math.isinf(problem.thickness[-1]))
+    path, gain, left = np.zeros(n_order), np.ones(n_order), np.ones(n_order, bool)
+    for layer in range(deepest, n_layer):
+        q = np.minimum(strengths[layer], ALMOST_ONE)
+        kappa = np.where(q < ALMOST_ONE, 0.8 * (1.0 - q), 0.0)
+        gain = np.maximum(gain, (0.2 + 0.8 * q) / (0.2 * (1.0 - q)))
+        length = min(float(problem.thickness[layer]), 1e300) - (start if layer == deepest else 0.0)
+        path = path + kappa * length
+        found = left & (path >= np.log(gain) - 0.5 * math.log(SHARE * accuracy))
+        layers[found], has_end[found] = layer + 1, False
+        left &= ~found
+        if not left.any():
+            break
+    return layers.tolist(), has_end.tolist()
 
 
-def stokes_sets(problem: Problem, order: int, mixed_by_base: bool) -> list[tuple[int, ...]]:
-    """The sets of Stokes parameters that an order keeps apart, each ascending, without those that do not scatter."""
-    table = np.abs(problem.coefficients[problem.albedo > 0.0, order:]).max(axis=(0, 1), initial=0.0)
-    _, a2, a3, a4, b1, b2 = table
-    if mixed_by_base:
-        return [ALL]
-    parent = [0, 1, 2, 3]
+def stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
+    """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
+    present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=0)
+    present = np.logical_or.accumulate(present[::-1], axis=0)[::-1]  # in the degrees l >= m
+    return [sets_of(order > 0, *row) for order, row in enumerate(present[:, 1:].tolist())]
+
+
+@cache
+def sets_of(turns: bool, a2: bool, a3: bool, a4: bool, b1: bool, b2: bool) -> tuple[tuple[int, ...], ...]:
+    """Which of I, Q, U, V mix, given which coefficients there are, and whether the order turns Q into U."""
+    parent = list(ALL)
 
     def join(a: int, b: int) -> None:
         old, new = max(parent[a], parent[b]), min(parent[a], parent[b])
         parent[:] = [new if p == old else p for p in parent]
 
-    if order > 0 and (a2 > 0.0 or a3 > 0.0):
+    if turns and (a2 or a3):
         join(1, 2)
-    if b1 > 0.0:
+    if b1:
         join(0, 1)
-        if order > 0:
+        if turns:
             join(0, 2)
-    if b2 > 0.0:
+    if b2:
         join(2, 3)
-        if order > 0:
+        if turns:
             join(1, 3)
-    scatters = [True, a2 > 0.0 or a3 > 0.0 or b1 > 0.0, a2 > 0.0 or a3 > 0.0 or b2 > 0.0, a4 > 0.0 or b2 > 0.0]
+    scatters = [True, a2 or a3 or b1, a2 or a3 or b2, a4 or b2]
     sets = [tuple(i for i in ALL if parent[i] == p) for p in sorted(set(parent))]
-    return [members for members in sets if any(scatters[i] for i in members)]
+    return tuple(members for members in sets if any(scatters[i] for i in members))

@@ -57,11 +57,13 @@ def reconstruct(
     return out / (2.0 * np.pi)
 
 
-def nodal_fluxes(problem: Problem, modes: Modes, beam: Beam, amplitudes: Amplitudes) -> tuple[Array, Array]:
-    """Diffuse flux up and down through a horizontal plane at every level, from order 0: (n_tau, n_in, n_col) each."""
+def nodal_fluxes(
+    problem: Problem, orders: IntArray, modes: Modes, beam: Beam, amplitudes: Amplitudes
+) -> tuple[Array, Array]:
+    """Diffuse flux up and down through a horizontal plane at every level, (n_tau, n_in, n_col); 0 without order 0."""
     shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
     up, down = np.zeros(shape), np.zeros(shape)
-    if not problem.conserves:
+    if not problem.conserves or orders[0] > 0:
         return up, down
     weight = np.sqrt(problem.weights * problem.nodes)
     for t, (level, layer) in enumerate(zip(problem.level, problem.level_layer, strict=True)):
