@@ -2230,7 +2230,7 @@ cdef inline void off_nodes(Sizes s, int n_in, double depth, const double* mu0, E
 def invariance_work(n_node, n_off, stokes, n_term):
     """Doubles of `work` that one thread of `reflect_endless` needs."""
     n, u = stokes * n_node, stokes * n_off
-    return 3 * (n_node + n_off) * n_term + n_node + 12 * n_term * (n + u) + n * n + u * n + u * u + max(n, u) ** 2
+    return 3 * (n_node + n_off) * n_term + n_node + 12 * n_term * (n + u) + n * n + u * n + u * u + 6 * n * max(n, u) + u * u
 
 
 def reflect_endless(const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients, int terms,
@@ -2291,11 +2291,11 @@ cdef void renew(Sheet rows, Sheet nodes, double sign, const double* R) noexcept 
 
 
 cdef double divide_by_rates(Parity p, int rows, const double* mu_row, int columns, const double* mu_column, double* new,
-                            double* R, double* largest) noexcept nogil:
-    """new <- new Q/2 over 1/mu + 1/mu'; what it differs from R, which it replaces."""
+                            double* largest) noexcept nogil:
+    """new <- new Q/2 over 1/mu + 1/mu'; its largest element."""
     cdef int i, j
     cdef size_t k
-    cdef double rate, half, gap = 0.0
+    cdef double rate, half
     largest[0] = 0.0
     for j in range(columns):
         rate = 1.0 / mu_column[j // p.stokes]
@@ -2303,37 +2303,90 @@ cdef double divide_by_rates(Parity p, int rows, const double* mu_row, int column
         for i in range(rows):
             k = <size_t>j * rows + i
             new[k] *= half / (1.0 / mu_row[i // p.stokes] + rate)
-            gap = max(gap, fabs(new[k] - R[k]))
             largest[0] = max(largest[0], fabs(new[k]))
-            R[k] = new[k]
-    return gap
+    return largest[0]
+
+
+cdef struct Past:
+    # the last two fixed-point steps: what they led to, and by how much they moved
+    int steps
+    double* led[2]
+    double* moved[2]
+
+
+cdef void accelerate(size_t size, const double* new, double* moved, Past* past, double* R) noexcept nogil:
+    """R <- the combination of this step and the last two that would have moved least (Anderson's acceleration)."""
+    cdef size_t k
+    cdef double a11 = 0.0, a12 = 0.0, a22 = 0.0, b1 = 0.0, b2 = 0.0, d1, d2, det, g1 = 0.0, g2 = 0.0
+    cdef double* spare
+    if past.steps > 0:
+        for k in range(size):
+            d1 = moved[k] - past.moved[0][k]
+            d2 = past.moved[0][k] - past.moved[1][k] if past.steps > 1 else 0.0
+            a11 += d1 * d1
+            a12 += d1 * d2
+            a22 += d2 * d2
+            b1 += d1 * moved[k]
+            b2 += d2 * moved[k]
+        det = a11 * a22 - a12 * a12
+        if det > 1e-12 * a11 * a22:
+            g1, g2 = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
+        elif a11 > 0.0:
+            g1 = b1 / a11
+    for k in range(size):
+        R[k] = new[k] - (g1 * (new[k] - past.led[0][k]) if g1 != 0.0 else 0.0)
+        if g2 != 0.0:
+            R[k] -= g2 * (past.led[0][k] - past.led[1][k])
+    spare = past.led[1]
+    past.led[1] = past.led[0]
+    past.led[0] = spare
+    memcpy(spare, new, sizeof(double) * size)
+    spare = past.moved[1]
+    past.moved[1] = past.moved[0]
+    past.moved[0] = spare
+    memcpy(spare, moved, sizeof(double) * size)
+    past.steps += 1
 
 
 cdef double settle(Parity p, int m, int terms, double albedo, const double* coefficients, Sheet* rows, Sheet* nodes,
                    const double* mu_row, const double* mu_node, double tolerance, double* R, double* new, int* steps,
                    const int* stop) noexcept nogil:
-    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes."""
+    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. new: room
+    for six matrices like R."""
     cdef int step, kind
-    cdef double gap = 0.0, before = 0.0, largest = 0.0, missing = 1.0, rate
-    memset(R, 0, sizeof(double) * <size_t>rows[0].rows * nodes[0].rows)
+    cdef size_t size = <size_t>rows[0].rows * nodes[0].rows, k
+    cdef double gap, first = 0.0, rate = 0.0, largest = 0.0, missing = 1.0
+    cdef double* moved = new + size
+    cdef Past past
+    past.steps = 0
+    past.led[0], past.led[1], past.moved[0], past.moved[1] = new + 2 * size, new + 3 * size, new + 4 * size, new + 5 * size
+    memset(R, 0, sizeof(double) * size)
     for kind in range(2):
         memcpy(rows[kind].H, rows[kind].phi, sizeof(double) * <size_t>rows[kind].rows * rows[kind].columns)
     for step in range(MOST_STEPS):
         for kind in range(2):
             times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, rows[kind].rows, rows[kind].H, rows[kind].HC)
             step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
-        gap = divide_by_rates(p, rows[0].rows, mu_row, nodes[0].rows, mu_node, new, R, &largest)
+        divide_by_rates(p, rows[0].rows, mu_row, nodes[0].rows, mu_node, new, &largest)
+        gap = 0.0
+        for k in range(size):
+            moved[k] = new[k] - R[k]
+            gap = max(gap, fabs(moved[k]))
+        if step == 0:
+            first = gap
+        elif step == 1:              # not accelerated yet: the rate of the plain steps
+            rate = min(gap / first, 0.99) if first > 0.0 else 0.0
+        missing = gap * rate / (1.0 - rate) / largest if step > 0 and largest > 0.0 else 1.0
+        steps[0] += 1
+        if largest == 0.0 or missing <= tolerance or gap <= 4e-16 * largest or stop[0]:
+            memcpy(R, new, sizeof(double) * size)
+            missing = 0.0 if largest == 0.0 else missing
+        else:
+            accelerate(size, new, moved, &past, R)
         for kind in range(2):
             renew(rows[kind], nodes[kind], -1.0 if kind else 1.0, R)
-        steps[0] += 1
-        if largest == 0.0 or stop[0]:
-            return 0.0
-        if step > 0:
-            rate = min(gap / before, 0.999) if before > 0.0 else 0.0
-            missing = gap * rate / (1.0 - rate) / largest
-            if missing <= tolerance or gap <= 4e-16 * largest:
-                return missing
-        before = gap
+        if largest == 0.0 or missing <= tolerance or gap <= 4e-16 * largest or stop[0]:
+            break
     return missing
 
 
@@ -2352,8 +2405,8 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
     cdef double* R = scale + n_node
     cdef double* Ru = R + <size_t>n * n                   # (u, n)
     cdef double* Ruu = Ru + <size_t>u * n                 # (u, u)
-    cdef double* new = Ruu + <size_t>u * u                # the largest of the three again
-    cdef double* memory = new + max(<size_t>n * n, max(<size_t>u * n, <size_t>u * u))
+    cdef double* new = Ruu + <size_t>u * u                # room for steps
+    cdef double* memory = new + 6 * <size_t>n * max(n, u) + <size_t>u * u
     cdef Sheet nodes[2]
     cdef Sheet rows[2]
     cdef double total, largest, sign
@@ -2377,7 +2430,8 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
         product(b"N", b"T", u, u, rows[kind].columns, sign, rows[kind].HC, u, rows[kind].H, u, 1.0 if kind else 0.0, new, u)
         times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, u, rows[kind].phi, rows[kind].HC)
         product(b"N", b"T", u, u, rows[kind].columns, -sign, rows[kind].HC, u, rows[kind].phi, u, 1.0, new, u)
-    divide_by_rates(p, u, off, u, off, new, Ruu, &largest)
+    divide_by_rates(p, u, off, u, off, new, &largest)
+    memcpy(Ruu, new, sizeof(double) * <size_t>u * u)
     for beam in range(n_in):
         for c in range(n_col):
             rhs = beam * n_col + c
