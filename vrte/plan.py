@@ -1,6 +1,6 @@
 """What a scene and a request need, what is left out, and why, before any heavy work."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.discrete_ordinates.blocks import Block, make_blocks
 from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.needs import Needs, brightness, needs_of, orders_that_matter
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
@@ -40,6 +41,11 @@ class Plan:
         """Whether the base mixes orders and Stokes parameters as it likes."""
         return isinstance(self.request.scene.base, MuellerBase) and self.request.scene.base_is_reached
 
+    @property
+    def counts_again(self) -> bool:
+        """Whether the orders are counted once more with the light that order 0 found."""
+        return self.problem.leave_out.orders and not self.fed_back
+
     def diagnostics(self) -> dict[str, Any]:
         """What a result says of how it was made."""
         longest = max(layer.phase_matrix.terms for layer in self.request.scene.layers)
@@ -63,20 +69,24 @@ def base_statement(scene: Scene) -> str:
     return name if scene.base_is_reached or scene.base is None else f"{name}, not reached below an infinite layer"
 
 
-def make_plan(request: Request, run: Run) -> Plan:
-    """The plan of a request."""
+def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> Plan:
+    """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves."""
+    if not leave_out.columns:
+        request = every_column(request)
     nodes = request.nodes if request.nodes is not None else 40
     mu = np.concatenate([double_gauss(nodes)[0], -double_gauss(nodes)[0]]) if request.mu is None else request.mu
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
     problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes)
+    if leave_out != EVERYTHING:
+        problem = replace(problem, leave_out=leave_out)
     needs = needs_of(problem, run)
     brightest = brightness(scene, problem, mu, run)
     base = scene.base if scene.base_is_reached else None
-    if isinstance(base, MuellerBase):
-        count = int(problem.terms.max())
-    elif request.fluxes_only:
+    if request.fluxes_only and leave_out.fluxes and not isinstance(base, MuellerBase):
         count = 1
+    elif isinstance(base, MuellerBase) or not leave_out.orders:
+        count = int(problem.terms.max())
     else:
         count = orders_that_matter(needs, request.tau, brightest, request.accuracy)
     orders = np.arange(count, dtype=np.int32)
@@ -89,3 +99,11 @@ def everything(n_tau: int, n_mu: int, n_col: int) -> Wanted:
     """All depths and directions of one beam, its columns added up."""
     part = np.arange(n_tau, dtype=np.int32), np.arange(n_mu, dtype=np.int32)
     return Wanted([part], np.zeros(n_col, np.int32), np.ones(1))
+
+
+def every_column(request: Request) -> Request:
+    """The request with its incident light in (I, Q) and in (U, V), one of which may be dark."""
+    if request.columns.shape[0] != 1:
+        return request
+    total = request.columns[0]
+    return replace(request, columns=np.array([total * [1, 1, 0, 0], total * [0, 0, 1, 1]]))
