@@ -13,17 +13,19 @@ from vrte.discrete_ordinates.needs import Needs, brightness, needs_of, orders_th
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
-from vrte.request import Request
+from vrte.plan_table import facts_of, text_of
+from vrte.request import Request, request_of
+from vrte.running import interruptible, new_run
 from vrte.scene import MuellerBase, Scene
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan:
-    """What the solver will do, and nothing else.
+    """What the solver will do, and nothing else; print it for a table.
 
     ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs`` and
     ``brightest`` (n_tau,): bounds on each order, and the light they are compared with; ``orders``: how many there are
-    at most; ``blocks``: how they are solved.
+    at most; ``blocks``: how they are solved; ``notes``: what else there is to say; ``threads``: on how many.
     """
 
     request: Request
@@ -35,6 +37,17 @@ class Plan:
     orders: int
     blocks: tuple[Block, ...]
     notes: tuple[str, ...] = field(default=())
+    threads: int = 1
+
+    def __str__(self) -> str:
+        return text_of(self)
+
+    def __repr__(self) -> str:
+        return f"Plan({self.request.kind}, {self.orders} orders at most, {len(self.blocks)} blocks)"
+
+    def as_dict(self) -> dict[str, Any]:
+        """The printed table as numbers and strings: blocks, what is left out and shared, operations, bytes."""
+        return facts_of(self)
 
     @property
     def fed_back(self) -> bool:
@@ -69,6 +82,24 @@ def base_statement(scene: Scene) -> str:
     return name if scene.base_is_reached or scene.base is None else f"{name}, not reached below an infinite layer"
 
 
+def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
+    """What `vrte.brdf` or `vrte.radiance` would do, without doing it.
+
+    Parameters: ``kind``, "brdf" or "radiance"; all else as that function takes it. ``print(plan)`` shows the Fourier
+    orders and what each block of them costs, what is left out and why, the predicted operations and memory;
+    ``plan.as_dict()`` has the same for programs. Raises SceneError for bad input, TypeError for a keyword that the
+    function does not have.
+
+    >>> import vrte
+    >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])
+    >>> plan("radiance", scene, mu0=0.6, nodes=8)
+    Plan(radiance, 1 orders at most, 1 blocks)
+    """
+    request, threads = request_of(kind, scene, arguments, keywords)
+    run = new_run(threads)
+    return interruptible(run, lambda: make_plan(request, run))
+
+
 def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> Plan:
     """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves."""
     if not leave_out.columns:
@@ -92,7 +123,7 @@ def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> P
     orders = np.arange(count, dtype=np.int32)
     blocks = make_blocks(problem, base, orders, needs, float(brightest.min()), request.accuracy, request.algorithm)
     wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
-    return Plan(request, problem, mu, needs, brightest, wanted, count, tuple(blocks))
+    return Plan(request, problem, mu, needs, brightest, wanted, count, tuple(blocks), threads=run.threads)
 
 
 def everything(n_tau: int, n_mu: int, n_col: int) -> Wanted:

@@ -39,6 +39,11 @@ class Orders:
     residuals: dict[str, Array]
 
 
+def is_quick(problem: Problem, accuracy: float) -> bool:
+    """Whether the symmetric eigensolver is accurate enough, where there is something symmetric."""
+    return problem.leave_out.symmetric and accuracy >= QUICK * max(1.0, problem.nodes.size / 16.0) ** 3.3
+
+
 class Modes:
     """Eigenmodes, beam, boundary, reconstruction: section 2.C of Collin, Pattanaik and Bouatouch."""
 
@@ -49,7 +54,7 @@ class Modes:
     def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
         self.problem, self.base = problem, expand_base(base, problem, n_order)
         self.distinct, self.kinds = materials_of(problem)
-        self.quick = problem.leave_out.symmetric and accuracy >= QUICK * max(1.0, problem.nodes.size / 16.0) ** 3.3
+        self.quick = is_quick(problem, accuracy)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
