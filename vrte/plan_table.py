@@ -255,9 +255,9 @@ def why_clear(plan: "Plan") -> str:
 
 def why_repeats(plan: "Plan") -> str:
     """Materials and slabs met before."""
-    twice = [repeated(block) for block in plan.blocks]
-    count = max(twice, default=0)
-    return f"{counted(count, 'layer')} like another: the same material is solved once" if count else ""
+    twice = {"slab" if block.choice.name == "doubling" else "layer": repeated(block) for block in plan.blocks}
+    found = [counted(count, name) for name, count in twice.items() if count]
+    return f"{' and '.join(found)} like another: the same material is solved once" if found else ""
 
 
 def repeated(block: Block) -> int:
