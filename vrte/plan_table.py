@@ -64,7 +64,6 @@ def facts_of(plan: "Plan") -> dict[str, Any]:
 
 def facts_of_block(plan: "Plan", block: Block) -> dict[str, Any]:
     """A block's row."""
-    strength = float(plan.needs.strength[block.orders].max())
     return {
         "orders": block.orders.tolist(),
         "stokes": named(block.stokes),
@@ -75,7 +74,7 @@ def facts_of_block(plan: "Plan", block: Block) -> dict[str, Any]:
         "right_hand_sides": block.problem.n_rhs,
         "algorithm": block.choice.name,
         "reason": block.choice.reason,
-        "operations": operations_of_block(block, strength, plan.request.accuracy),
+        "operations": operations_of_block(block, plan.needs.strength[block.orders], plan.request.accuracy),
     }
 
 

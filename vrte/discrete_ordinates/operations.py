@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from vrte.arrays import Array
 from vrte.discrete_ordinates.azimuths import Azimuths
 from vrte.discrete_ordinates.blocks import Block
 from vrte.discrete_ordinates.choice import STEPS_ENDLESS, operations_of_invariance, operations_of_modes
@@ -16,15 +17,12 @@ BOUNDARY = 8.0  # operations over n^3 where two layers meet
 A_TERM = 12.0  # of six series in closed form
 
 
-def operations_of_block(block: Block, strength: float, accuracy: float) -> float:
-    """Of all its orders, were each as strong as the strongest; strength: q of that one."""
+def operations_of_block(block: Block, strength: Array, accuracy: float) -> float:
+    """Of all its orders; strength (order,): their q."""
     problem = block.problem
     if block.choice.name == "invariance":
-        each = operations_of_invariance(problem, strength, accuracy)
-    elif block.choice.name == "doubling":
-        each = operations_of_doubling(problem)
-    else:
-        each = operations_of_layers(problem)
+        return float(operations_of_invariance(problem, strength, accuracy).sum())
+    each = operations_of_doubling(problem) if block.choice.name == "doubling" else operations_of_layers(problem)
     return each * block.orders.size
 
 
