@@ -55,7 +55,7 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     """The diffuse field of a plan. Raises AccuracyError where no algorithm can vouch for its answer."""
     start = time.perf_counter()
     request, problem, wanted = plan.request, plan.problem, plan.wanted
-    azimuths = fold(request.phi)
+    azimuths = fold(request.phi, problem.leave_out.azimuths)
     total = sum(block.orders.size for block in plan.blocks) + number_of_pieces(wanted, request.phi.size)
     with single_threaded():
         check_memory(problem, plan.blocks, wanted.doubles(request.phi.size), azimuths, run.threads)
@@ -71,7 +71,7 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
                 if orders[0] == 0:
                     flux_up[..., list(block.columns)] += result.flux_up
                     flux_down[..., list(block.columns)] += result.flux_down
-                if orders[0] == 0 and block.stokes[0] == 0 and not plan.fed_back:
+                if plan.counts_again and orders[0] == 0 and block.stokes[0] == 0:
                     brightest = np.maximum(brightest, brightness_of(result, block))
                     left = min(left, orders_that_matter(plan.needs, request.tau, brightest, request.accuracy))
             done += int(block.orders.size)
