@@ -113,7 +113,7 @@ def pile() -> vrte.Scene:
 
 def deep() -> vrte.Scene:
     """Gold upon droplets: little gets through."""
-    return vrte.Scene([vrte.Layer.of(gold(), thickness=12.0), vrte.Layer.of(droplets(), thickness=5.0)])
+    return vrte.Scene([vrte.Layer.of(gold(), thickness=30.0), vrte.Layer.of(droplets(), thickness=5.0)])
 
 
 def grid(count: int, nodes: int = 40, azimuths: int = 37, **keywords: Any) -> dict[str, Any]:
@@ -144,6 +144,7 @@ def savings(nodes: int, count: int) -> list[Saving]:
         Saving("Stokes parameters: order 0", "gold, fluxes", "radiance", paper, one | {"mu": []}, keeping("stokes")),
         Saving("incident light that is zero: k = 2", "gold, beam", "radiance", paper, one, keeping("columns")),
         Saving("faint orders of multiple scattering", "gold", "brdf", paper, few, keeping("orders")),
+        Saving("faint orders, and nodes not seen", "gold", "brdf", paper, few, keeping("orders", "nodes")),
         Saving("single scattering by orders", "gold, large table", "brdf", paper, large, keeping("single")),
         Saving("orders that carry no flux", "gold", "radiance", paper, one | {"mu": []}, keeping("fluxes", "normal")),
         Saving(
