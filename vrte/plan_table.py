@@ -340,7 +340,9 @@ def shared(plan: "Plan") -> list[str]:
         found.append(f"the matrices of each order: one solution for up to {sides} right-hand sides")
     scattering = [id(layer.phase_matrix) for layer in plan.request.scene.layers if layer.albedo > 0.0]
     if len(set(scattering)) < len(scattering):
-        found.append(f"single scattering: {len(set(scattering))} phase matrices for {len(scattering)} layers")
+        count = len(set(scattering))
+        table = "phase matrix" if count == 1 else "phase matrices"
+        found.append(f"single scattering: {count} {table} for {len(scattering)} layers")
     if plan.request.tau.size > 1:
         found.append(f"each order's solution: all {plan.request.tau.size} depths")
     return found

@@ -17,6 +17,7 @@ from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.solver import Solution, solve
 from vrte.formats.atomic import atomic_write
 from vrte.plan import Plan, make_plan
+from vrte.report.cost.others import OthersClock
 from vrte.report.pages import made_with, markdown_list, markdown_table, write_rows
 from vrte.request import Request, request_of
 from vrte.running import interruptible, new_run
@@ -77,7 +78,7 @@ def gold() -> vrte.Particles:
 @cache
 def droplets() -> vrte.Particles:
     """A polydispersion with b2 != 0 that hardly absorbs."""
-    return vrte.spheres(1.33, size=vrte.Gamma(r_eff_um=1.0, v_eff=0.1), wavelength_um=0.7)
+    return vrte.spheres(1.33, size=vrte.Gamma(r_eff_um=0.4, v_eff=0.1), wavelength_um=0.7)
 
 
 def paper(thickness: float = 100.0, base: Any = None) -> vrte.Scene:
@@ -281,11 +282,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--directions", type=int, default=30, help="each way in large tables, default: 30")
     parser.add_argument("--repeats", type=int, default=5, help="of every solve, default: 5")
     given = parser.parse_args(arguments)
-    found = []
+    clock, found = OthersClock(), []
     for saving in savings(given.nodes, given.directions):
         found.append(measure(saving, given.repeats))
         print(*row_of(found[-1]), sep="  ", flush=True)
-    write(given.output, found, f"{given.nodes} nodes, medians of {given.repeats} interleaved solves each")
+    solves = f"{given.nodes} nodes, medians of {given.repeats} solves each, by turns"
+    write(given.output, found, f"{solves}; {clock.statement()}")
 
 
 if __name__ == "__main__":
