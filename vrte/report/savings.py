@@ -137,7 +137,7 @@ def thick() -> vrte.Scene:
 def savings(nodes: int, count: int) -> list[Saving]:
     """Every row of the table, on so many nodes and directions each way."""
     few, large = grid(max(count // 3, 1), nodes), grid(count, nodes)
-    one = ray(nodes)
+    one, wide = ray(nodes), grid(count, nodes, azimuths=181)
     through = ray(nodes, mu=np.linspace(-1.0, -0.05, 20))
     slow = {"algorithm": "doubling"}
     return [
@@ -179,7 +179,7 @@ def savings(nodes: int, count: int) -> list[Saving]:
             few,
             keeping("base"),
         ),
-        Saving("mirror images of azimuths", "gold, large table", "brdf", paper, large, keeping("azimuths")),
+        Saving("mirror images of azimuths", "gold, 181 azimuths", "brdf", paper, wide, keeping("azimuths")),
         Saving("general eigensolver", "Rayleigh, tau 0.5", "brdf", rayleigh, few, keeping("symmetric")),
         Saving("general eigensolver", "scalar, tau 2", "brdf", scalar, few, keeping("symmetric")),
         Saving("halves of symmetric products", "gold", "brdf", paper, few, keeping("halves")),
