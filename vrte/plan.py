@@ -8,7 +8,7 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.discrete_ordinates.blocks import Block, make_blocks
 from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.needs import Needs, brightness, needs_of, orders_that_matter
+from vrte.discrete_ordinates.needs import Needs, bounds_at, brightness, needs_of, orders_that_matter, stages_of
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
@@ -20,8 +20,8 @@ from vrte.scene import MuellerBase, Scene
 class Plan:
     """What the solver will do, and nothing else.
 
-    ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs`` and
-    ``brightest`` (n_tau,): bounds on each order, and the light they are compared with; ``orders``: how many there are
+    ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs``, ``bounds``
+    (order, n_tau) and ``brightest`` (n_tau,): bounds on each order, and the light they are compared with; ``orders``: how many there are
     at most; ``blocks``: how they are solved.
     """
 
@@ -29,6 +29,7 @@ class Plan:
     problem: Problem
     mu: Array
     needs: Needs
+    bounds: Array
     brightest: Array
     wanted: Wanted
     orders: int
@@ -72,17 +73,21 @@ def make_plan(request: Request, run: Run) -> Plan:
     problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes)
     needs = needs_of(problem, run)
     brightest = brightness(scene, problem, mu, run)
+    bounds = bounds_at(needs, request.tau)
     base = scene.base if scene.base_is_reached else None
+    stages: tuple[int, ...] = ()
     if isinstance(base, MuellerBase):
         count = int(problem.terms.max())
     elif request.fluxes_only:
         count = 1
     else:
-        count = orders_that_matter(needs, request.tau, brightest, request.accuracy)
+        count = orders_that_matter(bounds, brightest, request.accuracy)
+        stages = stages_of(bounds, brightest, request.accuracy)
     orders = np.arange(count, dtype=np.int32)
-    blocks = make_blocks(problem, base, orders, needs, float(brightest.min()), request.accuracy, request.algorithm)
+    faintest = float(brightest.min())
+    blocks = make_blocks(problem, base, orders, stages, needs, faintest, request.accuracy, request.algorithm)
     wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
-    return Plan(request, problem, mu, needs, brightest, wanted, count, tuple(blocks))
+    return Plan(request, problem, mu, needs, bounds, brightest, wanted, count, tuple(blocks))
 
 
 def everything(n_tau: int, n_mu: int, n_col: int) -> Wanted:
