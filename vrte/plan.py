@@ -21,7 +21,7 @@ class Plan:
     """What the solver will do, and nothing else.
 
     ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs``, ``bounds``
-    (order, n_tau) and ``brightest`` (n_tau,): bounds on each order, and the light they are compared with; ``orders``: how many there are
+    (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order, and the light they are compared with; ``orders``: how many there are
     at most; ``blocks``: how they are solved.
     """
 

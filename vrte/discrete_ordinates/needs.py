@@ -20,7 +20,7 @@ LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see
 WORTH_THREADS = 1e6  # spherical functions: a few milliseconds
 ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
 CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found
-SAFETY = 3.0  # times what was found: orders to come are bounded by no less
+SAFETY = 2.0  # times what was found: orders to come are bounded by no less
 LOOKED_AT = 3  # orders that bounds are compared with, from order 1 on
 
 
@@ -59,12 +59,11 @@ def needs_of(problem: Problem, run: Run) -> Needs:
 
 def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
     """Singly scattered I per unit of incident light, seen along a few of the directions ``mu``: the brightest at each
-    depth for the beam that it is faintest of, (n_tau,). Never more than the light there is."""
-    out, into = mu[spread(mu.size)], np.ascontiguousarray(problem.mu0[spread(problem.mu0.size)])
-    few = replace(problem, mu0=into)
+    depth for each beam, (n_tau, n_in). Never more than the light there is."""
+    out, into = mu[spread(mu.size)], problem.mu0
     levels = np.arange(problem.level.size, dtype=np.int32)
     light = np.zeros((levels.size, into.size, out.size, 2, 4, 1))
-    for coefficients, path in scatterers(scene.layers, few, levels, out):
+    for coefficients, path in scatterers(scene.layers, problem, levels, out):
         run.timed(
             "planning",
             _core.add_single_scattering,
@@ -85,7 +84,7 @@ def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
             1,
             run.work(_core.scattering_work(1, 2)),
         )
-    brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0).min(axis=1)
+    brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0)
     return brightest
 
 
@@ -98,17 +97,17 @@ def spread(count: int) -> IntArray:
 def orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> int:
     """So many orders that all others together add less, at every depth, than a share of the accuracy; at least 1.
 
-    bounds (order, n_tau) as by `bounds_at`, brightest (n_tau,); or with an axis of beams behind, both.
+    bounds (order, n_tau, n_in or 1), brightest (n_tau, n_in).
     """
     tail = np.cumsum(2.0 * bounds[::-1], axis=0)[::-1]
-    matters = ~(tail <= ORDERS * accuracy * brightest).reshape(bounds.shape[0], -1).all(axis=1)
+    matters = ~(tail <= ORDERS * accuracy * brightest).all(axis=(1, 2))
     return max(1, int(np.count_nonzero(matters)))
 
 
 def stages_of(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ...]:
     """Orders before which the bounds are compared with what was found: those that would be the first to be left out, at
     the depth that needs fewest and at the one that needs most, were the bounds too careful by a factor."""
-    depths = range(brightest.size)
+    depths = range(brightest.shape[0])
     found = set()
     for careful in CAREFUL:
         counts = [orders_that_matter(bounds[:, [t]], brightest[[t]], careful * accuracy) for t in depths]
@@ -117,7 +116,7 @@ def stages_of(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ..
 
 
 def bounds_at(needs: Needs, depth: Array) -> Array:
-    """What multiple scattering of each order adds at most at each depth, (order, n_tau).
+    """What multiple scattering of each order adds at most at each depth, for any beam, (order, n_tau, 1).
 
     An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
     bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
@@ -126,14 +125,15 @@ def bounds_at(needs: Needs, depth: Array) -> Array:
     kappa = DECAYS * (1.0 - strength)
     rest = (1.0 - kappa) - strength
     fading = np.exp(-kappa * depth[None, :, None])
+    alone = needs.bounds[:, None]
     factor = np.where(rest > 0.0, fading / np.where(rest > 0.0, rest, 1.0), np.inf).min(axis=2)
     with np.errstate(invalid="ignore"):
-        bounds: Array = np.where(needs.bounds[:, None] > 0.0, needs.bounds[:, None] * factor, 0.0)
-    return bounds
+        bounds: Array = np.where(alone > 0.0, alone * factor, 0.0)
+    return bounds[..., None]
 
 
 def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
-    """The bounds (order, n_tau) for each beam, those of orders to come lowered to SAFETY times what the last orders
+    """The bounds (order, n_tau, 1) for each beam, those of orders to come lowered to SAFETY times what the last orders
     showed of them, (order, n_tau, n_in).
 
     found: the largest of each order solved, (n_tau, n_in). The bounds are compared less their factor 1/(1 - q), which
@@ -141,12 +141,12 @@ def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
     """
     orders = sorted(order for order in found if order > 0)[-LOOKED_AT:]
     if len(orders) < 2:
-        return bounds[..., None]
-    alone = bounds[orders] * (1.0 - np.minimum(needs.strength[orders], ALMOST_ONE))[:, None]
+        return bounds
+    alone = bounds[orders] * (1.0 - np.minimum(needs.strength[orders], ALMOST_ONE))[:, None, None]
     seen = np.stack([found[order] for order in orders])
-    share = (seen / np.maximum(alone, 1e-300)[..., None]).max(axis=0)
-    lowered: Array = bounds[..., None] * np.minimum(1.0, SAFETY * share)
-    lowered[: orders[-1] + 1] = bounds[: orders[-1] + 1, :, None]
+    share = (seen / np.maximum(alone, 1e-300)).max(axis=0)
+    lowered: Array = bounds * np.minimum(1.0, SAFETY * share)
+    lowered[: orders[-1] + 1] = bounds[: orders[-1] + 1]
     return lowered
 
 

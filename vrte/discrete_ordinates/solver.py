@@ -64,7 +64,7 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
         flux_up, flux_down = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
         lights: list[Light] = []
         tally = Tally(set(), {}, {}, {})
-        left, brightest, done = plan.orders, plan.brightest[:, None], 0
+        left, brightest, done = plan.orders, plan.brightest, 0
         found: dict[int, Array] = {}
         for block in plan.blocks:
             if block.orders[0] > max(found, default=left):
