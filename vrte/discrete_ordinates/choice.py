@@ -80,7 +80,7 @@ def operations_of_invariance(problem: Problem, strength: float, accuracy: float)
 
 def iterations(strength: float, accuracy: float) -> float:
     """What fixed points of the invariance equation need: each gains a factor of a little less than q."""
-    return math.log(0.01 * accuracy) / math.log(min(0.95 * strength + 1e-6, 0.999))
+    return math.log(0.05 * accuracy) / math.log(min(0.95 * strength + 1e-6, 0.999))
 
 
 def time_of_doubling(pile: Pile) -> float:

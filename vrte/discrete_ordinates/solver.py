@@ -226,11 +226,12 @@ def merged(result: Orders | None, again: Orders | None, places: list[int]) -> Or
     assert again is not None
     if result is None or len(places) == result.kernels.shape[0]:
         return again
-    result.kernels[places] = again.kernels
+    kernels = result.kernels if result.kernels.flags.writeable else result.kernels.copy()
+    kernels[places] = again.kernels
     kept = np.delete(np.arange(result.kernels.shape[0]), places)
     first = again if places[0] == 0 else result
     residuals = {name: values[kept] for name, values in result.residuals.items()} | again.residuals
-    return Orders(result.kernels, first.flux_up, first.flux_down, residuals)
+    return Orders(kernels, first.flux_up, first.flux_down, residuals)
 
 
 def concatenated(parts: list[Orders]) -> Orders:
