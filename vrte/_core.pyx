@@ -2369,12 +2369,12 @@ cdef void accelerate(int size, Past* past, double* R) noexcept nogil:
 
 
 cdef double settle(Parity p, int m, int terms, double albedo, const double* coefficients, Sheet* rows, Sheet* nodes,
-                   const double* mu_row, const double* mu_node, double tolerance, double* R, double* room, int* steps,
-                   const int* stop) noexcept nogil:
-    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. room: six
-    matrices like R."""
+                   const double* mu_row, const double* mu_node, double rate, double tolerance, double* R, double* room,
+                   int* steps, const int* stop) noexcept nogil:
+    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate: what
+    a step gains at least; room: six matrices like R."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
-    cdef double gap, first = 0.0, rate = 0.0, largest, missing = 1.0
+    cdef double gap, largest, missing = 1.0
     cdef double* new
     cdef bint done
     cdef Past past
@@ -2393,11 +2393,7 @@ cdef double settle(Parity p, int m, int terms, double albedo, const double* coef
         for k in range(size):
             past.moved[0][k] = new[k] - R[k]
         gap, largest = largest_in(size, past.moved[0]), largest_in(size, new)
-        if step == 0:
-            first = gap
-        elif step == 1:              # not accelerated yet: the rate of the plain steps
-            rate = min(gap / first, 0.99) if first > 0.0 else 0.0
-        missing = gap * rate / (1.0 - rate) / largest if step > 0 and largest > 0.0 else 1.0
+        missing = gap * rate / (1.0 - rate) / largest if largest > 0.0 else 1.0
         steps[0] += 1
         done = largest == 0.0 or missing <= tolerance or gap <= 4e-16 * largest or stop[0]
         if done:
@@ -2431,8 +2427,11 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
     cdef double* memory = new + 6 * <size_t>n * max(n, u) + <size_t>u * u
     cdef Sheet nodes[2]
     cdef Sheet rows[2]
-    cdef double total, sign
+    cdef double total, sign, rate = 0.0
     spherical(m, terms, directions, n_all, prt)
+    for i in range(m, terms):
+        rate = max(rate, albedo * norm_of_coefficients(coefficients + 6 * i) / (2.0 * i + 1.0))
+    rate = min(rate, 0.999)
     for i in range(n_node):
         scale[i] = sqrt(weights[i] / directions[i])
     for kind in range(2):
@@ -2441,10 +2440,10 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
         parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
         parity_columns(p, m, terms, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
     steps[0] = 0
-    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, tolerance, R, new, steps,
-                         stop)
-    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, tolerance, Ru,
-                                          new, steps, stop))
+    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, rate, tolerance, R,
+                         new, steps, stop)
+    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, rate, tolerance,
+                                          Ru, new, steps, stop))
     # from off the nodes to off the nodes, less what is scattered once
     for kind in range(2):
         sign = -1.0 if kind else 1.0

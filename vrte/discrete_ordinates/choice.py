@@ -16,6 +16,7 @@ JOINT = 0.2  # time of a joint over that of a layer's modes
 ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
 WORTH_IT = 0.7  # predicted times are right to about a third
 GENERAL, SYMMETRIC = 45.0, 18.0  # operations over n^3 of a layer's modes, eigenproblem included
+STRONGEST = 0.98  # q of orders whose iterations settle
 FINEST = 1e-13  # accuracy that iterations are taken for
 
 
@@ -37,6 +38,13 @@ def choose(algorithm: str, problem: Problem, strength: Array, accuracy: float) -
     if algorithm == "invariance" and not sees_top_only(problem):
         reason = "invariance was asked for, and is for the top of what has no end to these orders"
         return [(every, Choice("modes", reason))]
+    if algorithm == "invariance":
+        first = int(np.count_nonzero(strength > STRONGEST))
+        found = [(slice(0, first), Choice("modes", f"orders with q above {STRONGEST:g} are not for invariance"))]
+        return (
+            found[: first > 0]
+            + [(slice(first, strength.size), Choice(algorithm, "asked for"))][: first < strength.size]
+        )
     if algorithm != "auto":
         return [(every, Choice(algorithm, "asked for"))]
     if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
@@ -45,7 +53,7 @@ def choose(algorithm: str, problem: Problem, strength: Array, accuracy: float) -
     first = strength.size
     if sees_top_only(problem) and accuracy >= FINEST:
         share = operations_of_invariance(problem, strength, accuracy) / operations_of_modes(problem)
-        first = int(np.count_nonzero(share >= 1.0))
+        first = int(np.count_nonzero((share >= 1.0) | (strength > STRONGEST)))
     parts = [(slice(0, first), modes_or_doubling(problem))] if first else []
     if first < strength.size:
         reason = f"auto: only the top is seen; predicted to take {share[first]:.2g} of the time of modes and less"
