@@ -12,8 +12,8 @@ from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
 from vrte.discrete_ordinates.single_scattering import scatterers
 from vrte.scene import Scene
 
-ORDERS = 0.5  # of the accuracy asked for: orders left out
-SHARE = 0.2  # of it: nodes left out; layers left out
+ORDERS = 0.4  # of the accuracy asked for: orders left out
+SHARE = 0.1  # of it: nodes left out; layers left out
 SAMPLES = 5  # directions of each kind that singly scattered light is looked at
 DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may fade with
 LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
