@@ -1,6 +1,7 @@
 """What a scene and a request need, what is left out, and why, before any heavy work."""
 
-from dataclasses import dataclass, field
+import time
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from vrte.arrays import Array
 from vrte.discrete_ordinates.blocks import Block, make_blocks
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import Needs, bounds_at, brightness, needs_of, orders_that_matter, stages_of
+from vrte.discrete_ordinates.node_choice import DISCRETE, NodeChoice, choose_nodes
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
@@ -22,7 +24,7 @@ class Plan:
 
     ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs``, ``bounds``
     (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order, and the light they are compared with; ``orders``: how many there are
-    at most; ``blocks``: how they are solved.
+    at most; ``blocks``: how they are solved; ``accuracy``: of the discrete problem; ``choice`` of its nodes.
     """
 
     request: Request
@@ -34,7 +36,13 @@ class Plan:
     wanted: Wanted
     orders: int
     blocks: tuple[Block, ...]
-    notes: tuple[str, ...] = field(default=())
+    accuracy: float
+    choice: NodeChoice
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What cannot be promised."""
+        return self.choice.notes
 
     @property
     def fed_back(self) -> bool:
@@ -52,6 +60,9 @@ class Plan:
             "algorithm_rule": "; ".join(dict.fromkeys(names.values())),
             "accuracy": self.request.accuracy,
             "nodes": nodes,
+            "nodes_rule": self.choice.rule,
+            "promised": not self.notes,
+            "notes": list(self.notes),
             "orders_of_phase_matrix": longest,
             "terms_cut": max(0, longest - 2 * nodes),
             "base": base_statement(self.request.scene),
@@ -66,7 +77,8 @@ def base_statement(scene: Scene) -> str:
 
 def make_plan(request: Request, run: Run) -> Plan:
     """The plan of a request."""
-    nodes = request.nodes if request.nodes is not None else 40
+    choice, accuracy = nodes_for(request, run)
+    nodes = choice.nodes
     mu = np.concatenate([double_gauss(nodes)[0], -double_gauss(nodes)[0]]) if request.mu is None else request.mu
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
@@ -81,13 +93,24 @@ def make_plan(request: Request, run: Run) -> Plan:
     elif request.fluxes_only:
         count = 1
     else:
-        count = orders_that_matter(bounds, brightest, request.accuracy)
-        stages = stages_of(bounds, brightest, request.accuracy)
+        count = orders_that_matter(bounds, brightest, accuracy)
+        stages = stages_of(bounds, brightest, accuracy)
     orders = np.arange(count, dtype=np.int32)
     faintest = float(brightest.min())
-    blocks = make_blocks(problem, base, orders, stages, needs, faintest, request.accuracy, request.algorithm)
+    blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm)
     wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
-    return Plan(request, problem, mu, needs, bounds, brightest, wanted, count, tuple(blocks))
+    return Plan(request, problem, mu, needs, bounds, brightest, wanted, count, tuple(blocks), accuracy, choice)
+
+
+def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
+    """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
+    if request.nodes is not None:
+        return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
+    asked = request.scene, request.mu0, request.mu, request.tau, request.accuracy
+    begin = time.perf_counter()
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
+    run.book("choice of nodes", time.perf_counter() - begin)
+    return choice, DISCRETE * request.accuracy
 
 
 def everything(n_tau: int, n_mu: int, n_col: int) -> Wanted:

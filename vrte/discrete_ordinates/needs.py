@@ -162,11 +162,16 @@ def nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
 
 def layer_strengths(problem: Problem) -> Array:
     """q of each layer alone, (layer, order): the largest omega |B_l|/(2 l + 1) of the degrees l >= m."""
-    a1, a2, a3, a4, b1, b2 = np.moveaxis(problem.coefficients, -1, 0)
+    return strongest_terms(problem.coefficients, problem.albedo)
+
+
+def strongest_terms(coefficients: Array, albedo: Array) -> Array:
+    """The largest omega |B_l|/(2 l + 1) of the degrees l >= m, (layer, m); coefficients (layer, term, 6)."""
+    a1, a2, a3, a4, b1, b2 = np.moveaxis(coefficients, -1, 0)
     first = 0.5 * np.abs(a1 + a2) + np.hypot(0.5 * (a1 - a2), b1)
     norm = np.maximum(first, np.maximum(np.abs(a3), np.abs(a4)) + np.abs(b2))
     degree = np.arange(norm.shape[1])
-    strength = problem.albedo[:, None] * norm / (2.0 * degree + 1.0)
+    strength = albedo[:, None] * norm / (2.0 * degree + 1.0)
     kept: Array = np.maximum.accumulate(strength[:, ::-1], axis=1)[:, ::-1]
     return kept
 

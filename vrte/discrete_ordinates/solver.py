@@ -126,7 +126,7 @@ def orders_left(plan: Plan, brightest: Array, found: dict[int, Array], left: int
     if plan.fed_back:
         return left
     bounds = calibrated(plan.needs, plan.bounds, found)
-    return min(left, orders_that_matter(bounds, brightest, plan.request.accuracy))
+    return min(left, orders_that_matter(bounds, brightest, plan.accuracy))
 
 
 def brightness_of(result: Orders, block: Block) -> Array:
@@ -142,7 +142,7 @@ def solve_block(
 ) -> Orders:
     """The block's orders; what they took goes into the tally."""
     name, run = block.choice.name, worth_threads(run, block.problem, orders)
-    result, repeated = solve_orders(block.problem, block.base, orders, name, run, plan.request.accuracy, told)
+    result, repeated = solve_orders(block.problem, block.base, orders, name, run, plan.accuracy, told)
     tally.orders |= set(orders.tolist())
     tally.unknowns += orders.size * block.problem.size
     tally.by[name] = tally.by.get(name, 0) + orders.size - len(repeated)
@@ -152,7 +152,7 @@ def solve_block(
     for key, values in result.residuals.items():
         tally.residuals[key] = max(tally.residuals.get(key, 0.0), float(values.max()))
     if plan.request.verify:
-        compare(block, orders, result, repeated, run, plan.request.accuracy, tally)
+        compare(block, orders, result, repeated, run, plan.accuracy, tally)
     return result
 
 

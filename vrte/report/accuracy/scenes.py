@@ -107,7 +107,7 @@ PROBES: dict[str, Callable[[str], Probe]] = {
         name, one_layer(glass(), 0.99, 2.0, 0.1), 24, (96, 128), mu0=(0.02, 0.05)
     ),
     "clear spheres, normal beam, field": lambda name: Probe(
-        name, one_layer(glass(), 0.99, 2.0), 24, (72, 96), mu0=(1.0,), tau=(0.0, 0.01, 1.0, 2.0)
+        name, one_layer(glass(), 0.99, 2.0), 24, (160, 224), mu0=(1.0,), tau=(0.0, 0.01, 1.0, 2.0)
     ),
 }
 
