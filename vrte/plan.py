@@ -1,6 +1,7 @@
 """What a scene and a request need, what is left out, and why, before any heavy work."""
 
-from dataclasses import dataclass, field, replace
+import time
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ from vrte.arrays import Array
 from vrte.discrete_ordinates.blocks import Block, make_blocks
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
-from vrte.discrete_ordinates.needs import Needs, brightness, needs_of, orders_that_matter
+from vrte.discrete_ordinates.needs import Needs, bounds_at, brightness, needs_of, orders_that_matter, stages_of
+from vrte.discrete_ordinates.node_choice import DISCRETE, NodeChoice, choose_nodes
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
@@ -23,20 +25,23 @@ from vrte.scene import MuellerBase, Scene
 class Plan:
     """What the solver will do, and nothing else; print it for a table.
 
-    ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs`` and
-    ``brightest`` (n_tau,): bounds on each order, and the light they are compared with; ``orders``: how many there are
-    at most; ``blocks``: how they are solved; ``notes``: what else there is to say; ``threads``: on how many.
+    ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs``, ``bounds``
+    (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order, and the light they are compared with;
+    ``orders``: how many there are at most; ``blocks``: how they are solved; ``accuracy``: of the discrete problem;
+    ``choice`` of its nodes; ``threads``: on how many.
     """
 
     request: Request
     problem: Problem
     mu: Array
     needs: Needs
+    bounds: Array
     brightest: Array
     wanted: Wanted
     orders: int
     blocks: tuple[Block, ...]
-    notes: tuple[str, ...] = field(default=())
+    accuracy: float
+    choice: NodeChoice
     threads: int = 1
 
     def __str__(self) -> str:
@@ -48,6 +53,11 @@ class Plan:
     def as_dict(self) -> dict[str, Any]:
         """The printed table as numbers and strings: blocks, what is left out and shared, operations, bytes."""
         return facts_of(self)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What cannot be promised."""
+        return self.choice.notes
 
     @property
     def fed_back(self) -> bool:
@@ -70,6 +80,9 @@ class Plan:
             "algorithm_rule": "; ".join(dict.fromkeys(names.values())),
             "accuracy": self.request.accuracy,
             "nodes": nodes,
+            "nodes_rule": self.choice.rule,
+            "promised": not self.notes,
+            "notes": list(self.notes),
             "orders_of_phase_matrix": longest,
             "terms_cut": max(0, longest - 2 * nodes),
             "base": base_statement(self.request.scene),
@@ -104,7 +117,8 @@ def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> P
     """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves."""
     if not leave_out.columns:
         request = every_column(request)
-    nodes = request.nodes if request.nodes is not None else 40
+    choice, accuracy = nodes_for(request, run)
+    nodes = choice.nodes
     mu = np.concatenate([double_gauss(nodes)[0], -double_gauss(nodes)[0]]) if request.mu is None else request.mu
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
@@ -113,17 +127,34 @@ def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> P
         problem = replace(problem, leave_out=leave_out)
     needs = needs_of(problem, run)
     brightest = brightness(scene, problem, mu, run)
+    bounds = bounds_at(needs, request.tau)
     base = scene.base if scene.base_is_reached else None
+    stages: tuple[int, ...] = ()
     if request.fluxes_only and leave_out.fluxes and not isinstance(base, MuellerBase):
         count = 1
     elif isinstance(base, MuellerBase) or not leave_out.orders:
         count = int(problem.terms.max())
     else:
-        count = orders_that_matter(needs, request.tau, brightest, request.accuracy)
+        count = orders_that_matter(bounds, brightest, accuracy)
+        stages = stages_of(bounds, brightest, accuracy)
     orders = np.arange(count, dtype=np.int32)
-    blocks = make_blocks(problem, base, orders, needs, float(brightest.min()), request.accuracy, request.algorithm)
+    faintest = float(brightest.min())
+    blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm)
     wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
-    return Plan(request, problem, mu, needs, brightest, wanted, count, tuple(blocks), threads=run.threads)
+    return Plan(
+        request, problem, mu, needs, bounds, brightest, wanted, count, tuple(blocks), accuracy, choice, run.threads
+    )
+
+
+def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
+    """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
+    if request.nodes is not None:
+        return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
+    asked = request.scene, request.mu0, request.mu, request.tau, request.accuracy
+    begin = time.perf_counter()
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
+    run.book("choice of nodes", time.perf_counter() - begin)
+    return choice, DISCRETE * request.accuracy
 
 
 def everything(n_tau: int, n_mu: int, n_col: int) -> Wanted:

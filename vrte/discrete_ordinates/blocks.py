@@ -30,8 +30,10 @@ class Block:
 
 @dataclass(frozen=True)
 class Part:
-    """What makes two orders alike; ``straight``: the Stokes parameters that light them along the normal."""
+    """What makes two orders alike; ``stage``: how many times what was found is looked at before they are solved;
+    ``straight``: the Stokes parameters that light them along the normal."""
 
+    stage: int
     stokes: tuple[int, ...]
     straight: tuple[int, ...]
     nodes: int
@@ -40,9 +42,16 @@ class Part:
 
 
 def make_blocks(
-    problem: Problem, base: Base, orders: IntArray, needs: Needs, brightest: float, accuracy: float, algorithm: str
+    problem: Problem,
+    base: Base,
+    orders: IntArray,
+    stages: tuple[int, ...],
+    needs: Needs,
+    brightest: float,
+    accuracy: float,
+    algorithm: str,
 ) -> list[Block]:
-    """All orders, sorted into blocks; ascending, and I before V."""
+    """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
     fed_back, leave_out = isinstance(base, MuellerBase), problem.leave_out
     everywhere = fed_back or not leave_out.nodes
     nodes = node_counts(problem, nodes_seen(needs, brightest, accuracy), everywhere).tolist()
@@ -53,10 +62,9 @@ def make_blocks(
     parts: dict[Part, list[int]] = {}
     for order in orders.tolist():
         reached = (layers[order], has_end[order]) if leave_out.depth and not fed_back else to_the_end
+        stage, straight = sum(order >= first for first in stages), lit_by(order) if along_normal else ALL
         for stokes in sets[order] if leave_out.stokes and not fed_back else (ALL,):
-            parts.setdefault(Part(stokes, lit_by(order) if along_normal else ALL, nodes[order], *reached), []).append(
-                order
-            )
+            parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)
     blocks = []
     for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
         columns = columns_of(problem, part)
