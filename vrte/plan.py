@@ -66,7 +66,7 @@ class Plan:
 
     @property
     def counts_again(self) -> bool:
-        """Whether the orders are counted once more with the light that order 0 found."""
+        """Whether the orders are counted once more with the light that the first of them found."""
         return self.problem.leave_out.orders and not self.fed_back
 
     def diagnostics(self) -> dict[str, Any]:
