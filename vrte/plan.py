@@ -149,7 +149,7 @@ def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> P
 
 
 def worth_stages(problem: Problem, orders: int) -> bool:
-    """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small orders."""
+    """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
     scalar = not problem.coefficients[..., 1:].any()
     return orders * float(problem.size / (4 if scalar else 1)) ** 3 > WORTH_STAGES
 
