@@ -102,8 +102,8 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
 
     Parameters: ``kind``, "brdf" or "radiance"; all else as that function takes it. ``print(plan)`` shows the Fourier
     orders and what each block of them costs, what is left out and why, the predicted operations and memory;
-    ``plan.as_dict()`` has the same for programs. Raises SceneError for bad input, TypeError for a keyword that the
-    function does not have.
+    ``plan.as_dict()`` has the same for programs. Without ``nodes`` they are chosen, by a small solve. Raises
+    SceneError for bad input, TypeError for a keyword that the function does not have.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])
