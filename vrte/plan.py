@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vrte.arrays import Array
+from vrte.blas import single_threaded
 from vrte.discrete_ordinates.blocks import Block, make_blocks
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import Needs, bounds_at, brightness, needs_of, orders_that_matter, stages_of
@@ -23,8 +24,9 @@ class Plan:
     """What the solver will do, and nothing else.
 
     ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs``, ``bounds``
-    (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order, and the light they are compared with; ``orders``: how many there are
-    at most; ``blocks``: how they are solved; ``accuracy``: of the discrete problem; ``choice`` of its nodes.
+    (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order, and the light they are compared with;
+    ``orders``: how many there are at most; ``blocks``: how they are solved; ``accuracy``: of the discrete problem;
+    ``choice``: of its nodes.
     """
 
     request: Request
@@ -108,7 +110,8 @@ def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
         return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
     asked = request.scene, request.mu0, request.mu, request.tau, request.accuracy
     begin = time.perf_counter()
-    choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
+    with single_threaded():
+        choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
     run.book("choice of nodes", time.perf_counter() - begin)
     return choice, DISCRETE * request.accuracy
 

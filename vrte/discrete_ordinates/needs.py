@@ -145,7 +145,8 @@ def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
     alone = bounds[orders] * (1.0 - np.minimum(needs.strength[orders], ALMOST_ONE))[:, None, None]
     seen = np.stack([found[order] for order in orders])
     share = (seen / np.maximum(alone, 1e-300)).max(axis=0)
-    lowered: Array = bounds * np.minimum(1.0, SAFETY * share)
+    lowered = np.broadcast_to(bounds, (bounds.shape[0], *share.shape)).copy()
+    np.multiply(bounds, np.minimum(1.0, SAFETY * share), out=lowered, where=np.isfinite(bounds))
     lowered[: orders[-1] + 1] = bounds[: orders[-1] + 1]
     return lowered
 

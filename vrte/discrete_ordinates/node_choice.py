@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vrte.arrays import Array
-from vrte.discrete_ordinates.base import expand_base
 from vrte.discrete_ordinates.choice import THIN
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import brightness, strongest_terms
-from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
+from vrte.discrete_ordinates.problem import ALL, Run
 from vrte.discrete_ordinates.routes import Doubling, Modes
 from vrte.errors import AccuracyError
 from vrte.scene import MuellerBase, Scene
@@ -27,6 +26,7 @@ BEAMS, DIRECTIONS, DEPTHS = 3, 5, 6  # of the check, at most
 OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # directions of the check where the nodes themselves are asked for
 FINEST = 1e-15  # accuracy of the check's solves
 NO_LIGHT = 1e-290
+BYTES_A_NODE, CHECKED_BYTES = 64.0, 4e8  # of a layer in the check, over the nodes squared; of all layers, at most
 
 Indicator = Callable[[int], tuple[Array, Array]]
 
@@ -44,6 +44,9 @@ def choose_nodes(scene: Scene, mu0: Array, mu: Array | None, tau: Array, accurac
     """Nodes for an accuracy of the continuous problem; ``mu`` signed, None for the nodes themselves."""
     directions = np.concatenate([OF_NODES, -OF_NODES]) if mu is None else mu
     nodes = estimated_nodes(scene, mu0, directions, tau, accuracy)
+    if BYTES_A_NODE * len(scene.layers) * (WIDER * nodes) ** 2 > CHECKED_BYTES:
+        note = f"so many layers that the estimate of {nodes} nodes is not checked"
+        return NodeChoice(nodes, f"estimate {nodes}, not checked", (note,))
     found = indicator(scene, mu0, directions, tau, run)
     error = error_of(found, nodes)
     rule = f"estimate {nodes}: mean of I over azimuth right to {error:.1g}"
@@ -56,7 +59,7 @@ def choose_nodes(scene: Scene, mu0: Array, mu: Array | None, tau: Array, accurac
 
 def estimated_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, accuracy: float) -> int:
     """The fewest whose relative error, as estimated, is a share of the accuracy."""
-    nodes = np.arange(FEWEST, MOST + 1)
+    nodes = np.arange(FEWEST, MOST + 1.0)
     lowest = max(LOWEST, min(float(mu0.min()), float(np.abs(mu).min())))
     error = grazing(nodes, lowest) + TERM * unresolved(scene, nodes)
     for length in lengths(scene, tau):
@@ -65,7 +68,7 @@ def estimated_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, accuracy: f
     return int(nodes[enough[0]]) if enough.size else MOST
 
 
-def grazing(nodes: IntArray, lowest: float) -> Array:
+def grazing(nodes: Array, lowest: float) -> Array:
     """Error by directions of the lowest |mu|: as a function of mu' the light has a pole at -mu and a logarithm at 0."""
     pole = 0.1 * np.exp(-4.0 * nodes * math.asinh(math.sqrt(lowest)))
     logarithm = 20.0 * (LOWEST / lowest) ** 0.7 * nodes**-6.0
@@ -73,7 +76,7 @@ def grazing(nodes: IntArray, lowest: float) -> Array:
     return error
 
 
-def thin(nodes: IntArray, length: float, lowest: float) -> Array:
+def thin(nodes: Array, length: float, lowest: float) -> Array:
     """Error by e^(-length/mu), which falls between the lowest nodes where light has a short way to go."""
     way = nodes * math.sqrt(length)
     fall = 0.6 * np.exp(-way) if length >= 3.0 * lowest else 0.04 * np.exp(-1.15 * way)
@@ -81,7 +84,7 @@ def thin(nodes: IntArray, length: float, lowest: float) -> Array:
     return error
 
 
-def unresolved(scene: Scene, nodes: IntArray) -> Array:
+def unresolved(scene: Scene, nodes: Array) -> Array:
     """The strongest term, omega |B_l|/(2 l + 1), of the degrees l >= 2 N: those that so many nodes do not carry."""
     albedo: dict[int, float] = {}
     matrices = {id(layer.phase_matrix): layer.phase_matrix for layer in scene.layers}
@@ -92,7 +95,7 @@ def unresolved(scene: Scene, nodes: IntArray) -> Array:
     for key, matrix in matrices.items():
         terms = strongest_terms(matrix.coefficients[None], np.array([albedo[key]]))[0]
         strength[: terms.size] = np.maximum(strength[: terms.size], terms)
-    left: Array = strength[np.minimum(2 * nodes, strength.size - 1)]
+    left: Array = strength[np.minimum(2 * nodes, strength.size - 1).astype(int)]
     return left
 
 
@@ -171,7 +174,7 @@ def reasons(scene: Scene, mu0: Array, mu: Array, nodes: int, error: float, accur
     lowest = min(float(mu0.min()), float(np.abs(mu).min()))
     if lowest < LOWEST:
         yield f"accuracy is promised for |mu| >= {LOWEST:g} and mu0 >= {LOWEST:g}, not for {lowest:.2g}"
-    left = TERM * float(unresolved(scene, np.array([nodes]))[0])
+    left = TERM * float(unresolved(scene, np.array([float(nodes)]))[0])
     if left > accuracy:
         terms = max(layer.phase_matrix.terms for layer in scene.layers)
         yield f"{nodes} nodes do not carry the {terms} terms of the phase matrix: about {left:.1g} may be missing"

@@ -1,4 +1,4 @@
-"""The scenes of the sweep: thin and thick, smooth and peaked, clear and absorbing, seen from above, below and inside."""
+"""The scenes of the sweep: thin and thick, smooth and peaked, clear and absorbing, from above, below and inside."""
 
 import math
 from collections.abc import Callable
