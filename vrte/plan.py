@@ -86,7 +86,7 @@ def make_plan(request: Request, run: Run) -> Plan:
     rank = np.argsort(mu < 0.0, kind="stable")
     problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes)
     needs = needs_of(problem, run)
-    brightest = brightness(scene, problem, mu, run)
+    brightest = brightness(scene, problem, mu, request.phi, run)
     bounds = bounds_at(needs, request.tau)
     base = scene.base if scene.base_is_reached else None
     stages: tuple[int, ...] = ()
@@ -108,7 +108,7 @@ def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
     """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
     if request.nodes is not None:
         return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
-    asked = request.scene, request.mu0, request.mu, request.tau, request.accuracy
+    asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
     with single_threaded():
         choice = choose_nodes(*asked, replace(run, threads=1, stages={}))

@@ -40,14 +40,16 @@ class NodeChoice:
     notes: tuple[str, ...]
 
 
-def choose_nodes(scene: Scene, mu0: Array, mu: Array | None, tau: Array, accuracy: float, run: Run) -> NodeChoice:
+def choose_nodes(
+    scene: Scene, mu0: Array, mu: Array | None, phi: Array, tau: Array, accuracy: float, run: Run
+) -> NodeChoice:
     """Nodes for an accuracy of the continuous problem; ``mu`` signed, None for the nodes themselves."""
     directions = np.concatenate([OF_NODES, -OF_NODES]) if mu is None else mu
     nodes = estimated_nodes(scene, mu0, directions, tau, accuracy)
     if BYTES_A_NODE * len(scene.layers) * (WIDER * nodes) ** 2 > CHECKED_BYTES:
         note = f"so many layers that the estimate of {nodes} nodes is not checked"
         return NodeChoice(nodes, f"estimate {nodes}, not checked", (note,))
-    found = indicator(scene, mu0, directions, tau, run)
+    found = indicator(scene, mu0, directions, phi, tau, run)
     error = error_of(found, nodes)
     rule = f"estimate {nodes}: mean of I over azimuth right to {error:.1g}"
     if error > ALLOWED * accuracy and nodes < MOST:
@@ -106,7 +108,7 @@ def lengths(scene: Scene, tau: Array) -> list[float]:
     return sorted({float(way) for way in ways if 0.0 < way < 10.0})
 
 
-def indicator(scene: Scene, mu0: Array, mu: Array, tau: Array, run: Run) -> Indicator:
+def indicator(scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: Run) -> Indicator:
     """What solves the mean over azimuth of I, without polarization, for a few of the beams, directions and depths.
 
     N -> radiance and flux/pi, (n_tau, n_in, ...), relative to the largest I there. With a base that mixes Stokes
@@ -118,7 +120,7 @@ def indicator(scene: Scene, mu0: Array, mu: Array, tau: Array, run: Run) -> Indi
     base = scene.base if scene.base_is_reached else None
     stokes = ALL if isinstance(base, MuellerBase) else (0,)
     light = np.array([[1.0, 0.0, 0.0, 0.0]])
-    thinned = brightness(scene, discretise(scene, beams, light, directions, depths, FEWEST), directions, run)
+    single = brightness(scene, discretise(scene, beams, light, directions, depths, FEWEST), directions, phi, run)
 
     def solve(nodes: int) -> tuple[Array, Array]:
         problem = discretise(scene, beams, light, directions, depths, nodes)
@@ -130,7 +132,7 @@ def indicator(scene: Scene, mu0: Array, mu: Array, tau: Array, run: Run) -> Indi
             if not residual[0] <= route.allowed[name]:
                 raise AccuracyError(f"{name} {residual[0]:.2g}")
         radiance = result.kernels[0, :, :, 0, :, 0]
-        size = np.maximum(thinned, np.abs(radiance).max(axis=2, initial=0.0))[..., None]
+        size = np.maximum(single, np.abs(radiance).max(axis=2, initial=0.0))[..., None]
         flux = np.concatenate([result.flux_up, result.flux_down], axis=2) / np.pi
         return np.concatenate([radiance, flux], axis=2), np.maximum(size, NO_LIGHT)
 
