@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from vrte.arrays import Array
-from vrte.blas import single_threaded
 from vrte.discrete_ordinates.blocks import Block, make_blocks
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import Needs, bounds_at, brightness, needs_of, orders_that_matter, stages_of
@@ -110,8 +109,7 @@ def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
         return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
     asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
-    with single_threaded():
-        choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
     run.book("choice of nodes", time.perf_counter() - begin)
     return choice, DISCRETE * request.accuracy
 

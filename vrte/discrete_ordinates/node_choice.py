@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vrte.arrays import Array
+from vrte.blas import single_threaded
 from vrte.discrete_ordinates.choice import THIN
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import brightness, strongest_terms
@@ -49,13 +50,14 @@ def choose_nodes(
     if BYTES_A_NODE * len(scene.layers) * (WIDER * nodes) ** 2 > CHECKED_BYTES:
         note = f"so many layers that the estimate of {nodes} nodes is not checked"
         return NodeChoice(nodes, f"estimate {nodes}, not checked", (note,))
-    found = indicator(scene, mu0, directions, phi, tau, run)
-    error = error_of(found, nodes)
-    rule = f"estimate {nodes}: mean of I over azimuth right to {error:.1g}"
-    if error > ALLOWED * accuracy and nodes < MOST:
-        nodes = refined(found, nodes, error, accuracy)
+    with single_threaded():
+        found = indicator(scene, mu0, directions, phi, tau, run)
         error = error_of(found, nodes)
-        rule += f"; refined to {nodes}: right to {error:.1g}"
+        rule = f"estimate {nodes}: mean of I over azimuth right to {error:.1g}"
+        if error > ALLOWED * accuracy and nodes < MOST:
+            nodes = refined(found, nodes, error, accuracy)
+            error = error_of(found, nodes)
+            rule += f"; refined to {nodes}: right to {error:.1g}"
     return NodeChoice(nodes, rule, tuple(reasons(scene, mu0, directions, nodes, error, accuracy)))
 
 
