@@ -57,7 +57,7 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     """The diffuse field of a plan. Raises AccuracyError where no algorithm can vouch for its answer."""
     start = time.perf_counter()
     request, problem, wanted = plan.request, plan.problem, plan.wanted
-    azimuths = fold(request.phi)
+    azimuths = fold(request.phi, problem.leave_out.azimuths)
     total = sum(block.orders.size for block in plan.blocks) + number_of_pieces(wanted, request.phi.size)
     with single_threaded():
         check_memory(problem, plan.blocks, wanted.doubles(request.phi.size), azimuths, run.threads)
@@ -123,7 +123,7 @@ def note(found: dict[int, Array], orders: IntArray, result: Orders) -> None:
 
 def orders_left(plan: Plan, brightest: Array, found: dict[int, Array], left: int) -> int:
     """How many orders matter, now that some are solved."""
-    if plan.fed_back:
+    if not plan.counts_again:
         return left
     bounds = calibrated(plan.needs, plan.bounds, found)
     return min(left, orders_that_matter(bounds, brightest, plan.accuracy))
