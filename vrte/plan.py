@@ -128,7 +128,7 @@ def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> P
     if leave_out != EVERYTHING:
         problem = replace(problem, leave_out=leave_out)
     needs = needs_of(problem, run)
-    brightest = brightness(scene, problem, mu, run)
+    brightest = brightness(scene, problem, mu, request.phi, run)
     bounds = bounds_at(needs, request.tau)
     base = scene.base if scene.base_is_reached else None
     stages: tuple[int, ...] = ()
@@ -158,7 +158,7 @@ def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
     """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
     if request.nodes is not None:
         return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
-    asked = request.scene, request.mu0, request.mu, request.tau, request.accuracy
+    asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
     choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
     run.book("choice of nodes", time.perf_counter() - begin)
