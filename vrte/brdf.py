@@ -91,11 +91,12 @@ def brdf(
     progress: Progress | None = None,
     algorithm: str = "auto",
     verify: bool = False,
+    truncation: str = "none",
 ) -> Brdf:
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``threads``, ``progress``,
-    ``algorithm``, ``verify`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without
+    ``algorithm``, ``verify``, ``truncation`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without
     end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
 
     >>> import vrte
@@ -105,7 +106,7 @@ def brdf(
     """
     scene = check_scene(scene)
     into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
-    azimuths, options = vector("phi", phi), solver_options(nodes, algorithm, verify)
+    azimuths, options = vector("phi", phi), solver_options(nodes, algorithm, verify, truncation)
     if flag("transmission", transmission) and not np.isfinite(scene.thickness):
         raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
     levels = frozen([0.0, scene.thickness] if transmission else [0.0])

@@ -104,6 +104,7 @@ def radiance(
     progress: Progress | None = None,
     algorithm: str = "auto",
     verify: bool = False,
+    truncation: str = "none",
 ) -> Field:
     """The diffuse field of one beam, by discrete ordinates.
 
@@ -112,8 +113,10 @@ def radiance(
     ``nodes`` a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for
     single scattering); ``threads``, default all usable CPUs; ``progress``, called with (orders done, orders);
     ``algorithm``, "modes" (eigenvectors), "doubling" (impedance doubling, no eigenproblem) or "auto", which takes one
-    by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``. Raises SceneError for bad
-    input, AccuracyError where neither algorithm can vouch for its answer. Source: Collin, Pattanaik, Bouatouch,
+    by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``; ``truncation``: what becomes
+    of phase matrices with more terms than the nodes carry, "none" (cut), "delta-m" (the forward peak counts as light
+    that was not scattered) or "small-angle" (beyond the nodes' reach it is spread in closed form), see
+    docs/truncation.md. Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer. Source: Collin, Pattanaik, Bouatouch,
     section 2.
 
     >>> import vrte
@@ -125,7 +128,7 @@ def radiance(
     beam = cosines("mu0", mu0)
     if beam.size != 1:
         raise SceneError(f"mu0 must be one number a call, not {beam.size}")
-    options = solver_options(nodes, algorithm, verify)
+    options = solver_options(nodes, algorithm, verify, truncation)
     points = double_gauss(options.nodes)[0]
     directions = cosines("mu", np.concatenate([points, -points]) if mu is None else mu, signed=True)
     incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)

@@ -8,6 +8,7 @@ from vrte.arrays import Array, flag, numbers, shown, vector, whole
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.solver import Options
 from vrte.errors import SceneError
+from vrte.optics.truncation import TRUNCATIONS
 from vrte.scene import Scene
 
 SMALLEST_COSINE = 1e-8
@@ -57,8 +58,18 @@ def depths(values: Any, scene: Scene) -> Array:
     return array
 
 
-def solver_options(nodes: Any, algorithm: Any, verify: Any) -> Options:
-    """Nodes of a hemisphere, the algorithm's name, a yes or no."""
-    if not (isinstance(algorithm, str) and algorithm in ALGORITHMS):
-        raise SceneError(f"algorithm must be {', '.join(map(repr, ALGORITHMS))}, not {shown(algorithm)}")
-    return Options(whole("nodes", nodes, 1, MOST_NODES), algorithm, flag("verify", verify))
+def solver_options(nodes: Any, algorithm: Any, verify: Any, truncation: Any = "none") -> Options:
+    """Nodes of a hemisphere, the algorithm's name, a yes or no, the truncation's name."""
+    return Options(
+        whole("nodes", nodes, 1, MOST_NODES),
+        one_of("algorithm", algorithm, ALGORITHMS),
+        flag("verify", verify),
+        one_of("truncation", truncation, TRUNCATIONS),
+    )
+
+
+def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
+    """One of the names allowed."""
+    if not (isinstance(value, str) and value in allowed):
+        raise SceneError(f"{name} must be {', '.join(map(repr, allowed))}, not {shown(value)}")
+    return value

@@ -22,6 +22,7 @@ from vrte.discrete_ordinates.single_scattering import (
     phase_matrices_of_layers,
 )
 from vrte.errors import AccuracyError
+from vrte.optics.truncation import Truncated, truncated
 from vrte.scene import MuellerBase, Scene
 
 BoolArray = NDArray[np.bool_]
@@ -45,11 +46,13 @@ class Solution:
 
 @dataclass(frozen=True)
 class Options:
-    """How to solve: nodes of a hemisphere, algorithm "auto", "modes" or "doubling", and whether to run both."""
+    """How to solve: nodes of a hemisphere, algorithm "auto", "modes" or "doubling", and whether to run both; what is
+    done about more terms than the nodes carry."""
 
     nodes: int
     algorithm: str = "auto"
     verify: bool = False
+    truncation: str = "none"
 
 
 def solve(
@@ -72,7 +75,11 @@ def solve(
     with single_threaded():
         # light going up first
         rank = np.argsort(mu < 0.0, kind="stable")
-        problem = discretise(scene, mu0, columns, mu[rank], tau, options.nodes)
+        layers = [
+            truncated(options.truncation, layer.phase_matrix, layer.albedo, layer.thickness, 2 * options.nodes)
+            for layer in scene.layers
+        ]
+        problem = discretise(scene, layers, mu0, columns, mu[rank], tau, options.nodes)
         choice = choose(options.algorithm, problem)
         check_memory(scene, problem, phi.size, run.threads, choice.name)
         orders = orders_needed(scene, problem, run)
@@ -81,7 +88,7 @@ def solve(
         radiance = np.empty((tau.size, mu0.size, mu.size, phi.size, 4, columns.shape[0]))
         radiance[:, :, rank] = fourier_sum(result.kernels, orders, columns, phi)
         run.book("fourier sum", time.perf_counter() - begin)
-        add_closed_forms(radiance, scene, problem, mu, phi, run)
+        add_closed_forms(radiance, scene, layers, problem, mu, phi, run)
         agreement = None
         if options.verify:
             size = np.abs(radiance[..., 0, :]).max(axis=(1, 2, 3, 4))
@@ -98,13 +105,16 @@ def solve(
         "orders": int(orders.size),
         "orders_of_phase_matrix": longest,
         "terms_cut": max(0, longest - 2 * options.nodes),
+        "truncation": options.truncation,
+        "peak_fractions": [layer.fraction for layer in layers],
         "base": base_statement(scene),
         **{name: float(values.max()) for name, values in result.residuals.items()},
         **({} if agreement is None else {"agreement": agreement}),
         "stages": run.stages,
         "wall_seconds": time.perf_counter() - start,
     }
-    return Solution(radiance, result.flux_up, result.flux_down, diagnostics)
+    flux_down = result.flux_down + flux_of_the_peak(problem, tau)
+    return Solution(radiance, result.flux_up, flux_down, diagnostics)
 
 
 def base_statement(scene: Scene) -> str:
@@ -113,20 +123,24 @@ def base_statement(scene: Scene) -> str:
     return name if scene.base_is_reached or scene.base is None else f"{name}, not reached below an infinite layer"
 
 
-def discretise(scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int) -> Problem:
-    """Nodes, cut coefficients and the layer every depth lies in."""
+def discretise(
+    scene: Scene, layers: list[Truncated], mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int
+) -> Problem:
+    """Nodes, truncated coefficients and the layer every depth lies in; all depths as the truncated layers have them."""
     points, weights = double_gauss(nodes)
-    terms = np.array([min(layer.phase_matrix.terms, 2 * nodes) for layer in scene.layers], np.int32)
-    coefficients = np.zeros((len(scene.layers), int(terms.max()), 6))
-    for k, layer in enumerate(scene.layers):
-        coefficients[k, : terms[k]] = layer.phase_matrix.coefficients[: terms[k]]
+    terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
+    coefficients = np.zeros((len(layers), int(terms.max()), 6))
+    for k, layer in enumerate(layers):
+        coefficients[k, : terms[k]] = layer.coefficients
     thickness = np.array([layer.thickness for layer in scene.layers])
-    above = np.concatenate([[0.0], np.cumsum(thickness[:-1])])
-    level, at = place_levels(tau, above, thickness, scene.thickness)
+    level, at = place_levels(tau, tops(thickness), thickness, scene.thickness)
+    level = level * np.array([layer.stretch for layer in layers])[at]
+    thickness = np.array([layer.thickness for layer in layers])
+    above = tops(thickness)
     return Problem(
         coefficients=coefficients,
         terms=terms,
-        albedo=np.array([layer.albedo for layer in scene.layers]),
+        albedo=np.array([layer.albedo for layer in layers]),
         thickness=thickness,
         above=above,
         nodes=points,
@@ -138,6 +152,11 @@ def discretise(scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, 
         level=level,
         level_layer=at,
     )
+
+
+def tops(thickness: Array) -> Array:
+    """Optical depth of the top of each layer."""
+    return np.concatenate([[0.0], np.cumsum(thickness[:-1])])
 
 
 def place_levels(tau: Array, above: Array, thickness: Array, total: float) -> tuple[Array, IntArray]:
@@ -319,16 +338,32 @@ def fourier_sum(kernels: Array, orders: IntArray, columns: Array, phi: Array) ->
     return result.transpose(0, 1, 3, 5, 4, 2)
 
 
-def add_closed_forms(radiance: Array, scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> None:
-    """Adds single scattering and the base's direct reflection to radiance, in place."""
+def flux_of_the_peak(problem: Problem, tau: Array) -> Array:
+    """Light scattered into the forward peaks alone, (n_tau, n_in, n_col): delta-M counts it as direct, it is diffuse.
+
+    ``tau`` (n_tau,): the depths in the scene as it is.
+    """
+    depth = (problem.above[problem.level_layer] + problem.level)[:, None]
+    added = np.exp(-depth / problem.mu0) * -np.expm1((depth - tau[:, None]) / problem.mu0) * problem.mu0
+    return np.where(depth < tau[:, None], added, 0.0)[..., None] * problem.columns[:, 0]
+
+
+def add_closed_forms(
+    radiance: Array, scene: Scene, layers: list[Truncated], problem: Problem, mu: Array, phi: Array, run: Run
+) -> None:
+    """Adds single scattering and the base's direct reflection to radiance, in place.
+
+    Light is scattered once by the whole phase matrix, and attenuated as by the truncated layers. Source: Nakajima and
+    Tanaka, JQSRT 40, 51 (1988), their TMS.
+    """
     phase = phase_matrices_of_layers(tuple(scene.layers), problem.mu0, mu, phi, run)
     begin = time.perf_counter()
     paths = layer_paths(problem, mu)
     stokes = problem.columns.T
-    for z, path, layer in zip(phase, paths, scene.layers, strict=True):
-        if layer.albedo > 0.0:
+    for z, path, layer in zip(phase, paths, layers, strict=True):
+        if layer.gain > 0.0:
             scattered = z @ stokes
-            radiance += (layer.albedo / (4.0 * np.pi)) * path[..., None, None, None] * scattered
+            radiance += (layer.gain / (4.0 * np.pi)) * path[..., None, None, None] * scattered
     reflected = base_reflected(scene.base, problem, mu, phi)
     if reflected is not None:
         radiance += reflected @ stokes
