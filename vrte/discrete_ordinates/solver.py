@@ -21,6 +21,7 @@ from vrte.discrete_ordinates.single_scattering import (
     layer_paths,
     phase_matrices_of_layers,
 )
+from vrte.discrete_ordinates.small_angle import add_anisotropic
 from vrte.errors import AccuracyError
 from vrte.optics.truncation import Truncated, truncated
 from vrte.scene import MuellerBase, Scene
@@ -75,10 +76,7 @@ def solve(
     with single_threaded():
         # light going up first
         rank = np.argsort(mu < 0.0, kind="stable")
-        layers = [
-            truncated(options.truncation, layer.phase_matrix, layer.albedo, layer.thickness, 2 * options.nodes)
-            for layer in scene.layers
-        ]
+        layers = truncated_layers(scene, options)
         problem = discretise(scene, layers, mu0, columns, mu[rank], tau, options.nodes)
         choice = choose(options.algorithm, problem)
         check_memory(scene, problem, phi.size, run.threads, choice.name)
@@ -88,7 +86,11 @@ def solve(
         radiance = np.empty((tau.size, mu0.size, mu.size, phi.size, 4, columns.shape[0]))
         radiance[:, :, rank] = fourier_sum(result.kernels, orders, columns, phi)
         run.book("fourier sum", time.perf_counter() - begin)
-        add_closed_forms(radiance, scene, layers, problem, mu, phi, run)
+        if options.truncation == "small-angle" and any(layer.fraction for layer in layers):
+            add_anisotropic(radiance, scene, layers, problem, mu, phi, is_scalar(scene), run)
+        else:
+            add_scattered_once(radiance, scene, layers, problem, mu, phi, run)
+        add_reflected_once(radiance, scene, problem, mu, phi)
         agreement = None
         if options.verify:
             size = np.abs(radiance[..., 0, :]).max(axis=(1, 2, 3, 4))
@@ -121,6 +123,20 @@ def base_statement(scene: Scene) -> str:
     """What the base is, and whether light gets there."""
     name = "black" if scene.base is None else type(scene.base).__name__
     return name if scene.base_is_reached or scene.base is None else f"{name}, not reached below an infinite layer"
+
+
+def truncated_layers(scene: Scene, options: Options) -> list[Truncated]:
+    """The layers as multiple scattering sees them."""
+    scalar = is_scalar(scene)
+    return [
+        truncated(options.truncation, layer.phase_matrix, layer.albedo, layer.thickness, 2 * options.nodes, scalar)
+        for layer in scene.layers
+    ]
+
+
+def is_scalar(scene: Scene) -> bool:
+    """True where polarized light matters nowhere: no layer scatters it and the base does not reflect it."""
+    return not isinstance(scene.base, MuellerBase) and all(layer.phase_matrix.is_scalar for layer in scene.layers)
 
 
 def discretise(
@@ -348,10 +364,10 @@ def flux_of_the_peak(problem: Problem, tau: Array) -> Array:
     return np.where(depth < tau[:, None], added, 0.0)[..., None] * problem.columns[:, 0]
 
 
-def add_closed_forms(
+def add_scattered_once(
     radiance: Array, scene: Scene, layers: list[Truncated], problem: Problem, mu: Array, phi: Array, run: Run
 ) -> None:
-    """Adds single scattering and the base's direct reflection to radiance, in place.
+    """Adds single scattering to radiance, in place.
 
     Light is scattered once by the whole phase matrix, and attenuated as by the truncated layers. Source: Nakajima and
     Tanaka, JQSRT 40, 51 (1988), their TMS.
@@ -364,7 +380,11 @@ def add_closed_forms(
         if layer.gain > 0.0:
             scattered = z @ stokes
             radiance += (layer.gain / (4.0 * np.pi)) * path[..., None, None, None] * scattered
+    run.book("single scattering", time.perf_counter() - begin)
+
+
+def add_reflected_once(radiance: Array, scene: Scene, problem: Problem, mu: Array, phi: Array) -> None:
+    """Adds the base's direct reflection of the beam to radiance, in place."""
     reflected = base_reflected(scene.base, problem, mu, phi)
     if reflected is not None:
-        radiance += reflected @ stokes
-    run.book("single scattering", time.perf_counter() - begin)
+        radiance += reflected @ problem.columns.T

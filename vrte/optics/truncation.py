@@ -3,7 +3,8 @@
 With f the share of the peak, an unturned and unpolarizing delta function diag(1, 1, 1, 1) delta(1 - cos), the rest keeps the
 coefficients (a - (2l+1) f)/(1 - f), and light is scattered less: depths are stretched by 1 - albedo f, the albedo is
 albedo (1 - f)/(1 - albedo f). Coefficient ``terms`` of the peak equals that of the phase matrix, so the first one that the
-nodes do not carry is zero. Source: Wiscombe, J. Atmos. Sci. 34, 1408 (1977), here for 4x4 matrices.
+nodes do not carry is zero. Where nothing in a scene is polarized by scattering, the peak is diag(1, 0, 0, 0) delta(1 - cos):
+scalar phase functions scatter no Q, U and V, not even straight on. Source: Wiscombe, J. Atmos. Sci. 34, 1408 (1977), here for 4x4 matrices.
 """
 
 from dataclasses import dataclass
@@ -33,7 +34,9 @@ class Truncated:
     gain: float
 
 
-def truncated(name: str, phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int) -> Truncated:
+def truncated(
+    name: str, phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False
+) -> Truncated:
     """The layer with ``terms`` coefficients at most: cut for "none", by delta-M for "delta-m" and "small-angle".
 
     >>> from vrte.optics.phase_matrix import henyey_greenstein
@@ -42,11 +45,13 @@ def truncated(name: str, phase_matrix: PhaseMatrix, albedo: float, thickness: fl
     """
     if name == "none":
         return Truncated(phase_matrix.coefficients[:terms], albedo, thickness, fraction=0.0, stretch=1.0, gain=albedo)
-    return delta_m(phase_matrix, albedo, thickness, terms)
+    return delta_m(phase_matrix, albedo, thickness, terms, scalar)
 
 
-def delta_m(phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int) -> Truncated:
-    """The layer without its forward peak, ``terms`` >= 1 coefficients at most.
+def delta_m(
+    phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False
+) -> Truncated:
+    """The layer without its forward peak, ``terms`` >= 1 coefficients at most; ``scalar``: the peak has an a1 only.
 
     With no more coefficients than ``terms`` it stays as it is, to the last bit; an albedo of 1 stays exactly 1.
 
@@ -58,7 +63,7 @@ def delta_m(phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: i
     if f == 0.0:
         return truncated("none", phase_matrix, albedo, thickness, terms)
     stretch = 1.0 - albedo * f
-    rest = (phase_matrix.coefficients[:terms] - f * peak(terms)) / (1.0 - f)
+    rest = (phase_matrix.coefficients[:terms] - f * peak(terms, scalar)) / (1.0 - f)
     return Truncated(rest, albedo * (1.0 - f) / stretch, thickness * stretch, f, stretch, albedo / stretch)
 
 
@@ -69,9 +74,9 @@ def peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
     return max(0.0, float(phase_matrix.a1[terms]) / (2 * terms + 1))
 
 
-def peak(terms: int) -> Array:
+def peak(terms: int, scalar: bool = False) -> Array:
     """The coefficients of diag(1, 1, 1, 1) delta(1 - cos): 2 l + 1, and none of a2 and a3 below l = 2; (terms, 6)."""
     coefficients = np.zeros((terms, 6))
-    coefficients[:, :4] = (2.0 * np.arange(terms) + 1.0)[:, None]
+    coefficients[:, : 1 if scalar else 4] = (2.0 * np.arange(terms) + 1.0)[:, None]
     coefficients[:2, 1:3] = 0.0
     return coefficients
