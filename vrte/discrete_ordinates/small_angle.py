@@ -1,14 +1,14 @@
-"""Small-angle separation, section 2 of Budak and Efremenko: light scattered often and by little, beyond the nodes' reach.
+"""Small-angle separation, section 2 of Budak and Efremenko: light scattered often, and little, beyond the nodes' reach.
 
-The field is split, (2:4), into an anisotropic part, which keeps to the beam's direction, and the rest. Of the beam as it
-spreads by small angles, degree l of the expansion about its direction decays as exp(-(1 - albedo S_l) tau/mu0): S_l is the 4x4
-matrix of the coefficients of degree l over 2 l + 1. Discrete ordinates solve for the rest. The nodes carry 2 N degrees, and
-on those the anisotropic part satisfies the same discrete equations as the rest: there the two are solved together, as light
-of the layers truncated by delta-M. What remains of the anisotropic part are the degrees beyond, and one scattering of all
+The field is split, (2:4), into an anisotropic part, which keeps to the beam's direction, and the rest. As the beam
+spreads by small angles, degree l of its expansion about that direction decays as E_l = exp(-(1 - albedo S_l) tau/mu0),
+S_l the 4x4 matrix of the coefficients of degree l over 2 l + 1. Discrete ordinates solve for the rest. They carry 2 N
+degrees, and on those the anisotropic part obeys the same equations as the rest: there both are solved together, as
+light of the layers truncated by delta-M. Of the anisotropic part the degrees beyond remain, and one scattering of all
 its light, integrated along the ray in closed form: this takes the place of single scattering.
 
-With x = tau/mu0 along the beam, x' the same in truncated layers, f the peak's share and E_l = exp(-(1 - albedo S_l) x), degree
-l of this source is, with the factor albedo/(1 - albedo f),
+With x = tau/mu0 along the beam, x' the same in truncated layers and f the peak's share, degree l of this source is, but
+for the factor albedo/(1 - albedo f),
 
     (S_l - f) exp(-x') + f exp(-x)   for l < 2 N,        (S_l - f) E_l + f exp(-x)   for l >= 2 N.
 
@@ -31,7 +31,9 @@ from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.optics.truncation import Truncated, peak
 from vrte.scene import Scene
 
-NEARLY_EQUAL = 1e-5  # eigenvalues of S_l, which are of size 1 at most: closer ones take the derivative
+NEARLY_EQUAL = 1e-7  # eigenvalues of S_l, which are of size 1 at most: closer ones take the derivative
+STEP = 1e-6  # of the derivative: rounding of 1e-10, and as much times (tau/mu0)^2
+SMALL = 1e-5  # exponents that a series is for
 ComplexArray = NDArray[np.complex128]
 
 
@@ -62,8 +64,8 @@ class Spreading:
         high, low = values(self.mean + self.root), values(self.mean - self.root)
         close = np.abs(self.root) < NEARLY_EQUAL
         slope = (high - low) / np.where(close, 1.0, 2.0 * self.root)
-        around = self.mean[close].astype(complex)
-        slope[close] = (values(around + NEARLY_EQUAL) - values(around - NEARLY_EQUAL)) / (2.0 * NEARLY_EQUAL)
+        around: ComplexArray = self.mean[close].astype(complex)
+        slope[close] = (values(around + STEP) - values(around - STEP)) / (2.0 * STEP)
         return 0.5 * (high + low).real[..., None, None] * np.eye(2) + slope.real[..., None, None] * self.shape
 
 
@@ -92,10 +94,12 @@ def add_anisotropic(
             begin = time.perf_counter()
             table = np.zeros((terms, 6))
             for k, layer in enumerate(layers):
-                if layer.gain > 0.0:
-                    ray = Ray(problem, t, k, float(mu[o]))
+                ray = Ray(problem, t, k, float(mu[o]))
+                if ray.length > 0.0 and layer.gain > 0.0:
                     table += source(scene, layer, spread[k], beams[k], float(mu0), ray, scalar)
             run.book("small angles", time.perf_counter() - begin)
+            if not table.any():
+                continue
             into, out = problem.mu0[i : i + 1], np.ascontiguousarray(mu[o : o + 1])
             run.timed("small angles", _core.scattered_once, table, into, out, cosine, sine, phase, run.threads)
             radiance[t, i, o] += (phase[0, 0] @ problem.columns.T) / (4.0 * np.pi)
@@ -115,10 +119,14 @@ def spread_beams(scene: Scene, spread: list[Spreading], mu0: float) -> list[Beam
     terms = spread[0].mean.shape[0]
     beams = [Beam(1.0, np.broadcast_to(np.eye(2), (terms, 2, 2, 2)))]
     for layer, here in zip(scene.layers[:-1], spread[:-1], strict=True):
-        path, albedo = layer.thickness / mu0, layer.albedo
-        passed = here.function(lambda s, path=path, albedo=albedo: np.exp((albedo * s - 1.0) * path))
-        beams.append(Beam(beams[-1].direct * float(np.exp(-path)), passed @ beams[-1].degrees))
+        passed = spread_through(here, layer.albedo, layer.thickness / mu0)
+        beams.append(Beam(beams[-1].direct * float(np.exp(-layer.thickness / mu0)), passed @ beams[-1].degrees))
     return beams
+
+
+def spread_through(spread: Spreading, albedo: float, path: float) -> Array:
+    """E_l of a layer, ``path`` its optical thickness along the beam: (l, block, 2, 2)."""
+    return spread.function(lambda s: np.exp((albedo * s - 1.0) * path))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,52 +138,70 @@ class Ray:
     layer: int
     mu: float
 
+    @property
+    def top(self) -> float:
+        """Where the part begins, below the top of the layer."""
+        return self._level if self.mu > 0.0 and self._here else 0.0
+
+    @property
+    def length(self) -> float:
+        """Optical depth of the part, 0 for none."""
+        at, thickness = int(self.problem.level_layer[self.level]), float(self.problem.thickness[self.layer])
+        if self._here:
+            return thickness - self._level if self.mu > 0.0 else self._level
+        return thickness if (self.layer > at) == (self.mu > 0.0) else 0.0
+
+    @property
+    def _here(self) -> bool:
+        return int(self.problem.level_layer[self.level]) == self.layer
+
+    @property
+    def _level(self) -> float:
+        return float(self.problem.level[self.level])
+
     def integral(self, rate: Any) -> Any:
-        """Of exp(-rate t) exp(-|t - tau|/|mu|) dt/|mu|, t from the layer's top, both depths of the truncated layers.
+        """Of exp(-rate t) exp(-|t - tau|/|mu|) dt/|mu| over the part, t from the layer's top, both depths of the
+        truncated layers.
 
         ``rate``: any shape, complex, real part >= 0.
         """
-        at, level = int(self.problem.level_layer[self.level]), float(self.problem.level[self.level])
-        thickness = float(self.problem.thickness[self.layer])
-        mu, up = abs(self.mu), self.mu > 0.0
-        if (up and self.layer < at) or (not up and self.layer > at):
-            return np.zeros_like(rate)
+        mu, length = abs(self.mu), self.length
         way = np.exp(-distance(self.problem, self.level, self.layer) / mu)
-        if up:
-            start = level if self.layer == at else 0.0
-            reach = -np.expm1((start - thickness) * (rate + 1.0 / mu)) if np.isfinite(thickness) else 1.0
-            return way * np.exp(-start * rate) * reach / (1.0 + mu * rate)
-        length = level if self.layer == at else thickness
-        return way * (length / mu) * exp_difference(-length * rate, -length / mu)
+        if self.mu < 0.0:
+            return way * (length / mu) * exp_difference(-length * rate, -length / mu)
+        reach = -np.expm1(-length * (rate + 1.0 / mu)) if np.isfinite(length) else 1.0
+        return way * np.exp(-self.top * rate) * reach / (1.0 + mu * rate)
 
 
 def exp_difference(a: Any, b: float) -> Any:
     """(e^a - e^b)/(a - b) for complex a of any shape, e^b where they meet; real parts <= 0."""
     gap = a - b
-    small = np.abs(gap) < NEARLY_EQUAL
-    # expm1 of what does not grow
+    small = np.abs(gap) < SMALL
+    # the larger one in front: expm1 of what does not grow
     ahead = np.where(gap.real > 0.0, a, b)
     turned = np.where(gap.real > 0.0, -gap, gap)
     slope = np.where(small, 1.0 + turned / 2.0 + turned**2 / 6.0, np.expm1(turned) / np.where(small, 1.0, turned))
     return np.exp(ahead) * slope
 
 
-def source(
-    scene: Scene, layer: Truncated, spread: Spreading, beam: Beam, mu0: float, ray: Ray, scalar: bool
-) -> Array:
+def source(scene: Scene, layer: Truncated, spread: Spreading, beam: Beam, mu0: float, ray: Ray, scalar: bool) -> Array:
     """The expansion coefficients (terms, 6), columns a1 .. b2, of the light that one scattering of the anisotropic part
     in one layer sends along the ray: the formula on top, integrated."""
     matrix, albedo = scene.layers[ray.layer].phase_matrix, scene.layers[ray.layer].albedo
     terms, carried, f = spread.mean.shape[0], ray.problem.coefficients.shape[1], layer.fraction
     per_depth = 1.0 / (layer.stretch * mu0)
-    forward = peak(terms, scalar)
+    forward = peak(terms)
     table = f * beam.direct * complex(ray.integral(complex(per_depth))).real * forward
     fade = np.exp(-ray.problem.above[ray.layer] / mu0) * complex(ray.integral(complex(1.0 / mu0))).real
-    table[:carried] += fade * (np.pad(matrix.coefficients[:carried], ((0, max(0, carried - matrix.terms)), (0, 0))) - f * forward[:carried])
+    known = min(carried, matrix.terms)
+    table[:carried] -= fade * f * forward[:carried]
+    table[:known] += fade * matrix.coefficients[:known]
     if carried < terms:
         beyond = Spreading(spread.mean[carried:], spread.shape[carried:], spread.root[carried:])
         blocks = beyond.function(lambda s: (s - f) * ray.integral((1.0 - albedo * s) * per_depth))
         table[carried:] += coefficients(blocks @ beam.degrees[carried:], carried)
+    if scalar:
+        table[:, 1:] = 0.0
     return layer.gain * table
 
 
@@ -183,5 +209,5 @@ def coefficients(blocks: Array, first: int) -> Array:
     """Columns a1 .. b2 (l, 6) of matrices (l, block, 2, 2) of the degrees from ``first``, which is 2 at least."""
     plus, minus = blocks[..., 0, 1] + blocks[..., 1, 0], blocks[..., 0, 1] - blocks[..., 1, 0]
     diagonal = np.diagonal(blocks, axis1=-2, axis2=-1)
-    columns = [diagonal[:, 0, 0], diagonal[:, 0, 1], diagonal[:, 1, 0], diagonal[:, 1, 1], 0.5 * plus[:, 0], 0.5 * minus[:, 1]]
-    return (2.0 * np.arange(first, first + blocks.shape[0]) + 1.0)[:, None] * np.stack(columns, axis=1)
+    columns = np.stack([*diagonal.reshape(-1, 4).T, 0.5 * plus[:, 0], 0.5 * minus[:, 1]], axis=1)
+    return (2.0 * np.arange(first, first + blocks.shape[0]) + 1.0)[:, None] * columns

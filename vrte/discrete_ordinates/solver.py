@@ -77,7 +77,7 @@ def solve(
         # light going up first
         rank = np.argsort(mu < 0.0, kind="stable")
         layers = truncated_layers(scene, options)
-        problem = discretise(scene, layers, mu0, columns, mu[rank], tau, options.nodes)
+        problem = discretise(scene, mu0, columns, mu[rank], tau, options.nodes, layers)
         choice = choose(options.algorithm, problem)
         check_memory(scene, problem, phi.size, run.threads, choice.name)
         orders = orders_needed(scene, problem, run)
@@ -140,10 +140,18 @@ def is_scalar(scene: Scene) -> bool:
 
 
 def discretise(
-    scene: Scene, layers: list[Truncated], mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int
+    scene: Scene,
+    mu0: Array,
+    columns: Array,
+    mu: Array,
+    tau: Array,
+    nodes: int,
+    layers: list[Truncated] | None = None,
 ) -> Problem:
-    """Nodes, truncated coefficients and the layer every depth lies in; all depths as the truncated layers have them."""
+    """Nodes, truncated coefficients (cut, unless ``layers`` are given) and the layer every depth lies in; all depths as
+    the truncated layers have them."""
     points, weights = double_gauss(nodes)
+    layers = layers or truncated_layers(scene, Options(nodes))
     terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
     coefficients = np.zeros((len(layers), int(terms.max()), 6))
     for k, layer in enumerate(layers):

@@ -1,10 +1,12 @@
 """Peaked phase matrices made fit for few nodes: the forward peak counted as light that was not scattered (delta-M).
 
-With f the share of the peak, an unturned and unpolarizing delta function diag(1, 1, 1, 1) delta(1 - cos), the rest keeps the
-coefficients (a - (2l+1) f)/(1 - f), and light is scattered less: depths are stretched by 1 - albedo f, the albedo is
-albedo (1 - f)/(1 - albedo f). Coefficient ``terms`` of the peak equals that of the phase matrix, so the first one that the
-nodes do not carry is zero. Where nothing in a scene is polarized by scattering, the peak is diag(1, 0, 0, 0) delta(1 - cos):
-scalar phase functions scatter no Q, U and V, not even straight on. Source: Wiscombe, J. Atmos. Sci. 34, 1408 (1977), here for 4x4 matrices.
+With f the share of the peak, diag(1, 1, 1, 1) delta(1 - cos), which turns and polarizes nothing, the rest has the
+coefficients (a - (2l+1) f)/(1 - f), and light is scattered less: depths shrink by the factor 1 - albedo f, the albedo
+becomes albedo (1 - f)/(1 - albedo f). The peak has the first coefficient that the nodes do not carry in common with the
+phase matrix, so that of the rest is zero. Where polarization plays no part in a scene the peak is diag(1, 0, 0, 0)
+delta(1 - cos): scalar phase functions scatter no Q, U and V, not even straight on. Nothing makes sure that the rest is
+physical, so it is a table of coefficients and no PhaseMatrix. Source: Wiscombe, J. Atmos. Sci. 34, 1408 (1977), here
+for 4x4 matrices.
 """
 
 from dataclasses import dataclass
@@ -21,8 +23,8 @@ TRUNCATIONS = ("none", "delta-m", "small-angle")
 class Truncated:
     """A layer as multiple scattering sees it.
 
-    ``coefficients`` (terms, 6): columns a1, a2, a3, a4, b1, b2; ``albedo``; optical ``thickness``; ``fraction`` f of the
-    scattered light that goes into the peak; ``stretch`` = 1 - albedo f, optical depth here over that of the layer itself;
+    ``coefficients`` (terms, 6): columns a1, a2, a3, a4, b1, b2; ``albedo``; optical ``thickness``; ``fraction`` f of
+    the scattered light that goes into the peak; ``stretch`` = 1 - albedo f, a depth here over that in the layer itself;
     ``gain`` = albedo/(1 - albedo f), what stands for the albedo where light is scattered by the whole phase matrix.
     """
 
@@ -48,9 +50,7 @@ def truncated(
     return delta_m(phase_matrix, albedo, thickness, terms, scalar)
 
 
-def delta_m(
-    phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False
-) -> Truncated:
+def delta_m(phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False) -> Truncated:
     """The layer without its forward peak, ``terms`` >= 1 coefficients at most; ``scalar``: the peak has an a1 only.
 
     With no more coefficients than ``terms`` it stays as it is, to the last bit; an albedo of 1 stays exactly 1.
@@ -68,7 +68,7 @@ def delta_m(
 
 
 def peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
-    """f, the first coefficient of a1 left out over its 2 l + 1; 0 where none is left out or there is no forward peak."""
+    """f, the first a1 left out over its 2 l + 1; 0 where none is left out or there is no forward peak."""
     if terms >= phase_matrix.terms:
         return 0.0
     return max(0.0, float(phase_matrix.a1[terms]) / (2 * terms + 1))
