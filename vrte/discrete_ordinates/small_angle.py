@@ -101,7 +101,7 @@ def add_anisotropic(
             if not table.any():
                 continue
             into, out = problem.mu0[i : i + 1], np.ascontiguousarray(mu[o : o + 1])
-            run.timed("small angles", _core.scattered_once, table, into, out, cosine, sine, phase, run.threads)
+            run.timed("small angles", _core.scattered_once, table, into, out, cosine, sine, phase, 1)
             radiance[t, i, o] += (phase[0, 0] @ problem.columns.T) / (4.0 * np.pi)
 
 

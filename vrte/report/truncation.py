@@ -147,7 +147,7 @@ def write_report(errors: Sequence[Row], reference: Sequence[Row], folder: Path) 
         with atomic_write(folder / name) as part:
             part.write_text(content)
     with atomic_write(folder / "truncation.png") as part:
-        figure(errors, reference).savefig(part, format="png", dpi=70)
+        in_few_colours(figure(errors, reference)).save(part, format="png", optimize=True)
 
 
 def as_csv(rows: Sequence[Row]) -> str:
@@ -196,7 +196,7 @@ def figure(errors: Sequence[Row], reference: Sequence[Row]) -> "Figure":
     except ImportError as error:
         raise MissingExtraError("a picture", "plot") from error
     cases = list(dict.fromkeys(row.case for row in errors))
-    drawing = Figure(figsize=(10.5, 2.6 * len(cases) + 0.8), facecolor="white")
+    drawing = Figure(figsize=(9.5, 2.1 * len(cases) + 0.8), dpi=90, facecolor="white")
     FigureCanvasAgg(drawing)
     panels: Any = drawing.subplots(len(cases), len(PARTS), sharex=True, sharey=True, squeeze=False)
     for line, case in zip(panels, cases, strict=True):
@@ -213,6 +213,15 @@ def figure(errors: Sequence[Row], reference: Sequence[Row]) -> "Figure":
     drawing.suptitle("Largest (solid) and rms error (dotted); grey: below what the reference is known to", fontsize=11)
     drawing.tight_layout(rect=(0.0, 0.0, 1.0, 0.99))
     return drawing
+
+
+def in_few_colours(drawing: "Figure") -> Any:
+    """A picture of 32 colours, a third of the size in a file; a PIL.Image, which comes with matplotlib."""
+    from PIL import Image
+
+    drawing.canvas.draw()
+    canvas: Any = drawing.canvas
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(32)
 
 
 def draw(panel: Any, rows: Sequence[Row]) -> None:
