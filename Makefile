@@ -6,17 +6,18 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
 
-.PHONY: help env demo test test-all lint bench clean
+.PHONY: help env demo test test-all lint bench bench-peers clean
 .NOTPARALLEL:
 
 help:
-	@echo "make demo      the BRDF of a gold powder: out/gold_powder.nc, .csv and .png"
-	@echo "make test      style, types and the quick tests"
-	@echo "make test-all  style, types and every test"
-	@echo "make lint      style and types only"
-	@echo "make bench     the timings of bench/"
-	@echo "make env       the environment for development: .venv, editable"
-	@echo "make clean     removes what was built and written, not .venv"
+	@echo "make demo         the BRDF of a gold powder: out/gold_powder.nc, .csv and .png"
+	@echo "make test         style, types and the quick tests"
+	@echo "make test-all     style, types and every test"
+	@echo "make lint         style and types only"
+	@echo "make bench        the timings of bench/"
+	@echo "make bench-peers  vrte beside nanodisort and sasktran2: the page docs/peers.md, printed"
+	@echo "make env          the environment for development: .venv, editable"
+	@echo "make clean        removes what was built and written, not .venv"
 
 # The package itself, editable, with its compiled core; built again when one of these files changes.
 $(VENV)/core.stamp: pyproject.toml setup.py vrte/_core.pyx .ci/prerequisites
@@ -39,6 +40,11 @@ $(VENV)/test.stamp: $(VENV)/core.stamp
 	@$(PIP) install 'vrte[test]'
 	@touch $@
 
+$(VENV)/bench.stamp: $(VENV)/core.stamp
+	@echo "Installing what the comparison with other codes needs"
+	@$(PIP) install 'vrte[bench]'
+	@touch $@
+
 env: $(VENV)/test.stamp
 
 demo: $(VENV)/demo.stamp
@@ -58,6 +64,9 @@ lint: $(VENV)/test.stamp
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python -m pytest -q bench
+
+bench-peers: $(VENV)/bench.stamp
+	$(BIN)/python -m bench.peers
 
 clean:
 	rm -rf build dist out *.egg-info vrte/_core.c vrte/_core.*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

@@ -11,11 +11,14 @@ from threadpoolctl import threadpool_limits
 
 import vrte
 from tests.test_published import SIEWERT_IIA
+from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.phase_assembly import assemble
 from vrte.discrete_ordinates.problem import Run
-from vrte.discrete_ordinates.solver import discretise
+
+from .peers import Row
 
 ROUNDS = 5
+PEER_ROWS = pytest.StashKey[list[Row]]()
 
 
 @pytest.fixture(scope="session")
@@ -67,3 +70,12 @@ def against_floor(benchmark: Any) -> Callable[..., float]:
         return ratio
 
     return measure
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """The comparison with the peers as one table, whether its tests passed or not."""
+    from .peers_page import load, table
+
+    if rows := config.stash.get(PEER_ROWS, []):
+        terminalreporter.section("vrte beside its peers")
+        terminalreporter.write_line(f"{table(rows)}load (1, 5, 15 minutes) {load()}")

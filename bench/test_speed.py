@@ -88,3 +88,40 @@ print(peak() - before)
     megabytes = float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout)
     print(f"\npeak memory of the 20 x 20 x 37 BRDF: {megabytes:.0f} MB")
     assert megabytes <= 300.0
+
+
+TABLE = """
+import numpy as np, vrte
+
+def peak():
+    line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+    return int(line.split()[1]) / 1024
+
+gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
+scene = vrte.Scene([vrte.Layer.of(gold, thickness=100.0)])
+before, mu = peak(), np.linspace(0.05, 1.0, 90)
+done = []
+
+def told(steps, all_steps):
+    done.append(steps / all_steps)
+
+table = vrte.brdf(scene, mu, mu, np.arange(181.0), nodes=40, threads=2, progress=told)
+stages = table.diagnostics["stages"]
+print(peak() - before - table.mueller.nbytes / 2**20)
+print(stages["fourier sum"]["wall_seconds"], stages["single scattering"]["wall_seconds"])
+print(table.diagnostics["wall_seconds"], len(done), done[-1])
+"""
+
+
+def test_table_for_a_renderer() -> None:
+    """90 x 90 x 181 directions, all distinct: memory beside the result, seconds from Fourier orders to the table."""
+    output = subprocess.run([sys.executable, "-c", TABLE], capture_output=True, check=True, text=True).stdout
+    megabytes, orders, single, wall, calls, share = (float(word) for word in output.split())
+    print(
+        f"\n90 x 90 x 181 table: {wall:.2f} s, of which {orders:.2f} s the sum over Fourier orders and {single:.2f} s "
+        f"single scattering; peak memory beside the result {megabytes:.0f} MB; {calls:.0f} steps of progress"
+    )
+    assert orders + single < 3.0
+    assert megabytes <= 300.0
+    assert share == 1.0
+    assert calls > 10

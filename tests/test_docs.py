@@ -40,3 +40,10 @@ def test_conventions_and_readme_name_what_exists() -> None:
     text = (ROOT / "README.md").read_text()
     for name in set(re.findall(r"\bvrte\.([A-Za-z_]+)\(", text)):
         assert hasattr(vrte, name), f"README calls vrte.{name}, which does not exist"
+
+
+@pytest.mark.parametrize("page", sorted(path.relative_to(ROOT) for path in (ROOT / "docs").rglob("*.md")), ids=str)
+def test_pages_link_to_what_exists(page: Path) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s:]+)\)", text):
+        assert ((ROOT / page).parent / target).exists(), f"{page} links to {target}, which does not exist"

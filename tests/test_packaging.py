@@ -6,6 +6,7 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -76,6 +77,14 @@ def use_elsewhere(wheel: Path, folder: Path) -> None:
     Path(site, "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
     run(python, "-I", "-c", USE_IT, folder=folder)
     assert run(folder / "bin" / "vrte", "--version", folder=folder) == f"vrte {vrte.__version__}\n"
+
+
+def test_the_tests_need_no_other_solver() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert {"nanodisort", "sasktran2"} <= {requirement.partition(">")[0] for requirement in extras["bench"]}
+    assert not [
+        name for name in extras["test"] for word in ("bench]", "bench,", "nanodisort", "sasktran2") if word in name
+    ]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")

@@ -8,9 +8,11 @@ import pytest
 import scipy.linalg
 
 import vrte
+from tests import exact
 from vrte import _core
 from vrte.discrete_ordinates.base import expand_base
 from vrte.discrete_ordinates.boundary import boundary
+from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.doubling import double_slabs
 from vrte.discrete_ordinates.homogeneous import Modes, homogeneous
 from vrte.discrete_ordinates.particular import particular
@@ -18,7 +20,6 @@ from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.reconstruction import mode_coordinates, reconstruct
 from vrte.discrete_ordinates.slabs import cut, join
-from vrte.discrete_ordinates.solver import discretise
 
 from .oracle import slab
 from .test_discrete_ordinates import spheroids
@@ -121,7 +122,7 @@ def test_the_field_obeys_its_equation_and_its_boundaries(problem: Problem, matri
 def test_reconstruction_at_a_node_is_the_nodal_field(problem: Problem) -> None:
     """Source-function integration, plus single scattering, gives back what the modes say on the nodes."""
     scene = vrte.Scene([vrte.Layer(spheroids(), ALBEDO, THICKNESS)])
-    field = vrte.radiance(scene, MU0, tau=[0.8], phi=np.arange(16) * 22.5, nodes=NODES)
+    field = exact.radiance(scene, MU0, tau=[0.8], phi=np.arange(16) * 22.5, nodes=NODES)
     up = field.stokes[0, :NODES, :, 0].mean(axis=1)
     assert 2 * np.pi * (problem.weights * problem.nodes) @ up == pytest.approx(field.flux_up[0], rel=1e-12)
     down = field.stokes[0, NODES:, :, 0].mean(axis=1)

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.discrete_ordinates.azimuths import fold
+from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.quadrature import double_gauss
-from vrte.discrete_ordinates.small_angle import Spreading, add_anisotropic, exp_difference
-from vrte.discrete_ordinates.solver import add_scattered_once, discretise, truncated_layers
+from vrte.discrete_ordinates.small_angle import Spreading, exp_difference
+from vrte.discrete_ordinates.summing import Wanted, fill
 from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, _lowest_coherency_eigenvalue
 from vrte.optics.truncation import TRUNCATIONS, delta_m, truncated
 from vrte.report import truncation
 from vrte.report.stability.phases import phase_matrix
-from vrte.request import solver_options
 from vrte.running import new_run
 
 HG = vrte.henyey_greenstein(0.9, 200)
@@ -200,12 +201,14 @@ def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:
     """The closed forms agree where the nodes carry all terms: one integrates over depths matrix by matrix."""
     scene = two_layers(0.9)
     tau, mu0, columns = np.array([0.0, 1.0, 3.0, 4.0]), np.array([0.3, 1.0]), np.eye(4)
-    layers = truncated_layers(scene, solver_options(100, "auto", False, "small-angle"))
-    problem = discretise(scene, mu0, columns, MU, tau, 100, layers)
-    run, shape = new_run(1), (4, 2, MU.size, len(PHI), 4, 4)
-    once, spread = np.zeros(shape), np.zeros(shape)
-    add_scattered_once(once, scene, layers, problem, MU, np.array(PHI), run)
-    add_anisotropic(spread, scene, layers, problem, MU, np.array(PHI), False, run)
+    problem = discretise(scene, mu0, columns, MU, tau, 100, "small-angle")
+    assert not problem.fraction.any()
+    part = np.arange(4, dtype=np.int32), np.arange(MU.size, dtype=np.int32)
+    wanted = Wanted([part], np.arange(4, dtype=np.int32), np.ones(2))
+    once, spread = (
+        fill(wanted, [], scene, problem, MU, fold(np.array(PHI)), new_run(1), lambda done: None, spreads)[0]
+        for spreads in (False, True)
+    )
     np.testing.assert_allclose(spread, once, atol=1e-13 * np.abs(once).max())
 
 
@@ -231,6 +234,8 @@ def test_cloud_c1_is_the_published_one() -> None:
 
 
 def test_names_are_checked() -> None:
-    with pytest.raises(vrte.SceneError, match="truncation must be 'none', 'delta-m', 'small-angle', not 'sharp'"):
+    with pytest.raises(
+        vrte.SceneError, match="truncation must be 'auto', 'none', 'delta-m', 'small-angle', not 'sharp'"
+    ):
         vrte.radiance(two_layers(), 0.6, truncation="sharp")
     assert truncated("none", HG, 1.0, 2.0, 10).coefficients.shape == (10, 6)

@@ -1,8 +1,8 @@
 # cython: language_level=3, boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The compiled loops: arrays in, arrays out, no class of the package, the caller owns every buffer.
 
-Matrices are stored column by column, so in the shapes below the *last* axis is the row. `n` is 4 N: node by
-node, the four Stokes components I, Q, U, V inside. Inside the solver the unknowns on the nodes are scaled by
+Matrices are stored column by column, so in the shapes below the *last* axis is the row. `n` is S N: node by
+node, S Stokes parameters inside: all four, or those of a set that mixes with no other. Inside the solver the unknowns on the nodes are scaled by
 sqrt(weight mu) and the upward field is flipped by D = diag(1, 1, -1, -1) (handbook: docs/conventions.md).
 s and d are the sum and the difference of the two hemispheres. (1:n) is equation n of Collin, Pattanaik and
 Bouatouch, (2:n) of Budak and Efremenko.
@@ -18,10 +18,10 @@ LAPACK's verdict in `info` (0: fine). No item depends on another, so results do 
 import numpy as np
 
 from cython.parallel cimport prange, threadid
-from libc.math cimport INFINITY, cos, exp, expm1, fabs, hypot, sin, sqrt, tanh
+from libc.math cimport INFINITY, M_PI as PI, cos, exp, expm1, fabs, hypot, sin, sqrt, tanh
 from libc.string cimport memcpy, memset
-from scipy.linalg.cython_blas cimport dgemm
-from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs
+from scipy.linalg.cython_blas cimport dgemm, dtrmm
+from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs, dpotrf, dsyevd
 
 cdef extern from *:
     """
@@ -295,51 +295,102 @@ def generalized_spherical_functions(int m, int terms, mu):
     return np.asarray(out)
 
 
-cdef inline void parity_columns(int m, int terms, int even_kind, const double* prt, int n_all, int first, int n_mu,
-                                const double* scale, double* out) noexcept nogil:
-    """out, 4 n_mu rows by 2 (terms - m) columns: from P_l^m its columns I, Q where l - m has the parity of
-    `even_kind`, else U, V (the rest of (1:41) cancels); rows times scale."""
-    cdef int l, i, rows = 4 * n_mu
+cdef struct Parity:
+    # which columns of P_l^m a set of Stokes parameters has, [l - m even or odd as asked][left, right], and where its
+    # parameters lie inside a node (-1: not of the set)
+    int has[2][2]
+    int place[4]
+    int stokes
+
+
+cdef Parity parity_of(int m, int stokes, const int* members) noexcept nogil:
+    """From P_l^m the left column is I, or Q and U where the parity is the other; the right one Q and U, or V."""
+    cdef Parity p
+    cdef int i
+    cdef bint turns = m > 0          # t_l^0 = 0
+    p.stokes = stokes
+    for i in range(4):
+        p.place[i] = -1
+    for i in range(stokes):
+        p.place[members[i]] = i
+    p.has[0][0] = p.place[0] >= 0
+    p.has[0][1] = p.place[1] >= 0 or (turns and p.place[2] >= 0)
+    p.has[1][0] = p.place[2] >= 0 or (turns and p.place[1] >= 0)
+    p.has[1][1] = p.place[3] >= 0
+    return p
+
+
+cdef inline int columns_of(Parity p, int m, int terms, int even_kind) noexcept nogil:
+    """Columns of all degrees m .. terms - 1."""
+    cdef int same = (terms - m + 1) // 2, other = (terms - m) // 2    # l - m even, odd
+    if even_kind != 0:
+        same, other = other, same
+    return max(0, same) * (p.has[0][0] + p.has[0][1]) + max(0, other) * (p.has[1][0] + p.has[1][1])
+
+
+cdef void parity_columns(Parity p, int m, int terms, int even_kind, const double* prt, int n_all, int first, int n_mu,
+                         const double* scale, double* out) noexcept nogil:
+    """out, S n_mu rows by `columns_of`: from P_l^m its columns I, Q where l - m has the parity of `even_kind`, else
+    U, V (the rest of (1:41) cancels), those that the set has; rows times scale."""
+    cdef int l, i, kind, rows = p.stokes * n_mu
+    cdef size_t column = 0
     cdef double* left
     cdef double* right
     cdef const double* value
     cdef double f
-    memset(out, 0, sizeof(double) * <size_t>rows * 2 * (terms - m))
+    memset(out, 0, sizeof(double) * <size_t>rows * columns_of(p, m, terms, even_kind))
     for l in range(m, terms):
-        left = out + <size_t>rows * 2 * (l - m)
-        right = left + rows
+        kind = (l - m) % 2 != even_kind
+        left = out + <size_t>rows * column
+        right = left + <size_t>rows * p.has[kind][0]
+        column += p.has[kind][0] + p.has[kind][1]
         for i in range(n_mu):
             value = prt + (<size_t>l * n_all + first + i) * 3
             f = scale[i] if scale != NULL else 1.0
-            if (l - m) % 2 == even_kind:
-                left[4 * i] = f * value[0]
-                right[4 * i + 1] = f * value[1]
-                right[4 * i + 2] = -f * value[2]
+            if kind == 0:
+                if p.place[0] >= 0:
+                    left[p.stokes * i + p.place[0]] = f * value[0]
+                if p.place[1] >= 0:
+                    right[p.stokes * i + p.place[1]] = f * value[1]
+                if p.place[2] >= 0 and p.has[0][1]:
+                    right[p.stokes * i + p.place[2]] = -f * value[2]
             else:
-                left[4 * i + 1] = -f * value[2]
-                left[4 * i + 2] = f * value[1]
-                right[4 * i + 3] = f * value[0]
+                if p.place[1] >= 0 and p.has[1][0]:
+                    left[p.stokes * i + p.place[1]] = -f * value[2]
+                if p.place[2] >= 0:
+                    left[p.stokes * i + p.place[2]] = f * value[1]
+                if p.place[3] >= 0:
+                    right[p.stokes * i + p.place[3]] = f * value[0]
 
 
-cdef inline void times_coefficients(int m, int terms, int even_kind, double factor, const double* coefficients, int rows,
-                                    const double* phi, double* out) noexcept nogil:
-    """out = factor phi B^T, two columns a degree: B_l of (1:9) cut to the kept columns."""
-    cdef int l, i
+cdef void times_coefficients(Parity p, int m, int terms, int even_kind, double factor, double v_sign,
+                             const double* coefficients, int rows, const double* phi, double* out) noexcept nogil:
+    """out = factor phi B^T, column by column: B_l of (1:9) cut to the kept columns; V's column of phi counts v_sign
+    times."""
+    cdef int l, i, kind
+    cdef size_t column = 0
     cdef double b00, b01, b10, b11
     cdef const double* c
     cdef const double* x
     cdef double* y
     for l in range(m, terms):
         c = coefficients + 6 * l
-        if (l - m) % 2 == even_kind:
+        kind = (l - m) % 2 != even_kind
+        if kind == 0:
             b00, b01, b10, b11 = c[0], -c[4], -c[4], c[1]
         else:
-            b00, b01, b10, b11 = c[2], -c[5], c[5], c[3]
-        x = phi + <size_t>rows * 2 * (l - m)
-        y = out + <size_t>rows * 2 * (l - m)
-        for i in range(rows):
-            y[i] = factor * (b00 * x[i] + b01 * x[rows + i])
-            y[rows + i] = factor * (b10 * x[i] + b11 * x[rows + i])
+            b00, b01, b10, b11 = c[2], -v_sign * c[5], c[5], v_sign * c[3]
+        x = phi + <size_t>rows * column
+        y = out + <size_t>rows * column
+        column += p.has[kind][0] + p.has[kind][1]
+        if p.has[kind][0] and p.has[kind][1]:
+            for i in range(rows):
+                y[i] = factor * (b00 * x[i] + b01 * x[rows + i])
+                y[rows + i] = factor * (b10 * x[i] + b11 * x[rows + i])
+        elif p.has[kind][0] or p.has[kind][1]:
+            b00 = factor * (b00 if p.has[kind][0] else b11)
+            for i in range(rows):
+                y[i] = b00 * x[i]
 
 
 def phase_matrices(int m, coefficients, mu, mu_from):
@@ -385,18 +436,21 @@ def legendre_matrices(functions):
 
 def bounds_work(n_all, n_term):
     """Doubles of `work` that one thread of `order_bounds` needs."""
-    return 3 * n_all * n_term + 2 * n_all
+    return 4 * n_all * n_term + n_all + 3 * n_term
 
 
 def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
-                 const double[::1] directions, const double[::1] weights, int n_out, double[::1] bounds, int threads,
-                 double[:, ::1] work, double[::1] seconds, const int[::1] stop):
-    """An upper bound, order by order, on what multiple scattering adds to the source function of (1:38).
+                 const double[::1] directions, const double[::1] weights, int n_out, double[::1] strength,
+                 double[::1] bounds, double[:, ::1] effect, int threads, double[:, ::1] work, double[::1] seconds,
+                 const int[::1] stop):
+    """What multiple scattering can do, order by order, before anything is solved.
 
-    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. With the sums
-    over degrees of the norms of P_l^m B_l P_l^m on the nodes, q, from the nodes to an outgoing direction, u, and
-    from an incident direction to the nodes, v, the Neumann series is at most u v / (1 - q). bounds (order,):
-    inf where q >= 1.
+    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. strength (order,): the
+    norm q of one scattering, the largest omega |B_l|/(2 l + 1) of the degrees l >= m; bounds (order,): what all light
+    scattered at least twice adds, times 1 - q, to the radiance of one order for a unit beam: with the norm of L2 over
+    depth and direction, u v sqrt(mu0/mu)/(16 pi), where u and v are the norms of A^m's row to an outgoing direction and
+    of its column from an incident one. effect (order, node): what light that is scattered by way of one node adds,
+    times (1 - q)^2.
     """
     cdef int n_term = <int>coefficients.shape[1], m, thread
     cdef double start
@@ -404,67 +458,79 @@ def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, con
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
-            bounds[m] = order_bound(m, n_term, <int>coefficients.shape[0], &coefficients[0, 0, 0], &terms[0], &albedo[0],
-                                    &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], n_out,
-                                    &work[thread, 0])
+            order_bound(m, n_term, <int>coefficients.shape[0], &coefficients[0, 0, 0], &terms[0], &albedo[0],
+                        &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], n_out, &strength[m],
+                        &bounds[m], &effect[m, 0], &work[thread, 0])
             seconds[thread] += vrte_seconds() - start
 
 
-cdef double order_bound(int m, int n_term, int n_layer, const double* coefficients, const int* terms, const double* albedo,
-                        const double* directions, int n_all, const double* weights, int n_node, int n_out,
-                        double* work) noexcept nogil:
+cdef inline double norm_of_coefficients(const double* c) noexcept nogil:
+    """Of both 2 x 2 blocks of B_l, the larger norm, or a little more."""
+    cdef double first = 0.5 * fabs(c[0] + c[1]) + hypot(0.5 * (c[0] - c[1]), c[4])
+    return max(first, max(fabs(c[2]), fabs(c[3])) + fabs(c[5]))
+
+
+cdef void order_bound(int m, int n_term, int n_layer, const double* coefficients, const int* terms, const double* albedo,
+                      const double* directions, int n_all, const double* weights, int n_node, int n_out, double* strength,
+                      double* bound, double* effect, double* work) noexcept nogil:
     cdef double* prt = work
-    cdef double* norms = prt + <size_t>3 * n_all * n_term
-    cdef double* rows = norms + n_all
-    cdef int l, i, j, layer
-    cdef double b, nodes, q, size, worst_q = 0.0, worst_u = 0.0, worst_v = 0.0
+    cdef double* norms = prt + <size_t>3 * n_all * n_term      # (l, direction): |P_l^m|
+    cdef double* u = norms + <size_t>n_all * n_term
+    cdef double* size = u + n_all
+    cdef double* out = size + n_term                           # (l,): the largest norm of an outgoing, an incident
+    cdef double* into = out + n_term                           # direction
+    cdef int l, i, layer
+    cdef double worst_u, worst_v, to_out, to_in
     cdef const double* value
+    strength[0] = bound[0] = 0.0
+    memset(effect, 0, sizeof(double) * n_node)
     spherical(m, n_term, directions, n_all, prt)
+    for l in range(m, n_term):
+        for i in range(n_all):
+            value = prt + (<size_t>l * n_all + i) * 3
+            norms[<size_t>l * n_all + i] = max(fabs(value[0]), fabs(value[1]) + fabs(value[2]))
+        out[l] = largest_of(n_out, norms + <size_t>l * n_all + n_node)
+        into[l] = largest_of(n_all - n_node - n_out, norms + <size_t>l * n_all + n_node + n_out)
     for layer in range(n_layer):
-        q = 0.0
-        memset(rows, 0, sizeof(double) * n_all)
+        worst_u = worst_v = 0.0
+        memset(u, 0, sizeof(double) * n_all)
         for l in range(m, terms[layer]):
-            size = 0.0
-            for j in range(6):
-                b = coefficients[(<size_t>layer * n_term + l) * 6 + j]
-                size += (2.0 if j >= 4 else 1.0) * b * b
-            size = albedo[layer] * sqrt(size)
-            nodes = 0.0
+            size[l] = albedo[layer] * norm_of_coefficients(coefficients + (<size_t>layer * n_term + l) * 6)
+            strength[0] = max(strength[0], size[l] / (2.0 * l + 1.0))
             for i in range(n_all):
-                value = prt + (<size_t>l * n_all + i) * 3
-                b = 2.0 * (value[0] * value[0] + value[1] * value[1] + value[2] * value[2])
-                norms[i] = sqrt(b)
-                if i < n_node:
-                    nodes += weights[i] * b
-            q += size * nodes
-            nodes = size * sqrt(nodes)
-            for i in range(n_node, n_all):
-                rows[i] += norms[i] * nodes
-        worst_q = max(worst_q, q)
-        for i in range(n_node, n_node + n_out):
-            worst_u = max(worst_u, rows[i])
+                u[i] += 2.0 / (2.0 * l + 1.0) * (size[l] * norms[<size_t>l * n_all + i]) ** 2
+        for i in range(n_node, n_node + n_out):      # grazing light leaves the uppermost sheet: no more than at 0.01
+            worst_u = max(worst_u, u[i] / max(directions[i], 0.01))
         for i in range(n_node + n_out, n_all):
-            worst_v = max(worst_v, rows[i])
-    return worst_u * worst_v / (1.0 - worst_q) if worst_q < 1.0 else INFINITY
+            worst_v = max(worst_v, u[i] * directions[i])
+        bound[0] = max(bound[0], sqrt(worst_u * worst_v) / (16.0 * PI))
+        for i in range(n_node):                      # by way of a node
+            to_out = to_in = 0.0
+            for l in range(m, terms[layer]):
+                to_out += size[l] * out[l] * norms[<size_t>l * n_all + i]
+                to_in += size[l] * into[l] * norms[<size_t>l * n_all + i]
+            effect[i] = max(effect[i], weights[i] * to_out * to_in / (8.0 * PI))
 
 
-def assembly_work(n_all, n_term):
+def assembly_work(n_all, n_term, stokes):
     """Doubles of `work` that one thread of `assemble` needs."""
-    return 3 * n_all * n_term + 4 * (4 * n_all) * (2 * n_term) + n_all
+    return 3 * n_all * n_term + 4 * (stokes * n_all) * (2 * n_term) + n_all
 
 
-def assemble(const int[::1] orders, const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
-             const double[::1] directions, const double[::1] weights, int n_out, double[:, :, :, ::1] E,
-             double[:, :, :, ::1] F, double[:, :, :, ::1] G_E, double[:, :, :, ::1] G_F, double[:, :, :, ::1] source_s,
-             double[:, :, :, ::1] source_d, int threads, double[:, ::1] work, double[::1] seconds, const int[::1] stop):
+def assemble(const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients, const int[::1] terms,
+             const double[::1] albedo, const double[::1] directions, const double[::1] weights, int n_out,
+             double[:, :, :, ::1] E, double[:, :, :, ::1] F, double[:, :, :, ::1] G_E, double[:, :, :, ::1] G_F,
+             double[:, :, :, ::1] source_s, double[:, :, :, ::1] source_d, int threads, double[:, ::1] work,
+             double[::1] seconds, const int[::1] stop):
     """E and F of (1:41) in the symmetric scaling, the rows that lead out of them and the beam's sources.
 
-    directions: nodes, then n_out outgoing, then incident cosines (all positive); weights of the nodes.
-    E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E, G_F (order, layer, n, 4 n_out):
-    from the scaled field on the nodes to the sum and difference of the two sources of (1:38); source_s, source_d
-    (order, layer, 4 n_in, n): M^-1 omega (Pp -+ Pm)(., mu0), (1:14) for a unit beam but for 1/(2 pi).
+    members (S,): the Stokes parameters, ascending; directions: nodes, then n_out outgoing, then incident cosines (all
+    positive); weights of the nodes. E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E, G_F
+    (order, layer, n, S n_out): from the scaled field on the nodes to the sum and difference of the two sources of
+    (1:38); source_s, source_d (order, layer, S n_in, n): M^-1 omega (Pp -+ Pm)(., mu0), (1:14) for a unit beam but for
+    1/(2 pi).
     """
-    cdef int n_order = <int>orders.shape[0], n_layer = <int>coefficients.shape[0]
+    cdef int n_order = <int>orders.shape[0], n_layer = <int>coefficients.shape[0], stokes = <int>members.shape[0]
     cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0]
     cdef int item, thread, n_in = n_all - n_node - n_out, n_item = n_order * n_layer
     cdef double start
@@ -472,7 +538,8 @@ def assemble(const int[::1] orders, const double[:, :, ::1] coefficients, const 
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
-            assemble_one(orders[item // n_layer], terms[item % n_layer], albedo[item % n_layer],
+            assemble_one(orders[item // n_layer], parity_of(orders[item // n_layer], stokes, &members[0]),
+                         terms[item % n_layer], albedo[item % n_layer],
                          &coefficients[item % n_layer, 0, 0], &directions[0], &weights[0], n_node, n_out, n_in,
                          <int>coefficients.shape[1],
                          &E[item // n_layer, item % n_layer, 0, 0], &F[item // n_layer, item % n_layer, 0, 0],
@@ -482,43 +549,46 @@ def assemble(const int[::1] orders, const double[:, :, ::1] coefficients, const 
             seconds[thread] += vrte_seconds() - start
 
 
-cdef void assemble_one(int m, int terms, double albedo, const double* coefficients, const double* directions,
+cdef void assemble_one(int m, Parity p, int terms, double albedo, const double* coefficients, const double* directions,
                        const double* weights, int n_node, int n_out, int n_in, int n_term, double* E, double* F,
                        double* G_E, double* G_F, double* source_s, double* source_d, double* work) noexcept nogil:
-    cdef int n_all = n_node + n_out + n_in, n = 4 * n_node, i, j, kind, inner = 2 * (terms - m)
+    cdef int n_all = n_node + n_out + n_in, n = p.stokes * n_node, into = p.stokes * n_in, out = p.stokes * n_out
+    cdef int i, j, kind, inner
+    cdef size_t room = <size_t>(2 * p.stokes * n_all) * n_term
     cdef double* prt = work
-    cdef double* phi = prt + 3 * n_all * n_term
-    cdef double* psi = phi + <size_t>(8 * n_all) * n_term
-    cdef double* phi_in = psi + <size_t>(8 * n_all) * n_term
-    cdef double* scale = phi_in + <size_t>(16 * n_all) * n_term
+    cdef double* phi = prt + <size_t>3 * n_all * n_term
+    cdef double* psi = phi + room
+    cdef double* phi_in = psi + room
+    cdef double* psi_in = phi_in + room
+    cdef double* scale = psi_in + room
     cdef double* matrix
-    if inner <= 0 or albedo == 0.0:
+    if terms <= m or albedo == 0.0:
         memset(E, 0, sizeof(double) * n * n)
         memset(F, 0, sizeof(double) * n * n)
-        memset(G_E, 0, sizeof(double) * 4 * n_out * n)
-        memset(G_F, 0, sizeof(double) * 4 * n_out * n)
-        memset(source_s, 0, sizeof(double) * 4 * n_in * n)
-        memset(source_d, 0, sizeof(double) * 4 * n_in * n)
+        memset(G_E, 0, sizeof(double) * out * n)
+        memset(G_F, 0, sizeof(double) * out * n)
+        memset(source_s, 0, sizeof(double) * into * n)
+        memset(source_d, 0, sizeof(double) * into * n)
     else:
         spherical(m, terms, directions, n_all, prt)
         for i in range(n_node):
             scale[i] = sqrt(weights[i] / directions[i])
         for kind in range(2):       # 0: E, 1: F
             matrix = F if kind else E
-            parity_columns(m, terms, kind, prt, n_all, 0, n_node, scale, phi)
-            times_coefficients(m, terms, kind, albedo, coefficients, n, phi, psi)
+            inner = columns_of(p, m, terms, kind)
+            parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, phi)
+            times_coefficients(p, m, terms, kind, albedo, 1.0, coefficients, n, phi, psi)
             product(b"N", b"T", n, n, inner, -1.0, phi, n, psi, n, 0.0, matrix, n)
             # the beam: column mu0 of the same product; rows: phi, the nodes
-            parity_columns(m, terms, kind, prt, n_all, n_node + n_out, n_in, NULL, phi_in)
-            times_coefficients(m, terms, kind, albedo, coefficients, 4 * n_in, phi_in, phi_in + <size_t>(8 * n_in) * n_term)
-            product(b"N", b"T", n, 4 * n_in, inner, 1.0, phi, n, phi_in + <size_t>(8 * n_in) * n_term, 4 * n_in, 0.0,
-                    source_s if kind else source_d, n)
-            parity_columns(m, terms, kind, prt, n_all, n_node, n_out, NULL, phi)
-            product(b"N", b"T", 4 * n_out, n, inner, 1.0, phi, 4 * n_out, psi, n, 0.0, G_F if kind else G_E, 4 * n_out)
+            parity_columns(p, m, terms, kind, prt, n_all, n_node + n_out, n_in, NULL, phi_in)
+            times_coefficients(p, m, terms, kind, albedo, 1.0, coefficients, into, phi_in, psi_in)
+            product(b"N", b"T", n, into, inner, 1.0, phi, n, psi_in, into, 0.0, source_s if kind else source_d, n)
+            parity_columns(p, m, terms, kind, prt, n_all, n_node, n_out, NULL, phi)
+            product(b"N", b"T", out, n, inner, 1.0, phi, out, psi, n, 0.0, G_F if kind else G_E, out)
     for i in range(n):
         j = i * n + i
-        E[j] += 1.0 / directions[i // 4]
-        F[j] += 1.0 / directions[i // 4]
+        E[j] += 1.0 / directions[i // p.stokes]
+        F[j] += 1.0 / directions[i // p.stokes]
 
 
 # ---------------------------------------------------------------------------------------------------------
@@ -527,23 +597,24 @@ cdef void assemble_one(int m, int terms, double albedo, const double* coefficien
 
 def homogeneous_work(n):
     """Doubles of `work` that one thread of `homogeneous` needs (its LAPACK block included)."""
-    return 4 * n * n + 44 * n
+    return 5 * n * n + 50 * n + 8
 
 
-def homogeneous(const int[::1] orders, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
+def homogeneous(const int[::1] orders, bint conserving, bint quick, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
                 const double[:, :, :, ::1] E, const double[:, :, :, ::1] F, double[:, :, ::1] lam_re,
                 double[:, :, ::1] lam_im, double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu,
                 int[:, :, ::1] X_pivots, double[:, ::1] residual, int[:, ::1] info, int threads, double[:, ::1] work,
                 int[:, ::1] pivots, double[::1] seconds, const int[::1] stop):
     """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
 
-    E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
+    conserving: whether order 0 has I, so that its flux is conserved; quick: whether symmetric E and F go to the
+    symmetric eigensolver, which is several times faster and loses a digit. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
     pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X; residual (order, layer):
     the largest of |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading,
     which only a phase matrix with more terms than the nodes carry has.
     """
     cdef int n_order = <int>orders.shape[0], n_layer = <int>albedo.shape[0], n = <int>X.shape[3]
-    cdef int item, thread, o, k, n_item = n_order * n_layer
+    cdef int item, thread, o, k, n_item = n_order * n_layer, stokes = n // <int>weights.shape[0]
     cdef double start
     for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
         thread = threadid()
@@ -552,13 +623,13 @@ def homogeneous(const int[::1] orders, const double[::1] albedo, const double[::
             o = item // n_layer
             k = item % n_layer
             info[o, k] = homogeneous_one(
-                n, orders[o], albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
+                n, stokes, conserving and orders[o] == 0, quick, albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
                 &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
                 &residual[o, k], &work[thread, 0], &pivots[thread, 0])
             seconds[thread] += vrte_seconds() - start
 
 
-cdef int homogeneous_one(int n, int m, double albedo, const double* directions, const double* weights, const double* E,
+cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double albedo, const double* directions, const double* weights, const double* E,
                          const double* F, double* lam_re, double* lam_im, double* X, double* Y, double* X_lu,
                          int* X_pivots, double* residual, double* work, int* pivots) noexcept nogil:
     cdef double* e = work
@@ -569,19 +640,19 @@ cdef int homogeneous_one(int n, int m, double albedo, const double* directions, 
     cdef int info, i, together
     cdef bint growing = False      # a mode that neither fades nor grows: only a phase matrix with too many terms has one
     cdef double largest
-    info = modes_by_stokes(n, E, F, lam_re, lam_im, X, work, spare, pivots, &together)
+    info = modes_by_stokes(n, stokes, quick, E, F, lam_re, lam_im, X, work, spare, pivots, &together)
     if info != 0:
         return info
     memcpy(f, F, sizeof(double) * n * n)
     info = factorise(n, f, n, pivots)
     if info != 0:
         return info
-    if m == 0:
-        conserving_axis(n, directions, weights, v)
+    if conserving:
+        conserving_axis(n, stokes, directions, weights, v)
         memcpy(e, E, sizeof(double) * n * n)
-        reflect_both(n, v, e, spare)
-        exact_conservation(n, albedo, directions, weights, v, e, spare)
-        polish_smallest(n, together, albedo, directions, weights, v, e, f, pivots, lam_re, lam_im, X, a, spare,
+        reflect_both(n, stokes, v, e, spare)
+        exact_conservation(n, stokes, albedo, directions, weights, v, e, spare)
+        polish_smallest(n, stokes, together, albedo, directions, weights, v, e, f, pivots, lam_re, lam_im, X, a, spare,
                         pivots + n)
     largest = 0.0
     for i in range(n):
@@ -608,7 +679,7 @@ cdef int eigenproblem(int n, double* a, double* lam_re, double* lam_im, double* 
     return info
 
 
-cdef int modes_by_stokes(int n, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* room,
+cdef int modes_by_stokes(int n, int stokes, bint quick, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* room,
                          double* spare, int* pivots, int* together) noexcept nogil:
     """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set.
 
@@ -617,141 +688,179 @@ cdef int modes_by_stokes(int n, const double* E, const double* F, double* lam_re
     """
     cdef int set_of[4]
     cdef int a, b, i, j, info = 0, size, column = 0, old
-    for a in range(4):
+    for a in range(stokes):
         set_of[a] = a
     for j in range(n):
         for i in range(n):
-            a, b = set_of[i % 4], set_of[j % 4]
+            a, b = set_of[i % stokes], set_of[j % stokes]
             if a != b and (E[<size_t>j * n + i] != 0.0 or F[<size_t>j * n + i] != 0.0):
                 old = max(a, b)
-                for size in range(4):
+                for size in range(stokes):
                     if set_of[size] == old:
                         set_of[size] = min(a, b)
-    for a in range(4):
+    for a in range(stokes):
         size = 0
-        for b in range(4):
+        for b in range(stokes):
             size += set_of[b] == a
         if size > 0 and info == 0:
-            info = modes_of_set(n, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, room,
+            info = modes_of_set(n, stokes, quick, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, room,
                                 spare, pivots)
-            column += size * (n // 4)
+            column += size * (n // stokes)
             if a == 0:
                 together[0] = column
     return info
 
 
-cdef int modes_of_set(int n, int which, int members, const int* set_of, const double* E, const double* F, double* lam_re,
-                      double* lam_im, double* X, double* room, double* spare, int* pivots) noexcept nogil:
+cdef int modes_of_set(int n, int stokes, bint quick, int which, int members, const int* set_of, const double* E, const double* F,
+                      double* lam_re, double* lam_im, double* X, double* room, double* spare, int* pivots) noexcept nogil:
     """The modes of one set: columns of X, zero in the other rows."""
-    cdef int h = members * (n // 4), i, j, row, column, info
+    cdef int h = members * (n // stokes), i, j, row, column, info
+    cdef size_t hh = <size_t>h * h
     cdef double* e = room
-    cdef double* f = e + <size_t>h * h
-    cdef double* a = f + <size_t>h * h
-    cdef double* x = a + <size_t>h * h
-    if members == 4:
-        product(b"N", b"N", n, n, n, 1.0, F, n, E, n, 0.0, room, n)
-        return eigenproblem(n, room, lam_re, lam_im, X, spare, pivots)
+    cdef double* f = e + hh
+    cdef double* a = f + hh
+    cdef double* x = X if members == stokes else a + hh
     column = 0
     for j in range(n):
-        if set_of[j % 4] != which:
+        if set_of[j % stokes] != which:
             continue
         row = 0
         for i in range(n):
-            if set_of[i % 4] == which:
+            if set_of[i % stokes] == which:
                 e[<size_t>column * h + row] = E[<size_t>j * n + i]
                 f[<size_t>column * h + row] = F[<size_t>j * n + i]
                 row += 1
         column += 1
-    product(b"N", b"N", h, h, h, 1.0, f, h, e, h, 0.0, a, h)
-    info = eigenproblem(h, a, lam_re, lam_im, x, spare, pivots)
+    info = 1
+    if quick and symmetric(h, e) and symmetric(h, f):
+        info = symmetric_modes(h, e, f, lam_re, lam_im, x, a, spare, pivots)
+    if info != 0:
+        product(b"N", b"N", h, h, h, 1.0, f, h, e, h, 0.0, a, h)
+        info = eigenproblem(h, a, lam_re, lam_im, x, spare, pivots)
+    if members == stokes:
+        return info
     memset(X, 0, sizeof(double) * <size_t>h * n)
     for j in range(h):
         row = 0
         for i in range(n):
-            if set_of[i % 4] == which:
+            if set_of[i % stokes] == which:
                 X[<size_t>j * n + i] = x[<size_t>j * h + row]
                 row += 1
     return info
 
 
-cdef inline int flux_axis(int n) noexcept nogil:
+cdef bint symmetric(int n, const double* a) noexcept nogil:
+    """But for rounding."""
+    cdef int i, j
+    cdef double gap = 0.0
+    for j in range(n):
+        for i in range(j):
+            gap = fabs(a[<size_t>j * n + i] - a[<size_t>i * n + j])
+            if gap > 1e-13 * sqrt(fabs(a[<size_t>i * n + i] * a[<size_t>j * n + j])):
+                return False
+    return True
+
+
+cdef int symmetric_modes(int n, const double* e, const double* f, double* lam_re, double* lam_im, double* X, double* a,
+                         double* spare, int* pivots) noexcept nogil:
+    """Modes of symmetric E and F = L L^T: L^T E L W = W lambda, X = L W; steep nodes first, where the reduction to
+    tridiagonal form starts. Not 0 where F is not positive; f is kept, for a second try."""
+    cdef char side = b"L", lower = b"L", yes = b"V", no = b"N", transposed = b"T", right = b"R"
+    cdef int info = 0, lwork = 2 * n * n + 6 * n + 1, liwork = 5 * n + 3
+    cdef double one = 1.0
+    cdef double* L = a
+    memcpy(L, f, sizeof(double) * <size_t>n * n)
+    dpotrf(&lower, &n, L, &n, &info)
+    if info != 0:
+        return info
+    memcpy(X, e, sizeof(double) * <size_t>n * n)
+    dtrmm(&right, &lower, &no, &no, &n, &n, &one, L, &n, X, &n)
+    dtrmm(&side, &lower, &transposed, &no, &n, &n, &one, L, &n, X, &n)
+    dsyevd(&yes, &lower, &n, X, &n, lam_re, spare, &lwork, pivots, &liwork, &info)
+    memset(lam_im, 0, sizeof(double) * n)
+    if info == 0:
+        dtrmm(&side, &lower, &no, &no, &n, &n, &one, L, &n, X, &n)
+    return info
+
+
+cdef inline int flux_axis(int n, int stokes) noexcept nogil:
     """The axis that carries the flux once order 0 is turned: I of the last node, so that steep nodes stay apart (turned
     into the first, the small eigenvalues would be known to 1e-16 of the largest only)."""
-    return n - 4
+    return n - stokes
 
 
-cdef void conserving_axis(int n, const double* directions, const double* weights, double* v) noexcept nogil:
+cdef void conserving_axis(int n, int stokes, const double* directions, const double* weights, double* v) noexcept nogil:
     """v: the Householder vector that turns sqrt(weight mu) on I, the null vector of E at omega = 1, to the flux's axis."""
     cdef int i
     cdef double size = 0.0
     memset(v, 0, sizeof(double) * n)
-    for i in range(n // 4):
-        v[4 * i] = sqrt(weights[i] * directions[i])
-        size += v[4 * i] * v[4 * i]
-    v[flux_axis(n)] += sqrt(size)
+    for i in range(n // stokes):
+        v[stokes * i] = sqrt(weights[i] * directions[i])
+        size += v[stokes * i] * v[stokes * i]
+    v[flux_axis(n, stokes)] += sqrt(size)
     size = 0.0
-    for i in range(n // 4):
-        size += v[4 * i] * v[4 * i]
+    for i in range(n // stokes):
+        size += v[stokes * i] * v[stokes * i]
     size = sqrt(2.0 / size)
-    for i in range(n // 4):
-        v[4 * i] *= size
+    for i in range(n // stokes):
+        v[stokes * i] *= size
 
 
-cdef inline void turn_columns(int n, int columns, const double* v, double* a) noexcept nogil:
+cdef inline void turn_columns(int n, int stokes, int columns, const double* v, double* a) noexcept nogil:
     """a <- (1 - v v^T) a, a of n rows."""
     cdef int i, j
     cdef double total
     for j in range(columns):
         total = 0.0
-        for i in range(0, n, 4):
-            total += v[i] * a[<size_t>j * n + i]
-        for i in range(0, n, 4):
-            a[<size_t>j * n + i] -= total * v[i]
+        for i in range(n // stokes):
+            total += v[i * stokes] * a[<size_t>j * n + i * stokes]
+        for i in range(n // stokes):
+            a[<size_t>j * n + i * stokes] -= total * v[i * stokes]
 
 
-cdef inline void turn_rows(int n, int rows, const double* v, double* a, double* spare) noexcept nogil:
+cdef inline void turn_rows(int n, int stokes, int rows, const double* v, double* a, double* spare) noexcept nogil:
     """a <- a (1 - v v^T), a of n columns."""
     cdef int i, j
     memset(spare, 0, sizeof(double) * rows)
-    for j in range(0, n, 4):
+    for j in range(n // stokes):
         for i in range(rows):
-            spare[i] += a[<size_t>j * rows + i] * v[j]
-    for j in range(0, n, 4):
+            spare[i] += a[<size_t>j * stokes * rows + i] * v[j * stokes]
+    for j in range(n // stokes):
         for i in range(rows):
-            a[<size_t>j * rows + i] -= spare[i] * v[j]
+            a[<size_t>j * stokes * rows + i] -= spare[i] * v[j * stokes]
 
 
-cdef void reflect_both(int n, const double* v, double* a, double* spare) noexcept nogil:
+cdef void reflect_both(int n, int stokes, const double* v, double* a, double* spare) noexcept nogil:
     """a <- (1 - v v^T) a (1 - v v^T)."""
-    turn_columns(n, n, v, a)
-    turn_rows(n, n, v, a, spare)
+    turn_columns(n, stokes, n, v, a)
+    turn_rows(n, stokes, n, v, a, spare)
 
 
-cdef void exact_conservation(int n, double albedo, const double* directions, const double* weights, const double* v,
+cdef void exact_conservation(int n, int stokes, double albedo, const double* directions, const double* weights, const double* v,
                              double* e, double* row) noexcept nogil:
     """The flux's row and column of the turned E: (1 - omega) M^-1 v exactly (2 N terms at most), zero at omega = 1."""
-    cdef int i, axis = flux_axis(n)
+    cdef int i, axis = flux_axis(n, stokes)
     cdef double size = 0.0, total = 0.0
     memset(row, 0, sizeof(double) * n)
-    for i in range(n // 4):
+    for i in range(n // stokes):
         size += weights[i] * directions[i]
-    for i in range(n // 4):     # M^-1 on minus the unit null vector: the reflection sends the null vector to -|.|
-        row[4 * i] = -sqrt(weights[i] * directions[i] / size) / directions[i]
-    for i in range(0, n, 4):
-        total += v[i] * row[i]
-    for i in range(0, n, 4):
-        row[i] = (1.0 - albedo) * (row[i] - total * v[i])
+    for i in range(n // stokes):     # M^-1 on minus the unit null vector: the reflection sends the null vector to -|.|
+        row[stokes * i] = -sqrt(weights[i] * directions[i] / size) / directions[i]
+    for i in range(n // stokes):
+        total += v[i * stokes] * row[i * stokes]
+    for i in range(n // stokes):
+        row[i * stokes] = (1.0 - albedo) * (row[i * stokes] - total * v[i * stokes])
     for i in range(n):
         e[axis * n + i] = row[i]
         e[i * n + axis] = row[i]
 
 
-cdef void polish_smallest(int n, int together, double albedo, const double* directions, const double* weights, const double* v,
+cdef void polish_smallest(int n, int stokes, int together, double albedo, const double* directions, const double* weights, const double* v,
                           const double* e, const double* f_lu, const int* f_pivots, double* lam_re, double* lam_im,
                           double* X, double* work, double* spare, int* pivots) noexcept nogil:
     """The diffusion mode, whose small lambda is else known only to 1e-16 of the largest: at omega = 1 the null vector
     itself, below by inverse iteration with e, the turned E, whose row and column of the flux are exact."""
-    cdef int inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n)
+    cdef int inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n, stokes)
     cdef double smallest = 0.05, pivot, top, norm, growth = 1.0
     cdef double* lu = work                       # (n-1, n-1), e without the axis
     cdef double* row = spare                     # (n-1,)
@@ -766,7 +875,7 @@ cdef void polish_smallest(int n, int together, double albedo, const double* dire
     x = X + best * n
     if albedo == 1.0:
         for i in range(n):
-            x[i] = 0.0 if i % 4 else sqrt(weights[i // 4] * directions[i // 4])
+            x[i] = 0.0 if i % stokes else sqrt(weights[i // stokes] * directions[i // stokes])
         lam_re[best] = 0.0
         return
     for j in range(inner):
@@ -781,7 +890,7 @@ cdef void polish_smallest(int n, int together, double albedo, const double* dire
         pivot -= row[i] * column[i]
     for sweep in range(8):
         solve(b"N", n, 1, f_lu, n, f_pivots, x, n)
-        turn_columns(n, 1, v, x)
+        turn_columns(n, stokes, 1, v, x)
         top = x[axis]
         leave_out(n, axis, x, part)
         solve(b"N", inner, 1, lu, inner, pivots, part, inner)
@@ -796,7 +905,7 @@ cdef void polish_smallest(int n, int together, double albedo, const double* dire
         for i in range(inner):
             x[i if i < axis else i + 1] = part[i] / growth
         x[axis] = top / growth
-        turn_columns(n, 1, v, x)
+        turn_columns(n, stokes, 1, v, x)
     lam_re[best] = 1.0 / growth
 
 
@@ -833,9 +942,9 @@ cdef double mode_residual(int n, const double* e, const double* f, const double*
 # y = c D and z = zeta e^(-tau/mu0) + c k D, where c = (q + p/mu0)/(k + 1/mu0), zeta = (p k - q)/(k + 1/mu0).
 # ---------------------------------------------------------------------------------------------------------
 
-def particular_work(n, n_in):
+def particular_work(n, n_in, stokes):
     """Doubles of `work` that one thread of `particular` needs."""
-    return 2 * n * 4 * n_in + 4 * n
+    return 2 * n * stokes * n_in + 4 * n
 
 
 def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s, const double[:, :, :, ::1] source_d,
@@ -845,7 +954,7 @@ def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s
                const int[::1] stop):
     """The beam's solution in the coordinates of the modes.
 
-    source_s, source_d (order, layer, 4 n_in, n) as `assemble` leaves them; mu0 (n_in,); columns (n_col, 4): the
+    source_s, source_d (order, layer, S n_in, n) as `assemble` leaves them; mu0 (n_in,); columns (n_col, S): the
     incident Stokes vectors. c, zeta (order, layer, n_in n_col, n).
     """
     cdef int n_order = <int>F.shape[0], n_layer = <int>F.shape[1], n = <int>F.shape[3], n_in = <int>mu0.shape[0]
@@ -857,13 +966,13 @@ def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s
             start = vrte_seconds()
             o = item // n_layer
             k = item % n_layer
-            particular_one(n, n_in, n_col, &F[o, k, 0, 0], &source_s[o, k, 0, 0], &source_d[o, k, 0, 0], &mu0[0],
+            particular_one(n, <int>columns.shape[1], n_in, n_col, &F[o, k, 0, 0], &source_s[o, k, 0, 0], &source_d[o, k, 0, 0], &mu0[0],
                            &columns[0, 0], &lam_re[o, k, 0], &lam_im[o, k, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
                            &c[o, k, 0, 0], &zeta[o, k, 0, 0], &work[thread, 0])
             seconds[thread] += vrte_seconds() - start
 
 
-cdef void particular_one(int n, int n_in, int n_col, const double* F, const double* source_s, const double* source_d,
+cdef void particular_one(int n, int stokes, int n_in, int n_col, const double* F, const double* source_s, const double* source_d,
                          const double* mu0, const double* columns, const double* lam_re, const double* lam_im,
                          const double* X_lu, const int* X_pivots, double* c, double* zeta, double* work) noexcept nogil:
     cdef int i, j, a, col, row
@@ -874,10 +983,10 @@ cdef void particular_one(int n, int n_in, int n_col, const double* F, const doub
     cdef double* out_z
     cdef double p1, p2, q1, q2, rate
     cdef cplx k, below, pc, qc, value
-    product(b"N", b"N", n, 4 * n_in, n, 1.0, F, n, source_d, n, 0.0, fd, n)
+    product(b"N", b"N", n, stokes * n_in, n, 1.0, F, n, source_d, n, 0.0, fd, n)
     for a in range(n_in):                     # the right-hand sides' Stokes columns
-        product(b"N", b"N", n, n_col, 4, 1.0, source_s + <size_t>4 * a * n, n, columns, 4, 0.0, p + <size_t>a * n_col * n, n)
-        product(b"N", b"N", n, n_col, 4, 1.0, fd + <size_t>4 * a * n, n, columns, 4, 0.0, q + <size_t>a * n_col * n, n)
+        product(b"N", b"N", n, n_col, stokes, 1.0, source_s + <size_t>stokes * a * n, n, columns, stokes, 0.0, p + <size_t>a * n_col * n, n)
+        product(b"N", b"N", n, n_col, stokes, 1.0, fd + <size_t>stokes * a * n, n, columns, stokes, 0.0, q + <size_t>a * n_col * n, n)
     solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, p, n)
     solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, q, n)
     for a in range(n_in):
@@ -940,7 +1049,7 @@ cdef inline cplx beam_response(cplx k, double rate, double depth) noexcept nogil
 
 def boundary_work(n, n_layer, n_rhs):
     """Doubles of `work` that one thread of `boundary` needs."""
-    return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + 2 * n
+    return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + 10 * n
 
 
 def boundary(const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
@@ -983,7 +1092,7 @@ cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam
     cdef double* systems = work                             # per layer: LU even, LU odd, R, T, G
     cdef double* vectors = systems + 5 * n_layer * nn       # per layer: beam down at the top, up and down at the
     cdef double* scratch = vectors + 5 * n_layer * nr       # bottom; emitted down; g: sent up from below
-    cdef double* below = scratch + 3 * nn
+    cdef double* below = scratch + 3 * nn + 8 * n
     cdef double* up = below + nn
     cdef double* down = up + nr
     cdef double* falling = down + nr
@@ -1319,6 +1428,7 @@ cdef struct Sizes:
     int n
     int r
     int o
+    int stokes
 
 
 def extended_size(n, r, o):
@@ -1421,12 +1531,12 @@ cdef int invert_extended(Sizes s, Extended a, Extended spare, int* pivots) noexc
     return 0
 
 
-def doubling_work(n, n_in, n_col, n_out):
+def doubling_work(n, r, o):
     """Doubles of `work` that one thread of `double_slabs` needs."""
-    return 8 * extended_size(n, n_in * n_col, 4 * n_out) + 4 * n
+    return 8 * extended_size(n, r, o) + 4 * n
 
 
-def double_slabs(const int[::1] orders, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
+def double_slabs(const int[::1] orders, bint conserving, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
                  const double[::1] asymmetry, const double[::1] nodes, const double[::1] weights, const double[::1] mu0,
                  const double[:, ::1] columns, const double[::1] mu_out, const double[:, :, :, ::1] E,
                  const double[:, :, :, ::1] F, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
@@ -1436,9 +1546,9 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
                  const int[::1] stop):
     """Reflection and transmission of homogeneous slabs, on the nodes and for directions off them.
 
-    material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
-    left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, 4) the incident Stokes vectors, mu_out (n_out,).
-    R, T (order, slab, extended_size(n, n_in n_col, 4 n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
+    conserving: whether order 0 has I; material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
+    left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, S) the incident Stokes vectors, mu_out (n_out,).
+    R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
     the unscattered light on its diagonal; in order 0 the nodes are turned so that one axis (`flux_axis`) carries the flux.
     lost (order, slab, n): what the slab absorbs of it, its row of 1 - R - T. residual (order, slab, 2): how well
     R, and T, satisfy invariance, relative; doublings (order, slab).
@@ -1454,7 +1564,7 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
             k = item % n_slab
             m = material[k]
             info[o, k] = double_one(
-                orders[o], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
+                orders[o] if conserving else max(orders[o], 1), <int>columns.shape[1], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
                 thickness[k], albedo[m], asymmetry[m], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0],
                 &E[o, m, 0, 0], &F[o, m, 0, 0], &G_E[o, m, 0, 0], &G_F[o, m, 0, 0], &source_s[o, m, 0, 0],
                 &source_d[o, m, 0, 0], &R[o, k, 0], &T[o, k, 0], &lost[o, k, 0], &residual[o, k, 0], &doublings[o, k],
@@ -1462,7 +1572,7 @@ def double_slabs(const int[::1] orders, const int[::1] material, const double[::
             seconds[thread] += vrte_seconds() - start
 
 
-cdef int double_one(int m, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
+cdef int double_one(int m, int stokes, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
                     const double* nodes, const double* weights, const double* mu0, const double* columns,
                     const double* mu_out, const double* E, const double* F, const double* G_E, const double* G_F,
                     const double* source_s, const double* source_d, double* R, double* T, double* lost, double* residual,
@@ -1470,7 +1580,7 @@ cdef int double_one(int m, int n_node, int n_in, int n_col, int n_out, double th
     cdef Sizes s
     cdef int info, i
     cdef size_t each
-    s.n, s.r, s.o = 4 * n_node, n_in * n_col, 4 * n_out
+    s.n, s.r, s.o, s.stokes = stokes * n_node, n_in * n_col, stokes * n_out, stokes
     each = size_extended(s)
     cdef Extended e = extended_at(s, work), f = extended_at(s, work + each)
     cdef Extended Ze = extended_at(s, work + 2 * each), Zo = extended_at(s, work + 3 * each)
@@ -1513,12 +1623,12 @@ cdef void rates(Sizes s, int n_col, const double* nodes, const double* mu0, cons
     """1/mu of the incident and outgoing directions on the diagonal; the largest of all."""
     cdef int i
     for i in range(s.o):
-        a.OO[i] = 1.0 / mu_out[i // 4]
+        a.OO[i] = 1.0 / mu_out[i // s.stokes]
         steepest[0] = max(steepest[0], a.OO[i])
     for i in range(s.r):
         a.II[i] = 1.0 / mu0[i // n_col]
         steepest[0] = max(steepest[0], a.II[i])
-    for i in range(s.n // 4):
+    for i in range(s.n // s.stokes):
         steepest[0] = max(steepest[0], 1.0 / nodes[i])
 
 
@@ -1528,20 +1638,20 @@ cdef void clear_slab(Sizes s, double thickness, const double* nodes, const doubl
     cdef int i
     cdef double size = 0.0
     for i in range(s.n):
-        t.N[<size_t>i * s.n + i] = exp(-thickness / nodes[i // 4])
+        t.N[<size_t>i * s.n + i] = exp(-thickness / nodes[i // s.stokes])
     for i in range(s.o):
         t.OO[i] = exp(-thickness * rate.OO[i])
     for i in range(s.r):
         t.II[i] = exp(-thickness * rate.II[i])
     if m != 0:
         return
-    conserving_axis(s.n, nodes, weights, v)
-    reflect_both(s.n, v, t.N, spare)
-    for i in range(s.n // 4):
+    conserving_axis(s.n, s.stokes, nodes, weights, v)
+    reflect_both(s.n, s.stokes, v, t.N, spare)
+    for i in range(s.n // s.stokes):
         size += weights[i] * nodes[i]
-    for i in range(s.n // 4):     # the axis is minus the unit null vector
-        lost[4 * i] = sqrt(weights[i] * nodes[i] / size) * expm1(-thickness / nodes[i])
-    turn_columns(s.n, 1, v, lost)
+    for i in range(s.n // s.stokes):     # the axis is minus the unit null vector
+        lost[s.stokes * i] = sqrt(weights[i] * nodes[i] / size) * expm1(-thickness / nodes[i])
+    turn_columns(s.n, s.stokes, 1, v, lost)
 
 
 cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const double* matrix, const double* G,
@@ -1551,9 +1661,9 @@ cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const doub
     memcpy(a.N, matrix, sizeof(double) * <size_t>s.n * s.n)
     for j in range(s.n):
         for i in range(s.o):
-            a.ON[<size_t>j * s.o + i] = -G[<size_t>j * s.o + i] / mu_out[i // 4]
+            a.ON[<size_t>j * s.o + i] = -G[<size_t>j * s.o + i] / mu_out[i // s.stokes]
     for i in range(n_in):
-        product(b"N", b"N", s.n, n_col, 4, -1.0, source + <size_t>4 * i * s.n, s.n, columns, 4, 0.0,
+        product(b"N", b"N", s.n, n_col, s.stokes, -1.0, source + <size_t>s.stokes * i * s.n, s.n, columns, s.stokes, 0.0,
                 a.NI + <size_t>i * n_col * s.n, s.n)
     memset(a.OI, 0, sizeof(double) * <size_t>s.r * s.o)
 
@@ -1561,27 +1671,27 @@ cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const doub
 cdef void turn_extended(Sizes s, double albedo, const double* nodes, const double* weights, const double* columns, int n_col,
                         const double* mu_out, double* v, Extended e, Extended f, double* spare) noexcept nogil:
     """Order 0: one axis becomes sqrt(weight mu) on I, whose row and column of E are known exactly (2 N terms)."""
-    cdef int i, axis = flux_axis(s.n)
+    cdef int i, axis = flux_axis(s.n, s.stokes)
     cdef double size = 0.0
-    conserving_axis(s.n, nodes, weights, v)
-    for i in range(s.n // 4):
+    conserving_axis(s.n, s.stokes, nodes, weights, v)
+    for i in range(s.n // s.stokes):
         size += weights[i] * nodes[i]
     size = sqrt(size)
-    reflect_both(s.n, v, e.N, spare)
-    reflect_both(s.n, v, f.N, spare)
-    exact_conservation(s.n, albedo, nodes, weights, v, e.N, spare)
+    reflect_both(s.n, s.stokes, v, e.N, spare)
+    reflect_both(s.n, s.stokes, v, f.N, spare)
+    exact_conservation(s.n, s.stokes, albedo, nodes, weights, v, e.N, spare)
     turn_edges(s, v, e, spare)
     turn_edges(s, v, f, spare)
     for i in range(s.r):
-        e.NI[<size_t>i * s.n + axis] = albedo * columns[4 * (i % n_col)] / size
+        e.NI[<size_t>i * s.n + axis] = albedo * columns[s.stokes * (i % n_col)] / size
     for i in range(s.o):
-        e.ON[<size_t>axis * s.o + i] = 0.0 if i % 4 else albedo / (mu_out[i // 4] * size)
+        e.ON[<size_t>axis * s.o + i] = 0.0 if i % s.stokes else albedo / (mu_out[i // s.stokes] * size)
 
 
 cdef inline void turn_edges(Sizes s, const double* v, Extended a, double* spare) noexcept nogil:
     """NI <- (1 - v v^T) NI, ON <- ON (1 - v v^T)."""
-    turn_columns(s.n, s.r, v, a.NI)
-    turn_rows(s.n, s.o, v, a.ON, spare)
+    turn_columns(s.n, s.stokes, s.r, v, a.NI)
+    turn_rows(s.n, s.stokes, s.o, v, a.ON, spare)
 
 
 cdef inline double norm_1(int n, const double* a) noexcept nogil:
@@ -1604,7 +1714,7 @@ cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Exten
     C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
     C <- (C L^-1)^2, which keeps them where T is too small for a difference.
     """
-    cdef int info, step, i, count = 0, axis = flux_axis(s.n)
+    cdef int info, step, i, count = 0, axis = flux_axis(s.n, s.stokes)
     cdef size_t k
     cdef double h = 0.5 * thickness
     cdef bint carried = False
@@ -1629,7 +1739,7 @@ cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Exten
         if m == 0:
             for i in range(s.n):    # reciprocity; rounding in this row would double at each step
                 k = <size_t>axis * s.n + i
-                Zo.N[<size_t>i * s.n + axis] = -Zo.N[k] if i % 4 == 3 else Zo.N[k]
+                Zo.N[<size_t>i * s.n + axis] = -Zo.N[k] if s.stokes == 4 and i % 4 == 3 else Zo.N[k]
         product_extended(s, 2.0, Ze, a, b)
         copy_extended(s, b, Ze)
         h = 2.0 * h
@@ -1713,7 +1823,7 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
     sqrt(Zo Ze): the smallest is estimated from below, and a wrong guess costs steps, no digits. The condition of L is
     1/ratio: it is not let below 1e-3.
     """
-    cdef int info = 0, step, i, axis = flux_axis(s.n)
+    cdef int info = 0, step, i, axis = flux_axis(s.n, s.stokes)
     cdef double ratio, used, gap, slowest
     product_extended(s, 1.0, f, e, a)
     steepest = max(steepest, sqrt(norm_1(s.n, a.N)))
@@ -1759,7 +1869,7 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
 cdef int reflect_and_transmit(Sizes s, double thickness, Extended Ze, Extended Zo, Extended C, Extended a, Extended b,
                               Extended spare, Extended r, Extended t, double* lost, int m, int* pivots) noexcept nogil:
     """r = So - Se and t = (1 + Zo)^-1 C (1 + Ze)^-1; without end r = 1 - 2 Se and t = 0. lost = 2 Se, the flux's row."""
-    cdef int info, i, axis = flux_axis(s.n)
+    cdef int info, i, axis = flux_axis(s.n, s.stokes)
     cdef bint endless = thickness > 1e300
     copy_extended(s, Ze, a)
     add_identity(s, 1.0, a)
@@ -1864,12 +1974,12 @@ cdef void invariance(Sizes s, double thickness, Extended alpha, Extended beta, E
 # Slabs joined by the star product from the base up, (2:8), then the field at their interfaces from the top down.
 # ---------------------------------------------------------------------------------------------------------
 
-def joining_work(n, n_slab, n_rhs, n_out):
+def joining_work(n, n_slab, n_rhs, o):
     """Doubles of `work` that one thread of `join_slabs` needs."""
-    return n_slab * (n * n + n * n_rhs) + (n_slab + 1) * 2 * n * n_rhs + 5 * n * n + 4 * n * n_rhs + 5 * n + 8 * n_out * (n + n_rhs)
+    return n_slab * (n * n + n * n_rhs) + (n_slab + 1) * 2 * n * n_rhs + 5 * n * n + 4 * n * n_rhs + 5 * n + 2 * o * (n + n_rhs)
 
 
-def join_slabs(const int[::1] orders, const int[::1] slabs, const double[::1] above, const double[::1] nodes,
+def join_slabs(const int[::1] orders, bint conserving, const int[::1] slabs, const double[::1] above, const double[::1] nodes,
                const double[::1] weights, const double[::1] mu0, int n_out, const double[:, :, ::1] R,
                const double[:, :, ::1] T, const double[:, :, ::1] lost, const int[::1] base_row,
                const double[:, :, ::1] base, const double[:, :, ::1] base_source, const double[:, :, ::1] base_out,
@@ -1878,22 +1988,23 @@ def join_slabs(const int[::1] orders, const int[::1] slabs, const double[::1] ab
                double[::1] seconds, const int[::1] stop):
     """The multiply scattered field at the interfaces of a pile of slabs, one Fourier order after another.
 
-    slabs (place,): which slab of R, T and lost (order, slab, ...) lies there, top first; above (place + 1,): optical
+    conserving: whether order 0 has I. slabs (place,): which slab of R, T and lost (order, slab, ...) lies there, top first; above (place + 1,): optical
     depth of each interface, the last below the pile; base_row (order,): row of base (row, n, n), base_source (row,
-    n_rhs, n) and base_out (row, n, 4 n_out), or -1 for black; interface (level,): where the field is wanted. up, down
-    (order, level, n_rhs, 4 n_out): radiance times 2 pi for a unit beam, upward flipped by D; flux (order, level, 2,
+    n_rhs, n) and base_out (row, n, S n_out), or -1 for black; interface (level,): where the field is wanted. up, down
+    (order, level, n_rhs, S n_out): radiance times 2 pi for a unit beam, upward flipped by D; flux (order, level, 2,
     n_rhs): up and down through a horizontal plane, in order 0; residual (order, place): of the joints' systems.
     """
     cdef int n_order = <int>orders.shape[0], o, thread
     cdef Sizes s
     cdef double start
-    s.n, s.r, s.o = 4 * <int>nodes.shape[0], <int>up.shape[2], 4 * n_out
+    s.stokes = <int>up.shape[3] // n_out
+    s.n, s.r, s.o = s.stokes * <int>nodes.shape[0], <int>up.shape[2], s.stokes * n_out
     for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
             info[o] = join_one(
-                s, orders[o] == 0, <int>slabs.shape[0], <int>mu0.shape[0], <int>interface.shape[0], &slabs[0], &above[0],
+                s, conserving and orders[o] == 0, <int>slabs.shape[0], <int>mu0.shape[0], <int>interface.shape[0], &slabs[0], &above[0],
                 &nodes[0], &weights[0], &mu0[0], <double*>&R[o, 0, 0], <double*>&T[o, 0, 0], &lost[o, 0, 0],
                 &base[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
                 &base_source[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
@@ -1919,15 +2030,15 @@ cdef int join_one(Sizes s, bint conserving, int n_place, int n_in, int n_level, 
     cdef double* v = absorbed + s.n                      # then 3 n spare
     cdef double* out = v + 4 * s.n                       # base_out, turned, then running and spare
     cdef Extended r, t
-    cdef int place, info, b, axis = flux_axis(s.n)
+    cdef int place, info, b, axis = flux_axis(s.n, s.stokes)
     cdef double size = 0.0
     memset(below, 0, sizeof(double) * nn)
     memset(absorbed, 0, sizeof(double) * s.n)
     memset(going_up, 0, sizeof(double) * 2 * (n_place + 1) * nr)
-    absorbed[flux_axis(s.n)] = 1.0
+    absorbed[flux_axis(s.n, s.stokes)] = 1.0
     if conserving:
-        conserving_axis(s.n, nodes, weights, v)
-        for i in range(<size_t>s.n // 4):
+        conserving_axis(s.n, s.stokes, nodes, weights, v)
+        for i in range(<size_t>s.n // s.stokes):
             size += weights[i] * nodes[i]
     if base != NULL:
         put_base(s, conserving, n_in, v, base, base_source, base_out, above[n_place], mu0, below,
@@ -1966,16 +2077,16 @@ cdef void put_base(Sizes s, bint conserving, int n_in, const double* v, const do
                    double* absorbed, double* spare) noexcept nogil:
     """The base's operator, the beam that it reflects, its rows out, and (order 0) the row of what it absorbs."""
     cdef size_t nr = <size_t>s.n * s.r, i
-    cdef int axis = flux_axis(s.n)
+    cdef int axis = flux_axis(s.n, s.stokes)
     memcpy(below, base, sizeof(double) * <size_t>s.n * s.n)
     memcpy(out, base_out, sizeof(double) * <size_t>s.n * s.o)
     for i in range(nr):
         up[i] = base_source[i] * exp(-depth / mu0[(i // s.n) // <size_t>(s.r // n_in)])
     if not conserving:
         return
-    reflect_both(s.n, v, below, spare)
-    turn_columns(s.n, s.r, v, up)
-    turn_rows(s.n, s.o, v, out, spare)
+    reflect_both(s.n, s.stokes, v, below, spare)
+    turn_columns(s.n, s.stokes, s.r, v, up)
+    turn_rows(s.n, s.stokes, s.o, v, out, spare)
     for i in range(<size_t>s.n):
         absorbed[i] = (1.0 if <int>i == axis else 0.0) - below[i * s.n + axis]
         if fabs(absorbed[i]) < 4e-16:    # rounding of the operator's quadrature, not a loss
@@ -2002,7 +2113,7 @@ cdef int join_below(Sizes s, bint conserving, int n_in, double depth, const doub
     lost + T's row + absorbed R, and `absorbed` becomes lost + (lost G + absorbed (1 + R G)) T.
     """
     cdef size_t nn = <size_t>s.n * s.n, nr = <size_t>s.n * s.r, i
-    cdef int n = s.n, info, axis = flux_axis(s.n)
+    cdef int n = s.n, info, axis = flux_axis(s.n, s.stokes)
     cdef double* M = scratch
     cdef double* kept = M + nn
     cdef double* GT = kept + nn
@@ -2108,6 +2219,183 @@ cdef inline void off_nodes(Sizes s, int n_in, double depth, const double* mu0, E
 
 
 # ---------------------------------------------------------------------------------------------------------
+# The top of a layer without end, by invariance alone: a thin layer added on top changes nothing, so with E = D - e and
+# F = D - f, D = 1/mu,
+#   D R + R D = ((1 + R) e (1 + R) - (1 - R) f (1 - R))/2.
+# e = phi C phi^T and f alike are of low rank, a few columns a degree. With He = phi_e + R phi_e, Hf = phi_f - R phi_f
+# (Ambarzumian's functions, as matrices) R = (He Ce He'^T - Hf Cf Hf'^T)/2 over 1/mu + 1/mu', and H' = Q H q by
+# reciprocity, Q and q the signs of V. A fixed point of it gains a factor of about q of `order_bounds` a step.
+# ---------------------------------------------------------------------------------------------------------
+
+def invariance_work(n_node, n_off, stokes, n_term):
+    """Doubles of `work` that one thread of `reflect_endless` needs."""
+    n, u = stokes * n_node, stokes * n_off
+    return 3 * (n_node + n_off) * n_term + n_node + 12 * n_term * (n + u) + n * n + u * n + u * u + max(n, u) ** 2
+
+
+def reflect_endless(const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients, int terms,
+                    double albedo, const double[::1] directions, const double[::1] weights, const int[::1] out,
+                    const int[::1] into, const double[:, ::1] columns, double tolerance, double[:, :, :, ::1] up,
+                    double[:, :, ::1] on_nodes, double[::1] residual, int[::1] steps, int threads, double[:, ::1] work,
+                    double[::1] seconds, const int[::1] stop):
+    """The light that a layer without end sends back, one Fourier order after another, single scattering left out.
+
+    members (S,): the Stokes parameters; coefficients (term, 6); directions: nodes, then off the nodes; weights (N,);
+    out (n_out,), into (n_in,): places among the latter; columns (n_col, S). up (order, n_in, n_col, S n_out): radiance
+    times 2 pi for a unit beam, flipped by D; on_nodes (order, n_in n_col, n): the scaled diffuse field on the nodes, all
+    of it. residual (order,): what is still missing of R, estimated from the last steps, relative to its largest element;
+    steps (order,).
+    """
+    cdef int n_order = <int>orders.shape[0], o, thread, stokes = <int>members.shape[0]
+    cdef double start
+    for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            endless_one(orders[o], parity_of(orders[o], stokes, &members[0]), terms, albedo, &coefficients[0, 0],
+                        &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], &out[0],
+                        <int>out.shape[0], &into[0], <int>into.shape[0], &columns[0, 0], <int>columns.shape[0], tolerance,
+                        &up[o, 0, 0, 0], &on_nodes[o, 0, 0], &residual[o], &steps[o], &work[thread, 0], &stop[0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef struct Sheet:
+    # what one kind (E or F) has on some rows: phi, H and H C, column by column
+    int rows
+    int columns
+    double* phi
+    double* H
+    double* HC
+
+
+cdef double* sheet_at(double* memory, Parity p, int m, int terms, int kind, int n_mu, Sheet* sheet) noexcept nogil:
+    """Places a sheet; what lies behind it."""
+    sheet.rows, sheet.columns = p.stokes * n_mu, columns_of(p, m, terms, kind)
+    sheet.phi = memory
+    sheet.H = sheet.phi + <size_t>sheet.rows * sheet.columns
+    sheet.HC = sheet.H + <size_t>sheet.rows * sheet.columns
+    return sheet.HC + <size_t>sheet.rows * sheet.columns
+
+
+cdef void step_of(Sheet rows, Sheet nodes, double sign, double* HC_H, double add) noexcept nogil:
+    """HC_H = sign H C H_nodes^T + add HC_H."""
+    product(b"N", b"T", rows.rows, nodes.rows, rows.columns, sign, rows.HC, rows.rows, nodes.H, nodes.rows, add, HC_H,
+            rows.rows)
+
+
+cdef void renew(Sheet rows, Sheet nodes, double sign, const double* R) noexcept nogil:
+    """H = phi + sign R phi_nodes."""
+    memcpy(rows.H, rows.phi, sizeof(double) * <size_t>rows.rows * rows.columns)
+    product(b"N", b"N", rows.rows, rows.columns, nodes.rows, sign, R, rows.rows, nodes.phi, nodes.rows, 1.0, rows.H,
+            rows.rows)
+
+
+cdef double divide_by_rates(Parity p, int rows, const double* mu_row, int columns, const double* mu_column, double* new,
+                            double* R, double* largest) noexcept nogil:
+    """new <- new Q/2 over 1/mu + 1/mu'; what it differs from R, which it replaces."""
+    cdef int i, j
+    cdef size_t k
+    cdef double rate, half, gap = 0.0
+    largest[0] = 0.0
+    for j in range(columns):
+        rate = 1.0 / mu_column[j // p.stokes]
+        half = -0.5 if j % p.stokes == p.place[3] else 0.5
+        for i in range(rows):
+            k = <size_t>j * rows + i
+            new[k] *= half / (1.0 / mu_row[i // p.stokes] + rate)
+            gap = max(gap, fabs(new[k] - R[k]))
+            largest[0] = max(largest[0], fabs(new[k]))
+            R[k] = new[k]
+    return gap
+
+
+cdef double settle(Parity p, int m, int terms, double albedo, const double* coefficients, Sheet* rows, Sheet* nodes,
+                   const double* mu_row, const double* mu_node, double tolerance, double* R, double* new, int* steps,
+                   const int* stop) noexcept nogil:
+    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes."""
+    cdef int step, kind
+    cdef double gap = 0.0, before = 0.0, largest = 0.0, missing = 1.0, rate
+    memset(R, 0, sizeof(double) * <size_t>rows[0].rows * nodes[0].rows)
+    for kind in range(2):
+        memcpy(rows[kind].H, rows[kind].phi, sizeof(double) * <size_t>rows[kind].rows * rows[kind].columns)
+    for step in range(MOST_STEPS):
+        for kind in range(2):
+            times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, rows[kind].rows, rows[kind].H, rows[kind].HC)
+            step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
+        gap = divide_by_rates(p, rows[0].rows, mu_row, nodes[0].rows, mu_node, new, R, &largest)
+        for kind in range(2):
+            renew(rows[kind], nodes[kind], -1.0 if kind else 1.0, R)
+        steps[0] += 1
+        if largest == 0.0 or stop[0]:
+            return 0.0
+        if step > 0:
+            rate = min(gap / before, 0.999) if before > 0.0 else 0.0
+            missing = gap * rate / (1.0 - rate) / largest
+            if missing <= tolerance or gap <= 4e-16 * largest:
+                return missing
+        before = gap
+    return missing
+
+
+cdef enum:
+    MOST_STEPS = 400
+
+
+cdef void endless_one(int m, Parity p, int terms, double albedo, const double* coefficients, const double* directions,
+                      int n_all, const double* weights, int n_node, const int* out, int n_out, const int* into, int n_in,
+                      const double* columns, int n_col, double tolerance, double* up, double* on_nodes, double* residual,
+                      int* steps, double* work, const int* stop) noexcept nogil:
+    cdef int n_off = n_all - n_node, n = p.stokes * n_node, u = p.stokes * n_off, kind, i, j, a, b, c, beam, rhs
+    cdef const double* off = directions + n_node
+    cdef double* prt = work
+    cdef double* scale = prt + <size_t>3 * n_all * terms
+    cdef double* R = scale + n_node
+    cdef double* Ru = R + <size_t>n * n                   # (u, n)
+    cdef double* Ruu = Ru + <size_t>u * n                 # (u, u)
+    cdef double* new = Ruu + <size_t>u * u                # the largest of the three again
+    cdef double* memory = new + max(<size_t>n * n, max(<size_t>u * n, <size_t>u * u))
+    cdef Sheet nodes[2]
+    cdef Sheet rows[2]
+    cdef double total, largest, sign
+    spherical(m, terms, directions, n_all, prt)
+    for i in range(n_node):
+        scale[i] = sqrt(weights[i] / directions[i])
+    for kind in range(2):
+        memory = sheet_at(memory, p, m, terms, kind, n_node, &nodes[kind])
+        memory = sheet_at(memory, p, m, terms, kind, n_off, &rows[kind])
+        parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
+        parity_columns(p, m, terms, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
+    steps[0] = 0
+    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, tolerance, R, new, steps,
+                         stop)
+    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, tolerance, Ru,
+                                          new, steps, stop))
+    # from off the nodes to off the nodes, less what is scattered once
+    for kind in range(2):
+        sign = -1.0 if kind else 1.0
+        times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, u, rows[kind].H, rows[kind].HC)
+        product(b"N", b"T", u, u, rows[kind].columns, sign, rows[kind].HC, u, rows[kind].H, u, 1.0 if kind else 0.0, new, u)
+        times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, u, rows[kind].phi, rows[kind].HC)
+        product(b"N", b"T", u, u, rows[kind].columns, -sign, rows[kind].HC, u, rows[kind].phi, u, 1.0, new, u)
+    divide_by_rates(p, u, off, u, off, new, Ruu, &largest)
+    for beam in range(n_in):
+        for c in range(n_col):
+            rhs = beam * n_col + c
+            for i in range(n_out):
+                for a in range(p.stokes):
+                    total = 0.0
+                    for b in range(p.stokes):
+                        total += Ruu[<size_t>(p.stokes * into[beam] + b) * u + p.stokes * out[i] + a] * columns[c * p.stokes + b]
+                    up[(<size_t>rhs * n_out + i) * p.stokes + a] = total / off[out[i]]
+            for j in range(n):                           # R_NI = Q Ru^T Q
+                total = 0.0
+                for b in range(p.stokes):
+                    sign = -1.0 if (b == p.place[3]) != (j % p.stokes == p.place[3]) else 1.0
+                    total += sign * Ru[<size_t>j * u + p.stokes * into[beam] + b] * columns[c * p.stokes + b]
+                on_nodes[<size_t>rhs * n + j] = total
+
+
+# ---------------------------------------------------------------------------------------------------------
 # Reconstruction by source-function integration, (1:36)-(1:38), as products of matrices. The beam's direct
 # source is left out: single scattering has a closed form over all orders (`single_scattering` below).
 # ---------------------------------------------------------------------------------------------------------
@@ -2157,9 +2445,9 @@ cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil
     return (depth / mu) * exp_difference(make(-depth / mu0, 0.0), make(-depth / mu, 0.0)).real
 
 
-def reconstruction_work(n, n_out, n_rhs, n_layer):
+def reconstruction_work(n, rows, n_rhs, n_layer):
     """Doubles of `work` that one thread of `reconstruct` needs."""
-    return 8 * n_out * n * n_layer + 20 * n_out * n_rhs + 12 * n_out * n + n * n_rhs + 2 * n
+    return 2 * rows * n * n_layer + 5 * rows * n_rhs + 3 * rows * n + n * n_rhs + 2 * n
 
 
 def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, const double[:, :, ::1] lam_re,
@@ -2173,8 +2461,8 @@ def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, 
     """The field at any depth and direction, one Fourier order after another, without singly scattered light.
 
     mu_out (n_out,): positive cosines, the first n_up of them for light going up, the others down; level (n_tau,):
-    depth below the top of layer level_layer; base_out (row, n, 4 n_out): what the base sends up from the scaled
-    field on its nodes. out (order, n_tau, n_rhs, 4 n_out): radiance times 2 pi for a unit beam; upward rows are
+    depth below the top of layer level_layer; base_out (row, n, S n_out): what the base sends up from the scaled
+    field on its nodes. out (order, n_tau, n_rhs, S n_out): radiance times 2 pi for a unit beam; upward rows are
     flipped by D.
     """
     cdef int n_order = <int>X.shape[0], o, thread
@@ -2184,7 +2472,7 @@ def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, 
         if not stop[0]:
             start = vrte_seconds()
             reconstruct_one(
-                <int>X.shape[3], <int>mu_out.shape[0], n_up, <int>X.shape[1], <int>mu0.shape[0], <int>c.shape[2],
+                <int>X.shape[3], <int>(out.shape[3] // mu_out.shape[0]), <int>mu_out.shape[0], n_up, <int>X.shape[1], <int>mu0.shape[0], <int>c.shape[2],
                 <int>level.shape[0], &G_E[o, 0, 0, 0], &G_F[o, 0, 0, 0], &lam_re[o, 0, 0], &lam_im[o, 0, 0],
                 &X[o, 0, 0, 0], &Y[o, 0, 0, 0], &c[o, 0, 0, 0], &zeta[o, 0, 0, 0], &even[o, 0, 0, 0], &odd[o, 0, 0, 0],
                 &base_down[o, 0, 0], &base_out[base_row[o], 0, 0] if base_row[o] >= 0 else NULL, &thickness[0], &above[0],
@@ -2192,13 +2480,13 @@ def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, 
             seconds[thread] += vrte_seconds() - start
 
 
-cdef void reconstruct_one(int n, int n_out, int n_up, int n_layer, int n_in, int n_rhs, int n_level, const double* G_E,
+cdef void reconstruct_one(int n, int stokes, int n_out, int n_up, int n_layer, int n_in, int n_rhs, int n_level, const double* G_E,
                           const double* G_F, const double* lam_re, const double* lam_im, const double* X, const double* Y,
                           const double* c, const double* zeta, const double* even, const double* odd,
                           const double* base_down, const double* base_out, const double* thickness, const double* above,
                           const double* mu0, const double* mu_out, const double* level, const int* level_layer,
                           double* out, double* work) noexcept nogil:
-    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, rows = 4 * n_out, size = rows * n_rhs, i, r
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, rows = stokes * n_out, size = rows * n_rhs, i, r
     cdef double* g_e = work                             # G_E X and G_F Y, per layer
     cdef double* g_f = g_e + rows * n * n_layer
     cdef double* running = g_f + rows * n * n_layer     # the field that enters the present layer
@@ -2213,14 +2501,14 @@ cdef void reconstruct_one(int n, int n_out, int n_up, int n_layer, int n_in, int
     # light going up: from the base through the layers
     memset(running, 0, sizeof(double) * size)
     if base_out != NULL and n_up > 0:
-        product(b"N", b"N", 4 * n_up, n_rhs, n, 1.0, base_out, <int>rows, base_down, n, 0.0, running, <int>rows)
+        product(b"N", b"N", stokes * n_up, n_rhs, n, 1.0, base_out, <int>rows, base_down, n, 0.0, running, <int>rows)
     for layer in range(n_layer - 1, -1, -1):
         for t in range(n_level + 1):
             if t < n_level and level_layer[t] != layer:
                 continue
             if t == n_level and layer == 0:
                 continue
-            through_layer(True, n, <int>rows, n_up, n_in, n_rhs, g_e + layer * rows * n, g_f + layer * rows * n,
+            through_layer(True, n, stokes, <int>rows, n_up, n_in, n_rhs, g_e + layer * rows * n, g_f + layer * rows * n,
                           lam_re + layer * n, lam_im + layer * n, c + layer * nr, zeta + layer * nr, even + layer * nr,
                           odd + layer * nr, thickness[layer], above[layer], mu0, mu_out, level[t] if t < n_level else 0.0,
                           running, out + t * size if t < n_level else part, spare)
@@ -2234,24 +2522,24 @@ cdef void reconstruct_one(int n, int n_out, int n_up, int n_layer, int n_in, int
                 continue
             if t == n_level and layer == n_layer - 1:
                 continue
-            through_layer(False, n, <int>rows, n_out - n_up, n_in, n_rhs, g_e + layer * rows * n + 4 * n_up,
-                          g_f + layer * rows * n + 4 * n_up, lam_re + layer * n, lam_im + layer * n, c + layer * nr,
+            through_layer(False, n, stokes, <int>rows, n_out - n_up, n_in, n_rhs, g_e + layer * rows * n + stokes * n_up,
+                          g_f + layer * rows * n + stokes * n_up, lam_re + layer * n, lam_im + layer * n, c + layer * nr,
                           zeta + layer * nr, even + layer * nr, odd + layer * nr, thickness[layer], above[layer], mu0,
-                          mu_out + n_up, level[t] if t < n_level else thickness[layer], running + 4 * n_up,
-                          (out + t * size if t < n_level else part) + 4 * n_up, spare)
+                          mu_out + n_up, level[t] if t < n_level else thickness[layer], running + stokes * n_up,
+                          (out + t * size if t < n_level else part) + stokes * n_up, spare)
         if layer < n_layer - 1:
             memcpy(running, part, sizeof(double) * size)
 
 
-cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
+cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
                         const double* lam_re, const double* lam_im, const double* c, const double* zeta,
                         const double* even, const double* odd, double thickness, double above, const double* mu0,
                         const double* mu_out, double depth, const double* entering, double* out, double* work) noexcept nogil:
     """out = what arrives at `depth`: entering light attenuated, plus the layer's source between its far face and depth.
 
-    g_e, g_f, entering and out have 4 n_mu used rows of `rows`.
+    g_e, g_f, entering and out have S n_mu used rows of `rows`.
     """
-    cdef size_t used = 4 * n_mu, r, i, column, row
+    cdef size_t used = stokes * n_mu, r, i, column, row
     cdef int j, mu, pair, width, beam, per_beam = n_rhs // n_in
     cdef bint fading
     cdef double left = thickness - depth if upward else depth     # optical path over mu
@@ -2290,9 +2578,9 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
                 cosine = (left / mu_out[mu]) * exp_difference(-left * k, make(-left / mu_out[mu], 0.0))
             bottom = 1.0 + mu_out[mu] * k if upward else mu_out[mu] * k - 1.0
             bottom = make(0.0, 0.0) if size_of(bottom) < 0.02 else over(make(1.0, 0.0), bottom)
-            for i in range(4):
-                column = j * used + 4 * mu + i
-                row = <size_t>j * rows + 4 * mu + i
+            for i in range(stokes):
+                column = j * used + stokes * mu + i
+                row = <size_t>j * rows + stokes * mu + i
                 ge0, gf0 = g_e[row], g_f[row]
                 ge1 = g_e[row + rows] if width == 2 else 0.0
                 gf1 = g_f[row + rows] if width == 2 else 0.0
@@ -2313,8 +2601,8 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
     for r in range(n_rhs):
         for mu in range(n_mu):
             fade = exp(-left / mu_out[mu])
-            for i in range(4):
-                out[r * rows + 4 * mu + i] = fade * entering[r * rows + 4 * mu + i]
+            for i in range(stokes):
+                out[r * rows + stokes * mu + i] = fade * entering[r * rows + stokes * mu + i]
     product(b"N", b"N", <int>used, n_rhs, n, 1.0, even_gain, <int>used, even, n, 1.0, out, rows)
     product(b"N", b"N", <int>used, n_rhs, n, 1.0, odd_gain, <int>used, odd, n, 1.0, out, rows)
     product(b"N", b"N", <int>used, n_rhs, n, 0.5, beam_gain, <int>used, c, n, 0.0, first, <int>used)
@@ -2326,9 +2614,9 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
         fade = exp(-above / mu0[beam])
         for mu in range(n_mu):
             light = beam_up(mu_out[mu], mu0[beam], thickness, depth) if upward else beam_down(mu_out[mu], mu0[beam], depth)
-            for i in range(4):
-                column = r * used + 4 * mu + i
-                out[r * rows + 4 * mu + i] += fade * (
+            for i in range(stokes):
+                column = r * used + stokes * mu + i
+                out[r * rows + stokes * mu + i] += fade * (
                     light * (mu_out[mu] * first[column] + third[column]) + (second[column] if upward else -second[column]))
     if upward and thickness < 1e300:
         feed(n, n_in, n_rhs, lam_re, lam_im, c, mu0, thickness, response, fed)
@@ -2336,10 +2624,10 @@ cdef void through_layer(bint upward, int n, int rows, int n_mu, int n_in, int n_
         for r in range(n_rhs):
             for mu in range(n_mu):
                 fade = exp(-above / mu0[<int>r // per_beam] - left / mu_out[mu])
-                for i in range(4):
-                    out[r * rows + 4 * mu + i] -= fade * second[r * used + 4 * mu + i]
+                for i in range(stokes):
+                    out[r * rows + stokes * mu + i] -= fade * second[r * used + stokes * mu + i]
     if not upward:
-        resonances(n, rows, n_mu, n_in, n_rhs, g_e, g_f, lam_re, lam_im, c, mu0, mu_out, depth, above, out)
+        resonances(n, stokes, rows, n_mu, n_in, n_rhs, g_e, g_f, lam_re, lam_im, c, mu0, mu_out, depth, above, out)
 
 
 cdef inline void a_gain(double* gain, size_t column, cplx value, size_t used, int width) noexcept nogil:
@@ -2359,7 +2647,7 @@ cdef void feed(int n, int n_in, int n_rhs, const double* lam_re, const double* l
         scale_coordinates(n, lam_im, response, c + <size_t>r * n, fed + <size_t>r * n)
 
 
-cdef void resonances(int n, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
+cdef void resonances(int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
                      const double* lam_re, const double* lam_im, const double* c, const double* mu0, const double* mu_out,
                      double depth, double above, double* out) noexcept nogil:
     """Adds the beam's part of the modes with k mu close to 1, left out above: int D e^(-(depth - x)/mu) dx/mu is
@@ -2379,143 +2667,12 @@ cdef void resonances(int n, int rows, int n_mu, int n_in, int n_rhs, const doubl
                         value = (0.5 * depth * depth / mu_out[mu] * exp(-above / mu0[r // per_beam])) * exp_difference_2(
                             make(-depth / mu_out[mu], 0.0), -depth * k, make(-depth / mu0[r // per_beam], 0.0))
                     y = c + <size_t>r * n + j
-                    for i in range(4):
-                        row = <size_t>j * rows + 4 * mu + i
+                    for i in range(stokes):
+                        row = <size_t>j * rows + stokes * mu + i
                         gain = times(value, make(g_e[row], g_e[row + rows] if width == 2 else 0.0)
                                      + times(k, make(g_f[row], g_f[row + rows] if width == 2 else 0.0)))
-                        out[<size_t>r * rows + 4 * mu + i] += gain.real * y[0] + (gain.imag * y[1] if width == 2 else 0.0)
+                        out[<size_t>r * rows + stokes * mu + i] += gain.real * y[0] + (gain.imag * y[1] if width == 2 else 0.0)
             j = j + width
-
-
-# ---------------------------------------------------------------------------------------------------------
-# Single scattering in closed form: the phase matrix at the scattering angle, turned into the meridian planes.
-# ---------------------------------------------------------------------------------------------------------
-
-cdef enum:
-    BLOCK = 64
-
-
-def scattered_once(const double[:, ::1] coefficients, const double[::1] mu0, const double[::1] mu, const double[::1] cos_phi,
-                   const double[::1] sin_phi, double[:, :, :, :, ::1] out, int threads, double[::1] seconds,
-                   const int[::1] stop):
-    """The phase matrix Z(mu, -mu0, phi), all terms, between meridian planes.
-
-    coefficients (terms, 6); mu0 (n_in,) > 0: light going down; mu (n_mu,): signed public cosines. out (n_in, n_mu,
-    n_phi, 4, 4). Where the scattering plane is undefined (straight on, straight back) the meridian plane serves.
-    """
-    cdef int n_in = <int>mu0.shape[0], n_mu = <int>mu.shape[0], n_phi = <int>cos_phi.shape[0], item, thread
-    cdef int terms = <int>coefficients.shape[0], first
-    cdef double[:, ::1] tables = recurrences(terms)
-    cdef double start
-    for item in prange(n_in * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            first = 0
-            while first < n_phi:
-                scatter_block(terms, &coefficients[0, 0], &tables[0, 0], mu0[item // n_mu], mu[item % n_mu],
-                              &cos_phi[first], &sin_phi[first], min(BLOCK, n_phi - first),
-                              &out[item // n_mu, item % n_mu, first, 0, 0])
-                first = first + BLOCK
-            seconds[thread] += vrte_seconds() - start
-
-
-def recurrences(int terms):
-    """(terms, 8): the factors of d^{l+1} = (a x -+ b) d^l - c d^{l-1}: columns a, c of d_00; a, c of d_02; a, b, c of
-    d_2,+-2."""
-    l = np.arange(terms, dtype=float)
-    table = np.zeros((terms, 8))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        table[:, 0], table[:, 1] = (2 * l + 1) / (l + 1), l / (l + 1)
-        above, here = np.sqrt((l + 1) ** 2 - 4), np.sqrt(np.maximum(l * l - 4, 0))
-        table[:, 2], table[:, 3] = (2 * l + 1) / above, here / above
-        table[:, 4] = (2 * l + 1) * (l + 1) / above**2
-        table[:, 5] = 4 * (2 * l + 1) / (l * above**2)
-        table[:, 6] = (l + 1) * here**2 / (l * above**2)
-    table[:2, 2:] = 0.0
-    return table
-
-
-cdef void scatter_block(int terms, const double* coefficients, const double* table, double mu0, double mu, const double* cos_phi,
-                        const double* sin_phi, int count, double* out) noexcept nogil:
-    cdef double x[BLOCK]
-    cdef double f[6][BLOCK]       # F11, F44, (F22 + F33), (F22 - F33), F12, F34
-    cdef double p[BLOCK]
-    cdef double p_old[BLOCK]
-    cdef double q[BLOCK]
-    cdef double q_old[BLOCK]
-    cdef double u[BLOCK]
-    cdef double u_old[BLOCK]
-    cdef double w[BLOCK]
-    cdef double w_old[BLOCK]
-    cdef double sine0 = sqrt((1.0 - mu0) * (1.0 + mu0)), sine = sqrt((1.0 - mu) * (1.0 + mu)), now
-    cdef const double* c
-    cdef const double* t
-    cdef int i, l
-    for i in range(count):
-        x[i] = max(-1.0, min(1.0, -mu * mu0 + sine * sine0 * cos_phi[i]))
-        p[i], p_old[i], q[i], q_old[i], u[i], u_old[i], w[i], w_old[i] = 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for l in range(6):
-            f[l][i] = 0.0
-    for l in range(terms):
-        c = coefficients + 6 * l
-        t = table + 8 * l
-        if l == 2:
-            for i in range(count):
-                q[i] = -sqrt(6.0) / 4.0 * (1.0 - x[i]) * (1.0 + x[i])
-                u[i] = 0.25 * (1.0 + x[i]) * (1.0 + x[i])
-                w[i] = 0.25 * (1.0 - x[i]) * (1.0 - x[i])
-        for i in range(count):
-            f[0][i] += c[0] * p[i]
-            f[1][i] += c[3] * p[i]
-            f[2][i] += (c[1] + c[2]) * u[i]
-            f[3][i] += (c[1] - c[2]) * w[i]
-            f[4][i] += c[4] * q[i]
-            f[5][i] += c[5] * q[i]
-            now = t[0] * x[i] * p[i] - t[1] * p_old[i]
-            p_old[i] = p[i]
-            p[i] = now
-            now = t[2] * x[i] * q[i] - t[3] * q_old[i]
-            q_old[i] = q[i]
-            q[i] = now
-            now = (t[4] * x[i] - t[5]) * u[i] - t[6] * u_old[i]
-            u_old[i] = u[i]
-            u[i] = now
-            now = (t[4] * x[i] + t[5]) * w[i] - t[6] * w_old[i]
-            w_old[i] = w[i]
-            w[i] = now
-    for i in range(count):
-        turn(mu0, sine0, mu, sine, cos_phi[i], sin_phi[i], f[0][i], 0.5 * (f[2][i] + f[3][i]), 0.5 * (f[2][i] - f[3][i]),
-             f[1][i], f[4][i], f[5][i], out + 16 * i)
-
-
-cdef void turn(double mu0, double sine0, double mu, double sine, double cos_phi, double sin_phi, double a1, double a2,
-               double a3, double a4, double b1, double b2, double* z) noexcept nogil:
-    """From the scattering plane into the meridian planes. l is theta-hat, r = l x k; n, normal to the scattering plane,
-    is k x k'; in a plane with r_s = n: cos(sigma) = n.r and sin(sigma) = -n.l."""
-    cdef double kx = sine * cos_phi, ky = sine * sin_phi, kz = mu      # outgoing; incident: (sine0, 0, -mu0)
-    cdef double nx = -ky * mu0, ny = kz * sine0 + kx * mu0, nz = -ky * sine0
-    cdef double lx = mu * cos_phi, ly = mu * sin_phi, lz = -sine
-    cdef double rx = ly * kz - lz * ky, ry = lz * kx - lx * kz         # l x k is horizontal
-    cdef double length, c, s, c2, s2, c2_in, s2_in, m11, m12, m21, m22
-    if nx * nx + ny * ny + nz * nz < 1e-18:
-        nx, ny, nz = rx, ry, 0.0
-    c, s = nx * rx + ny * ry, -(nx * lx + ny * ly + nz * lz)
-    length = c * c + s * s
-    c2, s2 = (c * c - s * s) / length, 2.0 * c * s / length
-    # incident: l' = (-mu0, 0, -sine0), r' = l' x k' = (0, -1, 0)
-    c, s = -ny, nx * mu0 + nz * sine0
-    length = c * c + s * s
-    c2_in, s2_in = (c * c - s * s) / length, 2.0 * c * s / length
-    z[0] = a1
-    z[1], z[2], z[3] = b1 * c2_in, b1 * s2_in, 0.0
-    z[4], z[8], z[12] = b1 * c2, b1 * s2, 0.0
-    m11, m12, m21, m22 = a2 * c2_in, a2 * s2_in, -a3 * s2_in, a3 * c2_in
-    z[5], z[6] = c2 * m11 - s2 * m21, c2 * m12 - s2 * m22
-    z[9], z[10] = s2 * m11 + c2 * m21, s2 * m12 + c2 * m22
-    z[7], z[11] = -s2 * b2, c2 * b2
-    z[13], z[14] = b2 * s2_in, -b2 * c2_in
-    z[15] = a4
 
 
 def beam_responses(const double complex[::1] k, const double[::1] rate, double depth):
@@ -2550,3 +2707,375 @@ def mode_profiles(const double complex[::1] k, double thickness, double depth):
         out[0, j], out[1, j] = cosine, -times(times(k[j], k[j]), sine)
         out[2, j], out[3, j] = sine, -cosine
     return np.asarray(out)
+
+
+# ---------------------------------------------------------------------------------------------------------
+# The end of a solve, added straight into the result: sums over Fourier orders, and single scattering over all of
+# them in closed form. `out` (n_level, n_in, n_mu, n_phi, 4, n_place) is never copied; the incident directions
+# first .. last - 1 are done, so that a caller can go through a large table in pieces that stay in the cache.
+# Columns (incident Stokes vectors) lie within (I, Q), kind 0, or within (U, V), kind 1; several may share a place.
+# Azimuths beyond 180 degrees are the mirror images of others: Z(-phi) = D Z(phi) D, D = diag(1, 1, -1, -1), so `angle`
+# (n_phi,) names the azimuth that was computed and `sign` (n_phi,) is -1 where it is to be mirrored.
+# ---------------------------------------------------------------------------------------------------------
+
+cdef enum:
+    MOST_ENTRIES = 64     # columns times Stokes components
+    TILE = 8              # outgoing directions of one product of matrices
+    TILE_DOUBLES = 32768  # what the products of a tile should not exceed
+
+
+cdef struct Entries:
+    # elements of a Mueller matrix with cos(m phi) first, then those with sin: where they lie in a kernel's (column, out,
+    # Stokes) and in a row of `out`
+    int count, cosines
+    int column[MOST_ENTRIES]
+    int component[MOST_ENTRIES]
+    int target[MOST_ENTRIES]
+    double factor[MOST_ENTRIES]
+
+
+cdef void list_entries(const int[::1] stokes, const int[::1] kind, const int[::1] place, int n_place, Entries* e) noexcept nogil:
+    """(1:6)-(1:8): cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V)."""
+    cdef int with_sine, c, s, k
+    e.count = 0
+    for with_sine in range(2):
+        for c in range(<int>kind.shape[0]):
+            for s in range(<int>stokes.shape[0]):
+                if ((stokes[s] >= 2) != (kind[c] == 1)) == with_sine:
+                    k = e.count
+                    e.column[k], e.component[k], e.target[k] = c, s, stokes[s] * n_place + place[c]
+                    e.factor[k] = -1.0 if with_sine and stokes[s] < 2 else 1.0
+                    e.count += 1
+        if not with_sine:
+            e.cosines = e.count
+
+
+cdef inline int tile_of(int n_entry, int n_angle) noexcept nogil:
+    return max(1, min(<int>TILE, <int>TILE_DOUBLES // max(1, n_entry * n_angle)))
+
+
+def azimuthal_work(n_order, n_col, n_stokes, n_angle):
+    """Doubles of `work` that one thread of `azimuthal_sum` needs."""
+    n_entry = n_col * n_stokes
+    return tile_of(n_entry, n_angle) * n_entry * (n_order + n_angle)
+
+
+def azimuthal_sum(const double[:, :, :, :, :, :] kernels, const int[::1] stokes, const int[::1] kind, const int[::1] place,
+                  const double[:, ::1] cosine, const double[:, ::1] sine, const int[::1] angle, const double[::1] sign,
+                  const int[::1] levels, const int[::1] rows, const double[::1] scale, int first, int last,
+                  double[:, :, :, :, :, ::1] out, int threads, double[:, ::1] work, double[::1] seconds,
+                  const int[::1] stop):
+    """Adds the sum over Fourier orders of kernels times cos or sin(m phi), (1:6)-(1:8) and (1:12) without its 1/2.
+
+    kernels (order, n_tau, n_in, n_col, n_out, S), in any order in memory, hold the Stokes components `stokes` (S,) for
+    the columns of `kind` (n_col,), which go to `place` (n_col,) of out; cosine, sine (order, n_angle): times 2 for
+    m > 0; levels (n_level,), rows (n_mu,): what of the kernels' n_tau and n_out is wanted; scale (n_in,): factor of
+    each incident direction.
+    """
+    cdef int n_mu = <int>rows.shape[0], n_here = last - first, n_angle = <int>cosine.shape[1], tile, tiles, item, thread
+    cdef Entries entries
+    cdef double start
+    if kind.shape[0] * stokes.shape[0] > MOST_ENTRIES:
+        raise ValueError(f"at most {MOST_ENTRIES} columns times Stokes components")
+    list_entries(stokes, kind, place, <int>out.shape[5], &entries)
+    if kernels.size == 0 or out.size == 0:
+        return
+    tile = tile_of(entries.count, n_angle)
+    tiles = (n_mu + tile - 1) // tile
+    for item in prange(<int>levels.shape[0] * n_here * tiles, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            sum_tile(kernels, &entries, cosine, sine, angle, sign, levels[item // (n_here * tiles)],
+                     first + item // tiles % n_here, rows, item % tiles * tile, min(n_mu, (item % tiles + 1) * tile),
+                     scale[first + item // tiles % n_here],
+                     &out[item // (n_here * tiles), first + item // tiles % n_here, 0, 0, 0, 0], <int>out.shape[5],
+                     &work[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef void sum_tile(const double[:, :, :, :, :, :] kernels, const Entries* e, const double[:, ::1] cosine,
+                   const double[:, ::1] sine, const int[::1] angle, const double[::1] sign, int level, int i,
+                   const int[::1] rows, int begin, int end, double scale, double* out, int n_place,
+                   double* work) noexcept nogil:
+    """Some outgoing directions of one incident direction; out (n_mu, n_phi, 4, n_place)."""
+    cdef int n_order = <int>kernels.shape[0], n_angle = <int>cosine.shape[1], n_phi = <int>angle.shape[0]
+    cdef int wide = end - begin, with_cosine = wide * e.cosines, with_sine = wide * (e.count - e.cosines)
+    cdef int m, k, p, f
+    cdef double* a = work                                    # (order, wide, entry): cosines
+    cdef double* b = a + <size_t>n_order * with_cosine       # the same for sines
+    cdef double* at_cosine = b + <size_t>n_order * with_sine  # (angle, wide, entry)
+    cdef double* at_sine = at_cosine + <size_t>n_angle * with_cosine
+    cdef double* to
+    cdef const double* from_cosine
+    cdef const double* from_sine
+    for m in range(n_order):
+        for p in range(wide):
+            for k in range(e.cosines):
+                a[(<size_t>m * wide + p) * e.cosines + k] = (
+                    scale * kernels[m, level, i, e.column[k], rows[begin + p], e.component[k]])
+            for k in range(e.cosines, e.count):
+                b[(<size_t>m * wide + p) * (e.count - e.cosines) + k - e.cosines] = (
+                    scale * e.factor[k] * kernels[m, level, i, e.column[k], rows[begin + p], e.component[k]])
+    if with_cosine:
+        product(b"N", b"T", with_cosine, n_angle, n_order, 1.0, a, with_cosine, &cosine[0, 0], n_angle, 0.0, at_cosine,
+                with_cosine)
+    if with_sine:
+        product(b"N", b"T", with_sine, n_angle, n_order, 1.0, b, with_sine, &sine[0, 0], n_angle, 0.0, at_sine, with_sine)
+    for p in range(wide):
+        to = out + <size_t>(begin + p) * n_phi * 4 * n_place
+        for f in range(n_phi):
+            from_cosine = at_cosine + (<size_t>angle[f] * wide + p) * e.cosines
+            for k in range(e.cosines):
+                to[e.target[k]] += from_cosine[k]
+            from_sine = at_sine + (<size_t>angle[f] * wide + p) * (e.count - e.cosines) - e.cosines
+            for k in range(e.cosines, e.count):
+                to[e.target[k]] += sign[f] * from_sine[k]
+            to += 4 * n_place
+
+
+cdef extern from *:
+    """
+    #include <math.h>
+
+    /* Azimuths are done VRTE_BLOCK at a time, in loops that a compiler turns into vectors of any width. With GNU C on
+       x86-64 the same code is compiled a second time for AVX2 and FMA, and the processor says which one runs. */
+    #if defined(__GNUC__)
+    #define VRTE_INLINE static inline __attribute__((always_inline))
+    #else
+    #define VRTE_INLINE static __inline
+    #endif
+    enum { VRTE_BLOCK = 32, VRTE_SERIES = 13 };
+
+    /* F11, F44, F12, F34, F22 + F33, F22 - F33 at the cosines x, one a row of f; terms is even. A row of the table: the
+       factors of d^{l+1} = (a x -+ b) d^l - c d^{l-1} (a, c of d_00; a, c of d_02; a, b, c of d_2,+-2), then the
+       coefficients. Two terms at a time: their functions stay in registers, and so do the sums. */
+    VRTE_INLINE void vrte_series(int terms, const double* table, const double* x, double* f) {
+        double p[VRTE_BLOCK], p_old[VRTE_BLOCK], q[VRTE_BLOCK], q_old[VRTE_BLOCK];
+        double u[VRTE_BLOCK], u_old[VRTE_BLOCK], w[VRTE_BLOCK], w_old[VRTE_BLOCK];
+        double *f11 = f, *f44 = f + VRTE_BLOCK, *f12 = f + 2 * VRTE_BLOCK, *f34 = f + 3 * VRTE_BLOCK;
+        double *sum = f + 4 * VRTE_BLOCK, *difference = f + 5 * VRTE_BLOCK;
+        const double *s = table, *t = table + VRTE_SERIES;
+        for (int i = 0; i < VRTE_BLOCK; i++) {
+            f11[i] = s[7] + t[7] * x[i];
+            f44[i] = s[8] + t[8] * x[i];
+            f12[i] = f34[i] = sum[i] = difference[i] = 0.0;
+            p[i] = 1.5 * x[i] * x[i] - 0.5;
+            p_old[i] = x[i];
+            q[i] = -0.6123724356957945 * (1.0 - x[i]) * (1.0 + x[i]); /* sqrt(6)/4 */
+            u[i] = 0.25 * (1.0 + x[i]) * (1.0 + x[i]);
+            w[i] = 0.25 * (1.0 - x[i]) * (1.0 - x[i]);
+            q_old[i] = u_old[i] = w_old[i] = 0.0;
+        }
+        for (int l = 2; l < terms; l += 2) {
+            s = table + VRTE_SERIES * l;
+            t = s + VRTE_SERIES;
+            for (int i = 0; i < VRTE_BLOCK; i++) {
+                double p_next = s[0] * x[i] * p[i] - s[1] * p_old[i], q_next = s[2] * x[i] * q[i] - s[3] * q_old[i];
+                f11[i] += s[7] * p[i] + t[7] * p_next;
+                f44[i] += s[8] * p[i] + t[8] * p_next;
+                f12[i] += s[9] * q[i] + t[9] * q_next;
+                f34[i] += s[10] * q[i] + t[10] * q_next;
+                p[i] = t[0] * x[i] * p_next - t[1] * p[i];
+                q[i] = t[2] * x[i] * q_next - t[3] * q[i];
+                p_old[i] = p_next;
+                q_old[i] = q_next;
+            }
+            for (int i = 0; i < VRTE_BLOCK; i++) {
+                double u_next = (s[4] * x[i] - s[5]) * u[i] - s[6] * u_old[i];
+                double w_next = (s[4] * x[i] + s[5]) * w[i] - s[6] * w_old[i];
+                sum[i] += s[11] * u[i] + t[11] * u_next;
+                difference[i] += s[12] * w[i] + t[12] * w_next;
+                u[i] = (t[4] * x[i] - t[5]) * u_next - t[6] * u[i];
+                w[i] = (t[4] * x[i] + t[5]) * w_next - t[6] * w[i];
+                u_old[i] = u_next;
+                w_old[i] = w_next;
+            }
+        }
+    }
+
+    /* cos and sin of twice the angles from the scattering plane to the meridian planes, outgoing then incident: 4 rows
+       of turns. l is theta-hat, r = l x k; n, normal to the scattering plane, is k x k'; in a plane with r_s = n:
+       cos(sigma) = n.r and sin(sigma) = -n.l. Straight on and straight back the meridian plane serves. */
+    VRTE_INLINE void vrte_turns(double mu0, double mu, int count, const double* cos_phi, const double* sin_phi,
+                                double* turns) {
+        double sine0 = sqrt((1.0 - mu0) * (1.0 + mu0)), sine = sqrt((1.0 - mu) * (1.0 + mu));
+        for (int i = 0; i < count; i++) {
+            double kx = sine * cos_phi[i], ky = sine * sin_phi[i], kz = mu; /* outgoing; incident: (sine0, 0, -mu0) */
+            double lx = mu * cos_phi[i], ly = mu * sin_phi[i], lz = -sine;
+            double rx = ly * kz - lz * ky, ry = lz * kx - lx * kz; /* l x k is horizontal */
+            double nx = -ky * mu0, ny = kz * sine0 + kx * mu0, nz = -ky * sine0;
+            int none = nx * nx + ny * ny + nz * nz < 1e-18;
+            nx = none ? rx : nx;
+            ny = none ? ry : ny;
+            nz = none ? 0.0 : nz;
+            double c = nx * rx + ny * ry, s = -(nx * lx + ny * ly + nz * lz), length = c * c + s * s;
+            turns[i] = (c * c - s * s) / length;
+            turns[VRTE_BLOCK + i] = 2.0 * c * s / length;
+            c = -ny; /* incident: l' = (-mu0, 0, -sine0), r' = l' x k' = (0, -1, 0) */
+            s = nx * mu0 + nz * sine0;
+            length = c * c + s * s;
+            turns[2 * VRTE_BLOCK + i] = (c * c - s * s) / length;
+            turns[3 * VRTE_BLOCK + i] = 2.0 * c * s / length;
+        }
+    }
+
+    /* The phase matrix times one column (g, h) within (I, Q), kind 0, or (U, V), kind 1: 4 rows of z. */
+    VRTE_INLINE void vrte_scattered(int kind, double g, double h, int count, const double* f, const double* turns,
+                                    double* z, size_t stride) {
+        for (int i = 0; i < count; i++) {
+            double a1 = f[i], a4 = f[VRTE_BLOCK + i], b1 = f[2 * VRTE_BLOCK + i], b2 = f[3 * VRTE_BLOCK + i];
+            double a2 = 0.5 * (f[4 * VRTE_BLOCK + i] + f[5 * VRTE_BLOCK + i]);
+            double a3 = 0.5 * (f[4 * VRTE_BLOCK + i] - f[5 * VRTE_BLOCK + i]);
+            double c = turns[i], s = turns[VRTE_BLOCK + i];
+            double c_in = turns[2 * VRTE_BLOCK + i], s_in = turns[3 * VRTE_BLOCK + i];
+            double i_s = kind ? b1 * s_in * g : a1 * g + b1 * c_in * h; /* I, Q, U, V in the scattering plane */
+            double q_s = kind ? a2 * s_in * g : b1 * g + a2 * c_in * h;
+            double u_s = kind ? a3 * c_in * g + b2 * h : -a3 * s_in * h;
+            double v_s = kind ? a4 * h - b2 * c_in * g : b2 * s_in * h;
+            z[i] = i_s;
+            z[stride + i] = c * q_s - s * u_s;
+            z[2 * stride + i] = s * q_s + c * u_s;
+            z[3 * stride + i] = v_s;
+        }
+    }
+
+    VRTE_INLINE void vrte_scatter(int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+                                  const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
+                                  size_t stride) {
+        double x[VRTE_BLOCK] = {0.0}, f[6 * VRTE_BLOCK], turns[4 * VRTE_BLOCK];
+        double sines = sqrt((1.0 - mu) * (1.0 + mu)) * sqrt((1.0 - mu0) * (1.0 + mu0));
+        for (int i = 0; i < count; i++) {
+            double cosine = sines * cos_phi[i] - mu * mu0;
+            x[i] = cosine > 1.0 ? 1.0 : cosine < -1.0 ? -1.0 : cosine;
+        }
+        vrte_series(terms, table, x, f);
+        vrte_turns(mu0, mu, count, cos_phi, sin_phi, turns);
+        for (int c = 0; c < n_col; c++) {
+            const double* pair = columns + 4 * c + 2 * kind[c];
+            if (kind[c])
+                vrte_scattered(1, pair[0], pair[1], count, f, turns, z + 4 * c * stride, stride);
+            else
+                vrte_scattered(0, pair[0], pair[1], count, f, turns, z + 4 * c * stride, stride);
+        }
+    }
+
+    typedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
+                                const double*, double*, size_t);
+
+    static void vrte_scatter_plain(int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+                                   const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
+                                   size_t stride) {
+        vrte_scatter(terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
+    }
+
+    #if defined(__GNUC__) && defined(__x86_64__)
+    __attribute__((target("avx2,fma")))
+    static void vrte_scatter_wide(int terms, const double* table, double mu0, double mu, int count, const double* cos_phi,
+                                  const double* sin_phi, int n_col, const int* kind, const double* columns, double* z,
+                                  size_t stride) {
+        vrte_scatter(terms, table, mu0, mu, count, cos_phi, sin_phi, n_col, kind, columns, z, stride);
+    }
+
+    static vrte_scatterer* vrte_best_scatterer(int wide) {
+        __builtin_cpu_init();
+        wide = wide && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+        return wide ? vrte_scatter_wide : vrte_scatter_plain;
+    }
+    #else
+    static vrte_scatterer* vrte_best_scatterer(int wide) { return vrte_scatter_plain; }
+    #endif
+    """
+    const int VRTE_BLOCK, VRTE_SERIES
+    ctypedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
+                                 const double*, double*, size_t) noexcept nogil
+    vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
+
+
+def series_table(const double[:, :] coefficients):
+    """The phase matrix with coefficients (terms, 6) as `add_single_scattering` takes it, (terms, 13), terms made even: the
+    factors of the recurrences, then the coefficients."""
+    cdef int terms = <int>coefficients.shape[0], l
+    cdef double[:, ::1] table = np.zeros((terms + terms % 2, VRTE_SERIES))
+    cdef double here, above
+    for l in range(terms):
+        table[l, 0], table[l, 1] = (2.0 * l + 1.0) / (l + 1.0), l / (l + 1.0)
+        if l >= 2:
+            here, above = sqrt(l * l - 4.0), sqrt((l + 1.0) * (l + 1.0) - 4.0)
+            table[l, 2], table[l, 3] = (2.0 * l + 1.0) / above, here / above
+            table[l, 4] = (2.0 * l + 1.0) * (l + 1.0) / (above * above)
+            table[l, 5] = 4.0 * (2.0 * l + 1.0) / (l * above * above)
+            table[l, 6] = (l + 1.0) * here * here / (l * above * above)
+        table[l, 7], table[l, 8] = coefficients[l, 0], coefficients[l, 3]
+        table[l, 9], table[l, 10] = coefficients[l, 4], coefficients[l, 5]
+        table[l, 11], table[l, 12] = coefficients[l, 1] + coefficients[l, 2], coefficients[l, 1] - coefficients[l, 2]
+    return np.asarray(table)
+
+
+def scattering_work(n_col, n_angle):
+    """Doubles of `work` that one thread of `add_single_scattering` needs."""
+    return 4 * n_col * n_angle
+
+
+def add_single_scattering(const double[:, ::1] table, const double[:, :, ::1] path, const double[::1] mu0,
+                          const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
+                          const double[::1] sign, const double[:, ::1] columns, const int[::1] kind,
+                          const int[::1] place, int first, int last, double[:, :, :, :, :, ::1] out, int threads,
+                          double[:, ::1] work, double[::1] seconds, const int[::1] stop, bint wide=True):
+    """Adds path Z(mu, -mu0, phi) columns, Z the phase matrix of all terms between meridian planes.
+
+    table: of `series_table`; path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
+    (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
+    `wide=False` leaves AVX2 unused.
+    """
+    cdef int n_mu = <int>mu.shape[0], n_level = <int>path.shape[0], n_col = <int>columns.shape[0], item, thread
+    cdef vrte_scatterer* scatter = vrte_best_scatterer(wide)
+    cdef double start
+    if 4 * n_col > MOST_ENTRIES:
+        raise ValueError(f"at most {MOST_ENTRIES // 4} columns")
+    if table.shape[0] % 2 or table.shape[1] != VRTE_SERIES:
+        raise ValueError("the table must be one of series_table")
+    if out.size == 0:
+        return
+    for item in prange((last - first) * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            scatter_pair(scatter, <int>table.shape[0], &table[0, 0], path, mu0[first + item // n_mu], mu[item % n_mu], first + item // n_mu,
+                         item % n_mu, cos_phi, sin_phi, angle, sign, columns, kind, place, out, &work[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef void scatter_pair(vrte_scatterer* scatter, int terms, const double* table, const double[:, :, ::1] path, double mu0,
+                       double mu, int i, int j, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
+                       const double[::1] sign, const double[:, ::1] columns, const int[::1] kind, const int[::1] place,
+                       double[:, :, :, :, :, ::1] out, double* z) noexcept nogil:
+    """All azimuths and depths of one pair of directions; z (column, Stokes, angle)."""
+    cdef int n_angle = <int>cos_phi.shape[0], n_col = <int>columns.shape[0], n_place = <int>out.shape[5]
+    cdef int n_level = <int>path.shape[0], n_phi = <int>angle.shape[0], first = 0, t, f, k
+    cdef int target[MOST_ENTRIES]
+    cdef double factor[2][MOST_ENTRIES]     # as computed, and mirrored
+    cdef double* to
+    cdef const double* now
+    cdef bint lit = False
+    for t in range(n_level):
+        lit = lit or path[t, i, j] != 0.0
+    if not lit:
+        return
+    while first < n_angle:
+        scatter(terms, table, mu0, mu, min(<int>VRTE_BLOCK, n_angle - first), &cos_phi[first], &sin_phi[first], n_col,
+                &kind[0], &columns[0, 0], z + first, n_angle)
+        first += VRTE_BLOCK
+    for t in range(n_level):
+        if path[t, i, j] == 0.0:
+            continue
+        for k in range(4 * n_col):
+            target[k] = k % 4 * n_place + place[k // 4]
+            factor[0][k] = path[t, i, j]
+            factor[1][k] = path[t, i, j] if (k % 4 >= 2) == (kind[k // 4] == 1) else -path[t, i, j]
+        to = &out[t, i, j, 0, 0, 0]
+        for f in range(n_phi):
+            now = &factor[sign[f] < 0.0][0]
+            for k in range(4 * n_col):
+                to[target[k]] += now[k] * z[<size_t>k * n_angle + angle[f]]
+            to += 4 * n_place

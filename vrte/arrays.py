@@ -23,6 +23,28 @@ def frozen(values: Any) -> Array:
     return array
 
 
+def settled(array: Array) -> Array:
+    """The array itself, from now on read-only."""
+    array.setflags(write=False)
+    return array
+
+
+def is_settled(values: Any) -> bool:
+    """Whether this is a contiguous float64 array that nothing can be written into, nor into what it is a view of.
+
+    >>> table = np.zeros((2, 3))
+    >>> is_settled(table), is_settled(settled(table)), is_settled(table[0])
+    (False, True, True)
+    """
+    if type(values) is not np.ndarray or values.dtype != np.float64 or not values.flags.c_contiguous:
+        return False
+    while isinstance(values, np.ndarray):
+        if values.flags.writeable:
+            return False
+        values = values.base
+    return values is None
+
+
 def numbers(name: str, values: Any) -> Array:
     """Real numbers of any shape as float64; text, dates, complex numbers and truth values are none."""
     count = values.size if isinstance(values, np.ndarray) else length(values)

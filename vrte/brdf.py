@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, flag, frozen, vector
+from vrte.arrays import Array, frozen, settled
 from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.solver import solve
-from vrte.errors import SceneError
 from vrte.field import freeze
-from vrte.request import check_scene, cosines, solver_options
+from vrte.plan import make_plan
+from vrte.request import brdf_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
@@ -85,46 +85,39 @@ def brdf(
     mu_i: Any,
     mu_o: Any,
     phi: Any = 0.0,
-    nodes: int = 40,
+    nodes: int | None = None,
     threads: int | None = None,
     transmission: bool = False,
     progress: Progress | None = None,
     algorithm: str = "auto",
     verify: bool = False,
-    truncation: str = "none",
+    accuracy: float | None = None,
+    truncation: str = "auto",
 ) -> Brdf:
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``threads``, ``progress``,
-    ``algorithm``, ``verify``, ``truncation`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a
-    layer without end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
+    ``algorithm``, ``verify`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without
+    end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
-    scene = check_scene(scene)
-    into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
-    azimuths, options = vector("phi", phi), solver_options(nodes, algorithm, verify, truncation)
-    if flag("transmission", transmission) and not np.isfinite(scene.thickness):
-        raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
-    levels = frozen([0.0, scene.thickness] if transmission else [0.0])
-    directions = np.concatenate([out, -out]) if transmission else out
-    run = new_run(threads)
-    solution = interruptible(
-        run, lambda: solve(scene, into, np.eye(4), directions, azimuths, levels, options, run, progress)
-    )
-    per_irradiance = solution.radiance
-    per_irradiance /= into[:, None, None, None, None]
-    # (n_in, n_mu, n_phi, 4, column)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation)
+    request, out = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
+    into, run = request.mu0, new_run(threads)
+    solution = interruptible(run, lambda: solve(make_plan(request, run), run, progress))
+    # (1, n_in, n_mu, n_phi, 4, column)
+    matrices = [settled(values)[0] for values in solution.parts]
     return Brdf(
-        mueller=frozen(per_irradiance[0, :, : out.size]),
+        mueller=matrices[0],
         reflectance=frozen(solution.flux_up[0, :, 0] / into),
-        transmission=frozen(per_irradiance[1, :, out.size :]) if transmission else None,
-        direct_transmittance=frozen(np.exp(-scene.thickness / into)),
+        transmission=matrices[1] if transmission else None,
+        direct_transmittance=frozen(np.exp(-request.scene.thickness / into)),
         mu_i=into,
         mu_o=out,
-        phi=azimuths,
+        phi=request.phi,
         diagnostics=solution.diagnostics,
     )

@@ -80,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     material.add_argument("--wavelength-um", type=float, metavar="UM", help="wavelength in vacuum [micrometres]")
     material.set_defaults(run=_material)
     _add_stability(commands)
+    _add_tables(commands)
     return parser
 
 
@@ -95,6 +96,16 @@ def _add_stability(commands: Any) -> None:
     command.add_argument("--cases", metavar="PATTERN", default="*", help='names, such as "rayleigh*N=8"; default: all')
     command.add_argument("--threads", metavar="N", type=_thread_count, help="default: all CPUs that may be used")
     command.set_defaults(run=_stability)
+
+
+def _add_tables(commands: Any) -> None:
+    help_text = "the figures of the GPU paper, measured on this machine"
+    command = commands.add_parser("tables", help=help_text, description=f"Computes {help_text}.")
+    command.add_argument("--figures", action="store_true", help="figures 2 to 9: how the cost grows, with exponents")
+    command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("tables"), help="made if absent")
+    command.add_argument("--quick", action="store_true", help="few small scenes instead of the paper's: seconds")
+    command.add_argument("--threads", metavar="N", type=_thread_count, default=2, help="besides one; default: 2")
+    command.set_defaults(run=_tables)
 
 
 def _add_solve(commands: Any, kind: str, help_text: str) -> None:
@@ -135,7 +146,7 @@ def _solve(options: argparse.Namespace) -> None:
         with _timed(seconds, "particles"):
             file = _read(options.scene, options.kind)
         _check_picture(options, file)
-        phase("Fourier orders")
+        phase("Fourier orders, then directions")
         with _timed(seconds, "solver"):
             result = _run(file, options, tick)
     _describe(options.scene, file, result)
@@ -149,10 +160,7 @@ def _stability(options: argparse.Namespace) -> None:
     from vrte.report import stability
 
     cases = stability.matching(options.cases, options.quick)
-    folder: Path = options.output
-    if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
-        raise SceneError(f"the output {folder} must be a folder that can be written in")
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = _made_folder(options.output)
     how = stability.Options(options.algorithm, options.threads)
     with _progress() as (phase, tick):
 
@@ -167,6 +175,41 @@ def _stability(options: argparse.Namespace) -> None:
     for path in stability.write_tables(records, folder, settings):
         print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
     stability.require_all(records)
+
+
+def _tables(options: argparse.Namespace) -> None:
+    from vrte.report import cost
+
+    if not options.figures:
+        raise SceneError("--figures is missing: figures 2 to 9 are all that vrte tables makes so far")
+    configurations = cost.configurations(options.threads)
+    cost.require_pictures()
+    axes, folder = cost.axes(options.quick), _made_folder(options.output)
+    seconds_a_point = cost.SECONDS_A_POINT_QUICK if options.quick else cost.SECONDS_A_POINT
+    with _progress() as (phase, tick):
+
+        def told(done: int, total: int, name: str) -> None:
+            phase(name)
+            tick(done, total)
+
+        others = cost.OthersClock()
+        measurements = cost.measure(axes, configurations, seconds_a_point, told)
+    busy = others.statement()
+    names = [configuration.name for configuration in configurations]
+    print(cost.as_text(measurements, axes, names))
+    print(f"  {busy}\n")
+    settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}; {busy}"
+    written = cost.write_figures(measurements, axes, names, folder)
+    for path in [*written, *cost.write_page(measurements, axes, names, folder, settings)]:
+        print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+
+
+def _made_folder(folder: Path) -> Path:
+    """A folder to write in, made if absent."""
+    if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
+        raise SceneError(f"the output {folder} must be a folder that can be written in")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def _check_outputs(options: argparse.Namespace) -> None:
@@ -210,7 +253,7 @@ def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Fie
     try:
         return solve(file.scene, **file.request, nodes=file.nodes, progress=tick, **how)
     except SceneError as error:
-        raise SceneError(file.located(str(error))) from error
+        raise SceneError(f"{options.scene}: {file.located(str(error))}") from error
 
 
 def _write(result: Brdf | Field, options: argparse.Namespace, name: str, seconds: dict[str, float]) -> Path:

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, vector
-from vrte.discrete_ordinates.problem import Progress
-from vrte.discrete_ordinates.quadrature import double_gauss
-from vrte.discrete_ordinates.solver import solve
+from vrte.arrays import Array, frozen, is_settled, settled
+from vrte.discrete_ordinates.problem import Progress, Run
+from vrte.discrete_ordinates.solver import Solution, solve
 from vrte.errors import SceneError
-from vrte.request import check_scene, cosines, depths, solver_options, stokes_vector
+from vrte.plan import Plan, make_plan
+from vrte.request import Request, radiance_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
@@ -80,12 +80,14 @@ class Field:
 
 
 def freeze(result: Any, shapes: dict[str, tuple[int, ...]]) -> None:
-    """Replaces the named arrays of a frozen dataclass by read-only copies, and its ``diagnostics`` by a copy.
+    """Replaces the named arrays of a frozen dataclass by read-only ones, and its ``diagnostics`` by a copy.
 
+    Arrays that are read-only already, all the way down, are taken as they are: a large table would be copied twice.
     Raises SceneError for an array that has not the shape given.
     """
     for name, shape in shapes.items():
-        array = frozen(getattr(result, name))
+        given = getattr(result, name)
+        array = given if is_settled(given) else frozen(given)
         if array.shape != shape:
             raise SceneError(f"{name} must have the shape {shape} to fit its directions, not {array.shape}")
         object.__setattr__(result, name, array)
@@ -99,12 +101,13 @@ def radiance(
     mu: Any = None,
     phi: Any = 0.0,
     tau: Any = 0.0,
-    nodes: int = 40,
+    nodes: int | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
     algorithm: str = "auto",
     verify: bool = False,
-    truncation: str = "none",
+    accuracy: float | None = None,
+    truncation: str = "auto",
 ) -> Field:
     """The diffuse field of one beam, by discrete ordinates.
 
@@ -113,40 +116,35 @@ def radiance(
     ``nodes`` a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for
     single scattering); ``threads``, default all usable CPUs; ``progress``, called with (orders done, orders);
     ``algorithm``, "modes" (eigenvectors), "doubling" (impedance doubling, no eigenproblem) or "auto", which takes one
-    by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``; ``truncation``, what becomes
-    of phase matrices with more terms than the nodes carry: "none" cuts them, "delta-m" counts their forward peak as
-    light that was not scattered, "small-angle" does so too and spreads that light (docs/truncation.md). Raises
-    SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer. Source: Collin, Pattanaik,
-    Bouatouch, section 2.
+    by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``. Raises SceneError for bad
+    input, AccuracyError where neither algorithm can vouch for its answer. Source: Collin, Pattanaik, Bouatouch,
+    section 2.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    scene = check_scene(scene)
-    beam = cosines("mu0", mu0)
-    if beam.size != 1:
-        raise SceneError(f"mu0 must be one number a call, not {beam.size}")
-    options = solver_options(nodes, algorithm, verify, truncation)
-    points = double_gauss(options.nodes)[0]
-    directions = cosines("mu", np.concatenate([points, -points]) if mu is None else mu, signed=True)
-    incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
-    parts = [incident * [1, 1, 0, 0], incident * [0, 0, 1, 1]]
-    columns = np.array([part for part in parts if part.any()] or parts[:1])
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation)
+    request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
     run = new_run(threads)
-    solution = interruptible(
-        run, lambda: solve(scene, beam, columns, directions, azimuths, levels, options, run, progress)
-    )
+    plan, solution = interruptible(run, lambda: planned(request, run, progress))
+    levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
     return Field(
-        stokes=frozen(solution.radiance[:, 0].sum(axis=-1)),
+        stokes=settled(solution.parts[0])[:, 0, : directions.size, ..., 0],
         flux_up=frozen(solution.flux_up[:, 0].sum(axis=-1)),
         flux_down=frozen(solution.flux_down[:, 0].sum(axis=-1)),
         direct=frozen(beam[0] * incident[0] * np.exp(-levels / beam[0])),
         tau=levels,
         mu=directions,
-        phi=azimuths,
+        phi=request.phi,
         mu0=float(beam[0]),
         incident_stokes=incident,
         diagnostics=solution.diagnostics,
     )
+
+
+def planned(request: Request, run: Run, progress: Progress | None) -> tuple[Plan, Solution]:
+    """The plan of a request, and its solution."""
+    plan = make_plan(request, run)
+    return plan, solve(plan, run, progress)

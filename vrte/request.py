@@ -1,12 +1,13 @@
 """What a user asks for, checked before any work."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, flag, numbers, shown, vector, whole
+from vrte.arrays import Array, flag, number, numbers, shown, vector, whole
 from vrte.discrete_ordinates.choice import ALGORITHMS
-from vrte.discrete_ordinates.solver import Options
+from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
 from vrte.optics.truncation import TRUNCATIONS
 from vrte.scene import Scene
@@ -14,6 +15,31 @@ from vrte.scene import Scene
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
 LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
+FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
+WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """What is asked of a scene: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V), signed
+    mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,), and how: nodes (None: chosen by the plan), accuracy relative to
+    the largest I at each depth, algorithm, verify, truncation. ``wanted`` (None: everything) says what becomes of the
+    solution. ``fluxes_only``: mu is there for form's sake."""
+
+    kind: str
+    scene: Scene
+    mu0: Array
+    columns: Array
+    mu: Array | None
+    phi: Array
+    tau: Array
+    wanted: Wanted | None
+    nodes: int | None
+    accuracy: float
+    algorithm: str
+    verify: bool
+    truncation: str
+    fluxes_only: bool = False
 
 
 def check_scene(scene: Any) -> Scene:
@@ -58,18 +84,61 @@ def depths(values: Any, scene: Scene) -> Array:
     return array
 
 
-def solver_options(nodes: Any, algorithm: Any, verify: Any, truncation: Any = "none") -> Options:
-    """Nodes of a hemisphere, the algorithm's name, a yes or no, the truncation's name."""
-    return Options(
-        whole("nodes", nodes, 1, MOST_NODES),
-        one_of("algorithm", algorithm, ALGORITHMS),
-        flag("verify", verify),
-        one_of("truncation", truncation, TRUNCATIONS),
-    )
-
-
 def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
     """One of the names allowed."""
     if not (isinstance(value, str) and value in allowed):
         raise SceneError(f"{name} must be {', '.join(map(repr, allowed))}, not {shown(value)}")
     return value
+
+
+def solver_options(nodes: Any, accuracy: Any, algorithm: Any, verify: Any, truncation: Any = "auto") -> dict[str, Any]:
+    """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the truncation's name: as fields of a
+    Request."""
+    if accuracy is None:
+        accuracy = WITHOUT_NODES if nodes is None else WITH_NODES
+    return {
+        "nodes": None if nodes is None else whole("nodes", nodes, 1, MOST_NODES),
+        "accuracy": number("accuracy", accuracy, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
+        "algorithm": one_of("algorithm", algorithm, ALGORITHMS),
+        "verify": flag("verify", verify),
+        "truncation": one_of("truncation", truncation, ("auto", *TRUNCATIONS)),
+    }
+
+
+def brdf_request(
+    scene: Any, mu_i: Any, mu_o: Any, phi: Any, transmission: Any, options: dict[str, Any]
+) -> tuple[Request, Array]:
+    """The request of a BRDF, and its outgoing cosines."""
+    scene = check_scene(scene)
+    into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
+    azimuths = vector("phi", phi)
+    if flag("transmission", transmission) and not np.isfinite(scene.thickness):
+        raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
+    levels = np.array([0.0, scene.thickness] if transmission else [0.0])
+    directions = np.concatenate([out, -out]) if transmission else out
+    # light going up at the top, and light going down at the bottom
+    parts = [
+        (np.array([k], np.int32), np.arange(k * out.size, (k + 1) * out.size, dtype=np.int32))
+        for k in range(levels.size)
+    ]
+    wanted = Wanted(parts, np.arange(4, dtype=np.int32), 1.0 / into)
+    return Request("brdf", scene, into, np.eye(4), directions, azimuths, levels, wanted, **options), out
+
+
+def radiance_request(
+    scene: Any, mu0: Any, stokes: Any, mu: Any, phi: Any, tau: Any, options: dict[str, Any]
+) -> tuple[Request, Array]:
+    """The request of a field, and the incident Stokes vector."""
+    scene = check_scene(scene)
+    beam = cosines("mu0", mu0)
+    if beam.size != 1:
+        raise SceneError(f"mu0 must be one number a call, not {beam.size}")
+    fluxes_only = isinstance(mu, (list, tuple)) and not mu
+    directions = np.ones(1) if fluxes_only else None if mu is None else cosines("mu", mu, signed=True)
+    incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
+    parts = [incident * [1, 1, 0, 0], incident * [0, 0, 1, 1]]
+    columns = np.array([part for part in parts if part.any()] or parts[:1])
+    request = Request(
+        "radiance", scene, beam, columns, directions, azimuths, levels, None, **options, fluxes_only=fluxes_only
+    )
+    return request, incident

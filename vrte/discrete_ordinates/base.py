@@ -18,7 +18,7 @@ class Base:
     """What the base does, order by order, in the scaled and flipped frame.
 
     row (order,): row of the arrays, -1 for orders it does not reflect; matrix (row, n, n), source (row, n_rhs, n),
-    out (row, n, 4 n_out): all (column, row); azimuths: samples the Fourier integrals took.
+    out (row, n, S n_out): all (column, row); azimuths: samples the Fourier integrals took.
     """
 
     row: IntArray
@@ -31,13 +31,13 @@ class Base:
 def black(problem: Problem, n_order: int) -> Base:
     """No reflection at any order."""
     n = problem.size
-    empty = np.zeros((1, n, n)), np.zeros((1, problem.n_rhs, n)), np.zeros((1, n, 4 * problem.mu_out.size))
+    empty = np.zeros((1, n, n)), np.zeros((1, problem.n_rhs, n)), np.zeros((1, n, problem.rows_out))
     return Base(np.full(n_order, -1, np.int32), *empty)
 
 
 def expand_base(base: Lambertian | MuellerBase | None, problem: Problem, n_order: int) -> Base:
     """The base's operators for the orders 0 .. n_order - 1."""
-    if base is None:
+    if base is None or (isinstance(base, Lambertian) and not problem.conserves):
         return black(problem, n_order)
     into = np.concatenate([problem.nodes, problem.mu0])
     out = np.concatenate([problem.nodes, problem.mu_out])
@@ -48,11 +48,13 @@ def expand_base(base: Lambertian | MuellerBase | None, problem: Problem, n_order
     else:
         orders, azimuths = mueller_orders(base, into, out, n_order)
     row = np.where(np.arange(n_order) < orders.shape[0], np.arange(n_order), -1).astype(np.int32)
-    return Base(row, *operators(problem, FLIP[:, None] * orders), azimuths)
+    members = list(problem.stokes)
+    orders = (FLIP[:, None] * orders)[..., members, :][..., members]
+    return Base(row, *operators(problem, orders), azimuths)
 
 
 def operators(problem: Problem, orders: Array) -> tuple[Array, Array, Array]:
-    """Matrix, source and outgoing rows from R^m (order, in, out, 4, 4): weights and scaling put in."""
+    """Matrix, source and outgoing rows from R^m (order, in, out, S, S): weights and scaling put in."""
     n_node, n_order = problem.nodes.size, orders.shape[0]
     scale = np.sqrt(problem.weights * problem.nodes)
     on_nodes = orders * np.concatenate([scale, problem.mu0])[:, None, None, None]

@@ -1,5 +1,6 @@
-"""Which of the two exact routes a scene takes: a rule written from measured accuracy and time (docs/accuracy.md)."""
+"""Which algorithm a block of orders takes: a rule written from measured accuracy and time (docs/accuracy.md)."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,11 +8,14 @@ import numpy as np
 from vrte.discrete_ordinates.problem import Problem
 from vrte.discrete_ordinates.slabs import Pile, cut
 
-ALGORITHMS = ("auto", "modes", "doubling")
+ALGORITHMS = ("auto", "modes", "doubling", "invariance")
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
 STEPS_ENDLESS = 8
 JOINT = 0.2  # time of a joint over that of a layer's modes
+ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
 WORTH_IT = 0.7  # predicted times are right to about a third
+GENERAL, SYMMETRIC = 45.0, 18.0  # operations over n^3 of a layer's modes, eigenproblem included
+FINEST = 1e-13  # accuracy that iterations are taken for
 
 
 @dataclass(frozen=True)
@@ -22,17 +26,61 @@ class Choice:
     reason: str
 
 
-def choose(algorithm: str, problem: Problem) -> Choice:
-    """The route asked for, or for "auto" the one that the rule takes."""
+def choose(algorithm: str, problem: Problem, strength: float, accuracy: float) -> Choice:
+    """The route asked for, or for "auto" the one that the rule takes; ``strength``: q of the strongest order.
+
+    Invariance stands for reflection alone: where it does not apply, modes do the orders that were to be done by it.
+    """
+    if algorithm == "invariance":
+        if sees_top_only(problem):
+            return Choice(algorithm, "asked for")
+        return Choice("modes", "invariance was asked for, and is for the top of what has no end to these orders")
     if algorithm != "auto":
         return Choice(algorithm, "asked for")
     if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
         return Choice(
             "doubling", f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
         )
+    if sees_top_only(problem) and accuracy >= FINEST:
+        share = operations_of_invariance(problem, strength, accuracy) / operations_of_modes(problem)
+        if share < 1.0:
+            return Choice(
+                "invariance", f"auto: only the top is seen; predicted to take {share:.2g} of the time of modes"
+            )
+    if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
+        return Choice("modes", "auto: one layer, one eigenproblem")
     ratio = time_of_doubling(cut(problem)) / problem.albedo.size
     name = "doubling" if ratio < WORTH_IT else "modes"
     return Choice(name, f"auto: doubling is predicted to take {ratio:.2g} times the time of modes")
+
+
+def sees_top_only(problem: Problem) -> bool:
+    """Whether nothing but the light reflected by one layer without end is asked for."""
+    return problem.albedo.size == 1 and bool(np.isinf(problem.thickness[0])) and not problem.level.any()
+
+
+def is_symmetric(problem: Problem) -> bool:
+    """Whether E and F are symmetric: U and V do not mix."""
+    return not (2 in problem.stokes and 3 in problem.stokes and problem.coefficients[..., 5].any())
+
+
+def operations_of_modes(problem: Problem) -> float:
+    """Of an order, roughly."""
+    n = problem.size
+    solving = (SYMMETRIC if is_symmetric(problem) else GENERAL) * n**3
+    return problem.albedo.size * (solving + 4.0 * n * n * (problem.n_rhs + problem.rows_out))
+
+
+def operations_of_invariance(problem: Problem, strength: float, accuracy: float) -> float:
+    """Of the strongest order, roughly."""
+    rank = 2.0 * problem.terms[0]
+    rows = problem.size + len(problem.stokes) * np.union1d(problem.mu_out, problem.mu0).size
+    return 4.0 * rows * problem.size * rank * iterations(strength, accuracy)
+
+
+def iterations(strength: float, accuracy: float) -> float:
+    """What fixed points of the invariance equation need: each gains a factor of a little less than q."""
+    return math.log(0.01 * accuracy) / math.log(min(0.95 * strength + 1e-6, 0.999))
 
 
 def time_of_doubling(pile: Pile) -> float:

@@ -31,7 +31,7 @@ def double_slabs(
     ``problem``'s layers are the materials; material, thickness (slab,).
     """
     shape = (orders.size, max(1, material.size))
-    size = _core.extended_size(problem.size, problem.n_rhs, 4 * problem.mu_out.size)
+    size = _core.extended_size(problem.size, problem.n_rhs, problem.rows_out)
     slabs = Slabs(
         R=np.empty((*shape, size)),
         T=np.empty((*shape, size)),
@@ -47,6 +47,7 @@ def double_slabs(
         "doubling",
         _core.double_slabs,
         orders,
+        problem.conserves,
         material,
         thickness,
         problem.albedo,
@@ -69,7 +70,7 @@ def double_slabs(
         slabs.doublings,
         info,
         run.threads,
-        run.work(_core.doubling_work(problem.size, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size)),
+        run.work(_core.doubling_work(problem.size, problem.n_rhs, problem.rows_out)),
         run.pivots(problem.size),
     )
     if info.any():

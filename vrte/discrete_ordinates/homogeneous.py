@@ -24,8 +24,8 @@ class Modes:
     residual: Array
 
 
-def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Run) -> Modes:
-    """The modes of every order and layer. Raises AccuracyError where LAPACK finds none."""
+def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Run, quick: bool = False) -> Modes:
+    """The modes of every order and layer, ``quick`` where E and F are symmetric. Raises AccuracyError without any."""
     shape, n = (orders.size, problem.albedo.size), problem.size
     modes = Modes(
         lam_re=np.empty((*shape, n)),
@@ -41,6 +41,8 @@ def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Ru
         "homogeneous",
         _core.homogeneous,
         orders,
+        problem.conserves,
+        quick,
         problem.albedo,
         problem.nodes,
         problem.weights,
@@ -56,7 +58,7 @@ def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Ru
         info,
         run.threads,
         run.work(_core.homogeneous_work(n)),
-        run.pivots(2 * n),
+        run.pivots(6 * n + 8),
     )
     if info.any():
         order, layer = np.argwhere(info)[0]

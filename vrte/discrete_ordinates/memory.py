@@ -1,16 +1,24 @@
 """How much memory a request takes, said before it starts."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from vrte import _core
+from vrte.discrete_ordinates.azimuths import Azimuths
+from vrte.discrete_ordinates.blocks import Block
 from vrte.discrete_ordinates.problem import Problem
 from vrte.discrete_ordinates.slabs import Pile, cut
 from vrte.errors import SceneError
-from vrte.scene import MuellerBase, Scene
+from vrte.scene import MuellerBase
 
 BYTES = 8
 CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
+PIECE_BYTES = 16e6  # of the result at a time: it stays in the cache, and a progress bar moves
+TILE_DOUBLES = 32768  # of a thread at the end, more where one direction's azimuths take more
+ALWAYS_THERE = 32e6  # less than what the interpreter has taken already
 LARGEST_SHARE = 0.9  # of what is available
 FILES = (  # what a control group may use, and what it uses: version 2, version 1
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
@@ -18,9 +26,12 @@ FILES = (  # what a control group may use, and what it uses: version 2, version 
 )
 
 
-def check_memory(scene: Scene, problem: Problem, n_phi: int, threads: int, route: str) -> None:
-    """Raises SceneError where the request needs more memory than there is."""
-    needed, available = BYTES * doubles_needed(scene, problem, n_phi, threads, route), available_bytes()
+def check_memory(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> None:
+    """Raises SceneError where the request, with so many doubles of result, needs more memory than there is."""
+    needed = BYTES * doubles_needed(problem, blocks, result, azimuths, threads)
+    if needed < ALWAYS_THERE:  # asking the system takes as long as a small solve
+        return
+    available = available_bytes()
     if needed > LARGEST_SHARE * available:
         raise SceneError(
             f"nodes, layers and directions together need about {in_gigabytes(needed)} of memory and "
@@ -28,38 +39,57 @@ def check_memory(scene: Scene, problem: Problem, n_phi: int, threads: int, route
         )
 
 
-def doubles_needed(scene: Scene, problem: Problem, n_phi: int, threads: int, route: str) -> float:
-    """Doubles at the peak, before the number of orders is known: at most one a term."""
-    per_order, per_thread = doubles_of_doubling(cut(problem)) if route == "doubling" else doubles_of_modes(problem)
-    n_order = float(problem.terms.max())
-    n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
-    matrices = {id(layer.phase_matrix) for layer in scene.layers}
-    directions = float(n_in) * n_out * n_phi
-    radiance = 4.0 * n_col * problem.level.size * directions
+def doubles_needed(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> float:
+    """Doubles at the peak: one block after another, beside what they add up to."""
+    sums = threads * (TILE_DOUBLES + 8.0 * problem.columns.shape[0] * azimuths.distinct.size)
     base = 0.0
-    if isinstance(scene.base, MuellerBase) and scene.base_is_reached:
-        nodes = problem.nodes.size
-        base = n_order * 16.0 * (nodes + n_in) * (nodes + n_out) * 3.0 + 16.0 * problem.level.size * directions
-    return (
-        4.0 * radiance  # the sum over orders, single scattering, the result's own copy
-        + 16.0 * len(matrices) * directions
-        + 2.0 * n_order * problem.level.size * problem.n_rhs * n_out * 4.0
-        + min(n_order, orders_at_once(per_order, threads)) * per_order
-        + threads * per_thread
-        + base
-    )
+    if any(isinstance(block.base, MuellerBase) for block in blocks):  # its samples for one piece of the result
+        base = 4.0 * max(4.0 * result / problem.mu0.size, PIECE_BYTES / BYTES)
+    kernels = sum(doubles_of_kernels(block) for block in blocks)
+    matrices = max((doubles_of_block(block, threads) for block in blocks), default=0.0)
+    return result + 8.0 * azimuths.angle.size + sums + base + kernels + matrices
+
+
+def doubles_of_kernels(block: Block) -> float:
+    """Doubles of what a block finds, twice."""
+    problem = block.problem
+    return 2.0 * block.orders.size * problem.level.size * problem.n_rhs * problem.rows_out
+
+
+def doubles_of_block(block: Block, threads: int) -> float:
+    """Doubles of the matrices of the orders done at once."""
+    problem, n_order = block.problem, float(block.orders.size)
+    per_order, per_thread = doubles_of_route(block.choice.name, problem)
+    base = 0.0
+    if isinstance(block.base, MuellerBase):
+        base = n_order * 48.0 * (problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
+    return min(n_order, orders_at_once(per_order, threads)) * per_order + threads * per_thread + base
+
+
+def doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory."""
+    if name == "doubling":
+        return doubles_of_doubling(cut(problem))
+    return doubles_of_invariance(problem) if name == "invariance" else doubles_of_modes(problem)
+
+
+def doubles_of_invariance(problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory, by invariance."""
+    directions = np.union1d(problem.mu_out, problem.mu0)
+    work = _core.invariance_work(problem.nodes.size, directions.size, len(problem.stokes), int(problem.terms.max()))
+    return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
 
 
 def doubles_of_modes(problem: Problem) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by modes."""
     n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
-    out, into = 4 * problem.mu_out.size, 4 * problem.mu0.size
+    out, into = problem.rows_out, len(problem.stokes) * problem.mu0.size
     per_order = float(n_layer) * n * (5 * n + 2 * out + 2 * into + 4 * n_rhs)
     scratch = (
-        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1]),
+        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
         _core.homogeneous_work(n),
         _core.boundary_work(n, n_layer, n_rhs),
-        _core.reconstruction_work(n, problem.mu_out.size, n_rhs, n_layer),
+        _core.reconstruction_work(n, problem.rows_out, n_rhs, n_layer),
     )
     return per_order, float(max(scratch))
 
@@ -67,17 +97,16 @@ def doubles_of_modes(problem: Problem) -> tuple[float, float]:
 def doubles_of_doubling(pile: Pile) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by impedance doubling."""
     problem = pile.problem
-    n, n_rhs, n_out, n_col = problem.size, problem.n_rhs, problem.mu_out.size, problem.columns.shape[0]
-    into = 4 * problem.mu0.size
+    n, n_rhs, out, into = problem.size, problem.n_rhs, problem.rows_out, len(problem.stokes) * problem.mu0.size
     per_order = (
-        2.0 * problem.albedo.size * n * (n + 4 * n_out + into)
-        + 2.0 * max(1, pile.material.size) * _core.extended_size(n, n_rhs, 4 * n_out)
-        + 2.0 * pile.interface.size * n_rhs * 4 * n_out
+        2.0 * problem.albedo.size * n * (n + out + into)
+        + 2.0 * max(1, pile.material.size) * _core.extended_size(n, n_rhs, out)
+        + 2.0 * pile.interface.size * n_rhs * out
     )
     scratch = (
-        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1]),
-        _core.doubling_work(n, problem.mu0.size, n_col, n_out),
-        _core.joining_work(n, pile.slabs.size, n_rhs, n_out),
+        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
+        _core.doubling_work(n, n_rhs, out),
+        _core.joining_work(n, pile.slabs.size, n_rhs, out),
     )
     return per_order, float(max(scratch))
 

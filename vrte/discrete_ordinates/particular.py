@@ -38,6 +38,6 @@ def particular(problem: Problem, matrices: Assembled, modes: Modes, run: Run) ->
         beam.c,
         beam.zeta,
         run.threads,
-        run.work(_core.particular_work(problem.size, problem.mu0.size)),
+        run.work(_core.particular_work(problem.size, problem.mu0.size, len(problem.stokes))),
     )
     return beam

@@ -24,16 +24,17 @@ class Assembled:
 def assemble(problem: Problem, orders: IntArray, run: Run) -> Assembled:
     """All matrices of the given Fourier orders; last axes are (column, row)."""
     shape, n = (orders.size, problem.albedo.size), problem.size
-    out, into = 4 * problem.mu_out.size, 4 * problem.mu0.size
+    out, into = problem.rows_out, len(problem.stokes) * problem.mu0.size
     result = Assembled(
         *(np.empty((*shape, *tail)) for tail in [(n, n), (n, n), (n, out), (n, out), (into, n), (into, n)])
     )
     directions = problem.directions
-    work = run.work(_core.assembly_work(directions.size, problem.coefficients.shape[1]))
+    work = run.work(_core.assembly_work(directions.size, problem.coefficients.shape[1], len(problem.stokes)))
     run.timed(
         "assembly",
         _core.assemble,
         orders,
+        np.array(problem.stokes, np.int32),
         problem.coefficients,
         problem.terms,
         problem.albedo,

@@ -12,15 +12,18 @@ from vrte.arrays import Array
 IntArray = NDArray[np.int32]
 Progress = Callable[[int, int], None]
 FLIP = np.array([1.0, 1.0, -1.0, -1.0])  # D of (1:11)
+ALL = (0, 1, 2, 3)  # places of I, Q, U, V
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Layers, directions and incident beams in the solver's frame (docs/conventions.md).
 
-    coefficients (layer, term, 6), cut at 2 N terms; terms, albedo, thickness, above (layer,); nodes, weights (N,);
-    mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, 4) incident Stokes
-    vectors, each within (I, Q) or within (U, V); level, level_layer (n_tau,): depths below the top of a layer.
+    coefficients (layer, term, 6), truncated to 2 N terms; terms, albedo, thickness, above (layer,), of the truncated
+    layers like all depths; gain, fraction (layer,): as in `vrte.optics.truncation.Truncated`; nodes, weights (N,);
+    mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, S) incident Stokes
+    vectors; stokes (S,): places of the S Stokes parameters at work, ascending; terms_cut: how many terms of the longest
+    phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer.
     """
 
     coefficients: Array
@@ -28,6 +31,8 @@ class Problem:
     albedo: Array
     thickness: Array
     above: Array
+    gain: Array
+    fraction: Array
     nodes: Array
     weights: Array
     mu_out: Array
@@ -36,6 +41,8 @@ class Problem:
     columns: Array
     level: Array
     level_layer: IntArray
+    stokes: tuple[int, ...] = ALL
+    terms_cut: int = 0
 
     @property
     def directions(self) -> Array:
@@ -44,8 +51,23 @@ class Problem:
 
     @property
     def size(self) -> int:
-        """n = 4 N."""
-        return 4 * self.nodes.size
+        """n = S N."""
+        return len(self.stokes) * self.nodes.size
+
+    @property
+    def rows_out(self) -> int:
+        """S n_out."""
+        return len(self.stokes) * self.mu_out.size
+
+    @property
+    def flip(self) -> Array:
+        """D of (1:11) on the Stokes parameters at work."""
+        return FLIP[list(self.stokes)]
+
+    @property
+    def conserves(self) -> bool:
+        """Whether order 0 carries the flux."""
+        return self.stokes[0] == 0
 
     @property
     def n_rhs(self) -> int:

@@ -1,7 +1,11 @@
 """Double-Gauss quadrature, (1:15): Gauss-Legendre nodes on each hemisphere."""
 
+from functools import lru_cache
+
 from vrte.arrays import Array
 from vrte.optics.spherical_functions import gauss_legendre
+
+kept = lru_cache(maxsize=16)(gauss_legendre)
 
 
 def double_gauss(nodes: int) -> tuple[Array, Array]:
@@ -10,5 +14,5 @@ def double_gauss(nodes: int) -> tuple[Array, Array]:
     >>> double_gauss(1)
     (array([0.5]), array([1.]))
     """
-    x, weights = gauss_legendre(nodes)
+    x, weights = kept(nodes)
     return 0.5 * (x + 1.0), 0.5 * weights

@@ -9,7 +9,7 @@ from vrte.discrete_ordinates.boundary import Amplitudes
 from vrte.discrete_ordinates.homogeneous import Modes
 from vrte.discrete_ordinates.particular import Beam
 from vrte.discrete_ordinates.phase_assembly import Assembled
-from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem, Run
+from vrte.discrete_ordinates.problem import IntArray, Problem, Run
 
 
 def reconstruct(
@@ -22,9 +22,9 @@ def reconstruct(
     base: Base,
     run: Run,
 ) -> Array:
-    """(order, n_tau, n_in, n_col, n_out, 4): radiance of each order for a unit beam, public frame."""
+    """(order, n_tau, n_in, n_col, n_out, S): radiance of each order for a unit beam, public frame."""
     n_out, n_rhs = problem.mu_out.size, problem.n_rhs
-    out = np.empty((orders.size, problem.level.size, n_rhs, 4 * n_out))
+    out = np.empty((orders.size, problem.level.size, n_rhs, problem.rows_out))
     run.timed(
         "reconstruction",
         _core.reconstruct,
@@ -50,23 +50,27 @@ def reconstruct(
         problem.level_layer,
         out,
         run.threads,
-        run.work(_core.reconstruction_work(problem.size, n_out, n_rhs, problem.albedo.size)),
+        run.work(_core.reconstruction_work(problem.size, problem.rows_out, n_rhs, problem.albedo.size)),
     )
-    out = out.reshape(*out.shape[:2], problem.mu0.size, problem.columns.shape[0], n_out, 4)
-    out[..., : problem.n_up, :] *= FLIP
+    out = out.reshape(*out.shape[:2], problem.mu0.size, problem.columns.shape[0], n_out, len(problem.stokes))
+    out[..., : problem.n_up, :] *= problem.flip
     return out / (2.0 * np.pi)
 
 
-def nodal_fluxes(problem: Problem, modes: Modes, beam: Beam, amplitudes: Amplitudes) -> tuple[Array, Array]:
-    """Diffuse flux up and down through a horizontal plane at every level, from order 0: (n_tau, n_in, n_col) each."""
+def nodal_fluxes(
+    problem: Problem, orders: IntArray, modes: Modes, beam: Beam, amplitudes: Amplitudes
+) -> tuple[Array, Array]:
+    """Diffuse flux up and down through a horizontal plane at every level, (n_tau, n_in, n_col); 0 without order 0."""
     shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
-    up, down = np.empty(shape), np.empty(shape)
+    up, down = np.zeros(shape), np.zeros(shape)
+    if not problem.conserves or orders[0] > 0:
+        return up, down
     weight = np.sqrt(problem.weights * problem.nodes)
     for t, (level, layer) in enumerate(zip(problem.level, problem.level_layer, strict=True)):
         y, z = mode_coordinates(problem, int(layer), float(level), modes, beam, amplitudes)
         total, difference = y @ modes.X[0, layer], z @ modes.Y[0, layer]
-        up[t] = ((total - difference)[:, ::4] @ weight / 2.0).reshape(shape[1:])
-        down[t] = ((total + difference)[:, ::4] @ weight / 2.0).reshape(shape[1:])
+        up[t] = ((total - difference)[:, :: len(problem.stokes)] @ weight / 2.0).reshape(shape[1:])
+        down[t] = ((total + difference)[:, :: len(problem.stokes)] @ weight / 2.0).reshape(shape[1:])
     return up, down
 
 

@@ -1,12 +1,13 @@
 """Singly scattered light, and light reflected once by the base, in closed form over all Fourier orders."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from vrte import _core
 from vrte.arrays import Array
-from vrte.discrete_ordinates.problem import Problem, Run
+from vrte.discrete_ordinates.problem import IntArray, Problem
 from vrte.scene import Lambertian, Layer, MuellerBase
 
 
@@ -18,36 +19,52 @@ def exp_difference(a: Array, b: Array) -> Array:
     return np.exp(high) * np.where(gap == 0.0, 1.0, np.expm1(safe) / safe)
 
 
-def cos_sin_deg(angle_deg: Array) -> tuple[Array, Array]:
-    """cos and sin, exact at multiples of 90 degrees."""
-    turn = np.remainder(angle_deg, 360.0)
-    cosine, sine = np.cos(np.radians(turn)), np.sin(np.radians(turn))
-    cosine = np.where((turn == 90.0) | (turn == 270.0), 0.0, cosine)
-    sine = np.where((turn == 0.0) | (turn == 180.0), 0.0, sine)
-    return cosine, sine
+def scatterers(
+    layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: Array, whole: bool = True
+) -> list[tuple[Array, Array]]:
+    """What scatters once: the table of every phase matrix, as the kernel takes it, and what multiplies it.
+
+    That is omega/(4 pi) times the path integral, (n_level, n_in, n_mu), summed over the layers that share it.
+    ``whole``: phase matrices with all their terms, omega the gain of the truncated layers, as in the TMS method;
+    otherwise both are those of the truncated layers. Source: Nakajima and Tanaka, JQSRT 40, 51 (1988).
+    """
+    paths = layer_paths(problem, levels, mu)
+    strength = problem.gain if whole else problem.albedo
+    found: dict[int, tuple[Array, Array]] = {}
+    for k, layer in enumerate(layers):
+        if strength[k] > 0.0:
+            key = id(layer.phase_matrix)
+            weighted = strength[k] / (4.0 * np.pi) * paths[k]
+            if key in found:
+                found[key][1][:] += weighted
+            else:
+                coefficients = layer.phase_matrix.coefficients if whole else problem.coefficients[k]
+                found[key] = (_core.series_table(coefficients), weighted)
+    return list(found.values())
 
 
-def layer_paths(problem: Problem, mu: Array) -> Array:
-    """Optical path integrals of one scattering in each layer, (layer, n_tau, n_in, n_mu); mu signed, > 0 up.
+def layer_paths(problem: Problem, levels: IntArray, mu: Array) -> Array:
+    """Optical path integrals of one scattering in each layer, (layer, n_level, n_in, n_mu); mu signed, > 0 up.
 
     The integral of e^(-t/mu0) e^(-|t - tau|/|mu|) dt/|mu| over the part of the layer that light at tau comes from.
     """
     rate_in = 1.0 / problem.mu0[:, None]
     rate = 1.0 / np.abs(mu)
-    result = np.zeros((problem.albedo.size, problem.level.size, problem.mu0.size, mu.size))
-    for t, (level, at) in enumerate(zip(problem.level, problem.level_layer, strict=True)):
+    result = np.zeros((problem.albedo.size, levels.size, problem.mu0.size, mu.size))
+    for place, t in enumerate(levels):
+        level, at = problem.level[t], problem.level_layer[t]
         for k, (top, thickness) in enumerate(zip(problem.above, problem.thickness, strict=True)):
             if k >= at:  # light going up comes from below tau
                 start, length = (top + level, thickness - level) if k == at else (top, thickness)
                 both = rate_in + rate
                 way = distance(problem, t, k)
                 up = np.exp(-start * rate_in - way * rate) * -np.expm1(-length * both) * rate / both
-                result[k, t] += np.where(mu > 0.0, up, 0.0)
+                result[k, place] += np.where(mu > 0.0, up, 0.0)
             if k <= at:
                 length = level if k == at else thickness
                 down = length * rate * exp_difference(-length * rate_in, -length * rate)
                 down *= np.exp(-top * rate_in - distance(problem, t, k) * rate)
-                result[k, t] += np.where(mu < 0.0, down, 0.0)
+                result[k, place] += np.where(mu < 0.0, down, 0.0)
     return result
 
 
@@ -64,32 +81,39 @@ def distance(problem: Problem, t: int, k: int) -> float:
     return float(level) + math.fsum(problem.thickness[k + 1 : at])
 
 
-def phase_matrices_of_layers(layers: tuple[Layer, ...], mu0: Array, mu: Array, phi: Array, run: Run) -> list[Array]:
-    """omega/(4 pi) Z(mu, mu0, phi) of every layer, (n_in, n_mu, n_phi, 4, 4); a shared phase matrix is done once."""
-    done: dict[int, Array] = {}
-    cosine, sine = (np.ascontiguousarray(values) for values in cos_sin_deg(phi))
-    for layer in layers:
-        key = id(layer.phase_matrix)
-        if key not in done:
-            done[key] = np.empty((mu0.size, mu.size, phi.size, 4, 4))
-            table = np.ascontiguousarray(layer.phase_matrix.coefficients)
-            run.timed("single scattering", _core.scattered_once, table, mu0, mu, cosine, sine, done[key], run.threads)
-    return [done[id(layer.phase_matrix)] for layer in layers]
+def add_base_reflected(
+    base: Lambertian | MuellerBase | None,
+    problem: Problem,
+    levels: IntArray,
+    mu: Array,
+    phi: Array,
+    place: IntArray,
+    scale: Array,
+    first: int,
+    last: int,
+    out: Array,
+) -> None:
+    """Adds the beam, reflected by the base and attenuated both ways, for the incident directions first .. last - 1.
 
-
-def base_reflected(base: Lambertian | MuellerBase | None, problem: Problem, mu: Array, phi: Array) -> Array | None:
-    """The beam, reflected by the base and attenuated both ways: (n_tau, n_in, n_mu, n_phi, 4, 4), or None."""
+    levels (n_level,), mu (n_mu,): depths and signed cosines of out (n_level, n_in, n_mu, n_phi, 4, n_place); place
+    (n_col,): where the columns go; scale (n_in,): factor of each incident direction.
+    """
     total = problem.above[-1] + problem.thickness[-1]
     up = mu > 0.0
     if base is None or not np.isfinite(total) or not up.any():
-        return None
-    mu_i, mu_o = problem.mu0[:, None, None], np.abs(mu)[None, :, None]
+        return
+    mu0 = problem.mu0[first:last]
+    strength = scale[first:last] * mu0 * np.exp(-total / mu0)
+    left = np.array([distance(problem, int(t), problem.albedo.size) for t in levels])
+    fade = np.where(up, strength[:, None] * np.exp(-left[:, None, None] / np.abs(mu)), 0.0)
+    f: Array | None = None
     if isinstance(base, Lambertian):
-        f = np.zeros((problem.mu0.size, mu.size, phi.size, 4, 4))
-        f[..., 0, 0] = base.albedo / np.pi
+        fade *= base.albedo / np.pi
     else:
-        f = base(mu_i, mu_o, phi)
-    left = np.array([distance(problem, t, problem.albedo.size) for t in range(problem.level.size)])
-    left = left[:, None, None] / np.abs(mu)
-    fade = np.where(up, np.exp(-total / problem.mu0[:, None] - left) * problem.mu0[:, None], 0.0)
-    return fade[..., None, None, None] * f
+        f = base(mu0[:, None, None], np.abs(mu)[None, :, None], phi)
+    for column, at in zip(problem.columns, place, strict=True):
+        for values, share in zip(out, fade, strict=True):
+            if f is None:  # (1:66), the same at every azimuth
+                values[first:last, ..., 0, at] += (column[0] * share)[..., None]
+            else:
+                values[first:last, ..., at] += share[..., None, None] * (f @ column)

@@ -8,7 +8,7 @@ from vrte import _core
 from vrte.arrays import Array
 from vrte.discrete_ordinates.base import Base
 from vrte.discrete_ordinates.doubling import Slabs
-from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem, Run
+from vrte.discrete_ordinates.problem import IntArray, Problem, Run
 from vrte.errors import AccuracyError
 
 
@@ -77,17 +77,18 @@ def distinct_materials(problem: Problem) -> tuple[list[int], IntArray]:
 
 
 def join(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tuple[Array, Array, Array, Array]:
-    """The field at the wanted depths: kernels (order, n_tau, n_in, n_col, n_out, 4), flux up and down of order 0
+    """The field at the wanted depths: kernels (order, n_tau, n_in, n_col, n_out, S), flux up and down of order 0
     (n_tau, n_in, n_col), and the residual of each order. Raises AccuracyError where a joint is singular."""
     problem = pile.problem
     levels, n_out = pile.interface.size, problem.mu_out.size
-    shape = (orders.size, levels, problem.n_rhs, 4 * n_out)
+    shape = (orders.size, levels, problem.n_rhs, problem.rows_out)
     up, down, flux = np.empty(shape), np.empty(shape), np.empty((orders.size, levels, 2, problem.n_rhs))
     residual, info = np.zeros((orders.size, max(1, pile.slabs.size))), np.zeros(orders.size, np.int32)
     run.timed(
         "joining",
         _core.join_slabs,
         orders,
+        problem.conserves,
         pile.slabs,
         pile.above,
         problem.nodes,
@@ -108,7 +109,7 @@ def join(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tu
         residual,
         info,
         run.threads,
-        run.work(_core.joining_work(problem.size, pile.slabs.size, problem.n_rhs, n_out)),
+        run.work(_core.joining_work(problem.size, pile.slabs.size, problem.n_rhs, problem.rows_out)),
         run.pivots(problem.size),
     )
     if info.any():
@@ -116,10 +117,10 @@ def join(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tu
             f"two slabs cannot be joined at order {orders[np.argmax(info != 0)]}: the system is singular"
         )
     beams = (problem.mu0.size, problem.columns.shape[0])
-    directions = (orders.size, levels, *beams, n_out, 4)
+    directions = (orders.size, levels, *beams, n_out, len(problem.stokes))
     kernels = np.concatenate(
         [
-            up.reshape(directions)[..., pile.out[: problem.n_up], :] * FLIP,
+            up.reshape(directions)[..., pile.out[: problem.n_up], :] * problem.flip,
             down.reshape(directions)[..., pile.out[problem.n_up :], :],
         ],
         axis=-2,

@@ -15,25 +15,26 @@ for the factor albedo/(1 - albedo f),
 S_l of different layers do not commute: of their product the part is kept that a scattering matrix can have.
 """
 
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte import _core
 from vrte.arrays import Array
-from vrte.discrete_ordinates.problem import Problem, Run
-from vrte.discrete_ordinates.single_scattering import cos_sin_deg, distance
+from vrte.discrete_ordinates.problem import IntArray, Problem
+from vrte.discrete_ordinates.single_scattering import distance
+from vrte.discrete_ordinates.truncating import is_scalar
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.optics.truncation import Truncated, peak
-from vrte.scene import Scene
+from vrte.optics.truncation import peak
+from vrte.scene import Layer, Scene
 
 NEARLY_EQUAL = 1e-7  # eigenvalues of S_l, which are of size 1 at most: closer ones take the derivative
 STEP = 1e-6  # of the derivative: rounding of 1e-10, and as much times (tau/mu0)^2
 SMALL = 1e-5  # exponents that a series is for
+TOGETHER = 30_000  # degrees of so many directions at once: their matrices take some 30 MB
 ComplexArray = NDArray[np.complex128]
 
 
@@ -42,12 +43,12 @@ class Spreading:
     """S_l of one phase matrix, in its blocks (I, Q) and (U, V).
 
     ``mean`` (l, 2): half the trace; ``shape`` (l, 2, 2, 2): S_l less the mean; ``root`` (l, 2): half the difference of
-    the eigenvalues, complex.
+    the eigenvalues, complex where one of them is.
     """
 
     mean: Array
     shape: Array
-    root: ComplexArray
+    root: Array | ComplexArray
 
     @staticmethod
     def of(matrix: PhaseMatrix, terms: int) -> "Spreading":
@@ -57,99 +58,201 @@ class Spreading:
         blocks /= (2.0 * np.arange(terms) + 1.0)[:, None, None, None]
         mean = 0.5 * np.trace(blocks, axis1=-2, axis2=-1)
         shape = blocks - mean[..., None, None] * np.eye(2)
-        return Spreading(mean, shape, np.sqrt(-np.linalg.det(shape).astype(complex)))
+        square = -np.linalg.det(shape)
+        return Spreading(mean, shape, np.sqrt(square.astype(complex) if (square < 0.0).any() else square))
 
-    def function(self, values: Callable[[ComplexArray], ComplexArray]) -> Array:
-        """The matrix function ``values``(S_l): (l, block, 2, 2)."""
+    def beyond(self, first: int) -> "Spreading":
+        """The degrees from ``first``."""
+        return Spreading(self.mean[first:], self.shape[first:], self.root[first:])
+
+    def function(self, values: Callable[[Any], Any]) -> Array:
+        """The matrix function ``values``(S_l): (..., l, block, 2, 2) where ``values`` adds axes in front."""
         high, low = values(self.mean + self.root), values(self.mean - self.root)
         close = np.abs(self.root) < NEARLY_EQUAL
         slope = (high - low) / np.where(close, 1.0, 2.0 * self.root)
-        around: ComplexArray = self.mean[close].astype(complex)
-        slope[close] = (values(around + STEP) - values(around - STEP)) / (2.0 * STEP)
+        if close.any():
+            around = np.where(close, self.mean, 0.0)
+            slope = np.where(close, (values(around + STEP) - values(around - STEP)) / (2.0 * STEP), slope)
         return 0.5 * (high + low).real[..., None, None] * np.eye(2) + slope.real[..., None, None] * self.shape
 
+    def coefficients(self, blocks: Array, first: int) -> Array:
+        """Columns a1 .. b2 (..., l, 6) of matrices (..., l, block, 2, 2) of the degrees from ``first``, at least 2."""
+        plus, minus = blocks[..., 0, 1] + blocks[..., 1, 0], blocks[..., 0, 1] - blocks[..., 1, 0]
+        diagonal = np.diagonal(blocks, axis1=-2, axis2=-1)
+        columns = np.empty((*blocks.shape[:-3], 6))
+        columns[..., :4] = diagonal.reshape(*diagonal.shape[:-2], 4)
+        columns[..., 4], columns[..., 5] = 0.5 * plus[..., 0], 0.5 * minus[..., 1]
+        return degrees_from(first, columns.shape[-2])[:, None] * columns
 
-def add_anisotropic(
-    radiance: Array,
-    scene: Scene,
-    layers: list[Truncated],
-    problem: Problem,
-    mu: Array,
-    phi: Array,
-    scalar: bool,
-    run: Run,
-) -> None:
-    """Adds what the anisotropic part sends into the directions ``mu`` (signed), ``phi`` to radiance, in place.
+    @staticmethod
+    def product(one: Array, other: Array) -> Array:
+        """Of two functions."""
+        return one @ other
 
-    Shapes as in `solver.add_scattered_once`; ``scalar``: as the layers were truncated.
-    """
-    terms = max(layer.phase_matrix.terms for layer in scene.layers)
-    spreadings = {id(matrix): Spreading.of(matrix, terms) for matrix in (layer.phase_matrix for layer in scene.layers)}
-    spread = [spreadings[id(layer.phase_matrix)] for layer in scene.layers]
-    cosine, sine = (np.ascontiguousarray(values) for values in cos_sin_deg(phi))
-    phase = np.empty((1, 1, phi.size, 4, 4))
-    for i, mu0 in enumerate(problem.mu0):
-        beams = spread_beams(scene, spread, float(mu0))
-        for t, o in np.ndindex(problem.level.size, mu.size):
-            begin = time.perf_counter()
-            table = np.zeros((terms, 6))
-            for k, layer in enumerate(layers):
-                ray = Ray(problem, t, k, float(mu[o]))
-                if ray.length > 0.0 and layer.gain > 0.0:
-                    table += source(scene, layer, spread[k], beams[k], float(mu0), ray, scalar)
-            run.book("small angles", time.perf_counter() - begin)
-            if not table.any():
-                continue
-            into, out = problem.mu0[i : i + 1], np.ascontiguousarray(mu[o : o + 1])
-            run.timed("small angles", _core.scattered_once, table, into, out, cosine, sine, phase, 1)
-            radiance[t, i, o] += (phase[0, 0] @ problem.columns.T) / (4.0 * np.pi)
+    @staticmethod
+    def identity(terms: int) -> Array:
+        """The function that is 1."""
+        return np.broadcast_to(np.eye(2), (terms, 2, 2, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class ScalarSpreading:
+    """S_l where polarization plays no part, ``mean`` (l,): the same calls, functions (..., l)."""
+
+    mean: Array
+
+    @staticmethod
+    def of(matrix: PhaseMatrix, terms: int) -> "ScalarSpreading":
+        """Degrees 0 .. terms - 1, zero where the matrix has none."""
+        return ScalarSpreading(np.pad(matrix.a1, (0, terms - matrix.terms)) / degrees_from(0, terms))
+
+    def beyond(self, first: int) -> "ScalarSpreading":
+        """The degrees from ``first``."""
+        return ScalarSpreading(self.mean[first:])
+
+    def function(self, values: Callable[[Any], Any]) -> Array:
+        """``values``(S_l)."""
+        found: Array = values(self.mean)
+        return found
+
+    def coefficients(self, values: Array, first: int) -> Array:
+        """Columns a1 .. b2 (..., l, 6), all but the first zero."""
+        columns = np.zeros((*values.shape, 6))
+        columns[..., 0] = degrees_from(first, values.shape[-1]) * values
+        return columns
+
+    @staticmethod
+    def product(one: Array, other: Array) -> Array:
+        """Of two functions."""
+        return one * other
+
+    @staticmethod
+    def identity(terms: int) -> Array:
+        """The function that is 1."""
+        return np.ones(terms)
+
+
+AnySpreading = Spreading | ScalarSpreading
+
+
+def degrees_from(first: int, count: int) -> Array:
+    """2 l + 1."""
+    return 2.0 * np.arange(first, first + count, dtype=float) + 1.0
 
 
 @dataclass(frozen=True)
 class Beam:
     """The beam at the top of a layer, for a unit one at the top of the scene: ``direct``, never scattered, exp(-x);
-    ``degrees`` E_l (l, block, 2, 2)."""
+    ``degrees`` E_l, a function of its layer's kind of spreading."""
 
     direct: float
     degrees: Array
 
 
-def spread_beams(scene: Scene, spread: list[Spreading], mu0: float) -> list[Beam]:
-    """The beam at the top of every layer."""
-    terms = spread[0].mean.shape[0]
-    beams = [Beam(1.0, np.broadcast_to(np.eye(2), (terms, 2, 2, 2)))]
-    for layer, here in zip(scene.layers[:-1], spread[:-1], strict=True):
-        passed = spread_through(here, layer.albedo, layer.thickness / mu0)
-        beams.append(Beam(beams[-1].direct * float(np.exp(-layer.thickness / mu0)), passed @ beams[-1].degrees))
-    return beams
+@dataclass(frozen=True, eq=False)
+class Anisotropic:
+    """The anisotropic part of a scene, and what one scattering of it sends out; ``problem``: truncated by delta-M."""
+
+    scene: Scene
+    problem: Problem
+
+    @cached_property
+    def terms(self) -> int:
+        """Of the longest phase matrix."""
+        return max(layer.phase_matrix.terms for layer in self.scene.layers)
+
+    @cached_property
+    def scalar(self) -> bool:
+        """Whether polarization plays no part."""
+        return is_scalar(self.scene)
+
+    @cached_property
+    def spreadings(self) -> list[AnySpreading]:
+        """One a layer, layers of one phase matrix share it."""
+        kind: Any = ScalarSpreading if self.scalar else Spreading
+        matrices = {id(layer.phase_matrix): layer.phase_matrix for layer in self.scene.layers}
+        found = {key: kind.of(matrix, self.terms) for key, matrix in matrices.items()}
+        return [found[id(layer.phase_matrix)] for layer in self.scene.layers]
+
+    def beams(self, mu0: float) -> list[Beam]:
+        """The beam at the top of every layer."""
+        beams = [Beam(1.0, self.spreadings[0].identity(self.terms))]
+        for layer, spreading in zip(self.scene.layers[:-1], self.spreadings[:-1], strict=True):
+            passed = spread_through(spreading, layer.albedo, layer.thickness / mu0)
+            direct = beams[-1].direct * float(np.exp(-layer.thickness / mu0))
+            beams.append(Beam(direct, spreading.product(passed, beams[-1].degrees)))
+        return beams
+
+    def sources(self, mu0: float, beams: list[Beam], level: int, mu: Array) -> Iterator[tuple[IntArray, Array]]:
+        """What comes to a depth out of the directions mu (n_mu,), signed: some of their places, and their expansion
+        coefficients (place, terms, 6), columns a1 .. b2. Directions that no light comes from are left out."""
+        together = max(1, TOGETHER // self.terms)
+        for up in (True, False):
+            places = np.flatnonzero((mu > 0.0) == up).astype(np.int32)
+            rays = [Ray(self.problem, level, k, up) for k in range(len(self.scene.layers))]
+            rays = [ray for ray in rays if ray.length > 0.0 and self.problem.gain[ray.layer] > 0.0]
+            for start in range(0, places.size if rays else 0, together):
+                some = places[start : start + together]
+                yield some, sum(self.source(mu0, beams[ray.layer], ray, np.abs(mu[some])) for ray in rays)
+
+    def source(self, mu0: float, beam: Beam, ray: "Ray", mu: Array) -> Any:
+        """What one layer adds to the coefficients: the formula on top, integrated along rays of the cosines mu > 0."""
+        layer, spreading = self.scene.layers[ray.layer], self.spreadings[ray.layer]
+        f, carried = float(self.problem.fraction[ray.layer]), self.problem.coefficients.shape[1]
+        per_depth = 1.0 / ((1.0 - layer.albedo * f) * mu0)
+        never = f * beam.direct * ray.integral(np.array(per_depth), mu)
+        fade = np.exp(-self.problem.above[ray.layer] / mu0) * ray.integral(np.array(1.0 / mu0), mu)
+        forward, residual = peak(self.terms, self.scalar), -f * peak(carried, self.scalar)
+        known = min(carried, layer.phase_matrix.terms)
+        residual[:known] += layer.phase_matrix.coefficients[:known]
+        table: Array = never[:, None, None] * forward
+        table[:, :carried] += fade[:, None, None] * residual
+        if carried < self.terms:
+            table[:, carried:] += self.beyond(layer, spreading.beyond(carried), beam, ray, mu, f, per_depth)
+        return self.problem.gain[ray.layer] * table
+
+    def beyond(
+        self, layer: Layer, spreading: AnySpreading, beam: Beam, ray: "Ray", mu: Array, f: float, per_depth: float
+    ) -> Array:
+        """The degrees that the nodes do not carry."""
+        first = self.problem.coefficients.shape[1]
+        found = spreading.function(lambda s: (s - f) * ray.integral((1.0 - layer.albedo * s) * per_depth, mu))
+        return spreading.coefficients(spreading.product(found, beam.degrees[first:]), first)
 
 
-def spread_through(spread: Spreading, albedo: float, path: float) -> Array:
-    """E_l of a layer, ``path`` its optical thickness along the beam: (l, block, 2, 2)."""
-    return spread.function(lambda s: np.exp((albedo * s - 1.0) * path))
+def spread_through(spreading: AnySpreading, albedo: float, path: float) -> Array:
+    """E_l of a layer, ``path`` its optical thickness along the beam."""
+    return spreading.function(lambda s: np.exp((albedo * s - 1.0) * path))
+
+
+def scratch_doubles(scene: Scene) -> float:
+    """Doubles of an `Anisotropic` and of what it returns, at most."""
+    terms = max(layer.phase_matrix.terms for layer in scene.layers)
+    matrices = len({id(layer.phase_matrix) for layer in scene.layers})
+    return 8.0 * len(scene.layers) * terms + 16.0 * matrices * terms + 120.0 * max(TOGETHER, terms)
 
 
 @dataclass(frozen=True, eq=False)
 class Ray:
-    """The part of layer ``layer`` that light at level ``level``, in the direction ``mu`` (> 0: up), comes through."""
+    """The part of layer ``layer`` that light at level ``level``, on its way up or down, comes through."""
 
     problem: Problem
     level: int
     layer: int
-    mu: float
+    up: bool
 
     @property
     def top(self) -> float:
         """Where the part begins, below the top of the layer."""
-        return self._level if self.mu > 0.0 and self._here else 0.0
+        return self._level if self.up and self._here else 0.0
 
     @property
     def length(self) -> float:
         """Optical depth of the part, 0 for none."""
         at, thickness = int(self.problem.level_layer[self.level]), float(self.problem.thickness[self.layer])
         if self._here:
-            return thickness - self._level if self.mu > 0.0 else self._level
-        return thickness if (self.layer > at) == (self.mu > 0.0) else 0.0
+            return thickness - self._level if self.up else self._level
+        return thickness if (self.layer > at) == self.up else 0.0
 
     @property
     def _here(self) -> bool:
@@ -159,22 +262,21 @@ class Ray:
     def _level(self) -> float:
         return float(self.problem.level[self.level])
 
-    def integral(self, rate: Any) -> Any:
-        """Of exp(-rate t) exp(-|t - tau|/|mu|) dt/|mu| over the part, t from the layer's top, both depths of the
-        truncated layers.
-
-        ``rate``: any shape, complex, real part >= 0.
+    def integral(self, rate: Any, mu: Array) -> Any:
+        """Of exp(-rate t) exp(-|t - tau|/mu) dt/mu over the part, t from the layer's top, both depths of the truncated
+        layers: (n_mu, ...) for mu (n_mu,) > 0 and rates of any shape, real part >= 0.
         """
-        mu, length = abs(self.mu), self.length
+        length = self.length
+        mu = mu.reshape(-1, *(1 for _ in rate.shape))
         way = np.exp(-distance(self.problem, self.level, self.layer) / mu)
-        if self.mu < 0.0:
+        if not self.up:
             return way * (length / mu) * exp_difference(-length * rate, -length / mu)
         reach = -np.expm1(-length * (rate + 1.0 / mu)) if np.isfinite(length) else 1.0
         return way * np.exp(-self.top * rate) * reach / (1.0 + mu * rate)
 
 
-def exp_difference(a: Any, b: float) -> Any:
-    """(e^a - e^b)/(a - b) for complex a of any shape, e^b where they meet; real parts <= 0."""
+def exp_difference(a: Any, b: Any) -> Any:
+    """(e^a - e^b)/(a - b) for complex a, e^b where they meet, any shapes that broadcast; real parts <= 0."""
     gap = a - b
     small = np.abs(gap) < SMALL
     # the larger one in front: expm1 of what does not grow
@@ -182,32 +284,3 @@ def exp_difference(a: Any, b: float) -> Any:
     turned = np.where(gap.real > 0.0, -gap, gap)
     slope = np.where(small, 1.0 + turned / 2.0 + turned**2 / 6.0, np.expm1(turned) / np.where(small, 1.0, turned))
     return np.exp(ahead) * slope
-
-
-def source(scene: Scene, layer: Truncated, spread: Spreading, beam: Beam, mu0: float, ray: Ray, scalar: bool) -> Array:
-    """The expansion coefficients (terms, 6), columns a1 .. b2, of the light that one scattering of the anisotropic part
-    in one layer sends along the ray: the formula on top, integrated."""
-    matrix, albedo = scene.layers[ray.layer].phase_matrix, scene.layers[ray.layer].albedo
-    terms, carried, f = spread.mean.shape[0], ray.problem.coefficients.shape[1], layer.fraction
-    per_depth = 1.0 / (layer.stretch * mu0)
-    forward = peak(terms)
-    table = f * beam.direct * complex(ray.integral(complex(per_depth))).real * forward
-    fade = np.exp(-ray.problem.above[ray.layer] / mu0) * complex(ray.integral(complex(1.0 / mu0))).real
-    known = min(carried, matrix.terms)
-    table[:carried] -= fade * f * forward[:carried]
-    table[:known] += fade * matrix.coefficients[:known]
-    if carried < terms:
-        beyond = Spreading(spread.mean[carried:], spread.shape[carried:], spread.root[carried:])
-        blocks = beyond.function(lambda s: (s - f) * ray.integral((1.0 - albedo * s) * per_depth))
-        table[carried:] += coefficients(blocks @ beam.degrees[carried:], carried)
-    if scalar:
-        table[:, 1:] = 0.0
-    return layer.gain * table
-
-
-def coefficients(blocks: Array, first: int) -> Array:
-    """Columns a1 .. b2 (l, 6) of matrices (l, block, 2, 2) of the degrees from ``first``, which is 2 at least."""
-    plus, minus = blocks[..., 0, 1] + blocks[..., 1, 0], blocks[..., 0, 1] - blocks[..., 1, 0]
-    diagonal = np.diagonal(blocks, axis1=-2, axis2=-1)
-    columns = np.stack([*diagonal.reshape(-1, 4).T, 0.5 * plus[:, 0], 0.5 * minus[:, 1]], axis=1)
-    return (2.0 * np.arange(first, first + blocks.shape[0]) + 1.0)[:, None] * columns

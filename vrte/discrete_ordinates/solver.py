@@ -1,238 +1,165 @@
-"""One Fourier order after another by one of the two exact routes, what fails by the other, and the azimuthal sum."""
+"""The plan executed: block after block by its algorithm, what fails by another, and the azimuthal sum."""
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vrte import _core
 from vrte.arrays import Array
 from vrte.blas import single_threaded
-from vrte.discrete_ordinates.choice import choose
+from vrte.discrete_ordinates.azimuths import fold
+from vrte.discrete_ordinates.blocks import Base, Block
 from vrte.discrete_ordinates.memory import check_memory
+from vrte.discrete_ordinates.needs import orders_that_matter
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
-from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.routes import OTHER, ROUTES, Orders, Route
-from vrte.discrete_ordinates.single_scattering import (
-    base_reflected,
-    cos_sin_deg,
-    layer_paths,
-    phase_matrices_of_layers,
-)
-from vrte.discrete_ordinates.small_angle import add_anisotropic
+from vrte.discrete_ordinates.small_angle import scratch_doubles
+from vrte.discrete_ordinates.summing import Light, Wanted, fill, number_of_pieces
+from vrte.discrete_ordinates.truncating import flux_of_the_peak
 from vrte.errors import AccuracyError
-from vrte.optics.truncation import Truncated, truncated
-from vrte.scene import MuellerBase, Scene
+from vrte.plan import Plan
 
-BoolArray = NDArray[np.bool_]
 NO_LIGHT = 1e-290  # per unit of incident light: below, numbers lose digits
-LAST_PLACES = 4.0  # what sums of thicknesses may be off by
-NEGLIGIBLE = 1e-15  # of the single-scattering albedo: a bound on what the orders left out could add
+WORTH_THREADS = 1e5  # products of matrices, in multiplications: about a millisecond of all stages
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Radiance for each incident Stokes column, and fluxes.
 
-    radiance (n_tau, n_in, n_mu, n_phi, 4, n_col), diffuse, public frame; flux_up, flux_down (n_tau, n_in, n_col).
+    parts: one array (n_level, n_in, n_mu, n_phi, 4, n_place) for each that was wanted, diffuse, public frame; flux_up,
+    flux_down (n_tau, n_in, n_col).
     """
 
-    radiance: Array
+    parts: list[Array]
     flux_up: Array
     flux_down: Array
     diagnostics: dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Options:
-    """How to solve: nodes of a hemisphere, algorithm "auto", "modes" or "doubling", and whether to run both; what is
-    done about more terms than the nodes carry."""
+@dataclass(eq=False)
+class Tally:
+    """Orders done so far, how many by whom, which were repeated by whom, residuals, and what verification saw."""
 
-    nodes: int
-    algorithm: str = "auto"
-    verify: bool = False
-    truncation: str = "none"
+    orders: set[int]
+    by: dict[str, int]
+    repeated: dict[str, set[int]]
+    residuals: dict[str, float]
+    compared: int = 0
+    gap: Array | None = None
+    flux_gap: Array | None = None
 
 
-def solve(
-    scene: Scene,
-    mu0: Array,
-    columns: Array,
-    mu: Array,
-    phi: Array,
-    tau: Array,
-    options: Options,
-    run: Run,
-    progress: Progress | None = None,
-) -> Solution:
-    """The diffuse field at depths tau (n_tau,), signed cosines mu (n_mu,) and azimuths phi (degrees).
-
-    ``columns`` (n_col, 4): incident Stokes vectors, each within (I, Q) or within (U, V). Raises AccuracyError where
-    neither route can vouch for its answer.
-    """
+def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
+    """The diffuse field of a plan. Raises AccuracyError where no algorithm can vouch for its answer."""
     start = time.perf_counter()
+    request, problem, wanted = plan.request, plan.problem, plan.wanted
+    azimuths = fold(request.phi)
+    total = sum(block.orders.size for block in plan.blocks) + number_of_pieces(wanted, request.phi.size)
     with single_threaded():
-        # light going up first
-        rank = np.argsort(mu < 0.0, kind="stable")
-        layers = truncated_layers(scene, options)
-        problem = discretise(scene, mu0, columns, mu[rank], tau, options.nodes, layers)
-        choice = choose(options.algorithm, problem)
-        check_memory(scene, problem, phi.size, run.threads, choice.name)
-        orders = orders_needed(scene, problem, run)
-        result, repeated = solve_orders(scene, problem, orders, choice.name, run, progress)
-        begin = time.perf_counter()
-        radiance = np.empty((tau.size, mu0.size, mu.size, phi.size, 4, columns.shape[0]))
-        radiance[:, :, rank] = fourier_sum(result.kernels, orders, columns, phi)
-        run.book("fourier sum", time.perf_counter() - begin)
-        if options.truncation == "small-angle" and any(layer.fraction for layer in layers):
-            add_anisotropic(radiance, scene, layers, problem, mu, phi, is_scalar(scene), run)
-        else:
-            add_scattered_once(radiance, scene, layers, problem, mu, phi, run)
-        add_reflected_once(radiance, scene, problem, mu, phi)
-        agreement = None
-        if options.verify:
-            size = np.abs(radiance[..., 0, :]).max(axis=(1, 2, 3, 4))
-            agreement = compare_routes(scene, problem, orders, choice.name, result, repeated, size, run)
-    longest = max(layer.phase_matrix.terms for layer in scene.layers)
+        result_doubles = wanted.doubles(request.phi.size) + (scratch_doubles(request.scene) if plan.spreads else 0.0)
+        check_memory(problem, plan.blocks, result_doubles, azimuths, run.threads)
+        flux_up, flux_down = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
+        lights: list[Light] = []
+        tally = Tally(set(), {}, {}, {})
+        left, brightest, done = plan.orders, plan.brightest, 0
+        for block in plan.blocks:
+            orders = block.orders[block.orders < left]
+            if orders.size:
+                result = solve_block(plan, block, orders, run, tally, sized(progress, done, total))
+                lights.append(light_of(block, orders, result))
+                if orders[0] == 0:
+                    flux_up[..., list(block.columns)] += result.flux_up
+                    flux_down[..., list(block.columns)] += result.flux_down
+                if orders[0] == 0 and block.stokes[0] == 0 and not plan.fed_back:
+                    brightest = np.maximum(brightest, brightness_of(result, block))
+                    left = min(left, orders_that_matter(plan.needs, request.tau, brightest, request.accuracy))
+            done += int(block.orders.size)
+            if progress is not None:
+                progress(done, total)
+        pieces = sized(progress, done, total)
+        parts = fill(wanted, lights, request.scene, problem, plan.mu, azimuths, run, pieces, plan.spreads)
+    flux_down += flux_of_the_peak(problem, request.tau)
     diagnostics = {
-        "method": "discrete-ordinates",
-        "algorithm": choice.name,
-        "algorithm_rule": choice.reason,
-        "orders_repeated": {"by": OTHER[choice.name], "orders": repeated} if repeated else None,
-        "nodes": int(options.nodes),
+        **plan.diagnostics(),
         "threads": run.threads,
         "openmp": _core.HAS_OPENMP,
-        "orders": int(orders.size),
-        "orders_of_phase_matrix": longest,
-        "terms_cut": max(0, longest - 2 * options.nodes),
-        "truncation": options.truncation,
-        "peak_fractions": [layer.fraction for layer in layers],
-        "base": base_statement(scene),
-        **{name: float(values.max()) for name, values in result.residuals.items()},
-        **({} if agreement is None else {"agreement": agreement}),
+        "orders": len(tally.orders),
+        "orders_by": tally.by,
+        "orders_repeated": statement_of(tally.repeated),
+        **{name: float(value) for name, value in sorted(tally.residuals.items())},
+        **(
+            {"agreement": agreement(tally, largest(parts, wanted, request.tau.size), flux_up, flux_down)}
+            if request.verify
+            else {}
+        ),
         "stages": run.stages,
         "wall_seconds": time.perf_counter() - start,
     }
-    flux_down = result.flux_down + flux_of_the_peak(problem, tau)
-    return Solution(radiance, result.flux_up, flux_down, diagnostics)
+    return Solution(parts, flux_up, flux_down, diagnostics)
 
 
-def base_statement(scene: Scene) -> str:
-    """What the base is, and whether light gets there."""
-    name = "black" if scene.base is None else type(scene.base).__name__
-    return name if scene.base_is_reached or scene.base is None else f"{name}, not reached below an infinite layer"
+def sized(progress: Progress | None, before: int, total: int) -> Callable[[int], None]:
+    """The call-back of one step, counted on from what was done before."""
+    return lambda done: None if progress is None else progress(before + done, total)
 
 
-def truncated_layers(scene: Scene, options: Options) -> list[Truncated]:
-    """The layers as multiple scattering sees them."""
-    scalar = is_scalar(scene)
-    return [
-        truncated(options.truncation, layer.phase_matrix, layer.albedo, layer.thickness, 2 * options.nodes, scalar)
-        for layer in scene.layers
-    ]
+def light_of(block: Block, orders: IntArray, result: Orders) -> Light:
+    """What a block found, with its places in the request."""
+    return Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), result.kernels)
 
 
-def is_scalar(scene: Scene) -> bool:
-    """True where polarized light matters nowhere: no layer scatters it and the base does not reflect it."""
-    return not isinstance(scene.base, MuellerBase) and all(layer.phase_matrix.is_scalar for layer in scene.layers)
+def brightness_of(result: Orders, block: Block) -> Array:
+    """The brightest I of order 0 at each depth, for the beam that it is faintest of, (n_tau,)."""
+    lit = np.abs(block.problem.columns[:, 0])
+    kernels = np.abs(result.kernels[0, :, :, int(np.argmax(lit)), :, 0])
+    brightest: Array = kernels.max(axis=2, initial=0.0).min(axis=1) / max(float(lit.max()), 1e-300)
+    return brightest
 
 
-def discretise(
-    scene: Scene,
-    mu0: Array,
-    columns: Array,
-    mu: Array,
-    tau: Array,
-    nodes: int,
-    layers: list[Truncated] | None = None,
-) -> Problem:
-    """Nodes, truncated coefficients (cut, unless ``layers`` are given) and the layer every depth lies in; all depths as
-    the truncated layers have them."""
-    points, weights = double_gauss(nodes)
-    layers = layers or truncated_layers(scene, Options(nodes))
-    terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
-    coefficients = np.zeros((len(layers), int(terms.max()), 6))
-    for k, layer in enumerate(layers):
-        coefficients[k, : terms[k]] = layer.coefficients
-    thickness = np.array([layer.thickness for layer in scene.layers])
-    level, at = place_levels(tau, tops(thickness), thickness, scene.thickness)
-    level = level * np.array([layer.stretch for layer in layers])[at]
-    thickness = np.array([layer.thickness for layer in layers])
-    above = tops(thickness)
-    return Problem(
-        coefficients=coefficients,
-        terms=terms,
-        albedo=np.array([layer.albedo for layer in layers]),
-        thickness=thickness,
-        above=above,
-        nodes=points,
-        weights=weights,
-        mu_out=np.abs(mu),
-        n_up=int(np.count_nonzero(mu > 0.0)),
-        mu0=np.ascontiguousarray(mu0),
-        columns=np.ascontiguousarray(columns),
-        level=level,
-        level_layer=at,
-    )
+def solve_block(
+    plan: Plan, block: Block, orders: IntArray, run: Run, tally: Tally, told: Callable[[int], None]
+) -> Orders:
+    """The block's orders; what they took goes into the tally."""
+    name, run = block.choice.name, worth_threads(run, block.problem, orders)
+    result, repeated = solve_orders(block.problem, block.base, orders, name, run, plan.request.accuracy, told)
+    tally.orders |= set(orders.tolist())
+    tally.by[name] = tally.by.get(name, 0) + orders.size - len(repeated)
+    if repeated:
+        tally.by[OTHER[name]] = tally.by.get(OTHER[name], 0) + len(repeated)
+        tally.repeated.setdefault(OTHER[name], set()).update(repeated)
+    for key, values in result.residuals.items():
+        tally.residuals[key] = max(tally.residuals.get(key, 0.0), float(values.max()))
+    if plan.request.verify:
+        compare(block, orders, result, repeated, run, plan.request.accuracy, tally)
+    return result
 
 
-def tops(thickness: Array) -> Array:
-    """Optical depth of the top of each layer."""
-    return np.concatenate([[0.0], np.cumsum(thickness[:-1])])
-
-
-def place_levels(tau: Array, above: Array, thickness: Array, total: float) -> tuple[Array, IntArray]:
-    """The depth of each tau below the top of its layer, and the layer.
-
-    What lies within rounding of an interface lies on it: along a cosine of 1e-8 the last place of 1 is a path of 2e-8.
-    """
-    at = np.clip(np.searchsorted(above, tau, side="right") - 1, 0, None).astype(np.int32)
-    at[tau >= total] = above.size - 1
-    level = np.clip(tau - above[at], 0.0, thickness[at])
-    rounding = LAST_PLACES * np.finfo(float).eps * tau
-    level = np.where(level <= rounding, 0.0, level)
-    level = np.where(thickness[at] - level <= rounding, thickness[at], level)
-    return np.where(tau >= total, thickness[-1], level), at
-
-
-def orders_needed(scene: Scene, problem: Problem, run: Run) -> IntArray:
-    """Orders 0 .. last: beyond, a bound on multiple scattering is below 1e-15 of the albedo. At least order 0.
-
-    A Mueller base can feed light back at any order, so there all orders of the phase matrix run.
-    """
-    n_order = int(problem.terms.max())
-    if not (isinstance(scene.base, MuellerBase) and scene.base_is_reached):
-        bounds, directions = np.empty(n_order), problem.directions
-        run.timed(
-            "order bounds",
-            _core.order_bounds,
-            problem.coefficients,
-            problem.terms,
-            problem.albedo,
-            directions,
-            problem.weights,
-            problem.mu_out.size,
-            bounds,
-            run.threads,
-            run.work(_core.bounds_work(directions.size, n_order)),
-        )
-        tail = np.cumsum(2.0 * bounds[::-1])[::-1]
-        n_order = max(1, int(np.count_nonzero(tail > NEGLIGIBLE * max(problem.albedo.max(), 1e-300))))
-    return np.arange(n_order, dtype=np.int32)
+def worth_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
+    """The run, on one thread where starting another would take longer than the solve."""
+    n = float(problem.size)
+    work = orders.size * n * (n * n + problem.n_rhs * problem.rows_out)
+    return run if work > WORTH_THREADS and orders.size * problem.albedo.size > 1 else replace(run, threads=1)
 
 
 def solve_orders(
-    scene: Scene, problem: Problem, orders: IntArray, name: str, run: Run, progress: Progress | None = None
+    problem: Problem,
+    base: Base,
+    orders: IntArray,
+    name: str,
+    run: Run,
+    accuracy: float,
+    told: Callable[[int], None] = lambda done: None,
 ) -> tuple[Orders, list[int]]:
     """All orders by the named route, a few at a time to bound memory, and which of them took the other one.
 
     Raises AccuracyError where an order passes the checks of neither.
     """
-    base = scene.base if scene.base_is_reached else None
     n_order = int(orders[-1]) + 1
-    route: Route = ROUTES[name](problem, base, n_order)
+    route: Route = ROUTES[name](problem, base, n_order, accuracy)
     other: Route | None = None
     parts: list[Orders] = []
     repeated: list[int] = []
@@ -242,22 +169,21 @@ def solve_orders(
         result, doubt = attempt(route, part, run)
         if doubt:
             if other is None:
-                other = ROUTES[OTHER[name]](problem, base, n_order)
+                other = ROUTES[OTHER[name]](problem, base, n_order, accuracy)
             again, still = attempt(other, part[list(doubt)], run)
             if still:
                 place, reason = next(iter(still.items()))
                 bad = list(doubt)[place]
                 raise AccuracyError(
                     f"neither algorithm can vouch for Fourier order {part[bad]}: {route.name} ({doubt[bad]}), "
-                    f"{other.name} ({reason}){advice(scene, problem)}"
+                    f"{other.name} ({reason}){advice(problem)}"
                 )
             result = merged(result, again, list(doubt))
             repeated += part[list(doubt)].tolist()
         assert result is not None
         parts.append(result)
         done += part.size
-        if progress is not None:
-            progress(done, int(orders.size))
+        told(done)
     return concatenated(parts), repeated
 
 
@@ -291,108 +217,73 @@ def merged(result: Orders | None, again: Orders | None, places: list[int]) -> Or
 
 def concatenated(parts: list[Orders]) -> Orders:
     """All orders in one piece; the fluxes are those of the first."""
+    if len(parts) == 1:
+        return parts[0]
     names = {name for part in parts for name in part.residuals}
     residuals = {
         name: np.concatenate([part.residuals[name] for part in parts if name in part.residuals])
         for name in sorted(names)
     }
-    kernels = parts[0].kernels if len(parts) == 1 else np.concatenate([part.kernels for part in parts])
+    kernels = np.concatenate([part.kernels for part in parts])
     return Orders(kernels, parts[0].flux_up, parts[0].flux_down, residuals)
 
 
-def advice(scene: Scene, problem: Problem) -> str:
+def advice(problem: Problem) -> str:
     """What a user can do about a scene that no route solves."""
-    longest = max(layer.phase_matrix.terms for layer in scene.layers)
-    resolved = longest <= problem.terms.max()
-    return "" if resolved else f"; {problem.nodes.size} nodes do not resolve {longest} terms, use more"
+    resolved = problem.terms_cut == 0
+    return "" if resolved else f"; {problem.nodes.size} nodes do not resolve the phase matrix, use more"
 
 
-def compare_routes(
-    scene: Scene,
-    problem: Problem,
-    orders: IntArray,
-    name: str,
-    result: Orders,
-    repeated: list[int],
-    size: Array,
-    run: Run,
-) -> dict[str, Any]:
-    """All orders once more by the other route: the largest difference of the field and of the fluxes.
+def statement_of(repeated: dict[str, set[int]]) -> dict[str, Any] | None:
+    """Which orders were done again, for the diagnostics."""
+    if not repeated:
+        return None
+    return {"by": " and ".join(sorted(repeated)), "orders": sorted(set().union(*repeated.values()))}
 
-    Both relative, depth by depth, to the largest there, ``size`` (n_tau,) for the field; None where nothing could be
-    compared, because one of the routes alone vouches for every order. Raises AccuracyError where the other route finds
-    no answer either.
+
+def compare(
+    block: Block, orders: IntArray, result: Orders, repeated: list[int], run: Run, accuracy: float, tally: Tally
+) -> None:
+    """A block once more by another route: what they differ by at each depth, added up over orders.
+
+    Left out are orders that one of the routes alone vouches for. Raises AccuracyError where the other route finds no
+    answer either.
     """
-    other, other_repeated = solve_orders(scene, problem, orders, OTHER[name], run)
+    other, other_repeated = solve_orders(block.problem, block.base, orders, OTHER[block.choice.name], run, accuracy)
     both = ~np.isin(orders, repeated + other_repeated)
-    agreement: dict[str, Any] = {
-        "with": OTHER[name],
-        "orders_compared": int(both.sum()),
-        "radiance": None,
-        "flux": None,
-    }
+    tally.compared += int(both.sum())
     if both.any():
         twice = np.where(orders[both] == 0, 1.0, 2.0)
         gap = twice @ np.abs(other.kernels[both] - result.kernels[both]).max(axis=(2, 3, 4, 5))
-        agreement["radiance"] = float((gap / positive(size)).max())
-    if both[0]:
-        flux, other_flux = (np.stack([found.flux_up, found.flux_down]) for found in (result, other))
-        gap, largest = (np.abs(values).max(axis=(0, 2, 3)) for values in (other_flux - flux, flux))
-        agreement["flux"] = float((gap / positive(largest)).max())
-    return agreement
+        tally.gap = gap if tally.gap is None else tally.gap + gap
+    if both[0] and orders[0] == 0 and block.stokes[0] == 0:
+        pair = (np.stack([found.flux_up, found.flux_down]) for found in (result, other))
+        first, second = pair
+        tally.flux_gap = np.abs(second - first).max(axis=(0, 2, 3))
 
 
-def positive(values: Array) -> Array:
-    """`values`, never so small that what divides by them is noise."""
-    return np.maximum(values, NO_LIGHT)
+def agreement(tally: Tally, size: Array, flux_up: Array, flux_down: Array) -> dict[str, Any]:
+    """The largest difference of the field and of the fluxes, relative, depth by depth, to the largest there; None where
+    nothing could be compared, because one of the routes alone vouches for every order."""
+    found: dict[str, Any] = {
+        "with": " and ".join(sorted({OTHER[name] for name in tally.by})),
+        "orders_compared": tally.compared,
+        "radiance": None,
+        "flux": None,
+    }
+    if tally.gap is not None:
+        found["radiance"] = float((tally.gap / np.maximum(size, NO_LIGHT)).max())
+    if tally.flux_gap is not None:
+        largest = np.maximum(np.abs(flux_up), np.abs(flux_down)).max(axis=(1, 2))
+        found["flux"] = float((tally.flux_gap / np.maximum(largest, NO_LIGHT)).max())
+    return found
 
 
-def fourier_sum(kernels: Array, orders: IntArray, columns: Array, phi: Array) -> Array:
-    """(1:6)-(1:8), (1:12) without its 1/2: (n_tau, n_in, n_out, n_phi, 4, n_col), orders summed in order."""
-    cosine, sine = cos_sin_deg(orders[:, None] * phi)
-    twice = np.where(orders == 0, 1.0, 2.0)[:, None]
-    cosine, sine = twice * cosine, twice * sine
-    n_order, *shape, _ = kernels.shape  # order, tau, in, col, out
-    result = np.empty((*shape, 4, phi.size))
-    for col, column in enumerate(columns):
-        first = bool(column[:2].any()) or not column.any()
-        for part, angular in ((slice(0, 2), cosine if first else -sine), (slice(2, 4), sine if first else cosine)):
-            values = kernels[:, :, :, col, :, part].reshape(n_order, -1)
-            result[:, :, col, :, part] = (values.T @ angular).reshape(shape[0], shape[1], shape[3], 2, phi.size)
-    return result.transpose(0, 1, 3, 5, 4, 2)
-
-
-def flux_of_the_peak(problem: Problem, tau: Array) -> Array:
-    """Light scattered into the forward peaks alone, (n_tau, n_in, n_col): delta-M counts it as direct, it is diffuse.
-
-    ``tau`` (n_tau,): the depths in the scene as it is.
-    """
-    depth = (problem.above[problem.level_layer] + problem.level)[:, None]
-    added = np.exp(-depth / problem.mu0) * -np.expm1((depth - tau[:, None]) / problem.mu0) * problem.mu0
-    return np.where(depth < tau[:, None], added, 0.0)[..., None] * problem.columns[:, 0]
-
-
-def add_scattered_once(
-    radiance: Array, scene: Scene, layers: list[Truncated], problem: Problem, mu: Array, phi: Array, run: Run
-) -> None:
-    """Adds single scattering to radiance, in place.
-
-    Light is scattered once by the whole phase matrix, and attenuated as by the truncated layers. Source: Nakajima and
-    Tanaka, JQSRT 40, 51 (1988), their TMS.
-    """
-    phase = phase_matrices_of_layers(tuple(scene.layers), problem.mu0, mu, phi, run)
-    begin = time.perf_counter()
-    paths = layer_paths(problem, mu)
-    stokes = problem.columns.T
-    for z, path, layer in zip(phase, paths, layers, strict=True):
-        if layer.gain > 0.0:
-            scattered = z @ stokes
-            radiance += (layer.gain / (4.0 * np.pi)) * path[..., None, None, None] * scattered
-    run.book("single scattering", time.perf_counter() - begin)
-
-
-def add_reflected_once(radiance: Array, scene: Scene, problem: Problem, mu: Array, phi: Array) -> None:
-    """Adds the base's direct reflection of the beam to radiance, in place."""
-    reflected = base_reflected(scene.base, problem, mu, phi)
-    if reflected is not None:
-        radiance += reflected @ problem.columns.T
+def largest(parts: list[Array], wanted: Wanted, n_tau: int) -> Array:
+    """The largest intensity at each depth for a unit beam, (n_tau,); 0 where none was wanted."""
+    size = np.zeros(n_tau)
+    for values, (levels, _) in zip(parts, wanted.parts, strict=True):
+        for i, scale in enumerate(wanted.scale):
+            found = np.abs(values[:, i, :, :, 0]).max(axis=(1, 2, 3)) / scale
+            size[levels] = np.maximum(size[levels], found)
+    return size

@@ -9,10 +9,12 @@ from vrte.arrays import Array
 from vrte.blas import single_threaded
 from vrte.brdf import Brdf, brdf
 from vrte.discrete_ordinates.choice import choose
+from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.routes import OTHER
-from vrte.discrete_ordinates.solver import discretise, solve_orders
+from vrte.discrete_ordinates.solver import solve_orders
 from vrte.field import Field, radiance
 from vrte.report.stability.scenes import Case, scene_of
+from vrte.request import FINEST
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
@@ -67,6 +69,8 @@ def solve_field(case: Case, scene: Scene, phi: Array, algorithm: str, threads: i
         phi=phi,
         tau=case.tau,
         nodes=case.nodes,
+        accuracy=FINEST,
+        truncation="none",
         algorithm=algorithm,
         threads=threads,
     )
@@ -80,6 +84,8 @@ def solve_brdf(case: Case, options: Options, phi: Array) -> Brdf:
         mu_o=case.mu[case.mu > 0.0],
         phi=phi,
         nodes=case.nodes,
+        accuracy=FINEST,
+        truncation="none",
         transmission=bool(np.isfinite(case.thickness)),
         algorithm=options.algorithm,
         threads=options.threads,
@@ -109,8 +115,9 @@ def solve_few_orders(case: Case, scene: Scene, algorithm: str, threads: int | No
         with single_threaded():
             problem = discretise(scene, np.array([case.mu0, SECOND_DIRECTION]), np.eye(4), mu, case.tau, case.nodes)
             orders = np.arange(min(FEW, int(problem.terms.max())), dtype=np.int32)
-            name = choose(algorithm, problem).name
-            found, _ = solve_orders(scene, problem, orders, name, run)
+            name = choose(algorithm, problem, 1.0, FINEST).name
+            base = scene.base if scene.base_is_reached else None
+            found, _ = solve_orders(problem, base, orders, name, run, FINEST)
         return FewOrders(found.kernels, found.flux_up, found.flux_down, name)
 
     return interruptible(run, work)

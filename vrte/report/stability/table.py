@@ -1,20 +1,16 @@
 """The stability table: what the records of the cases come to, on a terminal, as Markdown and as CSV."""
 
-import csv
 import math
 import os
-import platform
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
-import vrte
 from vrte.formats.atomic import atomic_write
+from vrte.report.pages import made_with, markdown_list, markdown_table, write_rows
 from vrte.report.stability.phases import GROUPS
 from vrte.report.stability.run import Record
 from vrte.report.stability.scenes import BASES, CONDITIONS, LAYERINGS, NODES, ORDINARY
-from vrte.running import usable_cpus
 
 KINDS = ("oracle", "consistency", "energy")
 COLUMNS = ("scenes", "", "cases", "oracle", "largest error", "c", "consistency", "energy", "seconds", "verdict")
@@ -142,7 +138,7 @@ def as_markdown(records: Sequence[Record], settings: str) -> str:
     corners = [record for record in records if record.reason]
     blocks = [
         "# Stability: the last run\n",
-        made_with(records, settings),
+        made_with_records(records, settings),
         "## By what scatters and under which condition\n",
         "A case counts in every row that it belongs to.\n",
         markdown_table(COLUMNS, [row.cells for row in lines_by_condition(records)]),
@@ -171,43 +167,12 @@ def corner_cells(record: Record) -> list[str]:
     return [record.name, record.reason, *map(figure, figures), f"{record.seconds:.1f}", verdict(record)]
 
 
-def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """With every row's cells between bars.
-
-    >>> print(markdown_table(["a", "b"], [["1", "x|y"]]), end="")
-    | a | b |
-    |---|---|
-    | 1 | x\\|y |
-    """
-    texts = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in [header, *rows]]
-    return "\n".join([texts[0], "|" + "---|" * len(header), *texts[1:]]) + "\n"
-
-
-def made_with(records: Sequence[Record], settings: str) -> str:
+def made_with_records(records: Sequence[Record], settings: str) -> str:
     """Date, machine, versions and what was run, as a Markdown list."""
-    import numpy
-    import scipy
-
     partial = sum(not record.whole for record in records)
     few = f", {partial} of them in Fourier orders 0 to 2 only" if partial else ""
-    versions = f"vrte {vrte.__version__}, numpy {numpy.__version__}, scipy {scipy.__version__}"
-    facts = [
-        f"{datetime.now(UTC):%Y-%m-%d}, {settings}",
-        f"{processor()}, {usable_cpus()} cores",
-        f"{versions}, Python {platform.python_version()}, {platform.system()}",
-        f"{len(records)} scenes{few}, {math.fsum(record.seconds for record in records):.0f} s",
-    ]
-    return "".join(f"- {fact}\n" for fact in facts)
-
-
-def processor() -> str:
-    """The processor's name, as the system tells it."""
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            names = [text.split(":", 1)[1].strip() for text in file if text.startswith("model name")]
-    except OSError:
-        names = []
-    return names[0] if names else platform.processor() or platform.machine()
+    scenes = f"{len(records)} scenes{few}, {math.fsum(record.seconds for record in records):.0f} s"
+    return markdown_list([*made_with(settings), scenes])
 
 
 def write_tables(records: Sequence[Record], folder: str | os.PathLike[str], settings: str) -> list[Path]:
@@ -225,14 +190,6 @@ def write_tables(records: Sequence[Record], folder: str | os.PathLike[str], sett
     write_rows(paths[1], ["scenes", "condition", *COLUMNS[2:]], rows)
     write_rows(paths[2], CASE_COLUMNS, [case_cells(record) for record in records])
     return paths
-
-
-def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """A CSV file, all of it or nothing."""
-    with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
 
 
 def case_cells(record: Record) -> list[object]:

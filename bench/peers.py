@@ -1,0 +1,361 @@
+"""vrte beside the peers that pip installs: same scene, same outputs, one thread each.
+
+``python -m bench.peers`` prints the table, ``-o docs/peers.md`` writes the page that carries it. Both need the extra
+"bench". The time is the process's CPU time of the solve call; what can be prepared once for a scene is set-up.
+"""
+
+import argparse
+import functools
+import importlib.util
+import inspect
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+import vrte
+from tests.test_published import SIEWERT_IIA
+from vrte.arrays import Array
+from vrte.errors import MissingExtraError
+from vrte.formats.atomic import atomic_write
+
+Solve = Callable[[], Array]  # radiances (tau, mu, phi, Stokes compared)
+
+TARGETS = {"nanodisort": 3.0, "sasktran2": 20.0}  # how many times faster vrte has to be
+ACCURACY = 1e-8  # where the azimuthal series may stop, for every code that can be told
+# keywords of vrte.radiance that the comparison wants; a version that lacks one goes without
+WANTED: dict[str, Any] = {"accuracy": ACCURACY}
+REFERENCE_STREAMS = 256
+SETUPS = 3
+ROUNDS = (5, 41)  # at least and at most, odd
+SECONDS = 3.0  # for the rounds of one scene, as far as ROUNDS lets
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One homogeneous layer over black ground, lit by an unpolarized beam, and the radiances wanted of it.
+
+    ``coefficients`` (terms, 6) are a1, a2, a3, a4, b1, b2, or (terms, 1) a1 alone; ``flux`` is the beam's,
+    perpendicular to it; ``mu``, ``phi`` [deg] and ``tau`` are as in `vrte.radiance`; ``stokes`` says how many of I, Q,
+    U are compared.
+    """
+
+    peer: str
+    name: str
+    streams: tuple[int, ...]
+    coefficients: Array
+    albedo: float
+    thickness: float
+    mu0: float
+    flux: float
+    mu: Array
+    phi: Array
+    tau: Array
+    stokes: int
+
+
+Prepare = Callable[[Problem, int], Solve]  # set-up, for so many streams
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one code made of one problem: medians in milliseconds of CPU, errors relative to the largest I.
+
+    ``ratio`` is its solve time over that of vrte.
+    """
+
+    problem: str
+    streams: int
+    code: str
+    setup_ms: float
+    solve_ms: float
+    ratio: float
+    errors: tuple[float, ...]
+    target: float | None
+
+
+def henyey_greenstein(g: float, terms: int, thickness: float, streams: tuple[int, ...]) -> Problem:
+    """Scalar, albedo 0.99: I going up and down at the top and at the bottom, 20 cosines, 5 azimuths."""
+    degrees = np.arange(terms)
+    up = np.linspace(0.1, 1.0, 10)
+    return Problem(
+        peer="nanodisort",
+        name=f"Henyey-Greenstein, g {g:g}, thickness {thickness:g}",
+        streams=streams,
+        coefficients=((2 * degrees + 1) * g**degrees)[:, None],
+        albedo=0.99,
+        thickness=thickness,
+        mu0=0.6,
+        flux=1.0,
+        mu=np.concatenate([-up[::-1], up]),
+        phi=np.linspace(0.0, 180.0, 5),
+        tau=np.array([0.0, thickness]),
+        stokes=1,
+    )
+
+
+def siewert(streams: tuple[int, ...]) -> Problem:
+    """Siewert (2000), problem IIA: I, Q, U leaving the top, at the ten cosines and three azimuths of his tables."""
+    return Problem(
+        peer="sasktran2",
+        name="Siewert (2000), problem IIA",
+        streams=streams,
+        coefficients=np.array(SIEWERT_IIA),
+        albedo=0.973527,
+        thickness=1.0,
+        mu0=0.6,
+        flux=np.pi,
+        mu=np.linspace(0.1, 1.0, 10),
+        phi=np.array([0.0, 90.0, 180.0]),
+        tau=np.array([0.0]),
+        stokes=3,
+    )
+
+
+# enough terms for g**terms to be below 1e-15
+PROBLEMS = (
+    henyey_greenstein(0.75, 128, 1.0, (32, 64)),
+    henyey_greenstein(0.9, 384, 100.0, (64, 128)),
+    siewert((32, 60)),
+)
+
+# Siewert (2000), JQSRT 64, 227, tables 2 to 9: I, Q, U up at tau 0, phi 90, mu 0.2, 0.5 and 0.8
+SIEWERT_QUOTED = {
+    0.2: (1.69216e-1, 6.96260e-3, -9.12219e-3),
+    0.5: (1.24626e-1, 5.12123e-3, -8.04140e-3),
+    0.8: (7.50297e-2, 3.11982e-3, -4.21322e-3),
+}
+
+
+def with_vrte(problem: Problem, streams: int, **keywords: Any) -> Solve:
+    """vrte, which carries all four Stokes parameters wherever Q or U can arise."""
+    matrix = vrte.PhaseMatrix(*problem.coefficients.T)
+    scene = vrte.Scene([vrte.Layer(matrix, problem.albedo, problem.thickness)])
+    beam = (problem.flux, 0.0, 0.0, 0.0)
+    keywords = {"nodes": streams // 2, "threads": 1, **keywords}
+
+    def solve() -> Array:
+        field = vrte.radiance(scene, problem.mu0, beam, problem.mu, problem.phi, problem.tau, **keywords)
+        return field.stokes[..., : problem.stokes]
+
+    return solve
+
+
+def wanted_keywords() -> dict[str, Any]:
+    """Those of WANTED that this version of vrte.radiance has."""
+    known = inspect.signature(vrte.radiance).parameters
+    return {name: value for name, value in WANTED.items() if name in known}
+
+
+def with_nanodisort(problem: Problem, streams: int, accuracy: float = ACCURACY) -> Solve:
+    """nanodisort (cdisort): scalar, delta-M, and Nakajima and Tanaka's correction, its "old" one, for the peak."""
+    nanodisort = imported("nanodisort")
+    state = nanodisort.DisortState()
+    moments = np.zeros(max(len(problem.coefficients), streams + 1))
+    degrees = np.arange(len(problem.coefficients))
+    moments[degrees] = problem.coefficients[:, 0] / (2 * degrees + 1)
+    state.nstr, state.nlyr, state.nmom = streams, 1, len(moments) - 1
+    state.ntau, state.numu, state.nphi = problem.tau.size, problem.mu.size, problem.phi.size
+    state.usrtau = state.usrang = state.lamber = state.quiet = True
+    state.planck = state.onlyfl = state.spher = False
+    state.intensity_correction = state.old_intensity_correction = True
+    state.fbeam, state.umu0, state.phi0, state.albedo, state.accur = problem.flux, problem.mu0, 0.0, 0.0, accuracy
+    state.allocate()
+    state.dtauc, state.ssalb, state.pmom = np.array([problem.thickness]), np.array([problem.albedo]), moments[:, None]
+    state.umu, state.phi, state.utau = problem.mu, problem.phi, problem.tau
+
+    def solve() -> Array:
+        state.solve()
+        # (mu, tau, phi)
+        return np.asarray(state.uu).swapaxes(0, 1)[..., None]
+
+    return solve
+
+
+def with_sasktran2(problem: Problem, streams: int, orders: int | None = None) -> Solve:
+    """sasktran2: plane-parallel, discrete ordinates, 3 Stokes parameters, light leaving the top.
+
+    ``orders`` fixes its number of azimuthal orders, which it finds itself otherwise. Single scattering is left to
+    the discrete ordinates too: with these few terms that is exact, and faster and more accurate than its source
+    "Exact", which sums along the line of sight (one layer: off by 0.18 of the largest I). Its b1, Q and U have the
+    signs of vrte and its relative azimuth is phi.
+    """
+    sasktran2 = imported("sasktran2")
+    config = sasktran2.Config()
+    config.num_stokes, config.num_streams, config.num_threads = problem.stokes, streams, 1
+    config.num_singlescatter_moments = max(streams, len(problem.coefficients))
+    config.multiple_scatter_source = sasktran2.MultipleScatterSource.DiscreteOrdinates
+    config.single_scatter_source = sasktran2.SingleScatterSource.DiscreteOrdinates
+    if orders is not None:
+        config.num_forced_azimuth = orders
+    layer_m = np.array([0.0, 1.0])
+    geometry = sasktran2.Geometry1D(
+        problem.mu0,
+        0.0,
+        6.371e6,
+        layer_m,
+        sasktran2.InterpolationMethod.LinearInterpolation,
+        sasktran2.GeometryType.PlaneParallel,
+    )
+    views = sasktran2.ViewingGeometry()
+    for mu in problem.mu:
+        for phi in np.radians(problem.phi):
+            views.add_ray(sasktran2.GroundViewingSolar(problem.mu0, phi, mu, 10.0))
+    engine = sasktran2.Engine(config, geometry, views)
+    atmosphere = sasktran2.Atmosphere(geometry, config, numwavel=1, calculate_derivatives=False)
+    atmosphere.storage.total_extinction[:] = problem.thickness / np.ptp(layer_m)
+    atmosphere.storage.ssa[:] = problem.albedo
+    atmosphere.storage.solar_irradiance[:] = problem.flux
+    for place, name in enumerate(("a1", "a2", "a3", None, "b1")):
+        if name is not None:
+            # (degree, altitude, wavelength)
+            getattr(atmosphere.leg_coeff, name)[: len(problem.coefficients), :, 0] = problem.coefficients[:, [place]]
+    shape = (1, problem.mu.size, problem.phi.size, problem.stokes)
+    return lambda: engine.calculate_radiance(atmosphere)["radiance"].values.reshape(shape)
+
+
+def imported(name: str) -> Any:
+    """The module of a peer; MissingExtraError where it is not installed."""
+    if importlib.util.find_spec(name) is None:
+        raise MissingExtraError(f"the comparison with {name}", "bench")
+    return importlib.import_module(name)
+
+
+# by the peer a problem is for, then by the name in the table
+CODES: dict[str, dict[str, Prepare]] = {
+    "nanodisort": {"nanodisort": with_nanodisort},
+    "sasktran2": {
+        "sasktran2": with_sasktran2,
+        "sasktran2, 12 orders": functools.partial(with_sasktran2, orders=len(SIEWERT_IIA)),
+    },
+}
+
+
+@functools.cache
+def reference(problem: Problem) -> Array:
+    """What errors are counted from, on 256 streams: nanodisort's own answer; for Siewert's scene vrte's by doubling."""
+    if problem.peer == "nanodisort":
+        return with_nanodisort(problem, REFERENCE_STREAMS, accuracy=0.0)()
+    return with_vrte(problem, REFERENCE_STREAMS, algorithm="doubling")()
+
+
+def check_of_reference(problem: Problem) -> float:
+    """How far the reference is from an independent answer, relative to the largest I.
+
+    That is vrte on 256 streams; for Siewert's scene the nine numbers of his tables that are quoted above.
+    """
+    there = reference(problem)
+    if problem.peer == "nanodisort":
+        other = with_vrte(problem, REFERENCE_STREAMS)()
+    else:
+        places = [int(np.argmin(np.abs(problem.mu - mu))) for mu in SIEWERT_QUOTED]
+        other = there.copy()
+        other[0, places, list(problem.phi).index(90.0)] = list(SIEWERT_QUOTED.values())
+    return max(errors(problem, other))
+
+
+def errors(problem: Problem, radiances: Array) -> tuple[float, ...]:
+    """The largest differences from the reference in I, Q, U, relative to its largest I."""
+    there = reference(problem)
+    return tuple((np.abs(radiances - there).max(axis=(0, 1, 2)) / there[..., 0].max()).tolist())
+
+
+def cpu_ms(call: Callable[[], Any]) -> tuple[float, Any]:
+    """The process's CPU time of one call, all its threads together, and what the call returned."""
+    start = time.process_time()
+    result = call()
+    return 1e3 * (time.process_time() - start), result
+
+
+def rounds_for(milliseconds: float) -> int:
+    """How many rounds of that length fit, odd."""
+    fewest, most = ROUNDS
+    return int(np.clip(1e3 * SECONDS / max(milliseconds, 1e-3), fewest, most)) // 2 * 2 + 1
+
+
+def compare(problem: Problem, streams: int) -> list[Row]:
+    """vrte, then its peers: set-ups one after the other, then solves in turn, BLAS with one thread."""
+    codes: dict[str, Prepare] = {"vrte": functools.partial(with_vrte, **wanted_keywords()), **CODES[problem.peer]}
+    setup_ms, solves = {}, {}
+    with threadpool_limits(1):
+        for code, prepare in codes.items():
+            runs = [cpu_ms(functools.partial(prepare, problem, streams)) for _ in range(SETUPS)]
+            setup_ms[code], solves[code] = statistics.median(run[0] for run in runs), runs[-1][1]
+        answers = {code: solve() for code, solve in solves.items()}
+        times: dict[str, list[float]] = {code: [] for code in codes}
+        for _ in range(rounds_for(sum(cpu_ms(solve)[0] for solve in solves.values()))):
+            for code, solve in solves.items():
+                times[code].append(cpu_ms(solve)[0])
+        solve_ms = {code: statistics.median(found) for code, found in times.items()}
+        return [
+            Row(
+                problem=problem.name,
+                streams=streams,
+                code=code,
+                setup_ms=setup_ms[code],
+                solve_ms=solve_ms[code],
+                ratio=solve_ms[code] / solve_ms["vrte"],
+                errors=errors(problem, answers[code]),
+                target=TARGETS.get(code),
+            )
+            for code in codes
+        ]
+
+
+def shortfalls(rows: list[Row]) -> list[str]:
+    """What one comparison, vrte's row first, misses: a sentence for each; only codes with a target count."""
+    ours, found = rows[0], []
+    for row in rows[1:]:
+        if row.target is None:
+            continue
+        where = f"{row.problem}, {row.streams} streams, {row.code}"
+        if row.ratio < row.target:
+            found.append(f"{where}: vrte is {row.ratio:.2f} x as fast, wanted {row.target:g} x")
+        found += [
+            f"{where}: error in {name} {mine:.1e}, the peer's {theirs:.1e}"
+            for name, mine, theirs in zip("IQU", ours.errors, row.errors, strict=False)
+            if mine > theirs
+        ]
+    return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Prints the page, or writes it: 0, or 1 with a sentence where a peer is missing or the file cannot be written."""
+    from bench.peers_page import load, page
+
+    parser = argparse.ArgumentParser(prog="python -m bench.peers", description="vrte beside nanodisort and sasktran2")
+    parser.add_argument("-o", "--output", type=Path, help="write the page there, docs/peers.md say")
+    options = parser.parse_args(arguments)
+    comparisons, before = [], load()
+    try:
+        for peer in TARGETS:
+            imported(peer)
+        for problem in PROBLEMS:
+            for streams in problem.streams:
+                print(f"{problem.name}, {streams} streams", file=sys.stderr, flush=True)
+                comparisons.append(compare(problem, streams))
+        with threadpool_limits(1):
+            checks = {problem: check_of_reference(problem) for problem in PROBLEMS}
+        text = page(comparisons, checks, before)
+        if options.output is None:
+            print(text)
+        else:
+            with atomic_write(options.output) as part:
+                part.write_text(text, encoding="utf-8")
+    except (MissingExtraError, OSError) as reason:
+        print(f"error: {reason}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    # under its own name, so that the page's imports find these very classes
+    from bench.peers import main as run
+
+    sys.exit(run())

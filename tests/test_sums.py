@@ -1,0 +1,274 @@
+"""The sums at the end of a solve against their formulas, written out in NumPy."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import _core
+from vrte.discrete_ordinates import summing
+from vrte.discrete_ordinates.azimuths import cos_sin_deg, fold
+
+FULL_TURN = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 33.3])
+
+
+def fourier_sum(kernels: np.ndarray, orders: np.ndarray, kind: Sequence[int], phi: np.ndarray) -> np.ndarray:
+    """(1:6)-(1:8), (1:12) without its 1/2, for kernels (order, tau, in, col, out, 4): (tau, in, out, phi, 4, col)."""
+    cosine, sine = cos_sin_deg(orders[:, None] * phi)
+    twice = np.where(orders == 0, 1.0, 2.0)[:, None]
+    cosine, sine = twice * cosine, twice * sine
+    parts = []
+    for col, second in enumerate(kind):
+        upper, lower = (-sine, cosine) if second else (cosine, sine)
+        values = [np.einsum("mtio,mf->tiof", kernels[:, :, :, col, :, s], (upper, lower)[s // 2]) for s in range(4)]
+        parts.append(np.stack(values, axis=-1))
+    return np.stack(parts, axis=-1)
+
+
+def summed(
+    kernels: np.ndarray,
+    orders: np.ndarray,
+    stokes: Sequence[int],
+    kind: Sequence[int],
+    place: Sequence[int],
+    phi: np.ndarray,
+    out: np.ndarray,
+    levels: Sequence[int],
+    rows: Sequence[int],
+    scale: np.ndarray,
+    threads: int = 2,
+) -> None:
+    """The kernel under test, in two pieces of the incident directions."""
+    azimuths = fold(phi)
+    cosine, sine = azimuths.cos_sin(orders)
+    work = np.empty((threads, _core.azimuthal_work(orders.size, len(kind), len(stokes), azimuths.distinct.size)))
+    integers = [np.array(values, np.int32) for values in (stokes, kind, place)]
+    where = [np.array(values, np.int32) for values in (levels, rows)]
+    middle = out.shape[1] // 2
+    for first, last in ((0, middle), (middle, out.shape[1])):
+        _core.azimuthal_sum(
+            np.ascontiguousarray(kernels),
+            *integers,
+            cosine,
+            sine,
+            azimuths.angle,
+            azimuths.sign,
+            *where,
+            scale,
+            first,
+            last,
+            out,
+            threads,
+            work,
+            np.zeros(threads),
+            np.zeros(1, np.int32),
+        )
+
+
+def some_kernels(n_order: int, n_col: int, n_out: int = 21) -> np.ndarray:
+    return np.random.default_rng(1).standard_normal((n_order, 3, 4, n_col, n_out, 4))
+
+
+@pytest.mark.parametrize("stokes", [(0,), (0, 1), (2, 3), (0, 1, 2), (3,), (0, 1, 2, 3)])
+@pytest.mark.parametrize("kind", [(0, 0, 1, 1), (0,), (1,), (0, 1)])
+def test_azimuthal_sum_adds_orders_of_some_stokes_components_and_columns(
+    stokes: tuple[int, ...], kind: tuple[int, ...]
+) -> None:
+    kernels, orders = some_kernels(7, len(kind)), np.array([0, 1, 2, 5, 6, 9, 30], np.int32)
+    place, levels, rows = [3, 0, 2, 1][: len(kind)], [2, 0], [20, 3, 3, 0, 7, 8, 9, 10, 11, 12, 13]
+    scale = np.array([1.0, 0.5, 2.0, -3.0])
+    out = np.ones((2, 4, len(rows), FULL_TURN.size, 4, 4))
+    expected = np.ones_like(out)
+    missing = np.setdiff1d(range(4), stokes)
+    masked = kernels.copy()
+    masked[..., missing] = 0.0
+    whole = fourier_sum(masked, orders, kind, FULL_TURN)[np.ix_(levels, range(4), rows)]
+    expected[..., place] += scale[:, None, None, None, None] * whole
+    summed(kernels[..., list(stokes)], orders, stokes, kind, place, FULL_TURN, out, levels, rows, scale)
+    np.testing.assert_allclose(out, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+def test_azimuthal_sum_puts_columns_at_one_place_and_does_not_depend_on_threads() -> None:
+    kernels, orders, phi = some_kernels(5, 2), np.arange(5, dtype=np.int32), np.arange(0.0, 361.0, 1.5)
+    results = []
+    for threads in (1, 3):
+        out = np.zeros((3, 4, 21, phi.size, 4, 1))
+        summed(kernels, orders, range(4), (0, 1), (0, 0), phi, out, range(3), range(21), np.ones(4), threads)
+        results.append(out)
+    expected = fourier_sum(kernels, orders, (0, 1), phi).sum(axis=-1, keepdims=True)
+    np.testing.assert_allclose(results[0], expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+    np.testing.assert_array_equal(results[0], results[1])
+
+
+def test_azimuths_beyond_half_a_turn_are_mirror_images() -> None:
+    phi = np.arange(0.0, 361.0, 2.0)
+    azimuths = fold(phi)
+    assert azimuths.distinct.size == 91
+    np.testing.assert_array_equal(np.cos(np.radians(azimuths.distinct)), np.cos(np.radians(np.arange(0, 181, 2))))
+    folded = azimuths.sign * azimuths.distinct[azimuths.angle]
+    np.testing.assert_allclose(np.sin(np.radians(folded)), np.sin(np.radians(phi)), atol=1e-15)
+
+
+def scattering_matrix(coefficients: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, ...]:
+    """F11, F22, F33, F44, F12, F34 at the cosines x by upward recurrence in the degree."""
+    f = np.zeros((6, *x.shape))
+    p, p_old, zero = np.ones_like(x), np.zeros_like(x), np.zeros_like(x)
+    q, q_old, u, u_old, w, w_old = (zero,) * 6
+    for l, (a1, a2, a3, a4, b1, b2) in enumerate(coefficients):
+        if l == 2:
+            q, u, w = -np.sqrt(6.0) / 4.0 * (1.0 - x * x), 0.25 * (1.0 + x) ** 2, 0.25 * (1.0 - x) ** 2
+        f += np.array([a1 * p, (a2 + a3) * u, (a2 - a3) * w, a4 * p, b1 * q, b2 * q])
+        p, p_old = ((2 * l + 1) * x * p - l * p_old) / (l + 1), p
+        if l >= 2:
+            above, here = np.sqrt((l + 1) ** 2 - 4), np.sqrt(l * l - 4)
+            q, q_old = ((2 * l + 1) * x * q - here * q_old) / above, q
+            a, b, c = (2 * l + 1) * l * (l + 1), 4 * (2 * l + 1), (l + 1) * here**2
+            u, u_old = ((a * x - b) * u - c * u_old) / (l * above**2), u
+            w, w_old = ((a * x + b) * w - c * w_old) / (l * above**2), w
+    return f[0], 0.5 * (f[1] + f[2]), 0.5 * (f[1] - f[2]), f[3], f[4], f[5]
+
+
+def phase_matrix(coefficients: np.ndarray, mu0: float, mu: float, phi: float) -> np.ndarray:
+    """Z(mu, -mu0, phi) between meridian planes: F at the scattering angle, turned on both sides; phi in degrees."""
+
+    def frame(u: float, azimuth: float) -> np.ndarray:
+        """Theta-hat, r = l x k, and k, one a row."""
+        s, (c, n) = np.sqrt((1 - u) * (1 + u)), (float(v) for v in cos_sin_deg(np.array(azimuth)))
+        l, k = np.array([u * c, u * n, -s]), np.array([s * c, s * n, u])
+        return np.array([l, np.cross(l, k), k])
+
+    def turn(axes: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """From the meridian plane's axes to the plane with r along `normal`."""
+        c, s = normal @ axes[1], -(normal @ axes[0])
+        c, s = (c * c - s * s) / (c * c + s * s), 2 * c * s / (c * c + s * s)
+        return np.array([[1, 0, 0, 0], [0, c, s, 0], [0, -s, c, 0], [0, 0, 0, 1]])
+
+    into, out = frame(-mu0, 0.0), frame(mu, phi)
+    normal = np.cross(out[2], into[2])
+    if normal @ normal < 1e-18:  # straight on and straight back
+        normal = out[1]
+    a1, a2, a3, a4, b1, b2 = scattering_matrix(coefficients, np.clip(out[2] @ into[2], -1.0, 1.0))
+    f = np.array([[a1, b1, 0, 0], [b1, a2, 0, 0], [0, 0, a3, b2], [0, 0, -b2, a4]])
+    return turn(out, normal).T @ f @ turn(into, normal)
+
+
+def scattered(
+    coefficients: np.ndarray,
+    path: np.ndarray,
+    mu0: np.ndarray,
+    mu: np.ndarray,
+    phi: np.ndarray,
+    columns: np.ndarray,
+    place: Sequence[int],
+    out: np.ndarray,
+    threads: int = 2,
+    wide: bool = True,
+) -> None:
+    """The kernel under test, in two pieces of the incident directions."""
+    azimuths = fold(phi)
+    cosine, sine = cos_sin_deg(azimuths.distinct)
+    work = np.empty((threads, _core.scattering_work(len(columns), cosine.size)))
+    kind = summing.column_kinds(columns)
+    for first, last in ((0, 1), (1, mu0.size)):
+        _core.add_single_scattering(
+            _core.series_table(coefficients),
+            path,
+            mu0,
+            mu,
+            cosine,
+            sine,
+            azimuths.angle,
+            azimuths.sign,
+            columns,
+            kind,
+            np.array(place, np.int32),
+            first,
+            last,
+            out,
+            threads,
+            work,
+            np.zeros(threads),
+            np.zeros(1, np.int32),
+            wide,
+        )
+
+
+@pytest.mark.parametrize("wide", [True, False])
+@pytest.mark.parametrize("terms", [1, 2, 3, 4, 27])
+def test_single_scattering_is_the_phase_matrix_between_meridian_planes(terms: int, wide: bool) -> None:
+    """Straight on and straight back included, where a plane has to be chosen."""
+    coefficients = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients[:terms]
+    mu0, mu = np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3])
+    path = np.random.default_rng(2).uniform(0.5, 2.0, (2, 3, 6))
+    path[1, 2, 4] = path[:, 0, 1] = 0.0
+    phi = np.append(FULL_TURN, np.linspace(1.0, 170.0, 40))
+    out = np.ones((2, 3, 6, phi.size, 4, 4))
+    scattered(coefficients, path, mu0, mu, phi, np.eye(4), range(4), out, wide=wide)
+    z = np.array([[[phase_matrix(coefficients, *pair, f) for f in phi] for pair in ((i, j) for j in mu)] for i in mu0])
+    expected = 1.0 + path[..., None, None, None] * z
+    np.testing.assert_allclose(out, expected, rtol=0, atol=1e-13 * np.abs(coefficients).sum())
+    np.testing.assert_array_equal(out[1, 2, 4], 1.0)
+
+
+def test_single_scattering_of_columns_that_share_a_place_on_any_number_of_threads() -> None:
+    coefficients = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
+    mu0, mu, phi = np.array([0.3, 0.8]), np.array([0.4, -0.7]), np.arange(0.0, 361.0, 15.0)
+    columns, path = np.array([[1.0, -0.3, 0.0, 0.0], [0.0, 0.0, 0.2, 0.4]]), np.ones((1, 2, 2))
+    whole = np.zeros((1, 2, 2, phi.size, 4, 4))
+    scattered(coefficients, path, mu0, mu, phi, np.eye(4), range(4), whole)
+    results = [np.zeros((1, 2, 2, phi.size, 4, 1)) for _ in range(2)]
+    for threads, out in zip((1, 3), results, strict=True):
+        scattered(coefficients, path, mu0, mu, phi, columns, (0, 0), out, threads)
+    expected = whole @ columns.sum(axis=0)[:, None]
+    np.testing.assert_allclose(results[0], expected, rtol=0, atol=1e-13 * np.abs(whole).max())
+    np.testing.assert_array_equal(results[0], results[1])
+
+
+def speckled(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
+    """A base whose every element depends on everything."""
+    angle = np.radians(phi_deg)
+    f = np.full((*np.broadcast_shapes(mu_i.shape, mu_o.shape, phi_deg.shape), 4, 4), 0.05) * (1.0 + np.eye(4))
+    f = f * (1.0 + 0.5 * mu_i * mu_o * np.cos(angle))[..., None, None]
+    f[..., :2, 2:] *= np.sin(angle)[..., None, None]
+    f[..., 2:, :2] *= np.sin(angle)[..., None, None]
+    return f
+
+
+@pytest.mark.parametrize("base", [None, vrte.Lambertian(0.3), vrte.MuellerBase(speckled)])
+def test_a_result_does_not_depend_on_its_pieces(base: vrte.Lambertian | vrte.MuellerBase | None) -> None:
+    """Reflection and transmission at once, one incident direction a piece; directions one by one by `radiance`."""
+    particles = vrte.spheres(1.5, radius_um=0.2, wavelength_um=0.5).phase_matrix
+    layers = [vrte.Layer(particles, 0.9, 0.3), vrte.Layer(vrte.rayleigh(), 0.5, 0.1), vrte.Layer(particles, 1.0, 0.2)]
+    scene, mu_i, mu_o = vrte.Scene(layers, base), [0.2, 0.5, 0.9], [0.3, 1.0]
+    calls: list[tuple[int, int]] = []
+
+    def tables(**how: object) -> vrte.Brdf:
+        return vrte.brdf(scene, mu_i, mu_o, FULL_TURN, nodes=8, transmission=True, **how)
+
+    whole = tables()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(summing, "PIECE_BYTES", 1.0)
+        split = tables(progress=lambda done, total: calls.append((done, total)))
+    steps = calls[-1][1]
+    assert steps >= whole.diagnostics["orders"] + 3
+    assert calls[-3:] == [(steps - 2, steps), (steps - 1, steps), (steps, steps)]
+    np.testing.assert_array_equal(whole.mueller, split.mueller)
+    np.testing.assert_array_equal(whole.transmission, split.transmission)
+    for k, mu0 in enumerate(mu_i):
+        stokes = np.array([1.0, 0.2, -0.3, 0.1])
+        field = vrte.radiance(scene, mu0, stokes, [0.3, 1.0, -0.3, -1.0], FULL_TURN, [0.0, 0.6], nodes=8)
+        up, down = whole.mueller[k] @ (mu0 * stokes), whole.transmission[k] @ (mu0 * stokes)
+        np.testing.assert_allclose(field.stokes[0, :2], up, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(field.stokes[1, 2:], down, rtol=0, atol=1e-14)
+
+
+def test_a_large_result_is_not_copied_and_a_writable_one_is() -> None:
+    b = vrte.brdf(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]), 0.5, [0.3, 1.0], FULL_TURN, nodes=4)
+    arrays = {name: getattr(b, name) for name in ("reflectance", "mu_i", "mu_o", "phi", "diagnostics")}
+    assert vrte.Brdf(mueller=b.mueller, **arrays).mueller is b.mueller
+    mine = b.mueller.copy()
+    seen = mine.view()
+    seen.setflags(write=False)
+    for given in (mine, seen):  # what can still be written into
+        assert not np.shares_memory(vrte.Brdf(mueller=given, **arrays).mueller, mine)

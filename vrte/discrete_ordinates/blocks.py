@@ -1,0 +1,118 @@
+"""Fourier orders that are solved alike: the same Stokes parameters, nodes, layers and algorithm."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.discrete_ordinates.choice import Choice, choose
+from vrte.discrete_ordinates.needs import Needs, layer_strengths, layers_reached, nodes_seen, stokes_sets
+from vrte.discrete_ordinates.problem import ALL, IntArray, Problem
+from vrte.scene import Lambertian, MuellerBase
+
+Base = Lambertian | MuellerBase | None
+SMALL = 40  # unknowns a hemisphere: below, calls cost more than nodes
+STEPS = 10  # numbers of nodes that orders are sorted into
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """orders (k,), the Stokes parameters and the incident columns (places in the request's) they are solved for, the
+    reduced problem and its base, and which algorithm takes it."""
+
+    orders: IntArray
+    stokes: tuple[int, ...]
+    columns: tuple[int, ...]
+    problem: Problem
+    base: Base
+    choice: Choice
+
+
+@dataclass(frozen=True)
+class Part:
+    """What makes two orders alike; ``straight``: the Stokes parameters that light them along the normal."""
+
+    stokes: tuple[int, ...]
+    straight: tuple[int, ...]
+    nodes: int
+    layers: int
+    has_end: bool
+
+
+def make_blocks(
+    problem: Problem, base: Base, orders: IntArray, needs: Needs, brightest: float, accuracy: float, algorithm: str
+) -> list[Block]:
+    """All orders, sorted into blocks; ascending, and I before V."""
+    fed_back = isinstance(base, MuellerBase)
+    nodes = node_counts(problem, nodes_seen(needs, brightest, accuracy), fed_back).tolist()
+    layers, has_end = layers_reached(problem, layer_strengths(problem), accuracy)
+    sets = stokes_sets(problem)
+    along_normal = bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
+    parts: dict[Part, list[int]] = {}
+    for order in orders.tolist():
+        reached = (problem.albedo.size, True) if fed_back else (layers[order], has_end[order])
+        for stokes in (ALL,) if fed_back else sets[order]:
+            parts.setdefault(Part(stokes, lit_by(order) if along_normal else ALL, nodes[order], *reached), []).append(
+                order
+            )
+    blocks = []
+    for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
+        columns = columns_of(problem, part)
+        if not columns:
+            continue
+        reduced = reduce(problem, part, columns)
+        below = base if part.has_end and (fed_back or (members[0] == 0 and part.stokes[0] == 0)) else None
+        chosen = np.array(members, np.int32)
+        choice = choose(algorithm, reduced, float(needs.strength[members].max()), accuracy)
+        blocks.append(Block(chosen, part.stokes, columns, reduced, below, choice))
+    return blocks
+
+
+def node_counts(problem: Problem, seen: IntArray, all_nodes: bool) -> IntArray:
+    """Nodes of each order, of few different numbers, alike for orders that threads do side by side."""
+    total = problem.nodes.size
+    if all_nodes or 4 * total <= SMALL:
+        return np.full(seen.size, total, np.int32)
+    step = max(1, -(-total // STEPS))
+    rounded = np.minimum(total, -(-seen // step) * step)
+    evens = rounded[2::2]
+    evens[:] = rounded[1::2][: evens.size]  # orders 1 and 2 alike, 3 and 4, ...
+    return np.maximum(rounded, 1).astype(np.int32)
+
+
+def lit_by(order: int) -> tuple[int, ...]:
+    """At normal incidence I and V have order 0 alone, Q and U order 2; at normal exit those orders alone are left."""
+    return {0: (0, 3), 2: (1, 2)}.get(order, ())
+
+
+def columns_of(problem: Problem, part: Part) -> tuple[int, ...]:
+    """Places of the incident Stokes columns that light the part."""
+    lit = list(part.stokes)
+    if (problem.mu0 == 1.0).all():
+        lit = [i for i in lit if i in part.straight]
+    elif (problem.mu_out == 1.0).all() and not part.straight:
+        lit = []
+    return tuple(place for place, column in enumerate(problem.columns) if column[lit].any())
+
+
+def reduce(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
+    """The problem on the part's nodes, layers and Stokes parameters."""
+    terms = problem.terms[: part.layers]
+    thickness = problem.thickness[: part.layers].copy()
+    if not part.has_end:
+        thickness[-1] = np.inf
+    incident: Array = problem.columns[np.ix_(columns, part.stokes)]
+    return replace(
+        problem,
+        coefficients=np.ascontiguousarray(problem.coefficients[: part.layers]),
+        terms=terms,
+        albedo=problem.albedo[: part.layers],
+        thickness=thickness,
+        above=problem.above[: part.layers],
+        gain=problem.gain[: part.layers],
+        fraction=problem.fraction[: part.layers],
+        nodes=problem.nodes[: part.nodes],
+        weights=problem.weights[: part.nodes],
+        columns=np.ascontiguousarray(incident),
+        stokes=part.stokes,
+    )
