@@ -207,7 +207,7 @@ def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:
     wanted = Wanted([part], np.arange(4, dtype=np.int32), np.ones(2))
     once, spread = (
         fill(wanted, [], scene, problem, MU, fold(np.array(PHI)), new_run(1), lambda done: None, spreads)[0]
-        for spreads in (False, True)
+        for spreads in (np.zeros(MU.size, bool), np.ones(MU.size, bool))
     )
     np.testing.assert_allclose(spread, once, atol=1e-13 * np.abs(once).max())
 

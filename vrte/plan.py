@@ -43,11 +43,6 @@ class Plan:
         """Whether the base mixes orders and Stokes parameters as it likes."""
         return isinstance(self.request.scene.base, MuellerBase) and self.request.scene.base_is_reached
 
-    @property
-    def spreads(self) -> bool:
-        """Whether small angles are separated: the beam spreads, beyond the nodes' reach, before it scatters."""
-        return self.truncation.name == "small-angle" and bool(self.problem.fraction.any())
-
     def diagnostics(self) -> dict[str, Any]:
         """What a result says of how it was made."""
         longest = max(layer.phase_matrix.terms for layer in self.request.scene.layers)

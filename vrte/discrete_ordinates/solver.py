@@ -18,7 +18,7 @@ from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.routes import OTHER, ROUTES, Orders, Route
 from vrte.discrete_ordinates.small_angle import scratch_doubles
 from vrte.discrete_ordinates.summing import Light, Wanted, fill, number_of_pieces
-from vrte.discrete_ordinates.truncating import flux_of_the_peak
+from vrte.discrete_ordinates.truncating import flux_of_the_peak, spread_towards
 from vrte.errors import AccuracyError
 from vrte.plan import Plan
 
@@ -60,7 +60,8 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     azimuths = fold(request.phi)
     total = sum(block.orders.size for block in plan.blocks) + number_of_pieces(wanted, request.phi.size)
     with single_threaded():
-        result_doubles = wanted.doubles(request.phi.size) + (scratch_doubles(request.scene) if plan.spreads else 0.0)
+        spreads = spread_towards(plan.truncation.name, problem, plan.mu)
+        result_doubles = wanted.doubles(request.phi.size) + (scratch_doubles(request.scene) if spreads.any() else 0.0)
         check_memory(problem, plan.blocks, result_doubles, azimuths, run.threads)
         flux_up, flux_down = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
         lights: list[Light] = []
@@ -81,7 +82,7 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
             if progress is not None:
                 progress(done, total)
         pieces = sized(progress, done, total)
-        parts = fill(wanted, lights, request.scene, problem, plan.mu, azimuths, run, pieces, plan.spreads)
+        parts = fill(wanted, lights, request.scene, problem, plan.mu, azimuths, run, pieces, spreads)
     flux_down += flux_of_the_peak(problem, request.tau)
     diagnostics = {
         **plan.diagnostics(),

@@ -1,12 +1,16 @@
 """Which truncation a request takes, a rule written from measured errors (docs/truncation.md), and what it does."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vrte.arrays import Array
 from vrte.discrete_ordinates.choice import Choice
 from vrte.discrete_ordinates.problem import Problem
 from vrte.optics.truncation import Truncated, truncated
 from vrte.scene import MuellerBase, Scene
+
+BoolArray = NDArray[np.bool_]
+DOWN = "delta-m, and small-angle for light going down"
 
 
 def choose_truncation(name: str, scene: Scene, mu: Array, tau: Array, nodes: int) -> Choice:
@@ -16,9 +20,20 @@ def choose_truncation(name: str, scene: Scene, mu: Array, tau: Array, nodes: int
     longest = max(layer.phase_matrix.terms for layer in scene.layers)
     if longest <= 2 * nodes:
         return Choice("none", f"auto: the nodes carry all of the {longest} terms")
+    why = f"auto: {longest} terms, the nodes carry {2 * nodes}"
     if (mu < 0.0).any() and (tau > 0.0).any():
-        return Choice("small-angle", "auto: light going down is seen, and near the beam delta-M has none of the peak's")
-    return Choice("delta-m", "auto: the nodes do not carry all terms; reciprocal, and as good for light going up")
+        return Choice(
+            DOWN, f"{why}; delta-m is reciprocal for light going up, and blind near the beam for light going down"
+        )
+    return Choice("delta-m", f"{why}; no light going down is seen")
+
+
+def spread_towards(truncation: str, problem: Problem, mu: Array) -> BoolArray:
+    """Whether the beam spreads by small angles before it scatters into the directions mu (n_mu,), signed."""
+    if not problem.fraction.any():
+        return np.zeros(mu.size, bool)
+    towards: BoolArray = np.full(mu.size, truncation == "small-angle") | ((mu < 0.0) & (truncation == DOWN))
+    return towards
 
 
 def truncated_layers(scene: Scene, name: str, nodes: int) -> list[Truncated]:
