@@ -9,7 +9,7 @@ from vrte.arrays import Array, flag, number, numbers, shown, vector, whole
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
-from vrte.optics.truncation import TRUNCATIONS
+from vrte.optics.truncation import CHOICES
 from vrte.scene import Scene
 
 SMALLEST_COSINE = 1e-8
@@ -101,7 +101,7 @@ def solver_options(nodes: Any, accuracy: Any, algorithm: Any, verify: Any, trunc
         "accuracy": number("accuracy", accuracy, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
         "algorithm": one_of("algorithm", algorithm, ALGORITHMS),
         "verify": flag("verify", verify),
-        "truncation": one_of("truncation", truncation, ("auto", *TRUNCATIONS)),
+        "truncation": one_of("truncation", truncation, CHOICES),
     }
 
 

@@ -17,6 +17,7 @@ from vrte.arrays import Array
 from vrte.optics.phase_matrix import PhaseMatrix
 
 TRUNCATIONS = ("none", "delta-m", "small-angle")
+CHOICES = ("auto", *TRUNCATIONS)
 
 
 @dataclass(frozen=True, eq=False)
