@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 
 from bench.peers import ACCURACY, REFERENCE_STREAMS, ROUNDS, SETUPS, Problem, Row, shortfalls, wanted_keywords
-from vrte.report.stability.table import figure, markdown_table, processor
+from vrte.report.pages import markdown_table, processor
+from vrte.report.stability.table import figure
 from vrte.running import usable_cpus
 
 COLUMNS = ("scene", "streams", "code", "set-up [ms]", "solve [ms]", "over vrte", "target")

@@ -1,4 +1,4 @@
-"""The paper's scenes against the LAPACK floor: two threads, from PhaseMatrix to result."""
+"""The paper's scenes against the LAPACK floor: two threads, accuracy 1e-8, from PhaseMatrix to result."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ DIRECTIONS = np.linspace(0.05, 1.0, 20)
 
 
 def test_table_3_radiance(gold: vrte.Scene, against_floor: Measure) -> None:
-    """(a) 11 x 19 directions at tau 0, 40 nodes; the target is 1.0 x the floor."""
+    """(a) 11 x 19 directions at tau 0, 40 nodes; the target is 0.35 x the floor."""
     ratio = against_floor(
         lambda: vrte.radiance(
             gold,
@@ -29,13 +29,13 @@ def test_table_3_radiance(gold: vrte.Scene, against_floor: Measure) -> None:
         ),
         eigenproblems(gold, 40, 41),
     )
-    assert ratio <= 1.0
+    assert ratio <= 0.35
 
 
 def test_table_2_siewert(spheroids: vrte.Scene, against_floor: Measure) -> None:
-    """(b) the benchmark's seven depths, 22 x 3 directions, 30 nodes."""
+    """(b) the benchmark's seven depths, 20 x 3 directions, 30 nodes; the target is 0.5 x the floor."""
     mu = np.concatenate([np.linspace(0.1, 1.0, 10), -np.linspace(0.1, 1.0, 10)])
-    against_floor(
+    ratio = against_floor(
         lambda: vrte.radiance(
             spheroids,
             mu0=0.6,
@@ -48,6 +48,7 @@ def test_table_2_siewert(spheroids: vrte.Scene, against_floor: Measure) -> None:
         ),
         eigenproblems(spheroids, 30, 12),
     )
+    assert ratio <= 0.5
 
 
 def test_table_3_by_doubling(gold: vrte.Scene, against_floor: Measure) -> None:
@@ -62,12 +63,12 @@ def test_table_3_by_doubling(gold: vrte.Scene, against_floor: Measure) -> None:
 
 
 def test_brdf_20_20_37(gold: vrte.Scene, against_floor: Measure) -> None:
-    """(c) the full Mueller BRDF of the same gold layer; the target is 2.0 x the floor."""
+    """(c) the full Mueller BRDF of the same gold layer; the target is 0.5 x the floor."""
     ratio = against_floor(
         lambda: vrte.brdf(gold, DIRECTIONS, DIRECTIONS, np.arange(0, 361, 10), nodes=40, threads=2),
         eigenproblems(gold, 40, 41),
     )
-    assert ratio <= 2.0
+    assert ratio <= 0.5
 
 
 def test_brdf_peak_memory() -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from cython.parallel cimport prange, threadid
 from libc.math cimport INFINITY, M_PI as PI, cos, exp, expm1, fabs, hypot, sin, sqrt, tanh
 from libc.string cimport memcpy, memset
-from scipy.linalg.cython_blas cimport dgemm, dtrmm
+from scipy.linalg.cython_blas cimport ddot, dgemm, dtrmm, idamax
 from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs, dpotrf, dsyevd
 
 cdef extern from *:
@@ -2230,7 +2230,7 @@ cdef inline void off_nodes(Sizes s, int n_in, double depth, const double* mu0, E
 def invariance_work(n_node, n_off, stokes, n_term):
     """Doubles of `work` that one thread of `reflect_endless` needs."""
     n, u = stokes * n_node, stokes * n_off
-    return 3 * (n_node + n_off) * n_term + n_node + 12 * n_term * (n + u) + n * n + u * n + u * u + max(n, u) ** 2
+    return 3 * (n_node + n_off) * n_term + n_node + 12 * n_term * (n + u) + n * n + u * n + u * u + 6 * n * max(n, u) + u * u
 
 
 def reflect_endless(const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients, int terms,
@@ -2290,50 +2290,121 @@ cdef void renew(Sheet rows, Sheet nodes, double sign, const double* R) noexcept 
             rows.rows)
 
 
-cdef double divide_by_rates(Parity p, int rows, const double* mu_row, int columns, const double* mu_column, double* new,
-                            double* R, double* largest) noexcept nogil:
-    """new <- new Q/2 over 1/mu + 1/mu'; what it differs from R, which it replaces."""
-    cdef int i, j
-    cdef size_t k
-    cdef double rate, half, gap = 0.0
-    largest[0] = 0.0
-    for j in range(columns):
-        rate = 1.0 / mu_column[j // p.stokes]
-        half = -0.5 if j % p.stokes == p.place[3] else 0.5
-        for i in range(rows):
-            k = <size_t>j * rows + i
-            new[k] *= half / (1.0 / mu_row[i // p.stokes] + rate)
-            gap = max(gap, fabs(new[k] - R[k]))
-            largest[0] = max(largest[0], fabs(new[k]))
-            R[k] = new[k]
-    return gap
+cdef void divide_by_rates(Parity p, int n_row, const double* mu_row, int n_column, const double* mu_column,
+                          double* new) noexcept nogil:
+    """new <- new Q/2 over 1/mu + 1/mu'."""
+    cdef int i, j, a, b, rows = p.stokes * n_row
+    cdef double share, sign
+    cdef double* column
+    for j in range(n_column):
+        for i in range(n_row):
+            share = 0.5 * mu_row[i] * mu_column[j] / (mu_row[i] + mu_column[j])
+            for b in range(p.stokes):
+                sign = -share if b == p.place[3] else share
+                column = new + <size_t>(p.stokes * j + b) * rows + p.stokes * i
+                for a in range(p.stokes):
+                    column[a] *= sign
+
+
+cdef inline double largest_in(int size, const double* a) noexcept nogil:
+    cdef int one = 1
+    return fabs(a[idamax(&size, <double*>a, &one) - 1]) if size > 0 else 0.0
+
+
+cdef inline double scalar_product(int size, const double* a, const double* b) noexcept nogil:
+    cdef int one = 1
+    return ddot(&size, <double*>a, &one, <double*>b, &one)
+
+
+cdef struct Past:
+    # what the last fixed-point steps led to, by how much they moved, this one first; products of the movements
+    int steps
+    double* led[3]
+    double* moved[3]
+    double products[3][3]
+
+
+cdef void remember(int size, Past* past) noexcept nogil:
+    """The step just done becomes the last one; room for a new one is where the oldest was."""
+    cdef double* led = past.led[2]
+    cdef double* moved = past.moved[2]
+    past.led[2], past.led[1], past.led[0] = past.led[1], past.led[0], led
+    past.moved[2], past.moved[1], past.moved[0] = past.moved[1], past.moved[0], moved
+    past.products[2][2], past.products[1][1] = past.products[1][1], past.products[0][0]
+    past.products[1][2] = past.products[0][1]
+    past.steps += 1
+
+
+cdef void accelerate(int size, Past* past, double* R) noexcept nogil:
+    """R <- the combination of this step and the last two that would have moved least (Anderson's acceleration)."""
+    cdef int k
+    cdef double a11, a12, a22 = 0.0, b1, b2 = 0.0, det, g1 = 0.0, g2 = 0.0, c0, c1
+    cdef const double* x = past.led[0]
+    cdef const double* y = past.led[1]
+    cdef const double* z = past.led[2]
+    for k in range(min(past.steps, 2) + 1):
+        past.products[0][k] = scalar_product(size, past.moved[0], past.moved[k])
+    if past.steps > 0:
+        a11 = past.products[0][0] - 2.0 * past.products[0][1] + past.products[1][1]
+        b1 = past.products[0][0] - past.products[0][1]
+        if past.steps > 1:
+            a12 = past.products[0][1] - past.products[0][2] - past.products[1][1] + past.products[1][2]
+            a22 = past.products[1][1] - 2.0 * past.products[1][2] + past.products[2][2]
+            b2 = past.products[0][1] - past.products[0][2]
+            det = a11 * a22 - a12 * a12
+            if det > 1e-10 * a11 * a22:
+                g1, g2 = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
+        if g2 == 0.0 and a11 > 0.0:
+            g1 = b1 / a11
+    if g1 == 0.0:
+        memcpy(R, x, sizeof(double) * size)
+        return
+    c0, c1 = 1.0 - g1, g1 - g2
+    if g2 == 0.0:
+        for k in range(size):
+            R[k] = c0 * x[k] + c1 * y[k]
+    else:
+        for k in range(size):
+            R[k] = c0 * x[k] + c1 * y[k] + g2 * z[k]
 
 
 cdef double settle(Parity p, int m, int terms, double albedo, const double* coefficients, Sheet* rows, Sheet* nodes,
-                   const double* mu_row, const double* mu_node, double tolerance, double* R, double* new, int* steps,
-                   const int* stop) noexcept nogil:
-    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes."""
-    cdef int step, kind
-    cdef double gap = 0.0, before = 0.0, largest = 0.0, missing = 1.0, rate
-    memset(R, 0, sizeof(double) * <size_t>rows[0].rows * nodes[0].rows)
+                   const double* mu_row, const double* mu_node, double rate, double tolerance, double* R, double* room,
+                   int* steps, const int* stop) noexcept nogil:
+    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate: what
+    a step gains at least; room: six matrices like R."""
+    cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
+    cdef double gap, largest, missing = 1.0
+    cdef double* new
+    cdef bint done
+    cdef Past past
+    past.steps = 0
+    for k in range(3):
+        past.led[k], past.moved[k] = room + <size_t>2 * k * size, room + <size_t>(2 * k + 1) * size
+    memset(R, 0, sizeof(double) * size)
     for kind in range(2):
         memcpy(rows[kind].H, rows[kind].phi, sizeof(double) * <size_t>rows[kind].rows * rows[kind].columns)
     for step in range(MOST_STEPS):
+        new = past.led[0]
         for kind in range(2):
             times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, rows[kind].rows, rows[kind].H, rows[kind].HC)
             step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
-        gap = divide_by_rates(p, rows[0].rows, mu_row, nodes[0].rows, mu_node, new, R, &largest)
+        divide_by_rates(p, rows[0].rows // p.stokes, mu_row, nodes[0].rows // p.stokes, mu_node, new)
+        for k in range(size):
+            past.moved[0][k] = new[k] - R[k]
+        gap, largest = largest_in(size, past.moved[0]), largest_in(size, new)
+        missing = gap * rate / (1.0 - rate) / largest if largest > 0.0 else 1.0
+        steps[0] += 1
+        done = largest == 0.0 or missing <= tolerance or gap <= 4e-16 * largest or stop[0]
+        if done:
+            memcpy(R, new, sizeof(double) * size)
+        else:
+            accelerate(size, &past, R)
+            remember(size, &past)
         for kind in range(2):
             renew(rows[kind], nodes[kind], -1.0 if kind else 1.0, R)
-        steps[0] += 1
-        if largest == 0.0 or stop[0]:
-            return 0.0
-        if step > 0:
-            rate = min(gap / before, 0.999) if before > 0.0 else 0.0
-            missing = gap * rate / (1.0 - rate) / largest
-            if missing <= tolerance or gap <= 4e-16 * largest:
-                return missing
-        before = gap
+        if done:
+            return 0.0 if largest == 0.0 else missing
     return missing
 
 
@@ -2352,12 +2423,15 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
     cdef double* R = scale + n_node
     cdef double* Ru = R + <size_t>n * n                   # (u, n)
     cdef double* Ruu = Ru + <size_t>u * n                 # (u, u)
-    cdef double* new = Ruu + <size_t>u * u                # the largest of the three again
-    cdef double* memory = new + max(<size_t>n * n, max(<size_t>u * n, <size_t>u * u))
+    cdef double* new = Ruu + <size_t>u * u                # room for steps
+    cdef double* memory = new + 6 * <size_t>n * max(n, u) + <size_t>u * u
     cdef Sheet nodes[2]
     cdef Sheet rows[2]
-    cdef double total, largest, sign
+    cdef double total, sign, rate = 0.0
     spherical(m, terms, directions, n_all, prt)
+    for i in range(m, terms):
+        rate = max(rate, albedo * norm_of_coefficients(coefficients + 6 * i) / (2.0 * i + 1.0))
+    rate = min(rate, 0.999)
     for i in range(n_node):
         scale[i] = sqrt(weights[i] / directions[i])
     for kind in range(2):
@@ -2366,10 +2440,10 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
         parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
         parity_columns(p, m, terms, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
     steps[0] = 0
-    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, tolerance, R, new, steps,
-                         stop)
-    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, tolerance, Ru,
-                                          new, steps, stop))
+    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, rate, tolerance, R,
+                         new, steps, stop)
+    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, rate, tolerance,
+                                          Ru, new, steps, stop))
     # from off the nodes to off the nodes, less what is scattered once
     for kind in range(2):
         sign = -1.0 if kind else 1.0
@@ -2377,7 +2451,8 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
         product(b"N", b"T", u, u, rows[kind].columns, sign, rows[kind].HC, u, rows[kind].H, u, 1.0 if kind else 0.0, new, u)
         times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, u, rows[kind].phi, rows[kind].HC)
         product(b"N", b"T", u, u, rows[kind].columns, -sign, rows[kind].HC, u, rows[kind].phi, u, 1.0, new, u)
-    divide_by_rates(p, u, off, u, off, new, Ruu, &largest)
+    divide_by_rates(p, n_off, off, n_off, off, new)
+    memcpy(Ruu, new, sizeof(double) * <size_t>u * u)
     for beam in range(n_in):
         for c in range(n_col):
             rhs = beam * n_col + c

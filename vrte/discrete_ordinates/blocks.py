@@ -63,8 +63,8 @@ def make_blocks(
         reduced = reduce(problem, part, columns)
         below = base if part.has_end and (fed_back or (members[0] == 0 and part.stokes[0] == 0)) else None
         chosen = np.array(members, np.int32)
-        choice = choose(algorithm, reduced, float(needs.strength[members].max()), accuracy)
-        blocks.append(Block(chosen, part.stokes, columns, reduced, below, choice))
+        for places, choice in choose(algorithm, reduced, needs.strength[chosen], accuracy):
+            blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice))
     return blocks
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import Problem
 from vrte.discrete_ordinates.slabs import Pile, cut
 
@@ -15,6 +16,7 @@ JOINT = 0.2  # time of a joint over that of a layer's modes
 ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
 WORTH_IT = 0.7  # predicted times are right to about a third
 GENERAL, SYMMETRIC = 45.0, 18.0  # operations over n^3 of a layer's modes, eigenproblem included
+STRONGEST = 0.98  # q of orders whose iterations settle
 FINEST = 1e-13  # accuracy that iterations are taken for
 
 
@@ -26,27 +28,41 @@ class Choice:
     reason: str
 
 
-def choose(algorithm: str, problem: Problem, strength: float, accuracy: float) -> Choice:
-    """The route asked for, or for "auto" the one that the rule takes; ``strength``: q of the strongest order.
+def choose(algorithm: str, problem: Problem, strength: Array, accuracy: float) -> list[tuple[slice, Choice]]:
+    """The route asked for, or for "auto" those that the rule takes, each for some of the orders; ``strength`` (order,):
+    their q, which falls.
 
     Invariance stands for reflection alone: where it does not apply, modes do the orders that were to be done by it.
     """
+    every = slice(0, strength.size)
+    if algorithm == "invariance" and not sees_top_only(problem):
+        reason = "invariance was asked for, and is for the top of what has no end to these orders"
+        return [(every, Choice("modes", reason))]
     if algorithm == "invariance":
-        if sees_top_only(problem):
-            return Choice(algorithm, "asked for")
-        return Choice("modes", "invariance was asked for, and is for the top of what has no end to these orders")
-    if algorithm != "auto":
-        return Choice(algorithm, "asked for")
-    if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
-        return Choice(
-            "doubling", f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
+        first = int(np.count_nonzero(strength > STRONGEST))
+        found = [(slice(0, first), Choice("modes", f"orders with q above {STRONGEST:g} are not for invariance"))]
+        return (
+            found[: first > 0]
+            + [(slice(first, strength.size), Choice(algorithm, "asked for"))][: first < strength.size]
         )
+    if algorithm != "auto":
+        return [(every, Choice(algorithm, "asked for"))]
+    if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
+        reason = f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
+        return [(every, Choice("doubling", reason))]
+    first = strength.size
     if sees_top_only(problem) and accuracy >= FINEST:
         share = operations_of_invariance(problem, strength, accuracy) / operations_of_modes(problem)
-        if share < 1.0:
-            return Choice(
-                "invariance", f"auto: only the top is seen; predicted to take {share:.2g} of the time of modes"
-            )
+        first = int(np.count_nonzero((share >= 1.0) | (strength > STRONGEST)))
+    parts = [(slice(0, first), modes_or_doubling(problem))] if first else []
+    if first < strength.size:
+        reason = f"auto: only the top is seen; predicted to take {share[first]:.2g} of the time of modes and less"
+        parts.append((slice(first, strength.size), Choice("invariance", reason)))
+    return parts
+
+
+def modes_or_doubling(problem: Problem) -> Choice:
+    """Which of the two is predicted to be faster."""
     if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
         return Choice("modes", "auto: one layer, one eigenproblem")
     ratio = time_of_doubling(cut(problem)) / problem.albedo.size
@@ -71,16 +87,18 @@ def operations_of_modes(problem: Problem) -> float:
     return problem.albedo.size * (solving + 4.0 * n * n * (problem.n_rhs + problem.rows_out))
 
 
-def operations_of_invariance(problem: Problem, strength: float, accuracy: float) -> float:
-    """Of the strongest order, roughly."""
+def operations_of_invariance(problem: Problem, strength: Array, accuracy: float) -> Array:
+    """Of each order, roughly."""
     rank = 2.0 * problem.terms[0]
     rows = problem.size + len(problem.stokes) * np.union1d(problem.mu_out, problem.mu0).size
     return 4.0 * rows * problem.size * rank * iterations(strength, accuracy)
 
 
-def iterations(strength: float, accuracy: float) -> float:
-    """What fixed points of the invariance equation need: each gains a factor of a little less than q."""
-    return math.log(0.01 * accuracy) / math.log(min(0.95 * strength + 1e-6, 0.999))
+def iterations(strength: Array, accuracy: float) -> Array:
+    """What accelerated fixed points of the invariance equation need, like those of conjugate gradients."""
+    root = np.sqrt(1.0 - np.clip(strength, 1e-3, 1.0 - 1e-6))
+    steps: Array = 3.0 + math.log(accuracy) / np.log((1.0 - root) / (1.0 + root))
+    return steps
 
 
 def time_of_doubling(pile: Pile) -> float:

@@ -20,7 +20,7 @@ from vrte.discrete_ordinates.reconstruction import nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.slabs import cut, join
 
 QUICK = 3e-12  # accuracy that the symmetric eigensolver is good for on 16 nodes; ten times the largest error measured
-TIGHTER = 0.02  # of the accuracy asked for: where iterations stop
+TIGHTER = 0.5  # of the accuracy asked for: where iterations stop
 
 
 @dataclass(frozen=True, eq=False)
