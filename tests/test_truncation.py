@@ -1,6 +1,7 @@
 """Peaked phase matrices at few nodes: nothing is lost, nothing is changed without need, and more nodes agree."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,7 +138,7 @@ def test_light_near_the_beam() -> None:
     scene, beam = two_layers(0.95), (1.0, 0.3, 0.2, 0.5)
     mu = np.array([-0.52, -0.6, -0.68, -0.2, -1.0, 0.3])
     asked = {"mu": mu, "phi": [0.0, 6.0, 120.0], "tau": [1.0, 3.4, 4.0]}
-    converged = vrte.radiance(scene, 0.6, beam, nodes=40, **asked).stokes
+    converged = vrte.radiance(scene, 0.6, beam, nodes=40, **asked, accuracy=1e-5, truncation="none").stokes
     for name, near, aside in (("delta-m", 0.3, 0.02), ("small-angle", 5e-3, 5e-3)):
         error = np.abs(vrte.radiance(scene, 0.6, beam, nodes=8, **asked, truncation=name).stokes - converged)
         error /= converged[..., 0].max(axis=(1, 2), keepdims=True)[..., None]
@@ -201,7 +202,7 @@ def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:
     """The closed forms agree where the nodes carry all terms: one integrates over depths matrix by matrix."""
     scene = two_layers(0.9)
     tau, mu0, columns = np.array([0.0, 1.0, 3.0, 4.0]), np.array([0.3, 1.0]), np.eye(4)
-    problem = discretise(scene, mu0, columns, MU, tau, 100, "small-angle")
+    problem = discretise(scene, mu0, columns, MU, tau, 100, "all")
     assert not problem.fraction.any()
     part = np.arange(4, dtype=np.int32), np.arange(MU.size, dtype=np.int32)
     wanted = Wanted([part], np.arange(4, dtype=np.int32), np.ones(2))
@@ -210,6 +211,91 @@ def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:
         for spreads in (np.zeros(MU.size, bool), np.ones(MU.size, bool))
     )
     np.testing.assert_allclose(spread, once, atol=1e-13 * np.abs(once).max())
+
+
+def peaked_over_rayleigh() -> vrte.Scene:
+    """A scalar layer that nodes cut, above a polarizing one."""
+    return vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.8, 100), 1.0, 1.0), vrte.Layer(vrte.rayleigh(), 1.0, 0.5)])
+
+
+def test_what_auto_takes() -> None:
+    def rule(nodes: int, scene: vrte.Scene | None = None, **asked: Any) -> str:
+        diagnostics = vrte.radiance(scene or two_layers(), 0.6, nodes=nodes, **asked).diagnostics
+        assert diagnostics["truncation_rule"].startswith("auto: ")
+        return str(diagnostics["truncation"])
+
+    resolved = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 16), 0.9, 1.0)])
+    assert rule(8, resolved, mu=MU, tau=[0.0, 1.0]) == "none"
+    assert rule(8, mu=MU[:12]) == rule(8, mu=MU) == rule(8, mu=MU[:12], tau=1.0) == "delta-m"
+    assert rule(8, mu=MU, tau=[0.0, 1.0]) == "delta-m, small-angle for light going down"
+    haze = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 0.9, 1.0)])
+    assert rule(8, haze, mu=MU[:12], stokes=(0, 1, 0, 0)) == "delta-m"
+    assert rule(8, peaked_over_rayleigh(), mu=MU[:12], stokes=(0, 1, 0, 0)) == "delta-m of polarizing layers"
+
+
+def test_auto_takes_each_where_it_is_better() -> None:
+    asked = {"mu": MU, "phi": PHI, "tau": [0.0, 1.0, 4.0], "nodes": 6}
+    auto, once, spread = (
+        vrte.radiance(two_layers(), 0.6, **asked, truncation=name) for name in ("auto", "delta-m", "small-angle")
+    )
+    np.testing.assert_allclose(auto.stokes[:, MU > 0.0], once.stokes[:, MU > 0.0], atol=1e-14)
+    np.testing.assert_allclose(auto.stokes[:, MU < 0.0], spread.stokes[:, MU < 0.0], atol=1e-14)
+    np.testing.assert_array_equal(auto.flux_down, once.flux_down)
+    # one of the two for all incident Stokes vectors: reciprocal
+    haze = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 1.0, 3.0)], vrte.Lambertian(0.3))
+    brdf = vrte.brdf(haze, MU[3:6], MU[3:6], [0.0, 120.0], nodes=6)
+    forth, turned = brdf.mueller, brdf.mueller.transpose(1, 0, 2, 4, 3)
+    minus = np.array([1.0, 1.0, 1.0, -1.0])
+    np.testing.assert_allclose(forth, minus[:, None] * turned * minus, atol=1e-13 * forth.max())
+
+
+def test_polarized_light_through_scalar_layers() -> None:
+    """Delta-M has no peak for Q, U and V of a scalar layer; there the layer is cut, which to them is no error."""
+    scene = peaked_over_rayleigh()
+    asked = {"mu_i": [0.3, 0.8], "mu_o": MU[:12], "phi": PHI, "transmission": True}
+    exact = vrte.brdf(scene, nodes=24, truncation="none", **asked)
+    once, auto = (vrte.brdf(scene, nodes=6, truncation=name, **asked) for name in ("delta-m", "auto"))
+
+    def errors(found: vrte.Brdf) -> list[float]:
+        """Of the columns for unpolarized and for polarized light, reflected and transmitted, over the largest I."""
+        pairs = ((found.mueller, exact.mueller), (found.transmission, exact.transmission))
+        return [
+            float(np.abs(mine - right)[..., columns].max() / right[..., 0, 0].max())
+            for mine, right in pairs
+            for columns in (slice(0, 1), slice(1, 4))
+        ]
+
+    assert errors(once)[1] > 1e-3
+    assert np.all(np.array(errors(auto)) < [1.5e-2, 5e-6, 1e-3, 1e-5])
+    np.testing.assert_allclose(auto.mueller[..., 0], once.mueller[..., 0], atol=1e-13)
+    assert auto.diagnostics["polarized_light"]["truncation"].startswith("delta-m of polarizing layers")
+
+
+def test_two_solutions_make_one_field() -> None:
+    """Light that is polarized in part is the sum of what is and what is not; progress goes through both."""
+    asked = {"mu": MU, "phi": PHI, "tau": [0.0, 0.7, 1.5], "nodes": 6}
+    told: list[tuple[int, int]] = []
+    field = vrte.radiance(
+        peaked_over_rayleigh(), 0.6, (1, 0.3, 0.2, 0.1), **asked, progress=lambda *done: told.append(done)
+    )
+    unpolarized = vrte.radiance(peaked_over_rayleigh(), 0.6, **asked)
+    polarized = vrte.radiance(peaked_over_rayleigh(), 0.6, (0, 0.3, 0.2, 0.1), **asked)
+    scale = np.abs(field.stokes).max()
+    np.testing.assert_allclose(field.stokes, unpolarized.stokes + polarized.stokes, atol=1e-14 * scale)
+    np.testing.assert_allclose(field.flux_up, unpolarized.flux_up + polarized.flux_up, atol=1e-15)
+    np.testing.assert_allclose(field.flux_down, unpolarized.flux_down + polarized.flux_down, atol=1e-15)
+    assert told == sorted(told)
+    assert told[-1][0] == told[-1][1]
+
+
+def test_a_beam_without_intensity() -> None:
+    """What Q alone does is what Q does beside I: no order is left out for want of an I to compare it with."""
+    scene = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 0.99, 3.0)])
+    asked = {"mu": [0.3, 0.7, -0.5], "phi": [0.0, 40.0, 90.0], "tau": [0.0, 1.0], "nodes": 12}
+    whole, light, alone = (
+        vrte.radiance(scene, 0.6, beam, **asked).stokes for beam in ((1, 0.4, 0, 0), (1, 0, 0, 0), (0, 0.4, 0, 0))
+    )
+    np.testing.assert_allclose(alone, whole - light, atol=1e-8 * np.abs(light).max())
 
 
 def test_the_report(tmp_path: Path) -> None:

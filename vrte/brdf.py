@@ -8,12 +8,11 @@ import numpy as np
 
 from vrte.arrays import Array, frozen, settled
 from vrte.discrete_ordinates.problem import Progress
-from vrte.discrete_ordinates.solver import solve
 from vrte.field import freeze
-from vrte.plan import make_plan
 from vrte.request import brdf_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
+from vrte.solving import solved
 
 if TYPE_CHECKING:
     import xarray
@@ -108,7 +107,7 @@ def brdf(
     options = solver_options(nodes, accuracy, algorithm, verify, truncation)
     request, out = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
     into, run = request.mu0, new_run(threads)
-    solution = interruptible(run, lambda: solve(make_plan(request, run), run, progress))
+    _, solution = interruptible(run, lambda: solved(request, run, progress))
     # (1, n_in, n_mu, n_phi, 4, column)
     matrices = [settled(values)[0] for values in solution.parts]
     return Brdf(

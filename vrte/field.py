@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.arrays import Array, frozen, is_settled, settled
-from vrte.discrete_ordinates.problem import Progress, Run
-from vrte.discrete_ordinates.solver import Solution, solve
+from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
-from vrte.plan import Plan, make_plan
-from vrte.request import Request, radiance_request, solver_options
+from vrte.request import radiance_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
+from vrte.solving import solved
 
 if TYPE_CHECKING:
     import xarray
@@ -128,7 +127,7 @@ def radiance(
     options = solver_options(nodes, accuracy, algorithm, verify, truncation)
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
     run = new_run(threads)
-    plan, solution = interruptible(run, lambda: planned(request, run, progress))
+    plan, solution = interruptible(run, lambda: solved(request, run, progress))
     levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
     return Field(
         stokes=settled(solution.parts[0])[:, 0, : directions.size, ..., 0],
@@ -142,9 +141,3 @@ def radiance(
         incident_stokes=incident,
         diagnostics=solution.diagnostics,
     )
-
-
-def planned(request: Request, run: Run, progress: Progress | None) -> tuple[Plan, Solution]:
-    """The plan of a request, and its solution."""
-    plan = make_plan(request, run)
-    return plan, solve(plan, run, progress)

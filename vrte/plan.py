@@ -7,13 +7,12 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.discrete_ordinates.blocks import Block, make_blocks
-from vrte.discrete_ordinates.choice import Choice
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import Needs, brightness, needs_of, orders_that_matter
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
-from vrte.discrete_ordinates.truncating import choose_truncation
+from vrte.discrete_ordinates.truncating import Truncation, choose_truncation
 from vrte.request import Request
 from vrte.scene import MuellerBase, Scene
 
@@ -29,7 +28,7 @@ class Plan:
 
     request: Request
     problem: Problem
-    truncation: Choice
+    truncation: Truncation
     mu: Array
     needs: Needs
     brightest: Array
@@ -75,8 +74,8 @@ def make_plan(request: Request, run: Run) -> Plan:
     mu = np.concatenate([double_gauss(nodes)[0], -double_gauss(nodes)[0]]) if request.mu is None else request.mu
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
-    truncation = choose_truncation(request.truncation, scene, mu, request.tau, nodes)
-    problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.name)
+    truncation = choose_truncation(request.truncation, scene, request.columns, mu, request.tau, nodes)
+    problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks)
     needs = needs_of(problem, run)
     brightest = brightness(scene, problem, mu, run)
     base = scene.base if scene.base_is_reached else None

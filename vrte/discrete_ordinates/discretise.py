@@ -12,14 +12,15 @@ LAST_PLACES = 4.0  # what sums of thicknesses may be off by
 
 
 def discretise(
-    scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int, truncation: str = "none"
+    scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int, peaks: str = "none"
 ) -> Problem:
     """Nodes, truncated layers and the one every depth lies in; ``mu`` signed, light going up first.
 
-    All depths of the problem are those of the truncated layers.
+    ``peaks``: which layers lose theirs, "none", "polarizing" or "all"; all depths of the problem are those of the
+    truncated layers.
     """
     points, weights = double_gauss(nodes)
-    layers = truncated_layers(scene, truncation, nodes)
+    layers = truncated_layers(scene, peaks, nodes)
     terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
     coefficients = np.zeros((len(scene.layers), int(terms.max()), 6))
     for k, layer in enumerate(layers):

@@ -58,9 +58,9 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     start = time.perf_counter()
     request, problem, wanted = plan.request, plan.problem, plan.wanted
     azimuths = fold(request.phi)
-    total = sum(block.orders.size for block in plan.blocks) + number_of_pieces(wanted, request.phi.size)
+    total = steps(plan)
     with single_threaded():
-        spreads = spread_towards(plan.truncation.name, problem, plan.mu)
+        spreads = spread_towards(plan.truncation, problem, plan.mu)
         result_doubles = wanted.doubles(request.phi.size) + (scratch_doubles(request.scene) if spreads.any() else 0.0)
         check_memory(problem, plan.blocks, result_doubles, azimuths, run.threads)
         flux_up, flux_down = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
@@ -103,6 +103,11 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     return Solution(parts, flux_up, flux_down, diagnostics)
 
 
+def steps(plan: Plan) -> int:
+    """What `progress` counts: orders, and pieces of the result."""
+    return sum(block.orders.size for block in plan.blocks) + number_of_pieces(plan.wanted, plan.request.phi.size)
+
+
 def sized(progress: Progress | None, before: int, total: int) -> Callable[[int], None]:
     """The call-back of one step, counted on from what was done before."""
     return lambda done: None if progress is None else progress(before + done, total)
@@ -115,7 +120,7 @@ def light_of(block: Block, orders: IntArray, result: Orders) -> Light:
 
 def brightness_of(result: Orders, block: Block) -> Array:
     """The brightest I of order 0 at each depth, for the beam that it is faintest of, (n_tau,)."""
-    lit = np.abs(block.problem.columns[:, 0])
+    lit = np.abs(block.problem.columns).max(axis=1)  # not I alone, which may be none
     kernels = np.abs(result.kernels[0, :, :, int(np.argmax(lit)), :, 0])
     brightest: Array = kernels.max(axis=2, initial=0.0).min(axis=1) / max(float(lit.max()), 1e-300)
     return brightest

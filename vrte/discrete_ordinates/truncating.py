@@ -1,47 +1,74 @@
 """Which truncation a request takes, a rule written from measured errors (docs/truncation.md), and what it does."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vrte.arrays import Array
-from vrte.discrete_ordinates.choice import Choice
 from vrte.discrete_ordinates.problem import Problem
 from vrte.optics.truncation import Truncated, truncated
 from vrte.scene import MuellerBase, Scene
 
 BoolArray = NDArray[np.bool_]
-DOWN = "delta-m, and small-angle for light going down"
+# which layers lose their forward peak, and towards which directions the beam spreads by small angles
+NAMED = {"none": ("none", "none"), "delta-m": ("all", "none"), "small-angle": ("all", "all")}
 
 
-def choose_truncation(name: str, scene: Scene, mu: Array, tau: Array, nodes: int) -> Choice:
-    """The truncation asked for, or for "auto" the one that the rule takes; mu (n_mu,) signed, tau (n_tau,)."""
+@dataclass(frozen=True)
+class Truncation:
+    """The truncation's name and the reason for it; ``peaks``: of which layers they are taken off, "none", "polarizing"
+    or "all"; ``spread``: towards which directions small angles are separated, "none", "down" or "all"."""
+
+    name: str
+    reason: str
+    peaks: str
+    spread: str
+
+
+def choose_truncation(name: str, scene: Scene, columns: Array, mu: Array, tau: Array, nodes: int) -> Truncation:
+    """The truncation asked for, or for "auto" the one that the rule takes.
+
+    columns (n_col, 4): incident Stokes vectors; mu (n_mu,): signed; tau (n_tau,).
+    """
     if name != "auto":
-        return Choice(name, "asked for")
+        return Truncation(name, "asked for", *NAMED[name])
     longest = max(layer.phase_matrix.terms for layer in scene.layers)
     if longest <= 2 * nodes:
-        return Choice("none", f"auto: the nodes carry all of the {longest} terms")
-    why = f"auto: {longest} terms, the nodes carry {2 * nodes}"
+        return Truncation("none", f"auto: the nodes carry all of the {longest} terms", *NAMED["none"])
+    name, peaks, spread = "delta-m", "all", "none"
+    reasons = [f"auto: {longest} terms, the nodes carry {2 * nodes}"]
+    if not columns[:, 0].any() and has_scalar_among_polarizing(scene):
+        name, peaks = "delta-m of polarizing layers", "polarizing"
+        reasons.append("the others cut, which scatter no Q, U and V but by their peak")
     if (mu < 0.0).any() and (tau > 0.0).any():
-        return Choice(
-            DOWN, f"{why}; delta-m is reciprocal for light going up, and blind near the beam for light going down"
-        )
-    return Choice("delta-m", f"{why}; no light going down is seen")
+        name, spread = f"{name}, small-angle for light going down", "down"
+        reasons.append("going up, delta-m is reciprocal and as good; near the beam it is not")
+    return Truncation(name, "; ".join(reasons), peaks, spread)
 
 
-def spread_towards(truncation: str, problem: Problem, mu: Array) -> BoolArray:
+def spread_towards(truncation: Truncation, problem: Problem, mu: Array) -> BoolArray:
     """Whether the beam spreads by small angles before it scatters into the directions mu (n_mu,), signed."""
-    if not problem.fraction.any():
+    if truncation.spread == "none" or not problem.fraction.any():
         return np.zeros(mu.size, bool)
-    towards: BoolArray = np.full(mu.size, truncation == "small-angle") | ((mu < 0.0) & (truncation == DOWN))
+    towards: BoolArray = np.ones(mu.size, bool) if truncation.spread == "all" else mu < 0.0
     return towards
 
 
-def truncated_layers(scene: Scene, name: str, nodes: int) -> list[Truncated]:
-    """The layers as multiple scattering sees them."""
+def truncated_layers(scene: Scene, peaks: str, nodes: int) -> list[Truncated]:
+    """The layers as multiple scattering sees them; ``peaks`` as of a `Truncation`."""
     scalar = is_scalar(scene)
-    return [
-        truncated(name, layer.phase_matrix, layer.albedo, layer.thickness, 2 * nodes, scalar) for layer in scene.layers
-    ]
+    found = []
+    for layer in scene.layers:
+        off = peaks == "all" or (peaks == "polarizing" and not layer.phase_matrix.is_scalar)
+        name = "delta-m" if off else "none"
+        found.append(truncated(name, layer.phase_matrix, layer.albedo, layer.thickness, 2 * nodes, scalar))
+    return found
+
+
+def has_scalar_among_polarizing(scene: Scene) -> bool:
+    """Whether polarized light matters, but not to every layer."""
+    return not is_scalar(scene) and any(layer.phase_matrix.is_scalar for layer in scene.layers)
 
 
 def is_scalar(scene: Scene) -> bool:
