@@ -298,6 +298,14 @@ def test_a_beam_without_intensity() -> None:
     np.testing.assert_allclose(alone, whole - light, atol=1e-8 * np.abs(light).max())
 
 
+def test_light_fades_over_truncated_depths() -> None:
+    """Light deep inside is what it is beside light at the top: none of its orders has faded over the whole depth."""
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.99, 1500), 1.0, 300.0)])
+    asked = {"mu": [-0.61, -0.5], "phi": [0.0, 90.0], "nodes": 8, "truncation": "delta-m"}
+    alone, beside = (vrte.radiance(scene, 0.6, tau=tau, **asked).stokes[-1, ..., 0] for tau in (300.0, [0.0, 300.0]))
+    np.testing.assert_allclose(alone, beside, rtol=1e-7)
+
+
 def test_the_report(tmp_path: Path) -> None:
     case = truncation.Case("g = 0.5", lambda: vrte.henyey_greenstein(0.5, 40), 1.0, (2, 4), (18, 20), resolved=True)
     said: list[str] = []

@@ -84,7 +84,7 @@ def make_plan(request: Request, run: Run) -> Plan:
     elif request.fluxes_only:
         count = 1
     else:
-        count = orders_that_matter(needs, request.tau, brightest, request.accuracy)
+        count = orders_that_matter(needs, problem.depth, brightest, request.accuracy)
     orders = np.arange(count, dtype=np.int32)
     blocks = make_blocks(problem, base, orders, needs, float(brightest.min()), request.accuracy, request.algorithm)
     wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])

@@ -50,6 +50,12 @@ class Problem:
         return np.concatenate([self.nodes, self.mu_out, self.mu0])
 
     @property
+    def depth(self) -> Array:
+        """Optical depths of the levels below the top, (n_tau,), as the truncated layers have them."""
+        found: Array = self.above[self.level_layer] + self.level
+        return found
+
+    @property
     def size(self) -> int:
         """n = S N."""
         return len(self.stokes) * self.nodes.size

@@ -77,7 +77,7 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
                     flux_down[..., list(block.columns)] += result.flux_down
                 if orders[0] == 0 and block.stokes[0] == 0 and not plan.fed_back:
                     brightest = np.maximum(brightest, brightness_of(result, block))
-                    left = min(left, orders_that_matter(plan.needs, request.tau, brightest, request.accuracy))
+                    left = min(left, orders_that_matter(plan.needs, problem.depth, brightest, request.accuracy))
             done += int(block.orders.size)
             if progress is not None:
                 progress(done, total)

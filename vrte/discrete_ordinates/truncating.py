@@ -83,6 +83,6 @@ def flux_of_the_peak(problem: Problem, tau: Array) -> Array:
     """
     if not problem.fraction.any():
         return np.zeros((tau.size, problem.mu0.size, problem.columns.shape[0]))
-    depth = (problem.above[problem.level_layer] + problem.level)[:, None]
+    depth = problem.depth[:, None]
     added = np.exp(-depth / problem.mu0) * -np.expm1((depth - tau[:, None]) / problem.mu0) * problem.mu0
     return np.where(depth < tau[:, None], added, 0.0)[..., None] * problem.columns[:, 0]
