@@ -96,8 +96,8 @@ def brdf(
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``threads``, ``progress``,
-    ``algorithm``, ``verify`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without
-    end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
+    ``algorithm``, ``verify``, ``accuracy``, ``truncation`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF
+    (not for a layer without end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
