@@ -105,7 +105,7 @@ def test_options_win_over_the_file(scene: Path, capsys: pytest.CaptureFixture[st
     assert run(*command) == 0
     made = vrte.load(scene.parent / "out.nc").diagnostics
     assert (made["nodes"], made["accuracy"]) == (4, 1e-3)
-    assert "truncation: delta-m, and small-angle for light going down (auto: " in capsys.readouterr().out
+    assert "truncation: delta-m, small-angle for light going down (auto: " in capsys.readouterr().out
     assert run(*command, "--nodes", 6, "--accuracy", "1e-5", "--truncation", "delta-m") == 0
     made = vrte.load(scene.parent / "out.nc").diagnostics
     assert (made["nodes"], made["accuracy"], made["truncation"]) == (6, 1e-5, "delta-m")

@@ -20,7 +20,7 @@ import numpy as np
 from cython.parallel cimport prange, threadid
 from libc.math cimport INFINITY, M_PI as PI, cos, exp, expm1, fabs, hypot, sin, sqrt, tanh
 from libc.string cimport memcpy, memset
-from scipy.linalg.cython_blas cimport ddot, dgemm, dtrmm, idamax
+from scipy.linalg.cython_blas cimport ddot, dgemm, dgemv, dtrmm, dtrsm, idamax
 from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs, dpotrf, dsyevd
 
 cdef extern from *:
@@ -150,7 +150,21 @@ cdef cplx exp_difference_2(cplx a, cplx b, cplx c) noexcept nogil:
 cdef inline void product(char a_form, char b_form, int rows, int columns, int inner, double scale,
                          const double* a, int lda, const double* b, int ldb, double add, double* c, int ldc) noexcept nogil:
     """c = scale op(a) op(b) + add c."""
-    if rows > 0 and columns > 0:
+    cdef int one = 1, i, k
+    cdef double factor
+    if rows <= 0 or columns <= 0:
+        return
+    if columns == 1 and a_form == b"N" and b_form == b"N":
+        if rows * inner > 4096:
+            dgemv(&a_form, &rows, &inner, &scale, <double*>a, &lda, <double*>b, &one, &add, c, &one)
+            return
+        for i in range(rows):      # here a call of BLAS would take longer than its work
+            c[i] = add * c[i] if add != 0.0 else 0.0
+        for k in range(inner):
+            factor = scale * b[k]
+            for i in range(rows):
+                c[i] += factor * a[<size_t>k * lda + i]
+    else:
         dgemm(&a_form, &b_form, &rows, &columns, &inner, &scale, <double*>a, &lda, <double*>b, &ldb, &add, c, &ldc)
 
 
@@ -213,63 +227,84 @@ cdef inline void scale_coordinates(int n, const double* lam_im, const cplx* f, c
 # Spherical functions and the phase matrices A^m, (1:9).
 # ---------------------------------------------------------------------------------------------------------
 
-cdef void wigner_start(int m, double mu, double* start) noexcept nogil:
-    """d^l_{m,0} at l = m, then d^l_{m,2} and d^l_{m,-2} at l = max(m, 2)."""
-    cdef double sine = sqrt((1.0 - mu) * (1.0 + mu))
-    cdef double zero = 1.0, growth
-    cdef int j
+cdef inline double to_the_power(double x, int m) noexcept nogil:
+    """x^m, m >= 0."""
+    cdef double result = 1.0
+    while m > 0:
+        if m & 1:
+            result *= x
+        x *= x
+        m >>= 1
+    return result
+
+
+cdef void wigner_starts(int m, bint polar, const double* mu, int n_mu, double* zero, double* plus, double* minus) noexcept nogil:
+    """d^l_{m,0} at l = m, then d^l_{m,2} and d^l_{m,-2} at l = max(m, 2) unless the polar ones are not wanted."""
+    cdef double factor = 1.0 if m % 2 == 0 else -1.0, growth = factor, sine, power
+    cdef int i, j
     for j in range(1, m + 1):
-        zero = -zero * sine * sqrt((2.0 * j - 1.0) / (2.0 * j))
-    start[0] = zero
-    if m == 0:
-        start[1] = start[2] = sqrt(6.0) / 4.0 * sine * sine
-        return
-    if m == 1:
-        start[1] = 0.5 * sine * (1.0 + mu)
-        start[2] = -0.5 * sine * (1.0 - mu)
-        return
-    growth = 1.0
+        factor *= sqrt((2.0 * j - 1.0) / (2.0 * j))
     for j in range(2, m):
-        growth = -growth * 0.5 * sine * sqrt((2.0 * j + 2.0) * (2.0 * j + 1.0) / ((j - 1.0) * (j + 3.0)))
-    start[1] = 0.25 * (1.0 + mu) * (1.0 + mu) * growth
-    start[2] = 0.25 * (1.0 - mu) * (1.0 - mu) * growth
-
-
-cdef void wigner_run(int m, int k, int terms, double mu, double first, double* d, int stride) noexcept nogil:
-    """d[l stride] = d^l_{m,k}(mu) for l = max(m, |k|) .. terms-1, upward in l; `first` is the first of them."""
-    cdef int l, start = m
-    cdef double before = 0.0, now = first, after, lower, upper
-    if k > start:
-        start = k
-    if -k > start:
-        start = -k
-    for l in range(start, terms):
-        d[l * stride] = now
-        if l == 0:
-            after = mu
-        else:
-            lower = (l + 1.0) * sqrt((<double>l * l - <double>m * m) * (<double>l * l - <double>k * k))
-            upper = l * sqrt(((l + 1.0) * (l + 1.0) - <double>m * m) * ((l + 1.0) * (l + 1.0) - <double>k * k))
-            after = ((2.0 * l + 1.0) * (l * (l + 1.0) * mu - <double>m * k) * now - lower * before) / upper
-        before = now
-        now = after
-
-
-cdef void spherical(int m, int terms, const double* mu, int n_mu, double* out) noexcept nogil:
-    """out (l, mu, 3) = p, r, t of the handbook for l < terms; zero for l < m."""
-    cdef int i, l, stride = 3 * n_mu
-    cdef double start[3]
-    cdef double plus, minus
-    memset(out, 0, sizeof(double) * <size_t>terms * stride)
+        growth *= 0.5 * sqrt((2.0 * j + 2.0) * (2.0 * j + 1.0) / ((j - 1.0) * (j + 3.0)))
     for i in range(n_mu):
-        wigner_start(m, mu[i], start)
-        wigner_run(m, 0, terms, mu[i], start[0], out + 3 * i, stride)
-        wigner_run(m, 2, terms, mu[i], start[1], out + 3 * i + 1, stride)
-        wigner_run(m, -2, terms, mu[i], start[2], out + 3 * i + 2, stride)
-        for l in range(m, terms):
-            plus, minus = out[l * stride + 3 * i + 1], out[l * stride + 3 * i + 2]
-            out[l * stride + 3 * i + 1] = 0.5 * (plus + minus)
-            out[l * stride + 3 * i + 2] = 0.5 * (plus - minus)
+        sine = sqrt((1.0 - mu[i]) * (1.0 + mu[i]))
+        zero[i] = factor * to_the_power(sine, m)
+        if not polar:
+            continue
+        if m == 0:
+            plus[i] = minus[i] = sqrt(6.0) / 4.0 * sine * sine
+        elif m == 1:
+            plus[i], minus[i] = 0.5 * sine * (1.0 + mu[i]), -0.5 * sine * (1.0 - mu[i])
+        else:
+            power = 0.25 * growth * to_the_power(sine, m - 2)
+            plus[i], minus[i] = (1.0 + mu[i]) * (1.0 + mu[i]) * power, (1.0 - mu[i]) * (1.0 - mu[i]) * power
+
+
+cdef void wigner_step(int m, int k, int l, const double* mu, int n_mu, const double* before, const double* now,
+                      double* after) noexcept nogil:
+    """d^{l+1}_{m,k} from d^l and, above the first l, d^{l-1}; (n_mu,) each."""
+    cdef double lower, upper, odd = 2.0 * l + 1.0, steep = <double>l * (l + 1.0), shift = <double>m * k
+    cdef int i
+    if l == 0:
+        memcpy(after, mu, sizeof(double) * n_mu)
+        return
+    # factors that all mu share are whole numbers where m = 0: rounded ones would make P_l and 1 overlap at every node alike
+    lower = (l + 1.0) * sqrt((<double>l * l - <double>m * m) * (<double>l * l - <double>k * k))
+    upper = l * sqrt(((l + 1.0) * (l + 1.0) - <double>m * m) * ((l + 1.0) * (l + 1.0) - <double>k * k))
+    if lower == 0.0:      # before is not there yet
+        for i in range(n_mu):
+            after[i] = odd * (steep * mu[i] - shift) * now[i] / upper
+    else:
+        for i in range(n_mu):
+            after[i] = (odd * (steep * mu[i] - shift) * now[i] - lower * before[i]) / upper
+
+
+cdef void spherical(int m, int terms, bint polar, const double* mu, int n_mu, double* out) noexcept nogil:
+    """out (l, 3, mu) = p, r, t of the handbook for l = m .. terms - 1; r and t only if `polar`."""
+    cdef int i, l, first = max(m, 2)
+    cdef size_t row = 3 * n_mu
+    cdef double* now
+    cdef double plus, minus
+    if terms <= m:
+        return
+    now = out + row * min(first, terms - 1)
+    wigner_starts(m, polar and first < terms, mu, n_mu, out + row * m, now + n_mu, now + 2 * n_mu)
+    for l in range(m, terms - 1):
+        now = out + row * l
+        wigner_step(m, 0, l, mu, n_mu, now - row, now, now + row)
+    if not polar:
+        return
+    for l in range(m, min(first, terms)):
+        memset(out + row * l + n_mu, 0, sizeof(double) * 2 * n_mu)
+    for l in range(first, terms - 1):
+        now = out + row * l + n_mu
+        wigner_step(m, 2, l, mu, n_mu, now - row, now, now + row)
+        wigner_step(m, -2, l, mu, n_mu, now + n_mu - row, now + n_mu, now + n_mu + row)
+    for l in range(first, terms):
+        now = out + row * l + n_mu
+        for i in range(n_mu):
+            plus, minus = now[i], now[n_mu + i]
+            now[i], now[n_mu + i] = 0.5 * (plus + minus), 0.5 * (plus - minus)
 
 
 def generalized_spherical_functions(int m, int terms, mu):
@@ -288,11 +323,11 @@ def generalized_spherical_functions(int m, int terms, mu):
         raise ValueError(f"need an order m >= 0 and at least one term, not m = {m} and {terms} terms")
     if cosines.shape[0] and not np.all(np.abs(cosines) <= 1.0):
         raise ValueError("cosines must lie in [-1, 1]")
-    cdef double[:, :, ::1] out = np.empty((terms, cosines.shape[0], 3))
+    cdef double[:, :, ::1] out = np.zeros((terms, 3, cosines.shape[0]))
     if cosines.shape[0]:
         with nogil:
-            spherical(m, terms, &cosines[0], <int>cosines.shape[0], &out[0, 0, 0])
-    return np.asarray(out)
+            spherical(m, terms, True, &cosines[0], <int>cosines.shape[0], &out[0, 0, 0])
+    return np.ascontiguousarray(np.asarray(out).transpose(0, 2, 1))
 
 
 cdef struct Parity:
@@ -320,6 +355,11 @@ cdef Parity parity_of(int m, int stokes, const int* members) noexcept nogil:
     return p
 
 
+cdef inline bint is_polar(Parity p) noexcept nogil:
+    """Whether Q or U is of the set: else r and t of P_l^m play no part."""
+    return p.place[1] >= 0 or p.place[2] >= 0
+
+
 cdef inline int columns_of(Parity p, int m, int terms, int even_kind) noexcept nogil:
     """Columns of all degrees m .. terms - 1."""
     cdef int same = (terms - m + 1) // 2, other = (terms - m) // 2    # l - m even, odd
@@ -345,20 +385,20 @@ cdef void parity_columns(Parity p, int m, int terms, int even_kind, const double
         right = left + <size_t>rows * p.has[kind][0]
         column += p.has[kind][0] + p.has[kind][1]
         for i in range(n_mu):
-            value = prt + (<size_t>l * n_all + first + i) * 3
+            value = prt + <size_t>3 * l * n_all + first + i      # p, r, t
             f = scale[i] if scale != NULL else 1.0
             if kind == 0:
                 if p.place[0] >= 0:
                     left[p.stokes * i + p.place[0]] = f * value[0]
                 if p.place[1] >= 0:
-                    right[p.stokes * i + p.place[1]] = f * value[1]
+                    right[p.stokes * i + p.place[1]] = f * value[n_all]
                 if p.place[2] >= 0 and p.has[0][1]:
-                    right[p.stokes * i + p.place[2]] = -f * value[2]
+                    right[p.stokes * i + p.place[2]] = -f * value[2 * n_all]
             else:
                 if p.place[1] >= 0 and p.has[1][0]:
-                    left[p.stokes * i + p.place[1]] = -f * value[2]
+                    left[p.stokes * i + p.place[1]] = -f * value[2 * n_all]
                 if p.place[2] >= 0:
-                    left[p.stokes * i + p.place[2]] = f * value[1]
+                    left[p.stokes * i + p.place[2]] = f * value[n_all]
                 if p.place[3] >= 0:
                     right[p.stokes * i + p.place[3]] = f * value[0]
 
@@ -436,7 +476,7 @@ def legendre_matrices(functions):
 
 def bounds_work(n_all, n_term):
     """Doubles of `work` that one thread of `order_bounds` needs."""
-    return 4 * n_all * n_term + n_all + 3 * n_term
+    return 4 * n_all * n_term + 3 * n_all + 3 * n_term
 
 
 def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
@@ -454,11 +494,12 @@ def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, con
     """
     cdef int n_term = <int>coefficients.shape[1], m, thread
     cdef double start
+    cdef bint polar = np.any(np.asarray(coefficients)[:, :, 1:])
     for m in prange(n_term, nogil=True, schedule="dynamic", num_threads=threads):
         thread = threadid()
         if not stop[0]:
             start = vrte_seconds()
-            order_bound(m, n_term, <int>coefficients.shape[0], &coefficients[0, 0, 0], &terms[0], &albedo[0],
+            order_bound(m, polar, n_term, <int>coefficients.shape[0], &coefficients[0, 0, 0], &terms[0], &albedo[0],
                         &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], n_out, &strength[m],
                         &bounds[m], &effect[m, 0], &work[thread, 0])
             seconds[thread] += vrte_seconds() - start
@@ -470,46 +511,56 @@ cdef inline double norm_of_coefficients(const double* c) noexcept nogil:
     return max(first, max(fabs(c[2]), fabs(c[3])) + fabs(c[5]))
 
 
-cdef void order_bound(int m, int n_term, int n_layer, const double* coefficients, const int* terms, const double* albedo,
-                      const double* directions, int n_all, const double* weights, int n_node, int n_out, double* strength,
-                      double* bound, double* effect, double* work) noexcept nogil:
+cdef void order_bound(int m, bint polar, int n_term, int n_layer, const double* coefficients, const int* terms,
+                      const double* albedo, const double* directions, int n_all, const double* weights, int n_node, int n_out,
+                      double* strength, double* bound, double* effect, double* work) noexcept nogil:
     cdef double* prt = work
     cdef double* norms = prt + <size_t>3 * n_all * n_term      # (l, direction): |P_l^m|
     cdef double* u = norms + <size_t>n_all * n_term
-    cdef double* size = u + n_all
+    cdef double* to_out = u + n_all                            # (node,): by way of it
+    cdef double* to_in = to_out + n_all
+    cdef double* size = to_in + n_all
     cdef double* out = size + n_term                           # (l,): the largest norm of an outgoing, an incident
     cdef double* into = out + n_term                           # direction
     cdef int l, i, layer
-    cdef double worst_u, worst_v, to_out, to_in
-    cdef const double* value
+    cdef double worst_u, worst_v, factor, out_factor, in_factor
+    cdef const double* p
+    cdef double* norm
     strength[0] = bound[0] = 0.0
     memset(effect, 0, sizeof(double) * n_node)
-    spherical(m, n_term, directions, n_all, prt)
+    spherical(m, n_term, polar, directions, n_all, prt)
     for l in range(m, n_term):
-        for i in range(n_all):
-            value = prt + (<size_t>l * n_all + i) * 3
-            norms[<size_t>l * n_all + i] = max(fabs(value[0]), fabs(value[1]) + fabs(value[2]))
-        out[l] = largest_of(n_out, norms + <size_t>l * n_all + n_node)
-        into[l] = largest_of(n_all - n_node - n_out, norms + <size_t>l * n_all + n_node + n_out)
+        p = prt + <size_t>3 * l * n_all
+        norm = norms + <size_t>l * n_all
+        if polar:
+            for i in range(n_all):
+                norm[i] = max(fabs(p[i]), fabs(p[n_all + i]) + fabs(p[2 * n_all + i]))
+        else:
+            for i in range(n_all):
+                norm[i] = fabs(p[i])
+        out[l] = largest_of(n_out, norm + n_node)
+        into[l] = largest_of(n_all - n_node - n_out, norm + n_node + n_out)
     for layer in range(n_layer):
         worst_u = worst_v = 0.0
-        memset(u, 0, sizeof(double) * n_all)
+        memset(u, 0, sizeof(double) * 3 * n_all)
         for l in range(m, terms[layer]):
+            norm = norms + <size_t>l * n_all
             size[l] = albedo[layer] * norm_of_coefficients(coefficients + (<size_t>layer * n_term + l) * 6)
             strength[0] = max(strength[0], size[l] / (2.0 * l + 1.0))
+            factor = 2.0 / (2.0 * l + 1.0) * size[l] * size[l]
+            out_factor, in_factor = size[l] * out[l], size[l] * into[l]
             for i in range(n_all):
-                u[i] += 2.0 / (2.0 * l + 1.0) * (size[l] * norms[<size_t>l * n_all + i]) ** 2
+                u[i] += factor * norm[i] * norm[i]
+            for i in range(n_node):
+                to_out[i] += out_factor * norm[i]
+                to_in[i] += in_factor * norm[i]
         for i in range(n_node, n_node + n_out):      # grazing light leaves the uppermost sheet: no more than at 0.01
             worst_u = max(worst_u, u[i] / max(directions[i], 0.01))
         for i in range(n_node + n_out, n_all):
             worst_v = max(worst_v, u[i] * directions[i])
         bound[0] = max(bound[0], sqrt(worst_u * worst_v) / (16.0 * PI))
-        for i in range(n_node):                      # by way of a node
-            to_out = to_in = 0.0
-            for l in range(m, terms[layer]):
-                to_out += size[l] * out[l] * norms[<size_t>l * n_all + i]
-                to_in += size[l] * into[l] * norms[<size_t>l * n_all + i]
-            effect[i] = max(effect[i], weights[i] * to_out * to_in / (8.0 * PI))
+        for i in range(n_node):
+            effect[i] = max(effect[i], weights[i] * to_out[i] * to_in[i] / (8.0 * PI))
 
 
 def assembly_work(n_all, n_term, stokes):
@@ -570,7 +621,7 @@ cdef void assemble_one(int m, Parity p, int terms, double albedo, const double* 
         memset(source_s, 0, sizeof(double) * into * n)
         memset(source_d, 0, sizeof(double) * into * n)
     else:
-        spherical(m, terms, directions, n_all, prt)
+        spherical(m, terms, is_polar(p), directions, n_all, prt)
         for i in range(n_node):
             scale[i] = sqrt(weights[i] / directions[i])
         for kind in range(2):       # 0: E, 1: F
@@ -600,7 +651,7 @@ def homogeneous_work(n):
     return 5 * n * n + 50 * n + 8
 
 
-def homogeneous(const int[::1] orders, bint conserving, bint quick, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
+def homogeneous(const int[::1] orders, bint conserving, bint quick, bint clear, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
                 const double[:, :, :, ::1] E, const double[:, :, :, ::1] F, double[:, :, ::1] lam_re,
                 double[:, :, ::1] lam_im, double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu,
                 int[:, :, ::1] X_pivots, double[:, ::1] residual, int[:, ::1] info, int threads, double[:, ::1] work,
@@ -608,8 +659,10 @@ def homogeneous(const int[::1] orders, bint conserving, bint quick, const double
     """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
 
     conserving: whether order 0 has I, so that its flux is conserved; quick: whether symmetric E and F go to the
-    symmetric eigensolver, which is several times faster and loses a digit. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
-    pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X; residual (order, layer):
+    symmetric eigensolver, which is several times faster and loses a digit; clear: whether layers without scattering go
+    without an eigenproblem. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth
+    squared, complex pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X, or X_pivots starts
+    with -1, X_lu is not filled and X^-1 = Y^T (symmetric modes); residual (order, layer):
     the largest of |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading,
     which only a phase matrix with more terms than the nodes carry has.
     """
@@ -622,11 +675,31 @@ def homogeneous(const int[::1] orders, bint conserving, bint quick, const double
             start = vrte_seconds()
             o = item // n_layer
             k = item % n_layer
-            info[o, k] = homogeneous_one(
-                n, stokes, conserving and orders[o] == 0, quick, albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
-                &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
-                &residual[o, k], &work[thread, 0], &pivots[thread, 0])
+            if clear and albedo[k] == 0.0:
+                clear_modes(n, stokes, &directions[0], &lam_re[o, k, 0], &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0],
+                            &X_lu[o, k, 0, 0], &X_pivots[o, k, 0])
+            else:
+                info[o, k] = homogeneous_one(
+                    n, stokes, conserving and orders[o] == 0, quick, albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
+                    &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
+                    &residual[o, k], &work[thread, 0], &pivots[thread, 0])
             seconds[thread] += vrte_seconds() - start
+
+
+cdef void clear_modes(int n, int stokes, const double* directions, double* lam_re, double* lam_im, double* X, double* Y,
+                      double* X_lu, int* X_pivots) noexcept nogil:
+    """A layer that does not scatter: E = F = 1/mu, so X = 1, lambda = 1/mu^2 and Y = mu."""
+    cdef int i
+    cdef size_t size = sizeof(double) * <size_t>n * n
+    memset(X, 0, size)
+    memset(Y, 0, size)
+    memset(X_lu, 0, size)
+    for i in range(n):
+        X[<size_t>i * n + i] = X_lu[<size_t>i * n + i] = 1.0
+        Y[<size_t>i * n + i] = directions[i // stokes]
+        lam_re[i] = 1.0 / (directions[i // stokes] * directions[i // stokes])
+        lam_im[i] = 0.0
+        X_pivots[i] = i + 1      # LAPACK counts from 1
 
 
 cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double albedo, const double* directions, const double* weights, const double* E,
@@ -638,15 +711,18 @@ cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double 
     cdef double* v = a + n * n
     cdef double* spare = v + n
     cdef int info, i, together
+    cdef bint paired = False       # X^-1 = Y^T
     cdef bint growing = False      # a mode that neither fades nor grows: only a phase matrix with too many terms has one
     cdef double largest
-    info = modes_by_stokes(n, stokes, quick, E, F, lam_re, lam_im, X, work, spare, pivots, &together)
+    info = modes_by_stokes(n, stokes, quick, E, F, lam_re, lam_im, X, NULL if conserving else Y, &paired, work,
+                           spare, pivots, &together)
     if info != 0:
         return info
-    memcpy(f, F, sizeof(double) * n * n)
-    info = factorise(n, f, n, pivots)
-    if info != 0:
-        return info
+    if not paired:
+        memcpy(f, F, sizeof(double) * n * n)
+        info = factorise(n, f, n, pivots)
+        if info != 0:
+            return info
     if conserving:
         conserving_axis(n, stokes, directions, weights, v)
         memcpy(e, E, sizeof(double) * n * n)
@@ -661,9 +737,13 @@ cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double 
         if lam_im[i] == 0.0 and lam_re[i] < 0.0:
             growing = growing or lam_re[i] < -1e-15 * largest      # else rounding below zero
             lam_re[i] = 0.0
-    memcpy(Y, X, sizeof(double) * n * n)
-    solve(b"N", n, n, f, n, pivots, Y, n)
+    if not paired:
+        memcpy(Y, X, sizeof(double) * n * n)
+        solve(b"N", n, n, f, n, pivots, Y, n)
     residual[0] = 1.0 if growing else mode_residual(n, E, F, lam_re, lam_im, X, a, e)
+    if paired:
+        X_pivots[0] = -1
+        return 0
     memcpy(X_lu, X, sizeof(double) * n * n)
     return factorise(n, X_lu, n, X_pivots)
 
@@ -679,9 +759,10 @@ cdef int eigenproblem(int n, double* a, double* lam_re, double* lam_im, double* 
     return info
 
 
-cdef int modes_by_stokes(int n, int stokes, bint quick, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* room,
-                         double* spare, int* pivots, int* together) noexcept nogil:
-    """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set.
+cdef int modes_by_stokes(int n, int stokes, bint quick, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* Y,
+                         bint* paired, double* room, double* spare, int* pivots, int* together) noexcept nogil:
+    """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set. Y, unless
+    NULL, is filled where all is one set of symmetric modes, which `paired` says.
 
     Order 0 keeps (I, Q) from (U, V), b2 = 0 keeps V apart, a scalar phase function everything. In one system their
     equal eigenvalues would mix and lose digits.
@@ -703,8 +784,8 @@ cdef int modes_by_stokes(int n, int stokes, bint quick, const double* E, const d
         for b in range(stokes):
             size += set_of[b] == a
         if size > 0 and info == 0:
-            info = modes_of_set(n, stokes, quick, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, room,
-                                spare, pivots)
+            info = modes_of_set(n, stokes, quick, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, Y,
+                                paired, room, spare, pivots)
             column += size * (n // stokes)
             if a == 0:
                 together[0] = column
@@ -712,7 +793,8 @@ cdef int modes_by_stokes(int n, int stokes, bint quick, const double* E, const d
 
 
 cdef int modes_of_set(int n, int stokes, bint quick, int which, int members, const int* set_of, const double* E, const double* F,
-                      double* lam_re, double* lam_im, double* X, double* room, double* spare, int* pivots) noexcept nogil:
+                      double* lam_re, double* lam_im, double* X, double* Y, bint* paired, double* room, double* spare,
+                      int* pivots) noexcept nogil:
     """The modes of one set: columns of X, zero in the other rows."""
     cdef int h = members * (n // stokes), i, j, row, column, info
     cdef size_t hh = <size_t>h * h
@@ -733,7 +815,8 @@ cdef int modes_of_set(int n, int stokes, bint quick, int which, int members, con
         column += 1
     info = 1
     if quick and symmetric(h, e) and symmetric(h, f):
-        info = symmetric_modes(h, e, f, lam_re, lam_im, x, a, spare, pivots)
+        info = symmetric_modes(h, e, f, lam_re, lam_im, x, Y if members == stokes else NULL, a, spare, pivots)
+        paired[0] = info == 0 and members == stokes and Y != NULL
     if info != 0:
         product(b"N", b"N", h, h, h, 1.0, f, h, e, h, 0.0, a, h)
         info = eigenproblem(h, a, lam_re, lam_im, x, spare, pivots)
@@ -756,15 +839,16 @@ cdef bint symmetric(int n, const double* a) noexcept nogil:
     for j in range(n):
         for i in range(j):
             gap = fabs(a[<size_t>j * n + i] - a[<size_t>i * n + j])
-            if gap > 1e-13 * sqrt(fabs(a[<size_t>i * n + i] * a[<size_t>j * n + j])):
+            if gap * gap > 1e-26 * fabs(a[<size_t>i * n + i] * a[<size_t>j * n + j]):
                 return False
     return True
 
 
-cdef int symmetric_modes(int n, const double* e, const double* f, double* lam_re, double* lam_im, double* X, double* a,
-                         double* spare, int* pivots) noexcept nogil:
-    """Modes of symmetric E and F = L L^T: L^T E L W = W lambda, X = L W; steep nodes first, where the reduction to
-    tridiagonal form starts. Not 0 where F is not positive; f is kept, for a second try."""
+cdef int symmetric_modes(int n, const double* e, const double* f, double* lam_re, double* lam_im, double* X, double* Y,
+                         double* a, double* spare, int* pivots) noexcept nogil:
+    """Modes of symmetric E and F = L L^T: L^T E L W = W lambda, X = L W, Y = F^-1 X = L^-T W unless NULL, so X^-1 = Y^T;
+    steep nodes first, where the reduction to tridiagonal form starts. Not 0 where F is not positive; f is kept, for a
+    second try."""
     cdef char side = b"L", lower = b"L", yes = b"V", no = b"N", transposed = b"T", right = b"R"
     cdef int info = 0, lwork = 2 * n * n + 6 * n + 1, liwork = 5 * n + 3
     cdef double one = 1.0
@@ -779,6 +863,9 @@ cdef int symmetric_modes(int n, const double* e, const double* f, double* lam_re
     dsyevd(&yes, &lower, &n, X, &n, lam_re, spare, &lwork, pivots, &liwork, &info)
     memset(lam_im, 0, sizeof(double) * n)
     if info == 0:
+        if Y != NULL:
+            memcpy(Y, X, sizeof(double) * <size_t>n * n)
+            dtrsm(&side, &lower, &transposed, &no, &n, &n, &one, L, &n, Y, &n)
         dtrmm(&side, &lower, &no, &no, &n, &n, &one, L, &n, X, &n)
     return info
 
@@ -949,8 +1036,8 @@ def particular_work(n, n_in, stokes):
 
 def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s, const double[:, :, :, ::1] source_d,
                const double[::1] mu0, const double[:, ::1] columns, const double[:, :, ::1] lam_re,
-               const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X_lu, const int[:, :, ::1] X_pivots,
-               double[:, :, :, ::1] c, double[:, :, :, ::1] zeta, int threads, double[:, ::1] work, double[::1] seconds,
+               const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X, const double[:, :, :, ::1] Y,
+               const double[:, :, :, ::1] X_lu, const int[:, :, ::1] X_pivots, double[:, :, :, ::1] c, double[:, :, :, ::1] zeta, int threads, double[:, ::1] work, double[::1] seconds,
                const int[::1] stop):
     """The beam's solution in the coordinates of the modes.
 
@@ -967,28 +1054,37 @@ def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s
             o = item // n_layer
             k = item % n_layer
             particular_one(n, <int>columns.shape[1], n_in, n_col, &F[o, k, 0, 0], &source_s[o, k, 0, 0], &source_d[o, k, 0, 0], &mu0[0],
-                           &columns[0, 0], &lam_re[o, k, 0], &lam_im[o, k, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
-                           &c[o, k, 0, 0], &zeta[o, k, 0, 0], &work[thread, 0])
+                           &columns[0, 0], &lam_re[o, k, 0], &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0],
+                           &X_lu[o, k, 0, 0], &X_pivots[o, k, 0], &c[o, k, 0, 0], &zeta[o, k, 0, 0], &work[thread, 0])
             seconds[thread] += vrte_seconds() - start
 
 
 cdef void particular_one(int n, int stokes, int n_in, int n_col, const double* F, const double* source_s, const double* source_d,
                          const double* mu0, const double* columns, const double* lam_re, const double* lam_im,
-                         const double* X_lu, const int* X_pivots, double* c, double* zeta, double* work) noexcept nogil:
-    cdef int i, j, a, col, row
-    cdef double* fd = work                    # F source_d: Y^-1 = X^-1 F
+                         const double* X, const double* Y, const double* X_lu, const int* X_pivots, double* c, double* zeta,
+                         double* work) noexcept nogil:
+    cdef int j, a, col
+    cdef bint paired = X_pivots[0] < 0        # X^-1 = Y^T, Y^-1 = X^T
+    cdef double* ps = work
+    cdef double* fd = ps + <size_t>n * stokes * n_in      # F source_d: Y^-1 = X^-1 F
     cdef double* p = c
     cdef double* q = zeta
     cdef double* out_c
     cdef double* out_z
     cdef double p1, p2, q1, q2, rate
     cdef cplx k, below, pc, qc, value
-    product(b"N", b"N", n, stokes * n_in, n, 1.0, F, n, source_d, n, 0.0, fd, n)
+    if paired:
+        product(b"T", b"N", n, stokes * n_in, n, 1.0, Y, n, source_s, n, 0.0, ps, n)
+        product(b"T", b"N", n, stokes * n_in, n, 1.0, X, n, source_d, n, 0.0, fd, n)
+    else:
+        memcpy(ps, source_s, sizeof(double) * <size_t>n * stokes * n_in)
+        product(b"N", b"N", n, stokes * n_in, n, 1.0, F, n, source_d, n, 0.0, fd, n)
     for a in range(n_in):                     # the right-hand sides' Stokes columns
-        product(b"N", b"N", n, n_col, stokes, 1.0, source_s + <size_t>stokes * a * n, n, columns, stokes, 0.0, p + <size_t>a * n_col * n, n)
+        product(b"N", b"N", n, n_col, stokes, 1.0, ps + <size_t>stokes * a * n, n, columns, stokes, 0.0, p + <size_t>a * n_col * n, n)
         product(b"N", b"N", n, n_col, stokes, 1.0, fd + <size_t>stokes * a * n, n, columns, stokes, 0.0, q + <size_t>a * n_col * n, n)
-    solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, p, n)
-    solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, q, n)
+    if not paired:
+        solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, p, n)
+        solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, q, n)
     for a in range(n_in):
         rate = 1.0 / mu0[a]
         for col in range(n_col):
@@ -1022,10 +1118,13 @@ cdef void particular_one(int n, int stokes, int n_in, int n_col, const double* F
 
 cdef inline double slowest_rate(int n, const double* lam_re, const double* lam_im) noexcept nogil:
     cdef int j
-    cdef double rate = INFINITY
+    cdef double rate = INFINITY, smallest = INFINITY
     for j in range(n):
-        rate = min(rate, c_sqrt(make(lam_re[j], lam_im[j])).real)
-    return rate
+        if lam_im[j] == 0.0:
+            smallest = min(smallest, lam_re[j])
+        else:
+            rate = min(rate, c_sqrt(make(lam_re[j], lam_im[j])).real)
+    return min(rate, c_sqrt(make(smallest, 0.0)).real)
 
 
 cdef inline bint fades(int n, const double* lam_re, const double* lam_im, double thickness) noexcept nogil:
@@ -1536,7 +1635,7 @@ def doubling_work(n, r, o):
     return 8 * extended_size(n, r, o) + 4 * n
 
 
-def double_slabs(const int[::1] orders, bint conserving, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
+def double_slabs(const int[::1] orders, bint conserving, bint clear, bint settled, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
                  const double[::1] asymmetry, const double[::1] nodes, const double[::1] weights, const double[::1] mu0,
                  const double[:, ::1] columns, const double[::1] mu_out, const double[:, :, :, ::1] E,
                  const double[:, :, :, ::1] F, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
@@ -1546,7 +1645,8 @@ def double_slabs(const int[::1] orders, bint conserving, const int[::1] material
                  const int[::1] stop):
     """Reflection and transmission of homogeneous slabs, on the nodes and for directions off them.
 
-    conserving: whether order 0 has I; material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
+    conserving: whether order 0 has I; clear: whether slabs without scattering are not doubled; settled: whether doublings
+    that change R no more are cut short; material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
     left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, S) the incident Stokes vectors, mu_out (n_out,).
     R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
     the unscattered light on its diagonal; in order 0 the nodes are turned so that one axis (`flux_axis`) carries the flux.
@@ -1564,7 +1664,7 @@ def double_slabs(const int[::1] orders, bint conserving, const int[::1] material
             k = item % n_slab
             m = material[k]
             info[o, k] = double_one(
-                orders[o] if conserving else max(orders[o], 1), <int>columns.shape[1], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
+                orders[o] if conserving else max(orders[o], 1), clear, settled, <int>columns.shape[1], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
                 thickness[k], albedo[m], asymmetry[m], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0],
                 &E[o, m, 0, 0], &F[o, m, 0, 0], &G_E[o, m, 0, 0], &G_F[o, m, 0, 0], &source_s[o, m, 0, 0],
                 &source_d[o, m, 0, 0], &R[o, k, 0], &T[o, k, 0], &lost[o, k, 0], &residual[o, k, 0], &doublings[o, k],
@@ -1572,7 +1672,7 @@ def double_slabs(const int[::1] orders, bint conserving, const int[::1] material
             seconds[thread] += vrte_seconds() - start
 
 
-cdef int double_one(int m, int stokes, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
+cdef int double_one(int m, bint clear, bint settled, int stokes, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
                     const double* nodes, const double* weights, const double* mu0, const double* columns,
                     const double* mu_out, const double* E, const double* F, const double* G_E, const double* G_F,
                     const double* source_s, const double* source_d, double* R, double* T, double* lost, double* residual,
@@ -1595,7 +1695,7 @@ cdef int double_one(int m, int stokes, int n_node, int n_in, int n_col, int n_ou
     residual[0] = residual[1] = 0.0
     doublings[0] = 0
     rates(s, n_col, nodes, mu0, mu_out, e, &steepest)
-    if albedo == 0.0:
+    if albedo == 0.0 and clear:
         clear_slab(s, thickness, nodes, weights, e, t, m, lost, v, spare.N)
         return 0
     extend(s, n_col, n_in, columns, E, G_E, source_d, mu_out, e)
@@ -1604,7 +1704,7 @@ cdef int double_one(int m, int stokes, int n_node, int n_in, int n_col, int n_ou
     if m == 0:
         turn_extended(s, albedo, nodes, weights, columns, n_col, mu_out, v, e, f, spare.N)
     if thickness < 1e300:
-        info = double_plainly(s, m, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
+        info = double_plainly(s, m, settled, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
     else:
         info = double_endless(s, m, albedo, asymmetry, steepest, e, f, Ze, Zo, a, b, spare, doublings, pivots, stop)
     if info != 0 or stop[0]:
@@ -1706,13 +1806,17 @@ cdef inline double norm_1(int n, const double* a) noexcept nogil:
     return largest
 
 
-cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Extended e, Extended f, Extended Ze, Extended Zo,
+cdef double SETTLED = 1e-17     # below the rounding of 1
+
+
+cdef int double_plainly(Sizes s, int m, bint settled, double thickness, double steepest, Extended e, Extended f, Extended Ze, Extended Zo,
                         Extended C, Extended a, Extended b, Extended spare, int* doublings, int* pivots,
                         const int* stop) noexcept nogil:
     """Ze, Zo and C = 1 - Zo Ze of a finite slab: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1, L = 1 + Zo Ze.
 
     C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
-    C <- (C L^-1)^2, which keeps them where T is too small for a difference.
+    C <- (C L^-1)^2, which keeps them where T is too small for a difference. settled: once C is below the rounding of 1,
+    L = 2 and doublings change C alone.
     """
     cdef int info, step, i, count = 0, axis = flux_axis(s.n, s.stokes)
     cdef size_t k
@@ -1728,6 +1832,12 @@ cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Exten
     for step in range(count):
         if info != 0 or stop[0]:
             return info
+        if settled and carried and largest_of(size_extended(s), C.N) < SETTLED:
+            product_extended(s, 0.25, C, C, b)
+            copy_extended(s, b, C)
+            h = 2.0 * h
+            direct_complement(s, h, e, C)
+            continue
         product_extended(s, 1.0, Zo, Ze, a)                      # L - 1
         if 2.0 * h > 0.75 and not carried:
             complement(s, h, e, a, C)
@@ -2235,14 +2345,14 @@ def invariance_work(n_node, n_off, stokes, n_term):
 
 def reflect_endless(const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients, int terms,
                     double albedo, const double[::1] directions, const double[::1] weights, const int[::1] out,
-                    const int[::1] into, const double[:, ::1] columns, double tolerance, double[:, :, :, ::1] up,
-                    double[:, :, ::1] on_nodes, double[::1] residual, int[::1] steps, int threads, double[:, ::1] work,
+                    const int[::1] into, const double[:, ::1] columns, double tolerance, bint halves,
+                    double[:, :, :, ::1] up, double[:, :, ::1] on_nodes, double[::1] residual, int[::1] steps, int threads, double[:, ::1] work,
                     double[::1] seconds, const int[::1] stop):
     """The light that a layer without end sends back, one Fourier order after another, single scattering left out.
 
     members (S,): the Stokes parameters; coefficients (term, 6); directions: nodes, then off the nodes; weights (N,);
-    out (n_out,), into (n_in,): places among the latter; columns (n_col, S). up (order, n_in, n_col, S n_out): radiance
-    times 2 pi for a unit beam, flipped by D; on_nodes (order, n_in n_col, n): the scaled diffuse field on the nodes, all
+    out (n_out,), into (n_in,): places among the latter; columns (n_col, S); halves: whether one half of each symmetric
+    product is computed and the other mirrored. up (order, n_in, n_col, S n_out): radiance times 2 pi for a unit beam, flipped by D; on_nodes (order, n_in n_col, n): the scaled diffuse field on the nodes, all
     of it. residual (order,): what is still missing of R, estimated from the last steps, relative to its largest element;
     steps (order,).
     """
@@ -2254,7 +2364,7 @@ def reflect_endless(const int[::1] orders, const int[::1] members, const double[
             start = vrte_seconds()
             endless_one(orders[o], parity_of(orders[o], stokes, &members[0]), terms, albedo, &coefficients[0, 0],
                         &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], &out[0],
-                        <int>out.shape[0], &into[0], <int>into.shape[0], &columns[0, 0], <int>columns.shape[0], tolerance,
+                        <int>out.shape[0], &into[0], <int>into.shape[0], &columns[0, 0], <int>columns.shape[0], tolerance, halves,
                         &up[o, 0, 0, 0], &on_nodes[o, 0, 0], &residual[o], &steps[o], &work[thread, 0], &stop[0])
             seconds[thread] += vrte_seconds() - start
 
@@ -2281,6 +2391,24 @@ cdef void step_of(Sheet rows, Sheet nodes, double sign, double* HC_H, double add
     """HC_H = sign H C H_nodes^T + add HC_H."""
     product(b"N", b"T", rows.rows, nodes.rows, rows.columns, sign, rows.HC, rows.rows, nodes.H, nodes.rows, add, HC_H,
             rows.rows)
+
+
+cdef void half_step_of(Sheet nodes, double sign, double* HC_H, double add) noexcept nogil:
+    """step_of on the nodes, where it is symmetric: STRIPS strips of columns, each from the diagonal down."""
+    cdef int strip, first, last
+    for strip in range(STRIPS):
+        first, last = nodes.rows * strip // STRIPS, nodes.rows * (strip + 1) // STRIPS
+        if last > first:
+            product(b"N", b"T", nodes.rows - first, last - first, nodes.columns, sign, nodes.HC + first, nodes.rows,
+                    nodes.H + first, nodes.rows, add, HC_H + <size_t>first * nodes.rows + first, nodes.rows)
+
+
+cdef void mirror(int n, double* a) noexcept nogil:
+    """a's lower triangle above the diagonal."""
+    cdef int i, j
+    for j in range(n):
+        for i in range(j + 1, n):
+            a[<size_t>i * n + j] = a[<size_t>j * n + i]
 
 
 cdef void renew(Sheet rows, Sheet nodes, double sign, const double* R) noexcept nogil:
@@ -2369,10 +2497,10 @@ cdef void accelerate(int size, Past* past, double* R) noexcept nogil:
 
 
 cdef double settle(Parity p, int m, int terms, double albedo, const double* coefficients, Sheet* rows, Sheet* nodes,
-                   const double* mu_row, const double* mu_node, double rate, double tolerance, double* R, double* room,
-                   int* steps, const int* stop) noexcept nogil:
+                   const double* mu_row, const double* mu_node, double rate, double tolerance, bint halves,
+                   double* R, double* room, int* steps, const int* stop) noexcept nogil:
     """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate: what
-    a step gains at least; room: six matrices like R."""
+    a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
     cdef double gap, largest, missing = 1.0
     cdef double* new
@@ -2388,7 +2516,12 @@ cdef double settle(Parity p, int m, int terms, double albedo, const double* coef
         new = past.led[0]
         for kind in range(2):
             times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, rows[kind].rows, rows[kind].H, rows[kind].HC)
-            step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
+            if halves:
+                half_step_of(nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
+            else:
+                step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
+        if halves:
+            mirror(nodes[0].rows, new)
         divide_by_rates(p, rows[0].rows // p.stokes, mu_row, nodes[0].rows // p.stokes, mu_node, new)
         for k in range(size):
             past.moved[0][k] = new[k] - R[k]
@@ -2410,11 +2543,12 @@ cdef double settle(Parity p, int m, int terms, double albedo, const double* coef
 
 cdef enum:
     MOST_STEPS = 400
+    STRIPS = 4     # that a symmetric product is made in
 
 
 cdef void endless_one(int m, Parity p, int terms, double albedo, const double* coefficients, const double* directions,
                       int n_all, const double* weights, int n_node, const int* out, int n_out, const int* into, int n_in,
-                      const double* columns, int n_col, double tolerance, double* up, double* on_nodes, double* residual,
+                      const double* columns, int n_col, double tolerance, bint halves, double* up, double* on_nodes, double* residual,
                       int* steps, double* work, const int* stop) noexcept nogil:
     cdef int n_off = n_all - n_node, n = p.stokes * n_node, u = p.stokes * n_off, kind, i, j, a, b, c, beam, rhs
     cdef const double* off = directions + n_node
@@ -2428,7 +2562,7 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
     cdef Sheet nodes[2]
     cdef Sheet rows[2]
     cdef double total, sign, rate = 0.0
-    spherical(m, terms, directions, n_all, prt)
+    spherical(m, terms, is_polar(p), directions, n_all, prt)
     for i in range(m, terms):
         rate = max(rate, albedo * norm_of_coefficients(coefficients + 6 * i) / (2.0 * i + 1.0))
     rate = min(rate, 0.999)
@@ -2440,9 +2574,9 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
         parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
         parity_columns(p, m, terms, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
     steps[0] = 0
-    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, rate, tolerance, R,
+    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, rate, tolerance, halves, R,
                          new, steps, stop)
-    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, rate, tolerance,
+    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, rate, tolerance, False,
                                           Ru, new, steps, stop))
     # from off the nodes to off the nodes, less what is scattered once
     for kind in range(2):
@@ -2522,7 +2656,7 @@ cdef inline double beam_down(double mu, double mu0, double depth) noexcept nogil
 
 def reconstruction_work(n, rows, n_rhs, n_layer):
     """Doubles of `work` that one thread of `reconstruct` needs."""
-    return 2 * rows * n * n_layer + 5 * rows * n_rhs + 3 * rows * n + n * n_rhs + 2 * n
+    return 2 * rows * n * n_layer + 5 * rows * n_rhs + 3 * rows * n + n * n_rhs + 2 * n + rows
 
 
 def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, const double[:, :, ::1] lam_re,
@@ -2614,11 +2748,11 @@ cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int 
 
     g_e, g_f, entering and out have S n_mu used rows of `rows`.
     """
-    cdef size_t used = stokes * n_mu, r, i, column, row
-    cdef int j, mu, pair, width, beam, per_beam = n_rhs // n_in
+    cdef size_t used = stokes * n_mu, r, i, column
+    cdef int j, mu, beam, per_beam = n_rhs // n_in
     cdef bint fading
     cdef double left = thickness - depth if upward else depth     # optical path over mu
-    cdef double sign = -1.0 if upward else 1.0, ge0, ge1, gf0, gf1, fade, light, mirror
+    cdef double sign = -1.0 if upward else 1.0, fade, light, far
     cdef double* even_gain = work                     # (n, used): amplitude of the even modes -> radiance
     cdef double* odd_gain = even_gain + used * n
     cdef double* beam_gain = odd_gain + used * n      # (g_e -+ k g_f)/(1 + k mu) or /(k mu - 1)
@@ -2627,7 +2761,7 @@ cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int 
     cdef double* second = first + used * n_rhs
     cdef double* third = second + used * n_rhs
     cdef cplx* response = <cplx*>(third + used * n_rhs)
-    cdef cplx k, lam, cosine, sine, bottom, a, b
+    cdef double* faded = <double*>(response + n)      # (n_mu,): e^(-left/mu)
     if n_mu == 0:
         return
     if left == 0.0:
@@ -2635,49 +2769,23 @@ cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int 
             memcpy(out + r * rows, entering + r * rows, sizeof(double) * used)
         return
     fading = fades(n, lam_re, lam_im, thickness)
-    mirror = thickness - left                          # by symmetry about the middle, down at depth is up at T - depth
+    far = depth if upward else thickness - left        # by symmetry about the middle, down at depth is up at T - depth
     for mu in range(n_mu):
-        j = 0
-        while j < n:
-            width = 1 if lam_im[j] == 0.0 else 2
-            lam = make(lam_re[j], lam_im[j])
-            k = c_sqrt(lam)
-            if not fading:
-                hyperbolic_integrals(k, mu_out[mu], thickness, depth if upward else mirror, &cosine, &sine)
-            elif upward:
-                fading_integrals(k, mu_out[mu], thickness, depth, &cosine, &sine)
-            else:      # the mirror image: from the top is from the bottom
-                sine = make(0.0, 0.0)
-                if thickness < 1e300:
-                    sine = over(times(c_exp(-mirror * k), -c_expm1(-left * (k + 1.0 / mu_out[mu]))), 1.0 + mu_out[mu] * k)
-                cosine = (left / mu_out[mu]) * exp_difference(-left * k, make(-left / mu_out[mu], 0.0))
-            bottom = 1.0 + mu_out[mu] * k if upward else mu_out[mu] * k - 1.0
-            bottom = make(0.0, 0.0) if size_of(bottom) < 0.02 else over(make(1.0, 0.0), bottom)
-            for i in range(stokes):
-                column = j * used + stokes * mu + i
-                row = <size_t>j * rows + stokes * mu + i
-                ge0, gf0 = g_e[row], g_f[row]
-                ge1 = g_e[row + rows] if width == 2 else 0.0
-                gf1 = g_f[row + rows] if width == 2 else 0.0
-                # (Re, Im) of a pair's two columns as one complex gain
-                if fading:      # y = e^(-k x), z = k y; y = e^(-k (thickness - x)), z = -k y
-                    a = times(cosine, make(ge0, ge1) + sign * times(k, make(gf0, gf1)))
-                    b = times(sine, make(ge0, ge1) - sign * times(k, make(gf0, gf1)))
-                else:
-                    a = times(cosine, make(ge0, ge1)) + times(times(lam, sine), make(gf0, gf1))
-                    b = times(sine, make(ge0, ge1)) + times(cosine, make(gf0, gf1))
-                    if not upward:
-                        b = -b
-                even_gain[column], odd_gain[column] = 0.5 * a.real, 0.5 * b.real
-                a_gain(beam_gain, column, times(bottom, make(ge0, ge1) + sign * times(k, make(gf0, gf1))), used, width)
-                if width == 2:
-                    even_gain[column + used], odd_gain[column + used] = 0.5 * a.imag, 0.5 * b.imag
-            j = j + width
+        faded[mu] = exp(-left / mu_out[mu])
+    j = 0
+    while j < n:
+        if lam_im[j] == 0.0:
+            real_gains(upward, fading, stokes, rows, n_mu, g_e + <size_t>j * rows, g_f + <size_t>j * rows, lam_re[j], thickness,
+                       left, far, mu_out, faded, even_gain + j * used, odd_gain + j * used, beam_gain + j * used)
+            j = j + 1
+        else:
+            pair_gains(upward, fading, stokes, rows, n_mu, g_e + <size_t>j * rows, g_f + <size_t>j * rows, make(lam_re[j], lam_im[j]),
+                       thickness, left, far, mu_out, even_gain + j * used, odd_gain + j * used, beam_gain + j * used)
+            j = j + 2
     for r in range(n_rhs):
         for mu in range(n_mu):
-            fade = exp(-left / mu_out[mu])
             for i in range(stokes):
-                out[r * rows + stokes * mu + i] = fade * entering[r * rows + stokes * mu + i]
+                out[r * rows + stokes * mu + i] = faded[mu] * entering[r * rows + stokes * mu + i]
     product(b"N", b"N", <int>used, n_rhs, n, 1.0, even_gain, <int>used, even, n, 1.0, out, rows)
     product(b"N", b"N", <int>used, n_rhs, n, 1.0, odd_gain, <int>used, odd, n, 1.0, out, rows)
     product(b"N", b"N", <int>used, n_rhs, n, 0.5, beam_gain, <int>used, c, n, 0.0, first, <int>used)
@@ -2705,10 +2813,85 @@ cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int 
         resonances(n, stokes, rows, n_mu, n_in, n_rhs, g_e, g_f, lam_re, lam_im, c, mu0, mu_out, depth, above, out)
 
 
-cdef inline void a_gain(double* gain, size_t column, cplx value, size_t used, int width) noexcept nogil:
-    gain[column] = value.real
-    if width == 2:
-        gain[column + used] = value.imag
+cdef void real_gains(bint upward, bint fading, int stokes, int rows, int n_mu, const double* g_e, const double* g_f, double lam,
+                     double thickness, double left, double far, const double* mu_out, const double* faded, double* even_gain,
+                     double* odd_gain, double* beam_gain) noexcept nogil:
+    """Columns of the gains of `through_layer` for one real mode. left: the path; far: depth of its end below the face that
+    e^(-k x) fades from; faded: e^(-left/mu). The integrals are those of `fading_integrals`, `hyperbolic_integrals`."""
+    cdef double k = sqrt(lam), mode_faded = exp(-left * k), at_far = exp(-far * k), sign = -1.0 if upward else 1.0
+    cdef double whole = 1.0 if fading else 1.0 + exp(-thickness * k), mu, gap, from_top, from_bottom, cosine, sine, bottom
+    cdef double a, b
+    cdef cplx c_cosine, c_sine
+    cdef int i, m
+    for m in range(n_mu):
+        mu = mu_out[m]
+        if left > 1e300:
+            from_top, from_bottom = at_far / (1.0 + mu * k), 0.0
+        else:
+            gap = left * (k + 1.0 / mu)
+            from_top = at_far * (1.0 - mode_faded * faded[m] if gap > 1.0 else -expm1(-gap)) / (1.0 + mu * k)
+            gap = left / mu - left * k
+            if fabs(gap) > 1.0:
+                from_bottom = (left / mu) * ((mode_faded - faded[m]) / gap)
+            elif gap == 0.0:
+                from_bottom = (left / mu) * mode_faded
+            else:
+                from_bottom = (left / mu) * (max(mode_faded, faded[m]) * (-expm1(-fabs(gap)) / fabs(gap)))
+        if fading and not upward and thickness > 1e300:
+            from_top = 0.0
+        if fading:      # y = e^(-k x), z = k y; y = e^(-k (thickness - x)), z = -k y; down, one is the other's image
+            cosine, sine = (from_top, from_bottom) if upward else (from_bottom, from_top)
+        elif k * thickness > 1.0:
+            cosine, sine = (from_top + from_bottom) / whole, (from_bottom - from_top) / (k * whole)
+        else:
+            hyperbolic_integrals(make(k, 0.0), mu, thickness, far, &c_cosine, &c_sine)
+            cosine, sine = c_cosine.real, c_sine.real
+        bottom = 1.0 + mu * k if upward else mu * k - 1.0
+        bottom = 0.0 if fabs(bottom) < 0.02 else 1.0 / bottom
+        for i in range(stokes * m, stokes * (m + 1)):
+            if fading:
+                a, b = cosine * (g_e[i] + sign * k * g_f[i]), sine * (g_e[i] - sign * k * g_f[i])
+            else:
+                a, b = cosine * g_e[i] + lam * sine * g_f[i], sine * g_e[i] + cosine * g_f[i]
+                if not upward:
+                    b = -b
+            even_gain[i], odd_gain[i], beam_gain[i] = 0.5 * a, 0.5 * b, bottom * (g_e[i] + sign * k * g_f[i])
+
+
+cdef void pair_gains(bint upward, bint fading, int stokes, int rows, int n_mu, const double* g_e, const double* g_f, cplx lam,
+                     double thickness, double left, double far, const double* mu_out, double* even_gain, double* odd_gain,
+                     double* beam_gain) noexcept nogil:
+    """As `real_gains`, the two columns of a complex pair as the real and imaginary parts of one."""
+    cdef size_t used = <size_t>stokes * n_mu
+    cdef double sign = -1.0 if upward else 1.0
+    cdef cplx k = c_sqrt(lam), cosine, sine, bottom, ge, gf, a, b
+    cdef int i, m
+    for m in range(n_mu):
+        if not fading:
+            hyperbolic_integrals(k, mu_out[m], thickness, far, &cosine, &sine)
+        elif upward:
+            fading_integrals(k, mu_out[m], thickness, far, &cosine, &sine)
+        else:
+            sine = make(0.0, 0.0)
+            if thickness < 1e300:
+                sine = over(times(c_exp(-far * k), -c_expm1(-left * (k + 1.0 / mu_out[m]))), 1.0 + mu_out[m] * k)
+            cosine = (left / mu_out[m]) * exp_difference(-left * k, make(-left / mu_out[m], 0.0))
+        bottom = 1.0 + mu_out[m] * k if upward else mu_out[m] * k - 1.0
+        bottom = make(0.0, 0.0) if size_of(bottom) < 0.02 else over(make(1.0, 0.0), bottom)
+        for i in range(stokes * m, stokes * (m + 1)):
+            ge, gf = make(g_e[i], g_e[i + rows]), make(g_f[i], g_f[i + rows])
+            if fading:
+                a = times(cosine, ge + sign * times(k, gf))
+                b = times(sine, ge - sign * times(k, gf))
+            else:
+                a = times(cosine, ge) + times(times(lam, sine), gf)
+                b = times(sine, ge) + times(cosine, gf)
+                if not upward:
+                    b = -b
+            even_gain[i], even_gain[i + used] = 0.5 * a.real, 0.5 * a.imag
+            odd_gain[i], odd_gain[i + used] = 0.5 * b.real, 0.5 * b.imag
+            a = times(bottom, ge + sign * times(k, gf))
+            beam_gain[i], beam_gain[i + used] = a.real, a.imag
 
 
 cdef void feed(int n, int n_in, int n_rhs, const double* lam_re, const double* lam_im, const double* c, const double* mu0,
@@ -2731,12 +2914,12 @@ cdef void resonances(int n, int stokes, int rows, int n_mu, int n_in, int n_rhs,
     cdef cplx k, value, gain
     cdef const double* y
     cdef size_t row
-    for mu in range(n_mu):
-        j = 0
-        while j < n:
-            width = 1 if lam_im[j] == 0.0 else 2
-            k = c_sqrt(make(lam_re[j], lam_im[j]))
-            if size_of(mu_out[mu] * k - 1.0) < 0.02:
+    j = 0
+    while j < n:
+        width = 1 if lam_im[j] == 0.0 else 2
+        k = c_sqrt(make(lam_re[j], lam_im[j]))
+        for mu in range(n_mu):
+            if fabs(mu_out[mu] * k.real - 1.0) < 0.02 and size_of(mu_out[mu] * k - 1.0) < 0.02:
                 for r in range(n_rhs):
                     if r % per_beam == 0:
                         value = (0.5 * depth * depth / mu_out[mu] * exp(-above / mu0[r // per_beam])) * exp_difference_2(
@@ -2747,41 +2930,58 @@ cdef void resonances(int n, int stokes, int rows, int n_mu, int n_in, int n_rhs,
                         gain = times(value, make(g_e[row], g_e[row + rows] if width == 2 else 0.0)
                                      + times(k, make(g_f[row], g_f[row + rows] if width == 2 else 0.0)))
                         out[<size_t>r * rows + stokes * mu + i] += gain.real * y[0] + (gain.imag * y[1] if width == 2 else 0.0)
-            j = j + width
+        j = j + width
 
 
-def beam_responses(const double complex[::1] k, const double[::1] rate, double depth):
-    """D(depth) of the particular solution: (rate, k)."""
-    cdef int i, j
-    cdef double complex[:, ::1] out = np.empty((rate.shape[0], k.shape[0]), complex)
-    for i in range(<int>rate.shape[0]):
-        for j in range(<int>k.shape[0]):
-            out[i, j] = beam_response(k[j], rate[i], depth) if depth > 0.0 else make(0.0, 0.0)
+def mode_coordinates(const double[::1] lam_re, const double[::1] lam_im, const double[:, ::1] even, const double[:, ::1] odd,
+                     const double[:, ::1] c, const double[:, ::1] zeta, const double[::1] mu0, double thickness, double above,
+                     double depth):
+    """y and z of the modes of one order and layer (n,) at a depth below its top: (2, n_rhs, n); see `boundary`.
+
+    even, odd, c, zeta (n_rhs, n); mu0 (n_in,); above: optical depth of the layer's top.
+    """
+    cdef int n = <int>lam_re.shape[0], n_rhs = <int>even.shape[0], per_beam = n_rhs // <int>mu0.shape[0], r, j, f
+    cdef double[:, :, ::1] out = np.zeros((2, n_rhs, n))
+    cdef double complex[:, ::1] profile = np.empty((6, n), complex)    # of even, odd, c: y and z
+    cdef double[::1] part = np.empty(n)
+    cdef double light, faded
+    cdef cplx k, response
+    profiles(n, &lam_re[0], &lam_im[0], thickness, depth, &profile[0, 0])
+    for r in range(n_rhs):
+        light = exp(-above / mu0[r // per_beam])
+        faded = light * exp(-depth / mu0[r // per_beam])
+        for j in range(n):
+            k = c_sqrt(make(lam_re[j], lam_im[j]))
+            response = light * beam_response(k, 1.0 / mu0[r // per_beam], depth) if depth > 0.0 else make(0.0, 0.0)
+            profile[4, j], profile[5, j] = response, times(k, response)
+            out[1, r, j] = faded * zeta[r, j]
+        for f in range(6):
+            scale_coordinates(n, &lam_im[0], &profile[f, 0], &even[r, 0] if f < 2 else &odd[r, 0] if f < 4 else &c[r, 0], &part[0])
+            for j in range(n):
+                out[f % 2, r, j] += part[j]
     return np.asarray(out)
 
 
-def mode_profiles(const double complex[::1] k, double thickness, double depth):
-    """The even and the odd mode's y and z at a depth, each (k,): y_even, z_even, y_odd, z_odd; see `boundary`."""
-    cdef int j, n = <int>k.shape[0]
-    cdef double t = depth - 0.5 * thickness, slowest = INFINITY
-    cdef double complex[:, ::1] out = np.zeros((4, n), complex)
-    cdef cplx from_top, from_bottom, whole, cosine, sine
+cdef void profiles(int n, const double* lam_re, const double* lam_im, double thickness, double depth, cplx* out) noexcept nogil:
+    """The even and the odd mode's y and z at a depth, (n,) each: y_even, z_even, y_odd, z_odd; see `boundary`."""
+    cdef int j
+    cdef bint fading = fades(n, lam_re, lam_im, thickness)
+    cdef cplx k, lam, from_top, from_bottom, whole, cosine, sine
     for j in range(n):
-        slowest = min(slowest, k[j].real)
-    for j in range(n):
-        from_top = c_exp(-depth * k[j])
-        from_bottom = make(0.0, 0.0) if thickness > 1e300 else c_exp((depth - thickness) * k[j])
-        if thickness > 1e300 or slowest * thickness > 4.0:
-            out[0, j], out[1, j] = from_top, times(k[j], from_top)
-            out[2, j], out[3, j] = from_bottom, -times(k[j], from_bottom)
+        lam = make(lam_re[j], lam_im[j])
+        k = c_sqrt(lam)
+        from_top = c_exp(-depth * k)
+        from_bottom = make(0.0, 0.0) if thickness > 1e300 else c_exp((depth - thickness) * k)
+        if fading:
+            out[j], out[n + j] = from_top, times(k, from_top)
+            out[2 * n + j], out[3 * n + j] = from_bottom, -times(k, from_bottom)
             continue
-        whole = 1.0 + c_exp(-thickness * k[j])
+        whole = 1.0 + c_exp(-thickness * k)
         cosine = over(from_top + from_bottom, whole)
-        # (e^(k t) - e^(-k t))/(2 k), then over cosh(k h) = e^(k h) whole/2
-        sine = 2.0 * t * over(exp_difference((depth - thickness) * k[j], -depth * k[j]), whole)
-        out[0, j], out[1, j] = cosine, -times(times(k[j], k[j]), sine)
-        out[2, j], out[3, j] = sine, -cosine
-    return np.asarray(out)
+        # (e^(k t) - e^(-k t))/(2 k), t = depth - thickness/2, then over cosh(k h) = e^(k h) whole/2
+        sine = (2.0 * depth - thickness) * over(exp_difference((depth - thickness) * k, -depth * k), whole)
+        out[j], out[n + j] = cosine, -times(lam, sine)
+        out[2 * n + j], out[3 * n + j] = sine, -cosine
 
 
 # ---------------------------------------------------------------------------------------------------------

@@ -97,7 +97,8 @@ def brdf(
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``threads``, ``progress``,
     ``algorithm``, ``verify``, ``accuracy``, ``truncation`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF
-    (not for a layer without end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
+    (not for a layer without end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for
+    its answer.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))

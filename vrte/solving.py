@@ -19,8 +19,8 @@ def solved(request: Request, run: Run, progress: Progress | None = None) -> tupl
     plan = make_plan(request, run)
     if not wants_two(plan):
         return plan, solve(plan, run, progress)
-    request = replace(request, nodes=plan.problem.nodes.size)
-    first, second = (make_plan(lit_by(request, part), run) for part in (UNPOLARIZED, POLARIZED))
+    known = plan.choice, plan.accuracy
+    first, second = (make_plan(lit_by(request, part), run, known=known) for part in (UNPOLARIZED, POLARIZED))
     total = steps(first) + steps(second)
     one = solve(first, run, counted(progress, 0, total))
     return plan, joined(one, solve(second, run, counted(progress, steps(first), total)))

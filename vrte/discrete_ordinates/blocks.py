@@ -30,8 +30,10 @@ class Block:
 
 @dataclass(frozen=True)
 class Part:
-    """What makes two orders alike; ``straight``: the Stokes parameters that light them along the normal."""
+    """What makes two orders alike; ``stage``: how many times what was found is looked at before they are solved;
+    ``straight``: the Stokes parameters that light them along the normal."""
 
+    stage: int
     stokes: tuple[int, ...]
     straight: tuple[int, ...]
     nodes: int
@@ -40,28 +42,37 @@ class Part:
 
 
 def make_blocks(
-    problem: Problem, base: Base, orders: IntArray, needs: Needs, brightest: float, accuracy: float, algorithm: str
+    problem: Problem,
+    base: Base,
+    orders: IntArray,
+    stages: tuple[int, ...],
+    needs: Needs,
+    brightest: float,
+    accuracy: float,
+    algorithm: str,
 ) -> list[Block]:
-    """All orders, sorted into blocks; ascending, and I before V."""
-    fed_back = isinstance(base, MuellerBase)
-    nodes = node_counts(problem, nodes_seen(needs, brightest, accuracy), fed_back).tolist()
+    """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
+    fed_back, leave_out = isinstance(base, MuellerBase), problem.leave_out
+    everywhere = fed_back or not leave_out.nodes
+    nodes = node_counts(problem, nodes_seen(needs, brightest, accuracy), everywhere).tolist()
     layers, has_end = layers_reached(problem, layer_strengths(problem), accuracy)
     sets = stokes_sets(problem)
-    along_normal = bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
+    along_normal = leave_out.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
+    to_the_end = problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))
     parts: dict[Part, list[int]] = {}
     for order in orders.tolist():
-        reached = (problem.albedo.size, True) if fed_back else (layers[order], has_end[order])
-        for stokes in (ALL,) if fed_back else sets[order]:
-            parts.setdefault(Part(stokes, lit_by(order) if along_normal else ALL, nodes[order], *reached), []).append(
-                order
-            )
+        reached = (layers[order], has_end[order]) if leave_out.depth and not fed_back else to_the_end
+        stage, straight = sum(order >= first for first in stages), lit_by(order) if along_normal else ALL
+        for stokes in sets[order] if leave_out.stokes and not fed_back else (ALL,):
+            parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)
     blocks = []
     for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
         columns = columns_of(problem, part)
         if not columns:
             continue
         reduced = reduce(problem, part, columns)
-        below = base if part.has_end and (fed_back or (members[0] == 0 and part.stokes[0] == 0)) else None
+        seen = fed_back or (members[0] == 0 and part.stokes[0] == 0) or not leave_out.base
+        below = base if part.has_end and seen else None
         chosen = np.array(members, np.int32)
         for places, choice in choose(algorithm, reduced, needs.strength[chosen], accuracy):
             blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice))
@@ -87,6 +98,8 @@ def lit_by(order: int) -> tuple[int, ...]:
 
 def columns_of(problem: Problem, part: Part) -> tuple[int, ...]:
     """Places of the incident Stokes columns that light the part."""
+    if not problem.leave_out.columns:
+        return tuple(range(problem.columns.shape[0]))
     lit = list(part.stokes)
     if (problem.mu0 == 1.0).all():
         lit = [i for i in lit if i in part.straight]

@@ -33,6 +33,8 @@ def particular(problem: Problem, matrices: Assembled, modes: Modes, run: Run) ->
         problem.columns,
         modes.lam_re,
         modes.lam_im,
+        modes.X,
+        modes.Y,
         modes.X_lu,
         modes.X_pivots,
         beam.c,

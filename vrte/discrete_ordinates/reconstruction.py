@@ -62,49 +62,31 @@ def nodal_fluxes(
 ) -> tuple[Array, Array]:
     """Diffuse flux up and down through a horizontal plane at every level, (n_tau, n_in, n_col); 0 without order 0."""
     shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
-    up, down = np.zeros(shape), np.zeros(shape)
     if not problem.conserves or orders[0] > 0:
-        return up, down
-    weight = np.sqrt(problem.weights * problem.nodes)
-    for t, (level, layer) in enumerate(zip(problem.level, problem.level_layer, strict=True)):
-        y, z = mode_coordinates(problem, int(layer), float(level), modes, beam, amplitudes)
-        total, difference = y @ modes.X[0, layer], z @ modes.Y[0, layer]
-        up[t] = ((total - difference)[:, :: len(problem.stokes)] @ weight / 2.0).reshape(shape[1:])
-        down[t] = ((total + difference)[:, :: len(problem.stokes)] @ weight / 2.0).reshape(shape[1:])
-    return up, down
+        return np.zeros(shape), np.zeros(shape)
+    weight = 0.5 * np.sqrt(problem.weights * problem.nodes)
+    step = len(problem.stokes)
+    total, difference = np.empty(shape), np.empty(shape)
+    for t, (level, layer) in enumerate(zip(problem.level.tolist(), problem.level_layer.tolist(), strict=True)):
+        y, z = mode_coordinates(problem, layer, level, modes, beam, amplitudes)
+        total[t] = (y @ (modes.X[0, layer, :, ::step] @ weight)).reshape(shape[1:])
+        difference[t] = (z @ (modes.Y[0, layer, :, ::step] @ weight)).reshape(shape[1:])
+    return total - difference, total + difference
 
 
 def mode_coordinates(
     problem: Problem, layer: int, depth: float, modes: Modes, beam: Beam, amplitudes: Amplitudes
-) -> tuple[Array, Array]:
-    """y, z of order 0 at a depth below a layer's top, (n_rhs, n) each; see `boundary` in _core.pyx."""
-    lam = modes.lam_re[0, layer] + 1j * modes.lam_im[0, layer]
-    even = pair(amplitudes.even[0, layer], lam)
-    odd = pair(amplitudes.odd[0, layer], lam)
-    fed = pair(beam.c[0, layer], lam)
-    held = pair(beam.zeta[0, layer], lam)
-    rate = np.repeat(1.0 / problem.mu0, problem.columns.shape[0])[:, None]
-    light = np.exp(-problem.above[layer] * rate)
-    k = np.sqrt(lam)
-    response = light * _core.beam_responses(k, rate[:, 0], depth)
-    y_even, z_even, y_odd, z_odd = _core.mode_profiles(k, float(problem.thickness[layer]), depth)
-    y = even * y_even + odd * y_odd + fed * response
-    z = even * z_even + odd * z_odd
-    z = z + light * held * np.exp(-depth * rate) + fed * k * response
-    return unpair(y, lam), unpair(z, lam)
-
-
-def pair(values: Array, lam: np.ndarray) -> np.ndarray:
-    """y1 - i y2 for complex modes at the first of their two places (the second is unused), y for real ones."""
-    paired = values.astype(complex)
-    first = np.flatnonzero(lam.imag > 0.0)
-    paired[:, first] -= 1j * values[:, first + 1]
-    return paired
-
-
-def unpair(values: np.ndarray, lam: np.ndarray) -> Array:
-    """Back to two real coordinates."""
-    real = np.ascontiguousarray(values.real)
-    first = np.flatnonzero(lam.imag > 0.0)
-    real[:, first + 1] = -values.imag[:, first]
-    return real
+) -> Array:
+    """y, z of order 0 at a depth below a layer's top, (2, n_rhs, n); see `boundary` in _core.pyx."""
+    return _core.mode_coordinates(
+        modes.lam_re[0, layer],
+        modes.lam_im[0, layer],
+        amplitudes.even[0, layer],
+        amplitudes.odd[0, layer],
+        beam.c[0, layer],
+        beam.zeta[0, layer],
+        problem.mu0,
+        float(problem.thickness[layer]),
+        float(problem.above[layer]),
+        depth,
+    )

@@ -68,6 +68,23 @@ def layer_paths(problem: Problem, levels: IntArray, mu: Array) -> Array:
     return result
 
 
+def scatter_by_orders(layers: Sequence[Layer], problem: Problem) -> Array:
+    """Singly scattered light order by order, (order, n_tau, n_in, n_col, n_out, 4), as the solver's own stages leave
+    theirs: what the closed form stands for. No sum over a table of directions needs it."""
+    mu = np.concatenate([problem.mu_out[: problem.n_up], -problem.mu_out[problem.n_up :]])
+    paths = layer_paths(problem, np.arange(problem.level.size, dtype=np.int32), mu)
+    terms = max(layer.phase_matrix.terms for layer in layers)
+    columns = problem.columns.shape[0]
+    kernels = np.zeros((terms, problem.level.size, problem.mu0.size, columns, mu.size, 4))
+    for layer, gain, path in zip(layers, problem.gain, paths, strict=True):
+        if gain > 0.0:
+            for order in range(layer.phase_matrix.terms):
+                matrix = _core.phase_matrices(order, layer.phase_matrix.coefficients, -mu, problem.mu0.copy())
+                scattered = np.einsum("oiab,cb->icoa", matrix, problem.columns)
+                kernels[order] += gain / (4.0 * np.pi) * path[:, :, None, :, None] * scattered
+    return kernels
+
+
 def distance(problem: Problem, t: int, k: int) -> float:
     """Optical depth between level t and the nearer face of layer k (number of layers: of the base); 0 inside the layer.
 

@@ -33,7 +33,7 @@ def choose_truncation(name: str, scene: Scene, columns: Array, mu: Array, tau: A
     """
     if name != "auto":
         return Truncation(name, "asked for", *NAMED[name])
-    longest = max(layer.phase_matrix.terms for layer in scene.layers)
+    longest = max((layer.phase_matrix.terms for layer in scene.layers if layer.albedo > 0.0), default=0)
     if longest <= 2 * nodes:
         return Truncation("none", f"auto: the nodes carry all of the {longest} terms", *NAMED["none"])
     name, peaks, spread = "delta-m", "all", "none"
@@ -68,7 +68,8 @@ def truncated_layers(scene: Scene, peaks: str, nodes: int) -> list[Truncated]:
 
 def has_scalar_among_polarizing(scene: Scene) -> bool:
     """Whether polarized light matters, but not to every layer."""
-    return not is_scalar(scene) and any(layer.phase_matrix.is_scalar for layer in scene.layers)
+    scalar = any(layer.phase_matrix.is_scalar for layer in scene.layers if layer.albedo > 0.0)
+    return scalar and not is_scalar(scene)
 
 
 def is_scalar(scene: Scene) -> bool:

@@ -46,7 +46,7 @@ def truncated(
     >>> truncated("none", henyey_greenstein(0.9, 200), 1.0, 5.0, 16).thickness
     5.0
     """
-    if name == "none":
+    if name == "none" or albedo == 0.0:
         return Truncated(phase_matrix.coefficients[:terms], albedo, thickness, fraction=0.0, stretch=1.0, gain=albedo)
     return delta_m(phase_matrix, albedo, thickness, terms, scalar)
 
