@@ -115,9 +115,11 @@ def radiance(
     ``nodes`` a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for
     single scattering); ``threads``, default all usable CPUs; ``progress``, called with (orders done, orders);
     ``algorithm``, "modes" (eigenvectors), "doubling" (impedance doubling, no eigenproblem) or "auto", which takes one
-    by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``. Raises SceneError for bad
-    input, AccuracyError where neither algorithm can vouch for its answer. Source: Collin, Pattanaik, Bouatouch,
-    section 2.
+    by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``; ``truncation``, what becomes
+    of phase matrices with more terms than the nodes carry: "none" cuts them, "delta-m" counts their forward peak as
+    light that was not scattered, "small-angle" does so too and spreads that light, "auto" takes one by rule
+    (docs/truncation.md). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its
+    answer. Source: Collin, Pattanaik, Bouatouch, section 2.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
