@@ -21,6 +21,8 @@ from vrte.request import Request, request_of
 from vrte.running import interruptible, new_run
 from vrte.scene import MuellerBase, Scene
 
+WORTH_STAGES = 5e6  # cubes of unknowns: about a millisecond
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
@@ -145,7 +147,7 @@ def make_plan(
         count = int(problem.terms.max())
     else:
         count = orders_that_matter(bounds, brightest, accuracy)
-        stages = stages_of(bounds, brightest, accuracy)
+        stages = stages_of(bounds, brightest, accuracy) if worth_stages(problem, count) else ()
     orders = np.arange(count, dtype=np.int32)
     faintest = float(brightest.min())
     blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm)
@@ -165,6 +167,12 @@ def make_plan(
         choice,
         run.threads,
     )
+
+
+def worth_stages(problem: Problem, orders: int) -> bool:
+    """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
+    scalar = not problem.coefficients[..., 1:].any()
+    return orders * float(problem.size / (4 if scalar else 1)) ** 3 > WORTH_STAGES
 
 
 def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:

@@ -3,14 +3,16 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vrte.arrays import Array
 from vrte.discrete_ordinates.choice import THIN
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import brightness, strongest_terms
-from vrte.discrete_ordinates.problem import ALL, IntArray, Run
+from vrte.discrete_ordinates.problem import ALL, Run
 from vrte.discrete_ordinates.routes import Doubling, Modes
 from vrte.errors import AccuracyError
 from vrte.scene import MuellerBase, Scene
@@ -27,6 +29,7 @@ OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # directions of the check wh
 FINEST = 1e-15  # accuracy of the check's solves
 NO_LIGHT = 1e-290
 
+AnyInt = NDArray[np.integer[Any]]
 Indicator = Callable[[int], tuple[Array, Array]]
 
 
@@ -64,7 +67,7 @@ def estimated_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, accuracy: f
     return int(nodes[enough[0]]) if enough.size else MOST
 
 
-def grazing(nodes: IntArray, lowest: float) -> Array:
+def grazing(nodes: AnyInt, lowest: float) -> Array:
     """Error by directions of the lowest |mu|: as a function of mu' the light has a pole at -mu and a logarithm at 0."""
     pole = 0.1 * np.exp(-4.0 * nodes * math.asinh(math.sqrt(lowest)))
     logarithm = 20.0 * (LOWEST / lowest) ** 0.7 * nodes**-6.0
@@ -72,7 +75,7 @@ def grazing(nodes: IntArray, lowest: float) -> Array:
     return error
 
 
-def thin(nodes: IntArray, length: float, lowest: float) -> Array:
+def thin(nodes: AnyInt, length: float, lowest: float) -> Array:
     """Error by e^(-length/mu), which falls between the lowest nodes where light has a short way to go."""
     way = nodes * math.sqrt(length)
     fall = 0.6 * np.exp(-way) if length >= 3.0 * lowest else 0.04 * np.exp(-1.15 * way)
@@ -80,7 +83,7 @@ def thin(nodes: IntArray, length: float, lowest: float) -> Array:
     return error
 
 
-def unresolved(scene: Scene, nodes: IntArray) -> Array:
+def unresolved(scene: Scene, nodes: AnyInt) -> Array:
     """The strongest term, omega |B_l|/(2 l + 1), of the degrees l >= 2 N: those that so many nodes do not carry."""
     albedo: dict[int, float] = {}
     matrices = {id(layer.phase_matrix): layer.phase_matrix for layer in scene.layers}
