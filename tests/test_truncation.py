@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.discrete_ordinates import node_choice
 from vrte.discrete_ordinates.azimuths import fold
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.quadrature import double_gauss
@@ -296,6 +297,19 @@ def test_a_beam_without_intensity() -> None:
         vrte.radiance(scene, 0.6, beam, **asked).stokes for beam in ((1, 0.4, 0, 0), (1, 0, 0, 0), (0, 0.4, 0, 0))
     )
     np.testing.assert_allclose(alone, whole - light, atol=1e-8 * np.abs(light).max())
+
+
+def test_the_check_of_the_nodes_is_of_truncated_layers() -> None:
+    """Where 16 nodes of cut layers find no answer, and 32 are right to 6e-3."""
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.97, 600), 1.0, 20.0)], vrte.Lambertian(0.3))
+    mu, depths, light = np.array([0.3, 0.9, -0.5, -0.9]), np.array([0.0, 20.0]), np.array([0.6])
+    errors = {}
+    for peaks in ("none", "all"):
+        found = node_choice.indicator(scene, light, mu, depths, new_run(1), peaks)
+        errors[peaks] = [node_choice.error_of(found, nodes) for nodes in (16, 32)]
+    assert errors["none"][0] == np.inf
+    assert errors["all"][0] < 1e-3
+    assert errors["all"][1] < 1e-4 < 5e-3 < errors["none"][1]
 
 
 def test_light_fades_over_truncated_depths() -> None:

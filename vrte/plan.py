@@ -181,7 +181,8 @@ def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
         return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
     asked = request.scene, request.mu0, request.mu, request.tau, request.accuracy
     begin = time.perf_counter()
-    choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
+    peaks = "none" if request.truncation == "none" else "all"
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}), peaks)
     run.book("choice of nodes", time.perf_counter() - begin)
     return choice, DISCRETE * request.accuracy
 
