@@ -19,21 +19,27 @@ def exp_difference(a: Array, b: Array) -> Array:
     return np.exp(high) * np.where(gap == 0.0, 1.0, np.expm1(safe) / safe)
 
 
-def scatterers(layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: Array) -> list[tuple[Array, Array]]:
+def scatterers(
+    layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: Array, whole: bool = True
+) -> list[tuple[Array, Array]]:
     """What scatters once: the table of every phase matrix, as the kernel takes it, and what multiplies it.
 
     That is omega/(4 pi) times the path integral, (n_level, n_in, n_mu), summed over the layers that share it.
+    ``whole``: phase matrices with all their terms, omega the gain of the truncated layers, as in the TMS method;
+    otherwise both are those of the truncated layers. Source: Nakajima and Tanaka, JQSRT 40, 51 (1988).
     """
     paths = layer_paths(problem, levels, mu)
+    strength = problem.gain if whole else problem.albedo
     found: dict[int, tuple[Array, Array]] = {}
-    for layer, path in zip(layers, paths, strict=True):
-        if layer.albedo > 0.0:
+    for k, layer in enumerate(layers):
+        if strength[k] > 0.0:
             key = id(layer.phase_matrix)
-            weighted = layer.albedo / (4.0 * np.pi) * path
+            weighted = strength[k] / (4.0 * np.pi) * paths[k]
             if key in found:
                 found[key][1][:] += weighted
             else:
-                found[key] = (_core.series_table(layer.phase_matrix.coefficients), weighted)
+                coefficients = layer.phase_matrix.coefficients if whole else problem.coefficients[k]
+                found[key] = (_core.series_table(coefficients), weighted)
     return list(found.values())
 
 
@@ -70,12 +76,12 @@ def scatter_by_orders(layers: Sequence[Layer], problem: Problem) -> Array:
     terms = max(layer.phase_matrix.terms for layer in layers)
     columns = problem.columns.shape[0]
     kernels = np.zeros((terms, problem.level.size, problem.mu0.size, columns, mu.size, 4))
-    for layer, path in zip(layers, paths, strict=True):
-        if layer.albedo > 0.0:
+    for layer, gain, path in zip(layers, problem.gain, paths, strict=True):
+        if gain > 0.0:
             for order in range(layer.phase_matrix.terms):
                 matrix = _core.phase_matrices(order, layer.phase_matrix.coefficients, -mu, problem.mu0.copy())
                 scattered = np.einsum("oiab,cb->icoa", matrix, problem.columns)
-                kernels[order] += layer.albedo / (4.0 * np.pi) * path[:, :, None, :, None] * scattered
+                kernels[order] += gain / (4.0 * np.pi) * path[:, :, None, :, None] * scattered
     return kernels
 
 
