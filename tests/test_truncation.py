@@ -305,7 +305,7 @@ def test_the_check_of_the_nodes_is_of_truncated_layers() -> None:
     mu, depths, light = np.array([0.3, 0.9, -0.5, -0.9]), np.array([0.0, 20.0]), np.array([0.6])
     errors = {}
     for peaks in ("none", "all"):
-        found = node_choice.indicator(scene, light, mu, depths, new_run(1), peaks)
+        found = node_choice.indicator(scene, light, mu, np.zeros(1), depths, new_run(1), peaks)
         errors[peaks] = [node_choice.error_of(found, nodes) for nodes in (16, 32)]
     assert errors["none"][0] == np.inf
     assert errors["all"][0] < 1e-3
