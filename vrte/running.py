@@ -22,16 +22,20 @@ def usable_cpus() -> int:
     return os.cpu_count() or 1
 
 
-def new_run(threads: int | None) -> Run:
-    """A run on `threads` threads, all usable CPUs for None."""
-    return Run(usable_cpus() if threads is None else whole("threads", threads, 1, 4096))
+def new_run(threads: int | None, brief: bool = False) -> Run:
+    """A run on `threads` threads, all usable CPUs for None; a `brief` one has no thread but the one it is called in."""
+    count = usable_cpus() if threads is None else whole("threads", threads, 1, 4096)
+    return Run(1 if brief else count, brief=brief)
 
 
 def interruptible(run: Run, call: Callable[[], Result]) -> Result:
     """call() in a thread of its own while this one waits, so that Ctrl-C reaches the compiled loops.
 
-    The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own.
+    The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own. A brief call
+    goes without: its loops are over before anyone waits for them, and start no threads.
     """
+    if run.brief:
+        return call()
     box: dict[str, Any] = {}
     done = (
         threading.Event()

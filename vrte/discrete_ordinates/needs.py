@@ -22,8 +22,10 @@ ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
 
 @dataclass(frozen=True, eq=False)
 class Needs:
-    """strength, bounds (order,), effect (order, node): see `order_bounds` in _core.pyx."""
+    """by_layer (layer, order), its largest, strength (order,), bounds (order,), effect (order, node): see
+    `order_bounds` in _core.pyx."""
 
+    by_layer: Array
     strength: Array
     bounds: Array
     effect: Array
@@ -32,7 +34,8 @@ class Needs:
 def needs_of(problem: Problem, run: Run) -> Needs:
     """Strength of each order, and bounds on what it adds and on what passes by way of each node."""
     n_order, directions = int(problem.terms.max()), problem.directions
-    needs = Needs(np.empty(n_order), np.empty(n_order), np.empty((n_order, problem.nodes.size)))
+    by_layer = np.empty((problem.albedo.size, n_order))
+    bounds, effect = np.empty(n_order), np.empty((n_order, problem.nodes.size))
     if directions.size * n_order**2 < WORTH_THREADS:
         run = replace(run, threads=1)
     run.timed(
@@ -44,13 +47,13 @@ def needs_of(problem: Problem, run: Run) -> Needs:
         directions,
         problem.weights,
         problem.mu_out.size,
-        needs.strength,
-        needs.bounds,
-        needs.effect,
+        by_layer,
+        bounds,
+        effect,
         run.threads,
         run.work(_core.bounds_work(directions.size, n_order)),
     )
-    return needs
+    return Needs(by_layer, by_layer.max(axis=0), bounds, effect)
 
 
 def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
@@ -85,6 +88,7 @@ def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
     return brightest
 
 
+@cache
 def spread(count: int) -> IntArray:
     """A few places among ``count``, first and last included."""
     places: IntArray = np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(np.int32))
@@ -92,40 +96,14 @@ def spread(count: int) -> IntArray:
 
 
 def orders_that_matter(needs: Needs, depth: Array, brightest: Array, accuracy: float) -> int:
-    """So many orders that all others together add less, at every depth, than a share of the accuracy; at least 1.
-
-    An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
-    bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
-    """
-    strength = np.minimum(needs.strength, 1.0)[:, None, None]
-    kappa = DECAYS * (1.0 - strength)
-    rest = (1.0 - kappa) - strength
-    fading = np.exp(-kappa * depth[None, :, None])
-    bound = np.where(rest > 0.0, fading / np.where(rest > 0.0, rest, 1.0), np.inf).min(axis=2)
-    tail = np.cumsum(2.0 * (needs.bounds[:, None] * bound)[::-1], axis=0)[::-1]
-    matters = ~(tail <= SHARE * accuracy * brightest).all(axis=1)
-    return max(1, int(np.count_nonzero(matters)))
+    """So many orders that all others together add less, at every depth, than a share of the accuracy; at least 1."""
+    return _core.orders_that_matter(needs.strength, needs.bounds, depth, brightest, DECAYS, SHARE * accuracy)
 
 
 def nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
     """How many nodes, from the lowest mu, each order needs: what passes by way of the others is less than a share."""
-    gain = 1.0 / np.maximum(1.0 - needs.strength, LARGEST_GAIN**-0.5) ** 2
-    lost = np.cumsum(needs.effect[:, ::-1], axis=1) * gain[:, None]
     allowed = SHARE * accuracy * brightest / needs.strength.size
-    seen: IntArray = (needs.effect.shape[1] - (lost <= allowed).sum(axis=1)).astype(np.int32)
-    seen[0] = needs.effect.shape[1]
-    return np.maximum.accumulate(seen[::-1])[::-1]
-
-
-def layer_strengths(problem: Problem) -> Array:
-    """q of each layer alone, (layer, order): the largest omega |B_l|/(2 l + 1) of the degrees l >= m."""
-    a1, a2, a3, a4, b1, b2 = np.moveaxis(problem.coefficients, -1, 0)
-    first = 0.5 * np.abs(a1 + a2) + np.hypot(0.5 * (a1 - a2), b1)
-    norm = np.maximum(first, np.maximum(np.abs(a3), np.abs(a4)) + np.abs(b2))
-    degree = np.arange(norm.shape[1])
-    strength = problem.albedo[:, None] * norm / (2.0 * degree + 1.0)
-    kept: Array = np.maximum.accumulate(strength[:, ::-1], axis=1)[:, ::-1]
-    return kept
+    return _core.nodes_seen(needs.strength, needs.effect, allowed, LARGEST_GAIN)
 
 
 def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:
@@ -135,6 +113,9 @@ def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple
     """
     deepest, n_layer, n_order = int(problem.level_layer.max()), problem.albedo.size, strengths.shape[1]
     start = float(problem.level[problem.level_layer == deepest].max())
+    enough = -0.5 * math.log(SHARE * accuracy)
+    if 0.8 * (float(problem.thickness[deepest:].sum()) - start) < enough:  # no light fades that much on the way
+        return [n_layer] * n_order, [True] * n_order
     layers, has_end = np.full(n_order, n_layer), np.full(n_order, not math.isinf(problem.thickness[-1]))
     path, gain, left = np.zeros(n_order), np.ones(n_order), np.ones(n_order, bool)
     for layer in range(deepest, n_layer):
@@ -143,7 +124,7 @@ def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple
         gain = np.maximum(gain, (0.2 + 0.8 * q) / (0.2 * (1.0 - q)))
         length = min(float(problem.thickness[layer]), 1e300) - (start if layer == deepest else 0.0)
         path = path + kappa * length
-        found = left & (path >= np.log(gain) - 0.5 * math.log(SHARE * accuracy))
+        found = left & (path >= np.log(gain) + enough)
         layers[found], has_end[found] = layer + 1, False
         left &= ~found
         if not left.any():
@@ -153,6 +134,8 @@ def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple
 
 def stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
     """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
+    if not problem.coefficients[..., 1:].any():
+        return [((0,),)] * problem.coefficients.shape[1]
     present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=0)
     present = np.logical_or.accumulate(present[::-1], axis=0)[::-1]  # in the degrees l >= m
     return [sets_of(order > 0, *row) for order, row in enumerate(present[:, 1:].tolist())]

@@ -2,21 +2,25 @@
 
 import math
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from vrte import _core
 from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import IntArray, Problem
+from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.scene import Lambertian, Layer, MuellerBase
 
+_tables: WeakKeyDictionary[PhaseMatrix, Array] = WeakKeyDictionary()
 
-def exp_difference(a: Array, b: Array) -> Array:
-    """(e^a - e^b)/(a - b), e^a where they meet; for a, b <= 0."""
-    high, low = np.maximum(a, b), np.minimum(a, b)
-    gap = np.where(np.isfinite(low), low, -1e300) - high
-    safe = np.where(gap == 0.0, 1.0, gap)
-    return np.exp(high) * np.where(gap == 0.0, 1.0, np.expm1(safe) / safe)
+
+def table_of(matrix: PhaseMatrix) -> Array:
+    """The phase matrix as the kernel takes it, made once."""
+    table = _tables.get(matrix)
+    if table is None:
+        table = _tables[matrix] = _core.series_table(matrix.coefficients)
+    return table
 
 
 def scatterers(layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: Array) -> list[tuple[Array, Array]]:
@@ -24,7 +28,9 @@ def scatterers(layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: 
 
     That is omega/(4 pi) times the path integral, (n_level, n_in, n_mu), summed over the layers that share it.
     """
-    paths = layer_paths(problem, levels, mu)
+    paths = _core.path_integrals(
+        problem.above, problem.thickness, problem.level, problem.level_layer, levels, problem.mu0, mu
+    )
     found: dict[int, tuple[Array, Array]] = {}
     for layer, path in zip(layers, paths, strict=True):
         if layer.albedo > 0.0:
@@ -33,46 +39,17 @@ def scatterers(layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: 
             if key in found:
                 found[key][1][:] += weighted
             else:
-                found[key] = (_core.series_table(layer.phase_matrix.coefficients), weighted)
+                found[key] = (table_of(layer.phase_matrix), weighted)
     return list(found.values())
 
 
-def layer_paths(problem: Problem, levels: IntArray, mu: Array) -> Array:
-    """Optical path integrals of one scattering in each layer, (layer, n_level, n_in, n_mu); mu signed, > 0 up.
-
-    The integral of e^(-t/mu0) e^(-|t - tau|/|mu|) dt/|mu| over the part of the layer that light at tau comes from.
-    """
-    rate_in = 1.0 / problem.mu0[:, None]
-    rate = 1.0 / np.abs(mu)
-    result = np.zeros((problem.albedo.size, levels.size, problem.mu0.size, mu.size))
-    for place, t in enumerate(levels):
-        level, at = problem.level[t], problem.level_layer[t]
-        for k, (top, thickness) in enumerate(zip(problem.above, problem.thickness, strict=True)):
-            if k >= at:  # light going up comes from below tau
-                start, length = (top + level, thickness - level) if k == at else (top, thickness)
-                both = rate_in + rate
-                way = distance(problem, t, k)
-                up = np.exp(-start * rate_in - way * rate) * -np.expm1(-length * both) * rate / both
-                result[k, place] += np.where(mu > 0.0, up, 0.0)
-            if k <= at:
-                length = level if k == at else thickness
-                down = length * rate * exp_difference(-length * rate_in, -length * rate)
-                down *= np.exp(-top * rate_in - distance(problem, t, k) * rate)
-                result[k, place] += np.where(mu < 0.0, down, 0.0)
-    return result
-
-
-def distance(problem: Problem, t: int, k: int) -> float:
-    """Optical depth between level t and the nearer face of layer k (number of layers: of the base); 0 inside the layer.
+def distance_to_base(problem: Problem, t: int) -> float:
+    """Optical depth between level t and the base.
 
     A sum of thicknesses, never a difference of depths: along a cosine of 1e-8 its last place would be seen.
     """
-    at, level = problem.level_layer[t], problem.level[t]
-    if k == at:
-        return 0.0
-    if k > at:
-        return float(problem.thickness[at] - level) + math.fsum(problem.thickness[at + 1 : k])
-    return float(level) + math.fsum(problem.thickness[k + 1 : at])
+    at = problem.level_layer[t]
+    return float(problem.thickness[at] - problem.level[t]) + math.fsum(problem.thickness[at + 1 :])
 
 
 def add_base_reflected(
@@ -98,7 +75,7 @@ def add_base_reflected(
         return
     mu0 = problem.mu0[first:last]
     strength = scale[first:last] * mu0 * np.exp(-total / mu0)
-    left = np.array([distance(problem, int(t), problem.albedo.size) for t in levels])
+    left = np.array([distance_to_base(problem, int(t)) for t in levels])
     fade = np.where(up, strength[:, None] * np.exp(-left[:, None, None] / np.abs(mu)), 0.0)
     f: Array | None = None
     if isinstance(base, Lambertian):
