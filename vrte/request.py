@@ -89,7 +89,7 @@ def stokes_vector(values: Any) -> Array:
 
 def depths(values: Any, scene: Scene) -> Array:
     """Optical depths from 0 to the scene's total."""
-    given = numbers("tau", values)
+    given = values if type(values) is float else numbers("tau", values)
     if np.isinf(given).any():
         raise SceneError("tau must be finite, also inside a layer without end")
     array = vector("tau", given)

@@ -73,6 +73,8 @@ def make_blocks(
 def node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
     """Nodes of each order of at most so many Stokes parameters: of few different numbers, alike for orders that threads
     do side by side, and fewer than before only where that saves more than one more block's calls take."""
+    if seen.size * (float(stokes) * total) ** 3 <= WORTH_A_BLOCK:
+        return [total] * seen.size
     step = max(1, -(-total // STEPS))
     rounded = np.clip(-(-seen // step) * step, 1, total)
     evens = rounded[2::2]

@@ -58,7 +58,8 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     azimuths = fold(request.phi)
     total = sum(block.orders.size for block in plan.blocks) + number_of_pieces(wanted, request.phi.size)
     with single_threaded():
-        check_memory(problem, plan.blocks, wanted.doubles(request.phi.size), azimuths, run.threads)
+        if not run.brief:
+            check_memory(problem, plan.blocks, wanted.doubles(request.phi.size), azimuths, run.threads)
         flux_up, flux_down = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
         lights: list[Light] = []
         tally = Tally(set(), {}, {}, {})
