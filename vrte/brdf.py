@@ -11,7 +11,7 @@ from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.solver import solve
 from vrte.field import freeze
 from vrte.plan import make_plan
-from vrte.request import brdf_request, is_brief, solver_options
+from vrte.request import brdf_request, operations_of, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
@@ -106,7 +106,7 @@ def brdf(
     """
     options = solver_options(nodes, accuracy, algorithm, verify)
     request, out = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
-    into, run = request.mu0, new_run(threads, is_brief(request))
+    into, run = request.mu0, new_run(threads, operations_of(request))
     solution = interruptible(run, lambda: solve(make_plan(request, run), run, progress))
     # (1, n_in, n_mu, n_phi, 4, column)
     matrices = [settled(values)[0] for values in solution.parts]

@@ -11,7 +11,7 @@ from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import Solution, solve
 from vrte.errors import SceneError
 from vrte.plan import Plan, make_plan
-from vrte.request import Request, is_brief, radiance_request, solver_options
+from vrte.request import Request, operations_of, radiance_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
@@ -126,7 +126,7 @@ def radiance(
     """
     options = solver_options(nodes, accuracy, algorithm, verify)
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
-    run = new_run(threads, is_brief(request))
+    run = new_run(threads, operations_of(request))
     plan, solution = interruptible(run, lambda: planned(request, run, progress))
     levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
     return Field(

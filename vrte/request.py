@@ -1,5 +1,6 @@
 """What a user asks for, checked before any work."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,6 @@ MOST_NODES = 4096
 LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
 FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
-BRIEF = 3e7  # operations of all stages: some milliseconds
 SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, by modes and by doubling
 
 
@@ -42,11 +42,11 @@ class Request:
     fluxes_only: bool = False
 
 
-def is_brief(request: Request) -> bool:
-    """Whether a request is small: predicted to take some milliseconds on one thread, whichever way it is solved."""
+def operations_of(request: Request) -> float:
+    """Predicted of a request, roughly, whichever way it is solved; infinite where that takes a plan to say."""
     scene, mu = request.scene, request.mu
     if isinstance(scene.base, MuellerBase) or request.nodes is None or mu is None:
-        return False
+        return math.inf
     scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
     unknowns = float(request.nodes if scalar else 4 * request.nodes)
     terms = max(layer.phase_matrix.terms for layer in scene.layers)
@@ -55,7 +55,7 @@ def is_brief(request: Request) -> bool:
     per_n3 = SOLVING if request.algorithm in ("auto", "modes") and not request.verify else DOUBLING
     solving = per_n3 * unknowns**3 + 4.0 * unknowns**2 * (beams + mu.size) + 100.0 * unknowns * directions * (1 + beams)
     summing = (10.0 * terms + 20.0 * orders) * directions * beams * (32 + request.phi.size)
-    return orders * len(scene.layers) * solving + len(scene.layers) * summing < BRIEF
+    return len(scene.layers) * (orders * solving + summing)
 
 
 def check_scene(scene: Any) -> Scene:

@@ -1,6 +1,7 @@
 """How a solve runs: threads, progress, and Ctrl-C."""
 
 import atexit
+import math
 import os
 import threading
 import time
@@ -12,6 +13,7 @@ from vrte.arrays import whole
 from vrte.discrete_ordinates.problem import Run
 
 Result = TypeVar("Result")
+BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
 PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
 
 
@@ -22,9 +24,10 @@ def usable_cpus() -> int:
     return os.cpu_count() or 1
 
 
-def new_run(threads: int | None, brief: bool = False) -> Run:
-    """A run on `threads` threads, all usable CPUs for None; a `brief` one has no thread but the one it is called in."""
+def new_run(threads: int | None, operations: float = math.inf) -> Run:
+    """A run on `threads` threads, all usable CPUs for None; a brief one has no thread but the one it is called in."""
     count = usable_cpus() if threads is None else whole("threads", threads, 1, 4096)
+    brief = operations < (BRIEF if count > 1 else BRIEF_ALONE)
     return Run(1 if brief else count, brief=brief)
 
 
