@@ -244,7 +244,7 @@ def test_a_result_does_not_depend_on_its_pieces(base: vrte.Lambertian | vrte.Mue
     calls: list[tuple[int, int]] = []
 
     def tables(**how: object) -> vrte.Brdf:
-        return vrte.brdf(scene, mu_i, mu_o, FULL_TURN, nodes=8, transmission=True, **how)
+        return vrte.brdf(scene, mu_i, mu_o, FULL_TURN, nodes=8, transmission=True, accuracy=1e-15, **how)
 
     whole = tables()
     with pytest.MonkeyPatch.context() as patch:
@@ -257,7 +257,9 @@ def test_a_result_does_not_depend_on_its_pieces(base: vrte.Lambertian | vrte.Mue
     np.testing.assert_array_equal(whole.transmission, split.transmission)
     for k, mu0 in enumerate(mu_i):
         stokes = np.array([1.0, 0.2, -0.3, 0.1])
-        field = vrte.radiance(scene, mu0, stokes, [0.3, 1.0, -0.3, -1.0], FULL_TURN, [0.0, 0.6], nodes=8)
+        field = vrte.radiance(
+            scene, mu0, stokes, [0.3, 1.0, -0.3, -1.0], FULL_TURN, [0.0, 0.6], nodes=8, accuracy=1e-15
+        )
         up, down = whole.mueller[k] @ (mu0 * stokes), whole.transmission[k] @ (mu0 * stokes)
         np.testing.assert_allclose(field.stokes[0, :2], up, rtol=0, atol=1e-14)
         np.testing.assert_allclose(field.stokes[1, 2:], down, rtol=0, atol=1e-14)

@@ -8,6 +8,7 @@ from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, 
 from vrte.optics.refractive_index import refractive_index
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse
 from vrte.optics.spheres import Particles, mixture, spheres
+from vrte.plan import Plan, plan
 from vrte.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
 
 __version__ = "0.1.0"
@@ -26,6 +27,7 @@ __all__ = [
     "MuellerBase",
     "Particles",
     "PhaseMatrix",
+    "Plan",
     "Scene",
     "SceneError",
     "brdf",
@@ -34,6 +36,7 @@ __all__ = [
     "load",
     "mix",
     "mixture",
+    "plan",
     "radiance",
     "rayleigh",
     "refractive_index",

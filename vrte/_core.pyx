@@ -566,30 +566,28 @@ cdef void order_bound(int m, bint polar, int n_term, int n_layer, const double* 
             effect[i] = max(effect[i], weights[i] * to_out[i] * to_in[i] / (8.0 * PI))
 
 
-def orders_that_matter(const double[::1] strength, const double[::1] bounds, const double[::1] depth,
-                       const double[::1] brightest, const double[::1] decays, double share):
-    """So many orders (at least 1) that all others together add less than a share of the brightest light at every depth.
+def bounds_at(const double[::1] strength, const double[::1] bounds, const double[::1] depth, const double[::1] decays):
+    """What multiple scattering of each order adds at most at each depth, (order, n_tau).
 
     An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
     bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))), the least of it for kappa = decays (1 - q).
     """
-    cdef int n_tau = <int>depth.shape[0], n_decay = <int>decays.shape[0], m, t, d, count = <int>strength.shape[0]
-    cdef double[::1] tail = np.zeros(n_tau)
+    cdef int n_order = <int>strength.shape[0], n_tau = <int>depth.shape[0], m, t, d
+    cdef double[:, ::1] out = np.zeros((n_order, n_tau))
     cdef double q, kappa, rest, least
-    for m in range(count - 1, 0, -1):
+    for m in range(n_order):
+        if not bounds[m] > 0.0:
+            continue
         q = min(strength[m], 1.0)
         for t in range(n_tau):
             least = INFINITY
-            for d in range(n_decay):
+            for d in range(<int>decays.shape[0]):
                 kappa = decays[d] * (1.0 - q)
                 rest = 1.0 - kappa - q
                 if rest > 0.0:
                     least = min(least, exp(-kappa * depth[t]) / rest)
-            if bounds[m] > 0.0:
-                tail[t] += 2.0 * bounds[m] * least
-            if not tail[t] <= share * brightest[t]:
-                return m + 1
-    return 1
+            out[m, t] = bounds[m] * least
+    return np.asarray(out)
 
 
 def nodes_seen(const double[::1] strength, const double[:, ::1] effect, double allowed, double largest_gain):
@@ -700,7 +698,7 @@ def homogeneous_work(n):
     return 5 * n * n + 50 * n + 8
 
 
-def homogeneous(const int[::1] orders, bint conserving, bint quick, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
+def homogeneous(const int[::1] orders, bint conserving, bint quick, bint clear, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
                 const double[:, :, :, ::1] E, const double[:, :, :, ::1] F, double[:, :, ::1] lam_re,
                 double[:, :, ::1] lam_im, double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu,
                 int[:, :, ::1] X_pivots, double[:, ::1] residual, int[:, ::1] info, int threads, double[:, ::1] work,
@@ -708,9 +706,10 @@ def homogeneous(const int[::1] orders, bint conserving, bint quick, const double
     """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
 
     conserving: whether order 0 has I, so that its flux is conserved; quick: whether symmetric E and F go to the
-    symmetric eigensolver, which is several times faster and loses a digit. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth squared, complex
-    pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X, or X_pivots starts with -1, X_lu is
-    not filled and X^-1 = Y^T (symmetric modes); residual (order, layer):
+    symmetric eigensolver, which is several times faster and loses a digit; clear: whether layers without scattering go
+    without an eigenproblem. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth
+    squared, complex pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X, or X_pivots starts
+    with -1, X_lu is not filled and X^-1 = Y^T (symmetric modes); residual (order, layer):
     the largest of |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading,
     which only a phase matrix with more terms than the nodes carry has.
     """
@@ -723,11 +722,31 @@ def homogeneous(const int[::1] orders, bint conserving, bint quick, const double
             start = vrte_seconds()
             o = item // n_layer
             k = item % n_layer
-            info[o, k] = homogeneous_one(
-                n, stokes, conserving and orders[o] == 0, quick, albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
-                &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
-                &residual[o, k], &work[thread, 0], &pivots[thread, 0])
+            if clear and albedo[k] == 0.0:
+                clear_modes(n, stokes, &directions[0], &lam_re[o, k, 0], &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0],
+                            &X_lu[o, k, 0, 0], &X_pivots[o, k, 0])
+            else:
+                info[o, k] = homogeneous_one(
+                    n, stokes, conserving and orders[o] == 0, quick, albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
+                    &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
+                    &residual[o, k], &work[thread, 0], &pivots[thread, 0])
             seconds[thread] += vrte_seconds() - start
+
+
+cdef void clear_modes(int n, int stokes, const double* directions, double* lam_re, double* lam_im, double* X, double* Y,
+                      double* X_lu, int* X_pivots) noexcept nogil:
+    """A layer that does not scatter: E = F = 1/mu, so X = 1, lambda = 1/mu^2 and Y = mu."""
+    cdef int i
+    cdef size_t size = sizeof(double) * <size_t>n * n
+    memset(X, 0, size)
+    memset(Y, 0, size)
+    memset(X_lu, 0, size)
+    for i in range(n):
+        X[<size_t>i * n + i] = X_lu[<size_t>i * n + i] = 1.0
+        Y[<size_t>i * n + i] = directions[i // stokes]
+        lam_re[i] = 1.0 / (directions[i // stokes] * directions[i // stokes])
+        lam_im[i] = 0.0
+        X_pivots[i] = i + 1      # LAPACK counts from 1
 
 
 cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double albedo, const double* directions, const double* weights, const double* E,
@@ -1663,7 +1682,7 @@ def doubling_work(n, r, o):
     return 8 * extended_size(n, r, o) + 4 * n
 
 
-def double_slabs(const int[::1] orders, bint conserving, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
+def double_slabs(const int[::1] orders, bint conserving, bint clear, bint settled, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
                  const double[::1] asymmetry, const double[::1] nodes, const double[::1] weights, const double[::1] mu0,
                  const double[:, ::1] columns, const double[::1] mu_out, const double[:, :, :, ::1] E,
                  const double[:, :, :, ::1] F, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
@@ -1673,7 +1692,8 @@ def double_slabs(const int[::1] orders, bint conserving, const int[::1] material
                  const int[::1] stop):
     """Reflection and transmission of homogeneous slabs, on the nodes and for directions off them.
 
-    conserving: whether order 0 has I; material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
+    conserving: whether order 0 has I; clear: whether slabs without scattering are not doubled; settled: whether doublings
+    that change R no more are cut short; material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
     left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, S) the incident Stokes vectors, mu_out (n_out,).
     R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
     the unscattered light on its diagonal; in order 0 the nodes are turned so that one axis (`flux_axis`) carries the flux.
@@ -1691,7 +1711,7 @@ def double_slabs(const int[::1] orders, bint conserving, const int[::1] material
             k = item % n_slab
             m = material[k]
             info[o, k] = double_one(
-                orders[o] if conserving else max(orders[o], 1), <int>columns.shape[1], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
+                orders[o] if conserving else max(orders[o], 1), clear, settled, <int>columns.shape[1], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
                 thickness[k], albedo[m], asymmetry[m], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0],
                 &E[o, m, 0, 0], &F[o, m, 0, 0], &G_E[o, m, 0, 0], &G_F[o, m, 0, 0], &source_s[o, m, 0, 0],
                 &source_d[o, m, 0, 0], &R[o, k, 0], &T[o, k, 0], &lost[o, k, 0], &residual[o, k, 0], &doublings[o, k],
@@ -1699,7 +1719,7 @@ def double_slabs(const int[::1] orders, bint conserving, const int[::1] material
             seconds[thread] += vrte_seconds() - start
 
 
-cdef int double_one(int m, int stokes, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
+cdef int double_one(int m, bint clear, bint settled, int stokes, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
                     const double* nodes, const double* weights, const double* mu0, const double* columns,
                     const double* mu_out, const double* E, const double* F, const double* G_E, const double* G_F,
                     const double* source_s, const double* source_d, double* R, double* T, double* lost, double* residual,
@@ -1722,7 +1742,7 @@ cdef int double_one(int m, int stokes, int n_node, int n_in, int n_col, int n_ou
     residual[0] = residual[1] = 0.0
     doublings[0] = 0
     rates(s, n_col, nodes, mu0, mu_out, e, &steepest)
-    if albedo == 0.0:
+    if albedo == 0.0 and clear:
         clear_slab(s, thickness, nodes, weights, e, t, m, lost, v, spare.N)
         return 0
     extend(s, n_col, n_in, columns, E, G_E, source_d, mu_out, e)
@@ -1731,7 +1751,7 @@ cdef int double_one(int m, int stokes, int n_node, int n_in, int n_col, int n_ou
     if m == 0:
         turn_extended(s, albedo, nodes, weights, columns, n_col, mu_out, v, e, f, spare.N)
     if thickness < 1e300:
-        info = double_plainly(s, m, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
+        info = double_plainly(s, m, settled, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
     else:
         info = double_endless(s, m, albedo, asymmetry, steepest, e, f, Ze, Zo, a, b, spare, doublings, pivots, stop)
     if info != 0 or stop[0]:
@@ -1833,13 +1853,17 @@ cdef inline double norm_1(int n, const double* a) noexcept nogil:
     return largest
 
 
-cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Extended e, Extended f, Extended Ze, Extended Zo,
+cdef double SETTLED = 1e-17     # below the rounding of 1
+
+
+cdef int double_plainly(Sizes s, int m, bint settled, double thickness, double steepest, Extended e, Extended f, Extended Ze, Extended Zo,
                         Extended C, Extended a, Extended b, Extended spare, int* doublings, int* pivots,
                         const int* stop) noexcept nogil:
     """Ze, Zo and C = 1 - Zo Ze of a finite slab: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1, L = 1 + Zo Ze.
 
     C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
-    C <- (C L^-1)^2, which keeps them where T is too small for a difference.
+    C <- (C L^-1)^2, which keeps them where T is too small for a difference. settled: once C is below the rounding of 1,
+    L = 2 and doublings change C alone.
     """
     cdef int info, step, i, count = 0, axis = flux_axis(s.n, s.stokes)
     cdef size_t k
@@ -1855,6 +1879,12 @@ cdef int double_plainly(Sizes s, int m, double thickness, double steepest, Exten
     for step in range(count):
         if info != 0 or stop[0]:
             return info
+        if settled and carried and largest_of(size_extended(s), C.N) < SETTLED:
+            product_extended(s, 0.25, C, C, b)
+            copy_extended(s, b, C)
+            h = 2.0 * h
+            direct_complement(s, h, e, C)
+            continue
         product_extended(s, 1.0, Zo, Ze, a)                      # L - 1
         if 2.0 * h > 0.75 and not carried:
             complement(s, h, e, a, C)
@@ -2362,14 +2392,14 @@ def invariance_work(n_node, n_off, stokes, n_term):
 
 def reflect_endless(const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients, int terms,
                     double albedo, const double[::1] directions, const double[::1] weights, const int[::1] out,
-                    const int[::1] into, const double[:, ::1] columns, double tolerance, double[:, :, :, ::1] up,
-                    double[:, :, ::1] on_nodes, double[::1] residual, int[::1] steps, int threads, double[:, ::1] work,
+                    const int[::1] into, const double[:, ::1] columns, double tolerance, bint halves,
+                    double[:, :, :, ::1] up, double[:, :, ::1] on_nodes, double[::1] residual, int[::1] steps, int threads, double[:, ::1] work,
                     double[::1] seconds, const int[::1] stop):
     """The light that a layer without end sends back, one Fourier order after another, single scattering left out.
 
     members (S,): the Stokes parameters; coefficients (term, 6); directions: nodes, then off the nodes; weights (N,);
-    out (n_out,), into (n_in,): places among the latter; columns (n_col, S). up (order, n_in, n_col, S n_out): radiance
-    times 2 pi for a unit beam, flipped by D; on_nodes (order, n_in n_col, n): the scaled diffuse field on the nodes, all
+    out (n_out,), into (n_in,): places among the latter; columns (n_col, S); halves: whether one half of each symmetric
+    product is computed and the other mirrored. up (order, n_in, n_col, S n_out): radiance times 2 pi for a unit beam, flipped by D; on_nodes (order, n_in n_col, n): the scaled diffuse field on the nodes, all
     of it. residual (order,): what is still missing of R, estimated from the last steps, relative to its largest element;
     steps (order,).
     """
@@ -2381,7 +2411,7 @@ def reflect_endless(const int[::1] orders, const int[::1] members, const double[
             start = vrte_seconds()
             endless_one(orders[o], parity_of(orders[o], stokes, &members[0]), terms, albedo, &coefficients[0, 0],
                         &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], &out[0],
-                        <int>out.shape[0], &into[0], <int>into.shape[0], &columns[0, 0], <int>columns.shape[0], tolerance,
+                        <int>out.shape[0], &into[0], <int>into.shape[0], &columns[0, 0], <int>columns.shape[0], tolerance, halves,
                         &up[o, 0, 0, 0], &on_nodes[o, 0, 0], &residual[o], &steps[o], &work[thread, 0], &stop[0])
             seconds[thread] += vrte_seconds() - start
 
@@ -2408,6 +2438,24 @@ cdef void step_of(Sheet rows, Sheet nodes, double sign, double* HC_H, double add
     """HC_H = sign H C H_nodes^T + add HC_H."""
     product(b"N", b"T", rows.rows, nodes.rows, rows.columns, sign, rows.HC, rows.rows, nodes.H, nodes.rows, add, HC_H,
             rows.rows)
+
+
+cdef void half_step_of(Sheet nodes, double sign, double* HC_H, double add) noexcept nogil:
+    """step_of on the nodes, where it is symmetric: STRIPS strips of columns, each from the diagonal down."""
+    cdef int strip, first, last
+    for strip in range(STRIPS):
+        first, last = nodes.rows * strip // STRIPS, nodes.rows * (strip + 1) // STRIPS
+        if last > first:
+            product(b"N", b"T", nodes.rows - first, last - first, nodes.columns, sign, nodes.HC + first, nodes.rows,
+                    nodes.H + first, nodes.rows, add, HC_H + <size_t>first * nodes.rows + first, nodes.rows)
+
+
+cdef void mirror(int n, double* a) noexcept nogil:
+    """a's lower triangle above the diagonal."""
+    cdef int i, j
+    for j in range(n):
+        for i in range(j + 1, n):
+            a[<size_t>i * n + j] = a[<size_t>j * n + i]
 
 
 cdef void renew(Sheet rows, Sheet nodes, double sign, const double* R) noexcept nogil:
@@ -2496,10 +2544,10 @@ cdef void accelerate(int size, Past* past, double* R) noexcept nogil:
 
 
 cdef double settle(Parity p, int m, int terms, double albedo, const double* coefficients, Sheet* rows, Sheet* nodes,
-                   const double* mu_row, const double* mu_node, double rate, double tolerance, double* R, double* room,
-                   int* steps, const int* stop) noexcept nogil:
+                   const double* mu_row, const double* mu_node, double rate, double tolerance, bint halves,
+                   double* R, double* room, int* steps, const int* stop) noexcept nogil:
     """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate: what
-    a step gains at least; room: six matrices like R."""
+    a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
     cdef double gap, largest, missing = 1.0
     cdef double* new
@@ -2515,7 +2563,12 @@ cdef double settle(Parity p, int m, int terms, double albedo, const double* coef
         new = past.led[0]
         for kind in range(2):
             times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, rows[kind].rows, rows[kind].H, rows[kind].HC)
-            step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
+            if halves:
+                half_step_of(nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
+            else:
+                step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
+        if halves:
+            mirror(nodes[0].rows, new)
         divide_by_rates(p, rows[0].rows // p.stokes, mu_row, nodes[0].rows // p.stokes, mu_node, new)
         for k in range(size):
             past.moved[0][k] = new[k] - R[k]
@@ -2537,11 +2590,12 @@ cdef double settle(Parity p, int m, int terms, double albedo, const double* coef
 
 cdef enum:
     MOST_STEPS = 400
+    STRIPS = 4     # that a symmetric product is made in
 
 
 cdef void endless_one(int m, Parity p, int terms, double albedo, const double* coefficients, const double* directions,
                       int n_all, const double* weights, int n_node, const int* out, int n_out, const int* into, int n_in,
-                      const double* columns, int n_col, double tolerance, double* up, double* on_nodes, double* residual,
+                      const double* columns, int n_col, double tolerance, bint halves, double* up, double* on_nodes, double* residual,
                       int* steps, double* work, const int* stop) noexcept nogil:
     cdef int n_off = n_all - n_node, n = p.stokes * n_node, u = p.stokes * n_off, kind, i, j, a, b, c, beam, rhs
     cdef const double* off = directions + n_node
@@ -2567,9 +2621,9 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
         parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
         parity_columns(p, m, terms, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
     steps[0] = 0
-    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, rate, tolerance, R,
+    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, rate, tolerance, halves, R,
                          new, steps, stop)
-    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, rate, tolerance,
+    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, rate, tolerance, False,
                                           Ru, new, steps, stop))
     # from off the nodes to off the nodes, less what is scattered once
     for kind in range(2):

@@ -1,6 +1,7 @@
 """What a scene and a request need, what is left out, and why, before any heavy work."""
 
-from dataclasses import dataclass, field
+import time
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -8,37 +9,67 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.discrete_ordinates.blocks import Block, make_blocks
 from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.needs import Needs, brightness, needs_of, orders_that_matter
+from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
+from vrte.discrete_ordinates.needs import Needs, bounds_at, brightness, needs_of, orders_that_matter, stages_of
+from vrte.discrete_ordinates.node_choice import DISCRETE, NodeChoice, choose_nodes
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
-from vrte.request import Request
+from vrte.plan_table import facts_of, text_of
+from vrte.request import Request, request_of
+from vrte.running import interruptible, new_run
 from vrte.scene import MuellerBase, Scene
 
+WORTH_STAGES = 5e6  # cubes of unknowns: about a millisecond
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan:
-    """What the solver will do, and nothing else.
+    """What the solver will do, and nothing else; print it for a table.
 
-    ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs`` and
-    ``brightest`` (n_tau,): bounds on each order, and the light they are compared with; ``orders``: how many there are
-    at most; ``blocks``: how they are solved.
+    ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs``, ``bounds``
+    (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order, and the light they are compared with;
+    ``orders``: how many there are at most; ``blocks``: how they are solved; ``accuracy``: of the discrete problem;
+    ``choice`` of its nodes; ``threads``: on how many.
     """
 
     request: Request
     problem: Problem
     mu: Array
     needs: Needs
+    bounds: Array
     brightest: Array
     wanted: Wanted
     orders: int
     blocks: tuple[Block, ...]
-    notes: tuple[str, ...] = field(default=())
+    accuracy: float
+    choice: NodeChoice
+    threads: int = 1
+
+    def __str__(self) -> str:
+        return text_of(self)
+
+    def __repr__(self) -> str:
+        return f"Plan({self.request.kind}, {self.orders} orders at most, {len(self.blocks)} blocks)"
+
+    def as_dict(self) -> dict[str, Any]:
+        """The printed table as numbers and strings: blocks, what is left out and shared, operations, bytes."""
+        return facts_of(self)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What cannot be promised."""
+        return self.choice.notes
 
     @property
     def fed_back(self) -> bool:
         """Whether the base mixes orders and Stokes parameters as it likes."""
         return isinstance(self.request.scene.base, MuellerBase) and self.request.scene.base_is_reached
+
+    @property
+    def counts_again(self) -> bool:
+        """Whether the orders are counted once more with the light that order 0 found."""
+        return self.problem.leave_out.orders and not self.fed_back
 
     def diagnostics(self) -> dict[str, Any]:
         """What a result says of how it was made."""
@@ -51,6 +82,9 @@ class Plan:
             "algorithm_rule": "; ".join(dict.fromkeys(names.values())),
             "accuracy": self.request.accuracy,
             "nodes": nodes,
+            "nodes_rule": self.choice.rule,
+            "promised": not self.notes,
+            "notes": list(self.notes),
             "orders_of_phase_matrix": longest,
             "terms_cut": max(0, longest - 2 * nodes),
             "base": base_statement(self.request.scene),
@@ -63,29 +97,83 @@ def base_statement(scene: Scene) -> str:
     return name if scene.base_is_reached or scene.base is None else f"{name}, not reached below an infinite layer"
 
 
-def make_plan(request: Request, run: Run) -> Plan:
-    """The plan of a request."""
-    nodes = request.nodes if request.nodes is not None else 40
+def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
+    """What `vrte.brdf` or `vrte.radiance` would do, without doing it.
+
+    Parameters: ``kind``, "brdf" or "radiance"; all else as that function takes it. ``print(plan)`` shows the Fourier
+    orders and what each block of them costs, what is left out and why, the predicted operations and memory;
+    ``plan.as_dict()`` has the same for programs. Raises SceneError for bad input, TypeError for a keyword that the
+    function does not have.
+
+    >>> import vrte
+    >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])
+    >>> plan("radiance", scene, mu0=0.6, nodes=8)
+    Plan(radiance, 1 orders at most, 1 blocks)
+    """
+    request, threads = request_of(kind, scene, arguments, keywords)
+    run = new_run(threads)
+    return interruptible(run, lambda: make_plan(request, run))
+
+
+def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> Plan:
+    """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves."""
+    if not leave_out.columns:
+        request = every_column(request)
+    choice, accuracy = nodes_for(request, run)
+    nodes = choice.nodes
     mu = np.concatenate([double_gauss(nodes)[0], -double_gauss(nodes)[0]]) if request.mu is None else request.mu
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
     problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes)
+    if leave_out != EVERYTHING:
+        problem = replace(problem, leave_out=leave_out)
     needs = needs_of(problem, run)
     brightest = brightness(scene, problem, mu, run)
+    bounds = bounds_at(needs, request.tau)
     base = scene.base if scene.base_is_reached else None
-    if isinstance(base, MuellerBase):
-        count = int(problem.terms.max())
-    elif request.fluxes_only:
+    stages: tuple[int, ...] = ()
+    if request.fluxes_only and leave_out.fluxes and not isinstance(base, MuellerBase):
         count = 1
+    elif isinstance(base, MuellerBase) or not leave_out.orders:
+        count = int(problem.terms.max())
     else:
-        count = orders_that_matter(needs, request.tau, brightest, request.accuracy)
+        count = orders_that_matter(bounds, brightest, accuracy)
+        stages = stages_of(bounds, brightest, accuracy) if worth_stages(problem, count) else ()
     orders = np.arange(count, dtype=np.int32)
-    blocks = make_blocks(problem, base, orders, needs, float(brightest.min()), request.accuracy, request.algorithm)
+    faintest = float(brightest.min())
+    blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm)
     wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
-    return Plan(request, problem, mu, needs, brightest, wanted, count, tuple(blocks))
+    return Plan(
+        request, problem, mu, needs, bounds, brightest, wanted, count, tuple(blocks), accuracy, choice, run.threads
+    )
+
+
+def worth_stages(problem: Problem, orders: int) -> bool:
+    """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
+    scalar = not problem.coefficients[..., 1:].any()
+    return orders * float(problem.size / (4 if scalar else 1)) ** 3 > WORTH_STAGES
+
+
+def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
+    """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
+    if request.nodes is not None:
+        return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
+    asked = request.scene, request.mu0, request.mu, request.tau, request.accuracy
+    begin = time.perf_counter()
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
+    run.book("choice of nodes", time.perf_counter() - begin)
+    return choice, DISCRETE * request.accuracy
 
 
 def everything(n_tau: int, n_mu: int, n_col: int) -> Wanted:
     """All depths and directions of one beam, its columns added up."""
     part = np.arange(n_tau, dtype=np.int32), np.arange(n_mu, dtype=np.int32)
     return Wanted([part], np.zeros(n_col, np.int32), np.ones(1))
+
+
+def every_column(request: Request) -> Request:
+    """The request with its incident light in (I, Q) and in (U, V), one of which may be dark."""
+    if request.columns.shape[0] != 1:
+        return request
+    total = request.columns[0]
+    return replace(request, columns=np.array([total * [1, 1, 0, 0], total * [0, 0, 1, 1]]))

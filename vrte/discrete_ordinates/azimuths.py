@@ -28,14 +28,14 @@ class Azimuths:
         return twice * cosine, twice * sine
 
 
-def fold(phi: Array) -> Azimuths:
-    """The azimuths phi (n_phi,), degrees of any size, folded.
+def fold(phi: Array, mirror: bool = True) -> Azimuths:
+    """The azimuths phi (n_phi,), degrees of any size, folded; without ``mirror`` all that differ are distinct.
 
     >>> fold(np.array([10.0, 350.0, -10.0, 370.0])).sign.tolist()
     [1.0, -1.0, -1.0, 1.0]
     """
     turn = np.remainder(phi, 360.0)
-    mirrored = turn > 180.0
+    mirrored = (turn > 180.0) & mirror
     turned = np.where(mirrored, 360.0 - turn, turn)
     distinct, angle = np.unique(turned, return_inverse=True) if phi.size > 1 else (turned, np.zeros(1, np.int32))
     return Azimuths(phi, distinct, angle.astype(np.int32), np.where(mirrored, -1.0, 1.0))

@@ -30,9 +30,14 @@ class Base:
 
 def black(problem: Problem, n_order: int) -> Base:
     """No reflection at any order."""
-    n = problem.size
-    empty = np.zeros((1, n, n)), np.zeros((1, problem.n_rhs, n)), np.zeros((1, n, problem.rows_out))
-    return Base(np.full(n_order, -1, np.int32), *empty)
+    n, rows = problem.size, rows_beyond_flux(problem, n_order)
+    empty = np.zeros((rows, n, n)), np.zeros((rows, problem.n_rhs, n)), np.zeros((rows, n, problem.rows_out))
+    return Base(np.arange(n_order, dtype=np.int32) if rows > 1 else np.full(n_order, -1, np.int32), *empty)
+
+
+def rows_beyond_flux(problem: Problem, n_order: int) -> int:
+    """Orders of a base that reflects order 0 at most: one, unless those that are zero shall not be left out."""
+    return 1 if problem.leave_out.base or np.isinf(problem.thickness[-1]) else max(n_order, 2)
 
 
 def expand_base(base: Lambertian | MuellerBase | None, problem: Problem, n_order: int) -> Base:
@@ -42,8 +47,8 @@ def expand_base(base: Lambertian | MuellerBase | None, problem: Problem, n_order
     into = np.concatenate([problem.nodes, problem.mu0])
     out = np.concatenate([problem.nodes, problem.mu_out])
     if isinstance(base, Lambertian):  # (1:66)
-        orders = np.zeros((1, into.size, out.size, 4, 4))
-        orders[..., 0, 0] = 2.0 * base.albedo
+        orders = np.zeros((rows_beyond_flux(problem, n_order), into.size, out.size, 4, 4))
+        orders[0, ..., 0, 0] = 2.0 * base.albedo
         azimuths = 0
     else:
         orders, azimuths = mueller_orders(base, into, out, n_order)

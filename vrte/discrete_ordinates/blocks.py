@@ -30,8 +30,10 @@ class Block:
 
 
 class Part(NamedTuple):
-    """What makes two orders alike; ``straight``: the Stokes parameters that light them along the normal."""
+    """What makes two orders alike; ``stage``: how many times what was found is looked at before they are solved;
+    ``straight``: the Stokes parameters that light them along the normal."""
 
+    stage: int
     stokes: tuple[int, ...]
     straight: tuple[int, ...]
     nodes: int
@@ -40,30 +42,42 @@ class Part(NamedTuple):
 
 
 def make_blocks(
-    problem: Problem, base: Base, orders: IntArray, needs: Needs, brightest: float, accuracy: float, algorithm: str
+    problem: Problem,
+    base: Base,
+    orders: IntArray,
+    stages: tuple[int, ...],
+    needs: Needs,
+    brightest: float,
+    accuracy: float,
+    algorithm: str,
 ) -> list[Block]:
-    """All orders, sorted into blocks; ascending, and I before V."""
-    fed_back = isinstance(base, MuellerBase)
-    sets = [(ALL,)] * problem.coefficients.shape[1] if fed_back else stokes_sets(problem)
+    """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
+    fed_back, leave_out = isinstance(base, MuellerBase), problem.leave_out
+    everywhere = fed_back or not leave_out.nodes
+    sets = stokes_sets(problem) if leave_out.stokes and not fed_back else [(ALL,)] * problem.coefficients.shape[1]
     nodes = [problem.nodes.size] * len(sets)
-    if not fed_back:
-        seen = nodes_seen(needs, brightest, accuracy)[: orders.size]
-        nodes = node_counts(problem.nodes.size, seen, max((len(found) for order in sets for found in order), default=1))
+    if not everywhere:
+        needed = nodes_seen(needs, brightest, accuracy)[: orders.size]
+        nodes = node_counts(
+            problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)
+        )
     layers, has_end = layers_reached(problem, needs.by_layer, accuracy)
-    along_normal = bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
+    along_normal = leave_out.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
+    to_the_end = problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))
     parts: dict[Part, list[int]] = {}
     for order in orders.tolist():
-        reached = (problem.albedo.size, True) if fed_back else (layers[order], has_end[order])
-        straight = lit_by(order) if along_normal else ALL
+        reached = (layers[order], has_end[order]) if leave_out.depth and not fed_back else to_the_end
+        stage, straight = sum(order >= first for first in stages), lit_by(order) if along_normal else ALL
         for stokes in sets[order]:
-            parts.setdefault(Part(stokes, straight, nodes[order], *reached), []).append(order)
+            parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)
     blocks = []
     for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
         columns = columns_of(problem, part)
         if not columns:
             continue
         reduced = reduce(problem, part, columns)
-        below = base if part.has_end and (fed_back or (members[0] == 0 and part.stokes[0] == 0)) else None
+        seen = fed_back or (members[0] == 0 and part.stokes[0] == 0) or not leave_out.base
+        below = base if part.has_end and seen else None
         chosen = np.array(members, np.int32)
         for places, choice in choose(algorithm, reduced, needs.strength[chosen], accuracy):
             blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice))
@@ -96,6 +110,8 @@ def lit_by(order: int) -> tuple[int, ...]:
 
 def columns_of(problem: Problem, part: Part) -> tuple[int, ...]:
     """Places of the incident Stokes columns that light the part."""
+    if not problem.leave_out.columns:
+        return tuple(range(problem.columns.shape[0]))
     lit = list(part.stokes)
     if (problem.mu0 == 1.0).all():
         lit = [i for i in lit if i in part.straight]

@@ -48,6 +48,8 @@ def double_slabs(
         _core.double_slabs,
         orders,
         problem.conserves,
+        problem.leave_out.clear,
+        problem.leave_out.doublings,
         material,
         thickness,
         problem.albedo,

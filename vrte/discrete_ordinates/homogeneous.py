@@ -43,6 +43,7 @@ def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Ru
         orders,
         problem.conserves,
         quick,
+        problem.leave_out.clear,
         problem.albedo,
         problem.nodes,
         problem.weights,

@@ -46,6 +46,7 @@ def reflect_endless(problem: Problem, orders: IntArray, tolerance: float, run: R
         places[n_out:].astype(np.int32),
         problem.columns,
         tolerance,
+        problem.leave_out.halves,
         up,
         found.on_nodes,
         found.residual,

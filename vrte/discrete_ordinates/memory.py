@@ -10,7 +10,7 @@ from vrte import _core
 from vrte.discrete_ordinates.azimuths import Azimuths
 from vrte.discrete_ordinates.blocks import Block
 from vrte.discrete_ordinates.problem import Problem
-from vrte.discrete_ordinates.slabs import Pile, cut
+from vrte.discrete_ordinates.slabs import Pile, cut, materials_of
 from vrte.errors import SceneError
 from vrte.scene import MuellerBase
 
@@ -84,7 +84,9 @@ def doubles_of_modes(problem: Problem) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by modes."""
     n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
     out, into = problem.rows_out, len(problem.stokes) * problem.mu0.size
-    per_order = float(n_layer) * n * (5 * n + 2 * out + 2 * into + 4 * n_rhs)
+    materials, kinds = materials_of(problem)
+    per_order = float(materials.albedo.size) * n * (5 * n + 2 * out + 2 * into + 2 * n_rhs)
+    per_order += n_layer * n * (2.0 * n_rhs if kinds is None else 2.0 * n + 2.0 * out + 4.0 * n_rhs)
     scratch = (
         _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
         _core.homogeneous_work(n),

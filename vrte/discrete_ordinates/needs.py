@@ -12,12 +12,16 @@ from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
 from vrte.discrete_ordinates.single_scattering import scatterers
 from vrte.scene import Scene
 
-SHARE = 0.25  # of the accuracy asked for, for each thing left out
+ORDERS = 0.4  # of the accuracy asked for: orders left out
+SHARE = 0.1  # of it: nodes left out; layers left out
 SAMPLES = 5  # directions of each kind that singly scattered light is looked at
 DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may fade with
 LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
 WORTH_THREADS = 1e6  # spherical functions: a few milliseconds
 ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
+CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found
+SAFETY = 2.0  # times what was found: orders to come are bounded by no less
+LOOKED_AT = 3  # orders that bounds are compared with, from order 1 on
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +62,11 @@ def needs_of(problem: Problem, run: Run) -> Needs:
 
 def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
     """Singly scattered I per unit of incident light, seen along a few of the directions ``mu``: the brightest at each
-    depth for the beam that it is faintest of, (n_tau,). Never more than the light there is."""
-    out, into = mu[spread(mu.size)], np.ascontiguousarray(problem.mu0[spread(problem.mu0.size)])
-    few = replace(problem, mu0=into)
+    depth for each beam, (n_tau, n_in). Never more than the light there is."""
+    out, into = mu[spread(mu.size)], problem.mu0
     levels = np.arange(problem.level.size, dtype=np.int32)
     light = np.zeros((levels.size, into.size, out.size, 2, 4, 1))
-    for coefficients, path in scatterers(scene.layers, few, levels, out):
+    for coefficients, path in scatterers(scene.layers, problem, levels, out):
         run.timed(
             "planning",
             _core.add_single_scattering,
@@ -84,7 +87,7 @@ def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
             1,
             run.work(_core.scattering_work(1, 2)),
         )
-    brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0).min(axis=1)
+    brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0)
     return brightest
 
 
@@ -95,15 +98,71 @@ def spread(count: int) -> IntArray:
     return places
 
 
-def orders_that_matter(needs: Needs, depth: Array, brightest: Array, accuracy: float) -> int:
-    """So many orders that all others together add less, at every depth, than a share of the accuracy; at least 1."""
-    return _core.orders_that_matter(needs.strength, needs.bounds, depth, brightest, DECAYS, SHARE * accuracy)
+def orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> int:
+    """So many orders that all others together add less, at every depth, than a share of the accuracy; at least 1.
+
+    bounds (order, n_tau, n_in or 1), brightest (n_tau, n_in).
+    """
+    tail = np.cumsum(2.0 * bounds[::-1], axis=0)[::-1]
+    matters = ~(tail <= ORDERS * accuracy * brightest).all(axis=(1, 2))
+    return max(1, int(np.count_nonzero(matters)))
+
+
+def stages_of(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ...]:
+    """Orders before which the bounds are compared with what was found: those that would be the first to be left out, at
+    the depth that needs fewest and at the one that needs most, were the bounds too careful by a factor."""
+    depths = range(brightest.shape[0])
+    found = set()
+    for careful in CAREFUL:
+        counts = [orders_that_matter(bounds[:, [t]], brightest[[t]], careful * accuracy) for t in depths]
+        found |= {min(counts), max(counts)}
+    return tuple(sorted(found))
+
+
+def bounds_at(needs: Needs, depth: Array) -> Array:
+    """What multiple scattering of each order adds at most at each depth, for any beam, (order, n_tau, 1).
+
+    An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
+    bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
+    """
+    bounds: Array = _core.bounds_at(needs.strength, needs.bounds, depth, DECAYS)
+    return bounds[..., None]
+
+
+def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
+    """The bounds (order, n_tau, 1) for each beam, those of orders to come lowered to SAFETY times what the last orders
+    showed of them, (order, n_tau, n_in).
+
+    found: the largest of each order solved, (n_tau, n_in). The bounds are compared less their factor 1/(1 - q), which
+    falls with the order and is the careful part. Nothing is lowered before there are two orders but 0 to look at.
+    """
+    orders = sorted(order for order in found if order > 0)[-LOOKED_AT:]
+    if len(orders) < 2:
+        return bounds
+    alone = bounds[orders] * (1.0 - np.minimum(needs.strength[orders], ALMOST_ONE))[:, None, None]
+    seen = np.stack([found[order] for order in orders])
+    share = (seen / np.maximum(alone, 1e-300)).max(axis=0)
+    known = np.isfinite(bounds)
+    lowered: Array = np.where(known, np.where(known, bounds, 0.0) * np.minimum(1.0, SAFETY * share), np.inf)
+    lowered[: orders[-1] + 1] = bounds[: orders[-1] + 1]
+    return lowered
 
 
 def nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
     """How many nodes, from the lowest mu, each order needs: what passes by way of the others is less than a share."""
     allowed = SHARE * accuracy * brightest / needs.strength.size
     return _core.nodes_seen(needs.strength, needs.effect, allowed, LARGEST_GAIN)
+
+
+def strongest_terms(coefficients: Array, albedo: Array) -> Array:
+    """The largest omega |B_l|/(2 l + 1) of the degrees l >= m, (layer, m); coefficients (layer, term, 6)."""
+    a1, a2, a3, a4, b1, b2 = np.moveaxis(coefficients, -1, 0)
+    first = 0.5 * np.abs(a1 + a2) + np.hypot(0.5 * (a1 - a2), b1)
+    norm = np.maximum(first, np.maximum(np.abs(a3), np.abs(a4)) + np.abs(b2))
+    degree = np.arange(norm.shape[1])
+    strength = albedo[:, None] * norm / (2.0 * degree + 1.0)
+    kept: Array = np.maximum.accumulate(strength[:, ::-1], axis=1)[:, ::-1]
+    return kept
 
 
 def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.arrays import Array
+from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
 
 IntArray = NDArray[np.int32]
 Progress = Callable[[int, int], None]
@@ -22,7 +23,8 @@ class Problem:
     coefficients (layer, term, 6), cut at 2 N terms; terms, albedo, thickness, above (layer,); nodes, weights (N,);
     mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, S) incident Stokes
     vectors; stokes (S,): places of the S Stokes parameters at work, ascending; terms_cut: how many terms of the longest
-    phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer.
+    phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer; leave_out: what
+    need not be done.
     """
 
     coefficients: Array
@@ -40,6 +42,7 @@ class Problem:
     level_layer: IntArray
     stokes: tuple[int, ...] = ALL
     terms_cut: int = 0
+    leave_out: LeaveOut = EVERYTHING
 
     @property
     def directions(self) -> Array:

@@ -1,6 +1,6 @@
 """The two exact routes from the discrete problem to its field, order by order, behind one signature."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -10,14 +10,15 @@ from vrte.discrete_ordinates.base import expand_base
 from vrte.discrete_ordinates.blocks import Base
 from vrte.discrete_ordinates.boundary import boundary
 from vrte.discrete_ordinates.doubling import double_slabs
+from vrte.discrete_ordinates.homogeneous import Modes as Eigenmodes
 from vrte.discrete_ordinates.homogeneous import homogeneous
 from vrte.discrete_ordinates.invariance import flux_up, reflect_endless
 from vrte.discrete_ordinates.memory import doubles_of_doubling, doubles_of_modes, orders_at_once
-from vrte.discrete_ordinates.particular import particular
-from vrte.discrete_ordinates.phase_assembly import assemble
+from vrte.discrete_ordinates.particular import Beam, particular
+from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.problem import IntArray, Problem, Run
 from vrte.discrete_ordinates.reconstruction import nodal_fluxes, reconstruct
-from vrte.discrete_ordinates.slabs import cut, join
+from vrte.discrete_ordinates.slabs import cut, join, materials_of
 
 QUICK = 3e-12  # accuracy that the symmetric eigensolver is good for on 16 nodes; ten times the largest error measured
 TIGHTER = 0.5  # of the accuracy asked for: where iterations stop
@@ -38,6 +39,11 @@ class Orders:
     residuals: dict[str, Array]
 
 
+def is_quick(problem: Problem, accuracy: float) -> bool:
+    """Whether the symmetric eigensolver is accurate enough, where there is something symmetric."""
+    return problem.leave_out.symmetric and accuracy >= QUICK * max(1.0, problem.nodes.size / 16.0) ** 3.3
+
+
 class Modes:
     """Eigenmodes, beam, boundary, reconstruction: section 2.C of Collin, Pattanaik and Bouatouch."""
 
@@ -47,7 +53,8 @@ class Modes:
 
     def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
         self.problem, self.base = problem, expand_base(base, problem, n_order)
-        self.quick = accuracy >= QUICK * max(1.0, problem.nodes.size / 16.0) ** 3.3
+        self.distinct, self.kinds = materials_of(problem)
+        self.quick = is_quick(problem, accuracy)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
@@ -55,9 +62,11 @@ class Modes:
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
-        matrices = assemble(self.problem, orders, run)
-        modes = homogeneous(self.problem, orders, matrices, run, self.quick)
-        beam = particular(self.problem, matrices, modes, run)
+        matrices = assemble(self.distinct, orders, run)
+        modes = homogeneous(self.distinct, orders, matrices, run, self.quick)
+        beam = particular(self.distinct, matrices, modes, run)
+        if self.kinds is not None:
+            matrices, modes, beam = in_layers(self.kinds, matrices, modes, beam)
         amplitudes = boundary(self.problem, orders, modes, beam, self.base, run)
         kernels = reconstruct(self.problem, orders, matrices, modes, beam, amplitudes, self.base, run)
         residuals = {
@@ -65,6 +74,23 @@ class Modes:
             "residual_of_boundary": amplitudes.residual.max(axis=1),
         }
         return Orders(kernels, *nodal_fluxes(self.problem, orders, modes, beam, amplitudes), residuals)
+
+
+def in_layers(
+    kinds: IntArray, matrices: Assembled, modes: Eigenmodes, beam: Beam
+) -> tuple[Assembled, Eigenmodes, Beam]:
+    """What was found for each material, in the layers made of it, (order, layer, ...): what the next stages read."""
+    return (
+        replace(matrices, G_E=np.take(matrices.G_E, kinds, axis=1), G_F=np.take(matrices.G_F, kinds, axis=1)),
+        replace(
+            modes,
+            lam_re=np.take(modes.lam_re, kinds, axis=1),
+            lam_im=np.take(modes.lam_im, kinds, axis=1),
+            X=np.take(modes.X, kinds, axis=1),
+            Y=np.take(modes.Y, kinds, axis=1),
+        ),
+        Beam(np.take(beam.c, kinds, axis=1), np.take(beam.zeta, kinds, axis=1)),
+    )
 
 
 class Doubling:

@@ -28,9 +28,7 @@ def scatterers(layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: 
 
     That is omega/(4 pi) times the path integral, (n_level, n_in, n_mu), summed over the layers that share it.
     """
-    paths = _core.path_integrals(
-        problem.above, problem.thickness, problem.level, problem.level_layer, levels, problem.mu0, mu
-    )
+    paths = paths_in_layers(problem, levels, mu)
     found: dict[int, tuple[Array, Array]] = {}
     for layer, path in zip(layers, paths, strict=True):
         if layer.albedo > 0.0:
@@ -41,6 +39,29 @@ def scatterers(layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: 
             else:
                 found[key] = (table_of(layer.phase_matrix), weighted)
     return list(found.values())
+
+
+def paths_in_layers(problem: Problem, levels: IntArray, mu: Array) -> Array:
+    """Optical path integrals of one scattering in each layer, (layer, n_level, n_in, n_mu); mu signed, > 0 up."""
+    place = problem.above, problem.thickness, problem.level, problem.level_layer
+    return _core.path_integrals(*place, levels, problem.mu0, mu)
+
+
+def scatter_by_orders(layers: Sequence[Layer], problem: Problem) -> Array:
+    """Singly scattered light order by order, (order, n_tau, n_in, n_col, n_out, 4), as the solver's own stages leave
+    theirs: what the closed form stands for. No sum over a table of directions needs it."""
+    mu = np.concatenate([problem.mu_out[: problem.n_up], -problem.mu_out[problem.n_up :]])
+    paths = paths_in_layers(problem, np.arange(problem.level.size, dtype=np.int32), mu)
+    terms = max(layer.phase_matrix.terms for layer in layers)
+    columns = problem.columns.shape[0]
+    kernels = np.zeros((terms, problem.level.size, problem.mu0.size, columns, mu.size, 4))
+    for layer, path in zip(layers, paths, strict=True):
+        if layer.albedo > 0.0:
+            for order in range(layer.phase_matrix.terms):
+                matrix = _core.phase_matrices(order, layer.phase_matrix.coefficients, -mu, problem.mu0.copy())
+                scattered = np.einsum("oiab,cb->icoa", matrix, problem.columns)
+                kernels[order] += layer.albedo / (4.0 * np.pi) * path[:, :, None, :, None] * scattered
+    return kernels
 
 
 def distance_to_base(problem: Problem, t: int) -> float:

@@ -33,7 +33,7 @@ class Pile:
 def cut(problem: Problem) -> Pile:
     """Cuts the layers at the wanted depths and finds what is equal."""
     materials, kinds = distinct_materials(problem)
-    found: dict[tuple[int, float], int] = {}
+    found: dict[tuple[int, float, int], int] = {}
     slabs: list[int] = []
     above = [0.0]
     interface = np.zeros(problem.level.size, np.int32)
@@ -42,19 +42,14 @@ def cut(problem: Problem) -> Pile:
         cuts = np.unique(np.concatenate([[0.0, thickness], problem.level[here]]))
         interface[here] = len(slabs) + np.searchsorted(cuts, problem.level[here])
         for piece in np.diff(cuts):
-            slabs.append(found.setdefault((int(kinds[layer]), float(piece)), len(found)))
+            which = 0 if problem.leave_out.repeats else len(slabs)
+            slabs.append(found.setdefault((int(kinds[layer]), float(piece), which), len(found)))
         above += [problem.above[layer] + depth for depth in cuts[1:]]
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
     return Pile(
-        problem=replace(
-            problem,
-            coefficients=np.ascontiguousarray(problem.coefficients[materials]),
-            terms=problem.terms[materials],
-            albedo=problem.albedo[materials],
-            mu_out=cosines,
-        ),
-        material=np.array([material for material, _ in found], np.int32),
-        thickness=np.array([thickness for _, thickness in found]),
+        problem=replace(only(problem, materials), mu_out=cosines),
+        material=np.array([material for material, _, _ in found], np.int32),
+        thickness=np.array([thickness for _, thickness, _ in found]),
         slabs=np.array(slabs, np.int32),
         above=np.array(above),
         interface=interface,
@@ -63,17 +58,37 @@ def cut(problem: Problem) -> Pile:
 
 
 def distinct_materials(problem: Problem) -> tuple[list[int], IntArray]:
-    """The first layer of each material, and the material of each layer."""
+    """The first layer of each material, and the material of each layer. What does not scatter is all one material."""
+    if not problem.leave_out.repeats:
+        return list(range(problem.albedo.size)), np.arange(problem.albedo.size, dtype=np.int32)
     first: list[int] = []
     kinds = np.empty(problem.albedo.size, np.int32)
     known: dict[tuple[float, int, bytes], int] = {}
     for layer, (albedo, terms) in enumerate(zip(problem.albedo, problem.terms, strict=True)):
-        key = (float(albedo), int(terms), problem.coefficients[layer].tobytes())
+        key = (float(albedo), int(terms), problem.coefficients[layer].tobytes()) if albedo > 0.0 else (0.0, 0, b"")
         if key not in known:
             known[key] = len(first)
             first.append(layer)
         kinds[layer] = known[key]
     return first, kinds
+
+
+def materials_of(problem: Problem) -> tuple[Problem, IntArray | None]:
+    """The problem with its distinct materials as layers, and the material of each layer, None where all differ."""
+    if problem.albedo.size == 1:
+        return problem, None
+    materials, kinds = distinct_materials(problem)
+    return (only(problem, materials), kinds) if len(materials) < kinds.size else (problem, None)
+
+
+def only(problem: Problem, layers: list[int]) -> Problem:
+    """The problem with the materials of some layers; thicknesses and depths stay those of all."""
+    return replace(
+        problem,
+        coefficients=np.ascontiguousarray(problem.coefficients[layers]),
+        terms=problem.terms[layers],
+        albedo=problem.albedo[layers],
+    )
 
 
 def join(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tuple[Array, Array, Array, Array]:

@@ -13,7 +13,7 @@ from vrte.blas import single_threaded
 from vrte.discrete_ordinates.azimuths import fold
 from vrte.discrete_ordinates.blocks import Base, Block
 from vrte.discrete_ordinates.memory import check_memory
-from vrte.discrete_ordinates.needs import orders_that_matter
+from vrte.discrete_ordinates.needs import calibrated, orders_that_matter
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.routes import OTHER, ROUTES, Orders, Route
 from vrte.discrete_ordinates.summing import Light, Wanted, fill, number_of_pieces
@@ -40,12 +40,14 @@ class Solution:
 
 @dataclass(eq=False)
 class Tally:
-    """Orders done so far, how many by whom, which were repeated by whom, residuals, and what verification saw."""
+    """Orders done so far, how many by whom, which were repeated by whom, residuals, unknowns of a hemisphere of all of
+    them together, and what verification saw."""
 
     orders: set[int]
     by: dict[str, int]
     repeated: dict[str, set[int]]
     residuals: dict[str, float]
+    unknowns: int = 0
     compared: int = 0
     gap: Array | None = None
     flux_gap: Array | None = None
@@ -55,7 +57,7 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     """The diffuse field of a plan. Raises AccuracyError where no algorithm can vouch for its answer."""
     start = time.perf_counter()
     request, problem, wanted = plan.request, plan.problem, plan.wanted
-    azimuths = fold(request.phi)
+    azimuths = fold(request.phi, problem.leave_out.azimuths)
     total = sum(block.orders.size for block in plan.blocks) + number_of_pieces(wanted, request.phi.size)
     with single_threaded():
         if not run.brief:
@@ -64,7 +66,10 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
         lights: list[Light] = []
         tally = Tally(set(), {}, {}, {})
         left, brightest, done = plan.orders, plan.brightest, 0
+        found: dict[int, Array] = {}
         for block in plan.blocks:
+            if block.orders[0] > max(found, default=left):
+                left = orders_left(plan, brightest, found, left)
             orders = block.orders[block.orders < left]
             if orders.size:
                 result = solve_block(plan, block, orders, run, tally, sized(progress, done, total))
@@ -72,9 +77,9 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
                 if orders[0] == 0:
                     flux_up[..., list(block.columns)] += result.flux_up
                     flux_down[..., list(block.columns)] += result.flux_down
-                if orders[0] == 0 and block.stokes[0] == 0 and not plan.fed_back:
+                if orders[0] == 0 and block.stokes[0] == 0:
                     brightest = np.maximum(brightest, brightness_of(result, block))
-                    left = min(left, orders_that_matter(plan.needs, request.tau, brightest, request.accuracy))
+                note(found, orders, result)
             done += int(block.orders.size)
             if progress is not None:
                 progress(done, total)
@@ -85,6 +90,7 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
         "threads": run.threads,
         "openmp": _core.HAS_OPENMP,
         "orders": len(tally.orders),
+        "unknowns": tally.unknowns,
         "orders_by": tally.by,
         "orders_repeated": statement_of(tally.repeated),
         **{name: float(value) for name, value in sorted(tally.residuals.items())},
@@ -109,11 +115,26 @@ def light_of(block: Block, orders: IntArray, result: Orders) -> Light:
     return Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), result.kernels)
 
 
+def note(found: dict[int, Array], orders: IntArray, result: Orders) -> None:
+    """Puts down the largest that each order has at each depth for each beam, (n_tau, n_in)."""
+    for order, kernels in zip(orders.tolist(), result.kernels, strict=True):
+        largest = np.abs(kernels).max(axis=(2, 3, 4), initial=0.0)
+        found[order] = np.maximum(found[order], largest) if order in found else largest
+
+
+def orders_left(plan: Plan, brightest: Array, found: dict[int, Array], left: int) -> int:
+    """How many orders matter, now that some are solved."""
+    if not plan.counts_again:
+        return left
+    bounds = calibrated(plan.needs, plan.bounds, found)
+    return min(left, orders_that_matter(bounds, brightest, plan.accuracy))
+
+
 def brightness_of(result: Orders, block: Block) -> Array:
-    """The brightest I of order 0 at each depth, for the beam that it is faintest of, (n_tau,)."""
+    """The brightest I of order 0 at each depth for each beam, (n_tau, n_in)."""
     lit = np.abs(block.problem.columns[:, 0])
     kernels = np.abs(result.kernels[0, :, :, int(np.argmax(lit)), :, 0])
-    brightest: Array = kernels.max(axis=2, initial=0.0).min(axis=1) / max(float(lit.max()), 1e-300)
+    brightest: Array = kernels.max(axis=2, initial=0.0) / max(float(lit.max()), 1e-300)
     return brightest
 
 
@@ -122,8 +143,9 @@ def solve_block(
 ) -> Orders:
     """The block's orders; what they took goes into the tally."""
     name, run = block.choice.name, worth_threads(run, block.problem, orders)
-    result, repeated = solve_orders(block.problem, block.base, orders, name, run, plan.request.accuracy, told)
+    result, repeated = solve_orders(block.problem, block.base, orders, name, run, plan.accuracy, told)
     tally.orders |= set(orders.tolist())
+    tally.unknowns += orders.size * block.problem.size
     tally.by[name] = tally.by.get(name, 0) + orders.size - len(repeated)
     if repeated:
         tally.by[OTHER[name]] = tally.by.get(OTHER[name], 0) + len(repeated)
@@ -131,7 +153,7 @@ def solve_block(
     for key, values in result.residuals.items():
         tally.residuals[key] = max(tally.residuals.get(key, 0.0), float(values.max()))
     if plan.request.verify:
-        compare(block, orders, result, repeated, run, plan.request.accuracy, tally)
+        compare(block, orders, result, repeated, run, plan.accuracy, tally)
     return result
 
 
@@ -206,11 +228,12 @@ def merged(result: Orders | None, again: Orders | None, places: list[int]) -> Or
     assert again is not None
     if result is None or len(places) == result.kernels.shape[0]:
         return again
-    result.kernels[places] = again.kernels
+    kernels = result.kernels if result.kernels.flags.writeable else result.kernels.copy()
+    kernels[places] = again.kernels
     kept = np.delete(np.arange(result.kernels.shape[0]), places)
     first = again if places[0] == 0 else result
     residuals = {name: values[kept] for name, values in result.residuals.items()} | again.residuals
-    return Orders(result.kernels, first.flux_up, first.flux_down, residuals)
+    return Orders(kernels, first.flux_up, first.flux_down, residuals)
 
 
 def concatenated(parts: list[Orders]) -> Orders:

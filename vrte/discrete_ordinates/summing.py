@@ -12,8 +12,8 @@ from vrte import _core
 from vrte.arrays import Array
 from vrte.discrete_ordinates.azimuths import Azimuths, cos_sin_deg
 from vrte.discrete_ordinates.memory import PIECE_BYTES
-from vrte.discrete_ordinates.problem import IntArray, Problem, Run
-from vrte.discrete_ordinates.single_scattering import add_base_reflected, scatterers
+from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
+from vrte.discrete_ordinates.single_scattering import add_base_reflected, scatter_by_orders, scatterers
 from vrte.scene import Scene
 
 WORTH_THREADS = 1e5  # bytes of a result: below, starting threads takes longer than the sums
@@ -83,13 +83,16 @@ def fill(
     kind = column_kinds(problem.columns)
     if sum(part.values.nbytes for part in parts) < WORTH_THREADS:
         run = replace(run, threads=1)
+    if not problem.leave_out.single:
+        lights = [*lights, singly_scattered(scene, problem, run)]
     sums = [prepare_sum(light, wanted, kind, azimuths, run) for light in lights]
     single = prepare_scattering(parts, wanted, scene, problem, kind, azimuths, run)
     for k, (first, last) in enumerate(pieces(wanted, azimuths.phi.size), 1):
         for part in parts:
             for add in sums:
                 add(part, first, last)
-            single(part, first, last)
+            if problem.leave_out.single:
+                single(part, first, last)
             begin = time.perf_counter()
             add_base_reflected(
                 scene.base,
@@ -173,6 +176,15 @@ def prepare_sum(light: Light, wanted: Wanted, kind: IntArray, azimuths: Azimuths
         )
 
     return add
+
+
+def singly_scattered(scene: Scene, problem: Problem, run: Run) -> Light:
+    """Single scattering by Fourier orders, where its closed form shall not be used."""
+    begin = time.perf_counter()
+    kernels = scatter_by_orders(scene.layers, problem)
+    run.book("single scattering", time.perf_counter() - begin)
+    orders, columns = (np.arange(kernels.shape[axis], dtype=np.int32) for axis in (0, 3))
+    return Light(orders, np.array(ALL, np.int32), columns, kernels)
 
 
 def prepare_scattering(

@@ -1,0 +1,281 @@
+"""The plan: what it leaves out changes nothing, what it says is what is done."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
+from vrte.discrete_ordinates.solver import Solution, solve
+from vrte.errors import SceneError
+from vrte.plan import Plan, make_plan
+from vrte.request import request_of
+from vrte.running import new_run
+
+from .test_discrete_ordinates import spheroids
+
+EXACT = 1e-13
+NAMES = [switch.name for switch in fields(LeaveOut)]
+LAMBERTIAN = vrte.Lambertian(0.3)
+GREY = vrte.PhaseMatrix(a1=vrte.henyey_greenstein(0.6, 24).coefficients[:, 0])
+
+
+@dataclass(frozen=True)
+class Case:
+    """Where something is left out: the name of its switch, the call, a word of the reason, and how far the answers may
+    differ, relative to the largest at each depth."""
+
+    name: str
+    kind: str
+    scene: vrte.Scene
+    keywords: dict[str, Any]
+    word: str
+    tolerance: float = EXACT
+
+
+def layer(phase_matrix: vrte.PhaseMatrix | None = None, albedo: float = 0.9, thickness: float = 1.0) -> vrte.Layer:
+    return vrte.Layer(phase_matrix or spheroids(), albedo, thickness)
+
+
+def table(**keywords: Any) -> dict[str, Any]:
+    """A small BRDF."""
+    return {"mu_i": [0.3, 0.8], "mu_o": [0.2, 0.55, 1.0], "phi": [0.0, 50.0, 310.0], "nodes": 8} | keywords
+
+
+def beam(**keywords: Any) -> dict[str, Any]:
+    """A small field."""
+    return {"mu0": 0.6, "mu": [0.5, 0.1, -0.3], "phi": [0.0, 70.0], "tau": [0.0, 0.7], "nodes": 8} | keywords
+
+
+TWICE = vrte.Scene([layer(), layer(GREY, 0.5), layer(thickness=0.5)], LAMBERTIAN)
+CLEAR = vrte.Scene([layer(), layer(GREY, 0.0, 0.8), layer(vrte.rayleigh(), 1.0)], LAMBERTIAN)
+ONE = vrte.Scene([layer()], LAMBERTIAN)
+ENDLESS = vrte.Scene([layer(thickness=np.inf)])
+FAR = [0.0, 400.0, 1000.0]
+
+CASES = [
+    Case("stokes", "brdf", vrte.Scene([layer(GREY)]), table(), "scatter I alone"),
+    Case("stokes", "brdf", vrte.Scene([layer(vrte.rayleigh())], LAMBERTIAN), table(), "b2 = 0 keeps V apart"),
+    Case("stokes", "radiance", ONE, beam(stokes=[1.0, 0.2, -0.1, 0.3]), "order 0 keeps I, Q and U, V apart"),
+    Case("columns", "radiance", ONE, beam(), "no k = 2 part"),
+    Case("columns", "radiance", ONE, beam(stokes=[0.0, 0.0, 0.0, 1.0]), "no k = 1 part"),
+    Case("columns", "brdf", ONE, table(), "right-hand sides without light"),
+    Case("orders", "brdf", ONE, table(nodes=16, accuracy=1e-6), "together they add less", 1e-6),
+    Case("orders", "radiance", ONE, beam(nodes=16, accuracy=1e-9), "together they add less", 1e-9),
+    Case("single", "brdf", ONE, table(transmission=True), "in closed form"),
+    Case("single", "radiance", CLEAR, beam(stokes=[1.0, 0.0, 0.5, -0.5], phi=[0.0, 200.0]), "in closed form"),
+    Case("fluxes", "radiance", ONE, beam(mu=[]), "fluxes alone"),
+    Case("normal", "brdf", ONE, table(mu_i=[1.0]), "normal incidence"),
+    Case("normal", "brdf", ONE, table(mu_o=1.0), "normal exit"),
+    Case("normal", "radiance", ONE, beam(mu0=1.0, stokes=[1.0, 0.3, 0.2, 0.1]), "normal incidence"),
+    Case("nodes", "brdf", ONE, table(nodes=24, accuracy=1e-7), "nodes near mu = 1", 1e-7),
+    Case("depth", "brdf", vrte.Scene([layer(albedo=0.6, thickness=200.0)]), table(), "optically infinite", 1e-8),
+    Case(
+        "depth",
+        "radiance",
+        vrte.Scene([layer(albedo=0.5, thickness=9.0), layer(thickness=20.0), layer(GREY)], LAMBERTIAN),
+        beam(accuracy=1e-6),
+        "below layer",
+        1e-6,
+    ),
+    Case("clear", "brdf", CLEAR, table(transmission=True, algorithm="modes"), "layer 2: no scattering"),
+    Case("clear", "radiance", CLEAR, beam(tau=[0.0, 1.4, 2.8], algorithm="doubling"), "layer 2: no scattering"),
+    Case("repeats", "brdf", TWICE, table(transmission=True, algorithm="modes"), "1 layer like another"),
+    Case("repeats", "radiance", TWICE, beam(tau=[0.0, 0.5], algorithm="doubling"), "2 slabs like another"),
+    Case(
+        "doublings",
+        "radiance",
+        vrte.Scene([layer(albedo=0.8, thickness=1000.0)], LAMBERTIAN),
+        beam(tau=FAR, algorithm="doubling"),
+        "once a slab passes less",
+    ),
+    Case("base", "brdf", ONE, table(transmission=True, algorithm="modes"), "beyond order 0"),
+    Case("base", "brdf", ONE, table(transmission=True, algorithm="doubling"), "beyond order 0"),
+    Case("base", "radiance", vrte.Scene([layer()]), beam(), "black"),
+    Case("azimuths", "brdf", ONE, table(phi=[0.0, 30.0, 330.0, 180.0, 390.0]), "2 of 5 azimuths"),
+    Case("symmetric", "brdf", vrte.Scene([layer(vrte.rayleigh())]), table(), "general eigensolver", 1e-8),
+    Case("symmetric", "radiance", ONE, beam(), "for order 0", 1e-8),
+    Case("halves", "brdf", ENDLESS, table(algorithm="invariance"), "half of each symmetric product"),
+]
+
+
+def planned(case: Case, leave_out: LeaveOut = EVERYTHING, **changes: Any) -> Plan:
+    request, _ = request_of(case.kind, case.scene, (), case.keywords | changes)
+    return make_plan(request, new_run(1), leave_out)
+
+
+def solved(case: Case, leave_out: LeaveOut = EVERYTHING) -> tuple[Plan, Solution]:
+    plan = planned(case, leave_out)
+    return plan, solve(plan, new_run(1))
+
+
+def all_but(name: str) -> LeaveOut:
+    return replace(EVERYTHING, **{name: False})
+
+
+def test_every_switch_has_a_case() -> None:
+    assert {case.name for case in CASES} == set(NAMES)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.name}-{case.word.replace(' ', '-')}")
+def test_what_is_left_out_changes_nothing(case: Case) -> None:
+    plan, found = solved(case)
+    fuller, expected = solved(case, all_but(case.name))
+    assert case.word in plan.as_dict()["left_out"][case.name]
+    assert case.name not in fuller.as_dict()["left_out"]
+    assert case.word in " ".join(str(plan).split())
+    # where fluxes alone are asked for, the directions are there for form's sake
+    for values, exact in [] if plan.request.fluxes_only else zip(found.parts, expected.parts, strict=True):
+        assert (difference(values, exact) <= case.tolerance).all()
+    values, exact = (np.stack([light.flux_up, light.flux_down]).sum(axis=-1) for light in (found, expected))
+    assert (np.abs(values - exact) <= case.tolerance * np.abs(exact).max(axis=(0, 2))[:, None]).all()
+
+
+def difference(values: np.ndarray, exact: np.ndarray) -> np.ndarray:
+    """The largest difference at each depth, relative to the largest Stokes parameter there, (n_level,)."""
+    axes = tuple(range(1, exact.ndim))
+    return np.abs(values - exact).max(axis=axes) / np.abs(exact).max(axis=axes)
+
+
+def test_transmission_that_nobody_asks_for_changes_no_reflection() -> None:
+    with_it, without = (vrte.brdf(ONE, **table(transmission=wanted)) for wanted in (True, False))
+    assert difference(with_it.mueller[None], without.mueller[None])[0] <= EXACT
+    assert "not asked for" in vrte.plan("brdf", ONE, **table()).as_dict()["left_out"]["transmission"]
+    assert "transmission" not in vrte.plan("brdf", ONE, **table(transmission=True)).as_dict()["left_out"]
+
+
+STEEP = {"mu_i": [0.99, 0.999], "mu_o": [0.9, 0.95], "phi": 180.0, "nodes": 8, "accuracy": 1e-6}
+EARLY = Case("orders", "brdf", vrte.Scene([layer(thickness=10.0)]), STEEP, "", 1e-6)
+
+
+def test_fewer_orders_where_order_0_is_bright() -> None:
+    plan, found = solved(EARLY)
+    assert found.diagnostics["orders"] < plan.orders
+    _, expected = solved(EARLY, all_but("orders"))
+    assert difference(found.parts[0], expected.parts[0])[0] <= EARLY.tolerance
+
+
+@pytest.mark.parametrize("case", [EARLY, CASES[0], CASES[2], CASES[6], CASES[11], CASES[15], CASES[20], CASES[-1]])
+def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Block after block, order after order, by the algorithms named; fewer orders only after order 0, as announced."""
+    import vrte.discrete_ordinates.solver as solver
+
+    done: list[tuple[Any, ...]] = []
+    original = solver.solve_orders
+
+    def watched(problem: Any, base: Any, orders: Any, name: str, *rest: Any) -> Any:
+        done.append((orders.tolist(), problem.stokes, problem.size, problem.albedo.size, problem.n_rhs, name))
+        return original(problem, base, orders, name, *rest)
+
+    monkeypatch.setattr(solver, "solve_orders", watched)
+    plan, found = solved(case)
+    facts = plan.as_dict()
+    said = [
+        (b["orders"], b["stokes"], b["unknowns"], b["layers"], b["right_hand_sides"], b["algorithm"])
+        for b in facts["blocks"]
+    ]
+    assert len(done) <= len(said)
+    for (orders, stokes, *numbers), (planned_orders, letters, *planned_numbers) in zip(done, said, strict=False):
+        assert orders == planned_orders[: len(orders)]
+        assert " ".join("IQUV"[k] for k in stokes) == letters
+        assert numbers == planned_numbers
+    solved_orders = sorted({order for orders, *_ in done for order in orders})
+    assert found.diagnostics["orders"] == len(solved_orders)
+    if solved_orders != facts["orders"]:
+        assert facts["orders_counted_again"]
+        assert "counted again" in str(plan)
+        assert solved_orders == facts["orders"][: len(solved_orders)]
+
+
+def test_no_work_is_done_for_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    import vrte.discrete_ordinates.routes as routes
+
+    for name in ("assemble", "homogeneous", "double_slabs", "reflect_endless"):
+        monkeypatch.setattr(routes, name, None)
+    for scene in (ONE, TWICE, ENDLESS):
+        assert "Predicted" in str(vrte.plan("brdf", scene, **table()))
+        assert "Predicted" in str(vrte.plan("radiance", scene, **beam()))
+
+
+def test_the_printed_plan() -> None:
+    text = str(vrte.plan("brdf", TWICE, **table(threads=2, nodes=24, verify=True)))
+    lines = text.splitlines()
+    assert lines[0] == ("Plan of brdf: 3 layers, base Lambertian; accuracy 1e-08 of the largest I, 24 nodes, 2 threads")
+    assert lines[1] == "2 mu_i, 3 mu_o, 3 phi, no transmission"
+    header = lines[3].split("  ")
+    assert [cell.strip() for cell in header if cell] == [
+        "orders",
+        "Stokes",
+        "nodes",
+        "layers",
+        "unknowns",
+        "right-hand sides",
+        "algorithm",
+        "operations",
+    ]
+    assert lines[4].split()[:7] == ["0", "I", "Q", "24", "3", "48", "4"]
+    assert max(map(len, lines)) <= 120
+    for word in ("Left out:", "Shared:", "- 1 layer like another", "auto: ", "verify: every block", "MB of memory"):
+        assert word in text
+
+
+def test_a_plan_of_fluxes_and_of_nodes() -> None:
+    text = str(vrte.plan("radiance", ONE, 0.6, mu=[], tau=[0.0, 1.0], nodes=8))
+    assert "fluxes alone, 2 depths" in text
+    assert "multiple scattering" not in text
+    assert "1 beam, 1 depth, 16 mu, 1 phi" in str(vrte.plan("radiance", ONE, 0.6, nodes=8))
+
+
+def test_as_dict_is_for_programs() -> None:
+    import json
+
+    facts = json.loads(json.dumps(vrte.plan("brdf", TWICE, **table()).as_dict()))
+    assert facts["orders"] == list(range(len(facts["orders"])))
+    assert facts["operations"] > sum(block["operations"] for block in facts["blocks"]) > 0.0
+    assert facts["memory_bytes"] > 8.0 * 2 * 3 * 3 * 16
+    assert set(facts["left_out"]) <= {*NAMES, "transmission"}
+
+
+def test_predicted_operations_grow_with_the_work() -> None:
+    few, many = (vrte.plan("brdf", ONE, **table(nodes=nodes)).as_dict() for nodes in (8, 16))
+    assert 4.0 < many["operations"] / few["operations"] < 16.0
+    scene = vrte.Scene([layer(), layer(GREY), layer()])
+    for algorithm in ("modes", "doubling"):
+        with_all, without = (
+            planned(Case("repeats", "brdf", scene, table(algorithm=algorithm), ""), leave_out).as_dict()["operations"]
+            for leave_out in (all_but("repeats"), EVERYTHING)
+        )
+        assert without < with_all
+
+
+def test_plan_takes_what_the_functions_take() -> None:
+    by_position = vrte.plan("brdf", ONE, [0.3, 0.8], [0.2, 0.55, 1.0], [0.0, 50.0, 310.0], nodes=8, threads=1)
+    assert str(by_position) == str(vrte.plan("brdf", ONE, **table(threads=1)))
+    assert vrte.plan("brdf", ONE, 0.5, 0.5, progress=print).request.mu0.tolist() == [0.5]
+    for kind, keywords in (("brdf", table()), ("radiance", beam())):
+        for wrong in (
+            {"nodes": 0},
+            {"accuracy": 2.0},
+            {"algorithm": "best"},
+            {"verify": 3},
+            {"phi": "x"},
+            {"threads": 0},
+        ):
+            with pytest.raises(SceneError) as said:
+                vrte.plan(kind, ONE, **keywords | wrong)
+            function: Callable[..., Any] = getattr(vrte, kind)
+            with pytest.raises(SceneError) as expected:
+                function(ONE, **keywords | wrong)
+            assert str(said.value) == str(expected.value)
+        with pytest.raises(TypeError, match="colour"):
+            vrte.plan(kind, ONE, **keywords, colour=1)
+    with pytest.raises(TypeError, match="mu_i"):
+        vrte.plan("brdf", ONE)
+    with pytest.raises(SceneError, match="scene must be"):
+        vrte.plan("brdf", None, 0.5, 0.5)
+    for kind in ("field", 3, None):
+        with pytest.raises(SceneError, match="kind must be 'brdf' or 'radiance'"):
+            vrte.plan(kind, ONE)  # type: ignore[arg-type]

@@ -1,0 +1,181 @@
+"""How many nodes a hemisphere a request needs: an estimate, and a check of it on the mean over azimuth of I alone."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.arrays import Array
+from vrte.discrete_ordinates.choice import THIN
+from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.needs import brightness, strongest_terms
+from vrte.discrete_ordinates.problem import ALL, Run
+from vrte.discrete_ordinates.routes import Doubling, Modes
+from vrte.errors import AccuracyError
+from vrte.scene import MuellerBase, Scene
+
+FEWEST, MOST = 4, 256
+LOWEST = 0.02  # |mu| that accuracy is promised for
+AIM, ALLOWED = 0.3, 0.5  # of the accuracy: what the estimate aims at, what the check allows
+DISCRETE = 0.5  # of the accuracy: what the discrete problem is solved to
+TERM = 0.3  # what a degree that the nodes do not carry changes, over its strength
+WIDER = 1.5  # the nodes that a number of nodes is checked with, over that number
+SLOWEST, FASTEST = 3.0, 12.0  # powers of the number of nodes that errors fall with
+BEAMS, DIRECTIONS, DEPTHS = 3, 5, 6  # of the check, at most
+OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # directions of the check where the nodes themselves are asked for
+FINEST = 1e-15  # accuracy of the check's solves
+NO_LIGHT = 1e-290
+
+AnyInt = NDArray[np.integer[Any]]
+Indicator = Callable[[int], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class NodeChoice:
+    """nodes a hemisphere; rule: how they were found; notes: why the accuracy cannot be promised, if it cannot."""
+
+    nodes: int
+    rule: str
+    notes: tuple[str, ...]
+
+
+def choose_nodes(scene: Scene, mu0: Array, mu: Array | None, tau: Array, accuracy: float, run: Run) -> NodeChoice:
+    """Nodes for an accuracy of the continuous problem; ``mu`` signed, None for the nodes themselves."""
+    directions = np.concatenate([OF_NODES, -OF_NODES]) if mu is None else mu
+    nodes = estimated_nodes(scene, mu0, directions, tau, accuracy)
+    found = indicator(scene, mu0, directions, tau, run)
+    error = error_of(found, nodes)
+    rule = f"estimate {nodes}: mean of I over azimuth right to {error:.1g}"
+    if error > ALLOWED * accuracy and nodes < MOST:
+        nodes = refined(found, nodes, error, accuracy)
+        error = error_of(found, nodes)
+        rule += f"; refined to {nodes}: right to {error:.1g}"
+    return NodeChoice(nodes, rule, tuple(reasons(scene, mu0, directions, nodes, error, accuracy)))
+
+
+def estimated_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, accuracy: float) -> int:
+    """The fewest whose relative error, as estimated, is a share of the accuracy."""
+    nodes = np.arange(FEWEST, MOST + 1)
+    lowest = max(LOWEST, min(float(mu0.min()), float(np.abs(mu).min())))
+    error = grazing(nodes, lowest) + TERM * unresolved(scene, nodes)
+    for length in lengths(scene, tau):
+        error = np.maximum(error, thin(nodes, length, lowest))
+    enough = np.flatnonzero(error <= AIM * accuracy)
+    return int(nodes[enough[0]]) if enough.size else MOST
+
+
+def grazing(nodes: AnyInt, lowest: float) -> Array:
+    """Error by directions of the lowest |mu|: as a function of mu' the light has a pole at -mu and a logarithm at 0."""
+    pole = 0.1 * np.exp(-4.0 * nodes * math.asinh(math.sqrt(lowest)))
+    logarithm = 20.0 * (LOWEST / lowest) ** 0.7 * nodes**-6.0
+    error: Array = pole + logarithm
+    return error
+
+
+def thin(nodes: AnyInt, length: float, lowest: float) -> Array:
+    """Error by e^(-length/mu), which falls between the lowest nodes where light has a short way to go."""
+    way = nodes * math.sqrt(length)
+    fall = 0.6 * np.exp(-way) if length >= 3.0 * lowest else 0.04 * np.exp(-1.15 * way)
+    error: Array = length * (2.0 * np.exp(-2.5 * way) + fall)
+    return error
+
+
+def unresolved(scene: Scene, nodes: AnyInt) -> Array:
+    """The strongest term, omega |B_l|/(2 l + 1), of the degrees l >= 2 N: those that so many nodes do not carry."""
+    albedo: dict[int, float] = {}
+    matrices = {id(layer.phase_matrix): layer.phase_matrix for layer in scene.layers}
+    for layer in scene.layers:
+        key = id(layer.phase_matrix)
+        albedo[key] = max(albedo.get(key, 0.0), layer.albedo if layer.thickness > 0.0 else 0.0)
+    strength = np.zeros(1 + max(matrix.terms for matrix in matrices.values()))
+    for key, matrix in matrices.items():
+        terms = strongest_terms(matrix.coefficients[None], np.array([albedo[key]]))[0]
+        strength[: terms.size] = np.maximum(strength[: terms.size], terms)
+    left: Array = strength[np.minimum(2 * nodes, strength.size - 1)]
+    return left
+
+
+def lengths(scene: Scene, tau: Array) -> list[float]:
+    """Short optical ways: the thickness of layers, the distance of depths from the nearest face of a layer."""
+    faces = np.concatenate([[0.0], np.cumsum([layer.thickness for layer in scene.layers])])
+    ways = np.concatenate([np.diff(faces), np.abs(tau[:, None] - faces).min(axis=1)])
+    return sorted({float(way) for way in ways if 0.0 < way < 10.0})
+
+
+def indicator(scene: Scene, mu0: Array, mu: Array, tau: Array, run: Run) -> Indicator:
+    """What solves the mean over azimuth of I, without polarization, for a few of the beams, directions and depths.
+
+    N -> radiance and flux/pi, (n_tau, n_in, ...), relative to the largest I there. With a base that mixes Stokes
+    parameters they are all kept.
+    """
+    beams = few(mu0, BEAMS)
+    directions = np.concatenate([few(mu[mu > 0.0], DIRECTIONS), few(mu[mu < 0.0], DIRECTIONS)])
+    depths = few(tau, DEPTHS)
+    base = scene.base if scene.base_is_reached else None
+    stokes = ALL if isinstance(base, MuellerBase) else (0,)
+    light = np.array([[1.0, 0.0, 0.0, 0.0]])
+    thinned = brightness(scene, discretise(scene, beams, light, directions, depths, FEWEST), directions, run)
+
+    def solve(nodes: int) -> tuple[Array, Array]:
+        problem = discretise(scene, beams, light, directions, depths, nodes)
+        problem = replace(problem, stokes=stokes, columns=np.ascontiguousarray(light[:, list(stokes)]))
+        thickness = float(problem.thickness[problem.albedo > 0.0].sum())
+        route = (Doubling if thickness < THIN else Modes)(problem, base, 1, FINEST)
+        result = route.solve(np.zeros(1, np.int32), run)
+        for name, residual in result.residuals.items():
+            if not residual[0] <= route.allowed[name]:
+                raise AccuracyError(f"{name} {residual[0]:.2g}")
+        radiance = result.kernels[0, :, :, 0, :, 0]
+        size = np.maximum(thinned, np.abs(radiance).max(axis=2, initial=0.0))[..., None]
+        flux = np.concatenate([result.flux_up, result.flux_down], axis=2) / np.pi
+        return np.concatenate([radiance, flux], axis=2), np.maximum(size, NO_LIGHT)
+
+    return solve
+
+
+def few(values: Array, count: int) -> Array:
+    """Some of the values, the lowest and the highest among them."""
+    ordered = np.unique(values)
+    places = np.unique(np.linspace(0, ordered.size - 1, min(count, ordered.size)).round().astype(int))
+    return np.ascontiguousarray(ordered[places])
+
+
+def error_of(found: Indicator, nodes: int) -> float:
+    """What so many nodes differ by from more of them; infinite where one of the numbers finds no answer."""
+    return gap(found, nodes, math.ceil(WIDER * nodes))
+
+
+def gap(found: Indicator, nodes: int, more: int) -> float:
+    """The largest relative difference that two numbers of nodes make."""
+    try:
+        (light, _), (better, size) = found(nodes), found(more)
+    except AccuracyError:
+        return math.inf
+    return float((np.abs(light - better) / size).max())
+
+
+def refined(found: Indicator, nodes: int, error: float, accuracy: float) -> int:
+    """Nodes by the rate that the error falls with, from fewer nodes to these."""
+    fewer = max(2, math.floor(nodes / WIDER))
+    before = gap(found, fewer, nodes)
+    if not (math.isfinite(error) and math.isfinite(before)):
+        return min(MOST, 2 * nodes)
+    rate = math.log(max(before / error, 1.0)) / math.log(nodes / fewer)
+    rate = min(max(rate, SLOWEST), FASTEST)
+    return min(MOST, math.ceil(nodes * (error / (AIM * accuracy)) ** (1.0 / rate)))
+
+
+def reasons(scene: Scene, mu0: Array, mu: Array, nodes: int, error: float, accuracy: float) -> Iterator[str]:
+    """Why the accuracy cannot be promised."""
+    lowest = min(float(mu0.min()), float(np.abs(mu).min()))
+    if lowest < LOWEST:
+        yield f"accuracy is promised for |mu| >= {LOWEST:g} and mu0 >= {LOWEST:g}, not for {lowest:.2g}"
+    left = TERM * float(unresolved(scene, np.array([nodes]))[0])
+    if left > accuracy:
+        terms = max(layer.phase_matrix.terms for layer in scene.layers)
+        yield f"{nodes} nodes do not carry the {terms} terms of the phase matrix: about {left:.1g} may be missing"
+    if error > ALLOWED * accuracy:
+        yield f"with {nodes} nodes, at most {MOST}, the mean of I over azimuth is right to {error:.1g} only"

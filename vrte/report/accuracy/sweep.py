@@ -1,0 +1,122 @@
+"""Requested against achieved accuracy: every scene at every request, against a reference of its own."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.brdf import brdf
+from vrte.field import radiance
+from vrte.report.accuracy.scenes import PHI, POLARIZED, Probe, probe
+
+GIVEN = tuple(10.0**-k for k in range(3, 12))
+CHOSEN = tuple(10.0**-k for k in range(3, 10))
+EXACT = 1e-15
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One request: ``given``, whether its nodes were; nodes and unknowns (Stokes parameters and nodes of all orders)
+    that it was solved with, orders; achieved, and what the reference is uncertain by; seconds; whether it was
+    promised; ``saved``: whether fewer unknowns did than for the finest request."""
+
+    scene: str
+    given: bool
+    requested: float
+    achieved: float
+    uncertain: float
+    nodes: int
+    orders: int
+    unknowns: int
+    seconds: float
+    promised: bool
+    saved: bool
+
+    @property
+    def slack(self) -> float:
+        """Requested over achieved."""
+        return self.requested / max(self.achieved, 1e-300)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Light of each beam at each depth, (depth, beam, values), the largest I, (depth, beam), fluxes over pi, (depth,
+    beam, up and down or one of them), and how they were found."""
+
+    light: Array
+    largest: Array
+    flux: Array
+    diagnostics: dict[str, Any]
+
+
+def answer(case: Probe, accuracy: float, nodes: int | None, algorithm: str = "auto") -> Answer:
+    """What is asked of the case."""
+    options: dict[str, Any] = {"accuracy": accuracy, "nodes": nodes, "algorithm": algorithm}
+    if case.tau:
+        field = radiance(case.scene, case.mu0[0], POLARIZED, case.signed_mu, PHI, case.tau, **options)
+        flux = np.stack([field.flux_up, field.flux_down], axis=-1)[:, None] / np.pi
+        light = field.stokes[:, None]
+        return Answer(light, np.abs(light[..., 0]).max(axis=(2, 3)), flux, field.diagnostics)
+    ends = bool(np.isfinite(case.scene.thickness))
+    found = brdf(case.scene, case.mu0, case.mu, PHI, transmission=ends, **options)
+    matrices = [found.mueller] + ([] if found.transmission is None else [found.transmission])
+    light = np.stack(matrices)
+    # of the transmitted light no flux is told
+    flux = np.stack([found.reflectance] + [np.zeros_like(found.reflectance)] * (len(matrices) - 1))[..., None] / np.pi
+    return Answer(light, np.abs(light[..., 0, 0]).max(axis=(2, 3)), flux, found.diagnostics)
+
+
+def difference(one: Answer, other: Answer) -> float:
+    """The largest of light and flux over pi, relative to the largest I of `other` at that depth for that beam."""
+    light = np.abs(one.light - other.light).max(axis=tuple(range(2, one.light.ndim)))
+    flux = np.abs(one.flux - other.flux).max(axis=2)
+    return float((np.maximum(light, flux) / np.maximum(other.largest, 1e-290)).max())
+
+
+def references(case: Probe, given: bool) -> tuple[Answer, float]:
+    """The finest answer, and what another one differs by: of two algorithms, or of two numbers of nodes."""
+    if given:
+        first, second = (answer(case, EXACT, case.nodes, name) for name in ("modes", "doubling"))
+    else:
+        first, second = (answer(case, EXACT, nodes, "auto") for nodes in case.more)
+    return second, difference(first, second)
+
+
+def sweep(names: Sequence[str], given: bool, requests: Sequence[float]) -> Iterator[Outcome]:
+    """Every scene at every request."""
+    for name in names:
+        case = probe(name)
+        right, uncertain = references(case, given)
+        nodes = case.nodes if given else None
+        finest = unknowns_of(answer(case, EXACT if given else min(requests), nodes))
+        for requested in requests:
+            found = answer(case, requested, nodes)
+            told = found.diagnostics
+            yield Outcome(
+                scene=name,
+                given=given,
+                requested=requested,
+                achieved=difference(found, right),
+                uncertain=uncertain,
+                nodes=told["nodes"],
+                orders=told["orders"],
+                unknowns=unknowns_of(found),
+                seconds=told["wall_seconds"],
+                promised=told.get("promised", True),
+                saved=unknowns_of(found) < finest,
+            )
+
+
+def unknowns_of(found: Answer) -> int:
+    """Of all orders."""
+    return int(found.diagnostics["unknowns"])
+
+
+def median_slack(outcomes: Sequence[Outcome]) -> float:
+    """Of requested over achieved, where a looser request did with less."""
+    return float(np.median([outcome.slack for outcome in outcomes if outcome.saved]))
+
+
+Tell = Callable[[Outcome], None]
