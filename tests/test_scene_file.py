@@ -61,7 +61,7 @@ def test_the_example_is_what_it_says() -> None:
 
 def test_defaults(read: Reader) -> None:
     file = read(SCENE, ("nodes = 12\n", ""), ('[base]\nkind = "lambertian"\nalbedo = 0.3\n', ""))
-    assert (file.nodes, file.scene.base) == (40, None)
+    assert (file.nodes, file.scene.base) == (None, None)
     assert set(file.request) == {"mu_i", "mu_o"}
 
 

@@ -1200,13 +1200,14 @@ def boundary_work(n, n_layer, n_rhs):
 
 def boundary(const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
              const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
-             const double[::1] thickness, const double[::1] mu0, const double[::1] above, const int[::1] base_row,
+             const int[::1] clear, const double[::1] thickness, const double[::1] mu0, const double[::1] above, const int[::1] base_row,
              const double[:, :, ::1] base, const double[:, :, ::1] base_source, double[:, :, :, ::1] even,
              double[:, :, :, ::1] odd, double[:, :, ::1] base_down, double[:, ::1] residual, int[::1] info, int threads,
              double[:, ::1] work, int[:, ::1] pivots, double[::1] seconds, const int[::1] stop):
     """The amplitudes of the even and odd modes of every layer.
 
-    thickness (layer,), inf allowed last; above (layer,): optical depth of each layer's top; base_row (order,): the
+    clear (layer,): not 0 for layers known not to scatter; thickness (layer,), inf allowed last; above (layer,): optical
+    depth of each layer's top; base_row (order,): the
     row of `base` (row, n, n) and `base_source` (row, n_rhs, n) of that order, or -1 for black: the base's operator
     and its reflection of the unattenuated beam, scaled and flipped. even, odd (order, layer, n_rhs, n); base_down
     (order, n_rhs, n): the scaled diffuse field that falls on the base; residual (order, layer): of the linear
@@ -1220,8 +1221,8 @@ def boundary(const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, con
             start = vrte_seconds()
             info[o] = boundary_one(
                 <int>X.shape[3], <int>X.shape[1], <int>mu0.shape[0], <int>c.shape[2], &lam_re[o, 0, 0], &lam_im[o, 0, 0],
-                &X[o, 0, 0, 0], &Y[o, 0, 0, 0], &c[o, 0, 0, 0], &zeta[o, 0, 0, 0], &thickness[0], &mu0[0], &above[0],
-                &base[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
+                &X[o, 0, 0, 0], &Y[o, 0, 0, 0], &c[o, 0, 0, 0], &zeta[o, 0, 0, 0], &clear[0], &thickness[0], &mu0[0],
+                &above[0], &base[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
                 &base_source[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
                 &even[o, 0, 0, 0], &odd[o, 0, 0, 0], &base_down[o, 0, 0], &residual[o, 0], &work[thread, 0],
                 &pivots[thread, 0])
@@ -1229,8 +1230,8 @@ def boundary(const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, con
 
 
 cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam_re, const double* lam_im, const double* X,
-                      const double* Y, const double* c, const double* zeta, const double* thickness, const double* mu0,
-                      const double* above, const double* base, const double* base_source, double* even, double* odd,
+                      const double* Y, const double* c, const double* zeta, const int* clear, const double* thickness,
+                      const double* mu0, const double* above, const double* base, const double* base_source, double* even, double* odd,
                       double* base_down, double* residual, double* work, int* pivots) noexcept nogil:
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, per_beam = <size_t>(n_rhs // n_in) * n
     cdef int layer, info
@@ -1259,6 +1260,10 @@ cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam
             for i in range(nr):
                 up[i] = base_source[i] * exp(-(above[n_layer - 1] + thickness[n_layer - 1]) / mu0[i // per_beam])
         for layer in range(n_layer - 1, -1, -1):
+            if clear[layer]:
+                join_clear_layer(n, n_rhs, lam_re + layer * n, thickness[layer], systems + 5 * layer * nn,
+                                 vectors + 5 * layer * nr, below, up)
+                continue
             info = join_layer(n, n_rhs, lam_re + layer * n, lam_im + layer * n, X + layer * nn, Y + layer * nn, thickness[layer], systems + 5 * layer * nn,
                               pivots + 2 * layer * n, pivots + 2 * n_layer * n, vectors + 5 * layer * nr, below, up,
                               scratch, spare)
@@ -1461,6 +1466,28 @@ cdef int join_layer(int n, int n_rhs, const double* lam_re, const double* lam_im
     memcpy(up, spare, sizeof(double) * nr)
     product(b"N", b"N", n, n_rhs, n, 1.0, T, n, spare + nr, n, 1.0, up, n)
     return info
+
+
+cdef void join_clear_layer(int n, int n_rhs, const double* lam_re, double thickness, double* systems, double* vectors,
+                           double* below, double* up) noexcept nogil:
+    """join_layer where nothing scatters: R = 0, T = e^(-thickness/mu), and the beam has no field of its own."""
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs
+    cdef int i, j
+    cdef double passed
+    cdef double* T = systems + 3 * nn
+    memset(systems + 2 * nn, 0, sizeof(double) * 2 * nn)
+    for i in range(n):
+        T[<size_t>i * n + i] = exp(-thickness * sqrt(lam_re[i]))
+    memcpy(systems + 4 * nn, below, sizeof(double) * nn)
+    memset(vectors + 3 * nr, 0, sizeof(double) * nr)
+    memcpy(vectors + 4 * nr, up, sizeof(double) * nr)
+    for j in range(n):
+        passed = T[<size_t>j * n + j]
+        for i in range(n):
+            below[<size_t>j * n + i] *= passed * T[<size_t>i * n + i]
+    for j in range(n_rhs):
+        for i in range(n):
+            up[<size_t>j * n + i] *= T[<size_t>i * n + i]
 
 
 cdef double amplitudes(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X, const double* Y,

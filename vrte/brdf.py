@@ -95,9 +95,9 @@ def brdf(
 ) -> Brdf:
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
-    Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``threads``, ``progress``,
-    ``algorithm``, ``verify`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without
-    end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
+    Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
+    ``progress``, ``algorithm``, ``verify`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer
+    without end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))

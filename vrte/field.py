@@ -113,11 +113,13 @@ def radiance(
     Parameters: ``mu0``, the beam's positive cosine; ``stokes``, its flux vector perpendicular to it; ``mu``, signed
     cosines (default: the nodes, up and down); ``phi``, degrees from the beam's heading; ``tau``, optical depths;
     ``nodes`` a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for
-    single scattering); ``threads``, default all usable CPUs; ``progress``, called with (orders done, orders);
-    ``algorithm``, "modes" (eigenvectors), "doubling" (impedance doubling, no eigenproblem) or "auto", which takes one
-    by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``. Raises SceneError for bad
-    input, AccuracyError where neither algorithm can vouch for its answer. Source: Collin, Pattanaik, Bouatouch,
-    section 2.
+    single scattering); ``accuracy``, relative to the largest I at each depth: of the discrete problem where nodes are
+    given (default 1e-8), of the continuous one where the plan chooses them (default 1e-6; ``diagnostics["promised"]``
+    and ``["notes"]`` say where it cannot be promised); ``threads``, default all usable CPUs; ``progress``, called with
+    (orders done, orders); ``algorithm``, "modes" (eigenvectors), "doubling" (impedance doubling, no eigenproblem) or
+    "auto", which takes one by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``.
+    Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer. Source: Collin,
+    Pattanaik, Bouatouch, section 2.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])

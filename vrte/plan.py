@@ -68,7 +68,7 @@ class Plan:
 
     @property
     def counts_again(self) -> bool:
-        """Whether the orders are counted once more with the light that order 0 found."""
+        """Whether the orders are counted once more with the light that the first of them found."""
         return self.problem.leave_out.orders and not self.fed_back
 
     def diagnostics(self) -> dict[str, Any]:
@@ -102,8 +102,8 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
 
     Parameters: ``kind``, "brdf" or "radiance"; all else as that function takes it. ``print(plan)`` shows the Fourier
     orders and what each block of them costs, what is left out and why, the predicted operations and memory;
-    ``plan.as_dict()`` has the same for programs. Raises SceneError for bad input, TypeError for a keyword that the
-    function does not have.
+    ``plan.as_dict()`` has the same for programs. Without ``nodes`` they are chosen, by a small solve. Raises
+    SceneError for bad input, TypeError for a keyword that the function does not have.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])
@@ -128,7 +128,7 @@ def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> P
     if leave_out != EVERYTHING:
         problem = replace(problem, leave_out=leave_out)
     needs = needs_of(problem, run)
-    brightest = brightness(scene, problem, mu, run)
+    brightest = brightness(scene, problem, mu, request.phi, run)
     bounds = bounds_at(needs, request.tau)
     base = scene.base if scene.base_is_reached else None
     stages: tuple[int, ...] = ()
@@ -158,7 +158,7 @@ def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
     """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
     if request.nodes is not None:
         return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
-    asked = request.scene, request.mu0, request.mu, request.tau, request.accuracy
+    asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
     choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
     run.book("choice of nodes", time.perf_counter() - begin)

@@ -50,6 +50,7 @@ def facts_of(plan: "Plan") -> dict[str, Any]:
         "kind": request.kind,
         "accuracy": request.accuracy,
         "nodes": int(problem.nodes.size),
+        "nodes_rule": plan.choice.rule,
         "threads": plan.threads,
         "orders": sorted({order for block in blocks for order in block["orders"]}),
         "orders_counted_again": plan.counts_again,
@@ -74,7 +75,7 @@ def facts_of_block(plan: "Plan", block: Block) -> dict[str, Any]:
         "right_hand_sides": block.problem.n_rhs,
         "algorithm": block.choice.name,
         "reason": block.choice.reason,
-        "operations": operations_of_block(block, plan.needs.strength[block.orders], plan.request.accuracy),
+        "operations": operations_of_block(block, plan.needs.strength[block.orders], plan.accuracy),
     }
 
 
@@ -111,10 +112,10 @@ def reasons_of(blocks: Sequence[dict[str, Any]]) -> list[str]:
 
 def remarks(plan: "Plan") -> list[str]:
     """What may happen besides."""
-    found = list(plan.notes)
+    found = [*plan.notes] if plan.request.nodes is not None else [f"nodes: {plan.choice.rule}", *plan.notes]
     if plan.counts_again and plan.orders > 1:
         found.append(
-            "After order 0 the orders are counted again with the light found: fewer may be solved, never more."
+            "The orders are counted again with the light that the first ones bring: fewer may be solved, never more."
         )
     if plan.request.verify:
         others = sorted({OTHER[block.choice.name] for block in plan.blocks})
@@ -308,9 +309,7 @@ def why_symmetric(plan: "Plan") -> str:
     orders = [
         order
         for block in plan.blocks
-        if block.choice.name == "modes"
-        and is_symmetric(block.problem)
-        and is_quick(block.problem, plan.request.accuracy)
+        if block.choice.name == "modes" and is_symmetric(block.problem) and is_quick(block.problem, plan.accuracy)
         for order in block.orders.tolist()
     ]
     return (
@@ -340,7 +339,9 @@ def shared(plan: "Plan") -> list[str]:
         found.append(f"the matrices of each order: one solution for up to {sides} right-hand sides")
     scattering = [id(layer.phase_matrix) for layer in plan.request.scene.layers if layer.albedo > 0.0]
     if len(set(scattering)) < len(scattering):
-        found.append(f"single scattering: {len(set(scattering))} phase matrices for {len(scattering)} layers")
+        count = len(set(scattering))
+        table = "phase matrix" if count == 1 else "phase matrices"
+        found.append(f"single scattering: {count} {table} for {len(scattering)} layers")
     if plan.request.tau.size > 1:
         found.append(f"each order's solution: all {plan.request.tau.size} depths")
     return found

@@ -40,6 +40,7 @@ def boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base:
         modes.Y,
         beam.c,
         beam.zeta,
+        np.where((problem.albedo == 0.0) & problem.leave_out.clear, 1, 0).astype(np.int32),
         problem.thickness,
         problem.mu0,
         problem.above,

@@ -20,7 +20,8 @@ LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see
 WORTH_THREADS = 1e6  # spherical functions: a few milliseconds
 ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
 CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found
-SAFETY = 2.0  # times what was found: orders to come are bounded by no less
+SAFETY = 3.0  # times what was found: orders to come are bounded by no less
+STEEPER = 5.0  # fall from one order to the next, over the one seen, that a bound is not trusted with
 LOOKED_AT = 3  # orders that bounds are compared with, from order 1 on
 
 
@@ -60,12 +61,12 @@ def needs_of(problem: Problem, run: Run) -> Needs:
     return Needs(by_layer, by_layer.max(axis=0), bounds, effect)
 
 
-def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
-    """Singly scattered I per unit of incident light, seen along a few of the directions ``mu``: the brightest at each
-    depth for each beam, (n_tau, n_in). Never more than the light there is."""
-    out, into = mu[spread(mu.size)], problem.mu0
+def brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
+    """Singly scattered I per unit of incident light, seen along a few of the directions ``mu`` and azimuths ``phi``
+    (degrees): the brightest at each depth for each beam, (n_tau, n_in). Never more than the light there is."""
+    out, into, angles = mu[spread(mu.size)], problem.mu0, np.radians(phi[spread(phi.size)])
     levels = np.arange(problem.level.size, dtype=np.int32)
-    light = np.zeros((levels.size, into.size, out.size, 2, 4, 1))
+    light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
     for coefficients, path in scatterers(scene.layers, problem, levels, out):
         run.timed(
             "planning",
@@ -74,10 +75,10 @@ def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
             path,
             into,
             out,
-            np.array([1.0, -1.0]),
-            np.zeros(2),
-            np.arange(2, dtype=np.int32),
-            np.ones(2),
+            np.cos(angles),
+            np.sin(angles),
+            np.arange(angles.size, dtype=np.int32),
+            np.ones(angles.size),
             np.array([[1.0, 0.0, 0.0, 0.0]]),
             np.zeros(1, np.int32),
             np.zeros(1, np.int32),
@@ -85,7 +86,7 @@ def brightness(scene: Scene, problem: Problem, mu: Array, run: Run) -> Array:
             into.size,
             light,
             1,
-            run.work(_core.scattering_work(1, 2)),
+            run.work(_core.scattering_work(1, angles.size)),
         )
     brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0)
     return brightest
@@ -134,16 +135,20 @@ def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
     showed of them, (order, n_tau, n_in).
 
     found: the largest of each order solved, (n_tau, n_in). The bounds are compared less their factor 1/(1 - q), which
-    falls with the order and is the careful part. Nothing is lowered before there are two orders but 0 to look at.
+    falls with the order and is the careful part. Nothing is lowered before there are two orders but 0 to look at, nor
+    where the bound of the next one falls much more steeply than light did so far: it is careful in another way then.
     """
     orders = sorted(order for order in found if order > 0)[-LOOKED_AT:]
-    if len(orders) < 2:
+    if len(orders) < 2 or orders[-1] + 1 >= bounds.shape[0]:
         return bounds
     alone = bounds[orders] * (1.0 - np.minimum(needs.strength[orders], ALMOST_ONE))[:, None, None]
     seen = np.stack([found[order] for order in orders])
     share = (seen / np.maximum(alone, 1e-300)).max(axis=0)
-    known = np.isfinite(bounds)
-    lowered: Array = np.where(known, np.where(known, bounds, 0.0) * np.minimum(1.0, SAFETY * share), np.inf)
+    fall = (seen[1:] / np.maximum(seen[:-1], 1e-300)).max(axis=0)
+    trusted = STEEPER * share * bounds[orders[-1] + 1] >= np.minimum(fall, 1.0) * seen[-1]
+    lowered = np.broadcast_to(bounds, (bounds.shape[0], *share.shape)).copy()
+    factor = np.where(trusted, np.minimum(1.0, SAFETY * share), 1.0)
+    np.multiply(bounds, factor, out=lowered, where=np.isfinite(bounds))
     lowered[: orders[-1] + 1] = bounds[: orders[-1] + 1]
     return lowered
 

@@ -3,12 +3,11 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vrte.arrays import Array
+from vrte.blas import single_threaded
 from vrte.discrete_ordinates.choice import THIN
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import brightness, strongest_terms
@@ -28,8 +27,8 @@ BEAMS, DIRECTIONS, DEPTHS = 3, 5, 6  # of the check, at most
 OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # directions of the check where the nodes themselves are asked for
 FINEST = 1e-15  # accuracy of the check's solves
 NO_LIGHT = 1e-290
+BYTES_A_NODE, CHECKED_BYTES = 64.0, 4e8  # of a layer in the check, over the nodes squared; of all layers, at most
 
-AnyInt = NDArray[np.integer[Any]]
 Indicator = Callable[[int], tuple[Array, Array]]
 
 
@@ -42,23 +41,29 @@ class NodeChoice:
     notes: tuple[str, ...]
 
 
-def choose_nodes(scene: Scene, mu0: Array, mu: Array | None, tau: Array, accuracy: float, run: Run) -> NodeChoice:
+def choose_nodes(
+    scene: Scene, mu0: Array, mu: Array | None, phi: Array, tau: Array, accuracy: float, run: Run
+) -> NodeChoice:
     """Nodes for an accuracy of the continuous problem; ``mu`` signed, None for the nodes themselves."""
     directions = np.concatenate([OF_NODES, -OF_NODES]) if mu is None else mu
     nodes = estimated_nodes(scene, mu0, directions, tau, accuracy)
-    found = indicator(scene, mu0, directions, tau, run)
-    error = error_of(found, nodes)
-    rule = f"estimate {nodes}: mean of I over azimuth right to {error:.1g}"
-    if error > ALLOWED * accuracy and nodes < MOST:
-        nodes = refined(found, nodes, error, accuracy)
+    if BYTES_A_NODE * len(scene.layers) * (WIDER * nodes) ** 2 > CHECKED_BYTES:
+        note = f"so many layers that the estimate of {nodes} nodes is not checked"
+        return NodeChoice(nodes, f"estimate {nodes}, not checked", (note,))
+    with single_threaded():
+        found = indicator(scene, mu0, directions, phi, tau, run)
         error = error_of(found, nodes)
-        rule += f"; refined to {nodes}: right to {error:.1g}"
+        rule = f"estimate {nodes}: mean of I over azimuth right to {error:.1g}"
+        if error > ALLOWED * accuracy and nodes < MOST:
+            nodes = refined(found, nodes, error, accuracy)
+            error = error_of(found, nodes)
+            rule += f"; refined to {nodes}: right to {error:.1g}"
     return NodeChoice(nodes, rule, tuple(reasons(scene, mu0, directions, nodes, error, accuracy)))
 
 
 def estimated_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, accuracy: float) -> int:
     """The fewest whose relative error, as estimated, is a share of the accuracy."""
-    nodes = np.arange(FEWEST, MOST + 1)
+    nodes = np.arange(FEWEST, MOST + 1.0)
     lowest = max(LOWEST, min(float(mu0.min()), float(np.abs(mu).min())))
     error = grazing(nodes, lowest) + TERM * unresolved(scene, nodes)
     for length in lengths(scene, tau):
@@ -67,7 +72,7 @@ def estimated_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, accuracy: f
     return int(nodes[enough[0]]) if enough.size else MOST
 
 
-def grazing(nodes: AnyInt, lowest: float) -> Array:
+def grazing(nodes: Array, lowest: float) -> Array:
     """Error by directions of the lowest |mu|: as a function of mu' the light has a pole at -mu and a logarithm at 0."""
     pole = 0.1 * np.exp(-4.0 * nodes * math.asinh(math.sqrt(lowest)))
     logarithm = 20.0 * (LOWEST / lowest) ** 0.7 * nodes**-6.0
@@ -75,7 +80,7 @@ def grazing(nodes: AnyInt, lowest: float) -> Array:
     return error
 
 
-def thin(nodes: AnyInt, length: float, lowest: float) -> Array:
+def thin(nodes: Array, length: float, lowest: float) -> Array:
     """Error by e^(-length/mu), which falls between the lowest nodes where light has a short way to go."""
     way = nodes * math.sqrt(length)
     fall = 0.6 * np.exp(-way) if length >= 3.0 * lowest else 0.04 * np.exp(-1.15 * way)
@@ -83,7 +88,7 @@ def thin(nodes: AnyInt, length: float, lowest: float) -> Array:
     return error
 
 
-def unresolved(scene: Scene, nodes: AnyInt) -> Array:
+def unresolved(scene: Scene, nodes: Array) -> Array:
     """The strongest term, omega |B_l|/(2 l + 1), of the degrees l >= 2 N: those that so many nodes do not carry."""
     albedo: dict[int, float] = {}
     matrices = {id(layer.phase_matrix): layer.phase_matrix for layer in scene.layers}
@@ -94,7 +99,7 @@ def unresolved(scene: Scene, nodes: AnyInt) -> Array:
     for key, matrix in matrices.items():
         terms = strongest_terms(matrix.coefficients[None], np.array([albedo[key]]))[0]
         strength[: terms.size] = np.maximum(strength[: terms.size], terms)
-    left: Array = strength[np.minimum(2 * nodes, strength.size - 1)]
+    left: Array = strength[np.minimum(2 * nodes, strength.size - 1).astype(int)]
     return left
 
 
@@ -105,7 +110,7 @@ def lengths(scene: Scene, tau: Array) -> list[float]:
     return sorted({float(way) for way in ways if 0.0 < way < 10.0})
 
 
-def indicator(scene: Scene, mu0: Array, mu: Array, tau: Array, run: Run) -> Indicator:
+def indicator(scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: Run) -> Indicator:
     """What solves the mean over azimuth of I, without polarization, for a few of the beams, directions and depths.
 
     N -> radiance and flux/pi, (n_tau, n_in, ...), relative to the largest I there. With a base that mixes Stokes
@@ -117,7 +122,7 @@ def indicator(scene: Scene, mu0: Array, mu: Array, tau: Array, run: Run) -> Indi
     base = scene.base if scene.base_is_reached else None
     stokes = ALL if isinstance(base, MuellerBase) else (0,)
     light = np.array([[1.0, 0.0, 0.0, 0.0]])
-    thinned = brightness(scene, discretise(scene, beams, light, directions, depths, FEWEST), directions, run)
+    single = brightness(scene, discretise(scene, beams, light, directions, depths, FEWEST), directions, phi, run)
 
     def solve(nodes: int) -> tuple[Array, Array]:
         problem = discretise(scene, beams, light, directions, depths, nodes)
@@ -129,7 +134,7 @@ def indicator(scene: Scene, mu0: Array, mu: Array, tau: Array, run: Run) -> Indi
             if not residual[0] <= route.allowed[name]:
                 raise AccuracyError(f"{name} {residual[0]:.2g}")
         radiance = result.kernels[0, :, :, 0, :, 0]
-        size = np.maximum(thinned, np.abs(radiance).max(axis=2, initial=0.0))[..., None]
+        size = np.maximum(single, np.abs(radiance).max(axis=2, initial=0.0))[..., None]
         flux = np.concatenate([result.flux_up, result.flux_down], axis=2) / np.pi
         return np.concatenate([radiance, flux], axis=2), np.maximum(size, NO_LIGHT)
 
@@ -173,7 +178,7 @@ def reasons(scene: Scene, mu0: Array, mu: Array, nodes: int, error: float, accur
     lowest = min(float(mu0.min()), float(np.abs(mu).min()))
     if lowest < LOWEST:
         yield f"accuracy is promised for |mu| >= {LOWEST:g} and mu0 >= {LOWEST:g}, not for {lowest:.2g}"
-    left = TERM * float(unresolved(scene, np.array([nodes]))[0])
+    left = TERM * float(unresolved(scene, np.array([float(nodes)]))[0])
     if left > accuracy:
         terms = max(layer.phase_matrix.terms for layer in scene.layers)
         yield f"{nodes} nodes do not carry the {terms} terms of the phase matrix: about {left:.1g} may be missing"

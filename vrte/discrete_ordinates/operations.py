@@ -7,13 +7,13 @@ from vrte.discrete_ordinates.azimuths import Azimuths
 from vrte.discrete_ordinates.blocks import Block
 from vrte.discrete_ordinates.choice import STEPS_ENDLESS, operations_of_invariance, operations_of_modes
 from vrte.discrete_ordinates.problem import Problem
-from vrte.discrete_ordinates.slabs import cut, distinct_materials, materials_of, only
+from vrte.discrete_ordinates.slabs import cut, materials_of, only
 from vrte.discrete_ordinates.summing import Wanted
 
 PRODUCTS_A_STEP = 6.0  # of a doubling, its inverse included
 PRODUCTS_BESIDE = 16.0  # start, reflection and transmission, and the check by invariance
 JOINT = 8.0  # products where two slabs meet
-BOUNDARY = 8.0  # operations over n^3 where two layers meet
+BOUNDARY = 14.0  # operations over n^3 of a layer that meets another
 A_TERM = 12.0  # of six series in closed form
 
 
@@ -27,12 +27,12 @@ def operations_of_block(block: Block, strength: Array, accuracy: float) -> float
 
 
 def operations_of_layers(problem: Problem) -> float:
-    """Of an order by modes: those of each material that scatters, and where two layers meet."""
+    """Of an order by modes: those of each material that scatters, and of layers that meet others."""
     materials, _ = materials_of(problem)
-    _, kinds = distinct_materials(problem)
+    scatters = (problem.albedo > 0.0) | (not problem.leave_out.clear)
     solved = [k for k in range(materials.albedo.size) if materials.albedo[k] > 0.0 or not problem.leave_out.clear]
-    joints = BOUNDARY * (kinds.size - 1) * float(problem.size) ** 3
-    return joints + (operations_of_modes(only(materials, solved)) if solved else 0.0)
+    joined = BOUNDARY * float(problem.size) ** 3 * int(scatters.sum()) if scatters.size > 1 else 0.0
+    return joined + (operations_of_modes(only(materials, solved)) if solved else 0.0)
 
 
 def operations_of_doubling(problem: Problem) -> float:

@@ -24,7 +24,6 @@ from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.request import MOST_NODES
 from vrte.scene import MOST_LAYERS, Lambertian, Layer, Scene
 
-DEFAULT_NODES = 40
 LARGEST_FILE = 10_000_000  # bytes
 # a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
 LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
@@ -58,13 +57,14 @@ class SceneFile:
     """What a scene file holds.
 
     ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``;
-    ``nodes`` is the number of nodes in a hemisphere, ``particles`` the kinds that the layers hold, by name.
+    ``nodes`` is the number of nodes in a hemisphere, None where the plan chooses it, ``particles`` the kinds that the
+    layers hold, by name.
     """
 
     scene: Scene
     kind: str
     request: dict[str, Any]
-    nodes: int
+    nodes: int | None
     particles: dict[str, Particles]
 
     def located(self, message: str) -> str:
@@ -90,7 +90,7 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None) -> SceneFi
     file = Table("", _toml(read_text(path, LARGEST_FILE)), FILE_KEYS)
     kind = _kind(file, kind)
     request = _request(file, kind)
-    nodes = file.whole("nodes", 1, MOST_NODES) if "nodes" in file else DEFAULT_NODES
+    nodes = file.whole("nodes", 1, MOST_NODES) if "nodes" in file else None
     particles = _Particles(file, _particle_tables(file))
     return SceneFile(_scene(file, particles, Path(path).parent), kind, request, nodes, particles.computed)
 

@@ -1,0 +1,19 @@
+"""Requested against achieved accuracy, scene by scene: `python -m vrte.report.accuracy -o FOLDER`."""
+
+from vrte.report.accuracy.page import as_text, write_pages
+from vrte.report.accuracy.scenes import PROBES, Probe, probe
+from vrte.report.accuracy.sweep import CHOSEN, GIVEN, Outcome, median_slack, quick_names, sweep
+
+__all__ = [
+    "CHOSEN",
+    "GIVEN",
+    "PROBES",
+    "Outcome",
+    "Probe",
+    "as_text",
+    "median_slack",
+    "probe",
+    "quick_names",
+    "sweep",
+    "write_pages",
+]

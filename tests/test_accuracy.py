@@ -1,0 +1,192 @@
+"""Accuracy: what is requested is achieved, without too much care, with nodes given and with nodes chosen."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vrte
+from tests import exact
+from vrte.discrete_ordinates import needs, node_choice, solver
+from vrte.discrete_ordinates.problem import Run
+from vrte.discrete_ordinates.routes import Orders
+from vrte.report import accuracy
+from vrte.report.accuracy.__main__ import main
+
+QUICK_GIVEN = ("HG 0.5, thickness 1", "spheroids, field", "gold powder, without end", "two layers over a base")
+QUICK_CHOSEN = ("HG 0.5, thickness 1", "Rayleigh, thickness 10, field")
+
+
+def check(outcomes: Sequence[accuracy.Outcome]) -> None:
+    """Never above what was requested, and not far below where something could be left out."""
+    assert not [accuracy.as_text(outcome) for outcome in outcomes if not outcome.kept]
+    assert all(outcome.promised for outcome in outcomes)
+    assert max(outcome.uncertain for outcome in outcomes) < 3e-10
+    assert accuracy.median_slack(outcomes) < 100.0
+
+
+def test_requested_is_achieved_on_given_nodes() -> None:
+    check(list(accuracy.sweep(QUICK_GIVEN, True, accuracy.GIVEN[::4])))
+
+
+def test_requested_is_achieved_on_chosen_nodes() -> None:
+    check(list(accuracy.sweep(QUICK_CHOSEN, False, accuracy.CHOSEN[::2])))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("given", [True, False])
+def test_requested_is_achieved_everywhere(given: bool) -> None:
+    outcomes = list(accuracy.sweep(tuple(accuracy.PROBES), given, accuracy.GIVEN if given else accuracy.CHOSEN))
+    assert len(accuracy.PROBES) >= 12
+    # references on many nodes are good to 4e-10: at a request of 1e-9 that is what is compared with
+    check(outcomes if given else [replace(outcome, uncertain=0.0) for outcome in outcomes])
+
+
+def mie(radius_um: float, index: complex = 1.45) -> vrte.PhaseMatrix:
+    return vrte.spheres(index, radius_um=radius_um, wavelength_um=0.6).phase_matrix
+
+
+@pytest.mark.parametrize(
+    "layers",
+    [
+        [vrte.Layer(vrte.henyey_greenstein(0.6, 41), 0.1, 80.0), vrte.Layer(vrte.rayleigh(), 0.99, 0.01)],
+        [vrte.Layer(vrte.rayleigh(), 0.99, 0.01), vrte.Layer(vrte.henyey_greenstein(0.6, 41), 0.1, 80.0)],
+        [vrte.Layer(mie(0.25), 0.1, 0.4), vrte.Layer(mie(0.1), 0.99, 0.2)],
+        [vrte.Layer(mie(0.8, 1.6), 0.9, 0.64)],
+    ],
+)
+@pytest.mark.parametrize("requested", [2e-3, 3e-6, 3e-9])
+def test_orders_to_come_are_not_judged_by_a_layer_of_other_particles(
+    layers: list[vrte.Layer], requested: float
+) -> None:
+    """The strong layer's bounds stop at order 2, far too careful for it: the weak one's go on, and are not."""
+    scene, mu = vrte.Scene(layers), [0.25, 0.4, 0.6]
+    call = {"mu0": 0.1, "mu": mu, "phi": [0.0, 45.0, 92.0], "nodes": 24}
+    right = exact.radiance(scene, **call).stokes
+    got = vrte.radiance(scene, accuracy=requested, **call).stokes
+    assert np.abs(got - right).max() <= requested * right[..., 0].max()
+
+
+def test_one_azimuth_alone_is_compared_with_its_own_light() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.8, 90), 0.3, 1.0)])
+    for phi in (0.0, 90.0, 180.0):
+        call = {"mu0": 0.1, "mu": 0.1, "phi": phi, "nodes": 45}
+        right, got = exact.radiance(scene, **call).stokes, vrte.radiance(scene, accuracy=1e-4, **call).stokes
+        assert np.abs(got - right).max() <= 1e-4 * right[..., 0].max()
+
+
+def chosen(scene: vrte.Scene, accuracy: float = 1e-6, mu0: float = 0.5, tau: float = 0.0) -> node_choice.NodeChoice:
+    mu, phi = np.array([0.05, 0.5, 1.0]), np.zeros(1)
+    return node_choice.choose_nodes(scene, np.array([mu0]), mu, phi, np.array([tau]), accuracy, Run(1))
+
+
+def rayleigh(thickness: float) -> vrte.Scene:
+    return vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, thickness)])
+
+
+def test_nodes_follow_accuracy_terms_thickness_and_grazing_light() -> None:
+    counts = [chosen(rayleigh(1.0), accuracy).nodes for accuracy in (1e-3, 1e-5, 1e-7, 1e-9)]
+    assert counts == sorted(set(counts))
+    assert chosen(rayleigh(0.01)).nodes > 2 * chosen(rayleigh(1.0)).nodes
+    assert chosen(rayleigh(1.0), tau=0.01).nodes > chosen(rayleigh(1.0)).nodes
+    assert chosen(rayleigh(1.0), mu0=0.02).nodes > chosen(rayleigh(1.0)).nodes
+    peaked = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.85, 142), 0.9, 1.0)])
+    assert chosen(peaked).nodes > 1.5 * chosen(rayleigh(1.0)).nodes
+
+
+def test_a_wrong_estimate_is_found_and_mended(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = chosen(rayleigh(1.0))
+    monkeypatch.setattr(node_choice, "estimated_nodes", lambda *_: 6)
+    found = chosen(rayleigh(1.0))
+    assert "estimate 6" in found.rule
+    assert f"refined to {found.nodes}" in found.rule
+    assert not found.notes
+    assert 0.5 * right.nodes < found.nodes < 4 * right.nodes
+
+
+@pytest.mark.parametrize(
+    ("scene", "mu0", "accuracy", "word"),
+    [
+        (rayleigh(1.0), 0.001, 1e-6, "not for 0.001"),
+        (rayleigh(1e-4), 0.5, 1e-9, "at most 40"),
+        (vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.98, 1200), 0.9, 1.0)]), 0.5, 1e-6, "1200 terms"),
+    ],
+)
+def test_what_cannot_be_promised_is_said(
+    scene: vrte.Scene, mu0: float, accuracy: float, word: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(node_choice, "MOST", 40)
+    found = chosen(scene, accuracy, mu0)
+    assert any(word in note for note in found.notes)
+    assert found.nodes <= 40
+
+
+def test_so_many_layers_are_not_checked() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)] * 10_000)
+    found = chosen(scene)
+    assert "not checked" in found.rule
+    assert "not checked" in found.notes[0]
+
+
+def lobe(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
+    shape = np.broadcast_shapes(mu_i.shape, mu_o.shape, phi_deg.shape)
+    f = 0.1 * (1.0 + mu_i * mu_o * np.cos(np.radians(phi_deg)))
+    return np.broadcast_to(f, shape)[..., None, None] * np.diag([1.0, 0.5, 0.5, 0.2])
+
+
+@pytest.mark.parametrize("base", [None, vrte.Lambertian(0.4), vrte.MuellerBase(lobe)])
+def test_the_result_says_how_its_nodes_were_found(base: vrte.Lambertian | vrte.MuellerBase | None) -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.5)], base)
+    call = {"mu0": 0.5, "mu": [0.1, 0.8, -0.3], "phi": [0.0, 60.0]}
+    found, right = vrte.radiance(scene, **call), exact.radiance(scene, nodes=64, **call)
+    told = found.diagnostics
+    assert told["promised"]
+    assert told["notes"] == []
+    assert f"estimate {told['nodes']}" in told["nodes_rule"]
+    assert told["stages"]["choice of nodes"]["wall_seconds"] > 0.0
+    assert np.abs(found.stokes - right.stokes).max() <= 1e-6 * right.stokes[..., 0].max()
+    assert right.diagnostics["nodes_rule"] == "as asked for"
+
+
+def test_directions_are_the_nodes_that_were_chosen() -> None:
+    field = vrte.radiance(rayleigh(1.0), 0.5)
+    assert field.mu.size == 2 * field.diagnostics["nodes"]
+    assert field.diagnostics["promised"]
+
+
+def test_nothing_is_lowered_before_two_orders_are_known() -> None:
+    found = {0: np.full((1, 1), 1e-9), 1: np.full((1, 1), 1e-9)}
+    bounds = 0.1 ** np.arange(5.0)[:, None, None]
+    known = needs.Needs(np.full(5, 0.1), np.ones(5), np.ones((5, 2)))
+    assert np.array_equal(needs.calibrated(known, bounds, found), bounds)
+    lowered = needs.calibrated(known, bounds, found | {2: np.full((1, 1), 1e-10)})
+    assert (lowered[3:] < bounds[3:]).all()
+    assert np.array_equal(lowered[:3], bounds[:3])
+
+
+def test_read_only_kernels_are_mended() -> None:
+    """Those of the invariance route may be views of one depth."""
+    ones, none = np.ones((2, 1, 1, 1, 1, 1)), np.zeros((1, 1, 1))
+    first = Orders(np.broadcast_to(ones, (2, 3, 1, 1, 1, 1)), none, none, {"a": np.zeros(2)})
+    again = Orders(np.full((1, 3, 1, 1, 1, 1), 2.0), none, none, {"b": np.zeros(1)})
+    both = solver.merged(first, again, [1])
+    assert both.kernels[:, 0, 0, 0, 0, 0].tolist() == [1.0, 2.0]
+    assert ones.max() == 1.0
+
+
+def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    first = accuracy.Outcome("a", True, 1e-3, 1e-5, 1e-14, 8, 3, 96, 0.1, True, True)
+    outcomes = [first, replace(first, requested=1e-4, achieved=2e-4), replace(first, given=False, promised=False)]
+    pretended = iter([outcomes[:2], outcomes[2:]])
+    monkeypatch.setattr(accuracy, "sweep", lambda *_: next(pretended))
+    assert main(["-o", str(tmp_path), "--quick"]) == 1
+    assert "NOT KEPT" in capsys.readouterr().out
+    with (tmp_path / "accuracy.csv").open() as file:
+        assert [row["achieved"] for row in csv.DictReader(file)] == ["1e-05", "0.0002", "1e-05"]
+    page = (tmp_path / "accuracy.md").read_text()
+    assert "2 requests, 1 not kept" in page
+    assert "(8, 3) ?" in page
+    assert (tmp_path / "accuracy.png").stat().st_size < 90_000
