@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -69,6 +70,20 @@ def test_brdf_20_20_37(gold: vrte.Scene, against_floor: Measure) -> None:
         eigenproblems(gold, 40, 41),
     )
     assert ratio <= 0.5
+
+
+def test_tiny_scene() -> None:
+    """A scalar scene, 8 nodes, one direction: the Python around the core counts. Median of 200 calls."""
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 16), 0.9, 1.0)])
+    vrte.radiance(scene, 0.6, mu=0.5, nodes=8)
+    seconds = []
+    for _ in range(200):
+        start = time.perf_counter()
+        vrte.radiance(scene, 0.6, mu=0.5, nodes=8)
+        seconds.append(time.perf_counter() - start)
+    milliseconds = 1e3 * float(np.median(seconds))
+    print(f"\na call on a tiny scene: {milliseconds:.2f} ms")
+    assert milliseconds < 1.0
 
 
 def test_brdf_peak_memory() -> None:

@@ -480,12 +480,12 @@ def bounds_work(n_all, n_term):
 
 
 def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
-                 const double[::1] directions, const double[::1] weights, int n_out, double[::1] strength,
+                 const double[::1] directions, const double[::1] weights, int n_out, double[:, ::1] strength,
                  double[::1] bounds, double[:, ::1] effect, int threads, double[:, ::1] work, double[::1] seconds,
                  const int[::1] stop):
     """What multiple scattering can do, order by order, before anything is solved.
 
-    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. strength (order,): the
+    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. strength (layer, order): the
     norm q of one scattering, the largest omega |B_l|/(2 l + 1) of the degrees l >= m; bounds (order,): what all light
     scattered at least twice adds, times 1 - q, to the radiance of one order for a unit beam: with the norm of L2 over
     depth and direction, u v sqrt(mu0/mu)/(16 pi), where u and v are the norms of A^m's row to an outgoing direction and
@@ -500,7 +500,7 @@ def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, con
         if not stop[0]:
             start = vrte_seconds()
             order_bound(m, polar, n_term, <int>coefficients.shape[0], &coefficients[0, 0, 0], &terms[0], &albedo[0],
-                        &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], n_out, &strength[m],
+                        &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], n_out, &strength[0, m],
                         &bounds[m], &effect[m, 0], &work[thread, 0])
             seconds[thread] += vrte_seconds() - start
 
@@ -526,7 +526,8 @@ cdef void order_bound(int m, bint polar, int n_term, int n_layer, const double* 
     cdef double worst_u, worst_v, factor, out_factor, in_factor
     cdef const double* p
     cdef double* norm
-    strength[0] = bound[0] = 0.0
+    cdef double* q
+    bound[0] = 0.0
     memset(effect, 0, sizeof(double) * n_node)
     spherical(m, n_term, polar, directions, n_all, prt)
     for l in range(m, n_term):
@@ -542,11 +543,13 @@ cdef void order_bound(int m, bint polar, int n_term, int n_layer, const double* 
         into[l] = largest_of(n_all - n_node - n_out, norm + n_node + n_out)
     for layer in range(n_layer):
         worst_u = worst_v = 0.0
+        q = strength + <size_t>layer * n_term
+        q[0] = 0.0
         memset(u, 0, sizeof(double) * 3 * n_all)
         for l in range(m, terms[layer]):
             norm = norms + <size_t>l * n_all
             size[l] = albedo[layer] * norm_of_coefficients(coefficients + (<size_t>layer * n_term + l) * 6)
-            strength[0] = max(strength[0], size[l] / (2.0 * l + 1.0))
+            q[0] = max(q[0], size[l] / (2.0 * l + 1.0))
             factor = 2.0 / (2.0 * l + 1.0) * size[l] * size[l]
             out_factor, in_factor = size[l] * out[l], size[l] * into[l]
             for i in range(n_all):
@@ -561,6 +564,50 @@ cdef void order_bound(int m, bint polar, int n_term, int n_layer, const double* 
         bound[0] = max(bound[0], sqrt(worst_u * worst_v) / (16.0 * PI))
         for i in range(n_node):
             effect[i] = max(effect[i], weights[i] * to_out[i] * to_in[i] / (8.0 * PI))
+
+
+def bounds_at(const double[::1] strength, const double[::1] bounds, const double[::1] depth, const double[::1] decays):
+    """What multiple scattering of each order adds at most at each depth, (order, n_tau).
+
+    An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
+    bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))), the least of it for kappa = decays (1 - q).
+    """
+    cdef int n_order = <int>strength.shape[0], n_tau = <int>depth.shape[0], m, t, d
+    cdef double[:, ::1] out = np.zeros((n_order, n_tau))
+    cdef double q, kappa, rest, least
+    for m in range(n_order):
+        if not bounds[m] > 0.0:
+            continue
+        q = min(strength[m], 1.0)
+        for t in range(n_tau):
+            least = INFINITY
+            for d in range(<int>decays.shape[0]):
+                kappa = decays[d] * (1.0 - q)
+                rest = 1.0 - kappa - q
+                if rest > 0.0:
+                    least = min(least, exp(-kappa * depth[t]) / rest)
+            out[m, t] = bounds[m] * least
+    return np.asarray(out)
+
+
+def nodes_seen(const double[::1] strength, const double[:, ::1] effect, double allowed, double largest_gain):
+    """How many nodes, from the lowest mu, each order needs (order,): what passes by way of the others is less than
+    `allowed`. All for order 0; no more than the order before."""
+    cdef int n_order = <int>effect.shape[0], n_node = <int>effect.shape[1], m, count, most = 1
+    cdef int[::1] seen = np.empty(n_order, np.int32)
+    cdef double lost, gain
+    for m in range(n_order - 1, -1, -1):
+        gain = 1.0 / max(1.0 - strength[m], sqrt(1.0 / largest_gain))
+        lost = 0.0
+        count = n_node
+        while count > 0:
+            lost += effect[m, count - 1] * gain * gain
+            if not lost <= allowed:
+                break
+            count = count - 1
+        most = max(most, count)
+        seen[m] = most if m > 0 else n_node
+    return np.asarray(seen)
 
 
 def assembly_work(n_all, n_term, stokes):
@@ -3313,6 +3360,53 @@ def series_table(const double[:, :] coefficients):
         table[l, 9], table[l, 10] = coefficients[l, 4], coefficients[l, 5]
         table[l, 11], table[l, 12] = coefficients[l, 1] + coefficients[l, 2], coefficients[l, 1] - coefficients[l, 2]
     return np.asarray(table)
+
+
+def path_integrals(const double[::1] above, const double[::1] thickness, const double[::1] level,
+                   const int[::1] level_layer, const int[::1] chosen, const double[::1] mu0, const double[::1] mu):
+    """Optical path integrals of one scattering in each layer, (layer, chosen, n_in, n_mu); mu signed, > 0 up.
+
+    The integral of e^(-t/mu0) e^(-|t - tau|/|mu|) dt/|mu| over the part of the layer that light at tau comes from.
+    above, thickness (layer,); level, level_layer (n_tau,): depths below the top of a layer; chosen: which of them.
+    """
+    cdef int n_layer = <int>above.shape[0], n_in = <int>mu0.shape[0], n_mu = <int>mu.shape[0], layer, place, i, j, at
+    cdef double[:, :, :, ::1] out = np.zeros((n_layer, chosen.shape[0], n_in, n_mu))
+    cdef double depth, length, start, way, rate, rate_in
+    with nogil:
+        for place in range(<int>chosen.shape[0]):
+            at = level_layer[chosen[place]]
+            depth = level[chosen[place]]
+            for layer in range(n_layer):
+                way = path_between(layer, at, depth, &thickness[0])
+                for i in range(n_in):
+                    rate_in = 1.0 / mu0[i]
+                    for j in range(n_mu):
+                        if mu[j] > 0.0 and layer >= at:        # light going up comes from below tau
+                            rate = 1.0 / mu[j]
+                            start = above[layer] + depth if layer == at else above[layer]
+                            length = thickness[layer] - depth if layer == at else thickness[layer]
+                            out[layer, place, i, j] = (exp(-start * rate_in - way * rate) * -expm1(-length * (rate_in + rate))
+                                                       * rate / (rate_in + rate))
+                        elif mu[j] < 0.0 and layer <= at:
+                            rate = -1.0 / mu[j]
+                            length = depth if layer == at else thickness[layer]
+                            if length > 0.0:
+                                out[layer, place, i, j] = (length * rate * exp(-above[layer] * rate_in - way * rate)
+                                                           * exp_difference(make(-length * rate_in, 0.0), make(-length * rate, 0.0)).real)
+    return np.asarray(out)
+
+
+cdef double path_between(int layer, int at, double depth, const double* thickness) noexcept nogil:
+    """Optical depth between a level and the nearer face of a layer, 0 inside it: a sum of thicknesses, never a difference
+    of depths, whose last place would be seen along a cosine of 1e-8."""
+    cdef int i
+    cdef double way
+    if layer == at:
+        return 0.0
+    way = thickness[at] - depth if layer > at else depth
+    for i in range(min(layer, at) + 1, max(layer, at)):
+        way += thickness[i]
+    return way
 
 
 def scattering_work(n_col, n_angle):

@@ -13,6 +13,7 @@ from vrte.errors import SceneError
 Array = NDArray[np.float64]
 
 MOST_NUMBERS = 100_000_000  # of one argument: beyond, to look at them all would take all the memory
+EXACT = 2**53  # whole numbers below are doubles
 SHOWN = 80  # characters of a value in an error message
 
 
@@ -58,7 +59,7 @@ def numbers(name: str, values: Any) -> Array:
 
 def vector(name: str, values: Any) -> Array:
     """A read-only, finite 1-D array; a scalar becomes one of length 1."""
-    array = frozen(np.atleast_1d(numbers(name, values)))
+    array = frozen([values] if type(values) is float else np.atleast_1d(numbers(name, values)))
     if array.ndim != 1 or array.size == 0:
         raise SceneError(f"{name} must be a number or a non-empty 1-D list, not of shape {array.shape}")
     if not np.all(np.isfinite(array)):
@@ -117,6 +118,8 @@ def real(value: Any) -> float:
     """
     if type(value) is float:
         return value
+    if type(value) is int and abs(value) < EXACT:
+        return float(value)
     array = _real(value)
     if array.ndim:
         raise TypeError("not one number")

@@ -9,7 +9,7 @@ import numpy as np
 from vrte.arrays import Array, frozen, settled
 from vrte.discrete_ordinates.problem import Progress
 from vrte.field import freeze
-from vrte.request import brdf_request, solver_options
+from vrte.request import brdf_request, operations_of, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 from vrte.solving import solved
@@ -107,7 +107,7 @@ def brdf(
     """
     options = solver_options(nodes, accuracy, algorithm, verify, truncation)
     request, out = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
-    into, run = request.mu0, new_run(threads)
+    into, run = request.mu0, new_run(threads, operations_of(request))
     _, solution = interruptible(run, lambda: solved(request, run, progress))
     # (1, n_in, n_mu, n_phi, 4, column)
     matrices = [settled(values)[0] for values in solution.parts]

@@ -9,7 +9,7 @@ import numpy as np
 from vrte.arrays import Array, frozen, is_settled, settled
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
-from vrte.request import radiance_request, solver_options
+from vrte.request import operations_of, radiance_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 from vrte.solving import solved
@@ -130,7 +130,7 @@ def radiance(
     """
     options = solver_options(nodes, accuracy, algorithm, verify, truncation)
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
-    run = new_run(threads)
+    run = new_run(threads, operations_of(request))
     plan, solution = interruptible(run, lambda: solved(request, run, progress))
     levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
     return Field(

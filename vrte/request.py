@@ -1,5 +1,6 @@
 """What a user asks for, checked before any work."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
@@ -12,7 +13,7 @@ from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
 from vrte.optics.truncation import CHOICES
-from vrte.scene import Scene
+from vrte.scene import MuellerBase, Scene
 
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
@@ -20,6 +21,7 @@ LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
 FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
 DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi", "transmission"), "radiance": ("mu0", "stokes", "mu", "phi", "tau")}
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
+SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, by modes and by doubling
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,22 @@ class Request:
     verify: bool
     truncation: str
     fluxes_only: bool = False
+
+
+def operations_of(request: Request) -> float:
+    """Predicted of a request, roughly, whichever way it is solved; infinite where that takes a plan to say."""
+    scene, mu = request.scene, request.mu
+    if isinstance(scene.base, MuellerBase) or request.nodes is None or mu is None:
+        return math.inf
+    scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
+    unknowns = float(request.nodes if scalar else 4 * request.nodes)
+    terms = max(layer.phase_matrix.terms for layer in scene.layers)
+    orders = min(terms, 2 * request.nodes)
+    beams, directions = request.mu0.size * request.columns.shape[0], mu.size * request.tau.size
+    per_n3 = SOLVING if request.algorithm in ("auto", "modes") and not request.verify else DOUBLING
+    solving = per_n3 * unknowns**3 + 4.0 * unknowns**2 * (beams + mu.size) + 100.0 * unknowns * directions * (1 + beams)
+    summing = (10.0 * terms + 20.0 * orders) * directions * beams * (32 + request.phi.size)
+    return len(scene.layers) * (orders * solving + summing)
 
 
 def check_scene(scene: Any) -> Scene:
@@ -76,7 +94,7 @@ def stokes_vector(values: Any) -> Array:
 
 def depths(values: Any, scene: Scene) -> Array:
     """Optical depths from 0 to the scene's total."""
-    given = numbers("tau", values)
+    given = values if type(values) is float else numbers("tau", values)
     if np.isinf(given).any():
         raise SceneError("tau must be finite, also inside a layer without end")
     array = vector("tau", given)

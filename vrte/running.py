@@ -1,6 +1,7 @@
 """How a solve runs: threads, progress, and Ctrl-C."""
 
 import atexit
+import math
 import os
 import threading
 import time
@@ -12,6 +13,7 @@ from vrte.arrays import whole
 from vrte.discrete_ordinates.problem import Run
 
 Result = TypeVar("Result")
+BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
 PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
 
 
@@ -22,16 +24,21 @@ def usable_cpus() -> int:
     return os.cpu_count() or 1
 
 
-def new_run(threads: int | None) -> Run:
-    """A run on `threads` threads, all usable CPUs for None."""
-    return Run(usable_cpus() if threads is None else whole("threads", threads, 1, 4096))
+def new_run(threads: int | None, operations: float = math.inf) -> Run:
+    """A run on `threads` threads, all usable CPUs for None; a brief one has no thread but the one it is called in."""
+    count = usable_cpus() if threads is None else whole("threads", threads, 1, 4096)
+    brief = operations < (BRIEF if count > 1 else BRIEF_ALONE)
+    return Run(1 if brief else count, brief=brief)
 
 
 def interruptible(run: Run, call: Callable[[], Result]) -> Result:
     """call() in a thread of its own while this one waits, so that Ctrl-C reaches the compiled loops.
 
-    The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own.
+    The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own. A brief call
+    goes without: its loops are over before anyone waits for them, and start no threads.
     """
+    if run.brief:
+        return call()
     box: dict[str, Any] = {}
     done = (
         threading.Event()

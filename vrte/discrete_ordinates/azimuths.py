@@ -36,7 +36,8 @@ def fold(phi: Array, mirror: bool = True) -> Azimuths:
     """
     turn = np.remainder(phi, 360.0)
     mirrored = (turn > 180.0) & mirror
-    distinct, angle = np.unique(np.where(mirrored, 360.0 - turn, turn), return_inverse=True)
+    turned = np.where(mirrored, 360.0 - turn, turn)
+    distinct, angle = np.unique(turned, return_inverse=True) if phi.size > 1 else (turned, np.zeros(1, np.int32))
     return Azimuths(phi, distinct, angle.astype(np.int32), np.where(mirrored, -1.0, 1.0))
 
 

@@ -1,17 +1,18 @@
 """Fourier orders that are solved alike: the same Stokes parameters, nodes, layers and algorithm."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from vrte.arrays import Array
 from vrte.discrete_ordinates.choice import Choice, choose
-from vrte.discrete_ordinates.needs import Needs, layer_strengths, layers_reached, nodes_seen, stokes_sets
+from vrte.discrete_ordinates.needs import Needs, layers_reached, nodes_seen, stokes_sets
 from vrte.discrete_ordinates.problem import ALL, IntArray, Problem
 from vrte.scene import Lambertian, MuellerBase
 
 Base = Lambertian | MuellerBase | None
-SMALL = 40  # unknowns a hemisphere: below, calls cost more than nodes
+WORTH_A_BLOCK = 4e4  # cubes of unknowns: their time is that of one more block's calls
 STEPS = 10  # numbers of nodes that orders are sorted into
 
 
@@ -28,8 +29,7 @@ class Block:
     choice: Choice
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """What makes two orders alike; ``stage``: how many times what was found is looked at before they are solved;
     ``straight``: the Stokes parameters that light them along the normal."""
 
@@ -54,16 +54,21 @@ def make_blocks(
     """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
     fed_back, leave_out = isinstance(base, MuellerBase), problem.leave_out
     everywhere = fed_back or not leave_out.nodes
-    nodes = node_counts(problem, nodes_seen(needs, brightest, accuracy), everywhere).tolist()
-    layers, has_end = layers_reached(problem, layer_strengths(problem), accuracy)
-    sets = stokes_sets(problem)
+    sets = stokes_sets(problem) if leave_out.stokes and not fed_back else [(ALL,)] * problem.coefficients.shape[1]
+    nodes = [problem.nodes.size] * len(sets)
+    if not everywhere:
+        needed = nodes_seen(needs, brightest, accuracy)[: orders.size]
+        nodes = node_counts(
+            problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)
+        )
+    layers, has_end = layers_reached(problem, needs.by_layer, accuracy)
     along_normal = leave_out.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
     to_the_end = problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))
     parts: dict[Part, list[int]] = {}
     for order in orders.tolist():
         reached = (layers[order], has_end[order]) if leave_out.depth and not fed_back else to_the_end
         stage, straight = sum(order >= first for first in stages), lit_by(order) if along_normal else ALL
-        for stokes in sets[order] if leave_out.stokes and not fed_back else (ALL,):
+        for stokes in sets[order]:
             parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)
     blocks = []
     for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
@@ -79,16 +84,23 @@ def make_blocks(
     return blocks
 
 
-def node_counts(problem: Problem, seen: IntArray, all_nodes: bool) -> IntArray:
-    """Nodes of each order, of few different numbers, alike for orders that threads do side by side."""
-    total = problem.nodes.size
-    if all_nodes or 4 * total <= SMALL:
-        return np.full(seen.size, total, np.int32)
+def node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
+    """Nodes of each order of at most so many Stokes parameters: of few different numbers, alike for orders that threads
+    do side by side, and fewer than before only where that saves more than one more block's calls take."""
+    if seen.size * (float(stokes) * total) ** 3 <= WORTH_A_BLOCK:
+        return [total] * seen.size
     step = max(1, -(-total // STEPS))
-    rounded = np.minimum(total, -(-seen // step) * step)
+    rounded = np.clip(-(-seen // step) * step, 1, total)
     evens = rounded[2::2]
     evens[:] = rounded[1::2][: evens.size]  # orders 1 and 2 alike, 3 and 4, ...
-    return np.maximum(rounded, 1).astype(np.int32)
+    now = total
+    for fewer in np.unique(rounded)[::-1].tolist():
+        below = rounded <= fewer
+        if np.count_nonzero(below) * float(stokes) ** 3 * (float(now) ** 3 - float(fewer) ** 3) > WORTH_A_BLOCK:
+            now = fewer
+        rounded[rounded == fewer] = now
+    counts: list[int] = rounded.tolist()
+    return counts
 
 
 def lit_by(order: int) -> tuple[int, ...]:

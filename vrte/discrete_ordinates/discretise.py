@@ -59,6 +59,8 @@ def place_levels(tau: Array, above: Array, thickness: Array, total: float) -> tu
 
     What lies within rounding of an interface lies on it: along a cosine of 1e-8 the last place of 1 is a path of 2e-8.
     """
+    if thickness[0] > 0.0 and not tau.any():
+        return np.zeros(tau.size), np.zeros(tau.size, np.int32)
     at = np.clip(np.searchsorted(above, tau, side="right") - 1, 0, None).astype(np.int32)
     at[tau >= total] = above.size - 1
     level = np.clip(tau - above[at], 0.0, thickness[at])

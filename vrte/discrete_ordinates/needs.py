@@ -27,8 +27,10 @@ LOOKED_AT = 3  # orders that bounds are compared with, from order 1 on
 
 @dataclass(frozen=True, eq=False)
 class Needs:
-    """strength, bounds (order,), effect (order, node): see `order_bounds` in _core.pyx."""
+    """by_layer (layer, order), its largest, strength (order,), bounds (order,), effect (order, node): see
+    `order_bounds` in _core.pyx."""
 
+    by_layer: Array
     strength: Array
     bounds: Array
     effect: Array
@@ -37,7 +39,8 @@ class Needs:
 def needs_of(problem: Problem, run: Run) -> Needs:
     """Strength of each order, and bounds on what it adds and on what passes by way of each node."""
     n_order, directions = int(problem.terms.max()), problem.directions
-    needs = Needs(np.empty(n_order), np.empty(n_order), np.empty((n_order, problem.nodes.size)))
+    by_layer = np.empty((problem.albedo.size, n_order))
+    bounds, effect = np.empty(n_order), np.empty((n_order, problem.nodes.size))
     if directions.size * n_order**2 < WORTH_THREADS:
         run = replace(run, threads=1)
     run.timed(
@@ -49,13 +52,13 @@ def needs_of(problem: Problem, run: Run) -> Needs:
         directions,
         problem.weights,
         problem.mu_out.size,
-        needs.strength,
-        needs.bounds,
-        needs.effect,
+        by_layer,
+        bounds,
+        effect,
         run.threads,
         run.work(_core.bounds_work(directions.size, n_order)),
     )
-    return needs
+    return Needs(by_layer, by_layer.max(axis=0), bounds, effect)
 
 
 def brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
@@ -91,6 +94,7 @@ def brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) 
     return brightest
 
 
+@cache
 def spread(count: int) -> IntArray:
     """A few places among ``count``, first and last included."""
     places: IntArray = np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(np.int32))
@@ -124,14 +128,7 @@ def bounds_at(needs: Needs, depth: Array) -> Array:
     An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
     bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
     """
-    strength = np.minimum(needs.strength, 1.0)[:, None, None]
-    kappa = DECAYS * (1.0 - strength)
-    rest = (1.0 - kappa) - strength
-    fading = np.exp(-kappa * depth[None, :, None])
-    alone = needs.bounds[:, None]
-    factor = np.where(rest > 0.0, fading / np.where(rest > 0.0, rest, 1.0), np.inf).min(axis=2)
-    with np.errstate(invalid="ignore"):
-        bounds: Array = np.where(alone > 0.0, alone * factor, 0.0)
+    bounds: Array = _core.bounds_at(needs.strength, needs.bounds, depth, DECAYS)
     return bounds[..., None]
 
 
@@ -160,17 +157,8 @@ def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
 
 def nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
     """How many nodes, from the lowest mu, each order needs: what passes by way of the others is less than a share."""
-    gain = 1.0 / np.maximum(1.0 - needs.strength, LARGEST_GAIN**-0.5) ** 2
-    lost = np.cumsum(needs.effect[:, ::-1], axis=1) * gain[:, None]
     allowed = SHARE * accuracy * brightest / needs.strength.size
-    seen: IntArray = (needs.effect.shape[1] - (lost <= allowed).sum(axis=1)).astype(np.int32)
-    seen[0] = needs.effect.shape[1]
-    return np.maximum.accumulate(seen[::-1])[::-1]
-
-
-def layer_strengths(problem: Problem) -> Array:
-    """q of each layer alone, (layer, order): the largest omega |B_l|/(2 l + 1) of the degrees l >= m."""
-    return strongest_terms(problem.coefficients, problem.albedo)
+    return _core.nodes_seen(needs.strength, needs.effect, allowed, LARGEST_GAIN)
 
 
 def strongest_terms(coefficients: Array, albedo: Array) -> Array:
@@ -191,6 +179,9 @@ def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple
     """
     deepest, n_layer, n_order = int(problem.level_layer.max()), problem.albedo.size, strengths.shape[1]
     start = float(problem.level[problem.level_layer == deepest].max())
+    enough = -0.5 * math.log(SHARE * accuracy)
+    if 0.8 * (float(problem.thickness[deepest:].sum()) - start) < enough:  # no light fades that much on the way
+        return [n_layer] * n_order, [True] * n_order
     layers, has_end = np.full(n_order, n_layer), np.full(n_order, not math.isinf(problem.thickness[-1]))
     path, gain, left = np.zeros(n_order), np.ones(n_order), np.ones(n_order, bool)
     for layer in range(deepest, n_layer):
@@ -199,7 +190,7 @@ def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple
         gain = np.maximum(gain, (0.2 + 0.8 * q) / (0.2 * (1.0 - q)))
         length = min(float(problem.thickness[layer]), 1e300) - (start if layer == deepest else 0.0)
         path = path + kappa * length
-        found = left & (path >= np.log(gain) - 0.5 * math.log(SHARE * accuracy))
+        found = left & (path >= np.log(gain) + enough)
         layers[found], has_end[found] = layer + 1, False
         left &= ~found
         if not left.any():
@@ -209,6 +200,8 @@ def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple
 
 def stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
     """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
+    if not problem.coefficients[..., 1:].any():
+        return [((0,),)] * problem.coefficients.shape[1]
     present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=0)
     present = np.logical_or.accumulate(present[::-1], axis=0)[::-1]  # in the degrees l >= m
     return [sets_of(order > 0, *row) for order, row in enumerate(present[:, 1:].tolist())]

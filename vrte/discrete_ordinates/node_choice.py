@@ -15,7 +15,7 @@ from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import brightness, strongest_terms
 from vrte.discrete_ordinates.problem import ALL, Problem, Run
 from vrte.discrete_ordinates.routes import Doubling, Modes
-from vrte.discrete_ordinates.single_scattering import add_base_reflected, layer_paths
+from vrte.discrete_ordinates.single_scattering import add_base_reflected, paths_in_layers
 from vrte.discrete_ordinates.small_angle import Anisotropic
 from vrte.discrete_ordinates.truncating import flux_of_the_peak
 from vrte.errors import AccuracyError
@@ -158,7 +158,7 @@ def scattered_once(scene: Scene, problem: Problem, mu: Array) -> Array:
     levels = np.arange(problem.level.size, dtype=np.int32)
     light = np.zeros((levels.size, problem.mu0.size, mu.size))
     mean = partial(mean_over_azimuth, problem.mu0)
-    for layer, gain, path in zip(scene.layers, problem.gain, layer_paths(problem, levels, mu), strict=True):
+    for layer, gain, path in zip(scene.layers, problem.gain, paths_in_layers(problem, levels, mu), strict=True):
         if gain > 0.0:
             light += gain / (4.0 * np.pi) * path * mean(layer.phase_matrix.coefficients, mu)
     out = np.zeros((levels.size, problem.mu0.size, mu.size, AZIMUTHS.size, 4, 1))

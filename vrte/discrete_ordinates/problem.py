@@ -86,9 +86,11 @@ class Problem:
 
 @dataclass(eq=False)
 class Run:
-    """One solve's threads, stop flag and clocks; `stages` collects wall and thread seconds by name."""
+    """One solve's threads, stop flag and clocks; `stages` collects wall and thread seconds by name; ``brief``: it is
+    over in some milliseconds, on one thread."""
 
     threads: int
+    brief: bool = False
     stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
 

@@ -11,14 +11,6 @@ from vrte.discrete_ordinates.problem import IntArray, Problem
 from vrte.scene import Lambertian, Layer, MuellerBase
 
 
-def exp_difference(a: Array, b: Array) -> Array:
-    """(e^a - e^b)/(a - b), e^a where they meet; for a, b <= 0."""
-    high, low = np.maximum(a, b), np.minimum(a, b)
-    gap = np.where(np.isfinite(low), low, -1e300) - high
-    safe = np.where(gap == 0.0, 1.0, gap)
-    return np.exp(high) * np.where(gap == 0.0, 1.0, np.expm1(safe) / safe)
-
-
 def scatterers(
     layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: Array, whole: bool = True
 ) -> list[tuple[Array, Array]]:
@@ -28,7 +20,7 @@ def scatterers(
     ``whole``: phase matrices with all their terms, omega the gain of the truncated layers, as in the TMS method;
     otherwise both are those of the truncated layers. Source: Nakajima and Tanaka, JQSRT 40, 51 (1988).
     """
-    paths = layer_paths(problem, levels, mu)
+    paths = paths_in_layers(problem, levels, mu)
     strength = problem.gain if whole else problem.albedo
     found: dict[int, tuple[Array, Array]] = {}
     for k, layer in enumerate(layers):
@@ -43,36 +35,17 @@ def scatterers(
     return list(found.values())
 
 
-def layer_paths(problem: Problem, levels: IntArray, mu: Array) -> Array:
-    """Optical path integrals of one scattering in each layer, (layer, n_level, n_in, n_mu); mu signed, > 0 up.
-
-    The integral of e^(-t/mu0) e^(-|t - tau|/|mu|) dt/|mu| over the part of the layer that light at tau comes from.
-    """
-    rate_in = 1.0 / problem.mu0[:, None]
-    rate = 1.0 / np.abs(mu)
-    result = np.zeros((problem.albedo.size, levels.size, problem.mu0.size, mu.size))
-    for place, t in enumerate(levels):
-        level, at = problem.level[t], problem.level_layer[t]
-        for k, (top, thickness) in enumerate(zip(problem.above, problem.thickness, strict=True)):
-            if k >= at:  # light going up comes from below tau
-                start, length = (top + level, thickness - level) if k == at else (top, thickness)
-                both = rate_in + rate
-                way = distance(problem, t, k)
-                up = np.exp(-start * rate_in - way * rate) * -np.expm1(-length * both) * rate / both
-                result[k, place] += np.where(mu > 0.0, up, 0.0)
-            if k <= at:
-                length = level if k == at else thickness
-                down = length * rate * exp_difference(-length * rate_in, -length * rate)
-                down *= np.exp(-top * rate_in - distance(problem, t, k) * rate)
-                result[k, place] += np.where(mu < 0.0, down, 0.0)
-    return result
+def paths_in_layers(problem: Problem, levels: IntArray, mu: Array) -> Array:
+    """Optical path integrals of one scattering in each layer, (layer, n_level, n_in, n_mu); mu signed, > 0 up."""
+    place = problem.above, problem.thickness, problem.level, problem.level_layer
+    return _core.path_integrals(*place, levels, problem.mu0, mu)
 
 
 def scatter_by_orders(layers: Sequence[Layer], problem: Problem) -> Array:
     """Singly scattered light order by order, (order, n_tau, n_in, n_col, n_out, 4), as the solver's own stages leave
     theirs: what the closed form stands for. No sum over a table of directions needs it."""
     mu = np.concatenate([problem.mu_out[: problem.n_up], -problem.mu_out[problem.n_up :]])
-    paths = layer_paths(problem, np.arange(problem.level.size, dtype=np.int32), mu)
+    paths = paths_in_layers(problem, np.arange(problem.level.size, dtype=np.int32), mu)
     terms = max(layer.phase_matrix.terms for layer in layers)
     columns = problem.columns.shape[0]
     kernels = np.zeros((terms, problem.level.size, problem.mu0.size, columns, mu.size, 4))

@@ -63,8 +63,9 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     total = steps(plan)
     with single_threaded():
         spreads = spread_towards(plan.truncation, problem, plan.mu)
-        result_doubles = wanted.doubles(request.phi.size) + (scratch_doubles(request.scene) if spreads.any() else 0.0)
-        check_memory(problem, plan.blocks, result_doubles, azimuths, run.threads)
+        if not run.brief or spreads.any():
+            scratch = scratch_doubles(request.scene) if spreads.any() else 0.0
+            check_memory(problem, plan.blocks, wanted.doubles(request.phi.size) + scratch, azimuths, run.threads)
         flux_up, flux_down = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
         lights: list[Light] = []
         tally = Tally(set(), {}, {}, {})
@@ -222,13 +223,14 @@ def attempt(route: Route, orders: IntArray, run: Run) -> tuple[Orders | None, di
     except AccuracyError as error:
         return None, dict.fromkeys(range(orders.size), str(error))
     doubt: dict[int, str] = {}
-    for place in range(orders.size):
-        for name, values in result.residuals.items():
-            if not values[place] <= route.allowed[name]:
-                doubt[place] = f"{name} {values[place]:.2g}, allowed {route.allowed[name]:g}"
-        if not np.isfinite(result.kernels[place]).all():
+    for name, values in result.residuals.items():
+        for place in np.flatnonzero(~(values <= route.allowed[name])).tolist():
+            doubt[place] = f"{name} {values[place]:.2g}, allowed {route.allowed[name]:g}"
+    finite = np.isfinite(result.kernels)
+    if not finite.all():
+        for place in np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist():
             doubt[place] = "the answer is not finite"
-    return result, doubt
+    return result, dict(sorted(doubt.items()))
 
 
 def merged(result: Orders | None, again: Orders | None, places: list[int]) -> Orders:

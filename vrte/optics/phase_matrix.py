@@ -7,11 +7,12 @@ P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, length, listed, number, numbers, shown, vector, whole
+from vrte.arrays import Array, frozen, length, listed, number, numbers, settled, shown, vector, whole
 from vrte.errors import SceneError
 from vrte.optics.spherical_functions import wigner_functions
 
@@ -69,17 +70,17 @@ class PhaseMatrix:
         """Number of degrees, l = 0 .. terms - 1."""
         return int(self.a1.size)
 
-    @property
+    @cached_property
     def coefficients(self) -> Array:
-        """(terms, 6): columns a1, a2, a3, a4, b1, b2."""
-        return np.stack([self.a1, self.a2, self.a3, self.a4, self.b1, self.b2], axis=1)
+        """(terms, 6): columns a1, a2, a3, a4, b1, b2; read-only."""
+        return settled(np.stack([self.a1, self.a2, self.a3, self.a4, self.b1, self.b2], axis=1))
 
     @property
     def asymmetry(self) -> float:
         """g, the mean cosine of the scattering angle."""
         return float(self.a1[1] / 3.0) if self.terms > 1 else 0.0
 
-    @property
+    @cached_property
     def is_scalar(self) -> bool:
         """True where only a1 differs from zero: polarization plays no part."""
         return not self.coefficients[:, 1:].any()

@@ -1,0 +1,131 @@
+"""Small requests: solved where they are called, and what their kernels are checked by."""
+
+import threading
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from tests import exact
+from vrte import _core
+from vrte.blas import blas_libraries, single_threaded
+from vrte.discrete_ordinates.blocks import node_counts
+from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.homogeneous import homogeneous
+from vrte.discrete_ordinates.particular import particular
+from vrte.discrete_ordinates.phase_assembly import assemble
+from vrte.discrete_ordinates.problem import Problem, Run
+from vrte.discrete_ordinates.single_scattering import paths_in_layers
+from vrte.request import operations_of, radiance_request, solver_options
+from vrte.running import BRIEF, BRIEF_ALONE, new_run
+
+SCALAR = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 16), 0.9, 1.0)])
+POLAR = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Lambertian(0.2))
+LARGE = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, 400), 0.9, 1.0)])
+
+
+def operations(scene: vrte.Scene, nodes: int | None, mu: Any = 0.5, algorithm: str = "auto") -> float:
+    options = solver_options(nodes, None, algorithm, False)
+    return operations_of(radiance_request(scene, 0.6, (1, 0, 0, 0), mu, 0.0, 0.0, options)[0])
+
+
+def test_what_is_brief() -> None:
+    assert operations(SCALAR, 8) < operations(POLAR, 8) < BRIEF
+    assert operations(SCALAR, 8) < operations(SCALAR, 8, algorithm="doubling")
+    assert operations(LARGE, 100) > BRIEF_ALONE
+    assert operations(SCALAR, 8, mu=np.linspace(0.1, 1.0, 100_000)) > BRIEF_ALONE
+    assert operations(SCALAR, None) == operations(SCALAR, 8, mu=None) == np.inf
+    based = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.MuellerBase(lambda i, o, phi: np.eye(4) / np.pi))
+    assert operations(based, 4) == np.inf
+    assert new_run(3, BRIEF / 2).threads == 1
+    assert (new_run(3, BRIEF * 2).threads, new_run(3, BRIEF * 2).brief) == (3, False)
+    assert new_run(1, BRIEF * 2).brief
+
+
+@pytest.mark.parametrize("scene", [SCALAR, POLAR])
+def test_a_brief_call_starts_no_thread(scene: vrte.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(vrte.running, "BRIEF", 0.0)
+    monkeypatch.setattr(vrte.running, "BRIEF_ALONE", 0.0)
+    waited = vrte.radiance(scene, 0.6, mu=[0.5, -0.5], tau=[0.0, 1.0], nodes=8, threads=2)
+    monkeypatch.undo()
+    monkeypatch.setattr(threading.Thread, "start", lambda self: pytest.fail("a thread was started"))
+    at_once = vrte.radiance(scene, 0.6, mu=[0.5, -0.5], tau=[0.0, 1.0], nodes=8, threads=2)
+    np.testing.assert_array_equal(at_once.stokes, waited.stokes)
+    np.testing.assert_array_equal(at_once.flux_up, waited.flux_up)
+    assert (waited.diagnostics["threads"], at_once.diagnostics["threads"]) == (2, 1)
+
+
+def problem_of(stokes: tuple[int, ...], nodes: int) -> Problem:
+    """Of the Stokes parameters that Rayleigh scattering keeps together."""
+    columns = np.eye(4)[:1]
+    whole = discretise(POLAR, np.array([0.6]), columns, np.array([0.5]), np.zeros(1), nodes)
+    return replace(whole, stokes=stokes, columns=np.ascontiguousarray(columns[:, stokes]))
+
+
+@pytest.mark.parametrize("nodes", [4, 16, 40])
+def test_symmetric_modes_invert_themselves(nodes: int) -> None:
+    """X^-1 = Y^T: the beam's solution is that of the general modes, to what the eigensolver is good for."""
+    problem = problem_of((0, 1, 2), nodes)
+    orders, run = np.arange(3, dtype=np.int32), Run(1)
+    matrices = assemble(problem, orders, run)
+    fields = []
+    for quick in (True, False):
+        modes = homogeneous(problem, orders, matrices, run, quick)
+        beam = particular(problem, matrices, modes, run)
+        fields.append(np.stack([np.einsum("olrj,olji->olri", c, modes.X) for c in (beam.c, beam.zeta)]))
+        if quick:
+            paired = modes.X_pivots[..., 0] == -1
+            assert paired[1:].all()
+            assert not paired[0].any()  # order 0 conserves the flux: its modes are polished
+            identity = np.einsum("olji,olki->oljk", modes.Y, modes.X)[1:]
+            np.testing.assert_allclose(identity, np.broadcast_to(np.eye(problem.size), identity.shape), atol=1e-11)
+    # each c alone depends on how k stands to 1/mu0, but c X summed over the modes does not depend on their scale
+    np.testing.assert_allclose(fields[0], fields[1], atol=1e-10 * np.abs(fields[1]).max())
+
+
+def test_path_integrals_by_quadrature() -> None:
+    layers = [vrte.Layer(vrte.isotropic(), 0.9, thickness) for thickness in (0.3, 1.2, 0.5)]
+    mu, mu0, tau = np.array([0.3, -0.7, -0.4]), np.array([0.4, 0.8]), np.array([0.0, 0.9, 1.5, 2.0])
+    problem = discretise(vrte.Scene(layers), mu0, np.eye(4)[:1], mu, tau, 4)
+    found = paths_in_layers(problem, np.arange(4, dtype=np.int32), mu)
+    x, weights = np.polynomial.legendre.leggauss(60)
+    for k, (top, thickness) in enumerate(zip(problem.above, problem.thickness, strict=True)):
+        for t, depth in enumerate(tau):
+            for j, direction in enumerate(mu):
+                low, high = (max(top, depth), top + thickness) if direction > 0 else (top, min(top + thickness, depth))
+                place = 0.5 * (low + high) + 0.5 * max(high - low, 0.0) * x
+                light = np.exp(-place / mu0[:, None] - np.abs(place - depth) / abs(direction)) / abs(direction)
+                expected = 0.5 * max(high - low, 0.0) * light @ weights
+                np.testing.assert_allclose(found[k, t, :, j], expected, rtol=1e-12, atol=1e-15)
+
+
+def test_nodes_seen_and_their_counts() -> None:
+    effect = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 0.1, 0.01], [1.0, 0.0, 0.0, 0.0]])
+    seen = _core.nodes_seen(np.array([0.5, 0.0, 0.0]), effect, 0.02, 1e4)
+    assert seen.tolist() == [4, 3, 1]
+    assert node_counts(4, seen, 1) == [4, 4, 4]  # another block takes longer than all of them
+    wide = np.repeat(np.array([100, 70, 30], np.int32), 9)
+    assert node_counts(100, wide, 4) == 9 * [100] + 10 * [70] + 8 * [30]  # in pairs from order 1 on
+    assert node_counts(100, wide[:10], 1) == 9 * [100] + [70]
+
+
+def test_blas_gets_its_threads_back() -> None:
+    libraries = blas_libraries()
+    before = [library.get_num_threads() for library in libraries]
+    with single_threaded(), single_threaded():
+        assert {library.get_num_threads() for library in libraries} == {1}
+    assert [library.get_num_threads() for library in libraries] == before
+
+
+@pytest.mark.parametrize("thickness", [0.1, 1.0, 30.0, np.inf])
+def test_real_modes_in_real_arithmetic(thickness: float) -> None:
+    """Up and down at the faces and inside, scalar, against doubling, which has no modes."""
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.7, 16), 0.95, thickness)])
+    tau = [0.0, 0.05, 0.1] if np.isinf(thickness) else [0.0, 0.3 * thickness, thickness]
+    found = [
+        exact.radiance(scene, 0.6, mu=[0.05, 0.6, 1.0, -0.05, -0.6, -1.0], tau=tau, nodes=8, algorithm=algorithm).stokes
+        for algorithm in ("modes", "doubling")
+    ]
+    np.testing.assert_allclose(found[0], found[1], atol=1e-13 * np.abs(found[1]).max())
