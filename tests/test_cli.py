@@ -97,6 +97,21 @@ def test_the_algorithm_and_its_check_are_told(scene: Path, capsys: pytest.Captur
     assert "'auto', 'modes', 'doubling'" in one_line(capsys)
 
 
+def test_options_win_over_the_file(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene.write_text(
+        SCENE.replace('"rayleigh"', "{ henyey_greenstein = 0.7 }").replace("4\n", "4\naccuracy = 1e-3\n", 1)
+    )
+    command = ("field", scene, "-o", scene.parent / "out.nc")
+    assert run(*command) == 0
+    made = vrte.load(scene.parent / "out.nc").diagnostics
+    assert (made["nodes"], made["accuracy"]) == (4, 1e-3)
+    assert "truncation: delta-m, small-angle for light going down (auto: " in capsys.readouterr().out
+    assert run(*command, "--nodes", 6, "--accuracy", "1e-5", "--truncation", "delta-m") == 0
+    made = vrte.load(scene.parent / "out.nc").diagnostics
+    assert (made["nodes"], made["accuracy"], made["truncation"]) == (6, 1e-5, "delta-m")
+    assert "truncation: delta-m (asked for)" in capsys.readouterr().out
+
+
 def test_an_unreached_base_and_doubtful_particles_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     dense = "wavelength_um = 0.6\n[particles.p]\nindex = [1.5, 0.1]\nradius_um = 0.1\n"
     layer = '[[layer]]\nparticles = "p"\nthickness_um = 1\nvolume_fraction = 0.3\n'
@@ -172,6 +187,10 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
         ["brdf"],
         ["brdf", "absent.toml", "-o", "out.nc"],
         ["brdf", "scene.toml", "-o", "out.nc", "--threads", "0"],
+        ["brdf", "scene.toml", "-o", "out.nc", "--nodes", "0"],
+        ["brdf", "scene.toml", "-o", "out.nc", "--accuracy", "1"],
+        ["brdf", "scene.toml", "-o", "out.nc", "--accuracy", "fine"],
+        ["brdf", "scene.toml", "-o", "out.nc", "--truncation", "sharp"],
         ["brdf", "scene.toml", "-o", "out.nc", "--threads", "many"],
         ["brdf", "scene.toml", "-o", "out.nc", "--colour"],
         ["brdf", ".", "-o", "out.nc"],

@@ -49,7 +49,7 @@ def read(tmp_path: Path) -> Reader:
 
 def test_the_example_is_what_it_says() -> None:
     file = read_scene(EXAMPLE)
-    assert (file.kind, file.nodes) == ("brdf", 40)
+    assert (file.kind, file.options) == ("brdf", {"nodes": 40})
     assert file.request["mu_i"] == [0.6, 1.0]
     np.testing.assert_allclose(file.request["mu_o"], np.linspace(0.05, 1.0, 20))
     assert file.request["phi"][-1] == 360.0
@@ -61,8 +61,13 @@ def test_the_example_is_what_it_says() -> None:
 
 def test_defaults(read: Reader) -> None:
     file = read(SCENE, ("nodes = 12\n", ""), ('[base]\nkind = "lambertian"\nalbedo = 0.3\n', ""))
-    assert (file.nodes, file.scene.base) == (None, None)
+    assert (file.options, file.scene.base) == ({}, None)
     assert set(file.request) == {"mu_i", "mu_o"}
+
+
+def test_how_to_solve(read: Reader) -> None:
+    file = read(SCENE, ("nodes = 12\n", 'accuracy = 1e-4\ntruncation = "delta-m"\n'))
+    assert file.options == {"accuracy": 1e-4, "truncation": "delta-m"}
 
 
 def test_a_field_is_asked_for_by_its_own_table(read: Reader) -> None:
@@ -192,6 +197,9 @@ def test_broken_tables_of_coefficients(read: Reader, tmp_path: Path, rows: str, 
         ("12", "true", "nodes = true: must be a whole number from 1 to "),
         ("12", "12.0", "nodes = 12.0: must be a whole number from 1 to "),
         ("12", "0", "nodes = 0: must be a whole number from 1 to "),
+        ("nodes = 12", "accuracy = 0.2", "accuracy = 0.2: must be a number between 1e-15 and 0.1"),
+        ("nodes = 12", "accuracy = nan", "accuracy = nan: must be a number between 1e-15 and 0.1"),
+        ("nodes = 12", 'truncation = "delta"', 'truncation = "delta": must be "auto" or "none" or "delta-m" or '),
         ("0.64", '"0.64"', 'wavelength_um = "0.64": must be the wavelength in micrometres'),
         ("2.0", "nan", "layer[1].thickness = nan: must be a number >= 0"),
         ("2.0", "-2.0", "layer[1].thickness must be an optical thickness >= 0"),

@@ -211,6 +211,20 @@ def test_single_scattering_is_the_phase_matrix_between_meridian_planes(terms: in
     np.testing.assert_array_equal(out[1, 2, 4], 1.0)
 
 
+def test_single_scattering_of_very_many_terms() -> None:
+    """More than the root of the largest 32-bit integer: a Henyey-Greenstein function, which is known in closed form."""
+    g, terms = 0.9995, 60_000
+    coefficients = np.zeros((terms, 6))
+    coefficients[:, 0] = (2.0 * np.arange(terms) + 1.0) * g ** np.arange(terms)
+    mu0, mu = np.array([0.6, 1.0]), np.array([-0.6, -0.61, -0.5, 0.7])
+    out = np.zeros((1, 2, 4, 1, 4, 1))
+    unpolarized = np.array([[1.0, 0.0, 0.0, 0.0]])
+    scattered(coefficients, np.ones((1, 2, 4)), mu0, mu, np.zeros(1), unpolarized, [0], out)
+    cosine = np.sqrt((1.0 - mu0[:, None] ** 2) * (1.0 - mu**2)) - mu0[:, None] * mu
+    expected = (1.0 - g * g) / (1.0 + g * g - 2.0 * g * cosine) ** 1.5
+    np.testing.assert_allclose(out[0, :, :, 0, 0, 0], expected, rtol=1e-9, atol=1e-12 * expected.max())
+
+
 def test_single_scattering_of_columns_that_share_a_place_on_any_number_of_threads() -> None:
     coefficients = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
     mu0, mu, phi = np.array([0.3, 0.8]), np.array([0.4, -0.7]), np.arange(0.0, 361.0, 15.0)

@@ -3352,15 +3352,16 @@ def series_table(const double[:, :] coefficients):
     factors of the recurrences, then the coefficients."""
     cdef int terms = <int>coefficients.shape[0], l
     cdef double[:, ::1] table = np.zeros((terms + terms % 2, VRTE_SERIES))
-    cdef double here, above
+    cdef double degree, here, above  # degree: the square of an int ends at 46340
     for l in range(terms):
-        table[l, 0], table[l, 1] = (2.0 * l + 1.0) / (l + 1.0), l / (l + 1.0)
+        degree = l
+        table[l, 0], table[l, 1] = (2.0 * degree + 1.0) / (degree + 1.0), degree / (degree + 1.0)
         if l >= 2:
-            here, above = sqrt(l * l - 4.0), sqrt((l + 1.0) * (l + 1.0) - 4.0)
-            table[l, 2], table[l, 3] = (2.0 * l + 1.0) / above, here / above
-            table[l, 4] = (2.0 * l + 1.0) * (l + 1.0) / (above * above)
-            table[l, 5] = 4.0 * (2.0 * l + 1.0) / (l * above * above)
-            table[l, 6] = (l + 1.0) * here * here / (l * above * above)
+            here, above = sqrt(degree * degree - 4.0), sqrt((degree + 1.0) * (degree + 1.0) - 4.0)
+            table[l, 2], table[l, 3] = (2.0 * degree + 1.0) / above, here / above
+            table[l, 4] = (2.0 * degree + 1.0) * (degree + 1.0) / (above * above)
+            table[l, 5] = 4.0 * (2.0 * degree + 1.0) / (degree * above * above)
+            table[l, 6] = (degree + 1.0) * here * here / (degree * above * above)
         table[l, 7], table[l, 8] = coefficients[l, 0], coefficients[l, 3]
         table[l, 9], table[l, 10] = coefficients[l, 4], coefficients[l, 5]
         table[l, 11], table[l, 12] = coefficients[l, 1] + coefficients[l, 2], coefficients[l, 1] - coefficients[l, 2]

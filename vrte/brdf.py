@@ -8,12 +8,11 @@ import numpy as np
 
 from vrte.arrays import Array, frozen, settled
 from vrte.discrete_ordinates.problem import Progress
-from vrte.discrete_ordinates.solver import solve
 from vrte.field import freeze
-from vrte.plan import make_plan
 from vrte.request import brdf_request, operations_of, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
+from vrte.solving import solved
 
 if TYPE_CHECKING:
     import xarray
@@ -92,22 +91,24 @@ def brdf(
     algorithm: str = "auto",
     verify: bool = False,
     accuracy: float | None = None,
+    truncation: str = "auto",
 ) -> Brdf:
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
-    ``progress``, ``algorithm``, ``verify`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer
-    without end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer.
+    ``progress``, ``algorithm``, ``verify``, ``truncation`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF
+    (not for a layer without end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for
+    its answer.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
-    options = solver_options(nodes, accuracy, algorithm, verify)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation)
     request, out = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
     into, run = request.mu0, new_run(threads, operations_of(request))
-    solution = interruptible(run, lambda: solve(make_plan(request, run), run, progress))
+    _, solution = interruptible(run, lambda: solved(request, run, progress))
     # (1, n_in, n_mu, n_phi, 4, column)
     matrices = [settled(values)[0] for values in solution.parts]
     return Brdf(

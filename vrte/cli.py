@@ -5,6 +5,7 @@ Exit code 0, 1 for a failure, 2 for bad input, 130 for an interrupt; every error
 
 import argparse
 import importlib.util
+import math
 import os
 import signal
 import sys
@@ -24,7 +25,10 @@ from vrte.field import Field
 from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.optics.refractive_index import MATERIALS, refractive_index
+from vrte.optics.truncation import CHOICES
+from vrte.request import COARSEST, FINEST, MOST_NODES
 
+HOW = ("nodes", "accuracy", "truncation")  # options that win over the scene file
 OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
 EXTRAS = (("output", "files", ("xarray", "h5netcdf")), ("plot", "plot", ("matplotlib",)))
 Tick = Callable[[int, int], None]
@@ -94,7 +98,7 @@ def _add_stability(commands: Any) -> None:
     command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
     command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
     command.add_argument("--cases", metavar="PATTERN", default="*", help='names, such as "rayleigh*N=8"; default: all')
-    command.add_argument("--threads", metavar="N", type=_thread_count, help="default: all CPUs that may be used")
+    command.add_argument("--threads", metavar="N", type=_whole(1, 1024), help="default: all CPUs that may be used")
     command.set_defaults(run=_stability)
 
 
@@ -104,7 +108,7 @@ def _add_tables(commands: Any) -> None:
     command.add_argument("--figures", action="store_true", help="figures 2 to 9: how the cost grows, with exponents")
     command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("tables"), help="made if absent")
     command.add_argument("--quick", action="store_true", help="few small scenes instead of the paper's: seconds")
-    command.add_argument("--threads", metavar="N", type=_thread_count, default=2, help="besides one; default: 2")
+    command.add_argument("--threads", metavar="N", type=_whole(1, 1024), default=2, help="besides one; default: 2")
     command.set_defaults(run=_tables)
 
 
@@ -114,16 +118,42 @@ def _add_solve(commands: Any, kind: str, help_text: str) -> None:
     command.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True, help="NetCDF")
     command.add_argument("--csv", metavar="OUT.csv", type=Path, help="one row a direction")
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")
-    command.add_argument("--threads", metavar="N", type=_thread_count, help="default: all CPUs that may be used")
+    command.add_argument("--threads", metavar="N", type=_whole(1, 1024), help="default: all CPUs that may be used")
     command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
+    command.add_argument(
+        "--truncation", choices=CHOICES, help="of phase matrices with more than 2 N terms; default: auto"
+    )
+    command.add_argument("--accuracy", metavar="A", type=_accuracy, help="relative to the largest I at each depth")
+    command.add_argument(
+        "--nodes",
+        metavar="N",
+        type=_whole(1, MOST_NODES),
+        help="in each hemisphere; this, too, wins over the scene file",
+    )
     command.add_argument("--verify", action="store_true", help="solve by both algorithms and report their agreement")
     command.set_defaults(run=_solve, kind=kind)
 
 
-def _thread_count(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 1024, not {text!r}")
-    return int(text)
+def _whole(low: int, high: int) -> Callable[[str], int]:
+    """What reads a whole number of an option."""
+
+    def read(text: str) -> int:
+        if not text.isdecimal() or not low <= int(text) <= high:
+            raise argparse.ArgumentTypeError(f"must be a whole number from {low} to {high}, not {text!r}")
+        return int(text)
+
+    return read
+
+
+def _accuracy(text: str) -> float:
+    """What an answer may be wrong by."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not FINEST <= value <= COARSEST:
+        raise argparse.ArgumentTypeError(f"must be a number between {FINEST:g} and {COARSEST:g}, not {text!r}")
+    return value
 
 
 def _material(options: argparse.Namespace) -> None:
@@ -249,9 +279,10 @@ def _check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 
 def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    how = {name: getattr(options, name) for name in ("threads", "algorithm", "verify")}
+    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify")}
+    how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     try:
-        return solve(file.scene, **file.request, nodes=file.nodes, progress=tick, **how)
+        return solve(file.scene, **file.request, progress=tick, **how)
     except SceneError as error:
         raise SceneError(f"{options.scene}: {file.located(str(error))}") from error
 
@@ -287,6 +318,7 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     print(f"  {result!r}")
     print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {made['threads']} threads")
     print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
+    print(f"  truncation: {made['truncation']} ({made['truncation_rule']})")
     if made["orders_repeated"]:
         print(f"  {len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
     if "agreement" in made:

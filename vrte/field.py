@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.arrays import Array, frozen, is_settled, settled
-from vrte.discrete_ordinates.problem import Progress, Run
-from vrte.discrete_ordinates.solver import Solution, solve
+from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
-from vrte.plan import Plan, make_plan
-from vrte.request import Request, operations_of, radiance_request, solver_options
+from vrte.request import operations_of, radiance_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
+from vrte.solving import solved
 
 if TYPE_CHECKING:
     import xarray
@@ -107,6 +106,7 @@ def radiance(
     algorithm: str = "auto",
     verify: bool = False,
     accuracy: float | None = None,
+    truncation: str = "auto",
 ) -> Field:
     """The diffuse field of one beam, by discrete ordinates.
 
@@ -117,19 +117,21 @@ def radiance(
     given (default 1e-8), of the continuous one where the plan chooses them (default 1e-6; ``diagnostics["promised"]``
     and ``["notes"]`` say where it cannot be promised); ``threads``, default all usable CPUs; ``progress``, called with
     (orders done, orders); ``algorithm``, "modes" (eigenvectors), "doubling" (impedance doubling, no eigenproblem) or
-    "auto", which takes one by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``.
-    Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer. Source: Collin,
-    Pattanaik, Bouatouch, section 2.
+    "auto", which takes one by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``;
+    ``truncation``, what becomes of phase matrices with more terms than the nodes carry: "none" cuts them, "delta-m"
+    counts their forward peak as light that was not scattered, "small-angle" does so too and spreads that light, "auto"
+    takes one by rule (docs/truncation.md). Raises SceneError for bad input, AccuracyError where neither algorithm can
+    vouch for its answer. Source: Collin, Pattanaik, Bouatouch, section 2.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    options = solver_options(nodes, accuracy, algorithm, verify)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation)
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
     run = new_run(threads, operations_of(request))
-    plan, solution = interruptible(run, lambda: planned(request, run, progress))
+    plan, solution = interruptible(run, lambda: solved(request, run, progress))
     levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
     return Field(
         stokes=settled(solution.parts[0])[:, 0, : directions.size, ..., 0],
@@ -143,9 +145,3 @@ def radiance(
         incident_stokes=incident,
         diagnostics=solution.diagnostics,
     )
-
-
-def planned(request: Request, run: Run, progress: Progress | None) -> tuple[Plan, Solution]:
-    """The plan of a request, and its solution."""
-    plan = make_plan(request, run)
-    return plan, solve(plan, run, progress)

@@ -15,6 +15,7 @@ from vrte.discrete_ordinates.node_choice import DISCRETE, NodeChoice, choose_nod
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
+from vrte.discrete_ordinates.truncating import Truncation, choose_truncation
 from vrte.plan_table import facts_of, text_of
 from vrte.request import Request, request_of
 from vrte.running import interruptible, new_run
@@ -27,14 +28,15 @@ WORTH_STAGES = 5e6  # cubes of unknowns: about a millisecond
 class Plan:
     """What the solver will do, and nothing else; print it for a table.
 
-    ``problem``: the scene on ``nodes`` nodes a hemisphere; ``mu``: the signed cosines, as asked; ``needs``, ``bounds``
-    (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order, and the light they are compared with;
-    ``orders``: how many there are at most; ``blocks``: how they are solved; ``accuracy``: of the discrete problem;
-    ``choice`` of its nodes; ``threads``: on how many.
+    ``problem``: the scene on ``nodes`` nodes a hemisphere, truncated as ``truncation`` says; ``mu``: the signed
+    cosines, as asked; ``needs``, ``bounds`` (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order,
+    and the light they are compared with; ``orders``: how many there are at most; ``blocks``: how they are solved;
+    ``accuracy``: of the discrete problem; ``choice`` of its nodes; ``threads``: on how many.
     """
 
     request: Request
     problem: Problem
+    truncation: Truncation
     mu: Array
     needs: Needs
     bounds: Array
@@ -87,6 +89,9 @@ class Plan:
             "notes": list(self.notes),
             "orders_of_phase_matrix": longest,
             "terms_cut": max(0, longest - 2 * nodes),
+            "truncation": self.truncation.name,
+            "truncation_rule": self.truncation.reason,
+            "peak_fractions": self.problem.fraction.tolist(),
             "base": base_statement(self.request.scene),
         }
 
@@ -115,21 +120,25 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     return interruptible(run, lambda: make_plan(request, run))
 
 
-def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> Plan:
-    """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves."""
+def make_plan(
+    request: Request, run: Run, leave_out: LeaveOut = EVERYTHING, known: tuple[NodeChoice, float] | None = None
+) -> Plan:
+    """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves; ``known``:
+    the choice of nodes and the accuracy of another plan, where they are to be the same."""
     if not leave_out.columns:
         request = every_column(request)
-    choice, accuracy = nodes_for(request, run)
+    choice, accuracy = known or nodes_for(request, run)
     nodes = choice.nodes
     mu = np.concatenate([double_gauss(nodes)[0], -double_gauss(nodes)[0]]) if request.mu is None else request.mu
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
-    problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes)
+    truncation = choose_truncation(request.truncation, scene, request.columns, mu, request.tau, nodes)
+    problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks)
     if leave_out != EVERYTHING:
         problem = replace(problem, leave_out=leave_out)
     needs = needs_of(problem, run)
     brightest = brightness(scene, problem, mu, request.phi, run)
-    bounds = bounds_at(needs, request.tau)
+    bounds = bounds_at(needs, problem.depth)
     base = scene.base if scene.base_is_reached else None
     stages: tuple[int, ...] = ()
     if request.fluxes_only and leave_out.fluxes and not isinstance(base, MuellerBase):
@@ -144,7 +153,19 @@ def make_plan(request: Request, run: Run, leave_out: LeaveOut = EVERYTHING) -> P
     blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm)
     wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
     return Plan(
-        request, problem, mu, needs, bounds, brightest, wanted, count, tuple(blocks), accuracy, choice, run.threads
+        request,
+        problem,
+        truncation,
+        mu,
+        needs,
+        bounds,
+        brightest,
+        wanted,
+        count,
+        tuple(blocks),
+        accuracy,
+        choice,
+        run.threads,
     )
 
 
@@ -160,7 +181,8 @@ def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
         return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
     asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
-    choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
+    peaks = "none" if request.truncation == "none" else "all"
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}), peaks)
     run.book("choice of nodes", time.perf_counter() - begin)
     return choice, DISCRETE * request.accuracy
 

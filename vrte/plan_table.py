@@ -52,6 +52,7 @@ def facts_of(plan: "Plan") -> dict[str, Any]:
         "nodes": int(problem.nodes.size),
         "nodes_rule": plan.choice.rule,
         "threads": plan.threads,
+        "truncation": plan.truncation.name,
         "orders": sorted({order for block in blocks for order in block["orders"]}),
         "orders_counted_again": plan.counts_again,
         "blocks": blocks,
@@ -113,6 +114,8 @@ def reasons_of(blocks: Sequence[dict[str, Any]]) -> list[str]:
 def remarks(plan: "Plan") -> list[str]:
     """What may happen besides."""
     found = [*plan.notes] if plan.request.nodes is not None else [f"nodes: {plan.choice.rule}", *plan.notes]
+    if plan.truncation.name != "none":
+        found.append(f"Truncation: {plan.truncation.name} ({plan.truncation.reason})")
     if plan.counts_again and plan.orders > 1:
         found.append(
             "The orders are counted again with the light that the first ones bring: fewer may be solved, never more."

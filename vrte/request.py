@@ -12,6 +12,7 @@ from vrte.arrays import Array, flag, number, numbers, shown, vector, whole
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
+from vrte.optics.truncation import CHOICES
 from vrte.scene import MuellerBase, Scene
 
 SMALLEST_COSINE = 1e-8
@@ -27,8 +28,8 @@ SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, b
 class Request:
     """What is asked of a scene: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V), signed
     mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,), and how: nodes (None: chosen by the plan), accuracy relative to
-    the largest I at each depth, algorithm, verify. ``wanted`` (None: everything) says what becomes of the solution.
-    ``fluxes_only``: mu is there for form's sake."""
+    the largest I at each depth, algorithm, verify, truncation. ``wanted`` (None: everything) says what becomes of the
+    solution. ``fluxes_only``: mu is there for form's sake."""
 
     kind: str
     scene: Scene
@@ -42,6 +43,7 @@ class Request:
     accuracy: float
     algorithm: str
     verify: bool
+    truncation: str
     fluxes_only: bool = False
 
 
@@ -51,8 +53,10 @@ def operations_of(request: Request) -> float:
     if isinstance(scene.base, MuellerBase) or request.nodes is None or mu is None:
         return math.inf
     scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
-    unknowns = float(request.nodes if scalar else 4 * request.nodes)
     terms = max(layer.phase_matrix.terms for layer in scene.layers)
+    if terms > 2 * request.nodes and request.truncation != "none":
+        return math.inf
+    unknowns = float(request.nodes if scalar else 4 * request.nodes)
     orders = min(terms, 2 * request.nodes)
     beams, directions = request.mu0.size * request.columns.shape[0], mu.size * request.tau.size
     per_n3 = SOLVING if request.algorithm in ("auto", "modes") and not request.verify else DOUBLING
@@ -103,17 +107,24 @@ def depths(values: Any, scene: Scene) -> Array:
     return array
 
 
-def solver_options(nodes: Any, accuracy: Any, algorithm: Any, verify: Any) -> dict[str, Any]:
-    """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no: as fields of a Request."""
-    if not (isinstance(algorithm, str) and algorithm in ALGORITHMS):
-        raise SceneError(f"algorithm must be {', '.join(map(repr, ALGORITHMS))}, not {shown(algorithm)}")
+def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
+    """One of the names allowed."""
+    if not (isinstance(value, str) and value in allowed):
+        raise SceneError(f"{name} must be {', '.join(map(repr, allowed))}, not {shown(value)}")
+    return value
+
+
+def solver_options(nodes: Any, accuracy: Any, algorithm: Any, verify: Any, truncation: Any = "auto") -> dict[str, Any]:
+    """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the truncation's name: as fields of a
+    Request."""
     if accuracy is None:
         accuracy = WITHOUT_NODES if nodes is None else WITH_NODES
     return {
         "nodes": None if nodes is None else whole("nodes", nodes, 1, MOST_NODES),
         "accuracy": number("accuracy", accuracy, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
-        "algorithm": algorithm,
+        "algorithm": one_of("algorithm", algorithm, ALGORITHMS),
         "verify": flag("verify", verify),
+        "truncation": one_of("truncation", truncation, CHOICES),
     }
 
 
@@ -165,7 +176,7 @@ def request_of(kind: Any, scene: Any, arguments: tuple[Any, ...], keywords: dict
     given = signature(vrte.brdf if kind == "brdf" else vrte.radiance).bind(scene, *arguments, **keywords)
     given.apply_defaults()
     values = given.arguments
-    options = solver_options(*(values[name] for name in ("nodes", "accuracy", "algorithm", "verify")))
+    options = solver_options(*(values[name] for name in ("nodes", "accuracy", "algorithm", "verify", "truncation")))
     make: Callable[..., tuple[Request, Array]] = brdf_request if kind == "brdf" else radiance_request
     request, _ = make(scene, *(values[name] for name in DIRECTIONS[kind]), options)
     return request, values["threads"]

@@ -134,6 +134,8 @@ def reduce(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
         albedo=problem.albedo[: part.layers],
         thickness=thickness,
         above=problem.above[: part.layers],
+        gain=problem.gain[: part.layers],
+        fraction=problem.fraction[: part.layers],
         nodes=problem.nodes[: part.nodes],
         weights=problem.weights[: part.nodes],
         columns=np.ascontiguousarray(incident),

@@ -5,27 +5,38 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import IntArray, Problem
 from vrte.discrete_ordinates.quadrature import double_gauss
+from vrte.discrete_ordinates.truncating import truncated_layers
 from vrte.scene import Scene
 
 LAST_PLACES = 4.0  # what sums of thicknesses may be off by
 
 
-def discretise(scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int) -> Problem:
-    """Nodes, cut coefficients and the layer every depth lies in; ``mu`` signed, light going up first."""
+def discretise(
+    scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int, peaks: str = "none"
+) -> Problem:
+    """Nodes, truncated layers and the one every depth lies in; ``mu`` signed, light going up first.
+
+    ``peaks``: which layers lose theirs, "none", "polarizing" or "all"; all depths of the problem are those of the
+    truncated layers.
+    """
     points, weights = double_gauss(nodes)
-    terms = np.array([min(layer.phase_matrix.terms, 2 * nodes) for layer in scene.layers], np.int32)
+    layers = truncated_layers(scene, peaks, nodes)
+    terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
     coefficients = np.zeros((len(scene.layers), int(terms.max()), 6))
-    for k, layer in enumerate(scene.layers):
-        coefficients[k, : terms[k]] = layer.phase_matrix.coefficients[: terms[k]]
-    thickness = np.array([layer.thickness for layer in scene.layers])
-    above = np.concatenate([[0.0], np.cumsum(thickness[:-1])])
-    level, at = place_levels(tau, above, thickness, scene.thickness)
+    for k, layer in enumerate(layers):
+        coefficients[k, : terms[k]] = layer.coefficients
+    given = np.array([layer.thickness for layer in scene.layers])
+    level, at = place_levels(tau, tops(given), given, scene.thickness)
+    level = level * np.array([layer.stretch for layer in layers])[at]
+    thickness = np.array([layer.thickness for layer in layers])
     return Problem(
         coefficients=coefficients,
         terms=terms,
-        albedo=np.array([layer.albedo for layer in scene.layers]),
+        albedo=np.array([layer.albedo for layer in layers]),
         thickness=thickness,
-        above=above,
+        above=tops(thickness),
+        gain=np.array([layer.gain for layer in layers]),
+        fraction=np.array([layer.fraction for layer in layers]),
         nodes=points,
         weights=weights,
         mu_out=np.abs(mu),
@@ -36,6 +47,11 @@ def discretise(scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, 
         level_layer=at,
         terms_cut=max(0, max(layer.phase_matrix.terms for layer in scene.layers) - 2 * nodes),
     )
+
+
+def tops(thickness: Array) -> Array:
+    """Optical depth of the top of each layer."""
+    return np.concatenate([[0.0], np.cumsum(thickness[:-1])])
 
 
 def place_levels(tau: Array, above: Array, thickness: Array, total: float) -> tuple[Array, IntArray]:

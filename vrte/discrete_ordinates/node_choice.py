@@ -3,16 +3,21 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from vrte import _core
 from vrte.arrays import Array
 from vrte.blas import single_threaded
 from vrte.discrete_ordinates.choice import THIN
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.needs import brightness, strongest_terms
-from vrte.discrete_ordinates.problem import ALL, Run
+from vrte.discrete_ordinates.problem import ALL, Problem, Run
 from vrte.discrete_ordinates.routes import Doubling, Modes
+from vrte.discrete_ordinates.single_scattering import add_base_reflected, layer_paths
+from vrte.discrete_ordinates.small_angle import Anisotropic
+from vrte.discrete_ordinates.truncating import flux_of_the_peak
 from vrte.errors import AccuracyError
 from vrte.scene import MuellerBase, Scene
 
@@ -25,6 +30,7 @@ WIDER = 1.5  # the nodes that a number of nodes is checked with, over that numbe
 SLOWEST, FASTEST = 3.0, 12.0  # powers of the number of nodes that errors fall with
 BEAMS, DIRECTIONS, DEPTHS = 3, 5, 6  # of the check, at most
 OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # directions of the check where the nodes themselves are asked for
+AZIMUTHS = np.array([22.5, 67.5, 112.5, 157.5])  # that a base is averaged over
 FINEST = 1e-15  # accuracy of the check's solves
 NO_LIGHT = 1e-290
 BYTES_A_NODE, CHECKED_BYTES = 64.0, 4e8  # of a layer in the check, over the nodes squared; of all layers, at most
@@ -42,16 +48,19 @@ class NodeChoice:
 
 
 def choose_nodes(
-    scene: Scene, mu0: Array, mu: Array | None, phi: Array, tau: Array, accuracy: float, run: Run
+    scene: Scene, mu0: Array, mu: Array | None, phi: Array, tau: Array, accuracy: float, run: Run, peaks: str = "none"
 ) -> NodeChoice:
-    """Nodes for an accuracy of the continuous problem; ``mu`` signed, None for the nodes themselves."""
+    """Nodes for an accuracy of the continuous problem; ``mu`` signed, None for the nodes themselves; ``peaks``: of
+    which layers they are taken off."""
     directions = np.concatenate([OF_NODES, -OF_NODES]) if mu is None else mu
     nodes = estimated_nodes(scene, mu0, directions, tau, accuracy)
     if BYTES_A_NODE * len(scene.layers) * (WIDER * nodes) ** 2 > CHECKED_BYTES:
         note = f"so many layers that the estimate of {nodes} nodes is not checked"
         return NodeChoice(nodes, f"estimate {nodes}, not checked", (note,))
+    if max(layer.phase_matrix.terms for layer in scene.layers) <= 2 * nodes:
+        peaks = "none"
     with single_threaded():
-        found = indicator(scene, mu0, directions, phi, tau, run)
+        found = indicator(scene, mu0, directions, phi, tau, run, peaks)
         error = error_of(found, nodes)
         rule = f"estimate {nodes}: mean of I over azimuth right to {error:.1g}"
         if error > ALLOWED * accuracy and nodes < MOST:
@@ -110,11 +119,11 @@ def lengths(scene: Scene, tau: Array) -> list[float]:
     return sorted({float(way) for way in ways if 0.0 < way < 10.0})
 
 
-def indicator(scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: Run) -> Indicator:
+def indicator(scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: Run, peaks: str = "none") -> Indicator:
     """What solves the mean over azimuth of I, without polarization, for a few of the beams, directions and depths.
 
     N -> radiance and flux/pi, (n_tau, n_in, ...), relative to the largest I there. With a base that mixes Stokes
-    parameters they are all kept.
+    parameters they are all kept. Where peaks are taken off, light scattered once differs with N as well.
     """
     beams = few(mu0, BEAMS)
     directions = np.concatenate([few(mu[mu > 0.0], DIRECTIONS), few(mu[mu < 0.0], DIRECTIONS)])
@@ -125,8 +134,8 @@ def indicator(scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: 
     single = brightness(scene, discretise(scene, beams, light, directions, depths, FEWEST), directions, phi, run)
 
     def solve(nodes: int) -> tuple[Array, Array]:
-        problem = discretise(scene, beams, light, directions, depths, nodes)
-        problem = replace(problem, stokes=stokes, columns=np.ascontiguousarray(light[:, list(stokes)]))
+        whole = discretise(scene, beams, light, directions, depths, nodes, peaks)
+        problem = replace(whole, stokes=stokes, columns=np.ascontiguousarray(light[:, list(stokes)]))
         thickness = float(problem.thickness[problem.albedo > 0.0].sum())
         route = (Doubling if thickness < THIN else Modes)(problem, base, 1, FINEST)
         result = route.solve(np.zeros(1, np.int32), run)
@@ -135,10 +144,43 @@ def indicator(scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: 
                 raise AccuracyError(f"{name} {residual[0]:.2g}")
         radiance = result.kernels[0, :, :, 0, :, 0]
         size = np.maximum(single, np.abs(radiance).max(axis=2, initial=0.0))[..., None]
-        flux = np.concatenate([result.flux_up, result.flux_down], axis=2) / np.pi
+        if peaks != "none":
+            radiance = radiance + scattered_once(scene, whole, directions)
+        down = result.flux_down + flux_of_the_peak(problem, depths)
+        flux = np.concatenate([result.flux_up, down], axis=2) / np.pi
         return np.concatenate([radiance, flux], axis=2), np.maximum(size, NO_LIGHT)
 
     return solve
+
+
+def scattered_once(scene: Scene, problem: Problem, mu: Array) -> Array:
+    """The mean over azimuth of I scattered once, or by small angles, or reflected once, (n_tau, n_in, n_mu)."""
+    levels = np.arange(problem.level.size, dtype=np.int32)
+    light = np.zeros((levels.size, problem.mu0.size, mu.size))
+    mean = partial(mean_over_azimuth, problem.mu0)
+    for layer, gain, path in zip(scene.layers, problem.gain, layer_paths(problem, levels, mu), strict=True):
+        if gain > 0.0:
+            light += gain / (4.0 * np.pi) * path * mean(layer.phase_matrix.coefficients, mu)
+    out = np.zeros((levels.size, problem.mu0.size, mu.size, AZIMUTHS.size, 4, 1))
+    place, scale = np.zeros(1, np.int32), np.ones(problem.mu0.size)
+    add_base_reflected(scene.base, problem, levels, mu, AZIMUTHS, place, scale, 0, scale.size, out)
+    light += out[..., 0, 0].mean(axis=3)
+    if problem.fraction.any():
+        part = Anisotropic(scene, problem)
+        down = np.flatnonzero(mu < 0.0)
+        for i, mu0 in enumerate(problem.mu0.tolist()):
+            beams = part.beams(mu0)
+            for t in levels.tolist():
+                for places, tables in part.sources(mu0, beams, t, mu[down]):
+                    for o, table in zip(down[places].tolist(), tables, strict=True):
+                        light[t, i, o] = mean(table, mu[o : o + 1])[i, 0] / (4.0 * np.pi)
+    return light
+
+
+def mean_over_azimuth(mu0: Array, coefficients: Array, mu: Array) -> Array:
+    """Of F11 with coefficients (terms, 6), from mu0 (n_in,), going down, to mu (n_mu,), signed: (n_in, n_mu)."""
+    mean: Array = _core.phase_matrices(0, np.ascontiguousarray(coefficients), -mu, mu0.copy())[..., 0, 0].T
+    return mean
 
 
 def few(values: Array, count: int) -> Array:

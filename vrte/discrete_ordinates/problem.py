@@ -20,7 +20,8 @@ ALL = (0, 1, 2, 3)  # places of I, Q, U, V
 class Problem:
     """Layers, directions and incident beams in the solver's frame (docs/conventions.md).
 
-    coefficients (layer, term, 6), cut at 2 N terms; terms, albedo, thickness, above (layer,); nodes, weights (N,);
+    coefficients (layer, term, 6), truncated to 2 N terms; terms, albedo, thickness, above (layer,), of the truncated
+    layers like all depths; gain, fraction (layer,): as in `vrte.optics.truncation.Truncated`; nodes, weights (N,);
     mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, S) incident Stokes
     vectors; stokes (S,): places of the S Stokes parameters at work, ascending; terms_cut: how many terms of the longest
     phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer; leave_out: what
@@ -32,6 +33,8 @@ class Problem:
     albedo: Array
     thickness: Array
     above: Array
+    gain: Array
+    fraction: Array
     nodes: Array
     weights: Array
     mu_out: Array
@@ -48,6 +51,12 @@ class Problem:
     def directions(self) -> Array:
         """Nodes, then outgoing, then incident cosines."""
         return np.concatenate([self.nodes, self.mu_out, self.mu0])
+
+    @property
+    def depth(self) -> Array:
+        """Optical depths of the levels below the top, (n_tau,), as the truncated layers have them."""
+        found: Array = self.above[self.level_layer] + self.level
+        return found
 
     @property
     def size(self) -> int:

@@ -16,7 +16,9 @@ from vrte.discrete_ordinates.memory import check_memory
 from vrte.discrete_ordinates.needs import calibrated, orders_that_matter
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.routes import OTHER, ROUTES, Orders, Route
+from vrte.discrete_ordinates.small_angle import scratch_doubles
 from vrte.discrete_ordinates.summing import Light, Wanted, fill, number_of_pieces
+from vrte.discrete_ordinates.truncating import flux_of_the_peak, spread_towards
 from vrte.errors import AccuracyError
 from vrte.plan import Plan
 
@@ -58,10 +60,12 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
     start = time.perf_counter()
     request, problem, wanted = plan.request, plan.problem, plan.wanted
     azimuths = fold(request.phi, problem.leave_out.azimuths)
-    total = sum(block.orders.size for block in plan.blocks) + number_of_pieces(wanted, request.phi.size)
+    total = steps(plan)
     with single_threaded():
+        spreads = spread_towards(plan.truncation, problem, plan.mu)
+        result_doubles = wanted.doubles(request.phi.size) + (scratch_doubles(request.scene) if spreads.any() else 0.0)
         if not run.brief:
-            check_memory(problem, plan.blocks, wanted.doubles(request.phi.size), azimuths, run.threads)
+            check_memory(problem, plan.blocks, result_doubles, azimuths, run.threads)
         flux_up, flux_down = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
         lights: list[Light] = []
         tally = Tally(set(), {}, {}, {})
@@ -84,7 +88,8 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
             if progress is not None:
                 progress(done, total)
         pieces = sized(progress, done, total)
-        parts = fill(wanted, lights, request.scene, problem, plan.mu, azimuths, run, pieces)
+        parts = fill(wanted, lights, request.scene, problem, plan.mu, azimuths, run, pieces, spreads)
+    flux_down += flux_of_the_peak(problem, request.tau)
     diagnostics = {
         **plan.diagnostics(),
         "threads": run.threads,
@@ -103,6 +108,11 @@ def solve(plan: Plan, run: Run, progress: Progress | None = None) -> Solution:
         "wall_seconds": time.perf_counter() - start,
     }
     return Solution(parts, flux_up, flux_down, diagnostics)
+
+
+def steps(plan: Plan) -> int:
+    """What `progress` counts: orders, and pieces of the result."""
+    return sum(block.orders.size for block in plan.blocks) + number_of_pieces(plan.wanted, plan.request.phi.size)
 
 
 def sized(progress: Progress | None, before: int, total: int) -> Callable[[int], None]:
@@ -132,7 +142,7 @@ def orders_left(plan: Plan, brightest: Array, found: dict[int, Array], left: int
 
 def brightness_of(result: Orders, block: Block) -> Array:
     """The brightest I of order 0 at each depth for each beam, (n_tau, n_in)."""
-    lit = np.abs(block.problem.columns[:, 0])
+    lit = np.abs(block.problem.columns).max(axis=1)  # not I alone, which may be none
     kernels = np.abs(result.kernels[0, :, :, int(np.argmax(lit)), :, 0])
     brightest: Array = kernels.max(axis=2, initial=0.0) / max(float(lit.max()), 1e-300)
     return brightest

@@ -14,6 +14,8 @@ from vrte.discrete_ordinates.azimuths import Azimuths, cos_sin_deg
 from vrte.discrete_ordinates.memory import PIECE_BYTES
 from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
 from vrte.discrete_ordinates.single_scattering import add_base_reflected, scatter_by_orders, scatterers
+from vrte.discrete_ordinates.small_angle import Anisotropic
+from vrte.discrete_ordinates.truncating import BoolArray
 from vrte.scene import Scene
 
 WORTH_THREADS = 1e5  # bytes of a result: below, starting threads takes longer than the sums
@@ -56,12 +58,13 @@ class Part:
     """One array of the result, values (n_level, n_in, n_mu, n_phi, 4, n_place).
 
     levels (n_level,): indices of depths; rows (n_mu,): places of its directions among the problem's; mu (n_mu,):
-    signed cosines.
+    signed cosines; spreads (n_mu,): whether small angles are separated there.
     """
 
     levels: IntArray
     rows: IntArray
     mu: Array
+    spreads: BoolArray
     values: Array
 
 
@@ -74,25 +77,30 @@ def fill(
     azimuths: Azimuths,
     run: Run,
     told: Callable[[int], None],
+    spreads: BoolArray | None = None,
 ) -> list[Array]:
     """The radiance of every part of `wanted`, (n_level, n_in, n_mu, n_phi, 4, n_place).
 
-    mu (n_mu,): signed cosines in the order of the result; told(k) is called when k pieces are done.
+    mu (n_mu,): signed cosines in the order of the result; told(k) is called when k pieces are done; spreads (n_mu,):
+    towards which of them light of small angles stands for single scattering, None for nowhere.
     """
-    parts = make_parts(wanted, mu, azimuths.phi.size)
+    spreads = np.zeros(mu.size, bool) if spreads is None else spreads
+    parts = make_parts(wanted, mu, spreads, azimuths.phi.size)
     kind = column_kinds(problem.columns)
     if sum(part.values.nbytes for part in parts) < WORTH_THREADS:
         run = replace(run, threads=1)
     if not problem.leave_out.single:
         lights = [*lights, singly_scattered(scene, problem, run)]
     sums = [prepare_sum(light, wanted, kind, azimuths, run) for light in lights]
-    single = prepare_scattering(parts, wanted, scene, problem, kind, azimuths, run)
+    single = []
+    if problem.leave_out.single:
+        single.append(prepare_scattering(parts, wanted, scene, problem, kind, azimuths, run))
+        if spreads.any():
+            single.append(prepare_spreading(wanted, scene, problem, kind, azimuths, run))
     for k, (first, last) in enumerate(pieces(wanted, azimuths.phi.size), 1):
         for part in parts:
-            for add in sums:
+            for add in sums + single:
                 add(part, first, last)
-            if problem.leave_out.single:
-                single(part, first, last)
             begin = time.perf_counter()
             add_base_reflected(
                 scene.base,
@@ -114,7 +122,7 @@ def fill(
 Adder = Callable[[Part, int, int], None]
 
 
-def make_parts(wanted: Wanted, mu: Array, n_phi: int) -> list[Part]:
+def make_parts(wanted: Wanted, mu: Array, spreads: BoolArray, n_phi: int) -> list[Part]:
     """Empty arrays; the problem has light going up first, in the order of the request otherwise."""
     row = np.empty(mu.size, np.int32)
     row[np.argsort(mu < 0.0, kind="stable")] = np.arange(mu.size, dtype=np.int32)
@@ -124,6 +132,7 @@ def make_parts(wanted: Wanted, mu: Array, n_phi: int) -> list[Part]:
             levels,
             row[directions],
             mu[directions],
+            spreads[directions],
             np.zeros((levels.size, wanted.scale.size, directions.size, n_phi, 4, n_place)),
         )
         for levels, directions in wanted.parts
@@ -196,13 +205,13 @@ def prepare_scattering(
     azimuths: Azimuths,
     run: Run,
 ) -> Adder:
-    """What adds single scattering in all layers to a piece."""
+    """What adds single scattering in all layers to a piece, but where small angles are separated."""
     cosine, sine = cos_sin_deg(azimuths.distinct)
     work = run.work(_core.scattering_work(problem.columns.shape[0], azimuths.distinct.size))
     begin = time.perf_counter()
     tables = {
         id(part): [
-            (table, wanted.scale[:, None] * path)
+            (table, np.where(part.spreads, 0.0, wanted.scale[:, None] * path))
             for table, path in scatterers(scene.layers, problem, part.levels, part.mu)
         ]
         for part in parts
@@ -231,5 +240,50 @@ def prepare_scattering(
                 run.threads,
                 work,
             )
+
+    return add
+
+
+def prepare_spreading(
+    wanted: Wanted, scene: Scene, problem: Problem, kind: IntArray, azimuths: Azimuths, run: Run
+) -> Adder:
+    """What adds one scattering of the beam, as it spreads by small angles, to a piece where that is asked for."""
+    cosine, sine = cos_sin_deg(azimuths.distinct)
+    work = run.work(_core.scattering_work(problem.columns.shape[0], azimuths.distinct.size))
+    anisotropic = Anisotropic(scene, problem)
+
+    def scatter(part: Part, t: int, i: int, o: int, table: Array) -> None:
+        run.timed(
+            "small angles",
+            _core.add_single_scattering,
+            _core.series_table(table),
+            np.full((1, 1, 1), wanted.scale[i] / (4.0 * np.pi)),
+            problem.mu0[i : i + 1],
+            part.mu[o : o + 1],
+            cosine,
+            sine,
+            azimuths.angle,
+            azimuths.sign,
+            problem.columns,
+            kind,
+            wanted.place,
+            0,
+            1,
+            part.values[t : t + 1, i : i + 1, o : o + 1],
+            1,
+            work,
+        )
+
+    def add(part: Part, first: int, last: int) -> None:
+        for i in range(first, last):
+            begin = time.perf_counter()
+            mu0, towards = float(problem.mu0[i]), np.flatnonzero(part.spreads)
+            beams = anisotropic.beams(mu0)
+            for t, level in enumerate(part.levels.tolist()):
+                for places, tables in anisotropic.sources(mu0, beams, level, part.mu[towards]):
+                    run.book("small angles", time.perf_counter() - begin)
+                    for o, table in zip(towards[places].tolist(), tables, strict=True):
+                        scatter(part, t, i, o, table)
+                    begin = time.perf_counter()
 
     return add

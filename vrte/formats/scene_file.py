@@ -21,14 +21,15 @@ from vrte.formats.toml_table import Table, is_number, located, nearest, relocate
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
-from vrte.request import MOST_NODES
+from vrte.optics.truncation import CHOICES
+from vrte.request import COARSEST, FINEST, MOST_NODES
 from vrte.scene import MOST_LAYERS, Lambertian, Layer, Scene
 
 LARGEST_FILE = 10_000_000  # bytes
 # a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
 LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 KINDS = ("brdf", "field")
-FILE_KEYS = ("wavelength_um", "host_index", "nodes", "particles", "layer", "base", *KINDS)
+FILE_KEYS = ("wavelength_um", "host_index", "nodes", "accuracy", "truncation", "particles", "layer", "base", *KINDS)
 PARTICLE_KEYS = ("index", "radius_um", "size")
 LAYER_KEYS = ("particles", "phase", "albedo", "thickness", "thickness_um", "volume_fraction")
 THICKNESS_KEYS = LAYER_KEYS[3:]
@@ -56,21 +57,21 @@ LEFT_OUT = 1e-12  # of a Henyey-Greenstein phase function, in the terms beyond t
 class SceneFile:
     """What a scene file holds.
 
-    ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``;
-    ``nodes`` is the number of nodes in a hemisphere, None where the plan chooses it, ``particles`` the kinds that the
-    layers hold, by name.
+    ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``, ``options``
+    those of them that say how to solve: ``nodes``, ``accuracy`` and ``truncation``, as far as they are given;
+    ``particles`` the kinds that the layers hold, by name.
     """
 
     scene: Scene
     kind: str
     request: dict[str, Any]
-    nodes: int | None
+    options: dict[str, Any]
     particles: dict[str, Particles]
 
     def located(self, message: str) -> str:
         """The library's complaint about the request, with the dotted key of the file in front.
 
-        >>> SceneFile(None, "brdf", {}, 40, {}).located("phi must be finite, not nan")
+        >>> SceneFile(None, "brdf", {}, {}, {}).located("phi must be finite, not nan")
         'brdf.phi_deg must be finite, not nan'
         """
         message = message.replace("phi ", "phi_deg ", 1) if message.startswith("phi ") else message
@@ -90,9 +91,9 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None) -> SceneFi
     file = Table("", _toml(read_text(path, LARGEST_FILE)), FILE_KEYS)
     kind = _kind(file, kind)
     request = _request(file, kind)
-    nodes = file.whole("nodes", 1, MOST_NODES) if "nodes" in file else None
+    options = _options(file)
     particles = _Particles(file, _particle_tables(file))
-    return SceneFile(_scene(file, particles, Path(path).parent), kind, request, nodes, particles.computed)
+    return SceneFile(_scene(file, particles, Path(path).parent), kind, request, options, particles.computed)
 
 
 def _toml(text: str) -> dict[str, Any]:
@@ -126,6 +127,21 @@ def _request(file: Table, kind: str) -> dict[str, Any]:
     tables = {name: file.table(name, REQUEST_KEYS[name]) for name in KINDS if name in file}
     table = tables[kind]
     return _brdf_request(table) if kind == "brdf" else _field_request(table)
+
+
+def _options(file: Table) -> dict[str, Any]:
+    """How to solve, as far as the file says so."""
+    options: dict[str, Any] = {}
+    if "nodes" in file:
+        options["nodes"] = file.whole("nodes", 1, MOST_NODES)
+    if "accuracy" in file:
+        allowed = f"a number between {FINEST:g} and {COARSEST:g}"
+        options["accuracy"] = file.number("accuracy", allowed)
+        if not FINEST <= options["accuracy"] <= COARSEST:
+            raise file.wrong("accuracy", f"must be {allowed}")
+    if "truncation" in file:
+        options["truncation"] = file.choice("truncation", CHOICES)
+    return options
 
 
 def _brdf_request(table: Table) -> dict[str, Any]:

@@ -70,6 +70,7 @@ def solve_field(case: Case, scene: Scene, phi: Array, algorithm: str, threads: i
         tau=case.tau,
         nodes=case.nodes,
         accuracy=FINEST,
+        truncation="none",
         algorithm=algorithm,
         threads=threads,
     )
@@ -84,6 +85,7 @@ def solve_brdf(case: Case, options: Options, phi: Array) -> Brdf:
         phi=phi,
         nodes=case.nodes,
         accuracy=FINEST,
+        truncation="none",
         transmission=bool(np.isfinite(case.thickness)),
         algorithm=options.algorithm,
         threads=options.threads,

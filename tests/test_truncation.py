@@ -1,0 +1,349 @@
+"""Peaked phase matrices at few nodes: nothing is lost, nothing is changed without need, and more nodes agree."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.discrete_ordinates import node_choice
+from vrte.discrete_ordinates.azimuths import fold
+from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.quadrature import double_gauss
+from vrte.discrete_ordinates.small_angle import Spreading, exp_difference
+from vrte.discrete_ordinates.summing import Wanted, fill
+from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, _lowest_coherency_eigenvalue
+from vrte.optics.truncation import TRUNCATIONS, delta_m, truncated
+from vrte.report import truncation
+from vrte.report.stability.phases import phase_matrix
+from vrte.running import new_run
+
+HG = vrte.henyey_greenstein(0.9, 200)
+MU = np.concatenate([np.linspace(0.05, 1.0, 12), -np.linspace(0.05, 1.0, 12)])
+PHI = [0.0, 30.0, 90.0, 180.0]
+TRUNCATING = [name for name in TRUNCATIONS if name != "none"]
+
+
+def two_layers(albedo: float = 1.0, base: float = 0.3) -> vrte.Scene:
+    return vrte.Scene(
+        [vrte.Layer(HG, albedo, 3.0), vrte.Layer(phase_matrix("haze-L"), albedo, 1.0)], vrte.Lambertian(base)
+    )
+
+
+@pytest.mark.parametrize("name", TRUNCATING)
+def test_energy_is_conserved(name: str) -> None:
+    field = vrte.radiance(two_layers(), 0.6, mu=0.5, tau=[0.0, 1.3, 3.0, 3.5, 4.0], nodes=8, truncation=name)
+    net = field.flux_down + field.direct - field.flux_up
+    np.testing.assert_allclose(net, net[-1], rtol=0, atol=1e-14)
+    white = vrte.radiance(two_layers(base=1.0), 0.6, mu=0.5, nodes=8, truncation=name)
+    assert white.flux_up[0] == pytest.approx(0.6, abs=1e-12)
+
+
+@pytest.mark.parametrize("algorithm", ["modes", "doubling"])
+def test_both_algorithms_take_truncated_layers(algorithm: str) -> None:
+    asked = {"mu": MU, "phi": PHI, "tau": [0.0, 1.3, 4.0], "nodes": 6, "truncation": "delta-m"}
+    field = vrte.radiance(two_layers(0.9), 0.6, (1, 0.3, 0.2, 0.1), **asked, algorithm=algorithm)
+    other = vrte.radiance(two_layers(0.9), 0.6, (1, 0.3, 0.2, 0.1), **asked)
+    np.testing.assert_allclose(field.stokes, other.stokes, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", TRUNCATING)
+def test_where_the_nodes_carry_all_terms_nothing_changes(name: str) -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0), vrte.Layer(vrte.henyey_greenstein(0.3, 30), 1.0, 0.4)])
+    asked = {"mu": MU, "phi": PHI, "tau": [0.0, 0.7, 1.4], "nodes": 15}
+    plain = vrte.radiance(scene, 0.6, (1, 0.5, 0.3, 0.1), **asked)
+    field = vrte.radiance(scene, 0.6, (1, 0.5, 0.3, 0.1), **asked, truncation=name)
+    assert np.array_equal(field.stokes, plain.stokes)
+    assert np.array_equal(field.flux_down, plain.flux_down)
+    assert field.diagnostics["peak_fractions"] == [0.0, 0.0]
+
+
+def test_conservative_layers_stay_exactly_conservative() -> None:
+    for terms in range(1, 200):
+        layer = delta_m(HG, 1.0, 7.0, terms)
+        assert layer.albedo == 1.0
+        assert layer.coefficients[0, 0] == 1.0
+        assert layer.fraction == pytest.approx(0.9**terms)
+
+
+def test_the_first_coefficient_left_out_is_the_peaks() -> None:
+    # moments of layer and peak, weighted, are those of the phase matrix: a1[l]/(2l+1) = f + (1-f) a1'[l]/(2l+1)
+    matrix = phase_matrix("haze-L")
+    layer = delta_m(matrix, 0.9, 1.0, 12)
+    f, degree = layer.fraction, 2.0 * np.arange(12) + 1.0
+    assert f == matrix.a1[12] / 25.0
+    for column, whole in ((0, matrix.a1), (3, matrix.a4)):
+        np.testing.assert_allclose((1 - f) * layer.coefficients[:, column] + f * degree, whole[:12], atol=1e-15)
+    for column, whole in ((1, matrix.a2), (2, matrix.a3)):
+        np.testing.assert_allclose(((1 - f) * layer.coefficients[:, column] + f * degree)[2:], whole[2:12], atol=1e-15)
+    for column, whole in ((4, matrix.b1), (5, matrix.b2)):
+        np.testing.assert_allclose((1 - f) * layer.coefficients[:, column], whole[:12], atol=1e-15)
+    assert layer.stretch * layer.gain == pytest.approx(0.9)
+    # what is not scattered into the peak is as much as before: absorption per length, and the rest of the scattering
+    assert (1 - layer.albedo) * layer.stretch == pytest.approx(0.1)
+    assert layer.albedo * layer.stretch == pytest.approx(0.9 * (1 - f))
+
+
+@pytest.mark.parametrize("backward", [vrte.henyey_greenstein(-0.8, 100), vrte.isotropic()])
+def test_without_a_forward_peak_there_is_nothing_to_take_off(backward: vrte.PhaseMatrix) -> None:
+    layer = delta_m(backward, 0.9, 2.0, 7)
+    assert (layer.fraction, layer.albedo, layer.thickness) == (0.0, 0.9, 2.0)
+
+
+def lowest_eigenvalue(coefficients: np.ndarray) -> float:
+    """Of the coherency matrix, over the scattering angles that PhaseMatrix checks; its trace has the mean 1."""
+    matrix = object.__new__(vrte.PhaseMatrix)  # without the check, which refuses what is looked at here
+    matrix.__setstate__(dict(zip(("a1", "a2", "a3", "a4", "b1", "b2"), coefficients.T, strict=True)))
+    return float(_lowest_coherency_eigenvalue(*matrix._elements(np.cos(np.radians(CHECK_ANGLES_DEG)))).min())
+
+
+@pytest.mark.parametrize(("terms", "allowed"), [(8, 0.06), (16, 0.014), (24, 0.006), (40, 4e-4), (64, 7e-6)])
+def test_truncated_haze_is_nearly_physical(terms: int, allowed: float) -> None:
+    """Nothing makes sure that the rest is a matrix that particles can have; it lacks less than a cut one."""
+    cut = lowest_eigenvalue(truncated("none", phase_matrix("haze-L"), 1.0, 1.0, terms).coefficients)
+    rest = lowest_eigenvalue(delta_m(phase_matrix("haze-L"), 1.0, 1.0, terms).coefficients)
+    assert rest > -allowed
+    assert rest > 0.5 * cut
+
+
+def test_depths_inside_layers_are_those_of_the_scene() -> None:
+    """Light at a depth is that of the layer cut there, though delta-M stretches both parts."""
+    whole = vrte.Scene([vrte.Layer(HG, 0.9, 3.0)])
+    parts = vrte.Scene([vrte.Layer(HG, 0.9, 1.1), vrte.Layer(HG, 0.9, 1.9)])
+    asked = {"mu": MU, "phi": PHI, "tau": [0.0, 1.1, 2.0, 3.0], "nodes": 6, "truncation": "delta-m"}
+    one, two = (vrte.radiance(scene, 0.6, **asked) for scene in (whole, parts))
+    np.testing.assert_allclose(one.stokes, two.stokes, atol=1e-13)
+    np.testing.assert_allclose(one.flux_down, two.flux_down, atol=1e-14)
+
+
+def error_of_reflection(scene: vrte.Scene, nodes: int, name: str, converged: np.ndarray) -> float:
+    found = vrte.brdf(scene, 0.8, MU[:12], PHI, nodes=nodes, truncation=name).mueller[..., 0, 0]
+    return float(np.abs(found - converged).max() / converged.max())
+
+
+def test_fewer_nodes_are_enough() -> None:
+    """Against 44 nodes, which are right to 3e-6: g = 0.9, with 8 nodes as well as with 16 where terms are cut."""
+    scene = vrte.Scene([vrte.Layer(HG, 1.0, 5.0)])
+    converged = vrte.brdf(scene, 0.8, MU[:12], PHI, nodes=44).mueller[..., 0, 0]
+    for name in TRUNCATING:
+        assert error_of_reflection(scene, 8, name, converged) < 0.025
+        assert error_of_reflection(scene, 16, name, converged) < 1.5e-3
+        assert error_of_reflection(scene, 32, name, converged) < 1.5e-5
+    assert error_of_reflection(scene, 8, "none", converged) > 0.2
+    assert error_of_reflection(scene, 16, "none", converged) > 0.015
+
+
+def test_light_near_the_beam() -> None:
+    """Inside and below, polarized, through layers of two kinds, against nodes that carry all terms that count."""
+    scene, beam = two_layers(0.95), (1.0, 0.3, 0.2, 0.5)
+    mu = np.array([-0.52, -0.6, -0.68, -0.2, -1.0, 0.3])
+    asked = {"mu": mu, "phi": [0.0, 6.0, 120.0], "tau": [1.0, 3.4, 4.0]}
+    converged = vrte.radiance(scene, 0.6, beam, nodes=40, **asked, accuracy=1e-5, truncation="none").stokes
+    for name, near, aside in (("delta-m", 0.3, 0.02), ("small-angle", 5e-3, 5e-3)):
+        error = np.abs(vrte.radiance(scene, 0.6, beam, nodes=8, **asked, truncation=name).stokes - converged)
+        error /= converged[..., 0].max(axis=(1, 2), keepdims=True)[..., None]
+        assert error[:, :3, :2].max() < near
+        assert np.delete(error, [0, 1, 2], axis=1).max() < aside
+
+
+def test_spread_light_is_the_flux() -> None:
+    """Radiance integrated over the lower hemisphere; delta-M leaves a hundredth of it out."""
+    nodes, weights = double_gauss(60)
+    scene = vrte.Scene([vrte.Layer(HG, 1.0, 2.0)])
+    phi = np.arange(1.0, 360.0, 2.0)
+    for name, gap in (("delta-m", 0.014), ("small-angle", 1e-5)):
+        field = vrte.radiance(scene, 0.6, mu=-nodes, phi=phi, tau=2.0, nodes=8, truncation=name)
+        flux = 2.0 * np.pi * (field.stokes[0, ..., 0].mean(axis=1) @ (weights * nodes))
+        assert abs(flux / field.flux_down[0] - 1.0) < gap
+
+
+def test_nothing_that_a_scalar_layer_scatters_is_polarized() -> None:
+    scene = vrte.Scene([vrte.Layer(HG, 1.0, 5.0)], vrte.Lambertian(0.5))
+    for name in TRUNCATING:
+        mueller = vrte.brdf(scene, 0.5, MU[:12], PHI, nodes=6, truncation=name, transmission=True)
+        assert mueller.diagnostics["peak_fractions"][0] > 0.2
+        for values in (mueller.mueller, mueller.transmission):
+            assert not values[..., 1:, :].any()
+            assert not values[..., :, 1:].any()
+
+
+def test_layers_without_end() -> None:
+    scene = vrte.Scene([vrte.Layer(HG, 1.0, np.inf)])
+    converged = vrte.brdf(scene, 0.8, MU[:12], PHI, nodes=36).mueller[..., 0, 0]
+    for name in TRUNCATING:
+        assert error_of_reflection(scene, 16, name, converged) < 3e-3
+        white = vrte.brdf(scene, [0.3, 0.8], MU[:12], PHI, nodes=8, truncation=name)
+        np.testing.assert_allclose(white.reflectance, 1.0, atol=1e-12)
+
+
+def test_matrix_functions_of_the_degrees() -> None:
+    """Against the exponential series, with b2 != 0 (swinging pairs) and degrees whose eigenvalues nearly agree."""
+    from scipy.linalg import expm
+
+    spreading = Spreading.of(phase_matrix("glass-x30"), 120)
+    exponentials = spreading.function(lambda s: np.exp((0.9 * s - 1.0) * 7.0))
+    assert (spreading.root.imag != 0.0).any()
+    for degree in range(120):
+        for block in range(2):
+            s = spreading.mean[degree, block] * np.eye(2) + spreading.shape[degree, block]
+            np.testing.assert_allclose(exponentials[degree, block], expm((0.9 * s - np.eye(2)) * 7.0), atol=1e-13)
+
+
+def test_exponential_differences() -> None:
+    a = np.array([0.0, -1.0, -1.0 + 1e-7, -30.0, -1.0 + 2j, -700.0])
+    for b in (-1.0, -40.0, 0.0):
+        direct = (np.exp(a.astype(np.clongdouble)) - np.exp(np.longdouble(b))) / np.where(a == b, 1.0, a - b)
+        np.testing.assert_allclose(
+            exp_difference(a, b), np.where(a == b, np.exp(b), direct), rtol=1e-11 if b == -1.0 else 1e-14
+        )
+
+
+def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:
+    """The closed forms agree where the nodes carry all terms: one integrates over depths matrix by matrix."""
+    scene = two_layers(0.9)
+    tau, mu0, columns = np.array([0.0, 1.0, 3.0, 4.0]), np.array([0.3, 1.0]), np.eye(4)
+    problem = discretise(scene, mu0, columns, MU, tau, 100, "all")
+    assert not problem.fraction.any()
+    part = np.arange(4, dtype=np.int32), np.arange(MU.size, dtype=np.int32)
+    wanted = Wanted([part], np.arange(4, dtype=np.int32), np.ones(2))
+    once, spread = (
+        fill(wanted, [], scene, problem, MU, fold(np.array(PHI)), new_run(1), lambda done: None, spreads)[0]
+        for spreads in (np.zeros(MU.size, bool), np.ones(MU.size, bool))
+    )
+    np.testing.assert_allclose(spread, once, atol=1e-13 * np.abs(once).max())
+
+
+def peaked_over_rayleigh() -> vrte.Scene:
+    """A scalar layer that nodes cut, above a polarizing one."""
+    return vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.8, 100), 1.0, 1.0), vrte.Layer(vrte.rayleigh(), 1.0, 0.5)])
+
+
+def test_what_auto_takes() -> None:
+    def rule(nodes: int, scene: vrte.Scene | None = None, **asked: Any) -> str:
+        diagnostics = vrte.radiance(scene or two_layers(), 0.6, nodes=nodes, **asked).diagnostics
+        assert diagnostics["truncation_rule"].startswith("auto: ")
+        return str(diagnostics["truncation"])
+
+    resolved = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 16), 0.9, 1.0)])
+    assert rule(8, resolved, mu=MU, tau=[0.0, 1.0]) == "none"
+    assert rule(8, mu=MU[:12]) == rule(8, mu=MU) == rule(8, mu=MU[:12], tau=1.0) == "delta-m"
+    assert rule(8, mu=MU, tau=[0.0, 1.0]) == "delta-m, small-angle for light going down"
+    haze = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 0.9, 1.0)])
+    assert rule(8, haze, mu=MU[:12], stokes=(0, 1, 0, 0)) == "delta-m"
+    assert rule(8, peaked_over_rayleigh(), mu=MU[:12], stokes=(0, 1, 0, 0)) == "delta-m of polarizing layers"
+
+
+def test_auto_takes_each_where_it_is_better() -> None:
+    asked = {"mu": MU, "phi": PHI, "tau": [0.0, 1.0, 4.0], "nodes": 6}
+    auto, once, spread = (
+        vrte.radiance(two_layers(), 0.6, **asked, truncation=name) for name in ("auto", "delta-m", "small-angle")
+    )
+    np.testing.assert_allclose(auto.stokes[:, MU > 0.0], once.stokes[:, MU > 0.0], atol=1e-14)
+    np.testing.assert_allclose(auto.stokes[:, MU < 0.0], spread.stokes[:, MU < 0.0], atol=1e-14)
+    np.testing.assert_array_equal(auto.flux_down, once.flux_down)
+    # one of the two for all incident Stokes vectors: reciprocal
+    haze = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 1.0, 3.0)], vrte.Lambertian(0.3))
+    brdf = vrte.brdf(haze, MU[3:6], MU[3:6], [0.0, 120.0], nodes=6)
+    forth, turned = brdf.mueller, brdf.mueller.transpose(1, 0, 2, 4, 3)
+    minus = np.array([1.0, 1.0, 1.0, -1.0])
+    np.testing.assert_allclose(forth, minus[:, None] * turned * minus, atol=1e-13 * forth.max())
+
+
+def test_polarized_light_through_scalar_layers() -> None:
+    """Delta-M has no peak for Q, U and V of a scalar layer; there the layer is cut, which to them is no error."""
+    scene = peaked_over_rayleigh()
+    asked = {"mu_i": [0.3, 0.8], "mu_o": MU[:12], "phi": PHI, "transmission": True}
+    exact = vrte.brdf(scene, nodes=24, truncation="none", **asked)
+    once, auto = (vrte.brdf(scene, nodes=6, truncation=name, **asked) for name in ("delta-m", "auto"))
+
+    def errors(found: vrte.Brdf) -> list[float]:
+        """Of the columns for unpolarized and for polarized light, reflected and transmitted, over the largest I."""
+        pairs = ((found.mueller, exact.mueller), (found.transmission, exact.transmission))
+        return [
+            float(np.abs(mine - right)[..., columns].max() / right[..., 0, 0].max())
+            for mine, right in pairs
+            for columns in (slice(0, 1), slice(1, 4))
+        ]
+
+    assert errors(once)[1] > 1e-3
+    assert np.all(np.array(errors(auto)) < [1.5e-2, 5e-6, 1e-3, 1e-5])
+    np.testing.assert_allclose(auto.mueller[..., 0], once.mueller[..., 0], atol=1e-13)
+    assert auto.diagnostics["polarized_light"]["truncation"].startswith("delta-m of polarizing layers")
+
+
+def test_two_solutions_make_one_field() -> None:
+    """Light that is polarized in part is the sum of what is and what is not; progress goes through both."""
+    asked = {"mu": MU, "phi": PHI, "tau": [0.0, 0.7, 1.5], "nodes": 6}
+    told: list[tuple[int, int]] = []
+    field = vrte.radiance(
+        peaked_over_rayleigh(), 0.6, (1, 0.3, 0.2, 0.1), **asked, progress=lambda *done: told.append(done)
+    )
+    unpolarized = vrte.radiance(peaked_over_rayleigh(), 0.6, **asked)
+    polarized = vrte.radiance(peaked_over_rayleigh(), 0.6, (0, 0.3, 0.2, 0.1), **asked)
+    scale = np.abs(field.stokes).max()
+    np.testing.assert_allclose(field.stokes, unpolarized.stokes + polarized.stokes, atol=1e-14 * scale)
+    np.testing.assert_allclose(field.flux_up, unpolarized.flux_up + polarized.flux_up, atol=1e-15)
+    np.testing.assert_allclose(field.flux_down, unpolarized.flux_down + polarized.flux_down, atol=1e-15)
+    assert told == sorted(told)
+    assert told[-1][0] == told[-1][1]
+
+
+def test_a_beam_without_intensity() -> None:
+    """What Q alone does is what Q does beside I: no order is left out for want of an I to compare it with."""
+    scene = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 0.99, 3.0)])
+    asked = {"mu": [0.3, 0.7, -0.5], "phi": [0.0, 40.0, 90.0], "tau": [0.0, 1.0], "nodes": 12}
+    whole, light, alone = (
+        vrte.radiance(scene, 0.6, beam, **asked).stokes for beam in ((1, 0.4, 0, 0), (1, 0, 0, 0), (0, 0.4, 0, 0))
+    )
+    np.testing.assert_allclose(alone, whole - light, atol=1e-8 * np.abs(light).max())
+
+
+def test_the_check_of_the_nodes_is_of_truncated_layers() -> None:
+    """Where 16 nodes of cut layers find no answer, and 32 are right to 6e-3."""
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.97, 600), 1.0, 20.0)], vrte.Lambertian(0.3))
+    mu, depths, light = np.array([0.3, 0.9, -0.5, -0.9]), np.array([0.0, 20.0]), np.array([0.6])
+    errors = {}
+    for peaks in ("none", "all"):
+        found = node_choice.indicator(scene, light, mu, np.zeros(1), depths, new_run(1), peaks)
+        errors[peaks] = [node_choice.error_of(found, nodes) for nodes in (16, 32)]
+    assert errors["none"][0] == np.inf
+    assert errors["all"][0] < 1e-3
+    assert errors["all"][1] < 1e-4 < 5e-3 < errors["none"][1]
+
+
+def test_light_fades_over_truncated_depths() -> None:
+    """Light deep inside is what it is beside light at the top: none of its orders has faded over the whole depth."""
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.99, 1500), 1.0, 300.0)])
+    asked = {"mu": [-0.61, -0.5], "phi": [0.0, 90.0], "nodes": 8, "truncation": "delta-m"}
+    alone, beside = (vrte.radiance(scene, 0.6, tau=tau, **asked).stokes[-1, ..., 0] for tau in (300.0, [0.0, 300.0]))
+    np.testing.assert_allclose(alone, beside, rtol=1e-7)
+
+
+def test_the_report(tmp_path: Path) -> None:
+    case = truncation.Case("g = 0.5", lambda: vrte.henyey_greenstein(0.5, 40), 1.0, (2, 4), (18, 20), resolved=True)
+    said: list[str] = []
+    errors, reference = truncation.measure(case, said.append)
+    truncation.write_report(errors, reference, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"truncation.csv", "truncation.md", "truncation.png"}
+    assert len(said) == 7
+    assert max(row.largest for row in reference) < 1e-6
+    worst = {(row.truncation, row.nodes): row.largest for row in errors if row.part == "reflected"}
+    assert worst["delta-m", 4] < worst["none", 4] < worst["none", 2]
+
+
+def test_cloud_c1_is_the_published_one() -> None:
+    """Deirmendjian's modified gamma distribution r^6 exp(-1.5 r), its mode at 4 um."""
+    radii, weights = vrte.Gamma(r_eff_um=6.0, v_eff=1.0 / 9.0).quadrature(400)
+    density = weights / radii  # equal steps in the logarithm of the radius
+    expected = radii**6 * np.exp(-1.5 * radii)
+    inside = slice(1, -1)
+    np.testing.assert_allclose(density[inside] / density.max(), expected[inside] / expected.max(), rtol=1e-10)
+
+
+def test_names_are_checked() -> None:
+    with pytest.raises(
+        vrte.SceneError, match="truncation must be 'auto', 'none', 'delta-m', 'small-angle', not 'sharp'"
+    ):
+        vrte.radiance(two_layers(), 0.6, truncation="sharp")
+    assert truncated("none", HG, 1.0, 2.0, 10).coefficients.shape == (10, 6)

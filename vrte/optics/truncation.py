@@ -1,0 +1,83 @@
+"""Peaked phase matrices made fit for few nodes: the forward peak counted as light that was not scattered (delta-M).
+
+With f the share of the peak, diag(1, 1, 1, 1) delta(1 - cos), which turns and polarizes nothing, the rest has the
+coefficients (a - (2l+1) f)/(1 - f), and light is scattered less: depths shrink by the factor 1 - albedo f, the albedo
+becomes albedo (1 - f)/(1 - albedo f). The peak has the first coefficient that the nodes do not carry in common with the
+phase matrix, so that of the rest is zero. Where polarization plays no part in a scene the peak is diag(1, 0, 0, 0)
+delta(1 - cos): scalar phase functions scatter no Q, U and V, not even straight on. Nothing makes sure that the rest is
+physical, so it is a table of coefficients and no PhaseMatrix. Source: Wiscombe, J. Atmos. Sci. 34, 1408 (1977), here
+for 4x4 matrices.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.optics.phase_matrix import PhaseMatrix
+
+TRUNCATIONS = ("none", "delta-m", "small-angle")
+CHOICES = ("auto", *TRUNCATIONS)
+
+
+@dataclass(frozen=True, eq=False)
+class Truncated:
+    """A layer as multiple scattering sees it.
+
+    ``coefficients`` (terms, 6): columns a1, a2, a3, a4, b1, b2; ``albedo``; optical ``thickness``; ``fraction`` f of
+    the scattered light that goes into the peak; ``stretch`` = 1 - albedo f, a depth here over that in the layer itself;
+    ``gain`` = albedo/(1 - albedo f), what stands for the albedo where light is scattered by the whole phase matrix.
+    """
+
+    coefficients: Array
+    albedo: float
+    thickness: float
+    fraction: float
+    stretch: float
+    gain: float
+
+
+def truncated(
+    name: str, phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False
+) -> Truncated:
+    """The layer with ``terms`` coefficients at most: cut for "none", by delta-M for "delta-m" and "small-angle".
+
+    >>> from vrte.optics.phase_matrix import henyey_greenstein
+    >>> truncated("none", henyey_greenstein(0.9, 200), 1.0, 5.0, 16).thickness
+    5.0
+    """
+    if name == "none" or albedo == 0.0:
+        return Truncated(phase_matrix.coefficients[:terms], albedo, thickness, fraction=0.0, stretch=1.0, gain=albedo)
+    return delta_m(phase_matrix, albedo, thickness, terms, scalar)
+
+
+def delta_m(phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False) -> Truncated:
+    """The layer without its forward peak, ``terms`` >= 1 coefficients at most; ``scalar``: the peak has an a1 only.
+
+    With no more coefficients than ``terms`` it stays as it is, to the last bit; an albedo of 1 stays exactly 1.
+
+    >>> from vrte.optics.phase_matrix import henyey_greenstein
+    >>> round(delta_m(henyey_greenstein(0.5, 60), 1.0, 8.0, 2).thickness, 12)  # f = 0.5**2
+    6.0
+    """
+    f = peak_fraction(phase_matrix, terms)
+    if f == 0.0:
+        return truncated("none", phase_matrix, albedo, thickness, terms)
+    stretch = 1.0 - albedo * f
+    rest = (phase_matrix.coefficients[:terms] - f * peak(terms, scalar)) / (1.0 - f)
+    return Truncated(rest, albedo * (1.0 - f) / stretch, thickness * stretch, f, stretch, albedo / stretch)
+
+
+def peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
+    """f, the first a1 left out over its 2 l + 1; 0 where none is left out or there is no forward peak."""
+    if terms >= phase_matrix.terms:
+        return 0.0
+    return max(0.0, float(phase_matrix.a1[terms]) / (2 * terms + 1))
+
+
+def peak(terms: int, scalar: bool = False) -> Array:
+    """The coefficients of diag(1, 1, 1, 1) delta(1 - cos): 2 l + 1, and none of a2 and a3 below l = 2; (terms, 6)."""
+    coefficients = np.zeros((terms, 6))
+    coefficients[:, : 1 if scalar else 4] = (2.0 * np.arange(terms) + 1.0)[:, None]
+    coefficients[:2, 1:3] = 0.0
+    return coefficients
