@@ -160,7 +160,7 @@ def test_directions_are_the_nodes_that_were_chosen() -> None:
 def test_nothing_is_lowered_before_two_orders_are_known() -> None:
     found = {0: np.full((1, 1), 1e-9), 1: np.full((1, 1), 1e-9)}
     bounds = 0.1 ** np.arange(5.0)[:, None, None]
-    known = needs.Needs(np.full(5, 0.1), np.ones(5), np.ones((5, 2)))
+    known = needs.Needs(np.full((1, 5), 0.1), np.full(5, 0.1), np.ones(5), np.ones((5, 2)))
     assert np.array_equal(needs.calibrated(known, bounds, found), bounds)
     lowered = needs.calibrated(known, bounds, found | {2: np.full((1, 1), 1e-10)})
     assert (lowered[3:] < bounds[3:]).all()

@@ -815,17 +815,20 @@ cdef int modes_by_stokes(int n, int stokes, bint quick, const double* E, const d
     equal eigenvalues would mix and lose digits.
     """
     cdef int set_of[4]
-    cdef int a, b, i, j, info = 0, size, column = 0, old
+    cdef int a, b, i, j, row, info = 0, size, column = 0, old
+    cdef size_t at
     for a in range(stokes):
         set_of[a] = a
-    for j in range(n):
-        for i in range(n):
-            a, b = set_of[i % stokes], set_of[j % stokes]
-            if a != b and (E[<size_t>j * n + i] != 0.0 or F[<size_t>j * n + i] != 0.0):
-                old = max(a, b)
-                for size in range(stokes):
-                    if set_of[size] == old:
-                        set_of[size] = min(a, b)
+    for j in range(n if stokes > 1 else 0):
+        for i in range(n // stokes):
+            for row in range(stokes):
+                a, b = set_of[row], set_of[j % stokes]
+                at = <size_t>j * n + i * stokes + row
+                if a != b and (E[at] != 0.0 or F[at] != 0.0):
+                    old = max(a, b)
+                    for size in range(stokes):
+                        if set_of[size] == old:
+                            set_of[size] = min(a, b)
     for a in range(stokes):
         size = 0
         for b in range(stokes):
@@ -850,7 +853,10 @@ cdef int modes_of_set(int n, int stokes, bint quick, int which, int members, con
     cdef double* a = f + hh
     cdef double* x = X if members == stokes else a + hh
     column = 0
-    for j in range(n):
+    if members == stokes:
+        memcpy(e, E, sizeof(double) * hh)
+        memcpy(f, F, sizeof(double) * hh)
+    for j in range(n if members < stokes else 0):
         if set_of[j % stokes] != which:
             continue
         row = 0

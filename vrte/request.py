@@ -53,8 +53,10 @@ def operations_of(request: Request) -> float:
     if isinstance(scene.base, MuellerBase) or request.nodes is None or mu is None:
         return math.inf
     scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
-    unknowns = float(request.nodes if scalar else 4 * request.nodes)
     terms = max(layer.phase_matrix.terms for layer in scene.layers)
+    if terms > 2 * request.nodes and request.truncation != "none":
+        return math.inf
+    unknowns = float(request.nodes if scalar else 4 * request.nodes)
     orders = min(terms, 2 * request.nodes)
     beams, directions = request.mu0.size * request.columns.shape[0], mu.size * request.tau.size
     per_n3 = SOLVING if request.algorithm in ("auto", "modes") and not request.verify else DOUBLING
