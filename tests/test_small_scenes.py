@@ -17,7 +17,7 @@ from vrte.discrete_ordinates.homogeneous import homogeneous
 from vrte.discrete_ordinates.particular import particular
 from vrte.discrete_ordinates.phase_assembly import assemble
 from vrte.discrete_ordinates.problem import Problem, Run
-from vrte.discrete_ordinates.single_scattering import layer_paths
+from vrte.discrete_ordinates.single_scattering import paths_in_layers
 from vrte.request import operations_of, radiance_request, solver_options
 from vrte.running import BRIEF, BRIEF_ALONE, new_run
 
@@ -89,7 +89,7 @@ def test_path_integrals_by_quadrature() -> None:
     layers = [vrte.Layer(vrte.isotropic(), 0.9, thickness) for thickness in (0.3, 1.2, 0.5)]
     mu, mu0, tau = np.array([0.3, -0.7, -0.4]), np.array([0.4, 0.8]), np.array([0.0, 0.9, 1.5, 2.0])
     problem = discretise(vrte.Scene(layers), mu0, np.eye(4)[:1], mu, tau, 4)
-    found = layer_paths(problem, np.arange(4, dtype=np.int32), mu)
+    found = paths_in_layers(problem, np.arange(4, dtype=np.int32), mu)
     x, weights = np.polynomial.legendre.leggauss(60)
     for k, (top, thickness) in enumerate(zip(problem.above, problem.thickness, strict=True)):
         for t, depth in enumerate(tau):
