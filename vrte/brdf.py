@@ -95,8 +95,8 @@ def brdf(
 ) -> Brdf:
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
-    Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``threads``, ``progress``,
-    ``algorithm``, ``verify``, ``accuracy``, ``truncation`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF
+    Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
+    ``progress``, ``algorithm``, ``verify``, ``truncation`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF
     (not for a layer without end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for
     its answer.
 

@@ -61,11 +61,12 @@ def needs_of(problem: Problem, run: Run) -> Needs:
 def brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
     """Singly scattered I per unit of incident light, seen along a few of the directions ``mu`` and azimuths ``phi``
     (degrees): the brightest at each depth for each beam, (n_tau, n_in). Never more than the light there is, so without
-    forward peaks, whose light goes on being scattered."""
+    forward peaks where they are taken off: their light goes on being scattered."""
     out, into, angles = mu[spread(mu.size)], problem.mu0, np.radians(phi[spread(phi.size)])
+    whole = not problem.fraction.any()
     levels = np.arange(problem.level.size, dtype=np.int32)
     light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
-    for coefficients, path in scatterers(scene.layers, problem, levels, out, whole=False):
+    for coefficients, path in scatterers(scene.layers, problem, levels, out, whole):
         run.timed(
             "planning",
             _core.add_single_scattering,

@@ -48,24 +48,17 @@ class NodeChoice:
 
 
 def choose_nodes(
-    scene: Scene,
-    mu0: Array,
-    mu: Array | None,
-    phi: Array,
-    tau: Array,
-    accuracy: float,
-    run: Run,
-    peaks: str = "none",
+    scene: Scene, mu0: Array, mu: Array | None, phi: Array, tau: Array, accuracy: float, run: Run, peaks: str = "none"
 ) -> NodeChoice:
     """Nodes for an accuracy of the continuous problem; ``mu`` signed, None for the nodes themselves; ``peaks``: of
     which layers they are taken off."""
     directions = np.concatenate([OF_NODES, -OF_NODES]) if mu is None else mu
     nodes = estimated_nodes(scene, mu0, directions, tau, accuracy)
-    if max(layer.phase_matrix.terms for layer in scene.layers) <= 2 * nodes:
-        peaks = "none"
     if BYTES_A_NODE * len(scene.layers) * (WIDER * nodes) ** 2 > CHECKED_BYTES:
         note = f"so many layers that the estimate of {nodes} nodes is not checked"
         return NodeChoice(nodes, f"estimate {nodes}, not checked", (note,))
+    if max(layer.phase_matrix.terms for layer in scene.layers) <= 2 * nodes:
+        peaks = "none"
     with single_threaded():
         found = indicator(scene, mu0, directions, phi, tau, run, peaks)
         error = error_of(found, nodes)

@@ -35,7 +35,8 @@ def choose_truncation(name: str, scene: Scene, columns: Array, mu: Array, tau: A
         return Truncation(name, "asked for", *NAMED[name])
     longest = max((layer.phase_matrix.terms for layer in scene.layers if layer.albedo > 0.0), default=0)
     if longest <= 2 * nodes:
-        return Truncation("none", f"auto: the nodes carry all of the {longest} terms", *NAMED["none"])
+        why = f"the nodes carry all of the {longest} terms" if longest else "nothing scatters"
+        return Truncation("none", f"auto: {why}", *NAMED["none"])
     name, peaks, spread = "delta-m", "all", "none"
     reasons = [f"auto: {longest} terms, the nodes carry {2 * nodes}"]
     if not columns[:, 0].any() and has_scalar_among_polarizing(scene):
