@@ -241,7 +241,7 @@ def test_a_plan_of_fluxes_and_of_nodes() -> None:
 def test_as_dict_is_for_programs() -> None:
     import json
 
-    facts = json.loads(json.dumps(vrte.plan("brdf", TWICE, **table()).as_dict()))
+    facts = json.loads(json.dumps(vrte.plan("brdf", TWICE, **table(nodes=16)).as_dict()))
     assert facts["orders"] == list(range(len(facts["orders"])))
     assert facts["operations"] > sum(block["operations"] for block in facts["blocks"]) > 0.0
     assert facts["memory_bytes"] > 8.0 * 2 * 3 * 3 * 16
@@ -308,3 +308,18 @@ def test_the_table_of_savings(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         assert int(row["unknowns"]) <= int(row["unknowns_without"])
     kept = {name for saving in rows for name in NAMES if not getattr(saving.without, name)}
     assert kept == set(NAMES)
+
+
+def test_a_plan_in_two_parts() -> None:
+    """Scalar peaks among polarizing layers: unpolarized and polarized light take truncations of their own."""
+    scene = vrte.Scene([layer(vrte.henyey_greenstein(0.9, terms=100)), layer(vrte.rayleigh())])
+    plan = vrte.plan("brdf", scene, **table())
+    facts = plan.as_dict()["parts"]
+    for kind, part in zip(("unpolarized", "polarized"), plan.parts, strict=True):
+        assert f"Light that comes in {kind}, by itself:\n{part}" in str(plan)
+        assert facts[kind]["truncation"] == part.truncation.name
+    found = vrte.brdf(scene, **table()).diagnostics
+    for part, said in zip(plan.parts, (found, found["polarized_light"]), strict=True):
+        assert said["truncation"] == part.truncation.name
+        assert said["orders"] <= part.orders
+        assert said["algorithm"] == part.diagnostics()["algorithm"]

@@ -15,12 +15,13 @@ from vrte.discrete_ordinates.node_choice import DISCRETE, NodeChoice, choose_nod
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
-from vrte.discrete_ordinates.truncating import Truncation, choose_truncation
+from vrte.discrete_ordinates.truncating import Truncation, choose_truncation, has_scalar_among_polarizing
 from vrte.plan_table import facts_of, text_of
 from vrte.request import Request, request_of
 from vrte.running import interruptible, new_run
 from vrte.scene import MuellerBase, Scene
 
+UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
 WORTH_STAGES = 5e6  # cubes of unknowns: about a millisecond
 
 
@@ -31,7 +32,8 @@ class Plan:
     ``problem``: the scene on ``nodes`` nodes a hemisphere, truncated as ``truncation`` says; ``mu``: the signed
     cosines, as asked; ``needs``, ``bounds`` (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order,
     and the light they are compared with; ``orders``: how many there are at most; ``blocks``: how they are solved;
-    ``accuracy``: of the discrete problem; ``choice`` of its nodes; ``threads``: on how many.
+    ``accuracy``: of the discrete problem; ``choice`` of its nodes; ``threads``: on how many; ``parts``: the plans of
+    light that comes in unpolarized and polarized, where they are carried out instead.
     """
 
     request: Request
@@ -47,6 +49,7 @@ class Plan:
     accuracy: float
     choice: NodeChoice
     threads: int = 1
+    parts: tuple["Plan", ...] = ()
 
     def __str__(self) -> str:
         return text_of(self)
@@ -117,7 +120,37 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     """
     request, threads = request_of(kind, scene, arguments, keywords)
     run = new_run(threads)
-    return interruptible(run, lambda: make_plan(request, run))
+    return interruptible(run, lambda: plan_of(request, run))
+
+
+def plan_of(request: Request, run: Run) -> Plan:
+    """The plan of a request, with those of its parts where polarized incident light wants another truncation."""
+    whole = make_plan(request, run)
+    if not wants_two(whole):
+        return whole
+    known = whole.choice, whole.accuracy
+    parts = (make_plan(lit_by(request, part), run, known=known) for part in (UNPOLARIZED, POLARIZED))
+    return replace(whole, parts=tuple(parts))
+
+
+def wants_two(plan: Plan) -> bool:
+    """Whether the rule of `choose_truncation` has two answers: for light that arrives unpolarized, and for Q, U, V."""
+    columns, scene = plan.request.columns, plan.request.scene
+    if plan.request.truncation != "auto" or not (columns[:, 0].any() and columns[:, 1:].any()):
+        return False
+    peaks = plan.problem.fraction.tolist()
+    peaked = any(f > 0.0 and layer.phase_matrix.is_scalar for f, layer in zip(peaks, scene.layers, strict=True))
+    return peaked and has_scalar_among_polarizing(scene)
+
+
+def lit_by(request: Request, part: Array) -> Request:
+    """The request for a part (4, 4) of the incident Stokes vectors."""
+    columns = request.columns @ part
+    kept = columns.any(axis=1)
+    wanted = request.wanted
+    if wanted is not None:
+        wanted = replace(wanted, place=wanted.place[kept])
+    return replace(request, columns=columns[kept], wanted=wanted)
 
 
 def make_plan(

@@ -28,6 +28,9 @@ WIDTH = 120
 
 def text_of(plan: "Plan") -> str:
     """The whole, lines of at most 120 characters."""
+    if plan.parts:
+        texts = (f"Light that comes in {kind}, by itself:\n{text_of(part)}" for kind, part in named_parts(plan))
+        return "\n\n".join(texts)
     facts = plan.as_dict()
     rows = [row_of(block) for block in facts["blocks"]]
     lines = [*head(plan), "", *aligned([HEADER, *rows]), ""]
@@ -41,6 +44,9 @@ def text_of(plan: "Plan") -> str:
 
 def facts_of(plan: "Plan") -> dict[str, Any]:
     """The same as numbers and strings, for programs."""
+    if plan.parts:
+        parts = {kind: facts_of(part) for kind, part in named_parts(plan)}
+        return {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads, "parts": parts}
     request, problem, azimuths = plan.request, plan.problem, fold(plan.request.phi, plan.problem.leave_out.azimuths)
     blocks = [facts_of_block(plan, block) for block in plan.blocks]
     result = plan.wanted.doubles(request.phi.size)
@@ -62,6 +68,11 @@ def facts_of(plan: "Plan") -> dict[str, Any]:
         "operations": sums + sum(block["operations"] for block in blocks),
         "memory_bytes": BYTES * doubles,
     }
+
+
+def named_parts(plan: "Plan") -> list[tuple[str, "Plan"]]:
+    """The plans of light that comes in unpolarized, and polarized, where they differ."""
+    return list(zip(("unpolarized", "polarized"), plan.parts, strict=True))
 
 
 def facts_of_block(plan: "Plan", block: Block) -> dict[str, Any]:

@@ -1,49 +1,22 @@
 """A request solved: planned and executed, in two parts where polarized incident light wants another truncation."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import Solution, sized, solve, steps
-from vrte.discrete_ordinates.truncating import has_scalar_among_polarizing
-from vrte.plan import Plan, make_plan
+from vrte.plan import Plan, plan_of
 from vrte.request import Request
-
-UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
 
 
 def solved(request: Request, run: Run, progress: Progress | None = None) -> tuple[Plan, Solution]:
     """The plan of a request and its solution, incident columns added up as wanted."""
-    plan = make_plan(request, run)
-    if not wants_two(plan):
+    plan = plan_of(request, run)
+    if not plan.parts:
         return plan, solve(plan, run, progress)
-    known = plan.choice, plan.accuracy
-    first, second = (make_plan(lit_by(request, part), run, known=known) for part in (UNPOLARIZED, POLARIZED))
+    first, second = plan.parts
     total = steps(first) + steps(second)
     one = solve(first, run, counted(progress, 0, total))
     return plan, joined(one, solve(second, run, counted(progress, steps(first), total)))
-
-
-def wants_two(plan: Plan) -> bool:
-    """Whether the rule of `choose_truncation` has two answers: for light that arrives unpolarized, and for Q, U, V."""
-    columns, scene = plan.request.columns, plan.request.scene
-    if plan.request.truncation != "auto" or not (columns[:, 0].any() and columns[:, 1:].any()):
-        return False
-    peaks = plan.problem.fraction.tolist()
-    peaked = any(f > 0.0 and layer.phase_matrix.is_scalar for f, layer in zip(peaks, scene.layers, strict=True))
-    return peaked and has_scalar_among_polarizing(scene)
-
-
-def lit_by(request: Request, part: Array) -> Request:
-    """The request for a part (4, 4) of the incident Stokes vectors."""
-    columns = request.columns @ part
-    kept = columns.any(axis=1)
-    wanted = request.wanted
-    if wanted is not None:
-        wanted = replace(wanted, place=wanted.place[kept])
-    return replace(request, columns=columns[kept], wanted=wanted)
 
 
 def counted(progress: Progress | None, before: int, total: int) -> Progress:
