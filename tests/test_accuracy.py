@@ -16,7 +16,7 @@ from vrte.discrete_ordinates.routes import Orders
 from vrte.report import accuracy
 from vrte.report.accuracy.__main__ import main
 
-QUICK_GIVEN = ("HG 0.5, thickness 1", "spheroids, field", "gold powder, without end", "two layers over a base")
+QUICK_GIVEN = ("HG 0.75, thickness 0.1", "spheroids, field", "gold powder, without end", "two layers over a base")
 QUICK_CHOSEN = ("HG 0.5, thickness 1", "Rayleigh, thickness 10, field")
 
 
