@@ -17,6 +17,9 @@ SHARE = 0.1  # of it: nodes left out; layers left out
 SAMPLES = 5  # directions of each kind that singly scattered light is looked at
 DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may fade with
 LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
+TOGETHER = (
+    4  # orders between two looks, so that threads have work; the same for any number of threads
+)
 WORTH_THREADS = 1e6  # spherical functions: a few milliseconds
 ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
 CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found
@@ -119,7 +122,7 @@ def stages_of(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ..
     for careful in CAREFUL:
         counts = [orders_that_matter(bounds[:, [t]], brightest[[t]], careful * accuracy) for t in depths]
         found |= {min(counts), max(counts)}
-    return tuple(sorted(found))
+    return tuple(sorted({1 + -(-(first - 1) // TOGETHER) * TOGETHER for first in found}))
 
 
 def bounds_at(needs: Needs, depth: Array) -> Array:
