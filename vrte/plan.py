@@ -165,7 +165,9 @@ def make_plan(
     mu = np.concatenate([double_gauss(nodes)[0], -double_gauss(nodes)[0]]) if request.mu is None else request.mu
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
-    truncation = choose_truncation(request.truncation, scene, request.columns, mu, request.tau, nodes)
+    truncation = choose_truncation(
+        request.truncation, scene, request.mu0, request.columns, mu, request.tau, nodes, accuracy
+    )
     problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks)
     if leave_out != EVERYTHING:
         problem = replace(problem, leave_out=leave_out)

@@ -17,9 +17,7 @@ SHARE = 0.1  # of it: nodes left out; layers left out
 SAMPLES = 5  # directions of each kind that singly scattered light is looked at
 DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may fade with
 LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
-TOGETHER = (
-    4  # orders between two looks, so that threads have work; the same for any number of threads
-)
+TOGETHER = 4  # orders between two looks, so that threads have work; the same for any number of threads
 WORTH_THREADS = 1e6  # spherical functions: a few milliseconds
 ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
 CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found

@@ -26,10 +26,12 @@ class Truncation:
     spread: str
 
 
-def choose_truncation(name: str, scene: Scene, columns: Array, mu: Array, tau: Array, nodes: int) -> Truncation:
+def choose_truncation(
+    name: str, scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int, accuracy: float
+) -> Truncation:
     """The truncation asked for, or for "auto" the one that the rule takes.
 
-    columns (n_col, 4): incident Stokes vectors; mu (n_mu,): signed; tau (n_tau,).
+    mu0 (n_in,); columns (n_col, 4): incident Stokes vectors; mu (n_mu,): signed; tau (n_tau,).
     """
     if name != "auto":
         return Truncation(name, "asked for", *NAMED[name])
@@ -42,10 +44,23 @@ def choose_truncation(name: str, scene: Scene, columns: Array, mu: Array, tau: A
     if not columns[:, 0].any() and has_scalar_among_polarizing(scene):
         name, peaks = "delta-m of polarizing layers", "polarizing"
         reasons.append("the others cut, which scatter no Q, U and V but by their peak")
-    if (mu < 0.0).any() and (tau > 0.0).any():
+    if (mu < 0.0).any() and beam_is_seen(scene, float(mu0.max()), tau, nodes, accuracy):
         name, spread = f"{name}, small-angle for light going down", "down"
         reasons.append("going up, delta-m is reciprocal and as good; near the beam it is not")
     return Truncation(name, "; ".join(reasons), peaks, spread)
+
+
+def beam_is_seen(scene: Scene, mu0: float, tau: Array, nodes: int, accuracy: float) -> bool:
+    """Whether light that the peaks took out of the beam, and not far, matters at one of the depths below the top."""
+    longest = 2 * nodes
+    peak = max(
+        layer.albedo * abs(layer.phase_matrix.a1[longest]) / (2.0 * longest + 1.0)
+        if layer.phase_matrix.terms > longest
+        else 0.0
+        for layer in scene.layers
+    )
+    below = tau[tau > 0.0]
+    return below.size > 0 and peak > accuracy and bool((np.exp(-(1.0 - peak) * below / mu0) > accuracy).any())
 
 
 def spread_towards(truncation: Truncation, problem: Problem, mu: Array) -> BoolArray:
