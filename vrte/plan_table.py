@@ -205,7 +205,7 @@ def why_orders(plan: "Plan") -> str:
     if plan.fed_back or plan.request.fluxes_only or plan.orders > last:
         return ""
     orders = spelled(range(plan.orders, last + 1), "order")
-    return f"multiple scattering of {orders}: together they add less than a quarter of the accuracy"
+    return f"multiple scattering of {orders}: together they add less than 0.4 of the accuracy"
 
 
 def why_single(plan: "Plan") -> str:
