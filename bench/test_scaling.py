@@ -52,8 +52,10 @@ class Worker:
 
     def end(self) -> None:
         assert self.process.stdin is not None
+        assert self.process.stdout is not None
         self.process.stdin.close()
         self.process.wait(10)
+        self.process.stdout.close()
 
 
 def test_two_threads_scale_like_two_processes() -> None:

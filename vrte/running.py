@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from vrte.arrays import whole
@@ -16,11 +15,6 @@ from vrte.discrete_ordinates.problem import Run
 Result = TypeVar("Result")
 BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
 PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
-
-Job = Callable[[], None]
-_idle: "list[SimpleQueue[Job]]" = []  # threads that wait for work, each by its queue
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_idle.clear)  # a child has none of its parent's threads
 
 
 def usable_cpus() -> int:
@@ -38,11 +32,10 @@ def new_run(threads: int | None, operations: float = math.inf) -> Run:
 
 
 def interruptible(run: Run, call: Callable[[], Result]) -> Result:
-    """call() in another thread while this one waits, so that Ctrl-C reaches the compiled loops.
+    """call() in a thread of its own while this one waits, so that Ctrl-C reaches the compiled loops.
 
-    The OpenMP threads belong to that thread, which is kept for the next call: to start them anew may take longer than a
-    solve. A child forked later starts its own. A brief call goes without: its loops are over before anyone waits for
-    them, and start no threads.
+    The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own. A brief call
+    goes without: its loops are over before anyone waits for them, and start no threads.
     """
     if run.brief:
         return call()
@@ -59,7 +52,7 @@ def interruptible(run: Run, call: Callable[[], Result]) -> Result:
         finally:
             done.set()
 
-    in_thread(work)
+    threading.Thread(target=work, name="vrte-solve", daemon=True).start()
     try:
         while not done.wait(0.2):
             pass
@@ -73,23 +66,6 @@ def interruptible(run: Run, call: Callable[[], Result]) -> Result:
         raise box["error"]
     result: Result = box["result"]
     return result
-
-
-def in_thread(job: Job) -> None:
-    """Does the job in a thread that has nothing to do, or in a new one."""
-    try:
-        queue = _idle.pop()
-    except IndexError:
-        queue = SimpleQueue()
-        threading.Thread(target=work_off, args=(queue,), name="vrte-solve", daemon=True).start()
-    queue.put(job)
-
-
-def work_off(queue: "SimpleQueue[Job]") -> None:
-    """One job after another; between them the thread is idle and holds on to nothing."""
-    while True:
-        queue.get()()
-        _idle.append(queue)
 
 
 def wait_for(done: threading.Event, seconds: float) -> bool:
