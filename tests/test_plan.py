@@ -14,7 +14,7 @@ from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.solver import Solution, solve
 from vrte.errors import SceneError
 from vrte.plan import Plan, make_plan
-from vrte.request import request_of
+from vrte.plan_call import request_of
 from vrte.running import new_run
 
 from .test_discrete_ordinates import spheroids

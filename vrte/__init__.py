@@ -8,7 +8,8 @@ from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, 
 from vrte.optics.refractive_index import refractive_index
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse
 from vrte.optics.spheres import Particles, mixture, spheres
-from vrte.plan import Plan, plan
+from vrte.plan import Plan
+from vrte.plan_call import plan
 from vrte.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
 
 __version__ = "0.1.0"

@@ -17,8 +17,7 @@ from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.discrete_ordinates.truncating import Truncation, choose_truncation, has_scalar_among_polarizing
 from vrte.plan_table import facts_of, text_of
-from vrte.request import Request, request_of
-from vrte.running import interruptible, new_run
+from vrte.request import Request
 from vrte.scene import MuellerBase, Scene
 
 UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
@@ -105,24 +104,6 @@ def base_statement(scene: Scene) -> str:
     return name if scene.base_is_reached or scene.base is None else f"{name}, not reached below an infinite layer"
 
 
-def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
-    """What `vrte.brdf` or `vrte.radiance` would do, without doing it.
-
-    Parameters: ``kind``, "brdf" or "radiance"; all else as that function takes it. ``print(plan)`` shows the Fourier
-    orders and what each block of them costs, what is left out and why, the predicted operations and memory;
-    ``plan.as_dict()`` has the same for programs. Without ``nodes`` they are chosen, by a small solve. Raises
-    SceneError for bad input, TypeError for a keyword that the function does not have.
-
-    >>> import vrte
-    >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])
-    >>> plan("radiance", scene, mu0=0.6, nodes=8)
-    Plan(radiance, 1 orders at most, 1 blocks)
-    """
-    request, threads = request_of(kind, scene, arguments, keywords)
-    run = new_run(threads)
-    return interruptible(run, lambda: plan_of(request, run))
-
-
 def plan_of(request: Request, run: Run) -> Plan:
     """The plan of a request, with those of its parts where polarized incident light wants another truncation."""
     whole = make_plan(request, run)
@@ -206,8 +187,8 @@ def make_plan(
 
 def worth_stages(problem: Problem, orders: int) -> bool:
     """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
-    scalar = not problem.coefficients[..., 1:].any()
-    return orders * float(problem.size / (4 if scalar else 1)) ** 3 > WORTH_STAGES
+    unknowns = problem.nodes.size if problem.is_scalar else problem.size
+    return orders * float(unknowns) ** 3 > WORTH_STAGES
 
 
 def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:

@@ -1,9 +1,7 @@
 """What a user asks for, checked before any work."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,6 @@ SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
 LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
 FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
-DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi", "transmission"), "radiance": ("mu0", "stokes", "mu", "phi", "tau")}
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
 SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, by modes and by doubling
 
@@ -165,18 +162,3 @@ def radiance_request(
         "radiance", scene, beam, columns, directions, azimuths, levels, None, **options, fluxes_only=fluxes_only
     )
     return request, incident
-
-
-def request_of(kind: Any, scene: Any, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> tuple[Request, Any]:
-    """The request that vrte.brdf or vrte.radiance would make of its arguments, and the threads asked for."""
-    import vrte
-
-    if not (isinstance(kind, str) and kind in DIRECTIONS):
-        raise SceneError(f"kind must be 'brdf' or 'radiance', not {shown(kind)}")
-    given = signature(vrte.brdf if kind == "brdf" else vrte.radiance).bind(scene, *arguments, **keywords)
-    given.apply_defaults()
-    values = given.arguments
-    options = solver_options(*(values[name] for name in ("nodes", "accuracy", "algorithm", "verify", "truncation")))
-    make: Callable[..., tuple[Request, Array]] = brdf_request if kind == "brdf" else radiance_request
-    request, _ = make(scene, *(values[name] for name in DIRECTIONS[kind]), options)
-    return request, values["threads"]

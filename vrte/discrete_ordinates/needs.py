@@ -99,6 +99,7 @@ def brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) 
 def spread(count: int) -> IntArray:
     """A few places among ``count``, first and last included."""
     places: IntArray = np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(np.int32))
+    places.setflags(write=False)  # shared by all who ask
     return places
 
 
@@ -162,17 +163,6 @@ def nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
     return _core.nodes_seen(needs.strength, needs.effect, allowed, LARGEST_GAIN)
 
 
-def strongest_terms(coefficients: Array, albedo: Array) -> Array:
-    """The largest omega |B_l|/(2 l + 1) of the degrees l >= m, (layer, m); coefficients (layer, term, 6)."""
-    a1, a2, a3, a4, b1, b2 = np.moveaxis(coefficients, -1, 0)
-    first = 0.5 * np.abs(a1 + a2) + np.hypot(0.5 * (a1 - a2), b1)
-    norm = np.maximum(first, np.maximum(np.abs(a3), np.abs(a4)) + np.abs(b2))
-    degree = np.arange(norm.shape[1])
-    strength = albedo[:, None] * norm / (2.0 * degree + 1.0)
-    kept: Array = np.maximum.accumulate(strength[:, ::-1], axis=1)[:, ::-1]
-    return kept
-
-
 def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:
     """How many layers light of each order comes back from, and whether it comes back from the end of the last of them.
 
@@ -201,7 +191,7 @@ def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple
 
 def stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
     """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
-    if not problem.coefficients[..., 1:].any():
+    if problem.is_scalar:
         return [((0,),)] * problem.coefficients.shape[1]
     present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=0)
     present = np.logical_or.accumulate(present[::-1], axis=0)[::-1]  # in the degrees l >= m

@@ -12,7 +12,7 @@ from vrte.arrays import Array
 from vrte.blas import single_threaded
 from vrte.discrete_ordinates.choice import THIN
 from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.needs import brightness, strongest_terms
+from vrte.discrete_ordinates.needs import brightness
 from vrte.discrete_ordinates.problem import ALL, Problem, Run
 from vrte.discrete_ordinates.routes import Doubling, Modes
 from vrte.discrete_ordinates.single_scattering import add_base_reflected, paths_in_layers
@@ -110,6 +110,17 @@ def unresolved(scene: Scene, nodes: Array) -> Array:
         strength[: terms.size] = np.maximum(strength[: terms.size], terms)
     left: Array = strength[np.minimum(2 * nodes, strength.size - 1).astype(int)]
     return left
+
+
+def strongest_terms(coefficients: Array, albedo: Array) -> Array:
+    """The largest omega |B_l|/(2 l + 1) of the degrees l >= m, (layer, m); coefficients (layer, term, 6)."""
+    a1, a2, a3, a4, b1, b2 = np.moveaxis(coefficients, -1, 0)
+    first = 0.5 * np.abs(a1 + a2) + np.hypot(0.5 * (a1 - a2), b1)
+    norm = np.maximum(first, np.maximum(np.abs(a3), np.abs(a4)) + np.abs(b2))
+    degree = np.arange(norm.shape[1])
+    strength = albedo[:, None] * norm / (2.0 * degree + 1.0)
+    kept: Array = np.maximum.accumulate(strength[:, ::-1], axis=1)[:, ::-1]
+    return kept
 
 
 def lengths(scene: Scene, tau: Array) -> list[float]:

@@ -74,6 +74,11 @@ class Problem:
         return FLIP[list(self.stokes)]
 
     @property
+    def is_scalar(self) -> bool:
+        """Whether I alone is scattered."""
+        return not self.coefficients[..., 1:].any()
+
+    @property
     def conserves(self) -> bool:
         """Whether order 0 carries the flux."""
         return self.stokes[0] == 0

@@ -77,14 +77,13 @@ def fill(
     azimuths: Azimuths,
     run: Run,
     told: Callable[[int], None],
-    spreads: BoolArray | None = None,
+    spreads: BoolArray,
 ) -> list[Array]:
     """The radiance of every part of `wanted`, (n_level, n_in, n_mu, n_phi, 4, n_place).
 
     mu (n_mu,): signed cosines in the order of the result; told(k) is called when k pieces are done; spreads (n_mu,):
-    towards which of them light of small angles stands for single scattering, None for nowhere.
+    towards which of them light of small angles stands for single scattering.
     """
-    spreads = np.zeros(mu.size, bool) if spreads is None else spreads
     parts = make_parts(wanted, mu, spreads, azimuths.phi.size)
     kind = column_kinds(problem.columns)
     if sum(part.values.nbytes for part in parts) < WORTH_THREADS:

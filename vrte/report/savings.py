@@ -17,9 +17,10 @@ from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.solver import Solution, solve
 from vrte.formats.atomic import atomic_write
 from vrte.plan import Plan, make_plan
+from vrte.plan_call import request_of
 from vrte.report.cost.others import OthersClock
 from vrte.report.pages import made_with, markdown_list, markdown_table, write_rows
-from vrte.request import Request, request_of
+from vrte.request import Request
 from vrte.running import interruptible, new_run
 
 NOTHING = LeaveOut(**{switch.name: False for switch in fields(LeaveOut)})

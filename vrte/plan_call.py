@@ -1,0 +1,47 @@
+"""The plan of a call of `vrte.brdf` or `vrte.radiance`, from the same arguments."""
+
+from collections.abc import Callable
+from inspect import signature
+from typing import Any
+
+from vrte.arrays import Array, shown
+from vrte.brdf import brdf
+from vrte.errors import SceneError
+from vrte.field import radiance
+from vrte.plan import Plan, plan_of
+from vrte.request import Request, brdf_request, radiance_request, solver_options
+from vrte.running import interruptible, new_run
+from vrte.scene import Scene
+
+DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi", "transmission"), "radiance": ("mu0", "stokes", "mu", "phi", "tau")}
+
+
+def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
+    """What `vrte.brdf` or `vrte.radiance` would do, without doing it.
+
+    Parameters: ``kind``, "brdf" or "radiance"; all else as that function takes it. ``print(plan)`` shows the Fourier
+    orders and what each block of them costs, what is left out and why, the predicted operations and memory;
+    ``plan.as_dict()`` has the same for programs. Without ``nodes`` they are chosen, by a small solve. Raises
+    SceneError for bad input, TypeError for a keyword that the function does not have.
+
+    >>> import vrte
+    >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])
+    >>> plan("radiance", scene, mu0=0.6, nodes=8)
+    Plan(radiance, 1 orders at most, 1 blocks)
+    """
+    request, threads = request_of(kind, scene, arguments, keywords)
+    run = new_run(threads)
+    return interruptible(run, lambda: plan_of(request, run))
+
+
+def request_of(kind: Any, scene: Any, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> tuple[Request, Any]:
+    """The request that vrte.brdf or vrte.radiance would make of its arguments, and the threads asked for."""
+    if not (isinstance(kind, str) and kind in DIRECTIONS):
+        raise SceneError(f"kind must be 'brdf' or 'radiance', not {shown(kind)}")
+    given = signature(brdf if kind == "brdf" else radiance).bind(scene, *arguments, **keywords)
+    given.apply_defaults()
+    values = given.arguments
+    options = solver_options(*(values[name] for name in ("nodes", "accuracy", "algorithm", "verify", "truncation")))
+    make: Callable[..., tuple[Request, Array]] = brdf_request if kind == "brdf" else radiance_request
+    request, _ = make(scene, *(values[name] for name in DIRECTIONS[kind]), options)
+    return request, values["threads"]
