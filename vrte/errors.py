@@ -19,3 +19,7 @@ class MissingExtraError(ImportError):
     def __reduce__(self) -> tuple[type["MissingExtraError"], tuple[str, str]]:
         # by its two arguments: an exception is otherwise rebuilt from its message alone
         return type(self), (self.purpose, self.extra)
+
+
+class DeviceError(RuntimeError):
+    """No OpenCL device is there, the one there is cannot do it, or it was lost on the way."""

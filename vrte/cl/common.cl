@@ -1,0 +1,9 @@
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+
+// Matrices are stored column by column; "ld" is the distance of two columns, a multiple of 8 doubles, so that a column
+// starts where eight doubles may be loaded at once. A stack holds one matrix an item, `stride` doubles apart; `items`
+// lists which of them a launch is for.
+// vload4 and fma are calls on some devices: pointers to vectors and a * b + c are not.
+
+#define AT(p, i) (((__global const double4*)(p))[i])
+#define PUT(p, i) (((__global double4*)(p))[i])

@@ -1,0 +1,98 @@
+"""Stacks of matrices on a device: products and inverses of all of them in one call."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.cl.session import Session
+
+STRIP = 8  # rows that a product is made by
+PANEL = 16  # columns that are eliminated at once
+
+
+def padded(rows: int) -> int:
+    """The next multiple of a strip.
+
+    >>> padded(81)
+    88
+    """
+    return -(-rows // STRIP) * STRIP
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Matrices (rows, columns), one an item, column by column, ``ld`` doubles apart; a part of a larger stack begins at
+    its double ``first``. What lies between rows and the next multiple of 8 is zero."""
+
+    data: Any
+    rows: int
+    columns: int
+    ld: int
+    stride: int
+    first: int = 0
+
+    def part(self, row: int, column: int, rows: int, columns: int) -> "Stack":
+        """A block of every matrix; ``row`` a multiple of 8."""
+        assert row % STRIP == 0
+        return Stack(self.data, rows, columns, self.ld, self.stride, self.first + column * self.ld + row)
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """Buffer, first double, distance of columns and of items, as kernels take them."""
+        return self.data, np.int64(self.first), np.int32(self.ld), np.int64(self.stride)
+
+
+def new_stack(session: Session, items: int, rows: int, columns: int) -> Stack:
+    """Matrices of zeros."""
+    ld = padded(max(rows, 1))
+    return Stack(session.zeros((items, max(columns, 1), ld)), rows, columns, ld, max(columns, 1) * ld)
+
+
+def upload_stack(session: Session, matrices: Array) -> Stack:
+    """Matrices (item, column, row) as `_core` has them."""
+    items, columns, rows = matrices.shape
+    ld = padded(max(rows, 1))
+    room = np.zeros((items, max(columns, 1), ld))
+    room[:, :columns, :rows] = matrices
+    return Stack(session.upload(room), rows, columns, ld, max(columns, 1) * ld)
+
+
+def download_stack(session: Session, stack: Stack) -> Array:
+    """(item, column, row), of a stack that is no part."""
+    room = session.download(stack.data)
+    return np.ascontiguousarray(room.reshape(-1, stack.stride // stack.ld, stack.ld)[:, : stack.columns, : stack.rows])
+
+
+def product(
+    session: Session,
+    items: Any,
+    a: Stack,
+    b: Stack,
+    c: Stack,
+    alpha: float = 1.0,
+    beta: float = 0.0,
+    transposed: bool = False,
+) -> None:
+    """c = alpha a b + beta c, or a b^T, for the listed items (device array of int32); c is neither a nor b."""
+    data, first, ld, stride = b.place
+    row, column = (ld, np.int32(1)) if transposed else (np.int32(1), ld)
+    session.launch(
+        "product",
+        (padded(c.rows) // STRIP, 1, items.size),
+        np.int32(c.columns),
+        np.int32(a.columns),
+        np.float64(alpha),
+        np.float64(beta),
+        *a.place,
+        *(data, first, row, column, stride),
+        *c.place,
+        items,
+    )
+
+
+def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info: Any) -> None:
+    """m <- m^-1 for the listed items; rest (item, 16 n), pivots (item, n) and info (item,) are scratch memory, info is 1
+    where a matrix is singular."""
+    session.launch("invert", (items.size,), np.int32(m.rows), *m.place, rest, pivots, info, items)
