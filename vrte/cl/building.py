@@ -15,6 +15,7 @@ from vrte.cl import caches
 from vrte.errors import DeviceError
 
 KERNEL = re.compile(r"^\s*__kernel\s+void\s+(\w+)\s*\(", re.MULTILINE)
+COMPLAINT = re.compile(r"\berror\b")
 POCL = "Portable Computing Language"
 LONGEST = 300  # characters of a compiler's log in a message
 PROBE = """
@@ -50,9 +51,9 @@ def built(context: Any, text: str, options: Sequence[str]) -> tuple[Any, dict[st
     try:
         made = _built_once(context, text, options, None)
     except pyopencl.RuntimeError as error:
-        if error.code == pyopencl.status_code.BUILD_PROGRAM_FAILURE:
+        if COMPLAINT.search(str(error)):
             raise DeviceError(build_message(device.name, str(error))) from error
-        made = None
+        made = None  # a cache that fails looks like a compiler without a complaint
     except pyopencl.Error:
         raise
     except Exception:
@@ -108,7 +109,7 @@ def build_message(device: str, log: str) -> str:
     "the kernels do not compile on a GPU: x.cl:3:5: error: unknown type name 'doubel'"
     """
     lines = [" ".join(line.split()) for line in log.splitlines() if line.strip()]
-    complaint = next((line for line in lines if re.search(r"\berror\b", line)), "; ".join(lines))
+    complaint = next((line for line in lines if COMPLAINT.search(line)), "; ".join(lines))
     if len(complaint) > LONGEST:
         complaint = complaint[:LONGEST] + "..."
     return f"the kernels do not compile on {device}: {complaint}"

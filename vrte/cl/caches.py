@@ -15,6 +15,7 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ def prepare() -> None:
         _state["prepared"] = True
         folder = pocl_folder()
         if can_write_in(folder):
+            remove_misplaced(folder)
             remove_damaged(folder)
         else:
             _use_temporary_folder(folder)
@@ -73,14 +75,23 @@ def _use_temporary_folder(unusable: Path) -> None:
         f"OpenCL kernels are compiled anew by each process: no files can be written in {unusable} "
         "(POCL_CACHE_DIR names another folder)",
         UserWarning,
-        stacklevel=5,
+        stacklevel=2,
     )
+
+
+def remove_misplaced(folder: Path) -> None:
+    """Files where PoCL has folders: two letters, then a program, then a kernel."""
+    ours = our_kernels()
+    for path in (*folder.glob("??"), *folder.glob("??/*"), *folder.glob("??/*/*")):
+        if path.is_file() and (path.parent.parent.parent != folder or path.name in ours):
+            with suppress(OSError):
+                path.unlink()
 
 
 def programs_of_ours(folder: Path) -> Iterator[Path]:
     """Folders of PoCL's programs that hold no kernels but this package's: others' are left alone."""
     ours = our_kernels()
-    for program in folder.glob("*/*"):
+    for program in folder.glob("??/*"):
         try:
             kernels = {entry.name for entry in os.scandir(program) if entry.is_dir()}
         except OSError:  # no folder, or gone since
