@@ -147,20 +147,21 @@ __kernel void extend(int n, int p, int r, int o, int ld, long stride, int stokes
         to[p + i] = 0.0;
 }
 
-// The sums over a column's |elements| or the largest of them, of N (n, n). Global size: columns, items.
-__kernel void column_sizes(int n, int ld, long stride, int sum, __global const double* M, __global double* sizes,
-                           __global const int* restrict items)
+// The sums over a column's |elements| or the largest of them, of a part with `rows` rows; sizes (item, columns). Global
+// size: columns, items.
+__kernel void column_sizes(int rows, int columns, int sum, __global const double* M, long first, int ld, long stride,
+                           __global double* sizes, __global const int* restrict items)
 {
     const int j = get_global_id(0);
     const long item = items[get_global_id(1)];
-    __global const double* column = M + item * stride + (long)j * ld;
+    __global const double* column = M + first + item * stride + (long)j * ld;
     double total = 0.0, largest = 0.0;
-    for (int i = 0; i < n; i++) {
+    for (int i = 0; i < rows; i++) {
         const double size = fabs(column[i]);
         total += size;
         largest = size > largest || size != size ? size : largest;
     }
-    sizes[item * n + j] = sum ? total : largest;
+    sizes[item * columns + j] = sum ? total : largest;
 }
 
 // The largest of n sizes. Global size: items.

@@ -178,7 +178,7 @@ class Doubling:
         """The largest rate of each item, (item,): 1/mu, or the root of the 1-norm of F E."""
         items = self.where(self.doubled)
         self.algebra.product(items, 1.0, self.f, self.e, self.a)
-        norms = self.session.download(self.algebra.largest(items, self.a, sums=True))
+        norms = self.session.download(self.algebra.largest(items, self.a.N, sums=True))
         found: Array = np.maximum(self.frame.steepest, np.sqrt(norms))
         return found
 
@@ -420,20 +420,20 @@ class Doubling:
         self.copy_nodes(items, alpha, x)
         product(session, items, R.N, beta.N, x.N, beta=1.0)
         product(session, items, R.N, alpha.N, z.N)
-        sizes = [algebra.largest(items, matrix) for matrix in (alpha, z, beta)]
+        sizes = [algebra.largest(items, matrix.N) for matrix in (alpha, z, beta)]
         self.copy_nodes(items, beta, z, z)
         product(session, items, x.N, R.N, z.N, beta=1.0)
         if self.finite.any():
             finite = self.where(self.finite)
             product(session, finite, T.N, beta.N, y.N)
             product(session, finite, y.N, T.N, z.N, alpha=-1.0, beta=1.0)
-        missing = [algebra.largest(items, z)]
+        missing = [algebra.largest(items, z.N)]
         if self.finite.any():
             product(session, finite, x.N, T.N, z.N)
-            sizes.append(algebra.largest(finite, z))
+            sizes.append(algebra.largest(finite, z.N))
             product(session, finite, T.N, alpha.N, z.N, alpha=-1.0, beta=1.0)
             product(session, finite, y.N, R.N, z.N, alpha=-1.0, beta=1.0)
-            missing.append(algebra.largest(finite, z))
+            missing.append(algebra.largest(finite, z.N))
         return self.relative([session.download(found) for found in missing], [session.download(found) for found in sizes])
 
     def copy_nodes(self, items: Any, a: Extended, c: Extended, b: Extended | None = None) -> None:

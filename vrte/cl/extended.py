@@ -1,6 +1,5 @@
 """Matrices with their incident and outgoing directions, (p + o) rows and (n + r) columns: see doubling.cl."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -169,13 +168,12 @@ class Algebra:
         each = np.int32(s.r), np.int32(s.o), np.int64(s.stride), np.int32(kind)
         self.session.launch("go_straight", (items.size,), *each, h, rate.OO, rate.II, *a.arguments, items)
 
-    def largest(self, items: Any, a: Extended, sums: bool = False) -> Any:
-        """Of N's elements, or of the sums over its columns, (item,) on the device."""
-        s, n = self.sizes, np.int32(self.sizes.n)
-        sizes, found = self.session.empty((self.items, s.n)), self.session.zeros((self.items,))
-        place = n, np.int32(s.ld), np.int64(s.stride), np.int32(sums)
-        self.session.launch("column_sizes", (s.n, items.size), *place, a.data, sizes, items)
-        self.session.launch("largest_size", (items.size,), n, sizes, found, items)
+    def largest(self, items: Any, a: Stack, sums: bool = False) -> Any:
+        """Of a's elements, or of the sums over its columns, (item,) on the device."""
+        sizes, found = self.session.empty((self.items, a.columns)), self.session.zeros((self.items,))
+        rows, columns = np.int32(a.rows), np.int32(a.columns)
+        self.session.launch("column_sizes", (a.columns, items.size), rows, columns, np.int32(sums), *a.place, sizes, items)
+        self.session.launch("largest_size", (items.size,), columns, sizes, found, items)
         return found
 
     def each_column(self, name: str, columns: int, items: Any, *arguments: Any) -> None:
@@ -189,5 +187,3 @@ class Algebra:
         self.combine(self.where(chosen), 1.0, new, old)
         return old, new
 
-
-Chosen = Callable[[Array], Any]
