@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.arrays import Array
-from vrte.cl.extended import COMPLEMENT, FADE, NOTHING, TANH, Algebra, Extended, Sizes
+from vrte.cl.extended import COMPLEMENT, FADE, NOTHING, TANH, Algebra, BoolArray, Extended, Sizes
 from vrte.cl.matrices import STRIP, Stack, product, upload_stack
 from vrte.cl.session import Session
 
@@ -19,7 +19,6 @@ ENDLESS = 1e300
 COMPLEMENTED = 0.75  # 1 - Zo Ze keeps its digits up to here
 STEEPEST_RATIO = 1e-3  # the condition of L is not let above its inverse
 MOST_STEPS = 100
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +333,8 @@ class Doubling:
         return self.session.download(found)
 
     def reflect_and_transmit(self, R: Extended, T: Extended, lost: Any) -> tuple[Extended, Extended]:
-        """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; without end R = 1 - 2 Se and T = 0; lost = 2 Se, the flux's row."""
+        """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; without end R = 1 - 2 Se and T = 0; lost = 2 Se, the flux's
+        row."""
         algebra, doubled = self.algebra, self.where(self.doubled)
         algebra.combine(doubled, 1.0, self.Ze, self.a, gamma=1.0)
         algebra.invert(doubled, self.a, self.spare)
@@ -385,13 +385,15 @@ class Doubling:
             rows = self.session.download(lost)
             for item in np.flatnonzero(turned):  # the axis is minus the unit null vector
                 row = np.zeros(s.n)
-                row[:: s.stokes] = frame.flux / np.sqrt((frame.flux**2).sum()) * np.expm1(-thickness[item] / frame.nodes)
+                row[:: s.stokes] = (
+                    frame.flux / np.sqrt((frame.flux**2).sum()) * np.expm1(-thickness[item] / frame.nodes)
+                )
                 rows[item] = row - (v @ row) * v
             lost.set(rows, self.session.queue)
 
     def reflect_by_invariance(self, R: Extended, T: Extended) -> None:
-        """R's OI anew where a slab is thick, from R's and T's other blocks: a thin layer added on top and taken off below
-        changes nothing. e and f hold alpha and beta: (1/mu + 1/mu0) R = -(alpha R + R alpha + R beta R - T beta T)."""
+        """R's OI anew where a slab is thick, from R's and T's other blocks: a thin layer added on top and taken off
+        below changes nothing. e and f hold alpha and beta: (1/mu + 1/mu0) R = -(alpha R + R alpha + R beta R - T beta T)."""
         s, session, spare = self.sizes, self.session, self.spare
         chosen = self.doubled & (self.items.thickness > THICK)
         if not chosen.any() or s.r == 0 or s.o == 0:
@@ -413,8 +415,8 @@ class Doubling:
         self.algebra.each_column("divide_by_rates", s.r, items, *shape, self.rate_OO, self.rate_II, R.data)
 
     def invariance(self, R: Extended, T: Extended) -> Array:
-        """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative, (item, 2):
-        beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R)."""
+        """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative, (item,
+        2): beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R)."""
         session, algebra, alpha, beta = self.session, self.algebra, self.e, self.f
         x, y, z, items = self.a, self.b, self.spare, self.where(self.doubled)
         self.copy_nodes(items, alpha, x)
@@ -434,7 +436,9 @@ class Doubling:
             product(session, finite, T.N, alpha.N, z.N, alpha=-1.0, beta=1.0)
             product(session, finite, y.N, R.N, z.N, alpha=-1.0, beta=1.0)
             missing.append(algebra.largest(finite, z.N))
-        return self.relative([session.download(found) for found in missing], [session.download(found) for found in sizes])
+        return self.relative(
+            [session.download(found) for found in missing], [session.download(found) for found in sizes]
+        )
 
     def copy_nodes(self, items: Any, a: Extended, c: Extended, b: Extended | None = None) -> None:
         """c's N = a's N, or the sum of a's and b's."""
@@ -497,8 +501,10 @@ def double_slabs(
     material_count = albedo.size
     of = (np.arange(orders.size)[:, None] * material_count + material).astype(np.int32)
     turned = np.broadcast_to((orders[:, None] == 0) & conserving, shape)
-    each = [np.broadcast_to(values, shape).ravel() for values in (thickness, albedo[material], asymmetry[material])]
-    items = Items(*each, of.ravel(), turned.ravel(), (each[1] == 0.0) & clear)
+    thick, scattering, forward = (
+        np.broadcast_to(values, shape).ravel() for values in (thickness, albedo[material], asymmetry[material])
+    )
+    items = Items(thick, scattering, forward, of.ravel(), turned.ravel(), (scattering == 0.0) & clear)
     with session.lock:
         stacks = (upload_stack(session, a.reshape(-1, *a.shape[2:])) for a in (E, F, G_E, G_F, source_s, source_d))
         found = Doubling(session, frame, items, Matrices(*stacks)).run(stop)
@@ -514,6 +520,11 @@ def blocks(session: Session, matrix: Extended) -> Array:
     s = matrix.sizes
     whole = session.download(matrix.data)
     count = whole.shape[0]
-    parts = (whole[:, : s.n, : s.n], whole[:, s.n :, : s.n], whole[:, : s.n, s.p : s.p + s.o], whole[:, s.n :, s.p : s.p + s.o])
+    parts = (
+        whole[:, : s.n, : s.n],
+        whole[:, s.n :, : s.n],
+        whole[:, : s.n, s.p : s.p + s.o],
+        whole[:, s.n :, s.p : s.p + s.o],
+    )
     straight = session.download(matrix.OO)[:, : s.o], session.download(matrix.II)[:, : s.r]
     return np.concatenate([part.reshape(count, -1) for part in (*parts, *straight)], axis=1)

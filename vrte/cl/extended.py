@@ -4,11 +4,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vrte.arrays import Array
 from vrte.cl.matrices import PANEL, STRIP, Stack, invert, padded, product
 from vrte.cl.session import Session
 
+BoolArray = NDArray[np.bool_]
 TANH, COMPLEMENT, FADE, NOTHING = 0, 1, 2, 3  # kinds of `go_straight`
 
 
@@ -105,7 +106,7 @@ class Algebra:
         straight = zeros((self.items, max(1, s.o))), zeros((self.items, max(1, s.r)))
         return Extended(s, zeros((self.items, max(1, s.columns), s.ld)), *straight)
 
-    def where(self, chosen: Array) -> Any:
+    def where(self, chosen: BoolArray) -> Any:
         """The items chosen, (item,) of bool, as kernels take them."""
         key = chosen.tobytes()
         if key not in self.lists:
@@ -153,7 +154,9 @@ class Algebra:
         invert(self.session, items, a.N, self.rest, self.pivots, self.info)
         if s.o + s.r == 0:
             return
-        self.session.launch("prepare_inverse", self.columns_of(items), *s.arguments, *a.arguments, *spare.arguments, items)
+        self.session.launch(
+            "prepare_inverse", self.columns_of(items), *s.arguments, *a.arguments, *spare.arguments, items
+        )
         if s.o:
             product(self.session, items, spare.ON, a.N, a.ON)
         if s.r:
@@ -172,7 +175,9 @@ class Algebra:
         """Of a's elements, or of the sums over its columns, (item,) on the device."""
         sizes, found = self.session.empty((self.items, a.columns)), self.session.zeros((self.items,))
         rows, columns = np.int32(a.rows), np.int32(a.columns)
-        self.session.launch("column_sizes", (a.columns, items.size), rows, columns, np.int32(sums), *a.place, sizes, items)
+        self.session.launch(
+            "column_sizes", (a.columns, items.size), rows, columns, np.int32(sums), *a.place, sizes, items
+        )
         self.session.launch("largest_size", (items.size,), columns, sizes, found, items)
         return found
 
@@ -180,10 +185,9 @@ class Algebra:
         """A launch over columns."""
         self.session.launch(name, (columns, items.size), *arguments, items)
 
-    def replace(self, chosen: Array, old: Extended, new: Extended) -> tuple[Extended, Extended]:
-        """`new` in the place of `old` for the items chosen, and what is free now: exchanged where that is all of them."""
+    def replace(self, chosen: BoolArray, old: Extended, new: Extended) -> tuple[Extended, Extended]:
+        """`new` in the place of `old` for the items chosen, and what is free now: exchanged where all are chosen."""
         if chosen.all():
             return new, old
         self.combine(self.where(chosen), 1.0, new, old)
         return old, new
-

@@ -32,7 +32,7 @@ class Ground:
 @dataclass(frozen=True, eq=False)
 class Piles:
     """slab (item, place): which of the slabs lies there, top first; above (item, place + 1): optical depth of each
-    interface; turned (item,): whether it is order 0 and carries the flux; interface (level,); ground: None for black."""
+    interface; turned (item,): whether it is order 0 and carries the flux; interface (level,); ground: None: black."""
 
     slab: IntArray
     above: Array
@@ -52,13 +52,13 @@ class Joined:
     residual: Array
 
 
-def ground_of(frame: Frame, turned: NDArray[np.bool_], row: IntArray, matrix: Array, source: Array, out: Array) -> Ground:
+def ground_of(
+    frame: Frame, turned: NDArray[np.bool_], row: IntArray, matrix: Array, source: Array, out: Array
+) -> Ground:
     """The base of each item: row (item,) of the arrays, -1 for none; order 0 turned like its slabs."""
     s, (v, _) = frame.sizes, turning(frame)
     seen = row >= 0
-    below, up, leaving = (
-        np.where(seen.reshape(-1, 1, 1), a[np.maximum(row, 0)], 0.0) for a in (matrix, source, out)
-    )
+    below, up, leaving = (np.where(seen.reshape(-1, 1, 1), a[np.maximum(row, 0)], 0.0) for a in (matrix, source, out))
     absorbed = np.zeros((row.size, s.n))
     absorbed[:, axis_of(s)] = 1.0
     for item in np.flatnonzero(turned & seen):
@@ -133,7 +133,9 @@ class Joining:
         if self.turned is not None:
             lost = Stack(self.lost, self.sizes.n, 1, self.sizes.n, self.sizes.n)
             here = Stack(self.lost_here, self.sizes.n, 1, self.sizes.n, self.sizes.n)
-            self.session.launch("gather_rows", (1, self.count), np.int32(self.sizes.n), lost.data, here.data, of, self.items)
+            self.session.launch(
+                "gather_rows", (1, self.count), np.int32(self.sizes.n), lost.data, here.data, of, self.items
+            )
 
     def run(self, stop: IntArray) -> Joined:
         """From the base up, then from the top down, then out of the nodes."""
@@ -164,8 +166,8 @@ class Joining:
         return out
 
     def put_upon(self, place: int, up: Stack | None) -> tuple[Stack | None, Stack | None, Stack]:
-        """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T, and
-        what comes up above it, emitted up + T (G emitted down + g)."""
+        """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T,
+        and what comes up above it, emitted up + T (G emitted down + g)."""
         r, t, above = self.r, self.t, self.beams()
         self.fade(place, r.NI, above)
         if self.below is None:
@@ -188,8 +190,7 @@ class Joining:
         return G, g, above
 
     def solve(self, place: int, up: Stack) -> tuple[Stack, Stack]:
-        """(1 - below R)^-1 below and (1 - below R)^-1 up. In order 0 the flux's row, which is small where nothing absorbs,
-        is summed from what is lost: lost + T's row + absorbed R."""
+        """(1 - below R)^-1 below and (1 - below R)^-1 up. In order 0 the flux's row, small where nothing absorbs, is summed from what is lost: lost + T's row + absorbed R."""
         s, session, below = self.sizes, self.session, self.below
         assert below is not None
         M, known, right, G, g = self.square(), self.square(), self.square(), self.square(), self.beams()
@@ -252,8 +253,8 @@ class Joining:
             self.flux_row_of(self.lost_here, self.t.N, self.absorbed)
 
     def fall(self, place: int, down: Stack | None, G: Stack | None, g: Stack | None) -> tuple[Stack, Stack | None]:
-        """What falls at the bottom of a slab and what rises there: T down + emitted, then G falling + g, then R up on top
-        of it."""
+        """What falls at the bottom of a slab and what rises there: T down + emitted, then G falling + g, then R up on
+        top of it."""
         falling = self.beams()
         self.fade(place, self.t.NI, falling)
         if down is not None:
@@ -268,7 +269,11 @@ class Joining:
         """The field off the nodes at every wanted interface, first up through the slabs, then down."""
         s, levels = self.sizes, self.piles.interface.size
         shape = (self.count, levels, s.r, max(1, s.o))
-        upward, downward, flux = self.session.zeros(shape), self.session.zeros(shape), self.session.zeros((*shape[:2], 2, s.r))
+        upward, downward, flux = (
+            self.session.zeros(shape),
+            self.session.zeros(shape),
+            self.session.zeros((*shape[:2], 2, s.r)),
+        )
         running = new_stack(self.session, self.count, s.o, s.r) if self.out is not None else None
         if running is not None and self.out is not None and down[self.places] is not None:
             self.product(self.out, self.known(down[self.places]), running)
@@ -323,7 +328,9 @@ class Joining:
             return
         size = np.float64(np.sqrt((self.frame.flux**2).sum()))
         for level in np.flatnonzero(self.piles.interface == place):
-            shape = (np.int32(k) for k in (self.sizes.r, self.piles.interface.size, level, downward, axis_of(self.sizes)))
+            shape = (
+                np.int32(k) for k in (self.sizes.r, self.piles.interface.size, level, downward, axis_of(self.sizes))
+            )
             arguments = *shape, size, *going.place, out, self.turned
             self.session.launch("put_flux", (self.sizes.r, self.turned.size), *arguments)
 
@@ -368,10 +375,10 @@ def join_slabs(
     slab = (np.arange(orders.size)[:, None] * R.shape[1] + slabs).astype(np.int32)
     depths = np.broadcast_to(above, (orders.size, above.size))
     with session.lock:
-        stacks = (extended_of(session, frame, a.reshape(-1, a.shape[2])) for a in (R, T))
+        reflected, through = (extended_of(session, frame, a.reshape(-1, a.shape[2])) for a in (R, T))
         uploaded = session.upload(lost.reshape(-1, lost.shape[2]))
         piles = Piles(slab, depths, turned, interface, ground)
-        found = Joining(session, frame, piles, *stacks, uploaded).run(stop)
+        found = Joining(session, frame, piles, reflected, through, uploaded).run(stop)
         info[:] = session.download(found.info)
         if not stop[0]:
             up[:], down[:], flux[:] = (session.download(a) for a in (found.up, found.down, found.flux))
