@@ -393,7 +393,8 @@ class Doubling:
 
     def reflect_by_invariance(self, R: Extended, T: Extended) -> None:
         """R's OI anew where a slab is thick, from R's and T's other blocks: a thin layer added on top and taken off
-        below changes nothing. e and f hold alpha and beta: (1/mu + 1/mu0) R = -(alpha R + R alpha + R beta R - T beta T)."""
+        below changes nothing. e and f hold alpha and beta: (1/mu + 1/mu0) R = -(alpha R + R alpha + R beta R -
+        T beta T)."""
         s, session, spare = self.sizes, self.session, self.spare
         chosen = self.doubled & (self.items.thickness > THICK)
         if not chosen.any() or s.r == 0 or s.o == 0:

@@ -190,7 +190,8 @@ class Joining:
         return G, g, above
 
     def solve(self, place: int, up: Stack) -> tuple[Stack, Stack]:
-        """(1 - below R)^-1 below and (1 - below R)^-1 up. In order 0 the flux's row, small where nothing absorbs, is summed from what is lost: lost + T's row + absorbed R."""
+        """(1 - below R)^-1 below and (1 - below R)^-1 up. In order 0 the flux's row, small where nothing absorbs, is
+        summed from what is lost: lost + T's row + absorbed R."""
         s, session, below = self.sizes, self.session, self.below
         assert below is not None
         M, known, right, G, g = self.square(), self.square(), self.square(), self.square(), self.beams()
