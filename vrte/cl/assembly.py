@@ -1,0 +1,300 @@
+"""Spherical functions, phase matrices, and E and F of (1:41) with the rows and columns that lead out of and into the
+nodes, on a device: `_core.generalized_spherical_functions`, `phase_matrices` and `assemble` for all items at once.
+
+An item is a Fourier order and a material, ``order[item]`` and ``material[item]`` on the device; materials have
+``coefficients`` (material, term, 6), ``terms`` and ``albedo`` (material,). ``members``: places of the Stokes parameters.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vrte import _core
+from vrte.arrays import Array
+from vrte.cl.matrices import STRIP, Stack, download_stack, padded
+from vrte.cl.session import Session
+from vrte.discrete_ordinates.problem import IntArray
+
+DIRECTIONS_A_PIECE = 10  # on a processor, where a piece of work must last some microseconds; 1 elsewhere
+STRIPS_A_PIECE = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Materials:
+    """What items refer to, on the device: coefficients (material, term, 6), terms and albedo (material,)."""
+
+    coefficients: Any
+    terms: Any
+    albedo: Any
+
+    @property
+    def n_term(self) -> int:
+        """Degrees that there is room for."""
+        return int(self.coefficients.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Columns of P_l^m, all degrees, those of E and those of F: phi (rows, columns) and how many an item has (item,).
+    Rows: the nodes', scaled by sqrt(weight/mu), from ``starts[1]`` on the next directions', from ``starts[2]`` on the last
+    ones'."""
+
+    phi: tuple[Stack, Stack]
+    counts: tuple[Any, Any]
+    starts: tuple[int, int, int]
+
+    def rows(self, kind: int, part: int, rows: int) -> Stack:
+        """phi of E or F on the nodes, or on the next or the last directions."""
+        whole = self.phi[kind]
+        return whole.part(self.starts[part], 0, rows, whole.columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Assembled:
+    """E, F (n, n); G_E, G_F (S n_out, n); source_s, source_d (n, S n_in): stacks of an item's matrices, as the columns
+    that `_core.assemble` leaves."""
+
+    E: Stack
+    F: Stack
+    G_E: Stack
+    G_F: Stack
+    source_s: Stack
+    source_d: Stack
+
+
+def is_processor(session: Session) -> bool:
+    """Whether the device is a CPU: few pieces of work, each longer."""
+    import pyopencl
+
+    return bool(session.queue.device.type & pyopencl.device_type.CPU)
+
+
+def pieces(session: Session, size: int, each: int) -> tuple[int, int]:
+    """How many pieces of how much."""
+    each = each if is_processor(session) else 1
+    return -(-size // each), each
+
+
+def bare_stack(session: Session, items: int, rows: int, columns: int) -> Stack:
+    """Matrices yet to be written, the rows up to the next multiple of 8 too."""
+    ld, columns = padded(max(rows, 1)), max(columns, 1)
+    return Stack(session.empty((items, columns, ld)), rows, columns, ld, columns * ld)
+
+
+def bits(members: Sequence[int]) -> np.int32:
+    """The set as a number.
+
+    >>> int(bits((0, 2)))
+    5
+    """
+    return np.int32(sum(1 << int(member) for member in members))
+
+
+def most_columns(members: Sequence[int], n_term: int) -> int:
+    """Columns that E or F of any order has at most.
+
+    >>> most_columns((0, 1, 2, 3), 80)
+    160
+    """
+
+    def columns(m: int, kind: int) -> int:
+        """Of l - m even (kind 0) or odd."""
+        polar = {1, 2} if m else {2} if kind else {1}
+        return len(set(members) & ({3} if kind else {0})) + bool(set(members) & polar)
+
+    found = 0
+    for m in (0, 1):
+        first, second = -(-(n_term - m) // 2), (n_term - m) // 2
+        found = max(
+            found, *(a * columns(m, 0) + b * columns(m, 1) for a, b in ((first, second), (second, first)))
+        )
+    return found
+
+
+def wigner_factors(session: Session, items: Any, order: Any, n_term: int) -> Any:
+    """What the recurrence over degrees needs of an order, (item, n_term + 1, 4)."""
+    factors = session.empty((order.size, n_term + 1, 4))
+    session.launch("wigner_factors", (items.size,), np.int32(n_term), order, factors, items)
+    return factors
+
+
+def spherical(session: Session, items: Any, order: Any, n_term: int, mu: Any) -> Any:
+    """p, r, t of `_core.generalized_spherical_functions` for the listed items, (item, n_term, 3, n_mu), cosines (n_mu,)."""
+    out = session.empty((order.size, n_term, 3, mu.size))
+    number, each = pieces(session, mu.size, DIRECTIONS_A_PIECE)
+    session.launch(
+        "spherical",
+        (number, items.size),
+        *(np.int32(n_term), np.int32(mu.size), np.int32(each)),
+        *(mu, order, wigner_factors(session, items, order, n_term), out, items),
+    )
+    return out
+
+
+def parity_columns(
+    session: Session,
+    items: Any,
+    order: Any,
+    material: Any,
+    members: Sequence[int],
+    materials: Materials,
+    directions: Any,
+    weights: Any,
+    n_out: int,
+) -> Columns:
+    """The columns of P_l^m on the nodes (as many as weights), the next ``n_out`` directions, and the rest."""
+    stokes, n_node, n_all, n_term = len(members), weights.size, directions.size, materials.n_term
+    second = padded(stokes * n_node)
+    third = second + padded(stokes * n_out)
+    rows, columns = third + padded(stokes * (n_all - n_node - n_out)), most_columns(members, n_term)
+    phi_E, phi_F = (bare_stack(session, order.size, rows, columns) for _ in range(2))
+    counts = session.empty(order.shape, np.int32), session.empty(order.shape, np.int32)
+    number, each = pieces(session, n_all, DIRECTIONS_A_PIECE)
+    session.launch(
+        "parity_columns",
+        (number, items.size),
+        *(np.int32(size) for size in (n_term, n_all, n_node, n_out, each)),
+        *(bits(members), directions, weights, order, material, materials.terms, materials.albedo),
+        *(wigner_factors(session, items, order, n_term), phi_E.data, phi_F.data),
+        *(np.int32(phi_E.ld), np.int64(phi_E.stride), *counts, items),
+    )
+    return Columns((phi_E, phi_F), counts, (0, second, third))
+
+
+def times_coefficients(
+    session: Session,
+    items: Any,
+    order: Any,
+    material: Any,
+    members: Sequence[int],
+    materials: Materials,
+    kind: int,
+    phi: Stack,
+    psi: Stack,
+    v_sign: float = 1.0,
+) -> None:
+    """psi = albedo phi B^T, kind 0: E's columns, 1: F's; V's column of phi counts v_sign times."""
+    strips = padded(phi.rows) // STRIP
+    number, each = pieces(session, strips, STRIPS_A_PIECE)
+    session.launch(
+        "times_coefficients",
+        (number, items.size),
+        *(np.int32(materials.n_term), np.int32(strips), np.int32(each), bits(members), np.int32(kind)),
+        *(np.float64(v_sign), materials.coefficients, order, material, materials.terms, materials.albedo),
+        *(*phi.place, *psi.place, items),
+    )
+
+
+def product_over_columns(
+    session: Session, items: Any, counts: Any, a: Stack, b: Stack, c: Stack, alpha: float = 1.0, beta: float = 0.0
+) -> None:
+    """c = alpha a b^T + beta c over the first counts[item] columns of a and b."""
+    session.launch(
+        "product_over_columns",
+        (padded(c.rows) // STRIP, 1, items.size),
+        *(np.int32(c.columns), np.float64(alpha), np.float64(beta)),
+        *(counts, *a.place, *b.place, *c.place, items),
+    )
+
+
+def assemble(
+    session: Session,
+    items: Any,
+    order: Any,
+    material: Any,
+    members: Sequence[int],
+    materials: Materials,
+    directions: Any,
+    weights: Any,
+    n_out: int,
+) -> Assembled:
+    """E and F of (1:41), what leads out of the nodes and the beam's sources, for the listed items.
+
+    directions: nodes, then n_out outgoing, then incident cosines; weights (N,). Enqueues only."""
+    stokes, n_node, count = len(members), weights.size, order.size
+    n, out, into = stokes * n_node, stokes * n_out, stokes * (directions.size - n_node - n_out)
+    columns = parity_columns(session, items, order, material, members, materials, directions, weights, n_out)
+    made = Assembled(
+        *(bare_stack(session, count, *shape) for shape in [(n, n), (n, n), (out, n), (out, n), (n, into), (n, into)])
+    )
+    most = columns.phi[0].columns
+    psi, psi_in = bare_stack(session, count, n, most), bare_stack(session, count, into, most)
+    targets = [(made.E, made.G_E, made.source_d), (made.F, made.G_F, made.source_s)]
+    for kind, (matrix, leading_out, source) in enumerate(targets):
+        counts = columns.counts[kind]
+        phi, phi_out, phi_in = (columns.rows(kind, part, rows) for part, rows in enumerate((n, out, into)))
+        what = session, items, order, material, members, materials, kind
+        times_coefficients(*what, phi, psi)
+        product_over_columns(session, items, counts, phi, psi, matrix, alpha=-1.0)
+        if out:
+            product_over_columns(session, items, counts, phi_out, psi, leading_out)
+        if into:
+            times_coefficients(*what, phi_in, psi_in)
+            product_over_columns(session, items, counts, phi, psi_in, source)
+    session.launch(
+        "add_rates",
+        (items.size,),
+        *(np.int32(n), np.int32(stokes), directions, made.E.data, made.F.data),
+        *(np.int32(made.E.ld), np.int64(made.E.stride), items),
+    )
+    return made
+
+
+def generalized_spherical_functions(session: Session, m: int, terms: int, mu: ArrayLike) -> Array:
+    """As `_core.generalized_spherical_functions`: (terms, n_mu, 3)."""
+    cosines = np.atleast_1d(np.asarray(mu, float))
+    if m < 0 or terms < 1 or not np.all(np.abs(cosines) <= 1.0) or cosines.size == 0:
+        return _core.generalized_spherical_functions(m, terms, cosines)  # it says what is wrong
+    one = session.upload(np.zeros(1, np.int32))
+    order = session.upload(np.full(1, m, np.int32))
+    found = session.download(spherical(session, one, order, terms, session.upload(cosines)))
+    return np.ascontiguousarray(found[0].transpose(0, 2, 1))
+
+
+def assemble_arrays(
+    session: Session,
+    orders: IntArray,
+    members: IntArray,
+    coefficients: Array,
+    terms: IntArray,
+    albedo: Array,
+    directions: Array,
+    weights: Array,
+    n_out: int,
+    E: Array,
+    F: Array,
+    G_E: Array,
+    G_F: Array,
+    source_s: Array,
+    source_d: Array,
+    threads: int,
+    work: Array,
+    seconds: Array,
+    stop: IntArray,
+) -> None:
+    """As `_core.assemble`: fills E, F, G_E, G_F, source_s and source_d; threads and work are the processor's."""
+    start = time.perf_counter()
+    order, material = np.meshgrid(orders, np.arange(terms.size, dtype=np.int32), indexing="ij")
+    upload = session.upload
+    if order.size and not stop[0]:
+        made = assemble(
+            session,
+            upload(np.arange(order.size, dtype=np.int32)),
+            upload(order.ravel()),
+            upload(material.ravel()),
+            tuple(int(member) for member in members),
+            Materials(upload(coefficients), upload(terms), upload(albedo)),
+            upload(directions),
+            upload(weights),
+            n_out,
+        )
+        for name, array in zip(
+            ("E", "F", "G_E", "G_F", "source_s", "source_d"), (E, F, G_E, G_F, source_s, source_d), strict=True
+        ):
+            if array.size:
+                array[...] = download_stack(session, getattr(made, name)).reshape(array.shape)
+    seconds[0] += time.perf_counter() - start
