@@ -2,7 +2,7 @@
 nodes, on a device: `_core.generalized_spherical_functions`, `phase_matrices` and `assemble` for all items at once.
 
 An item is a Fourier order and a material, ``order[item]`` and ``material[item]`` on the device; materials have
-``coefficients`` (material, term, 6), ``terms`` and ``albedo`` (material,). ``members``: places of the Stokes parameters.
+``coefficients`` (material, term, 6), ``terms`` and ``albedo`` (material,). ``members``: places of Stokes parameters.
 """
 
 import time
@@ -24,12 +24,32 @@ STRIPS_A_PIECE = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Materials:
-    """What items refer to, on the device: coefficients (material, term, 6), terms and albedo (material,)."""
+class Scattering:
+    """What scatters in each item, on the device: the listed items; order, material (item,); coefficients (material,
+    term, 6); terms, albedo (material,); and the members of the Stokes vector, on the host."""
 
+    items: Any
+    order: Any
+    material: Any
+    members: tuple[int, ...]
     coefficients: Any
     terms: Any
     albedo: Any
+
+    @property
+    def stokes(self) -> int:
+        """S."""
+        return len(self.members)
+
+    @property
+    def bits(self) -> np.int32:
+        """The members as a number."""
+        return np.int32(sum(1 << member for member in self.members))
+
+    @property
+    def room(self) -> int:
+        """Items that there is room for."""
+        return int(self.order.size)
 
     @property
     def n_term(self) -> int:
@@ -40,8 +60,8 @@ class Materials:
 @dataclass(frozen=True, eq=False)
 class Columns:
     """Columns of P_l^m, all degrees, those of E and those of F: phi (rows, columns) and how many an item has (item,).
-    Rows: the nodes', scaled by sqrt(weight/mu), from ``starts[1]`` on the next directions', from ``starts[2]`` on the last
-    ones'."""
+    Rows: the nodes', scaled by sqrt(weight/mu), from ``starts[1]`` on the next directions', from ``starts[2]`` on the
+    last ones'."""
 
     phi: tuple[Stack, Stack]
     counts: tuple[Any, Any]
@@ -85,15 +105,6 @@ def bare_stack(session: Session, items: int, rows: int, columns: int) -> Stack:
     return Stack(session.empty((items, columns, ld)), rows, columns, ld, columns * ld)
 
 
-def bits(members: Sequence[int]) -> np.int32:
-    """The set as a number.
-
-    >>> int(bits((0, 2)))
-    5
-    """
-    return np.int32(sum(1 << int(member) for member in members))
-
-
 def most_columns(members: Sequence[int], n_term: int) -> int:
     """Columns that E or F of any order has at most.
 
@@ -109,9 +120,7 @@ def most_columns(members: Sequence[int], n_term: int) -> int:
     found = 0
     for m in (0, 1):
         first, second = -(-(n_term - m) // 2), (n_term - m) // 2
-        found = max(
-            found, *(a * columns(m, 0) + b * columns(m, 1) for a, b in ((first, second), (second, first)))
-        )
+        found = max(found, *(a * columns(m, 0) + b * columns(m, 1) for a, b in ((first, second), (second, first))))
     return found
 
 
@@ -123,7 +132,7 @@ def wigner_factors(session: Session, items: Any, order: Any, n_term: int) -> Any
 
 
 def spherical(session: Session, items: Any, order: Any, n_term: int, mu: Any) -> Any:
-    """p, r, t of `_core.generalized_spherical_functions` for the listed items, (item, n_term, 3, n_mu), cosines (n_mu,)."""
+    """p, r, t of `_core.generalized_spherical_functions` of the listed items, (item, n_term, 3, n_mu); mu (n_mu,)."""
     out = session.empty((order.size, n_term, 3, mu.size))
     number, each = pieces(session, mu.size, DIRECTIONS_A_PIECE)
     session.launch(
@@ -135,57 +144,38 @@ def spherical(session: Session, items: Any, order: Any, n_term: int, mu: Any) ->
     return out
 
 
-def parity_columns(
-    session: Session,
-    items: Any,
-    order: Any,
-    material: Any,
-    members: Sequence[int],
-    materials: Materials,
-    directions: Any,
-    weights: Any,
-    n_out: int,
-) -> Columns:
+def parity_columns(session: Session, what: Scattering, directions: Any, weights: Any, n_out: int) -> Columns:
     """The columns of P_l^m on the nodes (as many as weights), the next ``n_out`` directions, and the rest."""
-    stokes, n_node, n_all, n_term = len(members), weights.size, directions.size, materials.n_term
-    second = padded(stokes * n_node)
-    third = second + padded(stokes * n_out)
-    rows, columns = third + padded(stokes * (n_all - n_node - n_out)), most_columns(members, n_term)
-    phi_E, phi_F = (bare_stack(session, order.size, rows, columns) for _ in range(2))
-    counts = session.empty(order.shape, np.int32), session.empty(order.shape, np.int32)
+    n_node, n_all, n_term = weights.size, directions.size, what.n_term
+    second = padded(what.stokes * n_node)
+    third = second + padded(what.stokes * n_out)
+    rows, columns = third + padded(what.stokes * (n_all - n_node - n_out)), most_columns(what.members, n_term)
+    phi_E, phi_F = (bare_stack(session, what.room, rows, columns) for _ in range(2))
+    counts = session.empty((what.room,), np.int32), session.empty((what.room,), np.int32)
     number, each = pieces(session, n_all, DIRECTIONS_A_PIECE)
     session.launch(
         "parity_columns",
-        (number, items.size),
+        (number, what.items.size),
         *(np.int32(size) for size in (n_term, n_all, n_node, n_out, each)),
-        *(bits(members), directions, weights, order, material, materials.terms, materials.albedo),
-        *(wigner_factors(session, items, order, n_term), phi_E.data, phi_F.data),
-        *(np.int32(phi_E.ld), np.int64(phi_E.stride), *counts, items),
+        *(what.bits, directions, weights, what.order, what.material, what.terms, what.albedo),
+        *(wigner_factors(session, what.items, what.order, n_term), phi_E.data, phi_F.data),
+        *(np.int32(phi_E.ld), np.int64(phi_E.stride), *counts, what.items),
     )
     return Columns((phi_E, phi_F), counts, (0, second, third))
 
 
 def times_coefficients(
-    session: Session,
-    items: Any,
-    order: Any,
-    material: Any,
-    members: Sequence[int],
-    materials: Materials,
-    kind: int,
-    phi: Stack,
-    psi: Stack,
-    v_sign: float = 1.0,
+    session: Session, what: Scattering, kind: int, phi: Stack, psi: Stack, v_sign: float = 1.0
 ) -> None:
     """psi = albedo phi B^T, kind 0: E's columns, 1: F's; V's column of phi counts v_sign times."""
     strips = padded(phi.rows) // STRIP
     number, each = pieces(session, strips, STRIPS_A_PIECE)
     session.launch(
         "times_coefficients",
-        (number, items.size),
-        *(np.int32(materials.n_term), np.int32(strips), np.int32(each), bits(members), np.int32(kind)),
-        *(np.float64(v_sign), materials.coefficients, order, material, materials.terms, materials.albedo),
-        *(*phi.place, *psi.place, items),
+        (number, what.items.size),
+        *(np.int32(what.n_term), np.int32(strips), np.int32(each), what.bits, np.int32(kind), np.float64(v_sign)),
+        *(what.coefficients, what.order, what.material, what.terms, what.albedo),
+        *(*phi.place, *psi.place, what.items),
     )
 
 
@@ -207,7 +197,9 @@ def assemble(
     order: Any,
     material: Any,
     members: Sequence[int],
-    materials: Materials,
+    coefficients: Any,
+    terms: Any,
+    albedo: Any,
     directions: Any,
     weights: Any,
     n_out: int,
@@ -215,30 +207,29 @@ def assemble(
     """E and F of (1:41), what leads out of the nodes and the beam's sources, for the listed items.
 
     directions: nodes, then n_out outgoing, then incident cosines; weights (N,). Enqueues only."""
-    stokes, n_node, count = len(members), weights.size, order.size
-    n, out, into = stokes * n_node, stokes * n_out, stokes * (directions.size - n_node - n_out)
-    columns = parity_columns(session, items, order, material, members, materials, directions, weights, n_out)
-    made = Assembled(
-        *(bare_stack(session, count, *shape) for shape in [(n, n), (n, n), (out, n), (out, n), (n, into), (n, into)])
-    )
+    what = Scattering(items, order, material, tuple(members), coefficients, terms, albedo)
+    n_in = directions.size - weights.size - n_out
+    n, out, into = (what.stokes * number for number in (weights.size, n_out, n_in))
+    columns = parity_columns(session, what, directions, weights, n_out)
+    shapes = [(n, n), (n, n), (out, n), (out, n), (n, into), (n, into)]
+    made = Assembled(*(bare_stack(session, what.room, *shape) for shape in shapes))
     most = columns.phi[0].columns
-    psi, psi_in = bare_stack(session, count, n, most), bare_stack(session, count, into, most)
+    psi, psi_in = bare_stack(session, what.room, n, most), bare_stack(session, what.room, into, most)
     targets = [(made.E, made.G_E, made.source_d), (made.F, made.G_F, made.source_s)]
     for kind, (matrix, leading_out, source) in enumerate(targets):
         counts = columns.counts[kind]
         phi, phi_out, phi_in = (columns.rows(kind, part, rows) for part, rows in enumerate((n, out, into)))
-        what = session, items, order, material, members, materials, kind
-        times_coefficients(*what, phi, psi)
+        times_coefficients(session, what, kind, phi, psi)
         product_over_columns(session, items, counts, phi, psi, matrix, alpha=-1.0)
         if out:
             product_over_columns(session, items, counts, phi_out, psi, leading_out)
         if into:
-            times_coefficients(*what, phi_in, psi_in)
+            times_coefficients(session, what, kind, phi_in, psi_in)
             product_over_columns(session, items, counts, phi, psi_in, source)
     session.launch(
         "add_rates",
         (items.size,),
-        *(np.int32(n), np.int32(stokes), directions, made.E.data, made.F.data),
+        *(np.int32(n), np.int32(what.stokes), directions, made.E.data, made.F.data),
         *(np.int32(made.E.ld), np.int64(made.E.stride), items),
     )
     return made
@@ -281,20 +272,13 @@ def assemble_arrays(
     order, material = np.meshgrid(orders, np.arange(terms.size, dtype=np.int32), indexing="ij")
     upload = session.upload
     if order.size and not stop[0]:
-        made = assemble(
-            session,
-            upload(np.arange(order.size, dtype=np.int32)),
-            upload(order.ravel()),
-            upload(material.ravel()),
-            tuple(int(member) for member in members),
-            Materials(upload(coefficients), upload(terms), upload(albedo)),
-            upload(directions),
-            upload(weights),
-            n_out,
-        )
-        for name, array in zip(
-            ("E", "F", "G_E", "G_F", "source_s", "source_d"), (E, F, G_E, G_F, source_s, source_d), strict=True
-        ):
+        items = upload(np.arange(order.size, dtype=np.int32))
+        pairs = items, upload(order.ravel()), upload(material.ravel())
+        materials = upload(coefficients), upload(terms), upload(albedo)
+        cosines = upload(directions), upload(weights), n_out
+        made = assemble(session, *pairs, members.tolist(), *materials, *cosines)
+        targets = [(made.E, E), (made.F, F), (made.G_E, G_E), (made.G_F, G_F)]
+        for stack, array in [*targets, (made.source_s, source_s), (made.source_d, source_d)]:
             if array.size:
-                array[...] = download_stack(session, getattr(made, name)).reshape(array.shape)
+                array[...] = download_stack(session, stack).reshape(array.shape)
     seconds[0] += time.perf_counter() - start
