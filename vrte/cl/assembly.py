@@ -59,18 +59,17 @@ class Scattering:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns of P_l^m, all degrees, those of E and those of F: phi (rows, columns) and how many an item has (item,).
-    Rows: the nodes', scaled by sqrt(weight/mu), from ``starts[1]`` on the next directions', from ``starts[2]`` on the
-    last ones'."""
+    """Columns of P_l^m, all degrees: phi (rows, columns), E's and behind them F's; counts (item, 2): how many.
+    Rows: the nodes', times sqrt(weight/mu), from ``starts[1]`` on the next directions', from ``starts[2]`` on the last.
+    """
 
-    phi: tuple[Stack, Stack]
-    counts: tuple[Any, Any]
+    phi: Stack
+    counts: Any
     starts: tuple[int, int, int]
 
-    def rows(self, kind: int, part: int, rows: int) -> Stack:
-        """phi of E or F on the nodes, or on the next or the last directions."""
-        whole = self.phi[kind]
-        return whole.part(self.starts[part], 0, rows, whole.columns)
+    def rows(self, part: int, rows: int) -> Stack:
+        """phi on the nodes (0), on the next (1) or on the last directions (2)."""
+        return self.phi.part(self.starts[part], 0, rows, self.phi.columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,22 +105,13 @@ def bare_stack(session: Session, items: int, rows: int, columns: int) -> Stack:
 
 
 def most_columns(members: Sequence[int], n_term: int) -> int:
-    """Columns that E or F of any order has at most.
+    """Columns that E and F of any order have together, at most.
 
     >>> most_columns((0, 1, 2, 3), 80)
-    160
+    320
     """
-
-    def columns(m: int, kind: int) -> int:
-        """Of l - m even (kind 0) or odd."""
-        polar = {1, 2} if m else {2} if kind else {1}
-        return len(set(members) & ({3} if kind else {0})) + bool(set(members) & polar)
-
-    found = 0
-    for m in (0, 1):
-        first, second = -(-(n_term - m) // 2), (n_term - m) // 2
-        found = max(found, *(a * columns(m, 0) + b * columns(m, 1) for a, b in ((first, second), (second, first))))
-    return found
+    alone, polar = len({0, 3} & set(members)), len({1, 2} & set(members))
+    return max(n_term * (alone + polar), (n_term - 1) * (alone + 2 * min(polar, 1)))
 
 
 def wigner_factors(session: Session, items: Any, order: Any, n_term: int) -> Any:
@@ -150,43 +140,50 @@ def parity_columns(session: Session, what: Scattering, directions: Any, weights:
     second = padded(what.stokes * n_node)
     third = second + padded(what.stokes * n_out)
     rows, columns = third + padded(what.stokes * (n_all - n_node - n_out)), most_columns(what.members, n_term)
-    phi_E, phi_F = (bare_stack(session, what.room, rows, columns) for _ in range(2))
-    counts = session.empty((what.room,), np.int32), session.empty((what.room,), np.int32)
+    phi, counts = bare_stack(session, what.room, rows, columns), session.empty((what.room, 2), np.int32)
     number, each = pieces(session, n_all, DIRECTIONS_A_PIECE)
     session.launch(
         "parity_columns",
         (number, what.items.size),
         *(np.int32(size) for size in (n_term, n_all, n_node, n_out, each)),
         *(what.bits, directions, weights, what.order, what.material, what.terms, what.albedo),
-        *(wigner_factors(session, what.items, what.order, n_term), phi_E.data, phi_F.data),
-        *(np.int32(phi_E.ld), np.int64(phi_E.stride), *counts, what.items),
+        *(wigner_factors(session, what.items, what.order, n_term), phi.data, np.int32(phi.ld), np.int64(phi.stride)),
+        *(counts, what.items),
     )
-    return Columns((phi_E, phi_F), counts, (0, second, third))
+    return Columns(phi, counts, (0, second, third))
 
 
 def times_coefficients(
-    session: Session, what: Scattering, kind: int, phi: Stack, psi: Stack, v_sign: float = 1.0
+    session: Session, what: Scattering, counts: Any, phi: Stack, psi: Stack, v_sign: float = 1.0, odd_sign: float = 1.0
 ) -> None:
-    """psi = albedo phi B^T, kind 0: E's columns, 1: F's; V's column of phi counts v_sign times."""
+    """psi = albedo phi B^T; V's column of phi counts v_sign times, F's columns odd_sign times."""
     strips = padded(phi.rows) // STRIP
     number, each = pieces(session, strips, STRIPS_A_PIECE)
     session.launch(
         "times_coefficients",
         (number, what.items.size),
-        *(np.int32(what.n_term), np.int32(strips), np.int32(each), what.bits, np.int32(kind), np.float64(v_sign)),
-        *(what.coefficients, what.order, what.material, what.terms, what.albedo),
+        *(np.int32(what.n_term), np.int32(strips), np.int32(each), what.bits, np.float64(v_sign), np.float64(odd_sign)),
+        *(what.coefficients, what.order, what.material, what.terms, what.albedo, counts),
         *(*phi.place, *psi.place, what.items),
     )
 
 
 def product_over_columns(
-    session: Session, items: Any, counts: Any, a: Stack, b: Stack, c: Stack, alpha: float = 1.0, beta: float = 0.0
+    session: Session,
+    items: Any,
+    counts: Any,
+    part: int,
+    a: Stack,
+    b: Stack,
+    c: Stack,
+    alpha: float = 1.0,
+    beta: float = 0.0,
 ) -> None:
-    """c = alpha a b^T + beta c over the first counts[item] columns of a and b."""
+    """c = alpha a b^T + beta c over the columns of a and b that are E's (part 0), F's (1) or either's (2)."""
     session.launch(
         "product_over_columns",
         (padded(c.rows) // STRIP, 1, items.size),
-        *(np.int32(c.columns), np.float64(alpha), np.float64(beta)),
+        *(np.int32(c.columns), np.int32(part), np.float64(alpha), np.float64(beta)),
         *(counts, *a.place, *b.place, *c.place, items),
     )
 
@@ -211,21 +208,22 @@ def assemble(
     n_in = directions.size - weights.size - n_out
     n, out, into = (what.stokes * number for number in (weights.size, n_out, n_in))
     columns = parity_columns(session, what, directions, weights, n_out)
+    phi, phi_out, phi_in = (columns.rows(part, rows) for part, rows in enumerate((n, out, into)))
+    psi, psi_in = (bare_stack(session, what.room, rows, phi.columns) for rows in (n, into))
+    times_coefficients(session, what, columns.counts, phi, psi)
+    if into:
+        times_coefficients(session, what, columns.counts, phi_in, psi_in)
     shapes = [(n, n), (n, n), (out, n), (out, n), (n, into), (n, into)]
     made = Assembled(*(bare_stack(session, what.room, *shape) for shape in shapes))
-    most = columns.phi[0].columns
-    psi, psi_in = bare_stack(session, what.room, n, most), bare_stack(session, what.room, into, most)
-    targets = [(made.E, made.G_E, made.source_d), (made.F, made.G_F, made.source_s)]
-    for kind, (matrix, leading_out, source) in enumerate(targets):
-        counts = columns.counts[kind]
-        phi, phi_out, phi_in = (columns.rows(kind, part, rows) for part, rows in enumerate((n, out, into)))
-        times_coefficients(session, what, kind, phi, psi)
-        product_over_columns(session, items, counts, phi, psi, matrix, alpha=-1.0)
+    for part, matrix, leading_out, source in [
+        (0, made.E, made.G_E, made.source_d),
+        (1, made.F, made.G_F, made.source_s),
+    ]:
+        product_over_columns(session, items, columns.counts, part, phi, psi, matrix, alpha=-1.0)
         if out:
-            product_over_columns(session, items, counts, phi_out, psi, leading_out)
+            product_over_columns(session, items, columns.counts, part, phi_out, psi, leading_out)
         if into:
-            times_coefficients(session, what, kind, phi_in, psi_in)
-            product_over_columns(session, items, counts, phi, psi_in, source)
+            product_over_columns(session, items, columns.counts, part, phi, psi_in, source)
     session.launch(
         "add_rates",
         (items.size,),
