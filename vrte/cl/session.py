@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.arrays import Array
 
-SOURCES = ("common", "products", "inverse", "doubling", "joining")
+SOURCES = ("common", "products", "inverse", "spherical", "assembly", "doubling", "joining")
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 
 
