@@ -12,7 +12,10 @@ from vrte.arrays import Array
 from vrte.cl.building import built
 from vrte.errors import DeviceError
 
-SOURCES = ("common", "products", "inverse", "products_gpu", "inverse_gpu")
+SOURCES = (
+    *("common", "products", "inverse", "products_gpu", "inverse_gpu"),
+    *("spherical", "assembly", "doubling", "joining"),
+)
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 FORMS = ("cpu", "gpu")
 FORKED = (
@@ -23,14 +26,15 @@ FORKED = (
 
 @dataclass(eq=False)
 class Session:
-    """context, queue, program and kernels (by name) of one device; ``lock``: held during a solve, because a kernel's
-    arguments belong to it. ``form``: of products and inverses, "cpu" (a work-item a strip or a matrix) or "gpu" (a
-    work-group a tile or a matrix, tiles in local memory)."""
+    """context, queue, program and kernels (by name) of one device; ``memory``: what was freed is kept for the next
+    array; ``form``: of products and inverses, "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or
+    a matrix, tiles in local memory); ``lock``: held during a solve, because a kernel's arguments belong to it."""
 
     context: Any
     queue: Any
     program: Any
     kernels: dict[str, Any]
+    memory: Any
     form: str = "cpu"
     lock: threading.RLock = field(default_factory=threading.RLock)
     process: int = field(default_factory=os.getpid)
@@ -45,7 +49,7 @@ class Session:
         import pyopencl.array
 
         self._check_process()
-        return pyopencl.array.empty(self.queue, shape, dtype)
+        return pyopencl.array.empty(self.queue, shape, dtype, allocator=self.memory)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """A pyopencl array of zeros."""
@@ -61,7 +65,7 @@ class Session:
         import pyopencl.array
 
         self._check_process()
-        return pyopencl.array.to_device(self.queue, np.ascontiguousarray(values))
+        return pyopencl.array.to_device(self.queue, np.ascontiguousarray(values), allocator=self.memory)
 
     def download(self, values: Any) -> Array:
         """A copy of the device's array; waits for whatever it comes from."""
@@ -106,10 +110,12 @@ def open_session(device: Any, form: str | None = None) -> Session:
     Raises DeviceError where the kernels cannot be built.
     """
     import pyopencl
+    from pyopencl.tools import ImmediateAllocator, MemoryPool
 
     assert form in (None, *FORMS)
     context = pyopencl.Context([device])
     program, kernels = built(context, sources(), OPTIONS)
+    queue = pyopencl.CommandQueue(context)
     if form is None:
         form = "cpu" if device.type & pyopencl.device_type.CPU else "gpu"
-    return Session(context, pyopencl.CommandQueue(context), program, kernels, form)
+    return Session(context, queue, program, kernels, MemoryPool(ImmediateAllocator(queue)), form)
