@@ -129,7 +129,9 @@ def is_damaged(path: Path, checksum: str | None) -> bool:
         return path.exists()
     if checksum is not None:
         return hashlib.sha256(content).hexdigest() != checksum
-    return not content.startswith(BEGINNINGS[path.suffix]) or (path.suffix == ".so" and len(content) < elf_size(content))
+    return not content.startswith(BEGINNINGS[path.suffix]) or (
+        path.suffix == ".so" and len(content) < elf_size(content)
+    )
 
 
 def elf_size(content: bytes) -> int:

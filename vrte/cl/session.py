@@ -44,6 +44,13 @@ class Session:
         """The pyopencl device."""
         return self.queue.device
 
+    @property
+    def on_host(self) -> bool:
+        """Whether the device is the processor itself, and its memory that of the machine."""
+        import pyopencl
+
+        return bool(self.device.type & pyopencl.device_type.CPU)
+
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """A pyopencl array, nothing in it."""
         import pyopencl.array
