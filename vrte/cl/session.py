@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.arrays import Array
 
-SOURCES = ("common", "products", "inverse")
+SOURCES = ("common", "products", "inverse", "sums", "scattering")
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 
 
