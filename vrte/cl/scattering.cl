@@ -96,6 +96,7 @@ __kernel void add_scattering(__global const int* restrict first_table, __global 
     const int i = first_in + get_global_id(2) % n_here, last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
     const int last_tile = min((n_angle + 3) / 4, (int)(get_global_id(1) + 1) * tiles_each);
     const long scene = get_global_id(2) / n_here, pairs = (long)n_in * n_mu;
+    double4 seen[8 * MOST_COLUMNS];      // four angles and their mirror images, a row (4, n_place) each
     out += out_first + scene * out_stride;
     for (int j = get_global_id(0) * mu_each; j < last_mu; j++)
         for (int table = first_table[scene]; table < first_table[scene + 1]; table++) {
@@ -107,26 +108,31 @@ __kernel void add_scattering(__global const int* restrict first_table, __global 
                 continue;
             const double sines = sqrt((1.0 - mu[j]) * (1.0 + mu[j])) * sqrt((1.0 - mu0[i]) * (1.0 + mu0[i]));
             for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++) {
-                double4 f[6], turns[4], z[4 * MOST_COLUMNS], x = sines * AT(cos_phi, tile) - mu[j] * mu0[i];
+                double4 f[6], turns[4], z[4], x = sines * AT(cos_phi, tile) - mu[j] * mu0[i];
                 x = x > 1.0 ? (double4)(1.0) : x;
                 x = x < -1.0 ? (double4)(-1.0) : x;
                 sum_series(terms[table], tables + table * table_stride, x, f);
                 find_turns(mu0[i], mu[j], AT(cos_phi, tile), AT(sin_phi, tile), turns);
-                for (int c = 0; c < n_col; c++)
-                    scatter_column(kind[c], columns[4 * c + 2 * kind[c]], columns[4 * c + 2 * kind[c] + 1], f, turns, z + 4 * c);
-                for (int t = 0; t < n_level; t++) {
-                    const double length = now[t * pairs];
-                    if (length == 0.0)
-                        continue;
-                    for (int a = 4 * tile; a < min(4 * tile + 4, n_angle); a++)
-                        for (int use = first_use[a]; use < first_use[a + 1]; use++) {
-                            __global double* to = out + (t * pairs + (long)i * n_mu + j) * n_phi * 4 * n_place + (long)azimuth[use] * 4 * n_place;
-                            for (int c = 0; c < n_col; c++)
-                                for (int s = 0; s < 4; s++)
-                                    to[s * n_place + place[c]] += ((s >= 2) == (kind[c] == 1) ? length : mirror[use] * length)
-                                        * ((const double*)(z + 4 * c + s))[a % 4];
+                for (int k = 0; k < 8 * n_place; k++)
+                    seen[k] = (double4)(0.0);
+                for (int c = 0; c < n_col; c++) {
+                    scatter_column(kind[c], columns[4 * c + 2 * kind[c]], columns[4 * c + 2 * kind[c] + 1], f, turns, z);
+                    for (int s = 0; s < 4; s++)
+                        for (int a = 0; a < 4; a++) {
+                            const int at = s * n_place + place[c];
+                            const double value = ((const double*)(z + s))[a];
+                            ((double*)(seen + a * n_place))[at] += value;
+                            ((double*)(seen + (4 + a) * n_place))[at] += (s >= 2) == (kind[c] == 1) ? value : -value;
                         }
                 }
+                for (int t = 0; t < n_level; t++)
+                    for (int a = 0; a < min(4, n_angle - 4 * tile) && now[t * pairs] != 0.0; a++)
+                        for (int use = first_use[4 * tile + a]; use < first_use[4 * tile + a + 1]; use++) {
+                            const double4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_place;
+                            __global double* to = out + ((t * pairs + (long)i * n_mu + j) * n_phi + azimuth[use]) * 4 * n_place;
+                            for (int k = 0; k < n_place; k++)
+                                *(__global neighbours*)(to + 4 * k) += now[t * pairs] * from[k];
+                        }
             }
         }
 }

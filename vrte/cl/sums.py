@@ -1,7 +1,8 @@
 """The end of a solve on a device: sums over Fourier orders and single scattering, added into a table of radiances."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,7 +78,7 @@ class Kernels:
 
 
 def dense(data: Any, shape: Sequence[int], first: int = 0) -> Kernels:
-    """Kernels of one scene (order, n_tau, n_in, n_col, n_out, S), or of some (scene, order, ...), one behind the other."""
+    """Kernels of one scene (order, n_tau, n_in, n_col, n_out, S), or of some (scene, order, ...)."""
     strides = np.cumprod([1, *shape[:0:-1]])[::-1]
     full = [0] * (7 - len(shape)) + strides.tolist()
     return Kernels(data, tuple(full), first)
@@ -85,36 +86,52 @@ def dense(data: Any, shape: Sequence[int], first: int = 0) -> Kernels:
 
 @dataclass(frozen=True, eq=False)
 class Entries:
-    """The elements of a Mueller matrix that kernels hold, those with cos(m phi) before those with sin.
-
-    where (3, entry): column, Stokes component, place in a row (4, n_place) of a table; sense (entry,): 1 or -1.
-    """
+    """The elements of a Mueller matrix that kernels hold, in groups of four neighbours in a row (4, n_place) of a
+    table, and the waves that their orders are multiplied by: see `add_orders` in sums.cl."""
 
     where: Any
     sense: Any
-    cosines: int
+    waves: Any
+    mirrored: Any
 
 
-def upload_entries(session: Session, stokes: Array, kind: Array, place: Array, n_place: int) -> Entries:
+def upload_entries(
+    session: Session, stokes: Array, kind: Array, place: Array, n_place: int, cosine: Array, sine: Array
+) -> Entries:
     """(1:6)-(1:8): cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V); arguments as
     those of `azimuthal_sum`."""
-    column, component = (a.ravel() for a in np.meshgrid(np.arange(kind.size), np.arange(stokes.size), indexing="ij"))
-    with_sine = (stokes[component] >= 2) != (kind[column] == 1)
-    order = np.argsort(with_sine, kind="stable")
-    where = np.array([column, component, stokes[component] * n_place + place[column]], np.int32)[:, order]
-    sense = np.where(with_sine & (stokes[component] < 2), -1.0, 1.0)[order]
-    return Entries(session.upload(where), session.upload(sense), int(np.count_nonzero(~with_sine)))
-
-
-def upload_waves(session: Session, cosine: Array, sine: Array) -> Any:
-    """(2, order, n_angle padded): what `add_orders` takes as waves."""
-    waves = np.zeros((2, cosine.shape[0], padded(cosine.shape[1])))
-    waves[:, :, : cosine.shape[1]] = cosine, sine
-    return session.upload(waves)
+    groups: dict[tuple[int, int], list[tuple[int, int, int, float]]] = {}
+    used = [0] * (4 * n_place)
+    for column, (second, at) in enumerate(zip(kind.tolist(), place.tolist(), strict=True)):
+        for component, s in enumerate(stokes.tolist()):
+            target, with_sine = s * n_place + at, (s >= 2) != (second == 1)
+            group = groups.setdefault((target // 4, used[target]), [(0, 0, 0, 0.0)] * 4)
+            group[target % 4] = column, component, int(with_sine), -1.0 if with_sine and s < 2 else 1.0
+            used[target] += 1
+    patterns = sorted({tuple(sines for _, _, sines, _ in group) for group in groups.values()})
+    where = [
+        (
+            *(lane[0] for lane in group),
+            *(lane[1] for lane in group),
+            patterns.index(tuple(lane[2] for lane in group)),
+            at,
+        )
+        for (at, _), group in groups.items()
+    ]
+    waves = np.zeros((len(patterns), cosine.shape[0], padded(cosine.shape[1]), 4))
+    for lanes, pattern in zip(waves, patterns, strict=True):
+        for lane, with_sine in enumerate(pattern):
+            lanes[:, : cosine.shape[1], lane] = sine if with_sine else cosine
+    return Entries(
+        session.upload(np.array(where, np.int32)),
+        session.upload(np.array([[lane[3] for lane in group] for group in groups.values()])),
+        session.upload(waves),
+        session.upload(1.0 - 2.0 * np.array(patterns)),
+    )
 
 
 def shares(session: Session, n_mu: int, tiles: int, others: int) -> tuple[int, int]:
-    """Outgoing directions, and tiles of azimuths, of one piece of a launch, of which there are ``others`` as many: large
+    """Outgoing directions and tiles of azimuths of one piece of a launch, which has ``others`` times as many: large
     pieces on a processor, where each costs time, one tile on a graphics device, which wants many."""
     import pyopencl
 
@@ -128,7 +145,6 @@ def add_orders(
     kernels: Kernels,
     n_order: Any,
     entries: Entries,
-    waves: Any,
     azimuths: Azimuths,
     levels: Any,
     rows: Any,
@@ -139,24 +155,22 @@ def add_orders(
 ) -> None:
     """Adds the sum over orders of kernels times cos or sin(m phi) to a table, of all scenes in one launch.
 
-    Device arrays: n_order (scene,): how many of the ``waves`` a scene has; levels (n_level,), rows (n_mu,): what of the
+    Device arrays: n_order (scene,): how many of the orders a scene has; levels (n_level,), rows (n_mu,): what of the
     kernels' n_tau and n_out is wanted; scale (n_in,): factor of each incident direction; factors (n_out, S): of each
     outgoing one and Stokes component. ``incident``: the first direction and the one behind the last.
     """
     n_level, _, n_mu, *_ = table.shape
+    _, n_order_most, n_angle_padded, _ = entries.waves.shape
     tiles, others = -(-(azimuths.first_use.size - 1) // TILE), table.scenes * n_level * (incident[1] - incident[0])
     mu_each, tiles_each = shares(session, n_mu, tiles, others)
     session.launch(
         "add_orders",
-        (-(-n_mu // mu_each), -(-tiles // tiles_each), others if entries.sense.size else 0),
+        (-(-n_mu // mu_each), -(-tiles // tiles_each), others),
         *kernels.place,
         n_order,
-        np.int32(entries.sense.size),
-        np.int32(entries.cosines),
-        entries.where,
-        entries.sense,
-        waves,
-        *(np.int32(size) for size in waves.shape[1:]),
+        *(np.int32(len(entries.where)), entries.where, entries.sense, entries.waves),
+        *(np.int32(size) for size in (n_order_most, 4 * n_angle_padded)),
+        entries.mirrored,
         *(levels, rows, scale, factors),
         np.int32(factors.shape[1]),
         *azimuths.place,
@@ -240,6 +254,22 @@ def add_scattering(
     )
 
 
+@contextmanager
+def lent(session: Session, values: Array, written: bool = True) -> Iterator[Any]:
+    """The caller's own memory as a buffer; what kernels have ``written`` to it is seen when the block is left."""
+    import pyopencl
+
+    flags = pyopencl.mem_flags
+    access = flags.READ_WRITE if written else flags.READ_ONLY
+    buffer = pyopencl.Buffer(session.context, access | flags.USE_HOST_PTR, hostbuf=values)
+    yield buffer
+    if not written:
+        return
+    seen, _ = pyopencl.enqueue_map_buffer(session.queue, buffer, pyopencl.map_flags.READ, 0, values.shape, values.dtype)
+    seen.base.release(session.queue)
+    session.finish()
+
+
 def azimuthal_sum(
     session: Session,
     kernels: Array,
@@ -265,20 +295,22 @@ def azimuthal_sum(
     hold. ``threads`` and ``work`` are not used."""
     start = time.perf_counter()
     if kernels.size and out.size and last > first:
-        here = np.ascontiguousarray(out[:, first:last])
-        table = Table(session.upload(here), here.shape)
-        add_orders(
-            session,
-            dense(session.upload(kernels[:, :, first:last]), (*kernels.shape[:2], last - first, *kernels.shape[3:])),
-            session.upload(np.array([kernels.shape[0]], np.int32)),
-            upload_entries(session, stokes, kind, place, out.shape[5]),
-            upload_waves(session, cosine, sine),
-            upload_azimuths(session, angle, sign, cosine.shape[1]),
-            *(session.upload(values) for values in (levels, rows, scale[first:last], np.ones(kernels.shape[4:]))),
-            (0, last - first),
-            table,
-        )
-        out[:, first:last] = session.download(table.data)
+        here = np.ascontiguousarray(kernels)
+        weights = np.ones((kernels.shape[4], kernels.shape[5]))
+        with lent(session, here, False) as light, lent(session, out) as result:
+            add_orders(
+                session,
+                dense(light, kernels.shape),
+                session.upload(np.array([kernels.shape[0]], np.int32)),
+                upload_entries(session, stokes, kind, place, out.shape[5], cosine, sine),
+                upload_azimuths(session, angle, sign, cosine.shape[1]),
+                session.upload(levels),
+                session.upload(rows),
+                session.upload(scale),
+                session.upload(weights),
+                (first, last),
+                Table(result, out.shape),
+            )
     seconds[0] += time.perf_counter() - start
 
 
@@ -313,15 +345,13 @@ def add_single_scattering(
         raise ValueError("the table must be one of series_table")
     start = time.perf_counter()
     if out.size and last > first:
-        here = np.ascontiguousarray(out[:, first:last])
-        result = Table(session.upload(here), here.shape)
-        add_scattering(
-            session,
-            upload_scatterers(session, [[(table, path[:, first:last])]]),
-            upload_directions(session, mu0[first:last], mu, cos_phi, sin_phi, columns, kind, place),
-            upload_azimuths(session, angle, sign, cos_phi.size),
-            (0, last - first),
-            result,
-        )
-        out[:, first:last] = session.download(result.data)
+        with lent(session, out) as result:
+            add_scattering(
+                session,
+                upload_scatterers(session, [[(table, path)]]),
+                upload_directions(session, mu0, mu, cos_phi, sin_phi, columns, kind, place),
+                upload_azimuths(session, angle, sign, cos_phi.size),
+                (first, last),
+                Table(result, out.shape),
+            )
     seconds[0] += time.perf_counter() - start
