@@ -9,7 +9,17 @@ import numpy as np
 
 from vrte.arrays import Array
 
-SOURCES = ("common", "products", "inverse", "spherical", "assembly", "doubling", "joining")
+SOURCES = (
+    "common",
+    "products",
+    "inverse",
+    "spherical",
+    "assembly",
+    "doubling",
+    "joining",
+    "sums",
+    "scattering",
+)
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 
 
