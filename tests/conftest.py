@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,3 +21,11 @@ def reference() -> Callable[[str], Path]:
         return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def opencl() -> Any:
+    """The session on the OpenCL device that `vrte devices` takes."""
+    from vrte.cl.device import session
+
+    return session()

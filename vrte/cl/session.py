@@ -13,8 +13,17 @@ from vrte.cl.building import built
 from vrte.errors import DeviceError
 
 SOURCES = (
-    *("common", "products", "inverse", "products_gpu", "inverse_gpu"),
-    *("spherical", "assembly", "doubling", "joining"),
+    "common",
+    "products",
+    "products_gpu",
+    "inverse",
+    "inverse_gpu",
+    "spherical",
+    "assembly",
+    "doubling",
+    "joining",
+    "sums",
+    "scattering",
 )
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 FORMS = ("cpu", "gpu")
@@ -27,8 +36,8 @@ FORKED = (
 @dataclass(eq=False)
 class Session:
     """context, queue, program and kernels (by name) of one device; ``memory``: what was freed is kept for the next
-    array; ``form``: of products and inverses, "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or
-    a matrix, tiles in local memory); ``lock``: held during a solve, because a kernel's arguments belong to it."""
+    array; ``lock``: held during a solve, because a kernel's arguments belong to it. ``form``: of products and inverses,
+    "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or a matrix, tiles in local memory)."""
 
     context: Any
     queue: Any

@@ -20,8 +20,8 @@ SECONDS = 0.03  # of one round, about
 
 @dataclass(frozen=True)
 class Rate:
-    """Products of ``count`` matrices of ``rows`` rows and columns: 1e9 operations a second, on the device and by BLAS on
-    as many threads."""
+    """Products of ``count`` matrices of ``rows`` rows and columns: 1e9 operations a second, on the device and by BLAS
+    on as many threads as were asked for."""
 
     rows: int
     count: int
@@ -46,9 +46,8 @@ def as_text(found: Sequence[Device], taken: int | None, reason: str) -> str:
         precision = "yes" if device.double_precision else "no"
         sizes = "".join(f"{size / 1e9:7.1f} GB" for size in (device.memory, device.largest))
         mark = "*" if index == taken else " "
-        lines.append(
-            f" {mark}{index:2} {device.name[:43]:44}{device.kind:13}{precision:4}{sizes}{device.units:7}  {device.driver}"
-        )
+        text = f"{device.name[:43]:44}{device.kind:13}{precision:4}{sizes}{device.units:7}  {device.driver}"
+        lines.append(f" {mark}{index:2} {text}")
         lines.append(f"     on {device.platform}")
     return "\n".join([*lines, "", f"  taken: {'none' if taken is None else taken}, {reason}"])
 
@@ -69,12 +68,12 @@ def measure(session: Session, threads: int, told: Callable[[int, int], None] = l
 def _rate(session: Session, pool: ThreadPoolExecutor, threads: int, rows: int, count: int) -> Rate:
     a, b = np.random.default_rng(0).random((2, count, rows, rows))
     c = np.empty_like(a)
-    factors, made = [upload_stack(session, values) for values in (a, b)], new_stack(session, count, rows, rows)
+    first, second, made = upload_stack(session, a), upload_stack(session, b), new_stack(session, count, rows, rows)
     items = session.upload(np.arange(count, dtype=np.int32))
     shares = [part for part in np.array_split(np.arange(count), threads) if part.size]
 
     def on_device() -> None:
-        product(session, items, *factors, made)
+        product(session, items, first, second, made)
         session.finish()
 
     def by_blas() -> None:
