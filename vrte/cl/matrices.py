@@ -102,9 +102,9 @@ def product(
 
 def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info: Any) -> None:
     """m <- m^-1 for the listed items; rest (item, 16 n), pivots (item, n) and info (item,) are scratch memory, info is
-            1 where a matrix is singular.
-    
-        Raises DeviceError where a GPU's local memory does not hold one column.
+        1 where a matrix is singular.
+
+    Raises DeviceError where a GPU's local memory does not hold one column.
     """
     arguments = np.int32(m.rows), *m.place, rest, pivots, info, items
     if session.form == "cpu":
