@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.arrays import Array
 
-SOURCES = ("common", "products", "inverse", "spherical", "assembly")
+SOURCES = ("common", "products", "inverse", "spherical", "assembly", "invariance")
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 
 
