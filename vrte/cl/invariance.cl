@@ -1,7 +1,10 @@
 // The top of a layer without end, by invariance: fixed points of
 //   R = (He Ce He'^T - Hf Cf Hf'^T)/2 over 1/mu + 1/mu',  He = phi_e + R phi_e,  Hf = phi_f - R phi_f,
 // with Anderson's acceleration. E's and F's columns lie side by side, Hf with the other sign (it counts twice), so that
-// H = +-phi + R phi and R = HC H^T are one product each. A strip of 8 rows needs all of H but of all else no other strip.
+// H = +-phi + R phi and R = HC H^T are one product each. A strip of 8 rows needs all of H but of all else no other strip:
+// what only strips read (R, the last steps, HC) is stored strip by strip, column by column within.
+
+#define STRIP 8
 
 #define RUNNING 0
 #define SETTLED 1   // in this step: H is made once more
@@ -46,7 +49,7 @@ __kernel void invariance_rate(int n_term, __global const double* restrict coeffi
 
 #define SHARE_OF_COLUMN(x) if (j + x < n) { \
     const double cosine = signed_mu[j + x], size = fabs(cosine); \
-    const long k = (long)(j + x) * ld; \
+    const int k = (j + x) * STRIP; \
     const double4 now_top = top##x * (0.5 * cosine * mu_top / (mu_top + size)); \
     const double4 now_low = low##x * (0.5 * cosine * mu_low / (mu_low + size)); \
     const double4 moved_top = now_top - AT(R + k, 0), moved_low = now_low - AT(R + k, 1); \
@@ -68,26 +71,25 @@ __kernel void invariance_rate(int n_term, __global const double* restrict coeffi
 // scalar products, what moved most and led's largest: found (item, strip, 5). Global size: strips of 8 rows, items.
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void invariance_step(int n, __global const int* restrict counts, __global const double* restrict row_mu,
-                              __global const double* restrict signed_mu, __global const double* restrict HC, long c_first,
-                              int c_ld, long c_stride, __global const double* restrict H, long h_first, int h_ld,
-                              long h_stride, __global const double* restrict R, __global double* restrict led,
+                              __global const double* restrict signed_mu, __global const double* restrict HC,
+                              __global const double* restrict H, int h_ld, long h_stride, int h_columns, __global const double* restrict R, __global double* restrict led,
                               __global double* restrict moved, __global const double* restrict moved_1,
-                              __global const double* restrict moved_2, int ld, long stride, __global double* restrict found,
+                              __global const double* restrict moved_2, __global double* restrict found,
                               __global const int* restrict state, __global const int* restrict items)
 {
-    const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * stride + 8 * strip;
+    const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * get_global_size(0) + strip;
     if (state[item] != RUNNING)
         return;
-    const int inner = number_of_columns(counts, item, 2), columns = n, a_ld = c_ld, b_row = h_ld, b_column = 1;
+    const int inner = number_of_columns(counts, item, 2), columns = n, a_ld = STRIP, b_row = h_ld, b_column = 1;
     const double4 mu_top = fabs(AT(row_mu, 2 * strip)), mu_low = fabs(AT(row_mu, 2 * strip + 1));
-    __global const double* A = HC + c_first + item * c_stride + 8 * strip;
-    __global const double* B = H + h_first + item * h_stride;
+    __global const double* A = HC + place * STRIP * h_columns;
+    __global const double* B = H + item * h_stride;
     double4 squares = 0.0, products_1 = 0.0, products_2 = 0.0, gap = 0.0, largest = 0.0;
-    R += place;
-    led += place;
-    moved += place;
-    moved_1 += place;
-    moved_2 += place;
+    R += place * STRIP * n;
+    led += place * STRIP * n;
+    moved += place * STRIP * n;
+    moved_1 += place * STRIP * n;
+    moved_2 += place * STRIP * n;
     for (int j = 0; j < n; j += TILE_COLUMNS) {
         __global const double* a = A;
         EACH_COLUMN(COLUMN_OF_B)
@@ -95,7 +97,7 @@ __kernel void invariance_step(int n, __global const int* restrict counts, __glob
         SUM_TERMS
         EACH_COLUMN(SHARE_OF_COLUMN)
     }
-    found += (item * get_global_size(0) + strip) * 5;
+    found += place * 5;
     found[0] = SUM(squares);
     found[1] = SUM(products_1);
     found[2] = SUM(products_2);
@@ -173,28 +175,28 @@ __kernel void invariance_renew(int starting, int n, int n_term, int members, __g
                                __global const int* restrict counts, __global const double* restrict phi, int phi_ld,
                                long phi_stride, int phi_first, __global const double* restrict led,
                                __global const double* restrict led_1, __global const double* restrict led_2,
-                               __global double* restrict R, int ld, long stride, __global double* restrict H,
-                               __global double* restrict HC, int h_ld, long h_stride,
+                               __global double* restrict R, __global double* restrict H, int h_ld, long h_stride,
+                               int h_columns, __global double* restrict HC,
                                __global const Settling* restrict settling, __global const int* restrict state,
                                __global const int* restrict items)
 {
-    const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * stride + 8 * strip;
+    const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * get_global_size(0) + strip;
     if (state[item] == LEFT)
         return;
     const double share = settling[item].share[0], share_1 = settling[item].share[1], share_2 = settling[item].share[2];
     const int columns = number_of_columns(counts, item, 2), columns_E = number_of_columns(counts, item, 0);
-    const int inner = starting ? 0 : n, a_ld = ld, b_row = 1, b_column = phi_ld;
-    R += place;
-    led += place;
-    led_1 += place;
-    led_2 += place;
-    H += item * h_stride + 8 * strip;
-    HC += item * h_stride + 8 * strip;
+    const int inner = starting ? 0 : n, a_ld = STRIP, b_row = 1, b_column = phi_ld;
+    R += place * STRIP * n;
+    led += place * STRIP * n;
+    led_1 += place * STRIP * n;
+    led_2 += place * STRIP * n;
+    H += item * h_stride + STRIP * strip;
+    HC += place * STRIP * h_columns;
     __global const double* B = phi + item * phi_stride;
-    __global const double* phi_row = B + phi_first + 8 * strip;
+    __global const double* phi_row = B + phi_first + STRIP * strip;
     for (int j = 0; j < n; j++)
         for (int low = 0; low < 2; low++) {
-            const long k = (long)j * ld;
+            const int k = j * STRIP;
             double4 value = 0.0;
             if (!starting) {
                 value = share * AT(led + k, low);
@@ -213,12 +215,12 @@ __kernel void invariance_renew(int starting, int n, int n_term, int members, __g
         EACH_COLUMN(ADD_PHI)
     }
     for (int odd = 0; odd < 2; odd++) {
-        const long begin = (long)first_column(counts, item, odd) * h_ld;
+        const long begin = first_column(counts, item, odd);
         const double factor = odd ? -albedo[material[item]] : albedo[material[item]];
         if (columns > 0)
             multiply_by_coefficients(order[item], terms[material[item]], members, odd, factor, -1.0,
-                                     coefficients + material[item] * (long)6 * n_term, 0, 2, H + begin, h_ld, HC + begin,
-                                     h_ld);
+                                     coefficients + material[item] * (long)6 * n_term, 0, 2, H + begin * h_ld, h_ld,
+                                     HC + begin * STRIP, STRIP);
     }
 }
 
@@ -227,14 +229,14 @@ __kernel void invariance_renew(int starting, int n, int n_term, int members, __g
 __kernel void invariance_results(int n, int stokes, int v_place, int n_out, int n_col, __global const double* restrict off_mu,
                                  __global const int* restrict out, __global const int* restrict into,
                                  __global const double* restrict columns, __global const double* restrict Ruu, int uu_ld,
-                                 long uu_stride, __global const double* restrict Ru, int u_ld, long u_stride,
+                                 long uu_stride, __global const double* restrict Ru, int strips,
                                  __global double* restrict up, __global double* restrict on_nodes,
                                  __global const int* restrict items)
 {
     const long item = items[get_global_id(1)], beam = get_global_id(0), n_in = get_global_size(0);
     const int from = stokes * into[beam];
     Ruu += item * uu_stride + (long)from * uu_ld;
-    Ru += item * u_stride + from;
+    Ru += item * strips * STRIP * n;
     for (int c = 0; c < n_col; c++) {
         const long rhs = (item * n_in + beam) * n_col + c;
         for (int i = 0; i < n_out; i++)
@@ -252,7 +254,7 @@ __kernel void invariance_results(int n, int stokes, int v_place, int n_out, int 
             double total = 0.0;
             for (int b = 0; b < stokes; b++) {
                 const double sign = (b == v_place) != (j % stokes == v_place) ? -1.0 : 1.0;
-                total += sign * Ru[(long)j * u_ld + b] * columns[c * stokes + b];
+                total += sign * Ru[((from + b) / STRIP * n + j) * STRIP + (from + b) % STRIP] * columns[c * stokes + b];
             }
             on_nodes[rhs * n + j] = total;
         }

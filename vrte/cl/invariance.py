@@ -34,12 +34,12 @@ class Endless:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Some rows: phi, H and HC, of E's and F's columns, Hf with the other sign; signed_mu: the cosine of each row, minus
-    where it is V's."""
+    """Some rows: phi and H, E's and F's columns, Hf with the other sign; HC and room for R and the last steps, strip by
+    strip; signed_mu: the cosine of each row, minus where it is V's."""
 
     phi: Stack
     H: Stack
-    HC: Stack
+    HC: Any
     signed_mu: Any
 
 
@@ -92,10 +92,11 @@ def reflect_endless(
         (items.size,),
         *(np.int32(what.n_term), coefficients, order, material, terms, albedo, judged.rate, items),
     )
-    room = [bare_stack(session, what.room, max(nodes.phi.rows, off.phi.rows), nodes.phi.rows) for _ in range(6)]
+    n = nodes.phi.rows
+    room = [session.empty((what.room, n, max(nodes.H.ld, off.H.ld))) for _ in range(6)]
     settle(session, what, phi.counts, nodes, nodes, judged, room, stop)
     Ru = settle(session, what, phi.counts, off, nodes, judged, room, stop)
-    return results(session, what, phi.counts, off, Ru, nodes.phi.rows, out, into, columns, judged)
+    return results(session, what, phi.counts, off, Ru, n, out, into, columns, judged)
 
 
 def sheet_of(
@@ -106,8 +107,8 @@ def sheet_of(
     signed_mu = session.empty((padded(rows),))
     sizes = np.int32(n_mu), np.int32(what.stokes), np.int32(place)
     session.launch("cosines_of_rows", (1,), *sizes, directions, np.int32(first), signed_mu)
-    H, HC = (bare_stack(session, what.room, rows, columns.phi.columns) for _ in range(2))
-    return Sheet(columns.rows(part, rows), H, HC, signed_mu)
+    H = bare_stack(session, what.room, rows, columns.phi.columns)
+    return Sheet(columns.rows(part, rows), H, session.empty(H.data.shape), signed_mu)
 
 
 def settle(
@@ -117,13 +118,16 @@ def settle(
     rows: Sheet,
     nodes: Sheet,
     judged: Judged,
-    room: list[Stack],
+    room: list[Any],
     stop: IntArray | None,
-) -> Stack:
-    """R of some rows, the nodes' or others, after as many fixed points as each item needs; their H and HC with it."""
+) -> Any:
+    """R of some rows, the nodes' or others, strip by strip, after as many fixed points as each item needs; their H with
+    it."""
     state = session.zeros((what.room,), np.int32)
     n, strips, items = nodes.phi.rows, rows.H.ld // STRIP, what.items
-    R = bare_stack(session, what.room, rows.phi.rows, n)
+    R = session.empty((what.room, n, rows.H.ld))
+    H = rows.H.data, np.int32(rows.H.ld), np.int64(rows.H.stride), np.int32(rows.H.columns)
+    nodes_H = nodes.H.data, np.int32(nodes.H.ld), np.int64(nodes.H.stride), np.int32(nodes.H.columns)
     led, moved = room[:3], room[3:]
     found = session.empty((what.room, strips, 5))
 
@@ -135,8 +139,7 @@ def settle(
             *(np.int32(starting), np.int32(n), np.int32(what.n_term), what.bits, what.coefficients),
             *(what.order, what.material, what.terms, what.albedo, counts),
             *(nodes.phi.data, np.int32(nodes.phi.ld), np.int64(nodes.phi.stride), np.int32(rows.phi.first)),
-            *(*(past.data for past in led), R.data, np.int32(R.ld), np.int64(R.stride)),
-            *(rows.H.data, rows.HC.data, np.int32(rows.H.ld), np.int64(rows.H.stride)),
+            *(*led, R, *H, rows.HC),
             *(judged.settling, state, items),
         )
 
@@ -145,9 +148,8 @@ def settle(
         session.launch(
             "invariance_step",
             (strips, items.size),
-            *(np.int32(n), counts, rows.signed_mu, nodes.signed_mu, *rows.HC.place, *nodes.H.place, R.data),
-            *(led[0].data, *(past.data for past in moved), np.int32(R.ld), np.int64(R.stride)),
-            *(found, state, items),
+            *(np.int32(n), counts, rows.signed_mu, nodes.signed_mu, rows.HC, *nodes_H, R),
+            *(led[0], *moved, found, state, items),
         )
         session.launch(
             "invariance_judge",
@@ -176,7 +178,7 @@ def results(
     what: Scattering,
     counts: Any,
     off: Sheet,
-    Ru: Stack,
+    Ru: Any,
     n: int,
     out: Any,
     into: Any,
@@ -185,10 +187,10 @@ def results(
 ) -> Endless:
     """From off the nodes to off the nodes, less what is scattered once, and to the nodes."""
     u, n_in, n_col = off.phi.rows, into.size, columns.shape[0]
-    Ruu = bare_stack(session, what.room, u, u)
-    product_over_columns(session, what.items, counts, 2, off.HC, off.H, Ruu)
-    times_coefficients(session, what, counts, off.phi, off.HC, v_sign=-1.0, odd_sign=-1.0)
-    product_over_columns(session, what.items, counts, 2, off.HC, off.phi, Ruu, alpha=-1.0, beta=1.0)
+    Ruu, psi = bare_stack(session, what.room, u, u), bare_stack(session, what.room, u, off.phi.columns)
+    for columns_of, alpha, beta in [(off.H, 1.0, 0.0), (off.phi, -1.0, 1.0)]:
+        times_coefficients(session, what, counts, columns_of, psi, v_sign=-1.0, odd_sign=-1.0)
+        product_over_columns(session, what.items, counts, 2, psi, columns_of, Ruu, alpha, beta)
     up = session.empty((what.room, n_in, n_col, what.stokes * out.size))
     on_nodes = session.empty((what.room, n_in * n_col, n))
     place = what.members.index(V) if V in what.members else -1
@@ -197,7 +199,7 @@ def results(
         (n_in, what.items.size),
         *(np.int32(n), np.int32(what.stokes), np.int32(place), np.int32(out.size), np.int32(n_col)),
         *(off.signed_mu, out, into, columns, Ruu.data, np.int32(Ruu.ld), np.int64(Ruu.stride)),
-        *(Ru.data, np.int32(Ru.ld), np.int64(Ru.stride), up, on_nodes, what.items),
+        *(Ru, np.int32(off.H.ld // STRIP), up, on_nodes, what.items),
     )
     return Endless(up, on_nodes, judged.residual, judged.steps)
 
