@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 from vrte import __version__, brdf, radiance
 from vrte.brdf import Brdf
 from vrte.discrete_ordinates.choice import ALGORITHMS
-from vrte.errors import AccuracyError, MissingExtraError, SceneError
+from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.field import Field
 from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile, read_scene
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except SceneError as error:
         return _complain(str(error), 2)
-    except (AccuracyError, MissingExtraError, OSError) as error:
+    except (AccuracyError, DeviceError, MissingExtraError, OSError) as error:
         return _complain(str(error), 1)
     except MemoryError:
         return _complain("not enough memory for this scene: fewer directions or nodes need less", 1)
@@ -85,6 +85,9 @@ def _parser() -> argparse.ArgumentParser:
     material.set_defaults(run=_material)
     _add_stability(commands)
     _add_tables(commands)
+    devices = commands.add_parser("devices", help="OpenCL platforms and devices, and which one is taken")
+    devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
+    devices.set_defaults(run=_devices)
     return parser
 
 
@@ -166,6 +169,25 @@ def _material(options: argparse.Namespace) -> None:
     index = refractive_index(options.name, options.wavelength_um)
     print(f"{options.name} at {options.wavelength_um:g} um: n = {index.n:.6g}, k = {index.k:.6g}")
     print(f"from {index.source}")
+
+
+def _devices(options: argparse.Namespace) -> None:
+    from vrte.cl import device
+    from vrte.report import devices
+    from vrte.running import usable_cpus
+
+    found = device.devices()
+    try:
+        taken, reason = device.choose(found, device.wanted())
+    except DeviceError:
+        print(devices.as_text(found, None, "for the reason below"), flush=True)
+        raise
+    print(devices.as_text(found, taken, reason))
+    if options.measure:
+        with device.device_errors(), _progress() as (phase, tick):
+            phase("products")
+            rates = devices.measure(device.session(), usable_cpus(), tick)
+        print(f"\n{devices.rates_as_text(rates, usable_cpus())}")
 
 
 def _solve(options: argparse.Namespace) -> None:
