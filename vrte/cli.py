@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from vrte import __version__, brdf, radiance
+from vrte.backends import BACKENDS
 from vrte.brdf import Brdf
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
@@ -123,6 +124,7 @@ def _add_solve(commands: Any, kind: str, help_text: str) -> None:
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")
     command.add_argument("--threads", metavar="N", type=_whole(1, 1024), help="default: all CPUs that may be used")
     command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
+    command.add_argument("--backend", choices=BACKENDS, default="openmp", help="what computes; default: openmp")
     command.add_argument(
         "--truncation", choices=CHOICES, help="of phase matrices with more than 2 N terms; default: auto"
     )
@@ -301,7 +303,7 @@ def _check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 
 def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify")}
+    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
     how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     try:
         return solve(file.scene, **file.request, progress=tick, **how)
@@ -338,7 +340,8 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     print(f"  base: {base}{'' if file.scene.base_is_reached else ', which no light reaches'}")
     made = result.diagnostics
     print(f"  {result!r}")
-    print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {made['threads']} threads")
+    where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
+    print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {where}")
     print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
     print(f"  truncation: {made['truncation']} ({made['truncation_rule']})")
     if made["orders_repeated"]:

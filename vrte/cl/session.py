@@ -20,6 +20,7 @@ SOURCES = (
     "inverse_gpu",
     "spherical",
     "assembly",
+    "invariance",
     "doubling",
     "joining",
     "sums",
