@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.arrays import Array
-from vrte.cl import assembly, doubling, joining
+from vrte.cl import assembly, doubling, invariance, joining
 from vrte.cl.device import chosen, device_errors, session
 from vrte.cl.doubling import Frame, Items, Matrices
 from vrte.cl.session import Session
@@ -22,14 +22,16 @@ from vrte.cl.sums import Kernels, dense
 from vrte.discrete_ordinates.base import Base as Reflection
 from vrte.discrete_ordinates.base import expand_base
 from vrte.discrete_ordinates.blocks import Block
+from vrte.discrete_ordinates.choice import Choice
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
-from vrte.discrete_ordinates.routes import Doubling
+from vrte.discrete_ordinates.routes import TIGHTER, Doubling
 from vrte.discrete_ordinates.slabs import Pile, cut
-from vrte.discrete_ordinates.solver import Solution, advice, orders_left, steps
+from vrte.discrete_ordinates.solver import Solution, advice, orders_left, statement_of, steps
 from vrte.discrete_ordinates.truncating import flux_of_the_peak, spread_towards
 from vrte.errors import AccuracyError
 from vrte.plan import Plan
 
+REPEATED = Choice("doubling", "the fixed points of invariance did not settle")
 STACKS = 14  # extended matrices that an item needs at once, R and T included
 SHARE = 0.5  # of the device's memory
 CACHED = 256e6  # bytes of matrices at once on a processor: more does not make it faster
@@ -37,14 +39,15 @@ CACHED = 256e6  # bytes of matrices at once on a processor: more does not make i
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """Multiply scattered light of some orders on the device, ``kernels`` (order, n_tau, n_in, n_col, n_out, S), with
-    its places in the request."""
+    """Multiply scattered light of some orders on the device, ``kernels`` (order, n_tau, n_in, n_col, n_out, S) times
+    ``factors`` (n_out, S) in the public frame, with its places in the request."""
 
     orders: IntArray
     stokes: IntArray
     columns: IntArray
     kernels: Kernels
     data: Any
+    factors: Array
 
 
 @dataclass(eq=False)
@@ -64,6 +67,7 @@ class Task:
     by: dict[str, int] = field(default_factory=dict)
     residuals: dict[str, float] = field(default_factory=dict)
     unknowns: int = 0
+    repeated: set[int] = field(default_factory=set)
 
     def next_blocks(self) -> list[tuple[Block, IntArray]]:
         """Blocks that come before the next look at how many orders are left, with their orders."""
@@ -113,11 +117,13 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """kernels (item, n_tau, n_in, n_col, n_out, S) on the device, ``shape`` that; flux (item, n_tau, 2, n_in, n_col);
-    residuals by name, (item,); singular (item,): above 0 where a matrix was."""
+    """kernels (item, n_tau, n_in, n_col, n_out, S) on the device, ``shape`` that; what they are to be multiplied with,
+    (n_out, S); flux (item, n_tau, 2, n_in, n_col); residuals by name, (item,); singular (item,): above 0 where a matrix
+    was."""
 
     kernels: Any
     shape: tuple[int, ...]
+    factors: Array
     flux: Array
     residuals: dict[str, Array]
     singular: Array
@@ -204,7 +210,13 @@ def solve_group(opened: Session, pieces: list[Piece], run: Run) -> None:
     """Solves pieces that are alike, and notes what was found with their tasks."""
     name = pieces[0].block.choice.name
     found = SOLVERS[name](opened, pieces, run)
-    check(name, pieces, found)
+    if wrong := what_is_wrong(name, pieces, found):
+        if name == "invariance":
+            by_doubling = [replace(piece, block=replace(piece.block, choice=REPEATED)) for piece in pieces]
+            for group in grouped(by_doubling, opened):
+                solve_group(opened, group, run)
+            return
+        raise AccuracyError(wrong)
     problem = pieces[0].problem
     lit = np.abs(problem.columns).max(axis=1)
     largest, brightest = looked_at(opened, found, int(np.argmax(lit)))
@@ -221,7 +233,7 @@ def note(piece: Piece, name: str, found: Found, items: slice, largest: Array, br
     size = int(np.prod(found.shape[1:]))
     kernels = dense(found.kernels.data, (orders.size, *found.shape[1:]), items.start * size)
     stokes, columns = np.array(block.stokes, np.int32), np.array(block.columns, np.int32)
-    task.lights.append(Light(orders, stokes, columns, kernels, found.kernels))
+    task.lights.append(Light(orders, stokes, columns, kernels, found.kernels, found.factors))
     n_tau = task.plan.request.tau.size
     for order, light in zip(orders.tolist(), largest[items], strict=True):
         light = np.broadcast_to(light, (n_tau, light.shape[1]))
@@ -234,6 +246,8 @@ def note(piece: Piece, name: str, found: Found, items: slice, largest: Array, br
     task.orders |= set(orders.tolist())
     task.unknowns += orders.size * block.problem.size
     task.by[name] = task.by.get(name, 0) + orders.size
+    if block.choice is REPEATED:
+        task.repeated |= set(orders.tolist())
     for key, values in found.residuals.items():
         task.residuals[key] = max(task.residuals.get(key, 0.0), float(values[items].max()))
 
@@ -242,15 +256,16 @@ def looked_at(opened: Session, found: Found, lit: int) -> tuple[Array, Array]:
     """The largest of each item at each depth for each beam, and I in the column ``lit``, (item, n_tau, n_in)."""
     items, levels, n_in, n_col, n_mu, stokes = found.shape
     both = [opened.empty((items, levels, n_in)) for _ in range(2)]
-    shape = (np.int32(k) for k in (levels, n_in, n_col, n_mu, stokes, lit))
+    seen = int(np.count_nonzero(found.factors.any(axis=1)))
+    shape = (np.int32(k) for k in (levels, n_in, n_col, n_mu, seen, stokes, lit))
     opened.launch("largest_light", (n_in, levels, items), *shape, found.kernels, *both)
-    largest, brightest = (opened.download(a) for a in both)
+    largest, brightest = (float(np.abs(found.factors).max()) * opened.download(a) for a in both)
     return largest, brightest
 
 
-def check(name: str, pieces: list[Piece], found: Found) -> None:
-    """Raises AccuracyError where an item's own equations do not hold."""
-    allowed: dict[str, float] = Doubling.allowed
+def what_is_wrong(name: str, pieces: list[Piece], found: Found) -> str:
+    """Of the first item whose own equations do not hold, nothing where all do."""
+    allowed: dict[str, float] = Doubling.allowed | {"residual_of_invariance": allowed_of_invariance(pieces)}
     orders = np.concatenate([piece.orders for piece in pieces])
     if found.singular.any():
         bad, reason = int(np.argmax(found.singular)), "a matrix is singular"
@@ -258,10 +273,10 @@ def check(name: str, pieces: list[Piece], found: Found) -> None:
         doubts = [(key, int(np.argmax(~(values <= allowed[key])))) for key, values in found.residuals.items()]
         wrong = [(key, place) for key, place in doubts if not found.residuals[key][place] <= allowed[key]]
         if not wrong:
-            return
+            return ""
         key, bad = wrong[0]
         reason = f"{key} {found.residuals[key][bad]:.2g}, allowed {allowed[key]:g}"
-    raise AccuracyError(
+    return (
         f"the OpenCL device cannot vouch for Fourier order {orders[bad]} by {name} ({reason}): "
         f"backend 'openmp' has another algorithm{advice(pieces[0].problem)}"
     )
@@ -331,7 +346,7 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     flux = opened.download(joint.flux).reshape(*shape[:2], 2, *shape[2:])
     singular = np.maximum(singular, opened.download(joint.info))
     booked(opened, run, "joining", begin)
-    return Found(kernels, (*shape, *directions), flux, residuals, singular)
+    return Found(kernels, (*shape, *directions), np.ones(directions), flux, residuals, singular)
 
 
 def enumerate_items(batch: Batch) -> Iterator[tuple[int, tuple[Piece, Pile]]]:
@@ -463,7 +478,59 @@ def leaving(opened: Session, batch: Batch, joint: joining.Joined, shape: tuple[i
     return kernels
 
 
-SOLVERS: dict[str, Callable[[Session, list[Piece], Run], Found]] = {"doubling": solve_by_doubling}
+def tolerance_of(piece: Piece) -> float:
+    """Where the iterations of its orders stop."""
+    return TIGHTER * piece.task.plan.accuracy
+
+
+def allowed_of_invariance(pieces: list[Piece]) -> float:
+    """Residual up to which the answer counts."""
+    return max(1e-9, 2.0 * max(tolerance_of(piece) for piece in pieces))
+
+
+def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found:
+    """Fixed points of the invariance equation for all orders of all pieces: the top of layers without end."""
+    problem, upload = pieces[0].problem, opened.upload
+    off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
+    n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]
+    coefficients = np.zeros((len(pieces), max(piece.problem.coefficients.shape[1] for piece in pieces), 6))
+    for k, piece in enumerate(pieces):
+        coefficients[k, : piece.problem.coefficients.shape[1]] = piece.problem.coefficients[0]
+    begin = time.perf_counter()
+    made = invariance.reflect_endless(
+        opened,
+        upload(np.arange(sum(sizes), dtype=np.int32)),
+        upload(np.concatenate([piece.orders for piece in pieces])),
+        upload(np.repeat(np.arange(len(pieces), dtype=np.int32), sizes)),
+        problem.stokes,
+        upload(coefficients),
+        upload(np.array([piece.problem.terms[0] for piece in pieces], np.int32)),
+        upload(np.array([piece.problem.albedo[0] for piece in pieces])),
+        upload(np.concatenate([problem.nodes, off])),
+        upload(problem.weights),
+        upload(places[:n_out].astype(np.int32)),
+        upload(places[n_out:].astype(np.int32)),
+        upload(problem.columns),
+        upload(np.repeat([tolerance_of(piece) for piece in pieces], sizes)),
+        run.stop,
+    )
+    shape = sum(sizes), 1, problem.mu0.size, problem.columns.shape[0], n_out, len(problem.stokes)
+    flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
+    orders = np.concatenate([piece.orders for piece in pieces])
+    if (orders == 0).any() and problem.conserves:
+        on_nodes = opened.download(made.on_nodes)[:, :, :: len(problem.stokes)]
+        flux[:, 0, 0] = (on_nodes @ np.sqrt(problem.weights * problem.nodes)).reshape(-1, *shape[2:4])
+    factors = np.zeros(shape[4:])
+    factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
+    booked(opened, run, "invariance", begin)
+    residuals = {"residual_of_invariance": opened.download(made.residual)}
+    return Found(made.up.reshape(shape), shape, factors, flux, residuals, np.zeros(shape[0]))
+
+
+SOLVERS: dict[str, Callable[[Session, list[Piece], Run], Found]] = {
+    "doubling": solve_by_doubling,
+    "invariance": solve_by_invariance,
+}
 
 
 def solution(task: Task, parts: list[Array], run: Run, start: float) -> Solution:
@@ -477,7 +544,7 @@ def solution(task: Task, parts: list[Array], run: Run, start: float) -> Solution
         "orders": len(task.orders),
         "unknowns": task.unknowns,
         "orders_by": task.by,
-        "orders_repeated": None,
+        "orders_repeated": statement_of({"doubling": task.repeated} if task.repeated else {}),
         **{name: value for name, value in sorted(task.residuals.items())},
         "stages": run.stages,
         "wall_seconds": time.perf_counter() - start,

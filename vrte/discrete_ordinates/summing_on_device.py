@@ -99,7 +99,6 @@ def add_light(
     entries = upload_entries(opened, stokes, kind, place, part.values.shape[5], cosine, sine)
     strides, data = light.kernels.strides, light.kernels.data
     kernels = Kernels(data, strides, light.kernels.first + incident[0] * strides[3])
-    n_out, n_stokes = strides[4] // strides[5], strides[5]
     add_orders(
         opened,
         kernels,
@@ -109,7 +108,7 @@ def add_light(
         upload(levels_of(light, part)),
         upload(part.rows),
         upload(np.ascontiguousarray(wanted.scale[incident[0] : incident[1]])),
-        upload(np.ones((n_out, n_stokes))),
+        upload(light.factors),
         (0, incident[1] - incident[0]),
         table,
     )
