@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.arrays import Array
 
-SOURCES = ("common", "products", "inverse", "sums", "scattering")
+SOURCES = ("common", "products", "inverse", "sums", "scattering", "complexes", "reconstruction")
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 
 
