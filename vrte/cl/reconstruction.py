@@ -90,7 +90,7 @@ def fading(lam_re: Array, lam_im: Array, thickness: Array) -> Array:
         lower = 0.5 * np.abs(lam_im) / np.sqrt(0.5 * (size - lam_re))
     pairs = np.where(lam_re >= 0.0, upper, lower)
     rates = np.where(lam_im == 0.0, np.sqrt(np.maximum(lam_re, 0.0)), pairs)
-    return (thickness > 1e300) | (rates.min(axis=-1, initial=np.inf) * thickness > 4.0)
+    return (thickness > 1e300) | (rates.min(axis=-1, initial=np.inf) * np.minimum(thickness, 1e300) > 4.0)
 
 
 def reconstruct_orders(
