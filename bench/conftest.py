@@ -10,10 +10,10 @@ import scipy.linalg
 from threadpoolctl import threadpool_limits
 
 import vrte
-from tests.test_published import SIEWERT_IIA
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.phase_assembly import assemble
 from vrte.discrete_ordinates.problem import Run
+from vrte.report.tables.problems import SIEWERT_IIA
 
 from .peers import Row
 

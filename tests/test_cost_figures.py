@@ -198,7 +198,10 @@ def test_what_goes_wrong_leaves_the_last_run_as_it_was(tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [([], "--figures is missing"), (["--figures", "--threads", "0"], "--threads: must be a whole number")],
+    [
+        (["--figures", "--configurations", "2"], "--configurations goes with the tables"),
+        (["--figures", "--threads", "0"], "--threads: must be a whole number"),
+    ],
 )
 def test_bad_options_are_one_line_and_code_2(
     arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
