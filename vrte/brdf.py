@@ -9,10 +9,10 @@ import numpy as np
 from vrte.arrays import Array, frozen, settled
 from vrte.discrete_ordinates.problem import Progress
 from vrte.field import freeze
-from vrte.request import brdf_request, operations_of, solver_options
-from vrte.running import interruptible, new_run
+from vrte.request import brdf_request, solver_options
+from vrte.running import interruptible
 from vrte.scene import Scene
-from vrte.solving import solved
+from vrte.solving import run_of, solved
 
 if TYPE_CHECKING:
     import xarray
@@ -92,6 +92,7 @@ def brdf(
     verify: bool = False,
     accuracy: float | None = None,
     truncation: str = "auto",
+    backend: str = "openmp",
 ) -> Brdf:
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
@@ -105,9 +106,9 @@ def brdf(
     >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
-    options = solver_options(nodes, accuracy, algorithm, verify, truncation)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend)
     request, out = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
-    into, run = request.mu0, new_run(threads, operations_of(request))
+    into, run = request.mu0, run_of(request, threads)
     _, solution = interruptible(run, lambda: solved(request, run, progress))
     # (1, n_in, n_mu, n_phi, 4, column)
     matrices = [settled(values)[0] for values in solution.parts]

@@ -9,10 +9,10 @@ import numpy as np
 from vrte.arrays import Array, frozen, is_settled, settled
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
-from vrte.request import operations_of, radiance_request, solver_options
-from vrte.running import interruptible, new_run
+from vrte.request import radiance_request, solver_options
+from vrte.running import interruptible
 from vrte.scene import Scene
-from vrte.solving import solved
+from vrte.solving import run_of, solved
 
 if TYPE_CHECKING:
     import xarray
@@ -107,6 +107,7 @@ def radiance(
     verify: bool = False,
     accuracy: float | None = None,
     truncation: str = "auto",
+    backend: str = "openmp",
 ) -> Field:
     """The diffuse field of one beam, by discrete ordinates.
 
@@ -128,9 +129,9 @@ def radiance(
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    options = solver_options(nodes, accuracy, algorithm, verify, truncation)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend)
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
-    run = new_run(threads, operations_of(request))
+    run = run_of(request, threads)
     plan, solution = interruptible(run, lambda: solved(request, run, progress))
     levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
     return Field(

@@ -1,11 +1,27 @@
 """A request solved: planned and executed, in two parts where polarized incident light wants another truncation."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
+from vrte.discrete_ordinates.kernels import kernels_of
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import Solution, sized, solve, steps
+from vrte.errors import SceneError
 from vrte.plan import Plan, plan_of
-from vrte.request import Request
+from vrte.request import Request, operations_of
+from vrte.running import new_run
+
+
+def run_of(request: Request, threads: Any) -> Run:
+    """The run of a request: its threads, one of a sequential backend, and its backend's kernels."""
+    backend = request.backend
+    if backend.kernels == "sequential":
+        if threads not in (None, 1):
+            raise SceneError(f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'")
+        threads = 1
+    return replace(new_run(threads, operations_of(request)), kernels=kernels_of(backend))
 
 
 def solved(request: Request, run: Run, progress: Progress | None = None) -> tuple[Plan, Solution]:

@@ -93,6 +93,6 @@ def product(
 
 
 def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info: Any) -> None:
-    """m <- m^-1 for the listed items; rest (item, 16 n), pivots (item, n) and info (item,) are scratch memory, info is 1
-    where a matrix is singular."""
+    """m <- m^-1 for the listed items; rest (item, 16 n), pivots (item, n) and info (item,) are scratch memory, info is
+    1 where a matrix is singular."""
     session.launch("invert", (items.size,), np.int32(m.rows), *m.place, rest, pivots, info, items)

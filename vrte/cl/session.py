@@ -9,26 +9,28 @@ import numpy as np
 
 from vrte.arrays import Array
 
-SOURCES = ("common", "products", "inverse")
+SOURCES = ("common", "products", "inverse", "doubling", "joining")
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 
 
 @dataclass(eq=False)
 class Session:
-    """context, queue, program and kernels (by name) of one device; ``lock``: held during a solve, because a kernel's
+    """context, queue, program and kernels (by name) of one device; ``memory``: what was
+    freed is kept for the next array; ``lock``: held during a solve, because a kernel's
     arguments belong to it."""
 
     context: Any
     queue: Any
     program: Any
     kernels: dict[str, Any]
+    memory: Any
     lock: threading.RLock = field(default_factory=threading.RLock)
 
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """A pyopencl array, nothing in it."""
         import pyopencl.array
 
-        return pyopencl.array.empty(self.queue, shape, dtype)
+        return pyopencl.array.empty(self.queue, shape, dtype, allocator=self.memory)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """A pyopencl array of zeros."""
@@ -43,7 +45,7 @@ class Session:
         """A copy of an array on the device."""
         import pyopencl.array
 
-        return pyopencl.array.to_device(self.queue, np.ascontiguousarray(values))
+        return pyopencl.array.to_device(self.queue, np.ascontiguousarray(values), allocator=self.memory)
 
     def download(self, values: Any) -> Array:
         """A copy of the device's array; waits for whatever it comes from."""
@@ -71,8 +73,10 @@ def sources() -> str:
 def open_session(device: Any) -> Session:
     """A session on a pyopencl device."""
     import pyopencl
+    from pyopencl.tools import ImmediateAllocator, MemoryPool
 
     context = pyopencl.Context([device])
     program = pyopencl.Program(context, sources()).build(list(OPTIONS))
     kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
-    return Session(context, pyopencl.CommandQueue(context), program, kernels)
+    queue = pyopencl.CommandQueue(context)
+    return Session(context, queue, program, kernels, MemoryPool(ImmediateAllocator(queue)))
