@@ -9,7 +9,7 @@ import pytest
 
 import vrte
 from tests import exact
-from vrte.report.tables.problems import SIEWERT_DOWN, SIEWERT_IIA, SIEWERT_UP
+from vrte.report.tables.problems import SIEWERT_DOWN, SIEWERT_UP, siewert_scene
 
 Find = Callable[[str], Path]
 FLUX_PI = (np.pi, 0.0, 0.0, 0.0)
@@ -49,8 +49,7 @@ def test_siewert_2000_problem_iia(reference: Find) -> None:
 
 def test_siewert_2000_quoted() -> None:
     """Eight values of the same tables, quoted: mu0 0.6, phi 90, mu 0.5 up at tau 0 and mu 0.2 down at tau 1."""
-    scene = vrte.Scene([vrte.Layer(vrte.PhaseMatrix(*np.array(SIEWERT_IIA).T), 0.973527, 1.0)])
-    field = exact.radiance(scene, 0.6, FLUX_PI, [0.5, -0.2], 90.0, [0.0, 1.0], nodes=30)
+    field = exact.radiance(siewert_scene(), 0.6, FLUX_PI, [0.5, -0.2], 90.0, [0.0, 1.0], nodes=30)
     np.testing.assert_allclose(field.stokes[0, 0, 0], SIEWERT_UP, rtol=1e-5)
     np.testing.assert_allclose(field.stokes[1, 1, 0], SIEWERT_DOWN, rtol=1e-5)
 

@@ -1,6 +1,6 @@
 """One process with one SIMD setting of the linear algebra: solves what it is sent, one message after another.
 
-It ends when its input ends, even in the middle of a solve, so that none is left when its parent is gone.
+It ends when its input ends, and soon even in the middle of a solve, so that none is left when its parent is gone.
 """
 
 import os
@@ -15,15 +15,17 @@ from vrte.blas import blas_libraries
 from vrte.report.tables.messages import Failure, Hello, Reply, Task
 from vrte.report.tables.problems import answer_of
 
+GRACE = 1.0  # seconds that a solve gets when nobody waits for it any more
+
 
 def main() -> None:
     """Says hello, then answers every Task by a Reply or a Failure."""
     output = own_output()
-    tasks: queue.SimpleQueue[Task] = queue.SimpleQueue()
+    tasks: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
     threading.Thread(target=receive, args=(sys.stdin.buffer, tasks), daemon=True).start()
     send(output, hello())
-    while True:
-        send(output, answered(tasks.get()))
+    while (task := tasks.get()) is not None:
+        send(output, answered(task))
 
 
 def own_output() -> BinaryIO:
@@ -33,12 +35,14 @@ def own_output() -> BinaryIO:
     return output
 
 
-def receive(stream: BinaryIO, tasks: "queue.SimpleQueue[Task]") -> None:
-    """Puts the messages into the queue; ends the process with the input."""
+def receive(stream: BinaryIO, tasks: "queue.SimpleQueue[Task | None]") -> None:
+    """Puts the messages into the queue, None when the input has ended; does not wait long for a solve then."""
     try:
         while True:
             tasks.put(pickle.load(stream))
     except BaseException:
+        tasks.put(None)
+        time.sleep(GRACE)
         os._exit(0)
 
 

@@ -55,9 +55,16 @@ class Configuration(Enum):
         return f"configuration {self.label}" if self.label.isdecimal() else self.label
 
     def options(self, threads: int) -> dict[str, Any]:
-        """What `radiance` and `brdf` are told; ``threads`` are those of OpenMP."""
+        """What `radiance` and `brdf` are told; ``threads`` are those of OpenMP. LAPACK beside OpenCL has one, as in the
+        paper.
+
+        >>> Configuration.TWO.options(8)
+        {'algorithm': 'modes', 'backend': 'sequential', 'threads': 1}
+        >>> Configuration.DEFAULT.options(8)
+        {'algorithm': 'auto', 'backend': 'openmp', 'threads': 8}
+        """
         count = threads if self.kernels == OPENMP else 1
-        return {"threads": count, "algorithm": self.algorithm}
+        return {"algorithm": self.algorithm, "backend": self.backend, "threads": count}
 
     def refusal(self) -> str | None:
         """Why this machine cannot run it, None where it can.
