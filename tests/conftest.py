@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,3 +21,12 @@ def reference() -> Callable[[str], Path]:
         return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def opencl() -> Any:
+    """A session on the first OpenCL device, or a skip."""
+    pyopencl = pytest.importorskip("pyopencl")
+    from vrte.cl.session import open_session
+
+    return open_session(pyopencl.get_platforms()[0].get_devices()[0])

@@ -1,0 +1,195 @@
+"""Sums over Fourier orders and single scattering on a device against those of the compiled core."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import _core
+from vrte.cl import sums
+from vrte.discrete_ordinates.azimuths import cos_sin_deg, fold
+from vrte.discrete_ordinates.summing import column_kinds
+
+from .test_sums import FULL_TURN, some_kernels
+
+MANY_AZIMUTHS = np.append(FULL_TURN, np.arange(0.0, 360.0, 7.5))
+
+
+def core_arguments(threads: int, doubles: int) -> tuple[Any, ...]:
+    """What the core's kernels take last."""
+    return threads, np.empty((threads, doubles)), np.zeros(threads), np.zeros(1, np.int32)
+
+
+def integers(*lists: Sequence[int]) -> list[np.ndarray]:
+    return [np.array(values, np.int32) for values in lists]
+
+
+def both_sums(opencl: Any, arguments: tuple[Any, ...], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """A table of ones, and what the core and the device add to it, in two pieces."""
+    tables = np.ones(shape), np.ones(shape)
+    n_order, n_angle = arguments[4].shape
+    last = core_arguments(2, _core.azimuthal_work(n_order, arguments[2].size, arguments[1].size, n_angle))
+    for piece in ((0, 1), (1, shape[1])):
+        _core.azimuthal_sum(*arguments, *piece, tables[0], *last)
+        sums.azimuthal_sum(opencl, *arguments, *piece, tables[1], *last)
+    return tables
+
+
+@pytest.mark.parametrize("stokes", [(0,), (0, 1), (2, 3), (3,), (0, 1, 2, 3)])
+@pytest.mark.parametrize(("kind", "place"), [((0, 0, 1, 1), (3, 0, 2, 1)), ((1,), (0,)), ((0, 1, 0), (1, 1, 0))])
+def test_azimuthal_sum(opencl: Any, stokes: Sequence[int], kind: Sequence[int], place: Sequence[int]) -> None:
+    orders = np.array([0, 1, 2, 5, 6, 9, 30], np.int32)
+    kernels = some_kernels(orders.size, len(kind))[..., list(stokes)]
+    azimuths = fold(MANY_AZIMUTHS)
+    levels, rows = [2, 0], [20, 3, 3, 0, 7, 8, 9, 10, 11, 12, 13]
+    arguments = (
+        kernels,
+        *integers(stokes, kind, place),
+        *azimuths.cos_sin(orders),
+        azimuths.angle,
+        azimuths.sign,
+        *integers(levels, rows),
+        np.array([1.0, 0.5, 2.0, -3.0]),
+    )
+    shape = (len(levels), 4, len(rows), MANY_AZIMUTHS.size, 4, max(place) + 1)
+    expected, found = both_sums(opencl, arguments, shape)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+
+
+def test_azimuthal_sum_of_more_orders_than_are_kept_at_hand_and_of_one_azimuth(opencl: Any) -> None:
+    for n_order, phi in ((70, np.array([33.0])), (0, FULL_TURN)):
+        azimuths = fold(phi)
+        arguments = (
+            some_kernels(n_order, 1),
+            *integers(range(4), [0], [0]),
+            *azimuths.cos_sin(np.arange(n_order, dtype=np.int32)),
+            azimuths.angle,
+            azimuths.sign,
+            *integers(range(3), range(21)),
+            np.ones(4),
+        )
+        expected, found = both_sums(opencl, arguments, (3, 4, 21, phi.size, 4, 1))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+
+
+def test_orders_of_many_scenes_are_added_at_once(opencl: Any) -> None:
+    """Kernels as stacks of matrices hold them, other numbers of orders, factors of rows and Stokes components, and a
+    buffer that more than these tables share."""
+    rng = np.random.default_rng(3)
+    n_order, azimuths, first, shape = [5, 3], fold(FULL_TURN), 12, (1, 2, 3, FULL_TURN.size, 4, 4)
+    n_out, columns, size = 5, 2 * 4, int(np.prod(shape))
+    stack = rng.standard_normal((sum(n_order), columns, 24))  # rows padded
+    cosine, sine = azimuths.cos_sin(np.arange(5, dtype=np.int32))
+    stokes, kind, place, rows = integers(range(4), [0, 0, 1, 1], range(4), [4, 0, 2])
+    factors = rng.standard_normal((n_out, 4))
+    buffer = opencl.upload(np.ones(first + 3 * size))
+    sums.add_orders(
+        opencl,
+        sums.Kernels(opencl.upload(stack), (5 * columns * 24, columns * 24, 0, 4 * 24, 24, 4, 1)),
+        opencl.upload(np.array(n_order, np.int32)),
+        sums.upload_entries(opencl, stokes, kind, place, 4, cosine, sine),
+        sums.upload_azimuths(opencl, azimuths.angle, azimuths.sign, cosine.shape[1]),
+        opencl.upload(np.zeros(1, np.int32)),
+        opencl.upload(rows),
+        opencl.upload(np.array([0.5, 2.0])),
+        opencl.upload(factors),
+        (0, 2),
+        sums.Table(buffer, shape, 2, first, size),
+    )
+    values = opencl.download(buffer)
+    np.testing.assert_array_equal(np.delete(values, np.s_[first : first + 2 * size]), 1.0)
+    for scene, count in enumerate(n_order):
+        expected = np.ones(shape)
+        kernels = stack[5 * scene : 5 * scene + count, :, :20].reshape(count, 1, 2, 4, n_out, 4) * factors
+        last = core_arguments(1, _core.azimuthal_work(5, 4, 4, cosine.shape[1]))
+        tables = cosine[:count], sine[:count], azimuths.angle, azimuths.sign, *integers([0]), rows
+        _core.azimuthal_sum(kernels, stokes, kind, place, *tables, np.array([0.5, 2.0]), 0, 2, expected, *last)
+        found = values[first + scene * size : first + (scene + 1) * size].reshape(shape)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+
+
+MU0, MU = np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3, 0.05])
+
+
+def scattering_arguments(coefficients: np.ndarray, columns: np.ndarray, place: Sequence[int]) -> tuple[Any, ...]:
+    """Arguments of `add_single_scattering` but for the piece."""
+    azimuths = fold(MANY_AZIMUTHS)
+    path = np.random.default_rng(2).uniform(0.5, 2.0, (2, MU0.size, MU.size))
+    path[1, 2, 4] = path[:, 0, 1] = 0.0
+    return (
+        _core.series_table(coefficients),
+        path,
+        MU0,
+        MU,
+        *cos_sin_deg(azimuths.distinct),
+        azimuths.angle,
+        azimuths.sign,
+        columns,
+        column_kinds(columns),
+        np.array(place, np.int32),
+    )
+
+
+SPHERE = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
+MIXED = np.array([[1.0, -0.3, 0.0, 0.0], [0.0, 0.0, 0.2, 0.4], [0.0, 1.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize("terms", [1, 2, 3, 27])
+@pytest.mark.parametrize(("columns", "place"), [(np.eye(4), (0, 1, 2, 3)), (MIXED, (0, 0, 1)), (MIXED[1:2], (0,))])
+def test_single_scattering(opencl: Any, terms: int, columns: np.ndarray, place: Sequence[int]) -> None:
+    """Straight on and straight back included, where a plane has to be chosen."""
+    arguments = scattering_arguments(SPHERE[:terms], columns, place)
+    tables = [np.ones((2, MU0.size, MU.size, MANY_AZIMUTHS.size, 4, max(place) + 1)) for _ in range(2)]
+    last = core_arguments(2, _core.scattering_work(len(columns), arguments[4].size))
+    for piece in ((0, 1), (1, MU0.size)):
+        _core.add_single_scattering(*arguments, *piece, tables[0], *last)
+        sums.add_single_scattering(opencl, *arguments, *piece, tables[1], *last)
+    np.testing.assert_allclose(tables[1], tables[0], rtol=0, atol=1e-14 * np.abs(SPHERE[:terms]).sum())
+    np.testing.assert_array_equal(tables[1][:, 0, 1], 1.0)
+
+
+def test_scatterers_of_many_scenes_are_added_at_once(opencl: Any) -> None:
+    """None, two and one in a scene, with other numbers of terms."""
+    rng = np.random.default_rng(4)
+    tables = [_core.series_table(SPHERE[:terms]) for terms in (27, 3, 10)]
+    paths = [rng.uniform(0.5, 2.0, (2, MU0.size, MU.size)) for _ in tables]
+    _, _, _, _, *directions = scattering_arguments(SPHERE, np.eye(4), range(4))
+    cosine, sine, angle, sign, columns, kind, place = directions
+    shape = (2, MU0.size, MU.size, MANY_AZIMUTHS.size, 4, 4)
+    size = int(np.prod(shape))
+    result = opencl.zeros((3 * size + 4,))
+    pairs = list(zip(tables, paths, strict=True))
+    sums.add_scattering(
+        opencl,
+        sums.upload_scatterers(opencl, [[], pairs[:2], pairs[2:]]),
+        sums.upload_directions(opencl, MU0, MU, cosine, sine, columns, kind, place),
+        sums.upload_azimuths(opencl, angle, sign, cosine.size),
+        (0, MU0.size),
+        sums.Table(result, shape, 3, 4, size),
+    )
+    expected = np.zeros((3, *shape))
+    last = core_arguments(1, _core.scattering_work(4, cosine.size))
+    for scene, (table, path) in zip((1, 1, 2), pairs, strict=True):
+        _core.add_single_scattering(table, path, MU0, MU, *directions, 0, MU0.size, expected[scene], *last)
+    found = opencl.download(result)[4:].reshape(3, *shape)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+
+
+def test_what_cannot_be_scattered_is_refused(opencl: Any) -> None:
+    arguments = scattering_arguments(SPHERE, np.tile(np.eye(4), (5, 1)), [0] * 20)
+    with pytest.raises(ValueError, match="at most 16 columns"):
+        sums.add_single_scattering(opencl, *arguments, 0, 1, np.zeros((2, 3, 7, 1, 4, 1)), *core_arguments(1, 1))
+    with pytest.raises(ValueError, match="series_table"):
+        sums.add_single_scattering(
+            opencl,
+            arguments[0][:-1],
+            *arguments[1:8],
+            np.eye(4),
+            *arguments[9:],
+            0,
+            1,
+            np.zeros(1),
+            *core_arguments(1, 1),
+        )

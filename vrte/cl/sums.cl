@@ -1,0 +1,82 @@
+// Sums over Fourier orders, added into a table of radiances: (1:6)-(1:8), (1:12) without its 1/2.
+
+#define TILE_ANGLES 8      // azimuths that are summed at once, in registers
+#define CHUNK_ORDERS 32    // orders whose values are kept at hand
+#define EACH_ANGLE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
+#define NO_SUM(x) double4 sum##x = (double4)(0.0);
+#define ADD_ORDER(x) sum##x = value * AT(wave, x) + sum##x;
+#define KEEP_SUM(x) sums[x] = sum##x;
+
+// Four neighbours in a row of the result, which begins where it may.
+typedef double4 neighbours __attribute__((aligned(8)));
+
+// How the directions of a result share the work, and where the result's rows lie.
+#define WHERE_OUT __global const int* restrict first_use, __global const int* restrict azimuth, \
+    __global const double* restrict mirror, int n_angle, int n_phi, int n_place, int n_level, int n_in, int n_mu, \
+    int first_in, int n_here, int mu_each, int tiles_each, __global double* restrict out, long out_first, long out_stride
+
+// sums (angle, lane) of the values (order, lane) times waves (order, angle, lane), `wave_ld` doubles an order apart.
+void sum_orders(int n_order, const double4* values, __global const double* wave, int wave_ld, double4* sums)
+{
+    EACH_ANGLE(NO_SUM)
+    for (int m = 0; m < n_order; m++) {
+        const double4 value = values[m];
+        EACH_ANGLE(ADD_ORDER)
+        wave += wave_ld;
+    }
+    EACH_ANGLE(KEEP_SUM)
+}
+
+// Elements of a Mueller matrix come in groups of four that are neighbours in a row (4, n_place) of the result. kernels:
+// (scene, order, n_tau, n_in, n_col, n_out, S) by strides, n_order (scene,) of them; entry (group, 10): column of each of the
+// four, Stokes component of each, which of the waves, where in a row (in fours); sense (group, 4): 1 or -1, 0 for none;
+// waves (pattern, wave_rows, angle, 4), wave_ld doubles an order: cos or sin of m times the distinct angles; mirrored
+// (pattern, 4): 1 for cos, -1 for sin; first_use (n_angle + 1,): where in azimuth (n_phi,) those begin that are an angle or
+// its mirror image, mirror -1; levels, rows, scale as `azimuthal_sum` in _core.pyx; factors (n_out, S): of a row of the
+// kernels; out (scene, n_level, n_in, n_mu, n_phi, 4, n_place).
+// Global size: n_mu / mu_each, tiles of angles / tiles_each, scenes times n_level times n_here.
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void add_orders(__global const double* restrict kernels, long first, long scene_stride, long order_stride,
+                         long level_stride, long in_stride, long column_stride, long row_stride, long stokes_stride,
+                         __global const int* restrict n_order, int n_group, __global const int* restrict entry,
+                         __global const double* restrict sense, __global const double* restrict waves, int wave_rows,
+                         int wave_ld, __global const double* restrict mirrored, __global const int* restrict levels,
+                         __global const int* restrict rows, __global const double* restrict scale,
+                         __global const double* restrict factors, int n_stokes, WHERE_OUT)
+{
+    const int i = first_in + get_global_id(2) % n_here, level = get_global_id(2) / n_here % n_level;
+    const long scene = get_global_id(2) / ((long)n_here * n_level);
+    const int last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
+    const int last_tile = min((n_angle + TILE_ANGLES - 1) / TILE_ANGLES, (int)(get_global_id(1) + 1) * tiles_each);
+    double4 values[CHUNK_ORDERS], sums[TILE_ANGLES];
+    kernels += first + scene * scene_stride + levels[level] * level_stride + i * in_stride;
+    out += out_first + scene * out_stride + ((long)level * n_in + i) * n_mu * n_phi * 4 * n_place;
+    for (int j = get_global_id(0) * mu_each; j < last_mu; j++)
+        for (int group = 0; group < n_group; group++) {
+            __global const int *column = entry + 10 * group, *component = column + 4;
+            __global const double* here = kernels + rows[j] * row_stride;
+            __global const double* factor = factors + (long)rows[j] * n_stokes;
+            __global const double* from0 = here + column[0] * column_stride + component[0] * stokes_stride;
+            __global const double* from1 = here + column[1] * column_stride + component[1] * stokes_stride;
+            __global const double* from2 = here + column[2] * column_stride + component[2] * stokes_stride;
+            __global const double* from3 = here + column[3] * column_stride + component[3] * stokes_stride;
+            const double4 plain = (double4)(1.0), turned = AT(mirrored, column[8]), weight = scale[i] * AT(sense, group)
+                * (double4)(factor[component[0]], factor[component[1]], factor[component[2]], factor[component[3]]);
+            for (int begin = 0; begin < n_order[scene]; begin += CHUNK_ORDERS) {
+                const int count = min(CHUNK_ORDERS, n_order[scene] - begin);
+                for (int m = 0; m < count; m++) {
+                    const long at = (begin + m) * order_stride;
+                    values[m] = weight * (double4)(from0[at], from1[at], from2[at], from3[at]);
+                }
+                for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++) {
+                    const int angle = tile * TILE_ANGLES;
+                    sum_orders(count, values, waves + ((long)column[8] * wave_rows + begin) * wave_ld + 4 * angle, wave_ld, sums);
+                    for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
+                        for (int use = first_use[a]; use < first_use[a + 1]; use++) {
+                            __global double* to = out + ((long)j * n_phi + azimuth[use]) * 4 * n_place + 4 * column[9];
+                            *(__global neighbours*)to += (mirror[use] < 0.0 ? turned : plain) * sums[a - angle];
+                        }
+                }
+            }
+        }
+}
