@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
-from vrte.errors import AccuracyError, SceneError
+from vrte.errors import AccuracyError, DeviceError, SceneError
 from vrte.report.tables.configurations import Configuration
 from vrte.report.tables.messages import Failure, Hello, Reply, Task
 
@@ -21,7 +21,7 @@ VARIABLE, BASELINE_CORE = "OPENBLAS_CORETYPE", "Prescott"
 BASELINE_NAMES = ("Katmai", "Prescott")  # what OpenBLAS calls it once loaded; SciPy's says Katmai
 START = "import sys; sys.path[:] = {path!r}; from vrte.report.tables.child import main; main()"
 PATIENCE = 5.0  # seconds that a process gets to end by itself
-ERRORS = {error.__name__: error for error in (SceneError, AccuracyError, MemoryError)}
+ERRORS = {error.__name__: error for error in (SceneError, AccuracyError, DeviceError, MemoryError)}
 
 
 class Child:
@@ -146,4 +146,15 @@ def started(settings: Iterable[str]) -> Iterator[dict[str, Child]]:
 
 def facts(children: Mapping[str, Child], configurations: Iterable[Configuration]) -> list[str]:
     """With what linear algebra and on what device they computed, a sentence each."""
-    return [f"linear algebra, {simd} SIMD: {', '.join(child.hello.versions)}" for simd, child in children.items()]
+    told = [f"linear algebra, {simd} SIMD: {', '.join(child.hello.versions)}" for simd, child in children.items()]
+    return [*told, device_in_words()] if any(each.needs_device for each in configurations) else told
+
+
+def device_in_words() -> str:
+    """The OpenCL device that is taken, and through what."""
+    from importlib.metadata import version
+
+    from vrte.cl.device import chosen
+
+    device = chosen()
+    return f"OpenCL device: {device.name} ({device.platform} {device.driver}), pyopencl {version('pyopencl')}"

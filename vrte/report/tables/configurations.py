@@ -11,7 +11,7 @@ import platform
 from enum import Enum
 from typing import Any
 
-from vrte.errors import SceneError
+from vrte.errors import DeviceError, MissingExtraError, SceneError
 
 SEQUENTIAL, OPENCL, OPENMP = "sequential", "OpenCL", "OpenMP"
 BASELINE, FULL, DEVICE = "LAPACK, baseline SIMD", "LAPACK, full SIMD", "on the OpenCL device"
@@ -74,9 +74,20 @@ class Configuration(Enum):
         """
         if self.simd == "baseline" and platform.machine().lower() not in X86:
             return f"{self.title} needs the baseline SIMD of an x86 processor, and this is {platform.machine()}"
-        if self.needs_device:
-            return f"{self.title} needs the backend {self.backend}"
+        if self.needs_device and (reason := no_device()) is not None:
+            return f"{self.title} needs an OpenCL device: {reason}"
         return None
+
+
+def no_device() -> str | None:
+    """Why there is no OpenCL device to take, None where there is one."""
+    from vrte.cl.device import chosen
+
+    try:
+        chosen()
+    except (DeviceError, MissingExtraError) as error:
+        return str(error)
+    return None
 
 
 def configuration_of(label: str) -> Configuration:
