@@ -18,7 +18,7 @@ from vrte import cli
 from vrte.blas import blas_libraries
 from vrte.errors import AccuracyError, SceneError
 from vrte.report import tables
-from vrte.report.tables import children, figure, measuring, messages, page, paper, steps
+from vrte.report.tables import children, configurations, figure, measuring, messages, page, paper, steps
 from vrte.report.tables.configurations import BASELINE, DEVICE, FULL, OPENCL, SEQUENTIAL, Configuration
 from vrte.report.tables.problems import TABLE_2, TABLE_3, problems
 
@@ -78,6 +78,17 @@ def test_other_processors_are_refused_by_name(monkeypatch: pytest.MonkeyPatch, c
         assert f"{name} needs the baseline SIMD of an x86 processor, and this is aarch64" in refused
     assert call("--configurations", "2,1") == 2
     assert "configuration 1 needs the baseline SIMD" in capsys.readouterr().err
+
+
+def test_without_a_device_the_others_are_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(configurations, "no_device", lambda: "there is none")
+    able, refused = tables.chosen()
+    assert [each.label for each in able] == ["1", "2", "OpenMP baseline", "OpenMP full", "default"]
+    assert refused == [f"configuration {n} needs an OpenCL device: there is none" for n in (3, 4, 5, 6)]
+    assert call("--configurations", "6") == 2
+    assert "configuration 6 needs an OpenCL device: there is none" in capsys.readouterr().err
 
 
 def test_a_configuration_that_is_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
@@ -240,6 +251,7 @@ def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Me
         assert f"| {label} | 110.0 (110.0 to 110.0) | 1.00 | {seconds:g} | {ratios} |" in text
     assert "| homogeneous | 60.00 | 60.00 | 60.00 \\* | 60.00 | 60.00 | 60.00 \\* | 60.00 | 60.00 | 60.00 |" in text
     assert "| homogeneous | 108 | 102 | - | 101 | 95.8 | - |" in text
+    assert "| total | 263 | 258 | 286 | 80.7 | 77.8 | 102 |" in text
     assert "| reconstruction | 22.1 | 22 | 22.1 | 2.52 | 2.51 | 2.53 |" in text
     rows = table_of(tmp_path / "tables.csv")
     assert len(rows) == 3 * 9 * (len(steps.OWN_STEPS) + 1)

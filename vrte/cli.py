@@ -258,8 +258,9 @@ def _cost_figures(options: argparse.Namespace) -> None:
     busy = others.statement()
     names = [configuration.name for configuration in configurations]
     print(cost.as_text(measurements, axes, names))
-    print(f"  {busy}\n")
-    settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}; {busy}"
+    said = "; ".join([busy, *(f"not measured: {reason}" for reason in cost.left_out())])
+    print(f"  {said}\n")
+    settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}; {said}"
     written = cost.write_figures(measurements, axes, names, folder)
     for path in [*written, *cost.write_page(measurements, axes, names, folder, settings)]:
         print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vrte.report.cost.figures import COLOURS, FAINT, require_pictures, save
+from vrte.report.pictures import COLOURS, FAINT, require_pictures, save
 from vrte.report.tables import paper
 from vrte.report.tables.configurations import Configuration
 from vrte.report.tables.measuring import Measured

@@ -38,8 +38,9 @@ outgoing directions". It does not print that number: its times and ours are not 
 relative times can be set beside each other.
 """
 MARK_NOTE = f"""\
-{MARK} Without eigenvectors: reflection and transmission of the layer with its beams, by doubling or by invariance,
-stand for homogeneous and particular solution together, joining for the boundary conditions.
+{MARK} Without eigenvectors: reflection and transmission of the layer, found by doubling or by invariance with its beams
+and outgoing directions, stand for the homogeneous and the particular solution and most of the reconstruction; joining
+stands for the boundary conditions.
 """
 STEPS_NOTE = f"""\
 `{ASSEMBLY}` makes the phase matrices, which the paper counts to its own steps; `{OTHER}` is planning, transfers and
@@ -163,14 +164,14 @@ def step_text(found: Measured, configuration: Configuration, step: str, marked: 
     assert times is not None
     if step == paper.TOTAL:
         return spread_text(times)
-    mark = f" {MARK}" if marked and step in ("homogeneous", "particular", "boundary") else ""
+    mark = f" {MARK}" if marked and step in paper.STEPS else ""
     return f"{1e3 * times.median:.2f}{mark}"
 
 
 def ratio_cell(found: Measured, configuration: Configuration, step: str, marked: bool) -> str:
     """The paper's time over ours; a dash for steps that are not the same."""
     times = found.times(TABLE_3, configuration, step)
-    if times is None or (marked and step in ("homogeneous", "particular", "boundary")):
+    if times is None or (marked and step in paper.STEPS):
         return "-"
     return ratio_text(found.printed(TABLE_3, configuration, step), times.median)
 
