@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from vrte import __version__, brdf, radiance
+from vrte.backends import BACKENDS
 from vrte.brdf import Brdf
 from vrte.discrete_ordinates.choice import ALGORITHMS
-from vrte.errors import AccuracyError, MissingExtraError, SceneError
+from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.field import Field
 from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile, read_scene
@@ -54,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except SceneError as error:
         return _complain(str(error), 2)
-    except (AccuracyError, MissingExtraError, OSError) as error:
+    except (AccuracyError, DeviceError, MissingExtraError, OSError) as error:
         return _complain(str(error), 1)
     except MemoryError:
         return _complain("not enough memory for this scene: fewer directions or nodes need less", 1)
@@ -85,6 +86,9 @@ def _parser() -> argparse.ArgumentParser:
     material.set_defaults(run=_material)
     _add_stability(commands)
     _add_tables(commands)
+    devices = commands.add_parser("devices", help="OpenCL platforms and devices, and which one is taken")
+    devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
+    devices.set_defaults(run=_devices)
     return parser
 
 
@@ -125,6 +129,7 @@ def _add_solve(commands: Any, kind: str, help_text: str) -> None:
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")
     command.add_argument("--threads", metavar="N", type=_whole(1, 1024), help="default: all CPUs that may be used")
     command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
+    command.add_argument("--backend", choices=BACKENDS, default="openmp", help="what computes; default: openmp")
     command.add_argument(
         "--truncation", choices=CHOICES, help="of phase matrices with more than 2 N terms; default: auto"
     )
@@ -171,6 +176,25 @@ def _material(options: argparse.Namespace) -> None:
     index = refractive_index(options.name, options.wavelength_um)
     print(f"{options.name} at {options.wavelength_um:g} um: n = {index.n:.6g}, k = {index.k:.6g}")
     print(f"from {index.source}")
+
+
+def _devices(options: argparse.Namespace) -> None:
+    from vrte.cl import device
+    from vrte.report import devices
+    from vrte.running import usable_cpus
+
+    found = device.devices()
+    try:
+        taken, reason = device.choose(found, device.wanted())
+    except DeviceError:
+        print(devices.as_text(found, None, "for the reason below"), flush=True)
+        raise
+    print(devices.as_text(found, taken, reason))
+    if options.measure:
+        with device.device_errors(), _progress() as (phase, tick):
+            phase("products")
+            rates = devices.measure(device.session(), usable_cpus(), tick)
+        print(f"\n{devices.rates_as_text(rates, usable_cpus())}")
 
 
 def _solve(options: argparse.Namespace) -> None:
@@ -311,7 +335,7 @@ def _check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 
 def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify")}
+    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
     how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     try:
         return solve(file.scene, **file.request, progress=tick, **how)
@@ -348,7 +372,8 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     print(f"  base: {base}{'' if file.scene.base_is_reached else ', which no light reaches'}")
     made = result.diagnostics
     print(f"  {result!r}")
-    print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {made['threads']} threads")
+    where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
+    print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {where}")
     print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
     print(f"  truncation: {made['truncation']} ({made['truncation_rule']})")
     if made["orders_repeated"]:

@@ -1,10 +1,12 @@
 """A request solved: planned and executed, in two parts where polarized incident light wants another truncation."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from vrte.backends import Backend
 from vrte.discrete_ordinates.kernels import kernels_of
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import Solution, sized, solve, steps
@@ -21,18 +23,29 @@ def run_of(request: Request, threads: Any) -> Run:
         if threads not in (None, 1):
             raise SceneError(f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'")
         threads = 1
-    return replace(new_run(threads, operations_of(request)), kernels=kernels_of(backend))
+    run = new_run(threads, operations_of(request))
+    return run if backend is Backend.OPENCL else replace(run, kernels=kernels_of(backend))
 
 
 def solved(request: Request, run: Run, progress: Progress | None = None) -> tuple[Plan, Solution]:
     """The plan of a request and its solution, incident columns added up as wanted."""
     plan = plan_of(request, run)
+    execute = executor(request.backend)
     if not plan.parts:
-        return plan, solve(plan, run, progress)
+        return plan, execute(plan, run, progress)
     first, second = plan.parts
     total = steps(first) + steps(second)
-    one = solve(first, run, counted(progress, 0, total))
-    return plan, joined(one, solve(second, run, counted(progress, steps(first), total)))
+    one = execute(first, run, counted(progress, 0, total))
+    return plan, joined(one, execute(second, run, counted(progress, steps(first), total)))
+
+
+def executor(backend: Backend) -> Callable[[Plan, Run, Progress | None], Solution]:
+    """What executes a plan: the stages in turn, or all of them on the device."""
+    if backend is not Backend.OPENCL:
+        return solve
+    from vrte.discrete_ordinates import on_device
+
+    return on_device.solve
 
 
 def counted(progress: Progress | None, before: int, total: int) -> Progress:

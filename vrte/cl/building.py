@@ -87,7 +87,7 @@ def _built_once(
     import pyopencl
 
     with _quiet():
-        program = pyopencl.Program(context, text).build(list(options), cache_dir=cache_folder)  # type: ignore[arg-type]
+        program = pyopencl.Program(context, text).build(list(options), cache_dir=cache_folder)
         return program, {kernel.function_name: kernel for kernel in caches.past_the_invokers(program.all_kernels)}
 
 

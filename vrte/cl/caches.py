@@ -1,9 +1,9 @@
 """What the OpenCL libraries keep on disk between processes: looked through before they read it, and done without where
 it cannot be used.
 
-PoCL keeps a folder a program: `program.bc` and one shared library a kernel. It ends the process (no exception) where one
-of them is damaged, and shows no device at all where its folder cannot be written. So each file's checksum is noted at the
-end of a process that used it, and at the start of the next whatever differs is removed: it is compiled again.
+PoCL keeps a folder a program: `program.bc` and one shared library a kernel. It ends the process (no exception) where
+one of them is damaged, and shows no device at all where its folder cannot be written. So each file's checksum is noted
+at the end of a process that used it, and at the start of the next whatever differs is removed: it is compiled again.
 """
 
 import atexit

@@ -101,10 +101,10 @@ def _described(platform: Any, handle: Any) -> Device:
     )
 
 
-def choose(found: Sequence[Device], wanted: str = "") -> tuple[int, str]:
-    """The index of the device to take, and why; ``wanted``: what VRTE_OPENCL_DEVICE says.
+def choose(found: Sequence[Device], asked_for: str = "") -> tuple[int, str]:
+    """The index of the device to take, and why; ``asked_for``: what VRTE_OPENCL_DEVICE says.
 
-    Raises DeviceError: no double precision, or nothing (or more than one device) that ``wanted`` names.
+    Raises DeviceError: no double precision, or nothing (or more than one device) that it names.
 
     >>> gpu = Device("A", "card", "gpu", True, 8 << 30, 2 << 30, 40, "1")
     >>> cpu = Device("B", "processor", "cpu", True, 64 << 30, 16 << 30, 8, "2")
@@ -113,11 +113,11 @@ def choose(found: Sequence[Device], wanted: str = "") -> tuple[int, str]:
     >>> choose([cpu, gpu], "proc")
     (0, 'VRTE_OPENCL_DEVICE=proc')
     """
-    if wanted:
-        return _wanted(found, wanted), f"{VARIABLE}={wanted}"
+    if asked_for:
+        return _named(found, asked_for), f"{VARIABLE}={asked_for}"
     able = [index for index, device in enumerate(found) if device.double_precision]
     if not able:
-        raise DeviceError(f"no OpenCL device computes in double precision: {named(found)}")
+        raise DeviceError(f"no OpenCL device computes in double precision: {all_names(found)}")
     kind = min((found[index].kind for index in able), key=PREFERENCE.index)
     among = [index for index in able if found[index].kind == kind]
     best = max(among, key=lambda index: found[index].memory)
@@ -128,21 +128,21 @@ def choose(found: Sequence[Device], wanted: str = "") -> tuple[int, str]:
     return best, f"the first {plural}" if equal else f"the {plural} with the most memory"
 
 
-def _wanted(found: Sequence[Device], wanted: str) -> int:
-    if wanted.isdecimal():
-        matches = [int(wanted)] if int(wanted) < len(found) else []
+def _named(found: Sequence[Device], asked_for: str) -> int:
+    if asked_for.isdecimal():
+        matches = [int(asked_for)] if int(asked_for) < len(found) else []
     else:
-        part = wanted.casefold()
+        part = asked_for.casefold()
         matches = [i for i, device in enumerate(found) if part in f"{device.platform}\n{device.name}".casefold()]
     if len(matches) != 1:
         problem = "fits no OpenCL device" if not matches else "fits more than one OpenCL device"
-        raise DeviceError(f"{VARIABLE}={wanted} {problem}: {named(found)}")
+        raise DeviceError(f"{VARIABLE}={asked_for} {problem}: {all_names(found)}")
     if not found[matches[0]].double_precision:
-        raise DeviceError(f"{VARIABLE}={wanted} names a device without double precision: {named(found)}")
+        raise DeviceError(f"{VARIABLE}={asked_for} names a device without double precision: {all_names(found)}")
     return matches[0]
 
 
-def named(found: Sequence[Device]) -> str:
+def all_names(found: Sequence[Device]) -> str:
     """All devices in one line, with their indices."""
     return ", ".join(
         f"{index} = {device.name} ({device.platform}{'' if device.double_precision else ', no fp64'})"
@@ -151,8 +151,17 @@ def named(found: Sequence[Device]) -> str:
 
 
 def chosen() -> Device:
-    """The device that `session` opens."""
-    return devices()[choose(devices(), os.environ.get(VARIABLE, "").strip())[0]]
+    """The device that `session` opens.
+
+    Raises as `devices` and `choose` do.
+    """
+    found = devices()
+    return found[choose(found, wanted())[0]]
+
+
+def wanted() -> str:
+    """What VRTE_OPENCL_DEVICE says, empty where it is not set."""
+    return os.environ.get(VARIABLE, "").strip()
 
 
 def session() -> Session:
@@ -162,12 +171,11 @@ def session() -> Session:
     """
     device = chosen()
     with _lock:
-        opened: dict[Device, Session] = _state["sessions"]
-        index = devices().index(device)
-        if index not in opened:
+        opened: dict[int, Session] = _state["sessions"]
+        if id(device) not in opened:
             with device_errors():
-                opened[index] = open_session(device.handle)
-        return opened[index]
+                opened[id(device)] = open_session(device.handle)
+        return opened[id(device)]
 
 
 def forget() -> None:

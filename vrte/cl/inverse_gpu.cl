@@ -3,7 +3,7 @@
 
 #define GPU_CREW 256        // work-items of a group
 
-// M <- M^-1; arguments as those of `invert`, and panel (ld, width) in local memory. Global size: 256 a matrix.
+// M <- M^-1; arguments as those of `invert`, and panel (n, width) in local memory. Global size: 256 a matrix.
 __attribute__((reqd_work_group_size(GPU_CREW, 1, 1)))
 __kernel void invert_gpu(int n, __global double* restrict M, long m_first, int ld, long m_stride,
                          __global double* restrict rest, __global int* restrict pivots, __global int* restrict info,
@@ -19,7 +19,7 @@ __kernel void invert_gpu(int n, __global double* restrict M, long m_first, int l
     for (int first = 0; first < n; first += width) {
         const int inner = min(width, n - first), columns = n - inner;
         for (int at = me; at < inner * n; at += GPU_CREW)
-            panel[at / n * ld + at % n] = M[(long)(first + at / n) * ld + at % n];
+            panel[at] = M[(long)(first + at / n) * ld + at % n];
         barrier(CLK_LOCAL_MEM_FENCE);
 
         for (int c = 0; c < inner; c++) {  // the panel's columns eliminated
@@ -27,8 +27,8 @@ __kernel void invert_gpu(int n, __global double* restrict M, long m_first, int l
             double most = 0.0;
             int best = k;
             for (int i = k + me; i < n; i += GPU_CREW)
-                if (fabs(panel[c * ld + i]) > most) {
-                    most = fabs(panel[c * ld + i]);
+                if (fabs(panel[c * n + i]) > most) {
+                    most = fabs(panel[c * n + i]);
                     best = i;
                 }
             largest[me] = most;
@@ -44,31 +44,31 @@ __kernel void invert_gpu(int n, __global double* restrict M, long m_first, int l
             if (me == 0) {
                 if (!(largest[0] > 0.0))
                     info[item] = 1;
-                if (fabs(panel[c * ld + k]) >= SMALL_PIVOT * largest[0])
+                if (fabs(panel[c * n + k]) >= SMALL_PIVOT * largest[0])
                     place[0] = k;
                 pivots[k] = place[0];
             }
             barrier(CLK_LOCAL_MEM_FENCE);
             if (me < inner) {  // rows exchanged, row k kept beside
-                const double old = panel[me * ld + k];
-                row_k[me] = panel[me * ld + place[0]];
-                panel[me * ld + place[0]] = old;
+                const double old = panel[me * n + k];
+                row_k[me] = panel[me * n + place[0]];
+                panel[me * n + place[0]] = old;
             }
             barrier(CLK_LOCAL_MEM_FENCE);
             for (int i = me; i < n; i += GPU_CREW) {
-                const double inverse = 1.0 / row_k[c], now = panel[c * ld + i];
+                const double inverse = 1.0 / row_k[c], now = panel[c * n + i];
                 for (int j = 0; j < inner; j++) {
                     const double factor = row_k[j] * inverse;
                     if (j != c)
-                        panel[j * ld + i] = i == k ? factor : panel[j * ld + i] - factor * now;
+                        panel[j * n + i] = i == k ? factor : panel[j * n + i] - factor * now;
                 }
-                panel[c * ld + i] = i == k ? inverse : -inverse * now;
+                panel[c * n + i] = i == k ? inverse : -inverse * now;
             }
             barrier(CLK_LOCAL_MEM_FENCE | CLK_GLOBAL_MEM_FENCE);
         }
 
         for (int at = me; at < inner * n; at += GPU_CREW)
-            M[(long)(first + at / n) * ld + at % n] = panel[at / n * ld + at % n];
+            M[(long)(first + at / n) * ld + at % n] = panel[at];
         for (int j = me; j < columns; j += GPU_CREW) {  // all other columns: rows exchanged, the panel's taken out
             __global double* column = M + (long)(j < first ? j : j + inner) * ld;
             for (int k = first; k < first + inner; k++) {
@@ -89,7 +89,7 @@ __kernel void invert_gpu(int n, __global double* restrict M, long m_first, int l
             double sum[4] = {0.0, 0.0, 0.0, 0.0};
             for (int k = 0; k < inner; k++)
                 for (int x = 0; x < 4; x++)
-                    sum[x] += panel[k * ld + i] * rest[(long)min(begin + x, columns - 1) * PANEL + k];
+                    sum[x] += panel[k * n + i] * rest[(long)min(begin + x, columns - 1) * PANEL + k];
             for (int x = 0; x < 4; x++) {
                 const int j = begin + x;
                 if (j < columns)

@@ -130,3 +130,20 @@ __kernel void gather_rows(int n, __global const double* a, __global double* out,
     for (int i = 0; i < n; i++)
         out[item * n + i] = a[from * n + i];
 }
+
+// The largest of kernels (item, level, n_in, n_col, n_mu, S), in the first n_seen directions, that each item has at each
+// level for each beam, and of I in column `lit` alone; (item, level, n_in) both. Global size: incident directions, levels, items.
+__kernel void largest_light(int n_level, int n_in, int n_col, int n_mu, int n_seen, int stokes, int lit, __global const double* kernels,
+                            __global double* largest, __global double* brightest)
+{
+    const long place = (get_global_id(2) * n_level + get_global_id(1)) * n_in + get_global_id(0);
+    double found = 0.0, intensity = 0.0;
+    for (int c = 0; c < n_col; c++)
+        for (int k = 0; k < n_seen * stokes; k++) {
+            const double size = fabs(kernels[(place * n_col + c) * n_mu * stokes + k]);
+            found = size > found || size != size ? size : found;
+            intensity = c == lit && k % stokes == 0 && (size > intensity || size != size) ? size : intensity;
+        }
+    largest[place] = found;
+    brightest[place] = intensity;
+}

@@ -102,8 +102,7 @@ def product(
 
 def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info: Any) -> None:
     """m <- m^-1 for the listed items; rest (item, 16 n), pivots (item, n) and info (item,) are scratch memory, info is
-    1
-    where a matrix is singular.
+        1 where a matrix is singular.
 
     Raises DeviceError where a GPU's local memory does not hold one column.
     """
@@ -111,26 +110,26 @@ def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info:
     if session.form == "cpu":
         session.launch("invert", (items.size,), *arguments)
     elif m.rows:
-        width = panel_width(m.ld, session.device.local_mem_size)
+        width = panel_width(m.rows, session.device.local_mem_size)
         session.launch(
             "invert_gpu",
             (CREW * items.size,),
             *arguments,
             np.int32(width),
-            session.local_memory(8 * m.ld * width),
+            session.local_memory(8 * m.rows * width),
             group=(CREW,),
         )
 
 
-def panel_width(ld: int, local_bytes: int) -> int:
-    """Columns of ``ld`` doubles that local memory holds beside what else `invert_gpu` keeps there.
+def panel_width(rows: int, local_bytes: int) -> int:
+    """Columns of ``rows`` doubles that local memory holds beside what else `invert_gpu` keeps there.
 
     >>> panel_width(160, 48 << 10), panel_width(640, 48 << 10), panel_width(3000, 48 << 10)
     (16, 8, 1)
     """
-    columns = (local_bytes - LOCAL_BESIDE) // (8 * ld)
+    columns = (local_bytes - LOCAL_BESIDE) // (8 * rows)
     if columns < 1:
         raise DeviceError(
-            f"matrices of {ld} rows are too large for the local memory of this OpenCL device ({local_bytes} bytes)"
+            f"matrices of {rows} rows are too large for the local memory of this OpenCL device ({local_bytes} bytes)"
         )
     return min(PANEL, int(columns))

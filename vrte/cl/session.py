@@ -20,6 +20,7 @@ SOURCES = (
     "inverse_gpu",
     "spherical",
     "assembly",
+    "invariance",
     "doubling",
     "joining",
     "sums",
@@ -52,6 +53,13 @@ class Session:
     def device(self) -> Any:
         """The pyopencl device."""
         return self.queue.device
+
+    @property
+    def on_host(self) -> bool:
+        """Whether the device is the processor itself, and its memory that of the machine."""
+        import pyopencl
+
+        return bool(self.device.type & pyopencl.device_type.CPU)
 
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """A pyopencl array, nothing in it."""
@@ -124,7 +132,7 @@ def open_session(device: Any, form: str | None = None) -> Session:
     assert form in (None, *FORMS)
     context = pyopencl.Context([device])
     program, kernels = built(context, sources(), OPTIONS)
+    queue = pyopencl.CommandQueue(context)
     if form is None:
         form = "cpu" if device.type & pyopencl.device_type.CPU else "gpu"
-    queue = pyopencl.CommandQueue(context)
     return Session(context, queue, program, kernels, MemoryPool(ImmediateAllocator(queue)), form)

@@ -15,13 +15,24 @@ def kernels_of(backend: Backend) -> Any:
     """
     if not backend.needs_device:
         return _core
+    from vrte.cl.assembly import assemble_arrays
     from vrte.cl.device import session
     from vrte.cl.doubling import double_slabs
+    from vrte.cl.invariance import reflect_endless_arrays
     from vrte.cl.joining import join_slabs
+    from vrte.cl.sums import add_single_scattering, azimuthal_sum
 
     device = session()
-    on_device_kernels: dict[str, Any] = {}
-    on_device_algebra: dict[str, Any] = {"double_slabs": double_slabs, "join_slabs": join_slabs}
+    on_device_kernels: dict[str, Any] = {
+        "assemble": assemble_arrays,
+        "azimuthal_sum": azimuthal_sum,
+        "add_single_scattering": add_single_scattering,
+    }
+    on_device_algebra: dict[str, Any] = {
+        "double_slabs": double_slabs,
+        "join_slabs": join_slabs,
+        "reflect_endless": reflect_endless_arrays,
+    }
     found = SimpleNamespace(**{name: getattr(_core, name) for name in dir(_core) if not name.startswith("_")})
     stages = (on_device_kernels if backend.kernels == "opencl" else {}) | (
         on_device_algebra if backend.linear_algebra == "device" else {}
