@@ -104,11 +104,8 @@ def as_markdown(found: Measured, settings: str, facts: Sequence[str], refused: S
 
 def table_1(configurations: Sequence[Configuration]) -> str:
     """A row a configuration."""
-    rows = [
-        [c.label, c.kernels, c.linear_algebra, f'`backend="{c.backend}"`', f'`algorithm="{c.algorithm}"`']
-        for c in configurations
-    ]
-    return markdown_table(["configuration", "kernels", "linear algebra", "", ""], rows)
+    rows = [[c.label, c.kernels, c.linear_algebra, f"`{c.backend}`", f"`{c.algorithm}`"] for c in configurations]
+    return markdown_table(["configuration", "kernels", "linear algebra", "backend", "algorithm"], rows)
 
 
 def totals(found: Measured, problem: str) -> str:
