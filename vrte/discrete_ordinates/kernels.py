@@ -11,12 +11,13 @@ from vrte.backends import Backend
 def kernels_of(backend: Backend) -> Any:
     """`_core`, or what stands for it: on the device are the kernels, the linear algebra, or both.
 
-    Raises DeviceError where there is no device, MissingExtraError without pyopencl.
+    Raises DeviceError where there is no device, MissingExtraError without pyopencl; whatever fails on the device while
+    they run is a DeviceError, too.
     """
     if not backend.needs_device:
         return _core
     from vrte.cl.assembly import assemble_arrays
-    from vrte.cl.device import session
+    from vrte.cl.device import device_errors, session
     from vrte.cl.doubling import double_slabs
     from vrte.cl.invariance import reflect_endless_arrays
     from vrte.cl.joining import join_slabs
@@ -40,5 +41,5 @@ def kernels_of(backend: Backend) -> Any:
         on_device_algebra if backend.linear_algebra == "device" else {}
     )
     for name, stage in stages.items():
-        setattr(found, name, partial(stage, device))
+        setattr(found, name, device_errors()(partial(stage, device)))
     return found
