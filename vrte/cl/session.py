@@ -30,6 +30,7 @@ SOURCES = (
 )
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 FORMS = ("cpu", "gpu")
+WORK_GROUP = 256  # work-items of a group in the form for a GPU
 FORKED = (
     "this process was forked from one that had used OpenCL, whose threads it does not have: start processes by "
     'multiprocessing.get_context("spawn"), or use OpenCL after the fork only'
@@ -124,7 +125,8 @@ def sources() -> str:
 
 
 def open_session(device: Any, form: str | None = None) -> Session:
-    """A session on a pyopencl device; ``form`` of products and inverses: by default that of the device's kind.
+    """A session on a pyopencl device; ``form`` of products and inverses: by default that of the device's kind,
+    "cpu" also where work-groups of 256 are too large for it.
 
     Raises DeviceError where the kernels cannot be built.
     """
@@ -136,5 +138,6 @@ def open_session(device: Any, form: str | None = None) -> Session:
     program, kernels = built(context, sources(), OPTIONS)
     queue = pyopencl.CommandQueue(context)
     if form is None:
-        form = "cpu" if device.type & pyopencl.device_type.CPU else "gpu"
+        groups = device.max_work_group_size >= WORK_GROUP
+        form = "gpu" if groups and not device.type & pyopencl.device_type.CPU else "cpu"
     return Session(context, queue, program, kernels, MemoryPool(ImmediateAllocator(queue)), form)
