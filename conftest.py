@@ -1,12 +1,22 @@
 """What the examples in docstrings find: a folder of their own, and a small result to write."""
 
+import os
 import shutil
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).parent
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compiled OpenCL kernels stay with the other caches of the tests, out of the user's."""
+    cache = getattr(config, "cache", None)
+    folder = cache.mkdir("opencl") if cache else tempfile.mkdtemp(prefix="vrte-tests-")
+    os.environ.setdefault("POCL_CACHE_DIR", str(folder))
+    os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
 
 
 @pytest.fixture(scope="session")

@@ -25,8 +25,7 @@ def reference() -> Callable[[str], Path]:
 
 @pytest.fixture(scope="session")
 def opencl() -> Any:
-    """A session on the first OpenCL device, or a skip."""
-    pyopencl = pytest.importorskip("pyopencl")
-    from vrte.cl.session import open_session
+    """The session on the OpenCL device that `vrte devices` takes."""
+    from vrte.cl.device import session
 
-    return open_session(pyopencl.get_platforms()[0].get_devices()[0])
+    return session()

@@ -24,8 +24,10 @@ from vrte.optics.refractive_index import refractive_index
 for module in (vrte, vrte._core):
     assert module.__file__.startswith(sys.prefix), module.__file__
 assert importlib.metadata.version("vrte") == vrte.__version__
-for name in ("py.typed", "_core.pyx"):
+for name in ("py.typed", "_core.pyx", "cl/common.cl"):
     assert importlib.resources.files("vrte").joinpath(name).is_file(), name
+from vrte.cl.session import sources
+assert "__kernel void product(" in sources()
 assert refractive_index("gold", 0.64).k > 3.0
 scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
 assert vrte.brdf(scene, mu_i=0.6, mu_o=[0.5, 1.0], nodes=4).mueller.shape == (1, 2, 1, 4, 4)
@@ -87,6 +89,12 @@ def test_the_tests_need_no_other_solver() -> None:
     ]
 
 
+def test_the_tests_have_an_opencl_device() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert [name for name in extras["opencl"] if name.startswith("pyopencl[pocl]")]
+    assert [name for name in extras["test"] if name.startswith("vrte[") and "opencl" in name]
+
+
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")
 class TestWheel:
     def test_it_works_elsewhere_with_its_data_files(self, tmp_path: Path) -> None:
@@ -96,6 +104,9 @@ class TestWheel:
         names = zipfile.ZipFile(wheel).namelist()
         assert not [name for name in names if name.endswith(".c")]
         assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
+        kernels = {f"vrte/cl/{path.name}" for path in (ROOT / "vrte" / "cl").glob("*.cl")}
+        assert kernels
+        assert kernels <= set(names)
         use_elsewhere(wheel, tmp_path / "elsewhere")
 
     @pytest.mark.slow

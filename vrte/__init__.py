@@ -1,7 +1,8 @@
 """Polarized subsurface reflectance of particulate layers: the public names."""
 
+from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
-from vrte.errors import AccuracyError, MissingExtraError, SceneError
+from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.field import Field, radiance
 from vrte.formats import load
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
@@ -17,6 +18,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AccuracyError",
     "Brdf",
+    "DeviceError",
     "Field",
     "Gamma",
     "IndependentScatteringWarning",
@@ -32,6 +34,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "brdf",
+    "brdfs",
     "henyey_greenstein",
     "isotropic",
     "load",

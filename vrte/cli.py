@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from vrte import __version__, brdf, radiance
+from vrte.backends import BACKENDS
 from vrte.brdf import Brdf
 from vrte.discrete_ordinates.choice import ALGORITHMS
-from vrte.errors import AccuracyError, MissingExtraError, SceneError
+from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.field import Field
 from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile, read_scene
@@ -54,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except SceneError as error:
         return _complain(str(error), 2)
-    except (AccuracyError, MissingExtraError, OSError) as error:
+    except (AccuracyError, DeviceError, MissingExtraError, OSError) as error:
         return _complain(str(error), 1)
     except MemoryError:
         return _complain("not enough memory for this scene: fewer directions or nodes need less", 1)
@@ -85,6 +86,9 @@ def _parser() -> argparse.ArgumentParser:
     material.set_defaults(run=_material)
     _add_stability(commands)
     _add_tables(commands)
+    devices = commands.add_parser("devices", help="OpenCL platforms and devices, and which one is taken")
+    devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
+    devices.set_defaults(run=_devices)
     return parser
 
 
@@ -103,12 +107,17 @@ def _add_stability(commands: Any) -> None:
 
 
 def _add_tables(commands: Any) -> None:
-    help_text = "the figures of the GPU paper, measured on this machine"
+    help_text = "the tables and figures of the GPU paper, measured on this machine"
     command = commands.add_parser("tables", help=help_text, description=f"Computes {help_text}.")
-    command.add_argument("--figures", action="store_true", help="figures 2 to 9: how the cost grows, with exponents")
+    command.add_argument(
+        "--figures", action="store_true", help="figures 2 to 9 instead: how the cost grows, with exponents"
+    )
+    command.add_argument(
+        "--configurations", metavar="C,C,...", help='such as "1,2,5"; default: all that this machine can run'
+    )
     command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("tables"), help="made if absent")
     command.add_argument("--quick", action="store_true", help="few small scenes instead of the paper's: seconds")
-    command.add_argument("--threads", metavar="N", type=_whole(1, 1024), default=2, help="besides one; default: 2")
+    command.add_argument("--threads", metavar="N", type=_whole(1, 1024), default=2, help="of OpenMP; default: 2")
     command.set_defaults(run=_tables)
 
 
@@ -120,6 +129,7 @@ def _add_solve(commands: Any, kind: str, help_text: str) -> None:
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")
     command.add_argument("--threads", metavar="N", type=_whole(1, 1024), help="default: all CPUs that may be used")
     command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
+    command.add_argument("--backend", choices=BACKENDS, default="openmp", help="what computes; default: openmp")
     command.add_argument(
         "--truncation", choices=CHOICES, help="of phase matrices with more than 2 N terms; default: auto"
     )
@@ -168,6 +178,25 @@ def _material(options: argparse.Namespace) -> None:
     print(f"from {index.source}")
 
 
+def _devices(options: argparse.Namespace) -> None:
+    from vrte.cl import device
+    from vrte.report import devices
+    from vrte.running import usable_cpus
+
+    found = device.devices()
+    try:
+        taken, reason = device.choose(found, device.wanted())
+    except DeviceError:
+        print(devices.as_text(found, None, "for the reason below"), flush=True)
+        raise
+    print(devices.as_text(found, taken, reason))
+    if options.measure:
+        with device.device_errors(), _progress() as (phase, tick):
+            phase("products")
+            rates = devices.measure(device.session(), usable_cpus(), tick)
+        print(f"\n{devices.rates_as_text(rates, usable_cpus())}")
+
+
 def _solve(options: argparse.Namespace) -> None:
     _check_outputs(options)
     seconds: dict[str, float] = {}
@@ -193,12 +222,7 @@ def _stability(options: argparse.Namespace) -> None:
     folder = _made_folder(options.output)
     how = stability.Options(options.algorithm, options.threads)
     with _progress() as (phase, tick):
-
-        def told(done: int, total: int, name: str) -> None:
-            phase(name)
-            tick(done, total)
-
-        records = stability.run_cases(cases, folder, how, options.fresh, told)
+        records = stability.run_cases(cases, folder, how, options.fresh, _told(phase, tick))
     print(stability.as_text(records))
     print()
     settings = f"{'quick, ' if options.quick else ''}cases {options.cases}, algorithm {options.algorithm}"
@@ -208,27 +232,59 @@ def _stability(options: argparse.Namespace) -> None:
 
 
 def _tables(options: argparse.Namespace) -> None:
+    if options.figures and options.configurations is not None:
+        raise SceneError("--configurations goes with the tables, not with --figures")
+    (_cost_figures if options.figures else _paper_tables)(options)
+
+
+def _paper_tables(options: argparse.Namespace) -> None:
+    from vrte.report import tables
+    from vrte.report.cost import OthersClock, require_pictures
+
+    chosen, refused = tables.chosen(options.configurations)
+    require_pictures()
+    folder, rounds = _made_folder(options.output), tables.ROUNDS_QUICK if options.quick else tables.ROUNDS
+    with _progress() as (phase, tick), tables.started(each.simd for each in chosen) as children:
+        others = OthersClock(lambda: sum(child.cpu_seconds for child in children.values()))
+        found = tables.measure(
+            children, tables.problems(options.quick), chosen, options.threads, rounds, _told(phase, tick)
+        )
+        facts = tables.facts(children, chosen)
+    busy = others.statement()
+    print(tables.as_text(found))
+    print("".join(f"  {text}\n" for text in [*(f"not measured: {reason}" for reason in refused), busy]))
+    settings = f"{'quick, ' if options.quick else ''}{rounds} rounds, OpenMP on {options.threads} threads; {busy}"
+    for path in [tables.write_figure(found, folder), *tables.write_page(found, folder, settings, facts, refused)]:
+        print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+    tables.require_all(found)
+
+
+def _told(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:
+    """One call for both: what begins, and how much is done."""
+
+    def told(done: int, total: int, name: str) -> None:
+        phase(name)
+        tick(done, total)
+
+    return told
+
+
+def _cost_figures(options: argparse.Namespace) -> None:
     from vrte.report import cost
 
-    if not options.figures:
-        raise SceneError("--figures is missing: figures 2 to 9 are all that vrte tables makes so far")
     configurations = cost.configurations(options.threads)
     cost.require_pictures()
     axes, folder = cost.axes(options.quick), _made_folder(options.output)
     seconds_a_point = cost.SECONDS_A_POINT_QUICK if options.quick else cost.SECONDS_A_POINT
     with _progress() as (phase, tick):
-
-        def told(done: int, total: int, name: str) -> None:
-            phase(name)
-            tick(done, total)
-
         others = cost.OthersClock()
-        measurements = cost.measure(axes, configurations, seconds_a_point, told)
+        measurements = cost.measure(axes, configurations, seconds_a_point, _told(phase, tick))
     busy = others.statement()
     names = [configuration.name for configuration in configurations]
     print(cost.as_text(measurements, axes, names))
-    print(f"  {busy}\n")
-    settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}; {busy}"
+    said = "; ".join([busy, *(f"not measured: {reason}" for reason in cost.left_out())])
+    print(f"  {said}\n")
+    settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}; {said}"
     written = cost.write_figures(measurements, axes, names, folder)
     for path in [*written, *cost.write_page(measurements, axes, names, folder, settings)]:
         print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
@@ -279,7 +335,7 @@ def _check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 
 def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify")}
+    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
     how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     try:
         return solve(file.scene, **file.request, progress=tick, **how)
@@ -316,7 +372,8 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     print(f"  base: {base}{'' if file.scene.base_is_reached else ', which no light reaches'}")
     made = result.diagnostics
     print(f"  {result!r}")
-    print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {made['threads']} threads")
+    where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
+    print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {where}")
     print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
     print(f"  truncation: {made['truncation']} ({made['truncation_rule']})")
     if made["orders_repeated"]:

@@ -9,10 +9,10 @@ import numpy as np
 from vrte.arrays import Array, frozen, is_settled, settled
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
-from vrte.request import operations_of, radiance_request, solver_options
-from vrte.running import interruptible, new_run
+from vrte.request import radiance_request, solver_options
+from vrte.running import interruptible
 from vrte.scene import Scene
-from vrte.solving import solved
+from vrte.solving import run_of, solved
 
 if TYPE_CHECKING:
     import xarray
@@ -107,6 +107,7 @@ def radiance(
     verify: bool = False,
     accuracy: float | None = None,
     truncation: str = "auto",
+    backend: str = "openmp",
 ) -> Field:
     """The diffuse field of one beam, by discrete ordinates.
 
@@ -120,17 +121,19 @@ def radiance(
     "auto", which takes one by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``;
     ``truncation``, what becomes of phase matrices with more terms than the nodes carry: "none" cuts them, "delta-m"
     counts their forward peak as light that was not scattered, "small-angle" does so too and spreads that light, "auto"
-    takes one by rule (docs/truncation.md). Raises SceneError for bad input, AccuracyError where neither algorithm can
-    vouch for its answer. Source: Collin, Pattanaik, Bouatouch, section 2.
+    takes one by rule (docs/truncation.md); ``backend``, what computes: "openmp", the compiled core on ``threads``,
+    "sequential", the same on one, "opencl", an OpenCL device, or one of the mixtures in docs/opencl.md. Raises
+    SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError where a device
+    is missing or fails. Source: Collin, Pattanaik, Bouatouch, section 2.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    options = solver_options(nodes, accuracy, algorithm, verify, truncation)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend)
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
-    run = new_run(threads, operations_of(request))
+    run = run_of(request, threads)
     plan, solution = interruptible(run, lambda: solved(request, run, progress))
     levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
     return Field(

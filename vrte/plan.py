@@ -82,6 +82,7 @@ class Plan:
         names = {block.choice.name: block.choice.reason for block in self.blocks}
         return {
             "method": "discrete-ordinates",
+            "backend": self.request.backend.label,
             "algorithm": " and ".join(sorted(names)),
             "algorithm_rule": "; ".join(dict.fromkeys(names.values())),
             "accuracy": self.request.accuracy,
@@ -166,7 +167,8 @@ def make_plan(
         stages = stages_of(bounds, brightest, accuracy) if worth_stages(problem, count) else ()
     orders = np.arange(count, dtype=np.int32)
     faintest = float(brightest.min())
-    blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm)
+    eigensolver = request.backend.linear_algebra == "lapack"
+    blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm, eigensolver)
     wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
     return Plan(
         request,

@@ -13,6 +13,7 @@ from vrte.request import Request, brdf_request, radiance_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
+OPTIONS = ("nodes", "accuracy", "algorithm", "verify", "truncation", "backend")
 DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi", "transmission"), "radiance": ("mu0", "stokes", "mu", "phi", "tau")}
 
 
@@ -41,7 +42,7 @@ def request_of(kind: Any, scene: Any, arguments: tuple[Any, ...], keywords: dict
     given = signature(brdf if kind == "brdf" else radiance).bind(scene, *arguments, **keywords)
     given.apply_defaults()
     values = given.arguments
-    options = solver_options(*(values[name] for name in ("nodes", "accuracy", "algorithm", "verify", "truncation")))
+    options = solver_options(*(values[name] for name in OPTIONS))
     make: Callable[..., tuple[Request, Array]] = brdf_request if kind == "brdf" else radiance_request
     request, _ = make(scene, *(values[name] for name in DIRECTIONS[kind]), options)
     return request, values["threads"]

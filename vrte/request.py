@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vrte.arrays import Array, flag, number, numbers, shown, vector, whole
+from vrte.backends import BACKENDS, Backend, backend_of
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
@@ -25,8 +26,8 @@ SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, b
 class Request:
     """What is asked of a scene: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V), signed
     mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,), and how: nodes (None: chosen by the plan), accuracy relative to
-    the largest I at each depth, algorithm, verify, truncation. ``wanted`` (None: everything) says what becomes of the
-    solution. ``fluxes_only``: mu is there for form's sake."""
+    the largest I at each depth, algorithm, verify, truncation, backend. ``wanted`` (None: everything) says what becomes
+    of the solution. ``fluxes_only``: mu is there for form's sake."""
 
     kind: str
     scene: Scene
@@ -42,6 +43,7 @@ class Request:
     verify: bool
     truncation: str
     fluxes_only: bool = False
+    backend: Backend = Backend.OPENMP
 
 
 def operations_of(request: Request) -> float:
@@ -111,17 +113,26 @@ def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
     return value
 
 
-def solver_options(nodes: Any, accuracy: Any, algorithm: Any, verify: Any, truncation: Any = "auto") -> dict[str, Any]:
-    """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the truncation's name: as fields of a
-    Request."""
+def solver_options(
+    nodes: Any, accuracy: Any, algorithm: Any, verify: Any, truncation: Any = "auto", backend: Any = "openmp"
+) -> dict[str, Any]:
+    """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of the truncation and the
+    backend: as fields of a Request."""
     if accuracy is None:
         accuracy = WITHOUT_NODES if nodes is None else WITH_NODES
+    found = backend_of(one_of("backend", backend, BACKENDS))
+    if algorithm == "modes" and found.linear_algebra == "device":
+        raise SceneError(
+            f"algorithm 'modes' needs an eigensolver, which backend {found.label!r} does not have: "
+            "ask for algorithm 'auto', 'doubling' or 'invariance', or for another backend"
+        )
     return {
         "nodes": None if nodes is None else whole("nodes", nodes, 1, MOST_NODES),
         "accuracy": number("accuracy", accuracy, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
         "algorithm": one_of("algorithm", algorithm, ALGORITHMS),
         "verify": flag("verify", verify),
         "truncation": one_of("truncation", truncation, CHOICES),
+        "backend": found,
     }
 
 

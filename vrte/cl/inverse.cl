@@ -1,6 +1,7 @@
 // Inverses of a stack of matrices in place, by blocks of columns (Gauss-Jordan), rows exchanged where a pivot is small.
 
 #define PANEL 16
+#define STRIPS_OF(n) (((n) + 7) / 8)   // of 8 rows: a part's columns may go on below
 #define SMALL_PIVOT 0.25   // of the largest in its column: below, rows are exchanged
 
 // The columns first .. last - 1 eliminated: afterwards they hold those of the matrix that does it to all others.
@@ -33,11 +34,11 @@ int eliminate_panel(int n, int first, int last, __global double* M, int ld, __gl
                 __global double* other = M + (long)j * ld;
                 const double factor = other[k] * inverse;
                 other[k] = 0.0;
-                for (int i = 0; i < ld / 4; i++)
+                for (int i = 0; i < 2 * STRIPS_OF(n); i++)
                     PUT(other, i) = AT(other, i) - factor * AT(now, i);
                 other[k] = factor;
             }
-        for (int i = 0; i < ld / 4; i++)
+        for (int i = 0; i < 2 * STRIPS_OF(n); i++)
             PUT(now, i) = -inverse * AT(now, i);
         now[k] = inverse;
     }
@@ -57,7 +58,7 @@ void eliminate_rest(int n, int first, int last, __global double* M, int ld, __gl
     }
     for (int side = 0; side < 2; side++) {
         const int begin = side ? first : 0, end = side ? columns : first;
-        for (int strip = 0; strip < ld / 8; strip++)
+        for (int strip = 0; strip < STRIPS_OF(n); strip++)
             for (int j = begin; j < end; j += TILE_COLUMNS) {
                 const int columns = end, b_column = PANEL, b_row = 1, a_ld = ld, c_ld = ld;
                 const double beta = 1.0;

@@ -7,9 +7,13 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.cl.session import Session
+from vrte.errors import DeviceError
 
 STRIP = 8  # rows that a product is made by
 PANEL = 16  # columns that are eliminated at once
+GROUP, TILE = 16, 64  # of `product_gpu`: work-items, and elements of the product, along each side
+CREW = 256  # work-items that invert a matrix together in `invert_gpu`
+LOCAL_BESIDE = 16 * 8 + CREW * (8 + 4) + 256  # bytes of local memory that it has other uses for, and some to spare
 
 
 def padded(rows: int) -> int:
@@ -78,9 +82,7 @@ def product(
     """c = alpha a b + beta c, or a b^T, for the listed items (device array of int32); c is neither a nor b."""
     data, first, ld, stride = b.place
     row, column = (ld, np.int32(1)) if transposed else (np.int32(1), ld)
-    session.launch(
-        "product",
-        (padded(c.rows) // STRIP, 1, items.size),
+    arguments = (
         np.int32(c.columns),
         np.int32(a.columns),
         np.float64(alpha),
@@ -90,9 +92,44 @@ def product(
         *c.place,
         items,
     )
+    rows = padded(c.rows)
+    if session.form == "cpu":
+        session.launch("product", (rows // STRIP, 1, items.size), *arguments)
+    else:
+        tiles = (-(-rows // TILE) * GROUP, -(-c.columns // TILE) * GROUP, items.size)
+        session.launch("product_gpu", tiles, np.int32(rows), *arguments, group=(GROUP, GROUP, 1))
 
 
 def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info: Any) -> None:
-    """m <- m^-1 for the listed items; rest (item, 16 n), pivots (item, n) and info (item,) are scratch memory, info is 1
-    where a matrix is singular."""
-    session.launch("invert", (items.size,), np.int32(m.rows), *m.place, rest, pivots, info, items)
+    """m <- m^-1 for the listed items; rest (item, 16 n), pivots (item, n) and info (item,) are scratch memory, info is
+        1 where a matrix is singular.
+
+    Raises DeviceError where a GPU's local memory does not hold one column.
+    """
+    arguments = np.int32(m.rows), *m.place, rest, pivots, info, items
+    if session.form == "cpu":
+        session.launch("invert", (items.size,), *arguments)
+    elif m.rows:
+        width = panel_width(m.rows, session.device.local_mem_size)
+        session.launch(
+            "invert_gpu",
+            (CREW * items.size,),
+            *arguments,
+            np.int32(width),
+            session.local_memory(8 * m.rows * width),
+            group=(CREW,),
+        )
+
+
+def panel_width(rows: int, local_bytes: int) -> int:
+    """Columns of ``rows`` doubles that local memory holds beside what else `invert_gpu` keeps there.
+
+    >>> panel_width(160, 48 << 10), panel_width(640, 48 << 10), panel_width(3000, 48 << 10)
+    (16, 8, 1)
+    """
+    columns = (local_bytes - LOCAL_BESIDE) // (8 * rows)
+    if columns < 1:
+        raise DeviceError(
+            f"matrices of {rows} rows are too large for the local memory of this OpenCL device ({local_bytes} bytes)"
+        )
+    return min(PANEL, int(columns))

@@ -1,5 +1,6 @@
 """A device at work: its queue, its compiled kernels, its memory."""
 
+import os
 import threading
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -8,27 +9,66 @@ from typing import Any
 import numpy as np
 
 from vrte.arrays import Array
+from vrte.cl.building import built
+from vrte.errors import DeviceError
 
-SOURCES = ("common", "products", "inverse", "sums", "scattering", "complexes", "reconstruction")
+SOURCES = (
+    "common",
+    "products",
+    "products_gpu",
+    "inverse",
+    "inverse_gpu",
+    "spherical",
+    "assembly",
+    "invariance",
+    "doubling",
+    "joining",
+    "sums",
+    "scattering",
+    "complexes",
+    "reconstruction",
+)
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
+FORMS = ("cpu", "gpu")
+FORKED = (
+    "this process was forked from one that had used OpenCL, whose threads it does not have: start processes by "
+    'multiprocessing.get_context("spawn"), or use OpenCL after the fork only'
+)
 
 
 @dataclass(eq=False)
 class Session:
-    """context, queue, program and kernels (by name) of one device; ``lock``: held during a solve, because a kernel's
-    arguments belong to it."""
+    """context, queue, program and kernels (by name) of one device; ``memory``: what was freed is kept for the next
+    array; ``lock``: held during a solve, because a kernel's arguments belong to it. ``form``: of products and inverses,
+    "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or a matrix, tiles in local memory)."""
 
     context: Any
     queue: Any
     program: Any
     kernels: dict[str, Any]
+    memory: Any
+    form: str = "cpu"
     lock: threading.RLock = field(default_factory=threading.RLock)
+    process: int = field(default_factory=os.getpid)
+
+    @property
+    def device(self) -> Any:
+        """The pyopencl device."""
+        return self.queue.device
+
+    @property
+    def on_host(self) -> bool:
+        """Whether the device is the processor itself, and its memory that of the machine."""
+        import pyopencl
+
+        return bool(self.device.type & pyopencl.device_type.CPU)
 
     def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """A pyopencl array, nothing in it."""
         import pyopencl.array
 
-        return pyopencl.array.empty(self.queue, shape, dtype)
+        self._check_process()
+        return pyopencl.array.empty(self.queue, shape, dtype, allocator=self.memory)
 
     def zeros(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
         """A pyopencl array of zeros."""
@@ -43,23 +83,38 @@ class Session:
         """A copy of an array on the device."""
         import pyopencl.array
 
-        return pyopencl.array.to_device(self.queue, np.ascontiguousarray(values))
+        self._check_process()
+        return pyopencl.array.to_device(self.queue, np.ascontiguousarray(values), allocator=self.memory)
 
     def download(self, values: Any) -> Array:
         """A copy of the device's array; waits for whatever it comes from."""
+        self._check_process()
         found: Array = values.get(self.queue)
         return found
 
-    def launch(self, name: str, size: tuple[int, ...], *arguments: Any) -> None:
-        """Enqueues a kernel: arrays, and numbers of the kernel's own types (np.int32, np.int64, np.float64)."""
+    def launch(self, name: str, size: tuple[int, ...], *arguments: Any, group: tuple[int, ...] | None = None) -> None:
+        """Enqueues a kernel: arrays, and numbers of the kernel's own types (np.int32, np.int64, np.float64); ``group``:
+        the size of a work-group, one work-item without it."""
         if 0 in size:
             return
+        self._check_process()
         plain = [getattr(argument, "base_data", argument) for argument in arguments]
-        self.kernels[name](self.queue, size, (1,) * len(size), *plain)
+        self.kernels[name](self.queue, size, group or (1,) * len(size), *plain)
+
+    def local_memory(self, size: int) -> Any:
+        """An argument of a kernel: so many bytes of local memory for each work-group."""
+        import pyopencl
+
+        return pyopencl.LocalMemory(size)
 
     def finish(self) -> None:
         """Waits until all that was enqueued is done."""
+        self._check_process()
         self.queue.finish()
+
+    def _check_process(self) -> None:
+        if os.getpid() != self.process:
+            raise DeviceError(FORKED)
 
 
 def sources() -> str:
@@ -68,11 +123,18 @@ def sources() -> str:
     return "\n".join(folder.joinpath(f"{name}.cl").read_text(encoding="utf-8") for name in SOURCES)
 
 
-def open_session(device: Any) -> Session:
-    """A session on a pyopencl device."""
-    import pyopencl
+def open_session(device: Any, form: str | None = None) -> Session:
+    """A session on a pyopencl device; ``form`` of products and inverses: by default that of the device's kind.
 
+    Raises DeviceError where the kernels cannot be built.
+    """
+    import pyopencl
+    from pyopencl.tools import ImmediateAllocator, MemoryPool
+
+    assert form in (None, *FORMS)
     context = pyopencl.Context([device])
-    program = pyopencl.Program(context, sources()).build(list(OPTIONS))
-    kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
-    return Session(context, pyopencl.CommandQueue(context), program, kernels)
+    program, kernels = built(context, sources(), OPTIONS)
+    queue = pyopencl.CommandQueue(context)
+    if form is None:
+        form = "cpu" if device.type & pyopencl.device_type.CPU else "gpu"
+    return Session(context, queue, program, kernels, MemoryPool(ImmediateAllocator(queue)), form)

@@ -50,6 +50,7 @@ def make_blocks(
     brightest: float,
     accuracy: float,
     algorithm: str,
+    eigensolver: bool = True,
 ) -> list[Block]:
     """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
     fed_back, leave_out = isinstance(base, MuellerBase), problem.leave_out
@@ -79,7 +80,7 @@ def make_blocks(
         seen = fed_back or (members[0] == 0 and part.stokes[0] == 0) or not leave_out.base
         below = base if part.has_end and seen else None
         chosen = np.array(members, np.int32)
-        for places, choice in choose(algorithm, reduced, needs.strength[chosen], accuracy):
+        for places, choice in choose(algorithm, reduced, needs.strength[chosen], accuracy, eigensolver):
             blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice))
     return blocks
 

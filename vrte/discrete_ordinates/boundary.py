@@ -33,7 +33,7 @@ def boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base:
     info = np.zeros(orders.size, np.int32)
     run.timed(
         "boundary",
-        _core.boundary,
+        run.kernels.boundary,
         modes.lam_re,
         modes.lam_im,
         modes.X,

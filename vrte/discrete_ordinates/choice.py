@@ -28,12 +28,17 @@ class Choice:
     reason: str
 
 
-def choose(algorithm: str, problem: Problem, strength: Array, accuracy: float) -> list[tuple[slice, Choice]]:
+def choose(
+    algorithm: str, problem: Problem, strength: Array, accuracy: float, eigensolver: bool = True
+) -> list[tuple[slice, Choice]]:
     """The route asked for, or for "auto" those that the rule takes, each for some of the orders; ``strength`` (order,):
     their q, which falls.
 
-    Invariance stands for reflection alone: where it does not apply, modes do the orders that were to be done by it.
+    Invariance stands for reflection alone: where it does not apply, modes do the orders that were to be done by it, or
+    doubling where there is no ``eigensolver``.
     """
+    if not eigensolver:
+        return choose_products(algorithm, problem, strength, accuracy)
     every = slice(0, strength.size)
     if algorithm == "invariance" and not sees_top_only(problem):
         reason = "invariance was asked for, and is for the top of what has no end to these orders"
@@ -57,6 +62,19 @@ def choose(algorithm: str, problem: Problem, strength: Array, accuracy: float) -
     parts = [(slice(0, first), modes_or_doubling(problem))] if first else []
     if first < strength.size:
         reason = f"auto: only the top is seen; predicted to take {share[first]:.2g} of the time of modes and less"
+        parts.append((slice(first, strength.size), Choice("invariance", reason)))
+    return parts
+
+
+def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy: float) -> list[tuple[slice, Choice]]:
+    """The same without modes: products and inverses alone."""
+    first = strength.size
+    if algorithm in ("auto", "invariance") and sees_top_only(problem) and accuracy >= FINEST:
+        first = int(np.count_nonzero(strength > STRONGEST))
+    reason = "asked for" if algorithm == "doubling" else "auto: no eigensolver here"
+    parts = [(slice(0, first), Choice("doubling", reason))] if first else []
+    if first < strength.size:
+        reason = "asked for" if algorithm == "invariance" else "auto: only the top is seen"
         parts.append((slice(first, strength.size), Choice("invariance", reason)))
     return parts
 

@@ -45,7 +45,7 @@ def double_slabs(
     )
     run.timed(
         "doubling",
-        _core.double_slabs,
+        run.kernels.double_slabs,
         orders,
         problem.conserves,
         problem.leave_out.clear,

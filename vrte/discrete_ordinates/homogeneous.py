@@ -39,7 +39,7 @@ def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Ru
     info = np.zeros(shape, np.int32)
     run.timed(
         "homogeneous",
-        _core.homogeneous,
+        run.kernels.homogeneous,
         orders,
         problem.conserves,
         quick,

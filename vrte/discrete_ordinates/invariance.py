@@ -34,7 +34,7 @@ def reflect_endless(problem: Problem, orders: IntArray, tolerance: float, run: R
     )
     run.timed(
         "invariance",
-        _core.reflect_endless,
+        run.kernels.reflect_endless,
         orders,
         np.array(problem.stokes, np.int32),
         problem.coefficients[0],

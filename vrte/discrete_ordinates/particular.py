@@ -25,7 +25,7 @@ def particular(problem: Problem, matrices: Assembled, modes: Modes, run: Run) ->
     beam = Beam(np.empty(shape), np.empty(shape))
     run.timed(
         "particular",
-        _core.particular,
+        run.kernels.particular,
         matrices.F,
         matrices.source_s,
         matrices.source_d,

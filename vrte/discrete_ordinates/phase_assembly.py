@@ -32,7 +32,7 @@ def assemble(problem: Problem, orders: IntArray, run: Run) -> Assembled:
     work = run.work(_core.assembly_work(directions.size, problem.coefficients.shape[1], len(problem.stokes)))
     run.timed(
         "assembly",
-        _core.assemble,
+        run.kernels.assemble,
         orders,
         np.array(problem.stokes, np.int32),
         problem.coefficients,

@@ -3,10 +3,12 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vrte import _core
 from vrte.arrays import Array
 from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
 
@@ -92,10 +94,12 @@ class Problem:
 @dataclass(eq=False)
 class Run:
     """One solve's threads, stop flag and clocks; `stages` collects wall and thread seconds by name; ``brief``: it is
-    over in some milliseconds, on one thread."""
+    over in some milliseconds, on one thread; ``kernels``: the stages' loops, those of `_core` or others with the same
+    arguments."""
 
     threads: int
     brief: bool = False
+    kernels: Any = _core
     stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
 

@@ -27,7 +27,7 @@ def reconstruct(
     out = np.empty((orders.size, problem.level.size, n_rhs, problem.rows_out))
     run.timed(
         "reconstruction",
-        _core.reconstruct,
+        run.kernels.reconstruct,
         matrices.G_E,
         matrices.G_F,
         modes.lam_re,

@@ -101,7 +101,7 @@ def join(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tu
     residual, info = np.zeros((orders.size, max(1, pile.slabs.size))), np.zeros(orders.size, np.int32)
     run.timed(
         "joining",
-        _core.join_slabs,
+        run.kernels.join_slabs,
         orders,
         problem.conserves,
         pile.slabs,

@@ -165,7 +165,7 @@ def prepare_sum(light: Light, wanted: Wanted, kind: IntArray, azimuths: Azimuths
     def add(part: Part, first: int, last: int) -> None:
         run.timed(
             "fourier sum",
-            _core.azimuthal_sum,
+            run.kernels.azimuthal_sum,
             light.kernels,
             light.stokes,
             *columns,
@@ -221,7 +221,7 @@ def prepare_scattering(
         for table, path in tables[id(part)]:
             run.timed(
                 "single scattering",
-                _core.add_single_scattering,
+                run.kernels.add_single_scattering,
                 table,
                 path,
                 problem.mu0,
@@ -254,7 +254,7 @@ def prepare_spreading(
     def scatter(part: Part, t: int, i: int, o: int, table: Array) -> None:
         run.timed(
             "small angles",
-            _core.add_single_scattering,
+            run.kernels.add_single_scattering,
             _core.series_table(table),
             np.full((1, 1, 1), wanted.scale[i] / (4.0 * np.pi)),
             problem.mu0[i : i + 1],

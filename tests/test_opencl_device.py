@@ -1,0 +1,336 @@
+"""Which device is taken, and what is said where there is none or where it fails."""
+
+import os
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyopencl
+import pytest
+
+import vrte
+from vrte import cli
+from vrte.cl import building, device, faults
+from vrte.cl import session as sessions
+from vrte.cl.device import Device, choose
+from vrte.cl.faults import check_room
+from vrte.cl.session import Session, open_session
+from vrte.errors import DeviceError, MissingExtraError
+from vrte.report import devices as report
+
+
+def made(name: str, kind: str, gigabytes: float, fp64: bool = True, platform: str = "Maker") -> Device:
+    """A device that nobody has."""
+    return Device(platform, name, kind, fp64, int(gigabytes * 1e9), int(gigabytes * 2.5e8), 8, "1.0")
+
+
+PROCESSOR = made("Processor X", "cpu", 128.0, platform="Portable")
+SMALL, LARGE, OTHER = made("Card S", "gpu", 8.0), made("Card L", "gpu", 24.0), made("Board", "accelerator", 200.0)
+FLOAT = made("Card F", "gpu", 32.0, fp64=False)
+
+
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """As in a process that has not used OpenCL yet; what the test opens is forgotten after it."""
+    state = {"process": None, "devices": None, "sessions": {}}
+    monkeypatch.setattr(device, "_state", state)
+    monkeypatch.delenv(device.VARIABLE, raising=False)
+    return state
+
+
+class TestChoice:
+    @pytest.mark.parametrize(
+        ("found", "taken", "reason"),
+        [
+            ([PROCESSOR], 0, "the only device"),
+            ([PROCESSOR, SMALL], 1, "the only GPU"),
+            ([PROCESSOR, SMALL, LARGE, OTHER], 2, "the GPU with the most memory"),
+            ([PROCESSOR, LARGE, LARGE], 1, "the first GPU"),
+            ([PROCESSOR, OTHER], 1, "the only accelerator"),
+            ([FLOAT, PROCESSOR], 1, "the only CPU"),
+            ([made("?", "other", 500.0), PROCESSOR], 1, "the only CPU"),
+        ],
+    )
+    def test_the_rule(self, found: list[Device], taken: int, reason: str) -> None:
+        assert choose(found) == (taken, reason)
+
+    @pytest.mark.parametrize(
+        ("asked_for", "taken"), [("0", 0), ("2", 2), ("card l", 2), ("PROCESSOR", 0), ("portable", 0), ("5s", 1)]
+    )
+    def test_the_variable_wins(self, asked_for: str, taken: int) -> None:
+        found = [PROCESSOR, made("Card 5s", "gpu", 8.0), made("Card L", "gpu", 24.0)]
+        assert choose(found, asked_for) == (taken, f"VRTE_OPENCL_DEVICE={asked_for}")
+
+    @pytest.mark.parametrize(
+        ("asked_for", "complaint"),
+        [
+            ("7", "fits no OpenCL device"),
+            ("-1", "fits no OpenCL device"),
+            ("nonesuch", "fits no OpenCL device"),
+            ("card", "fits more than one OpenCL device"),
+            ("Card F", "names a device without double precision"),
+        ],
+    )
+    def test_what_it_cannot_mean(self, asked_for: str, complaint: str) -> None:
+        with pytest.raises(DeviceError, match=complaint) as raised:
+            choose([PROCESSOR, SMALL, FLOAT], asked_for)
+        assert str(raised.value).endswith(
+            ": 0 = Processor X (Portable), 1 = Card S (Maker), 2 = Card F (Maker, no fp64)"
+        )
+
+    def test_no_double_precision(self) -> None:
+        with pytest.raises(DeviceError, match="no OpenCL device computes in double precision: 0 = Card F"):
+            choose([FLOAT])
+
+
+class TestDevices:
+    def test_what_they_say_of_themselves(self) -> None:
+        for found in device.devices():
+            assert found.kind in device.PREFERENCE
+            assert found.memory >= found.largest > 0
+            assert found.units > 0
+            assert found.name
+            assert found.platform
+        assert device.chosen().double_precision
+
+    def test_without_pyopencl(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setitem(sys.modules, "pyopencl", None)
+        with pytest.raises(MissingExtraError, match=r"OpenCL needs the extra 'opencl': pip install 'vrte\[opencl\]'"):
+            device.devices()
+
+    def test_without_a_platform(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(pyopencl, "get_platforms", raising("clGetPlatformIDs", "PLATFORM_NOT_FOUND_KHR"))
+        with pytest.raises(DeviceError, match=r"there is no OpenCL platform.*vrte\[opencl\]"):
+            device.devices()
+
+    def test_platforms_without_a_device(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+        class Empty:
+            name = "A driver "
+            get_devices = staticmethod(raising("clGetDeviceIDs", "DEVICE_NOT_FOUND"))
+
+        monkeypatch.setattr(pyopencl, "get_platforms", lambda: [Empty()])
+        with pytest.raises(DeviceError, match=r"no OpenCL platform has a device \(platforms: A driver\)"):
+            device.devices()
+
+    def test_a_process_that_was_forked(self, alone: dict[str, Any], opencl: Session) -> None:
+        device.devices()
+        alone["process"] = os.getpid() + 1
+        with pytest.raises(DeviceError, match=r"this process was forked from one that had used OpenCL.*spawn"):
+            device.session()
+
+
+class TestSession:
+    def test_one_for_all_threads(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+        opened: list[Any] = []
+
+        def slow_open(handle: Any) -> object:
+            opened.append(handle)
+            time.sleep(0.05)
+            return object()
+
+        monkeypatch.setattr(device, "open_session", slow_open)
+        found: list[Any] = []
+        threads = [threading.Thread(target=lambda: found.append(device.session())) for _ in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert len(opened) == 1
+        assert len(found) == 8
+        assert len(set(map(id, found))) == 1
+
+    def test_one_for_each_choice(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+        alone.update(process=os.getpid(), devices=(SMALL, LARGE))
+        monkeypatch.setattr(device, "open_session", lambda handle: object())
+        large = device.session()
+        monkeypatch.setenv(device.VARIABLE, " Card S")
+        small = device.session()
+        assert small is not large
+        assert device.session() is small
+        monkeypatch.delenv(device.VARIABLE)
+        assert device.session() is large
+
+    def test_a_form_for_each_kind(self, opencl: Session) -> None:
+        assert opencl.form == ("cpu" if device.chosen().kind == "cpu" else "gpu")
+
+
+def raising(routine: str, name: str) -> Callable[..., Any]:
+    """Fails as OpenCL does."""
+
+    def call(*_: Any, **__: Any) -> Any:
+        raise error_of(routine, name)
+
+    return call
+
+
+def error_of(routine: str, name: str) -> Exception:
+    """An error as pyopencl raises it; ``name``: of the code, or a number of a driver's own."""
+    code = int(name) if name.startswith("-") else getattr(pyopencl.status_code, name)
+    kind = pyopencl.MemoryError if "ALLOCATION" in name else pyopencl.LogicError
+    return kind(pyopencl._cl._ErrorRecord(routine, code, ""))
+
+
+class TestFaults:
+    @pytest.mark.parametrize(
+        ("name", "message"),
+        [
+            (
+                "MEM_OBJECT_ALLOCATION_FAILURE",
+                "ran out of memory or other resources .MEM_OBJECT_ALLOCATION_FAILURE in clX.: ask for less",
+            ),
+            ("OUT_OF_RESOURCES", "ran out of memory"),
+            ("OUT_OF_HOST_MEMORY", "ran out of memory"),
+            ("INVALID_BUFFER_SIZE", "ran out of memory"),
+            ("DEVICE_NOT_AVAILABLE", "was lost on the way .DEVICE_NOT_AVAILABLE in clX.: nothing was computed"),
+            ("INVALID_COMMAND_QUEUE", "was lost on the way"),
+            ("EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST", "was lost on the way"),
+            ("-9999", "was lost on the way .code -9999 in clX."),
+            ("INVALID_KERNEL_ARGS", "failed .INVALID_KERNEL_ARGS in clX.: nothing was computed"),
+        ],
+    )
+    def test_each_in_one_sentence(self, name: str, message: str, alone: dict[str, Any]) -> None:
+        alone["sessions"][0] = object()
+        cause = error_of("clX", name)
+        with pytest.raises(DeviceError, match=message) as raised, device.device_errors():
+            raise cause
+        assert raised.value.__cause__ is cause
+        assert not alone["sessions"]
+
+    def test_others_pass(self, alone: dict[str, Any]) -> None:
+        alone["sessions"][0] = kept = object()
+        with pytest.raises(ZeroDivisionError), device.device_errors():
+            raise ZeroDivisionError
+        assert alone["sessions"] == {0: kept}
+
+    def test_after_a_lost_device_the_next_call_starts_anew(self, alone: dict[str, Any]) -> None:
+        first = device.session()
+        first.kernels["product"] = raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE")
+        with pytest.raises(DeviceError, match="was lost"), device.device_errors():
+            first.launch("product", (1,))
+        second = device.session()
+        assert second is not first
+        np.testing.assert_array_equal(second.download(second.upload(np.arange(3.0))), [0.0, 1.0, 2.0])
+
+    def test_an_array_that_is_too_large(self, alone: dict[str, Any]) -> None:
+        too_large = 4 * max(found.memory for found in device.devices())
+        opened = device.session()
+        with pytest.raises(DeviceError, match="ran out of memory"), device.device_errors():
+            opened.empty((too_large // 8,))
+
+    def test_room_is_looked_for_before(self, opencl: Session) -> None:
+        memory, largest = opencl.device.global_mem_size, opencl.device.max_mem_alloc_size
+        check_room(opencl, 1e6, 1e6)
+        with pytest.raises(
+            DeviceError, match=r"this needs about \S+ GB on the OpenCL device .*, which has \S+ GB: ask"
+        ):
+            check_room(opencl, 0.95 * memory)
+        with pytest.raises(DeviceError, match=r"this needs an array of \S+ GB .*, which allows \S+ GB"):
+            check_room(opencl, 0.0, 1.1 * largest)
+        if opencl.on_host:
+            with pytest.raises(DeviceError, match=r"this needs about 0.001 GB .*, which has 0.001 GB"):
+                check_room(opencl, 1e6, host=1e6)
+
+    def test_kernels_that_do_not_compile(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(
+            sessions, "sources", lambda: "__kernel void broken(__global doubel* x) { x[0] = 1; }\n" * 40
+        )
+        with pytest.raises(DeviceError, match=r"the kernels do not compile on .*error.*doubel") as raised:
+            open_session(opencl.device)
+        assert "\n" not in str(raised.value)
+        assert len(str(raised.value)) < 450
+        assert isinstance(raised.value.__cause__, pyopencl.Error)
+
+    def test_a_compiler_with_something_to_say(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+        text = '#warning "look here"\n__kernel void fine(__global double* x) { x[0] = 1.0; }\n'
+        monkeypatch.setattr(sessions, "sources", lambda: text)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            opened = open_session(opencl.device)
+        values = opened.zeros((1,))
+        opened.launch("fine", (1,), values)
+        assert opened.download(values) == [1.0]
+
+    def test_kernels_that_a_cache_lost(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+        once, calls = building._built_once, []
+
+        def forgetful(*arguments: Any) -> Any:
+            calls.append(arguments)
+            program, kernels = once(*arguments)
+            return program, kernels if len(calls) > 1 else {}
+
+        monkeypatch.setattr(building, "_built_once", forgetful)
+        monkeypatch.setattr(sessions, "sources", lambda: "__kernel void fine(__global double* x) { x[0] = 1.0; }\n")
+        assert set(open_session(opencl.device).kernels) == {"fine"}
+        assert len(calls) == 2
+
+
+class TestCommand:
+    def test_the_table(self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.delenv(device.VARIABLE, raising=False)
+        assert cli.main(["devices"]) == 0
+        text = capsys.readouterr().out
+        index, reason = choose(device.devices())
+        assert text.endswith(f"  taken: {index}, {reason}\n")
+        for found in device.devices():
+            assert f"{found.name[:43]} " in text
+            assert f"on {found.platform}\n" in text
+        assert text.count("*") == 1
+
+    def test_the_reason_is_the_variable(
+        self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setenv(device.VARIABLE, "0")
+        assert cli.main(["devices"]) == 0
+        assert capsys.readouterr().out.endswith("  taken: 0, VRTE_OPENCL_DEVICE=0\n")
+
+    @pytest.mark.parametrize(
+        ("found", "variable", "complaint"),
+        [
+            ((FLOAT,), "", "no OpenCL device computes in double precision: 0 = Card F (Maker, no fp64)"),
+            ((SMALL,), "x", "VRTE_OPENCL_DEVICE=x fits no OpenCL device: 0 = Card S (Maker)"),
+        ],
+    )
+    def test_no_device_that_will_do(
+        self,
+        found: tuple[Device, ...],
+        variable: str,
+        complaint: str,
+        alone: dict[str, Any],
+        capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        alone.update(process=os.getpid(), devices=found)
+        monkeypatch.setenv(device.VARIABLE, variable)
+        assert cli.main(["devices"]) == 1
+        output = capsys.readouterr()
+        assert found[0].name in output.out
+        assert "taken: none" in output.out
+        assert output.err == f"vrte: error: {complaint}\n"
+
+    def test_no_device_at_all(
+        self, alone: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(pyopencl, "get_platforms", raising("clGetPlatformIDs", "PLATFORM_NOT_FOUND_KHR"))
+        assert cli.main(["devices"]) == 1
+        output = capsys.readouterr()
+        assert output.out == ""
+        assert output.err.startswith("vrte: error: there is no OpenCL platform")
+        assert output.err.count("\n") == 1
+
+    def test_rates(self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(report, "SIZES", ((16, 4), (24, 2)))
+        monkeypatch.setattr(report, "SECONDS", 1e-4)
+        assert cli.main(["devices", "--measure"]) == 0
+        rows = capsys.readouterr().out.splitlines()[-2:]
+        for row, size in zip(rows, ("16 x 16", "24 x 24"), strict=True):
+            assert row.split("  ")[1] == size
+            assert all(float(number) > 0.0 for number in row.split()[3:])
+
+
+def test_the_error_is_public() -> None:
+    assert vrte.DeviceError is DeviceError
+    assert faults.translated(ValueError("x")) is None

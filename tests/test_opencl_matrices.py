@@ -1,0 +1,132 @@
+"""Products and inverses on a device, in both forms, against NumPy and LAPACK."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vrte.cl import matrices
+from vrte.cl.matrices import Stack, download_stack, invert, new_stack, panel_width, product, upload_stack
+from vrte.cl.session import FORMS, Session, open_session
+from vrte.errors import DeviceError
+
+SIZES = ((1, 1, 1), (3, 5, 2), (8, 8, 8), (13, 40, 7), (65, 17, 66), (100, 30, 129))  # rows, inner, columns
+
+
+@pytest.fixture(scope="module", params=FORMS)
+def session(request: pytest.FixtureRequest, opencl: Session) -> Session:
+    """The form of the device's own kind, and the other one on the same device."""
+    return opencl if request.param == opencl.form else open_session(opencl.device, request.param)
+
+
+def transposed(stack: np.ndarray) -> np.ndarray:
+    """(item, column, row) as (item, row, column)."""
+    return stack.transpose(0, 2, 1)
+
+
+def inverted(session: Session, stored: np.ndarray, items: Any) -> tuple[np.ndarray, np.ndarray]:
+    """(item, column, row) after `invert`, and info."""
+    count, rows, _ = stored.shape
+    stack = upload_stack(session, stored)
+    scratch = session.empty((count, 16 * rows)), session.empty((count, rows), np.int32)
+    info = session.zeros((count,), np.int32)
+    invert(session, session.upload(np.array(items, np.int32)), stack, *scratch, info)
+    return download_stack(session, stack), session.download(info)
+
+
+@pytest.mark.parametrize("size", SIZES, ids=str)
+@pytest.mark.parametrize("by_transpose", [False, True])
+def test_products(session: Session, size: tuple[int, int, int], by_transpose: bool) -> None:
+    rows, inner, columns = size
+    rng = np.random.default_rng(rows)
+    a = rng.standard_normal((4, inner, rows))
+    b = rng.standard_normal((4, inner, columns) if by_transpose else (4, columns, inner))
+    c = rng.standard_normal((4, columns, rows))
+    stacks = [upload_stack(session, values) for values in (a, b, c)]
+    items = np.array([3, 0, 2], np.int32)
+    product(session, session.upload(items), *stacks, alpha=1.5, beta=-0.7, transposed=by_transpose)  # type: ignore[misc]
+    expected = c.copy()
+    for item in items:
+        right = b[item] if by_transpose else b[item].T
+        expected[item] = (1.5 * a[item].T @ right - 0.7 * c[item].T).T
+    np.testing.assert_allclose(download_stack(session, stacks[2]), expected, atol=1e-14 * inner)
+    room = session.download(stacks[2].data).reshape(4, columns, -1)
+    assert not room[:, :, rows:].any()
+
+
+def test_without_beta_what_was_there_does_not_matter(session: Session) -> None:
+    a = np.random.default_rng(1).random((1, 9, 9))
+    stack, made = upload_stack(session, a), upload_stack(session, np.full((1, 9, 9), np.nan))
+    product(session, session.upload(np.zeros(1, np.int32)), stack, stack, made)
+    np.testing.assert_allclose(transposed(download_stack(session, made))[0], a[0].T @ a[0].T, rtol=1e-14)
+
+
+def test_a_part_leaves_the_others_alone(session: Session) -> None:
+    rng = np.random.default_rng(2)
+    a, c = rng.random((2, 24, 24)), rng.random((2, 24, 24))
+    big, small = upload_stack(session, c), upload_stack(session, a)
+    product(
+        session, session.upload(np.arange(2, dtype=np.int32)), small.part(8, 0, 8, 24), small, big.part(16, 5, 8, 7)
+    )
+    expected = c.copy()
+    for item in range(2):
+        expected[item].T[16:24, 5:12] = a[item].T[8:16] @ a[item].T[:, :7]
+    np.testing.assert_allclose(download_stack(session, big), expected, rtol=1e-13)
+
+
+def test_nothing_to_do(session: Session) -> None:
+    none = session.upload(np.zeros(0, np.int32))
+    stack = new_stack(session, 2, 5, 5)
+    product(session, none, stack, stack, stack)
+    invert(session, none, stack, session.empty((2, 80)), session.empty((2, 5), np.int32), session.zeros((2,), np.int32))
+    assert not download_stack(session, stack).any()
+
+
+@pytest.mark.parametrize("rows", [1, 2, 7, 16, 17, 40, 83, 160])
+def test_inverses(session: Session, rows: int) -> None:
+    rng = np.random.default_rng(rows)
+    stored = rng.standard_normal((3, rows, rows)) + 2.0 * np.sqrt(rows) * np.eye(rows)
+    found, info = inverted(session, stored, [2, 0])
+    assert not info.any()
+    np.testing.assert_array_equal(found[1], stored[1])
+    for item in (0, 2):
+        np.testing.assert_allclose(found[item], np.linalg.inv(stored[item]), atol=1e-14 * rows)
+
+
+def test_rows_are_exchanged_where_a_pivot_is_small(session: Session) -> None:
+    rng = np.random.default_rng(3)
+    stored = rng.standard_normal((2, 50, 50))
+    stored[0] = np.roll(np.diag(rng.random(50) + 0.5), 7, axis=0)
+    stored[1][np.diag_indices(50)] = 0.0
+    found, info = inverted(session, stored, [0, 1])
+    assert not info.any()
+    for item in range(2):
+        condition = np.linalg.cond(stored[item])
+        np.testing.assert_allclose(found[item] @ stored[item], np.eye(50), atol=1e-14 * condition)
+
+
+def test_a_singular_matrix_is_told(session: Session) -> None:
+    stored = np.stack([np.eye(20), np.eye(20), np.zeros((20, 20))])
+    stored[1][18, 18] = 0.0
+    found, info = inverted(session, stored, [0, 1, 2])
+    np.testing.assert_array_equal(info, [0, 1, 1])
+    np.testing.assert_array_equal(found[0], np.eye(20))
+
+
+@pytest.mark.parametrize("width", [1, 3, 5])
+def test_little_local_memory(session: Session, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(matrices, "panel_width", lambda rows, local_bytes: width)
+    stored = np.random.default_rng(4).standard_normal((2, 37, 37)) + 12.0 * np.eye(37)
+    found, info = inverted(session, stored, [0, 1])
+    assert not info.any()
+    np.testing.assert_allclose(found, np.linalg.inv(stored), atol=1e-14)
+
+
+def test_no_local_memory_for_one_column() -> None:
+    with pytest.raises(DeviceError, match="5000 rows are too large for the local memory"):
+        panel_width(5000, 32 << 10)
+
+
+def test_parts_begin_at_strips() -> None:
+    with pytest.raises(AssertionError):
+        Stack(None, 20, 20, 24, 480).part(5, 0, 8, 8)

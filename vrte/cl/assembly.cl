@@ -1,0 +1,196 @@
+// The columns of P_l^m and what they make: phase matrices, and E and F of (1:41), with the rows and columns that lead out of
+// and into the nodes. members: bit a is set where Stokes parameter a is of the set.
+
+// From P_l^m the columns (I; Q and U) where l - m has the parity of the matrix, E even and F odd, else (Q and U; V).
+int columns_of_kind(int m, int members, int kind)
+{
+    const int turns = m > 0;   // t_l^0 = 0
+    const int first = kind ? members & (turns ? 6 : 4) : members & 1;
+    const int second = kind ? members & 8 : members & (turns ? 6 : 2);
+    return (first != 0) + (second != 0);
+}
+
+bool has_first(int m, int members, int kind)
+{
+    return kind ? (members & (m > 0 ? 6 : 4)) != 0 : (members & 1) != 0;
+}
+
+// The members' entries of a Stokes vector, one below the other.
+void put_members(__global double* to, int members, double4 value)
+{
+    if (members == 15) {
+        PUT(to, 0) = value;
+        return;
+    }
+    if (members & 1)
+        *to++ = value.x;
+    if (members & 2)
+        *to++ = value.y;
+    if (members & 4)
+        *to++ = value.z;
+    if (members & 8)
+        *to = value.w;
+}
+
+int next_strip(int rows)
+{
+    return (rows + 7) / 8 * 8;
+}
+
+// The columns of E (part 0), of F (1) or of both (2): the first, and how many.
+int first_column(__global const int* counts, long item, int part)
+{
+    return part == 1 ? counts[2 * item] : 0;
+}
+
+int number_of_columns(__global const int* counts, long item, int part)
+{
+    return part == 2 ? counts[2 * item] + counts[2 * item + 1] : counts[2 * item + part];
+}
+
+// phi: the columns of all degrees, E's and behind them F's; rows: the nodes' times sqrt(weight / mu), then the next ones,
+// then the last, each from a multiple of 8 on with zeros up to it; counts (item, 2): how many columns E and F have, none
+// where nothing is scattered. Global size: pieces of `each` directions, items.
+__kernel void parity_columns(int n_term, int n_all, int n_node, int n_out, int each, int members,
+                             __global const double* restrict mu, __global const double* restrict weights,
+                             __global const int* restrict order, __global const int* restrict material,
+                             __global const int* restrict terms, __global const double* restrict albedo,
+                             __global const double* restrict factors, __global double* restrict phi, int ld, long stride,
+                             __global int* restrict counts, __global const int* restrict items)
+{
+    const long item = items[get_global_id(1)];
+    const int m = order[item], stokes = popcount(members), end = min(n_all, each * ((int)get_global_id(0) + 1));
+    const int n_degree = albedo[material[item]] == 0.0 ? 0 : max(0, terms[material[item]] - m);
+    const int few[2] = {columns_of_kind(m, members, 0), columns_of_kind(m, members, 1)};
+    const int same = (n_degree + 1) / 2, other = n_degree / 2, columns_E = same * few[0] + other * few[1];
+    const bool polar = members & 6;
+    factors += item * 4 * (n_term + 1);
+    phi += item * stride;
+    if (get_global_id(0) == 0) {
+        counts[2 * item] = columns_E;
+        counts[2 * item + 1] = other * few[0] + same * few[1];
+    }
+    for (int i = each * get_global_id(0); i < end; i++) {
+        const int first = i < n_node ? 0 : i < n_node + n_out ? n_node : n_node + n_out;
+        const int last = i < n_node ? n_node : i < n_node + n_out ? n_node + n_out : n_all;
+        const int begin = i < n_node ? 0
+                                     : next_strip(stokes * n_node) + (i < n_node + n_out ? 0 : next_strip(stokes * n_out));
+        const int row = begin + stokes * (i - first), filled = begin + stokes * (last - first);
+        const int blank = i == last - 1 ? next_strip(filled) : filled;
+        const double scale = i < n_node ? sqrt(weights[i] / mu[i]) : 1.0;
+        const double4 starts = AT(factors, n_term);
+        Wigner w = wigner_start(m, mu[i], starts.x);
+        __global double* even = phi;
+        __global double* odd = phi + columns_E * (long)ld;
+        for (int l = m; l < m + n_degree; l++) {
+            if (l == max(m, 2))
+                polar_start(m, mu[i], starts.y, &w);
+            const double p = scale * w.zero, r = scale * 0.5 * (w.plus + w.minus), t = scale * 0.5 * (w.plus - w.minus);
+            for (int kind = 0; kind < 2; kind++) {
+                const bool is_even = kind == ((l - m) & 1), left = has_first(m, members, kind);
+                __global double* to = is_even ? even : odd;
+                if (left)
+                    put_members(to + row, members, kind ? (double4)(0.0, -t, r, 0.0) : (double4)(p, 0.0, 0.0, 0.0));
+                if (few[kind] > left)
+                    put_members(to + left * (long)ld + row, members,
+                                kind ? (double4)(0.0, 0.0, 0.0, p) : (double4)(0.0, r, -t, 0.0));
+                for (int k = filled; k < blank; k++)
+                    for (int column = 0; column < few[kind]; column++)
+                        to[column * (long)ld + k] = 0.0;
+                even += is_even ? few[kind] * (long)ld : 0;
+                odd += is_even ? 0 : few[kind] * (long)ld;
+            }
+            wigner_step(m, l, polar, mu[i], AT(factors, l), &w);
+        }
+    }
+}
+
+// psi = factor phi B^T on the double4 first .. last - 1 of each column, B_l of (1:9) cut to the columns that there are, E's
+// (odd = 0) or F's of the degrees m .. end - 1; V's column of phi counts v_sign times.
+void multiply_by_coefficients(int m, int end, int members, int odd, double factor, double v_sign,
+                              __global const double* coefficients, int first, int last, __global const double* phi, int ld,
+                              __global double* psi, int psi_ld)
+{
+    for (int l = m; l < end; l++) {
+        __global const double* c = coefficients + 6 * l;
+        const int kind = ((l - m) & 1) != odd, few = columns_of_kind(m, members, kind);
+        if (few == 2) {
+            const double b00 = factor * (kind ? c[2] : c[0]), b01 = factor * (kind ? -v_sign * c[5] : -c[4]);
+            const double b10 = factor * (kind ? c[5] : -c[4]), b11 = factor * (kind ? v_sign * c[3] : c[1]);
+            for (int i = first; i < last; i++) {
+                const double4 x = AT(phi, i), y = AT(phi + ld, i);
+                PUT(psi, i) = b00 * x + b01 * y;
+                PUT(psi + psi_ld, i) = b10 * x + b11 * y;
+            }
+        } else if (few == 1) {
+            const bool left = has_first(m, members, kind);
+            const double b = factor * (kind ? (left ? c[2] : v_sign * c[3]) : (left ? c[0] : c[1]));
+            for (int i = first; i < last; i++)
+                PUT(psi, i) = b * AT(phi, i);
+        }
+        phi += few * (long)ld;
+        psi += few * (long)psi_ld;
+    }
+}
+
+// psi = albedo phi B^T, F's columns odd_sign times. Global size: pieces of `each` strips of 8 rows, items.
+__kernel void times_coefficients(int n_term, int n_strip, int each, int members, double v_sign, double odd_sign,
+                                 __global const double* restrict coefficients, __global const int* restrict order,
+                                 __global const int* restrict material, __global const int* restrict terms,
+                                 __global const double* restrict albedo, __global const int* restrict counts,
+                                 __global const double* restrict phi, long phi_first, int ld, long phi_stride,
+                                 __global double* restrict psi, long psi_first, int psi_ld, long psi_stride,
+                                 __global const int* restrict items)
+{
+    const long item = items[get_global_id(1)];
+    const int first = 2 * each * get_global_id(0), last = min(2 * n_strip, first + 2 * each);
+    const double factor = albedo[material[item]];
+    if (factor == 0.0)
+        return;
+    for (int odd = 0; odd < 2; odd++) {
+        const long begin = first_column(counts, item, odd);
+        multiply_by_coefficients(order[item], terms[material[item]], members, odd, odd ? odd_sign * factor : factor, v_sign,
+                                 coefficients + material[item] * (long)6 * n_term, first, last,
+                                 phi + phi_first + item * phi_stride + begin * ld, ld,
+                                 psi + psi_first + item * psi_stride + begin * psi_ld, psi_ld);
+    }
+}
+
+// C = alpha A B^T + beta C over the columns of A and B that belong to E (part 0), to F (1) or to either (2).
+// Global size: strips of 8 rows, 1, items.
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void product_over_columns(int columns, int part, double alpha, double beta, __global const int* restrict counts,
+                                   __global const double* restrict A, long a_first, int a_ld, long a_stride,
+                                   __global const double* restrict B, long b_first, int b_row, long b_stride,
+                                   __global double* restrict C, long c_first, int c_ld, long c_stride,
+                                   __global const int* restrict items)
+{
+    const long item = items[get_global_id(2)];
+    const int inner = number_of_columns(counts, item, part), begin = first_column(counts, item, part), b_column = 1;
+    A += a_first + item * a_stride + (long)begin * a_ld + 8 * get_global_id(0);
+    B += b_first + item * b_stride + (long)begin * b_row;
+    C += c_first + item * c_stride + 8 * get_global_id(0);
+    for (int j = 0; j < columns; j += TILE_COLUMNS) {
+        __global const double* a = A;
+        EACH_COLUMN(COLUMN_OF_B)
+        EACH_COLUMN(NO_SUMS)
+        SUM_TERMS
+        EACH_COLUMN(SCALE_SUMS)
+        if (beta != 0.0) {
+            EACH_COLUMN(ADD_OLD)
+        }
+        EACH_COLUMN(STORE_SUMS)
+    }
+}
+
+// The diagonals 1/mu of E and F. Global size: items.
+__kernel void add_rates(int n, int stokes, __global const double* restrict mu, __global double* restrict E,
+                        __global double* restrict F, int ld, long stride, __global const int* restrict items)
+{
+    const long item = items[get_global_id(0)];
+    for (int i = 0; i < n; i++) {
+        const long k = item * stride + (long)i * ld + i;
+        E[k] += 1.0 / mu[i / stokes];
+        F[k] += 1.0 / mu[i / stokes];
+    }
+}

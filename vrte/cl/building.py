@@ -1,0 +1,134 @@
+"""Kernels from their sources, compiled once and kept by the libraries' own caches, whatever state those are in."""
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import uuid
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from vrte.cl import caches
+from vrte.errors import DeviceError
+
+KERNEL = re.compile(r"^\s*__kernel\s+void\s+(\w+)\s*\(", re.MULTILINE)
+COMPLAINT = re.compile(r"\berror\b")
+POCL = "Portable Computing Language"
+LONGEST = 300  # characters of a compiler's log in a message
+PROBE = """
+import pyopencl
+platform, = [found for found in pyopencl.get_platforms() if found.name == {platform!r}]
+context = pyopencl.Context(platform.get_devices()[:1])
+queue = pyopencl.CommandQueue(context)
+text = "__kernel void probe(__global double* x) {{ x[0] = 1.0; }}"
+program = pyopencl.Program(context, text).build(cache_dir=False)
+program.probe(queue, (1,), (1,), pyopencl.Buffer(context, pyopencl.mem_flags.READ_WRITE, 8))
+queue.finish()
+"""
+
+
+def kernel_names(text: str) -> set[str]:
+    """What a source defines.
+
+    >>> kernel_names("__kernel void product(int n) { }")
+    {'product'}
+    """
+    return set(KERNEL.findall(text))
+
+
+def built(context: Any, text: str, options: Sequence[str]) -> tuple[Any, dict[str, Any]]:
+    """The program, and its kernels by name; a second time past all caches where the first gives anything else.
+
+    Raises DeviceError with the compiler's first complaint.
+    """
+    import pyopencl
+
+    device = context.devices[0]
+    check_linker(device.platform.name)
+    try:
+        made = _built_once(context, text, options, None)
+    except pyopencl.RuntimeError as error:
+        if COMPLAINT.search(str(error)):
+            raise DeviceError(build_message(device.name, str(error))) from error
+        made = None  # a cache that fails looks like a compiler without a complaint
+    except pyopencl.Error:
+        raise
+    except Exception:
+        # pyopencl's cache, which raises whatever its files make Python raise (a KeyError of its own among them)
+        made = None
+    if made is None or set(made[1]) != kernel_names(text):
+        made = _built_past_caches(context, text, options)
+    caches.note_use()
+    return made
+
+
+def _built_past_caches(context: Any, text: str, options: Sequence[str]) -> tuple[Any, dict[str, Any]]:
+    """From the sources, under a name that no cache knows."""
+    import pyopencl
+
+    device = context.devices[0]
+    fresh = f"{text}\n__constant int compiled_anew_{uuid.uuid4().hex} = 0;\n"
+    try:
+        program, kernels = _built_once(context, fresh, options, False)
+    except pyopencl.Error as error:
+        raise DeviceError(build_message(device.name, str(error))) from error
+    missing = kernel_names(text) - set(kernels)
+    if missing:
+        raise DeviceError(f"the compiler of {device.name} left out {', '.join(sorted(missing))}")
+    return program, kernels
+
+
+def _built_once(
+    context: Any, text: str, options: Sequence[str], cache_folder: bool | None
+) -> tuple[Any, dict[str, Any]]:
+    import pyopencl
+
+    with _quiet():
+        program = pyopencl.Program(context, text).build(list(options), cache_dir=cache_folder)
+        return program, {kernel.function_name: kernel for kernel in caches.past_the_invokers(program.all_kernels)}
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """A compiler that has something to say is no warning for whoever wants an answer."""
+    import pyopencl
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pyopencl.CompilerWarning)
+        warnings.filterwarnings("ignore", "PyOpenCL (compiler caching failed|encountered an invalid info file)")
+        yield
+
+
+def build_message(device: str, log: str) -> str:
+    """One line of a compiler's log: its first error, or its beginning.
+
+    >>> build_message("a GPU", "clBuildProgram failed\\nx.cl:3:5: error: unknown type name 'doubel'\\n1 error")
+    "the kernels do not compile on a GPU: x.cl:3:5: error: unknown type name 'doubel'"
+    """
+    lines = [" ".join(line.split()) for line in log.splitlines() if line.strip()]
+    complaint = next((line for line in lines if COMPLAINT.search(line)), "; ".join(lines))
+    if len(complaint) > LONGEST:
+        complaint = complaint[:LONGEST] + "..."
+    return f"the kernels do not compile on {device}: {complaint}"
+
+
+def check_linker(platform: str) -> None:
+    """PoCL ends the whole process where it finds no linker: without `ld`, another process tries first."""
+    if platform != POCL or shutil.which("ld"):
+        return
+    command = [sys.executable, "-c", PROBE.format(platform=platform)]
+    tried = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    if tried.returncode:
+        raise DeviceError(f"{POCL} cannot compile: {linker_complaint(tried.returncode, tried.stderr)}")
+
+
+def linker_complaint(code: int, text: str) -> str:
+    """Why the other process failed, in one line."""
+    if "ld" in text and "doesn't exist" in text:
+        return "it finds no linker (install binutils, which brings ld)"
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+    return f"{lines[-1][:LONGEST] if lines else 'no reason given'} ({how})"

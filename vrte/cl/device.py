@@ -1,0 +1,199 @@
+"""Which OpenCL devices there are, which one is taken and why, and the one session on it.
+
+The rule: of the devices that compute in double precision, a GPU before an accelerator before a CPU, of several the one
+with the most memory, of equals the first. The environment variable VRTE_OPENCL_DEVICE wins over it: an index as
+`vrte devices` prints it, or a part of a device's or platform's name that only one device has.
+"""
+
+import os
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from vrte.cl import caches, faults
+from vrte.cl.session import FORKED, Session, open_session
+from vrte.errors import DeviceError, MissingExtraError
+
+VARIABLE = "VRTE_OPENCL_DEVICE"
+PREFERENCE = ("gpu", "accelerator", "cpu", "other")
+_lock = threading.RLock()
+_state: dict[str, Any] = {"process": None, "devices": None, "sessions": {}}
+
+
+@dataclass(frozen=True)
+class Device:
+    """What a device says of itself: ``memory`` and ``largest`` (one allocation) in bytes; ``handle`` is pyopencl's."""
+
+    platform: str
+    name: str
+    kind: str
+    double_precision: bool
+    memory: int
+    largest: int
+    units: int
+    driver: str
+    handle: Any = field(default=None, repr=False, compare=False)
+
+
+def devices() -> tuple[Device, ...]:
+    """All devices of all platforms, in the order in which OpenCL lists them; asked for once a process.
+
+    Raises MissingExtraError without pyopencl; DeviceError where there is no platform, no device, or this process was
+    forked from one that had used OpenCL.
+    """
+    with _lock:
+        if _state["process"] not in (None, os.getpid()):
+            raise DeviceError(FORKED)
+        if _state["devices"] is None:
+            _state["devices"] = _listed()
+        found: tuple[Device, ...] = _state["devices"]
+        return found
+
+
+def _listed() -> tuple[Device, ...]:
+    try:
+        import pyopencl
+    except ImportError as error:
+        raise MissingExtraError("OpenCL", "opencl") from error
+    caches.prepare()
+    _state["process"] = os.getpid()
+    try:
+        platforms = pyopencl.get_platforms()
+    except pyopencl.Error as error:
+        raise DeviceError(
+            "there is no OpenCL platform: a GPU's comes with its driver, the processor's with "
+            f"pip install 'vrte[opencl]' ({faults.name_of(error)})"
+        ) from error
+    found = tuple(_described(platform, handle) for platform in platforms for handle in _devices_of(platform))
+    if not found:
+        names = ", ".join(platform.name.strip() for platform in platforms)
+        raise DeviceError(f"no OpenCL platform has a device (platforms: {names or 'none'})")
+    return found
+
+
+def _devices_of(platform: Any) -> Sequence[Any]:
+    import pyopencl
+
+    try:
+        listed = platform.get_devices()
+    except pyopencl.Error:  # DEVICE_NOT_FOUND: a driver without its device
+        return ()
+    return [device for device in listed if device.available]
+
+
+def _described(platform: Any, handle: Any) -> Device:
+    import pyopencl
+
+    kinds = pyopencl.device_type
+    kind = next((name for name in PREFERENCE[:3] if handle.type & getattr(kinds, name.upper())), "other")
+    return Device(
+        platform=platform.name.strip(),
+        name=handle.name.strip(),
+        kind=kind,
+        double_precision="cl_khr_fp64" in handle.extensions.split() or bool(handle.double_fp_config),
+        memory=handle.global_mem_size,
+        largest=handle.max_mem_alloc_size,
+        units=handle.max_compute_units,
+        driver=handle.driver_version.strip(),
+        handle=handle,
+    )
+
+
+def choose(found: Sequence[Device], asked_for: str = "") -> tuple[int, str]:
+    """The index of the device to take, and why; ``asked_for``: what VRTE_OPENCL_DEVICE says.
+
+    Raises DeviceError: no double precision, or nothing (or more than one device) that it names.
+
+    >>> gpu = Device("A", "card", "gpu", True, 8 << 30, 2 << 30, 40, "1")
+    >>> cpu = Device("B", "processor", "cpu", True, 64 << 30, 16 << 30, 8, "2")
+    >>> choose([cpu, gpu])
+    (1, 'the only GPU')
+    >>> choose([cpu, gpu], "proc")
+    (0, 'VRTE_OPENCL_DEVICE=proc')
+    """
+    if asked_for:
+        return _named(found, asked_for), f"{VARIABLE}={asked_for}"
+    able = [index for index, device in enumerate(found) if device.double_precision]
+    if not able:
+        raise DeviceError(f"no OpenCL device computes in double precision: {all_names(found)}")
+    kind = min((found[index].kind for index in able), key=PREFERENCE.index)
+    among = [index for index in able if found[index].kind == kind]
+    best = max(among, key=lambda index: found[index].memory)
+    plural = {"gpu": "GPU", "accelerator": "accelerator", "cpu": "CPU", "other": "device"}[kind]
+    if len(among) == 1:
+        return best, f"the only {plural}" if len(found) > 1 else "the only device"
+    equal = all(found[index].memory == found[best].memory for index in among)
+    return best, f"the first {plural}" if equal else f"the {plural} with the most memory"
+
+
+def _named(found: Sequence[Device], asked_for: str) -> int:
+    if asked_for.isdecimal():
+        matches = [int(asked_for)] if int(asked_for) < len(found) else []
+    else:
+        part = asked_for.casefold()
+        matches = [i for i, device in enumerate(found) if part in f"{device.platform}\n{device.name}".casefold()]
+    if len(matches) != 1:
+        problem = "fits no OpenCL device" if not matches else "fits more than one OpenCL device"
+        raise DeviceError(f"{VARIABLE}={asked_for} {problem}: {all_names(found)}")
+    if not found[matches[0]].double_precision:
+        raise DeviceError(f"{VARIABLE}={asked_for} names a device without double precision: {all_names(found)}")
+    return matches[0]
+
+
+def all_names(found: Sequence[Device]) -> str:
+    """All devices in one line, with their indices."""
+    return ", ".join(
+        f"{index} = {device.name} ({device.platform}{'' if device.double_precision else ', no fp64'})"
+        for index, device in enumerate(found)
+    )
+
+
+def chosen() -> Device:
+    """The device that `session` opens.
+
+    Raises as `devices` and `choose` do.
+    """
+    found = devices()
+    return found[choose(found, wanted())[0]]
+
+
+def wanted() -> str:
+    """What VRTE_OPENCL_DEVICE says, empty where it is not set."""
+    return os.environ.get(VARIABLE, "").strip()
+
+
+def session() -> Session:
+    """The session on the chosen device, opened once a process.
+
+    Raises as `devices` and `choose` do, and DeviceError where the kernels cannot be built.
+    """
+    device = chosen()
+    with _lock:
+        opened: dict[int, Session] = _state["sessions"]
+        if id(device) not in opened:
+            with device_errors():
+                opened[id(device)] = open_session(device.handle)
+        return opened[id(device)]
+
+
+def forget() -> None:
+    """The next call of `session` opens a new one, and devices are listed again."""
+    with _lock:
+        if _state["process"] in (None, os.getpid()):
+            _state["sessions"], _state["devices"] = {}, None
+
+
+@contextmanager
+def device_errors() -> Iterator[None]:
+    """Around a solve: what OpenCL raises inside becomes a DeviceError, and the session is forgotten, because queue and
+    memory may be lost with it."""
+    try:
+        yield
+    except Exception as error:
+        found = faults.translated(error)
+        if found is None:
+            raise
+        forget()
+        raise found from error

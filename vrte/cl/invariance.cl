@@ -1,0 +1,262 @@
+// The top of a layer without end, by invariance: fixed points of
+//   R = (He Ce He'^T - Hf Cf Hf'^T)/2 over 1/mu + 1/mu',  He = phi_e + R phi_e,  Hf = phi_f - R phi_f,
+// with Anderson's acceleration. E's and F's columns lie side by side, Hf with the other sign (it counts twice), so that
+// H = +-phi + R phi and R = HC H^T are one product each. A strip of 8 rows needs all of H but of all else no other strip:
+// what only strips read (R, the last steps, HC) is stored strip by strip, column by column within.
+
+#define STRIP 8
+
+#define RUNNING 0
+#define SETTLED 1   // in this step: H is made once more
+#define LEFT 2
+
+// Of an item: what the last steps moved, as scalar products (this one's first), and how the next R is made of them.
+typedef struct
+{
+    double product_00, product_01, product_11;
+    double share[3];
+    double missing;
+} Settling;
+
+// mu of a direction at each of its Stokes parameters, minus where that is V (`v_place`); up to the next multiple of 8 the
+// last one again. Global size: 1.
+__kernel void cosines_of_rows(int n_mu, int stokes, int v_place, __global const double* restrict mu, int first,
+                              __global double* restrict out)
+{
+    for (int i = 0; i < next_strip(stokes * n_mu); i++) {
+        const double cosine = mu[first + min(i / stokes, n_mu - 1)];
+        out[i] = i % stokes == v_place ? -cosine : cosine;
+    }
+}
+
+// rate (item,): what a step gains at least, the largest albedo |B_l| / (2 l + 1). Global size: items.
+__kernel void invariance_rate(int n_term, __global const double* restrict coefficients, __global const int* restrict order,
+                              __global const int* restrict material, __global const int* restrict terms,
+                              __global const double* restrict albedo, __global double* restrict rate,
+                              __global const int* restrict items)
+{
+    const int item = items[get_global_id(0)], of = material[item];
+    double largest = 0.0;
+    for (int l = order[item]; l < terms[of]; l++) {
+        __global const double* c = coefficients + ((long)of * n_term + l) * 6;
+        const double half_gap = 0.5 * (c[0] - c[1]);
+        const double first = 0.5 * fabs(c[0] + c[1]) + sqrt(half_gap * half_gap + c[4] * c[4]);
+        const double norm = fmax(first, fmax(fabs(c[2]), fabs(c[3])) + fabs(c[5]));
+        largest = fmax(largest, albedo[of] * norm / (2.0 * l + 1.0));
+    }
+    rate[item] = fmin(largest, 0.999);
+}
+
+#define SHARE_OF_COLUMN(x) if (j + x < n) { \
+    const double cosine = signed_mu[j + x], size = fabs(cosine); \
+    const int k = (j + x) * STRIP; \
+    const double4 now_top = top##x * (0.5 * cosine * mu_top / (mu_top + size)); \
+    const double4 now_low = low##x * (0.5 * cosine * mu_low / (mu_low + size)); \
+    const double4 moved_top = now_top - AT(R + k, 0), moved_low = now_low - AT(R + k, 1); \
+    PUT(led + k, 0) = now_top; \
+    PUT(led + k, 1) = now_low; \
+    PUT(moved + k, 0) = moved_top; \
+    PUT(moved + k, 1) = moved_low; \
+    squares += moved_top * moved_top + moved_low * moved_low; \
+    products_1 += moved_top * AT(moved_1 + k, 0) + moved_low * AT(moved_1 + k, 1); \
+    products_2 += moved_top * AT(moved_2 + k, 0) + moved_low * AT(moved_2 + k, 1); \
+    gap = LARGER(LARGER(gap, SIZE(moved_top)), SIZE(moved_low)); \
+    largest = LARGER(LARGER(largest, SIZE(now_top)), SIZE(now_low)); }
+#define LARGER(a, b) ((a) > (b) ? (a) : (b))
+#define SIZE(a) LARGER(a, -(a))
+#define SUM(a) ((a).x + (a).y + ((a).z + (a).w))
+#define LARGEST(a) LARGER(LARGER((a).x, (a).y), LARGER((a).z, (a).w))
+
+// One step of a strip: led = HC H^T Q/2 over 1/mu + 1/mu', moved = led - R; of what moved, and of the two steps before, the
+// scalar products, what moved most and led's largest: found (item, strip, 5). Global size: strips of 8 rows, items.
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void invariance_step(int n, __global const int* restrict counts, __global const double* restrict row_mu,
+                              __global const double* restrict signed_mu, __global const double* restrict HC,
+                              __global const double* restrict H, int h_ld, long h_stride, int h_columns, __global const double* restrict R, __global double* restrict led,
+                              __global double* restrict moved, __global const double* restrict moved_1,
+                              __global const double* restrict moved_2, __global double* restrict found,
+                              __global const int* restrict state, __global const int* restrict items)
+{
+    const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * get_global_size(0) + strip;
+    if (state[item] != RUNNING)
+        return;
+    const int inner = number_of_columns(counts, item, 2), columns = n, a_ld = STRIP, b_row = h_ld, b_column = 1;
+    const double4 mu_top = fabs(AT(row_mu, 2 * strip)), mu_low = fabs(AT(row_mu, 2 * strip + 1));
+    __global const double* A = HC + place * STRIP * h_columns;
+    __global const double* B = H + item * h_stride;
+    double4 squares = 0.0, products_1 = 0.0, products_2 = 0.0, gap = 0.0, largest = 0.0;
+    R += place * STRIP * n;
+    led += place * STRIP * n;
+    moved += place * STRIP * n;
+    moved_1 += place * STRIP * n;
+    moved_2 += place * STRIP * n;
+    for (int j = 0; j < n; j += TILE_COLUMNS) {
+        __global const double* a = A;
+        EACH_COLUMN(COLUMN_OF_B)
+        EACH_COLUMN(NO_SUMS)
+        SUM_TERMS
+        EACH_COLUMN(SHARE_OF_COLUMN)
+    }
+    found += place * 5;
+    found[0] = SUM(squares);
+    found[1] = SUM(products_1);
+    found[2] = SUM(products_2);
+    found[3] = LARGEST(gap);
+    found[4] = LARGEST(largest);
+}
+
+// Whether an item is done, and of which steps the next R is made: the combination of this one and the last two that would
+// have moved least. Global size: items.
+__kernel void invariance_judge(int step, int most, int strips, __global const double* restrict found,
+                               __global const double* restrict rate, __global const double* restrict tolerance,
+                               __global Settling* restrict settling, __global double* restrict residual,
+                               __global int* restrict steps, __global int* restrict state, __global const int* restrict items)
+{
+    const long item = items[get_global_id(0)];
+    if (state[item] != RUNNING) {
+        state[item] = LEFT;
+        return;
+    }
+    double sums[3] = {0.0, 0.0, 0.0}, gap = 0.0, largest = 0.0;
+    for (int strip = 0; strip < strips; strip++) {
+        __global const double* part = found + (item * strips + strip) * 5;
+        for (int k = 0; k < 3; k++)
+            sums[k] += part[k];
+        gap = fmax(gap, part[3]);
+        largest = fmax(largest, part[4]);
+    }
+    if (!(sums[0] < INFINITY))
+        gap = sums[0];   // not a number: no comparison above has seen it
+    const double missing = largest > 0.0 ? gap * rate[item] / (1.0 - rate[item]) / largest : 1.0;
+    const Settling before = settling[item];
+    Settling now = {sums[0], sums[1], before.product_00, {1.0, 0.0, 0.0}, largest > 0.0 ? missing : 0.0};
+    steps[item]++;
+    if (largest == 0.0 || missing <= tolerance[item] || gap <= 4e-16 * largest)
+        state[item] = SETTLED;
+    else if (step > 0) {
+        const double a11 = sums[0] - 2.0 * sums[1] + before.product_00, b1 = sums[0] - sums[1];
+        double g1 = 0.0, g2 = 0.0;
+        if (step > 1) {
+            const double a12 = sums[1] - sums[2] - before.product_00 + before.product_01;
+            const double a22 = before.product_00 - 2.0 * before.product_01 + before.product_11, b2 = sums[1] - sums[2];
+            const double det = a11 * a22 - a12 * a12;
+            if (det > 1e-10 * a11 * a22) {
+                g1 = (b1 * a22 - b2 * a12) / det;
+                g2 = (b2 * a11 - b1 * a12) / det;
+            }
+        }
+        if (g2 == 0.0 && a11 > 0.0)
+            g1 = b1 / a11;
+        if (g1 != 0.0) {
+            now.share[0] = 1.0 - g1;
+            now.share[1] = g1 - g2;
+            now.share[2] = g2;
+        }
+    }
+    settling[item] = now;
+    if (state[item] == SETTLED || step == most - 1)
+        if (!(now.missing <= residual[item]))
+            residual[item] = now.missing;
+}
+
+#define ADD_PHI(x) if (j + x < columns) { \
+    const double sign = j + x < columns_E ? 1.0 : -1.0; \
+    __global const double* phi = phi_row + (long)(j + x) * phi_ld; \
+    __global double* now = H + (long)(j + x) * h_ld; \
+    PUT(now, 0) = top##x + sign * AT(phi, 0); \
+    PUT(now, 1) = low##x + sign * AT(phi, 1); }
+
+// R of a strip from the last steps, then H = +-phi + R phi_nodes and HC, E's C and minus F's. At the start (`starting`) R is
+// zero. Global size: strips of 8 rows, items.
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void invariance_renew(int starting, int n, int n_term, int members, __global const double* restrict coefficients,
+                               __global const int* restrict order, __global const int* restrict material,
+                               __global const int* restrict terms, __global const double* restrict albedo,
+                               __global const int* restrict counts, __global const double* restrict phi, int phi_ld,
+                               long phi_stride, int phi_first, __global const double* restrict led,
+                               __global const double* restrict led_1, __global const double* restrict led_2,
+                               __global double* restrict R, __global double* restrict H, int h_ld, long h_stride,
+                               int h_columns, __global double* restrict HC,
+                               __global const Settling* restrict settling, __global const int* restrict state,
+                               __global const int* restrict items)
+{
+    const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * get_global_size(0) + strip;
+    if (state[item] == LEFT)
+        return;
+    const double share = settling[item].share[0], share_1 = settling[item].share[1], share_2 = settling[item].share[2];
+    const int columns = number_of_columns(counts, item, 2), columns_E = number_of_columns(counts, item, 0);
+    const int inner = starting ? 0 : n, a_ld = STRIP, b_row = 1, b_column = phi_ld;
+    R += place * STRIP * n;
+    led += place * STRIP * n;
+    led_1 += place * STRIP * n;
+    led_2 += place * STRIP * n;
+    H += item * h_stride + STRIP * strip;
+    HC += place * STRIP * h_columns;
+    __global const double* B = phi + item * phi_stride;
+    __global const double* phi_row = B + phi_first + STRIP * strip;
+    for (int j = 0; j < n; j++)
+        for (int low = 0; low < 2; low++) {
+            const int k = j * STRIP;
+            double4 value = 0.0;
+            if (!starting) {
+                value = share * AT(led + k, low);
+                if (share_1 != 0.0)
+                    value += share_1 * AT(led_1 + k, low);
+                if (share_2 != 0.0)
+                    value += share_2 * AT(led_2 + k, low);
+            }
+            PUT(R + k, low) = value;
+        }
+    for (int j = 0; j < columns; j += TILE_COLUMNS) {
+        __global const double* a = R;
+        EACH_COLUMN(COLUMN_OF_B)
+        EACH_COLUMN(NO_SUMS)
+        SUM_TERMS
+        EACH_COLUMN(ADD_PHI)
+    }
+    for (int odd = 0; odd < 2; odd++) {
+        const long begin = first_column(counts, item, odd);
+        const double factor = odd ? -albedo[material[item]] : albedo[material[item]];
+        if (columns > 0)
+            multiply_by_coefficients(order[item], terms[material[item]], members, odd, factor, -1.0,
+                                     coefficients + material[item] * (long)6 * n_term, 0, 2, H + begin * h_ld, h_ld,
+                                     HC + begin * STRIP, STRIP);
+    }
+}
+
+// up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
+// on_nodes (item, beam, column, n) = Q Ru^T Q. Global size: beams, items.
+__kernel void invariance_results(int n, int stokes, int v_place, int n_out, int n_col, __global const double* restrict off_mu,
+                                 __global const int* restrict out, __global const int* restrict into,
+                                 __global const double* restrict columns, __global const double* restrict Ruu, int uu_ld,
+                                 long uu_stride, __global const double* restrict Ru, int strips,
+                                 __global double* restrict up, __global double* restrict on_nodes,
+                                 __global const int* restrict items)
+{
+    const long item = items[get_global_id(1)], beam = get_global_id(0), n_in = get_global_size(0);
+    const int from = stokes * into[beam];
+    Ruu += item * uu_stride + (long)from * uu_ld;
+    Ru += item * strips * STRIP * n;
+    for (int c = 0; c < n_col; c++) {
+        const long rhs = (item * n_in + beam) * n_col + c;
+        for (int i = 0; i < n_out; i++)
+            for (int a = 0; a < stokes; a++) {
+                const int row = stokes * out[i] + a;
+                const double to = fabs(off_mu[row]);
+                double total = 0.0;
+                for (int b = 0; b < stokes; b++) {
+                    const double signed_mu = off_mu[from + b], share = 0.5 * signed_mu / (to + fabs(signed_mu));
+                    total += share * Ruu[(long)b * uu_ld + row] * columns[c * stokes + b];
+                }
+                up[(rhs * n_out + i) * stokes + a] = total;
+            }
+        for (int j = 0; j < n; j++) {
+            double total = 0.0;
+            for (int b = 0; b < stokes; b++) {
+                const double sign = (b == v_place) != (j % stokes == v_place) ? -1.0 : 1.0;
+                total += sign * Ru[((from + b) / STRIP * n + j) * STRIP + (from + b) % STRIP] * columns[c * stokes + b];
+            }
+            on_nodes[rhs * n + j] = total;
+        }
+    }
+}
