@@ -280,3 +280,26 @@ def assemble_arrays(
             if array.size:
                 array[...] = download_stack(session, stack).reshape(array.shape)
     seconds[0] += time.perf_counter() - start
+
+
+def phase_matrices(session: Session, m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: ArrayLike) -> Array:
+    """As `_core.phase_matrices`: A^m(mu, mu_from) of (1:9), (n, k, 4, 4), cosines positive downward."""
+    table = np.ascontiguousarray(coefficients, dtype=float)
+    to, frm = (np.atleast_1d(np.asarray(cosines, float)) for cosines in (mu, mu_from))
+    both = np.concatenate([to, frm])
+    if table.ndim != 2 or table.shape[1] != 6 or m < 0 or not np.all(np.abs(both) <= 1.0):
+        return _core.phase_matrices(m, table, to, frm)  # it says what is wrong
+    if 0 in (to.size, frm.size, table.shape[0]):
+        return np.zeros((to.size, frm.size, 4, 4))
+    upload, zero = session.upload, session.upload(np.zeros(1, np.int32))
+    one = np.ones(1)
+    materials = upload(table[np.newaxis]), upload(np.array([table.shape[0]], np.int32)), upload(one)
+    what = Scattering(zero, upload(np.full(1, m, np.int32)), zero, (0, 1, 2, 3), *materials)
+    # a node that is not asked for: there has to be one
+    columns = parity_columns(session, what, upload(np.concatenate([one, both])), upload(one), to.size)
+    phi, phi_from = columns.rows(1, 4 * to.size), columns.rows(2, 4 * frm.size)
+    psi, found = (bare_stack(session, 1, 4 * frm.size, phi.columns), bare_stack(session, 1, 4 * to.size, 4 * frm.size))
+    times_coefficients(session, what, columns.counts, phi_from, psi)
+    product_over_columns(session, zero, columns.counts, 2, phi, psi, found)
+    flat = download_stack(session, found)[0].T
+    return np.ascontiguousarray(flat.reshape(to.size, 4, frm.size, 4).transpose(0, 2, 1, 3))

@@ -25,6 +25,8 @@ SOURCES = (
     "joining",
     "sums",
     "scattering",
+    "complexes",
+    "reconstruction",
 )
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 FORMS = ("cpu", "gpu")

@@ -1,14 +1,14 @@
 """The end of a solve on a device: sums over Fourier orders and single scattering, added into a table of radiances."""
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vrte.arrays import Array
+from vrte.cl.lending import lent
 from vrte.cl.matrices import padded
 from vrte.cl.session import Session
 
@@ -252,22 +252,6 @@ def add_scattering(
         *azimuths.place,
         *table.place(*incident, mu_each, tiles_each),
     )
-
-
-@contextmanager
-def lent(session: Session, values: Array, written: bool = True) -> Iterator[Any]:
-    """The caller's own memory as a buffer; what kernels have ``written`` to it is seen when the block is left."""
-    import pyopencl
-
-    flags = pyopencl.mem_flags
-    access = flags.READ_WRITE if written else flags.READ_ONLY
-    buffer = pyopencl.Buffer(session.context, access | flags.USE_HOST_PTR, hostbuf=values)
-    yield buffer
-    if not written:
-        return
-    seen, _ = pyopencl.enqueue_map_buffer(session.queue, buffer, pyopencl.map_flags.READ, 0, values.shape, values.dtype)
-    seen.base.release(session.queue)
-    session.finish()
 
 
 def azimuthal_sum(

@@ -20,11 +20,13 @@ def kernels_of(backend: Backend) -> Any:
     from vrte.cl.doubling import double_slabs
     from vrte.cl.invariance import reflect_endless_arrays
     from vrte.cl.joining import join_slabs
+    from vrte.cl.reconstruction import reconstruct
     from vrte.cl.sums import add_single_scattering, azimuthal_sum
 
     device = session()
     on_device_kernels: dict[str, Any] = {
         "assemble": assemble_arrays,
+        "reconstruct": reconstruct,
         "azimuthal_sum": azimuthal_sum,
         "add_single_scattering": add_single_scattering,
     }
