@@ -125,8 +125,8 @@ def sheet_of(
 class FixedPoints:
     """Steps for R of some rows, the nodes' or others.
 
-    ``led`` to which R the last steps led, ``moved`` by how much, this one first: memory for matrices like R. On a CPU R,
-    the last steps and HC are stored strip by strip, on a GPU column by column."""
+    ``led`` to which R the last steps led, ``moved`` by how much, this one first: memory for matrices like R. On a CPU
+    R, the last steps and HC are stored strip by strip, on a GPU column by column."""
 
     session: Session
     what: Scattering
