@@ -211,6 +211,7 @@ class TestFaults:
     def test_after_a_lost_device_the_next_call_starts_anew(self, alone: dict[str, Any]) -> None:
         first = device.session()
         first.kernels["product"] = raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE")
+        first.typed.add("product")
         with pytest.raises(DeviceError, match="was lost"), device.device_errors():
             first.launch("product", (1,))
         second = device.session()
