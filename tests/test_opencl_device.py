@@ -6,6 +6,8 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -302,6 +304,30 @@ class TestSolve:
         count["fails at"] = 0
         found = vrte.radiance(self.scene, **self.request, backend=backend)
         np.testing.assert_allclose(found.stokes, right.stokes, atol=1e-13)
+
+    def test_threads_take_turns(self, opencl: Session) -> None:
+        scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0)]) for albedo in (0.1, 0.5, 0.9, 1.0)]
+        backends = ("opencl", "opencl+lapack", "sequential+device")
+        calls = [(scene, backend) for scene in scenes for backend in backends]
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(lambda call: vrte.radiance(call[0], **self.request, backend=call[1]), calls))
+        for (scene, _), field in zip(calls, found, strict=True):
+            np.testing.assert_allclose(field.stokes, vrte.radiance(scene, **self.request).stokes, atol=1e-13)
+
+    @pytest.mark.parametrize("thickness", [1.0, np.inf])
+    def test_the_form_for_a_gpu(
+        self, thickness: float, alone: dict[str, Any], opencl: Session, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(device, "open_session", lambda handle: open_session(handle, "gpu"))
+        matrix = vrte.PhaseMatrix(
+            a1=[1.0, 0.5, 0.2], a2=[0, 0, 0.9], a3=[0, 0, 0.5], a4=[0, 0.3, 0.1], b1=[0, 0, 0.2], b2=[0, 0, 0.1]
+        )
+        scene = vrte.Scene([vrte.Layer(matrix, 0.9, thickness)])
+        mu = np.linspace(0.1, 1.0, 5)
+        call = partial(vrte.brdf, scene, mu, mu, [0.0, 50.0, 180.0], nodes=7)
+        found, right = call(backend="opencl"), call()
+        assert device.session().form == "gpu"
+        np.testing.assert_allclose(found.mueller, right.mueller, atol=1e-13)
 
     def test_no_device_is_no_reason_to_take_the_processor(
         self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
