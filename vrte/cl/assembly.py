@@ -200,7 +200,9 @@ def product_over_columns(
     arguments = *sums, counts, *a.place, *b.place, *c.place, items
     if session.form == "cpu":
         number, each, _ = pieces(session, rows // STRIP, STRIPS_TOGETHER)
-        session.launch("product_over_columns", (number, 1, items.size), np.int32(rows // STRIP), np.int32(each), *arguments)
+        session.launch(
+            "product_over_columns", (number, 1, items.size), np.int32(rows // STRIP), np.int32(each), *arguments
+        )
     else:
         tiles = (*tiles_of(rows, c.columns), items.size)
         session.launch("product_over_columns_gpu", tiles, np.int32(rows), *arguments, group=(GROUP, GROUP, 1))
