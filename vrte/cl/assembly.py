@@ -21,6 +21,7 @@ from vrte.discrete_ordinates.problem import IntArray
 
 DIRECTIONS_A_PIECE = 10  # on a processor, where a piece of work must last some microseconds; 1 elsewhere
 STRIPS_A_PIECE = 8
+STRIPS_TOGETHER = 5  # of a product: what they share of the other factor stays in the nearest cache
 LANES = 32  # work-items of a work-group on a GPU, where pieces are small
 
 
@@ -198,7 +199,10 @@ def product_over_columns(
     sums = np.int32(c.columns), np.int32(part), np.float64(alpha), np.float64(beta)
     arguments = *sums, counts, *a.place, *b.place, *c.place, items
     if session.form == "cpu":
-        session.launch("product_over_columns", (rows // STRIP, 1, items.size), *arguments)
+        number, each, _ = pieces(session, rows // STRIP, STRIPS_TOGETHER)
+        session.launch(
+            "product_over_columns", (number, 1, items.size), np.int32(rows // STRIP), np.int32(each), *arguments
+        )
     else:
         tiles = (*tiles_of(rows, c.columns), items.size)
         session.launch("product_over_columns_gpu", tiles, np.int32(rows), *arguments, group=(GROUP, GROUP, 1))
