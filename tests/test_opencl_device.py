@@ -6,7 +6,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl
@@ -209,6 +209,7 @@ class TestFaults:
     def test_after_a_lost_device_the_next_call_starts_anew(self, alone: dict[str, Any]) -> None:
         first = device.session()
         first.kernels["product"] = raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE")
+        first.typed.add("product")
         with pytest.raises(DeviceError, match="was lost"), device.device_errors():
             first.launch("product", (1,))
         second = device.session()
@@ -266,6 +267,48 @@ class TestFaults:
         monkeypatch.setattr(sessions, "sources", lambda: "__kernel void fine(__global double* x) { x[0] = 1.0; }\n")
         assert set(open_session(opencl.device).kernels) == {"fine"}
         assert len(calls) == 2
+
+
+class TestSolve:
+    """Failures in the middle of a solve."""
+
+    request: ClassVar[dict[str, Any]] = {"mu0": 0.6, "mu": [0.5, -0.5], "phi": [0, 90], "tau": [0.0, 1.0], "nodes": 4}
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
+
+    @pytest.mark.parametrize("backend", ["opencl", "opencl+lapack", "sequential+device"])
+    @pytest.mark.parametrize("method", ["launch", "upload", "download", "empty"])
+    def test_an_error_then_a_right_answer(
+        self, backend: str, method: str, alone: dict[str, Any], opencl: Session, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        alone.update(process=os.getpid(), devices=device.devices())
+        right = vrte.radiance(self.scene, **self.request)
+        original, count = getattr(Session, method), {"calls": 0, "fails at": 0}
+
+        def counted(*arguments: Any, **named: Any) -> Any:
+            count["calls"] += 1
+            if count["calls"] == count["fails at"]:
+                raise error_of("clX", "OUT_OF_RESOURCES" if method == "empty" else "DEVICE_NOT_AVAILABLE")
+            return original(*arguments, **named)
+
+        monkeypatch.setattr(Session, method, counted)
+        vrte.radiance(self.scene, **self.request, backend=backend)
+        calls = count["calls"]
+        assert calls
+        for fails_at in sorted({1, max(1, calls // 2), calls}):
+            count.update({"calls": 0, "fails at": fails_at})
+            with pytest.raises(DeviceError, match="ran out of memory" if method == "empty" else "was lost on the way"):
+                vrte.radiance(self.scene, **self.request, backend=backend)
+            assert not alone["sessions"]
+        count["fails at"] = 0
+        found = vrte.radiance(self.scene, **self.request, backend=backend)
+        np.testing.assert_allclose(found.stokes, right.stokes, atol=1e-13)
+
+    def test_no_device_is_no_reason_to_take_the_processor(
+        self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(pyopencl, "get_platforms", raising("clGetPlatformIDs", "PLATFORM_NOT_FOUND_KHR"))
+        with pytest.raises(DeviceError, match="there is no OpenCL platform"):
+            vrte.radiance(self.scene, **self.request, backend="opencl")
 
 
 class TestCommand:

@@ -225,36 +225,38 @@ __kernel void invariance_renew(int starting, int n, int n_term, int members, __g
 }
 
 // up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
-// on_nodes (item, beam, column, n) = Q Ru^T Q. Global size: beams, items.
-__kernel void invariance_results(int n, int stokes, int v_place, int n_out, int n_col, __global const double* restrict off_mu,
-                                 __global const int* restrict out, __global const int* restrict into,
-                                 __global const double* restrict columns, __global const double* restrict Ruu, int uu_ld,
-                                 long uu_stride, __global const double* restrict Ru, int strips,
+// on_nodes (item, beam, column, n) = Q Ru^T Q. Ru: `strip_step` from a strip to the next, `column_step` from column to column.
+// Global size: pieces of `each` of the S n_out + n numbers of a column, beams, items.
+__kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col,
+                                 __global const double* restrict off_mu, __global const int* restrict out,
+                                 __global const int* restrict into, __global const double* restrict columns,
+                                 __global const double* restrict Ruu, int uu_ld, long uu_stride,
+                                 __global const double* restrict Ru, int strip_step, int column_step, long stride,
                                  __global double* restrict up, __global double* restrict on_nodes,
                                  __global const int* restrict items)
 {
-    const long item = items[get_global_id(1)], beam = get_global_id(0), n_in = get_global_size(0);
-    const int from = stokes * into[beam];
+    const long item = items[get_global_id(2)], beam = get_global_id(1), n_in = get_global_size(1);
+    const int from = stokes * into[beam], n_up = stokes * n_out;
+    const int first = each * get_global_id(0), last = min(n_up + n, first + each);
     Ruu += item * uu_stride + (long)from * uu_ld;
-    Ru += item * strips * STRIP * n;
+    Ru += item * stride;
     for (int c = 0; c < n_col; c++) {
         const long rhs = (item * n_in + beam) * n_col + c;
-        for (int i = 0; i < n_out; i++)
-            for (int a = 0; a < stokes; a++) {
-                const int row = stokes * out[i] + a;
-                const double to = fabs(off_mu[row]);
-                double total = 0.0;
-                for (int b = 0; b < stokes; b++) {
-                    const double signed_mu = off_mu[from + b], share = 0.5 * signed_mu / (to + fabs(signed_mu));
-                    total += share * Ruu[(long)b * uu_ld + row] * columns[c * stokes + b];
-                }
-                up[(rhs * n_out + i) * stokes + a] = total;
-            }
-        for (int j = 0; j < n; j++) {
+        __global const double* of = columns + c * stokes;
+        for (int i = first; i < min(last, n_up); i++) {
+            const int row = stokes * out[i / stokes] + i % stokes;
+            const double to = fabs(off_mu[row]);
+            double total = 0.0;
+            for (int b = 0; b < stokes; b++)
+                total += 0.5 * off_mu[from + b] / (to + fabs(off_mu[from + b])) * Ruu[(long)b * uu_ld + row] * of[b];
+            up[rhs * n_up + i] = total;
+        }
+        for (int j = max(0, first - n_up); j < last - n_up; j++) {
             double total = 0.0;
             for (int b = 0; b < stokes; b++) {
                 const double sign = (b == v_place) != (j % stokes == v_place) ? -1.0 : 1.0;
-                total += sign * Ru[((from + b) / STRIP * n + j) * STRIP + (from + b) % STRIP] * columns[c * stokes + b];
+                const int row = from + b;
+                total += sign * Ru[(long)(row / STRIP) * strip_step + (long)j * column_step + row % STRIP] * of[b];
             }
             on_nodes[rhs * n + j] = total;
         }

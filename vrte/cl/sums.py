@@ -133,9 +133,7 @@ def upload_entries(
 def shares(session: Session, n_mu: int, tiles: int, others: int) -> tuple[int, int]:
     """Outgoing directions and tiles of azimuths of one piece of a launch, which has ``others`` times as many: large
     pieces on a processor, where each costs time, one tile on a graphics device, which wants many."""
-    import pyopencl
-
-    if session.queue.device.type & pyopencl.device_type.CPU:
+    if session.on_host:
         return max(1, min(n_mu, n_mu * others // PIECES)), tiles
     return max(1, min(n_mu, n_mu * tiles * others // WIDE)), 1
 

@@ -17,12 +17,14 @@ from vrte.arrays import Array
 from vrte.cl import assembly, doubling, invariance, joining
 from vrte.cl.device import chosen, device_errors, session
 from vrte.cl.doubling import Frame, Items, Matrices
+from vrte.cl.faults import check_room
 from vrte.cl.session import Session
 from vrte.cl.sums import Kernels, dense
 from vrte.discrete_ordinates.base import Base as Reflection
 from vrte.discrete_ordinates.base import expand_base
 from vrte.discrete_ordinates.blocks import Block
 from vrte.discrete_ordinates.choice import Choice
+from vrte.discrete_ordinates.memory import ALWAYS_THERE, BYTES, available_bytes, doubles_of_kernels
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.routes import TIGHTER, Doubling
 from vrte.discrete_ordinates.slabs import Pile, cut
@@ -34,6 +36,7 @@ from vrte.plan import Plan
 REPEATED = Choice("doubling", "the fixed points of invariance did not settle")
 STACKS = 14  # extended matrices that an item needs at once, R and T included
 SHARE = 0.5  # of the device's memory
+LARGEST_SHARE = 0.5  # of the largest allocation: of a result at once
 CACHED = 256e6  # bytes of matrices at once on a processor: more does not make it faster
 
 
@@ -144,7 +147,7 @@ def solve_all(plans: Sequence[Plan], run: Run, progress: Progress | None = None)
     tasks = [task_of(plan) for plan in plans]
     total = sum(steps(plan) for plan in plans)
     with opened.lock, device_errors():
-        done = 0
+        check_memory(opened, tasks)
         while pieces := [Piece(task, *found) for task in tasks for found in task.next_blocks()]:
             for group in grouped(pieces, opened):
                 solve_group(opened, group, run)
@@ -153,6 +156,19 @@ def solve_all(plans: Sequence[Plan], run: Run, progress: Progress | None = None)
         parts = [fill(opened, task, run) for task in tasks]
     told(progress, total, total)
     return [solution(task, values, run, start) for task, values in zip(tasks, parts, strict=True)]
+
+
+def check_memory(opened: Session, tasks: Sequence[Task]) -> None:
+    """Raises DeviceError where not even one order at a time, what all of them leave and a share of the result fit."""
+    blocks = [block for task in tasks for block in task.plan.blocks]
+    kernels = [BYTES * doubles_of_kernels(block) for block in blocks]
+    matrices = max((bytes_of(Piece(tasks[0], block, block.orders[:1])) for block in blocks), default=0.0)
+    result = max(BYTES * task.plan.wanted.doubles(task.plan.request.phi.size) for task in tasks)
+    share = min(result, LARGEST_SHARE * float(opened.device.max_mem_alloc_size))
+    if sum(kernels) + matrices + result < ALWAYS_THERE:
+        return
+    largest = max(matrices / STACKS, *kernels, 0.0)
+    check_room(opened, sum(kernels) + matrices + share, largest, max(0.0, available_bytes() - result))
 
 
 def told(progress: Progress | None, done: int, total: int) -> None:
