@@ -21,6 +21,7 @@ from vrte.discrete_ordinates.problem import IntArray
 
 DIRECTIONS_A_PIECE = 10  # on a processor, where a piece of work must last some microseconds; 1 elsewhere
 STRIPS_A_PIECE = 8
+STRIPS_TOGETHER = 5  # of a product: what they share of the other factor stays in the nearest cache
 LANES = 32  # work-items of a work-group on a GPU, where pieces are small
 
 
@@ -198,7 +199,10 @@ def product_over_columns(
     sums = np.int32(c.columns), np.int32(part), np.float64(alpha), np.float64(beta)
     arguments = *sums, counts, *a.place, *b.place, *c.place, items
     if session.form == "cpu":
-        session.launch("product_over_columns", (rows // STRIP, 1, items.size), *arguments)
+        number, each, _ = pieces(session, rows // STRIP, STRIPS_TOGETHER)
+        session.launch(
+            "product_over_columns", (number, 1, items.size), np.int32(rows // STRIP), np.int32(each), *arguments
+        )
     else:
         tiles = (*tiles_of(rows, c.columns), items.size)
         session.launch("product_over_columns_gpu", tiles, np.int32(rows), *arguments, group=(GROUP, GROUP, 1))
@@ -254,8 +258,8 @@ def generalized_spherical_functions(session: Session, m: int, terms: int, mu: Ar
     cosines = np.atleast_1d(np.asarray(mu, float))
     if m < 0 or terms < 1 or not np.all(np.abs(cosines) <= 1.0) or cosines.size == 0:
         return _core.generalized_spherical_functions(m, terms, cosines)  # it says what is wrong
-    one = session.upload(np.zeros(1, np.int32))
-    order = session.upload(np.full(1, m, np.int32))
+    one = session.constant(np.zeros(1, np.int32))
+    order = session.constant(np.full(1, m, np.int32))
     found = session.download(spherical(session, one, order, terms, session.upload(cosines)))
     return np.ascontiguousarray(found[0].transpose(0, 2, 1))
 
@@ -284,7 +288,7 @@ def assemble_arrays(
     """As `_core.assemble`: fills E, F, G_E, G_F, source_s and source_d; threads and work are the processor's."""
     start = time.perf_counter()
     order, material = np.meshgrid(orders, np.arange(terms.size, dtype=np.int32), indexing="ij")
-    upload = session.upload
+    upload = session.constant
     if order.size and not stop[0]:
         items = upload(np.arange(order.size, dtype=np.int32))
         pairs = items, upload(order.ravel()), upload(material.ravel())
@@ -307,7 +311,7 @@ def phase_matrices(session: Session, m: int, coefficients: ArrayLike, mu: ArrayL
         return _core.phase_matrices(m, table, to, frm)  # it says what is wrong
     if 0 in (to.size, frm.size, table.shape[0]):
         return np.zeros((to.size, frm.size, 4, 4))
-    upload, zero = session.upload, session.upload(np.zeros(1, np.int32))
+    upload, zero = session.constant, session.constant(np.zeros(1, np.int32))
     one = np.ones(1)
     materials = upload(table[np.newaxis]), upload(np.array([table.shape[0]], np.int32)), upload(one)
     what = Scattering(zero, upload(np.full(1, m, np.int32)), zero, (0, 1, 2, 3), *materials)

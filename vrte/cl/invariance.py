@@ -145,6 +145,11 @@ class FixedPoints:
         return self.nodes.phi.rows
 
     @property
+    def symmetric(self) -> bool:
+        """Whether the rows are the nodes."""
+        return self.rows is self.nodes
+
+    @property
     def parts(self) -> int:
         """Of R, that are summed over by themselves."""
         if self.session.form == "cpu":
@@ -165,7 +170,7 @@ class FixedPoints:
             *(self.R, self.led[0], *self.moved, found, self.state, items),
         )
         if self.session.form == "cpu":
-            self.session.launch("invariance_step", (ld // STRIP, items.size), *arguments)
+            self.session.launch("invariance_step", (ld // STRIP, items.size), np.int32(self.symmetric), *arguments)
         else:
             tiles = (*tiles_of(ld, self.n), items.size)
             self.session.launch("invariance_step_gpu", tiles, np.int32(ld), *arguments, group=(GROUP, GROUP, 1))
@@ -185,10 +190,11 @@ class FixedPoints:
         self.session.launch(
             "invariance_renew",
             (H.ld // STRIP, items.size),
-            *(np.int32(starting), np.int32(self.n), np.int32(what.n_term), what.bits, what.coefficients),
+            *(np.int32(starting), np.int32(self.symmetric), np.int32(self.n), np.int32(what.n_term), what.bits),
+            what.coefficients,
             *(what.order, what.material, what.terms, what.albedo, self.counts),
             *(phi.data, np.int32(phi.ld), np.int64(phi.stride), np.int32(self.rows.phi.first)),
-            *(*self.led, self.R, H.data, np.int32(H.ld), np.int64(H.stride), np.int32(H.columns)),
+            *(*self.led, self.nodes.signed_mu, self.R, H.data, np.int32(H.ld), np.int64(H.stride), np.int32(H.columns)),
             *(self.rows.HC.data, self.settling, self.state, items),
         )
 
@@ -249,7 +255,7 @@ def unsettled(session: Session, items: Any, state: Any) -> Any:
     """The listed items that go on; waits."""
     listed = session.download(items)
     going_on = listed[session.download(state)[listed] == 0]
-    return items if going_on.size == listed.size else session.upload(going_on)
+    return items if going_on.size == listed.size else session.constant(going_on)
 
 
 def results(
@@ -314,7 +320,7 @@ def reflect_endless_arrays(
     (every product here is a whole one)."""
     start = time.perf_counter()
     if orders.size and not stop[0]:
-        upload, count = session.upload, orders.size
+        upload, count = session.constant, orders.size
         pairs = upload(np.arange(count, dtype=np.int32)), upload(orders), upload(np.zeros(count, np.int32))
         materials = upload(coefficients[np.newaxis]), upload(np.array([terms], np.int32)), upload(np.array([albedo]))
         cosines = upload(directions), upload(weights), upload(out), upload(into), upload(columns)

@@ -30,6 +30,7 @@ SOURCES = (
     "complexes",
     "reconstruction",
 )
+SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how many of them
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 FORMS = ("cpu", "gpu")
 WORK_GROUP = 256  # work-items of a group in the form for a GPU
@@ -54,6 +55,7 @@ class Session:
     form: str = "cpu"
     lock: threading.RLock = field(default_factory=threading.RLock)
     process: int = field(default_factory=os.getpid)
+    constants: dict[Any, Any] = field(default_factory=dict)
     typed: set[str] = field(default_factory=set)
 
     @property
@@ -90,6 +92,18 @@ class Session:
 
         self._check_process()
         return pyopencl.array.to_device(self.queue, np.ascontiguousarray(values), allocator=self.memory)
+
+    def constant(self, values: Any) -> Any:
+        """A copy on the device that nobody writes to: where there is one of the same small array, that."""
+        array = np.ascontiguousarray(values)
+        if array.nbytes > SMALL:
+            return self.upload(array)
+        key = array.dtype.str, array.shape, array.tobytes()
+        if key not in self.constants:
+            if len(self.constants) >= MOST_CONSTANTS:
+                self.constants.clear()
+            self.constants[key] = self.upload(array)
+        return self.constants[key]
 
     def download(self, values: Any) -> Array:
         """A copy of the device's array; waits for whatever it comes from."""

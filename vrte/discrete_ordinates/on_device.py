@@ -392,7 +392,7 @@ def booked(opened: Session, run: Run, name: str, begin: float) -> float:
 def assembled(opened: Session, batch: Batch) -> Matrices:
     """E, F, G and sources of every pair of (order, material)."""
     problem = batch.problem
-    upload, longest = opened.upload, max(pile.problem.coefficients.shape[1] for pile in batch.piles)
+    upload, longest = opened.constant, max(pile.problem.coefficients.shape[1] for pile in batch.piles)
     materials = batch.starts(lambda piece, pile: pile.problem.albedo.size)
     coefficients = np.zeros((materials[-1] + batch.piles[-1].problem.albedo.size, longest, 6))
     for start, pile in zip(materials, batch.piles, strict=True):
@@ -483,13 +483,13 @@ def leaving(opened: Session, batch: Batch, joint: joining.Joined, shape: tuple[i
     problem, pile = batch.problem, batch.piles[0]
     kernels = opened.empty(shape)
     sizes = n_in * n_col, levels, n_mu, batch.pieces[0].problem.n_up, problem.mu_out.size, stokes
-    factors = opened.upload(problem.flip / (2.0 * np.pi)), opened.upload(np.full(stokes, 1.0 / (2.0 * np.pi)))
+    factors = opened.constant(problem.flip / (2.0 * np.pi)), opened.constant(np.full(stokes, 1.0 / (2.0 * np.pi)))
     opened.launch(
         "leaving",
         (n_in * n_col, levels, items),
         *(np.int32(size) for size in sizes),
-        *(opened.upload(pile.out), *factors, joint.up, joint.down, kernels),
-        opened.upload(np.arange(items, dtype=np.int32)),
+        *(opened.constant(pile.out), *factors, joint.up, joint.down, kernels),
+        opened.constant(np.arange(items, dtype=np.int32)),
     )
     return kernels
 
@@ -506,7 +506,7 @@ def allowed_of_invariance(pieces: list[Piece]) -> float:
 
 def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Fixed points of the invariance equation for all orders of all pieces: the top of layers without end."""
-    problem, upload = pieces[0].problem, opened.upload
+    problem, upload = pieces[0].problem, opened.constant
     off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
     n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]
     coefficients = np.zeros((len(pieces), max(piece.problem.coefficients.shape[1] for piece in pieces), 6))

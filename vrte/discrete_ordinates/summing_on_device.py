@@ -92,7 +92,7 @@ def add_light(
     table: Table,
 ) -> None:
     """Some orders, added into the table."""
-    wanted, upload = task.plan.wanted, opened.upload
+    wanted, upload = task.plan.wanted, opened.constant
     cosine, sine = azimuths.cos_sin(light.orders)
     kind: Any = column_kinds(task.plan.problem.columns)[light.columns]
     stokes: Any = light.stokes
