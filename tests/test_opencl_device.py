@@ -1,6 +1,7 @@
 """Which device is taken, and what is said where there is none or where it fails."""
 
 import os
+import subprocess
 import sys
 import threading
 import time
@@ -269,6 +270,43 @@ class TestFaults:
         monkeypatch.setattr(sessions, "sources", lambda: "__kernel void fine(__global double* x) { x[0] = 1.0; }\n")
         assert set(open_session(opencl.device).kernels) == {"fine"}
         assert len(calls) == 2
+
+
+USE_ALL_MEMORY = """
+import resource
+import numpy as np
+from vrte.cl import device
+from vrte.discrete_ordinates.memory import address_bytes
+opened = device.session()
+opened.zeros((1,))
+used = resource.getpagesize() * int(open("/proc/self/statm").read().split()[0])
+resource.setrlimit(resource.RLIMIT_AS, (used + (400 << 20), resource.RLIM_INFINITY))
+assert 200e6 < address_bytes() < 420e6
+kept = []
+try:
+    with device.device_errors():
+        while len(kept) < 10:
+            kept.append(opened.zeros(((100 << 20) // 8,)))
+            opened.finish()
+except device.DeviceError as error:
+    print(len(kept), error)
+kept.clear()
+again = device.session()
+print(again is opened, again.download(again.upload(np.arange(3.0))))
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits a process as Linux does")
+def test_memory_that_runs_out(opencl: Session) -> None:
+    if not opencl.on_host:
+        pytest.skip("the device has memory of its own")
+    command = [sys.executable, "-c", USE_ALL_MEMORY]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    assert 1 <= int(first.split()[0]) <= 4
+    assert "the OpenCL device ran out of memory" in first
+    assert second == "False [0. 1. 2.]"
 
 
 class TestSolve:

@@ -153,7 +153,6 @@ def open_session(device: Any, form: str | None = None) -> Session:
     Raises DeviceError where the kernels cannot be built.
     """
     import pyopencl
-    from pyopencl.tools import ImmediateAllocator, MemoryPool
 
     assert form in (None, *FORMS)
     context = pyopencl.Context([device])
@@ -162,4 +161,16 @@ def open_session(device: Any, form: str | None = None) -> Session:
     if form is None:
         groups = device.max_work_group_size >= WORK_GROUP
         form = "gpu" if groups and not device.type & pyopencl.device_type.CPU else "cpu"
-    return Session(context, queue, program, kernels, MemoryPool(ImmediateAllocator(queue)), form)
+    return Session(context, queue, program, kernels, _memory(queue), form)
+
+
+def _memory(queue: Any) -> Any:
+    """Where arrays come from. On the processor, memory of the host: PoCL takes it at once and says where there is none;
+    other memory it takes when a kernel first uses it, and ends the process where there is none."""
+    import pyopencl
+    from pyopencl.tools import ImmediateAllocator, MemoryPool
+
+    flags = pyopencl.mem_flags.READ_WRITE
+    if queue.device.type & pyopencl.device_type.CPU:
+        flags |= pyopencl.mem_flags.ALLOC_HOST_PTR
+    return MemoryPool(ImmediateAllocator(queue, flags))

@@ -119,14 +119,27 @@ def orders_at_once(per_order: float, threads: int) -> int:
 
 
 def available_bytes() -> float:
-    """What this process may still take: of the machine's free memory, and of its control group's."""
-    free = [machine_bytes()]
+    """What this process may still take: of the machine's free memory, of its control group's, and of its own limit."""
+    free = [machine_bytes(), address_bytes()]
     for limit, used in FILES:
         try:
             free.append(float(Path(limit).read_text()) - float(Path(used).read_text()))
         except (OSError, ValueError):  # no such file, or "max"
             continue
     return max(0.0, min(free))
+
+
+def address_bytes() -> float:
+    """What `ulimit -v` leaves, infinite without it."""
+    try:
+        import resource  # on Unix only
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit == resource.RLIM_INFINITY:
+            return float("inf")
+        return limit - resource.getpagesize() * float(Path("/proc/self/statm").read_text().split()[0])
+    except (ImportError, OSError, ValueError):
+        return float("inf")
 
 
 def machine_bytes() -> float:
