@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
 
-.PHONY: help env demo test test-all lint bench bench-peers clean
+.PHONY: help env demo tables test test-all lint bench bench-save bench-compare bench-peers clean
 .NOTPARALLEL:
 
 help:
@@ -14,7 +14,10 @@ help:
 	@echo "make test         style, types and the quick tests"
 	@echo "make test-all     style, types and every test"
 	@echo "make lint         style and types only"
+	@echo "make tables       the GPU paper's tables and figure 1, measured here: out/tables"
 	@echo "make bench        the timings of bench/"
+	@echo "make bench-save   the timings against the LAPACK floor, kept in bench/history"
+	@echo "make bench-compare  the same, beside the last ones kept: fails where a case takes 1.3 times as much"
 	@echo "make bench-peers  vrte beside nanodisort and sasktran2: the page docs/peers.md, printed"
 	@echo "make env          the environment for development: .venv, editable"
 	@echo "make clean        removes what was built and written, not .venv"
@@ -35,6 +38,11 @@ $(VENV)/demo.stamp: $(VENV)/core.stamp
 	@$(PIP) install 'vrte[files,plot]'
 	@touch $@
 
+$(VENV)/tables.stamp: $(VENV)/core.stamp
+	@echo "Installing what the tables need"
+	@$(PIP) install 'vrte[opencl,plot]'
+	@touch $@
+
 $(VENV)/test.stamp: $(VENV)/core.stamp
 	@echo "Installing what the tests need"
 	@$(PIP) install 'vrte[test]'
@@ -51,6 +59,10 @@ demo: $(VENV)/demo.stamp
 	@mkdir -p out
 	$(BIN)/vrte brdf examples/gold_powder.toml -o out/gold_powder.nc --csv out/gold_powder.csv --plot out/gold_powder.png
 
+tables: $(VENV)/tables.stamp
+	@mkdir -p out
+	$(BIN)/vrte tables -o out/tables
+
 test: lint
 	$(BIN)/python -m pytest -q
 
@@ -64,6 +76,19 @@ lint: $(VENV)/test.stamp
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python -m pytest -q bench
+
+# Cases with a LAPACK floor.
+AGAINST_FLOOR = bench/test_speed.py bench/test_six_configurations.py --benchmark-json=out/bench.json
+
+bench-save: $(VENV)/test.stamp
+	@mkdir -p out
+	$(BIN)/python -m pytest -q $(AGAINST_FLOOR)
+	$(BIN)/python -m bench.compare save out/bench.json
+
+bench-compare: $(VENV)/test.stamp
+	@mkdir -p out
+	$(BIN)/python -m pytest -q $(AGAINST_FLOOR)
+	$(BIN)/python -m bench.compare check out/bench.json
 
 bench-peers: $(VENV)/bench.stamp
 	$(BIN)/python -m bench.peers

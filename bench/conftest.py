@@ -10,10 +10,10 @@ import scipy.linalg
 from threadpoolctl import threadpool_limits
 
 import vrte
-from tests.test_published import SIEWERT_IIA
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.phase_assembly import assemble
 from vrte.discrete_ordinates.problem import Run
+from vrte.report.tables.problems import gold_scene, siewert_scene
 
 from .peers import Row
 
@@ -24,13 +24,13 @@ PEER_ROWS = pytest.StashKey[list[Row]]()
 @pytest.fixture(scope="session")
 def gold() -> vrte.Scene:
     """Table 3 of the paper: gold, 400 nm, radius 0.6 um, thickness 100."""
-    return vrte.Scene([vrte.Layer.of(vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4), thickness=100.0)])
+    return gold_scene(0.6)
 
 
 @pytest.fixture(scope="session")
 def spheroids() -> vrte.Scene:
     """Table 2 of the paper: the benchmark of Wauben and Hovenier, as in Siewert (2000)."""
-    return vrte.Scene([vrte.Layer(vrte.PhaseMatrix(*np.array(SIEWERT_IIA).T), 0.973527, 1.0)])
+    return siewert_scene()
 
 
 def eigenproblems(scene: vrte.Scene, nodes: int, orders: int) -> list[np.ndarray]:

@@ -20,10 +20,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import vrte
-from tests.test_published import SIEWERT_IIA
 from vrte.arrays import Array
 from vrte.errors import MissingExtraError
 from vrte.formats.atomic import atomic_write
+from vrte.report.tables.problems import SIEWERT_IIA
 
 Solve = Callable[[], Array]  # radiances (tau, mu, phi, Stokes compared)
 

@@ -14,9 +14,11 @@ import vrte
 from vrte import cli
 from vrte.report import cost
 from vrte.report.cost import claims, figures, fitting, measuring, page, sweeps
+from vrte.report.tables import configurations
 
 ROOT = Path(__file__).parents[1]
 POINT = sweeps.Point(radius_um=0.2, nodes=9, outgoing=2)
+POINT_12 = ("nodes", "12", "configuration 2")
 FILES = {f"figure_{number}.png" for number in range(2, 10)} | {"figures.md", "measurements.csv"}
 
 
@@ -38,7 +40,9 @@ def pretended(point: sweeps.Point, configuration: cost.Configuration) -> dict[st
 
 @pytest.fixture
 def no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor a device: configuration 2, and OpenMP."""
     monkeypatch.setattr(measuring, "solve", pretended)
+    monkeypatch.setattr(configurations, "no_device", lambda: "a test has none")
 
 
 @pytest.mark.parametrize("exponent", [-1.0, 0.0, 1.0, 2.7])
@@ -130,14 +134,20 @@ def test_configurations_take_turns_and_medians_are_theirs() -> None:
     assert [tick[:2] for tick in ticks] == [(done, solves) for done in range(solves + 1)]
     assert len(found) == 2 * solves
     assert [each.round for each in found] == sorted(each.round for each in found), "one round after another"
-    assert [each.configuration for each in found[:4]] == ["OpenMP, 1 thread", "OpenMP, 2 threads"] * 2
+    assert [each.configuration for each in found[:4]] == ["configuration 2", "OpenMP, 2 threads"] * 2
     lines = measuring.series(found, "nodes", "OpenMP, 2 threads")
     assert list(lines) == ["total", "homogeneous", "a stage to come", "reconstruction", measuring.REST]
     np.testing.assert_array_equal(lines["homogeneous"].x, axes[0].values)
     np.testing.assert_allclose(lines["homogeneous"].seconds, 0.5e-6 * axes[0].values ** 3)
-    text = cost.as_text(found, axes, ["OpenMP, 1 thread"])
+    text = cost.as_text(found, axes, ["configuration 2"])
     assert re.search(r"homogeneous +3 \(3\.A\) +3\.00 ± 0\.00", text)
     assert re.search(r"a stage to come +- +1\.00 ± 0\.00", text)
+
+
+@pytest.mark.usefixtures("no_solver")
+def test_a_configuration_that_cannot_run_is_named() -> None:
+    assert [each.name for each in cost.configurations(1)] == ["configuration 2"]
+    assert cost.left_out() == ["configuration 5 needs an OpenCL device: a test has none"]
 
 
 def test_series_hold_median_and_extremes() -> None:
@@ -165,15 +175,15 @@ def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.Captur
     assert all(float(row["total_s"]) >= float(row["homogeneous_s"]) > 0.0 for row in rows)
     text = (folder / "figures.md").read_text(encoding="utf-8")
     assert set(re.findall(r"\]\((\S+\.png)\)", text)) == {name for name in FILES if name.endswith(".png")}
-    assert "quick, OpenMP, 1 thread" in text
-    assert "nodes | orders solved | total [ms], OpenMP, 1 thread" in text
-    totals = [float(row["total_s"]) for row in rows if (row["axis"], row["value"]) == ("nodes", "12")]
-    assert re.search(rf"^\| 12 \| \d+ \| {re.escape(f'{1e3 * np.median(totals):.1f}')} \|$", text, re.MULTILINE)
+    assert "quick, configuration 2" in text
+    assert "nodes | orders solved | total [ms], configuration 2" in text
+    totals = [float(row["total_s"]) for row in rows if (row["axis"], row["value"], row["configuration"]) == POINT_12]
+    assert re.search(rf"^\| 12 \| \d+ \| {re.escape(f'{1e3 * np.median(totals):.1f}')} \|", text, re.MULTILINE)
 
 
 @pytest.mark.usefixtures("no_solver")
 def test_a_stage_that_did_not_run_everywhere_has_gaps(tmp_path: Path) -> None:
-    axes, names = cost.axes(quick=True)[:1], ["OpenMP, 1 thread"]
+    axes, names = cost.axes(quick=True)[:1], ["configuration 2"]
     found = cost.measure(axes, cost.configurations(1), 0.0)
     found = [replace(each, stages={"homogeneous": 1e-3}) if each.value == 12.0 else each for each in found]
     cost.write_page(found, axes, names, tmp_path, "a test")
@@ -198,7 +208,10 @@ def test_what_goes_wrong_leaves_the_last_run_as_it_was(tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [([], "--figures is missing"), (["--figures", "--threads", "0"], "--threads: must be a whole number")],
+    [
+        (["--figures", "--configurations", "2"], "--configurations goes with the tables"),
+        (["--figures", "--threads", "0"], "--threads: must be a whole number"),
+    ],
 )
 def test_bad_options_are_one_line_and_code_2(
     arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
@@ -225,7 +238,7 @@ def test_what_is_missing_is_said_before_anything_is_measured(
     monkeypatch.setattr("vrte._core.HAS_OPENMP", False)
     assert call("--figures", "-o", tmp_path / "new") == 2
     assert "without OpenMP" in capsys.readouterr().err
-    assert [configuration.options for configuration in cost.configurations(1)] == [{"threads": 1}]
+    assert {configuration.options["threads"] for configuration in cost.configurations(1)} == {1}
     assert not list(tmp_path.iterdir())
 
 

@@ -26,7 +26,7 @@ BOTH = pytest.mark.parametrize("algorithm", ["modes", "doubling"])
 
 def spheroids() -> vrte.PhaseMatrix:
     """Siewert's problem IIA: b2 != 0."""
-    from .test_published import SIEWERT_IIA
+    from vrte.report.tables.problems import SIEWERT_IIA
 
     return vrte.PhaseMatrix(*np.array(SIEWERT_IIA).T)
 

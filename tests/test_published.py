@@ -9,6 +9,7 @@ import pytest
 
 import vrte
 from tests import exact
+from vrte.report.tables.problems import SIEWERT_DOWN, SIEWERT_UP, siewert_scene
 
 Find = Callable[[str], Path]
 FLUX_PI = (np.pi, 0.0, 0.0, 0.0)
@@ -46,30 +47,11 @@ def test_siewert_2000_problem_iia(reference: Find) -> None:
     assert (error <= 1e-5 * largest)[~inside].all()
 
 
-# Siewert (2000), problem IIA: a1, a2, a3, a4, b1, b2 of the twelve degrees
-SIEWERT_IIA = [
-    [1.0, 0.0, 0.0, 0.915207, 0.0, 0.0],
-    [2.104031, 0.0, 0.0, 2.095727, 0.0, 0.0],
-    [2.095158, 3.726079, 3.615946, 2.008624, 0.116688, 0.065456],
-    [1.414939, 2.202868, 2.240516, 1.436545, 0.20937, 0.221658],
-    [0.703593, 1.190694, 1.139473, 0.706244, 0.227137, 0.097752],
-    [0.235001, 0.391203, 0.365605, 0.238475, 0.144524, 0.052458],
-    [0.064039, 0.105556, 0.082779, 0.056448, 0.05264, 0.009239],
-    [0.012837, 0.020484, 0.013649, 0.009703, 0.0124, 0.001411],
-    [0.00201, 0.003097, 0.001721, 0.001267, 0.002093, 0.000133],
-    [0.000246, 0.000366, 0.000172, 0.00013, 0.000267, 1.1e-05],
-    [2.4e-05, 3.5e-05, 1.4e-05, 1.1e-05, 2.7e-05, 1e-06],
-    [2e-06, 3e-06, 1e-06, 1e-06, 2e-06, 0.0],
-]
-
-
 def test_siewert_2000_quoted() -> None:
     """Eight values of the same tables, quoted: mu0 0.6, phi 90, mu 0.5 up at tau 0 and mu 0.2 down at tau 1."""
-    scene = vrte.Scene([vrte.Layer(vrte.PhaseMatrix(*np.array(SIEWERT_IIA).T), 0.973527, 1.0)])
-    field = exact.radiance(scene, 0.6, FLUX_PI, [0.5, -0.2], 90.0, [0.0, 1.0], nodes=30)
-    up, down = [1.24626e-1, 5.12123e-3, -8.04140e-3, 7.49254e-5], [2.03778e-1, 8.17683e-3, -1.52561e-2, 1.02806e-4]
-    np.testing.assert_allclose(field.stokes[0, 0, 0], up, rtol=1e-5)
-    np.testing.assert_allclose(field.stokes[1, 1, 0], down, rtol=1e-5)
+    field = exact.radiance(siewert_scene(), 0.6, FLUX_PI, [0.5, -0.2], 90.0, [0.0, 1.0], nodes=30)
+    np.testing.assert_allclose(field.stokes[0, 0, 0], SIEWERT_UP, rtol=1e-5)
+    np.testing.assert_allclose(field.stokes[1, 1, 0], SIEWERT_DOWN, rtol=1e-5)
 
 
 @pytest.mark.parametrize(("tau", "nodes"), [("0.1", 40), ("0.5", 32)])

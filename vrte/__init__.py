@@ -1,5 +1,6 @@
 """Polarized subsurface reflectance of particulate layers: the public names."""
 
+from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.field import Field, radiance
@@ -33,6 +34,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "brdf",
+    "brdfs",
     "henyey_greenstein",
     "isotropic",
     "load",

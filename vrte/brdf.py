@@ -8,8 +8,9 @@ import numpy as np
 
 from vrte.arrays import Array, frozen, settled
 from vrte.discrete_ordinates.problem import Progress
+from vrte.discrete_ordinates.solver import Solution
 from vrte.field import freeze
-from vrte.request import brdf_request, solver_options
+from vrte.request import Request, brdf_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
 from vrte.solving import run_of, solved
@@ -97,9 +98,9 @@ def brdf(
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
-    ``progress``, ``algorithm``, ``verify``, ``truncation`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF
-    (not for a layer without end). Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for
-    its answer.
+    ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend`` as for `vrte.radiance`;
+    ``transmission=True`` adds the BTDF (not for a layer without end). Raises SceneError for bad input, AccuracyError
+    where neither algorithm can vouch for its answer, DeviceError where an OpenCL device is missing or fails.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
@@ -107,9 +108,16 @@ def brdf(
     1.0
     """
     options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend)
-    request, out = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
-    into, run = request.mu0, run_of(request, threads)
+    request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
+    run = run_of(request, threads)
     _, solution = interruptible(run, lambda: solved(request, run, progress))
+    return as_brdf(request, solution, transmission)
+
+
+def as_brdf(request: Request, solution: Solution, transmission: bool) -> Brdf:
+    """What was found, as a result."""
+    into, directions = request.mu0, request.mu
+    assert directions is not None
     # (1, n_in, n_mu, n_phi, 4, column)
     matrices = [settled(values)[0] for values in solution.parts]
     return Brdf(
@@ -118,7 +126,7 @@ def brdf(
         transmission=matrices[1] if transmission else None,
         direct_transmittance=frozen(np.exp(-request.scene.thickness / into)),
         mu_i=into,
-        mu_o=out,
+        mu_o=directions[directions > 0.0],
         phi=request.phi,
         diagnostics=solution.diagnostics,
     )

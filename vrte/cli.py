@@ -107,12 +107,17 @@ def _add_stability(commands: Any) -> None:
 
 
 def _add_tables(commands: Any) -> None:
-    help_text = "the figures of the GPU paper, measured on this machine"
+    help_text = "the tables and figures of the GPU paper, measured on this machine"
     command = commands.add_parser("tables", help=help_text, description=f"Computes {help_text}.")
-    command.add_argument("--figures", action="store_true", help="figures 2 to 9: how the cost grows, with exponents")
+    command.add_argument(
+        "--figures", action="store_true", help="figures 2 to 9 instead: how the cost grows, with exponents"
+    )
+    command.add_argument(
+        "--configurations", metavar="C,C,...", help='such as "1,2,5"; default: all that this machine can run'
+    )
     command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("tables"), help="made if absent")
     command.add_argument("--quick", action="store_true", help="few small scenes instead of the paper's: seconds")
-    command.add_argument("--threads", metavar="N", type=_whole(1, 1024), default=2, help="besides one; default: 2")
+    command.add_argument("--threads", metavar="N", type=_whole(1, 1024), default=2, help="of OpenMP; default: 2")
     command.set_defaults(run=_tables)
 
 
@@ -217,12 +222,7 @@ def _stability(options: argparse.Namespace) -> None:
     folder = _made_folder(options.output)
     how = stability.Options(options.algorithm, options.threads)
     with _progress() as (phase, tick):
-
-        def told(done: int, total: int, name: str) -> None:
-            phase(name)
-            tick(done, total)
-
-        records = stability.run_cases(cases, folder, how, options.fresh, told)
+        records = stability.run_cases(cases, folder, how, options.fresh, _told(phase, tick))
     print(stability.as_text(records))
     print()
     settings = f"{'quick, ' if options.quick else ''}cases {options.cases}, algorithm {options.algorithm}"
@@ -232,27 +232,59 @@ def _stability(options: argparse.Namespace) -> None:
 
 
 def _tables(options: argparse.Namespace) -> None:
+    if options.figures and options.configurations is not None:
+        raise SceneError("--configurations goes with the tables, not with --figures")
+    (_cost_figures if options.figures else _paper_tables)(options)
+
+
+def _paper_tables(options: argparse.Namespace) -> None:
+    from vrte.report import tables
+    from vrte.report.cost import OthersClock, require_pictures
+
+    chosen, refused = tables.chosen(options.configurations)
+    require_pictures()
+    folder, rounds = _made_folder(options.output), tables.ROUNDS_QUICK if options.quick else tables.ROUNDS
+    with _progress() as (phase, tick), tables.started(each.simd for each in chosen) as children:
+        others = OthersClock(lambda: sum(child.cpu_seconds for child in children.values()))
+        found = tables.measure(
+            children, tables.problems(options.quick), chosen, options.threads, rounds, _told(phase, tick)
+        )
+        facts = tables.facts(children, chosen)
+    busy = others.statement()
+    print(tables.as_text(found))
+    print("".join(f"  {text}\n" for text in [*(f"not measured: {reason}" for reason in refused), busy]))
+    settings = f"{'quick, ' if options.quick else ''}{rounds} rounds, OpenMP on {options.threads} threads; {busy}"
+    for path in [tables.write_figure(found, folder), *tables.write_page(found, folder, settings, facts, refused)]:
+        print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+    tables.require_all(found)
+
+
+def _told(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:
+    """One call for both: what begins, and how much is done."""
+
+    def told(done: int, total: int, name: str) -> None:
+        phase(name)
+        tick(done, total)
+
+    return told
+
+
+def _cost_figures(options: argparse.Namespace) -> None:
     from vrte.report import cost
 
-    if not options.figures:
-        raise SceneError("--figures is missing: figures 2 to 9 are all that vrte tables makes so far")
     configurations = cost.configurations(options.threads)
     cost.require_pictures()
     axes, folder = cost.axes(options.quick), _made_folder(options.output)
     seconds_a_point = cost.SECONDS_A_POINT_QUICK if options.quick else cost.SECONDS_A_POINT
     with _progress() as (phase, tick):
-
-        def told(done: int, total: int, name: str) -> None:
-            phase(name)
-            tick(done, total)
-
         others = cost.OthersClock()
-        measurements = cost.measure(axes, configurations, seconds_a_point, told)
+        measurements = cost.measure(axes, configurations, seconds_a_point, _told(phase, tick))
     busy = others.statement()
     names = [configuration.name for configuration in configurations]
     print(cost.as_text(measurements, axes, names))
-    print(f"  {busy}\n")
-    settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}; {busy}"
+    said = "; ".join([busy, *(f"not measured: {reason}" for reason in cost.left_out())])
+    print(f"  {said}\n")
+    settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}; {said}"
     written = cost.write_figures(measurements, axes, names, folder)
     for path in [*written, *cost.write_page(measurements, axes, names, folder, settings)]:
         print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")

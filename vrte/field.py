@@ -121,8 +121,10 @@ def radiance(
     "auto", which takes one by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``;
     ``truncation``, what becomes of phase matrices with more terms than the nodes carry: "none" cuts them, "delta-m"
     counts their forward peak as light that was not scattered, "small-angle" does so too and spreads that light, "auto"
-    takes one by rule (docs/truncation.md). Raises SceneError for bad input, AccuracyError where neither algorithm can
-    vouch for its answer. Source: Collin, Pattanaik, Bouatouch, section 2.
+    takes one by rule (docs/truncation.md); ``backend``, what computes: "openmp", the compiled core on ``threads``,
+    "sequential", the same on one, "opencl", an OpenCL device, or one of the mixtures in docs/opencl.md. Raises
+    SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError where a device
+    is missing or fails. Source: Collin, Pattanaik, Bouatouch, section 2.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from vrte.arrays import Array
 from vrte.backends import Backend
 from vrte.discrete_ordinates.kernels import kernels_of
 from vrte.discrete_ordinates.problem import Progress, Run
-from vrte.discrete_ordinates.solver import Solution, sized, solve, steps
+from vrte.discrete_ordinates.solver import NO_LIGHT, Solution, sized, solve, steps
 from vrte.errors import SceneError
 from vrte.plan import Plan, plan_of
 from vrte.request import Request, operations_of
@@ -29,6 +30,8 @@ def run_of(request: Request, threads: Any) -> Run:
 
 def solved(request: Request, run: Run, progress: Progress | None = None) -> tuple[Plan, Solution]:
     """The plan of a request and its solution, incident columns added up as wanted."""
+    if request.verify and request.backend is Backend.OPENCL:
+        return verified(request, run, progress)
     plan = plan_of(request, run)
     execute = executor(request.backend)
     if not plan.parts:
@@ -46,6 +49,28 @@ def executor(backend: Backend) -> Callable[[Plan, Run, Progress | None], Solutio
     from vrte.discrete_ordinates import on_device
 
     return on_device.solve
+
+
+def verified(request: Request, run: Run, progress: Progress | None) -> tuple[Plan, Solution]:
+    """The device's solution, and what it differs by from that of the processor's eigensolver."""
+    plan, found = solved(replace(request, verify=False), run, progress)
+    other = replace(request, verify=False, backend=Backend.OPENMP, algorithm="modes")
+    again = solved(other, Run(run.threads, stop=run.stop))[1]
+    radiance = [gaps_of(*pair) for pair in zip(found.parts, again.parts, strict=True)]
+    fluxes = [np.stack([each.flux_up, each.flux_down], axis=1) for each in (found, again)]
+    agreement = {
+        "with": "openmp: modes",
+        "orders_compared": again.diagnostics["orders"],
+        "radiance": max(radiance),
+        "flux": gaps_of(*fluxes),
+    }
+    return plan, replace(found, diagnostics=found.diagnostics | {"agreement": agreement})
+
+
+def gaps_of(found: Array, expected: Array) -> float:
+    """The largest difference at each depth, axis 0, over the largest there."""
+    size, gap = (np.abs(values).reshape(values.shape[0], -1).max(axis=1) for values in (expected, found - expected))
+    return float((gap / np.maximum(size, NO_LIGHT)).max())
 
 
 def counted(progress: Progress | None, before: int, total: int) -> Progress:

@@ -258,8 +258,8 @@ def generalized_spherical_functions(session: Session, m: int, terms: int, mu: Ar
     cosines = np.atleast_1d(np.asarray(mu, float))
     if m < 0 or terms < 1 or not np.all(np.abs(cosines) <= 1.0) or cosines.size == 0:
         return _core.generalized_spherical_functions(m, terms, cosines)  # it says what is wrong
-    one = session.upload(np.zeros(1, np.int32))
-    order = session.upload(np.full(1, m, np.int32))
+    one = session.constant(np.zeros(1, np.int32))
+    order = session.constant(np.full(1, m, np.int32))
     found = session.download(spherical(session, one, order, terms, session.upload(cosines)))
     return np.ascontiguousarray(found[0].transpose(0, 2, 1))
 
@@ -288,7 +288,7 @@ def assemble_arrays(
     """As `_core.assemble`: fills E, F, G_E, G_F, source_s and source_d; threads and work are the processor's."""
     start = time.perf_counter()
     order, material = np.meshgrid(orders, np.arange(terms.size, dtype=np.int32), indexing="ij")
-    upload = session.upload
+    upload = session.constant
     if order.size and not stop[0]:
         items = upload(np.arange(order.size, dtype=np.int32))
         pairs = items, upload(order.ravel()), upload(material.ravel())
@@ -311,7 +311,7 @@ def phase_matrices(session: Session, m: int, coefficients: ArrayLike, mu: ArrayL
         return _core.phase_matrices(m, table, to, frm)  # it says what is wrong
     if 0 in (to.size, frm.size, table.shape[0]):
         return np.zeros((to.size, frm.size, 4, 4))
-    upload, zero = session.upload, session.upload(np.zeros(1, np.int32))
+    upload, zero = session.constant, session.constant(np.zeros(1, np.int32))
     one = np.ones(1)
     materials = upload(table[np.newaxis]), upload(np.array([table.shape[0]], np.int32)), upload(one)
     what = Scattering(zero, upload(np.full(1, m, np.int32)), zero, (0, 1, 2, 3), *materials)

@@ -23,7 +23,6 @@ from typing import Any
 from vrte.errors import DeviceError
 
 CHECKSUMS = "vrte-checksums.json"
-BEGINNINGS = {".so": b"\x7fELF", ".bc": b"BC\xc0\xde"}
 _lock = threading.Lock()
 _state: dict[str, Any] = {"prepared": False, "noted": False}
 
@@ -118,7 +117,7 @@ def remove_damaged(folder: Path) -> None:
 
 def compiled(program: Path) -> list[Path]:
     """What PoCL compiled of a program."""
-    return [path for path in program.rglob("*") if path.suffix in BEGINNINGS]
+    return [path for path in program.rglob("*") if path.suffix in LOOKS]
 
 
 def is_damaged(path: Path, checksum: str | None) -> bool:
@@ -129,9 +128,8 @@ def is_damaged(path: Path, checksum: str | None) -> bool:
         return path.exists()
     if checksum is not None:
         return hashlib.sha256(content).hexdigest() != checksum
-    return not content.startswith(BEGINNINGS[path.suffix]) or (
-        path.suffix == ".so" and len(content) < elf_size(content)
-    )
+    beginning, size = LOOKS[path.suffix]
+    return not content.startswith(beginning) or len(content) < size(content)
 
 
 def elf_size(content: bytes) -> int:
@@ -146,6 +144,24 @@ def elf_size(content: bytes) -> int:
         int.from_bytes(content[first:last], "little") for first, last in ((40, 48), (58, 60), (60, 62))
     )
     return max(64, begin + size * count)
+
+
+def bitcode_size(content: bytes) -> int:
+    """Bytes that LLVM's bitcode must have: four, then blocks that say how many words follow their first two.
+
+    >>> bitcode_size(b"BC\\xc0\\xde" + bytes(4) + (5).to_bytes(4, "little") + bytes(20))
+    32
+    """
+    at = 4
+    while at + 8 <= len(content):
+        at += 8 + 4 * int.from_bytes(content[at + 4 : at + 8], "little")
+    return max(12, at)
+
+
+LOOKS: dict[str, tuple[bytes, Callable[[bytes], int]]] = {
+    ".so": (b"\x7fELF", elf_size),
+    ".bc": (b"BC\xc0\xde", bitcode_size),
+}
 
 
 def noted_checksums(program: Path) -> dict[str, str]:

@@ -60,6 +60,25 @@ __kernel void product_extended(int n, int p, int r, int o, int ld, long stride, 
             result.II[j] = alpha * A.II[j] * left.II[j];
 }
 
+// What `product_extended` adds to the product through the nodes: light that goes on straight. Global size: columns, items.
+__kernel void add_straight(int n, int p, int r, int o, int ld, long stride, double alpha, EXTENDED(a), EXTENDED(b),
+                           EXTENDED(c), __global const int* restrict items)
+{
+    const int j = get_global_id(0);
+    const long item = items[get_global_id(1)];
+    const Extended A = EXTENDED_AT(a, item), B = EXTENDED_AT(b, item), C = EXTENDED_AT(c, item);
+    __global double* to = C.M + (long)j * ld;
+    if (j >= n)
+        for (int i = 0; i < ld; i++)
+            to[i] += alpha * B.II[j - n] * A.M[(long)j * ld + i];
+    for (int i = 0; i < o; i++)
+        to[p + i] += alpha * A.OO[i] * B.M[(long)j * ld + p + i];
+    for (int i = j; i < o; i += n + r)
+        C.OO[i] = alpha * A.OO[i] * B.OO[i];
+    for (int i = j; i < r; i += n + r)
+        C.II[i] = alpha * A.II[i] * B.II[i];
+}
+
 // c = factor[item] a + beta b + gamma 1; factor may be absent (has_factor = 0). Global size: columns, items.
 __kernel void combine(int n, int p, int r, int o, int ld, long stride, int has_factor, __global const double* factor,
                       double alpha, EXTENDED(a), double beta, EXTENDED(b), double gamma, EXTENDED(c),

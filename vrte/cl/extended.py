@@ -110,7 +110,7 @@ class Algebra:
         """The items chosen, (item,) of bool, as kernels take them."""
         key = chosen.tobytes()
         if key not in self.lists:
-            self.lists[key] = self.session.upload(np.flatnonzero(chosen).astype(np.int32))
+            self.lists[key] = self.session.constant(np.flatnonzero(chosen).astype(np.int32))
         return self.lists[key]
 
     def columns_of(self, items: Any) -> tuple[int, int]:
@@ -121,7 +121,12 @@ class Algebra:
         """c = alpha a b; c is neither a nor b."""
         s = self.sizes
         arguments = (*s.arguments, np.float64(alpha), *a.arguments, *b.arguments, *c.arguments, items)
-        self.session.launch("product_extended", (s.ld // STRIP, 1, items.size), *arguments)
+        if self.session.form == "cpu":
+            self.session.launch("product_extended", (s.ld // STRIP, 1, items.size), *arguments)
+            return
+        left, right = a.part(0, 0, s.ld, s.n), b.part(0, 0, s.n, s.columns)
+        product(self.session, items, left, right, c.part(0, 0, s.ld, s.columns), alpha)
+        self.session.launch("add_straight", self.columns_of(items), *arguments)
 
     def combine(
         self,

@@ -39,8 +39,8 @@ def translated(error: BaseException) -> DeviceError | None:
     name, where = name_of(error), getattr(error, "routine", None) or "OpenCL"
     if name in MEMORY:
         return DeviceError(
-            f"the OpenCL device ran out of memory or other resources ({name} in {where}): "
-            "ask for less at once, or for another device"
+            f"the OpenCL device ran out of memory or other resources ({name} in {where}): ask for less at once, or for "
+            "another device"
         )
     if name in LOST or name.startswith("code "):
         return DeviceError(

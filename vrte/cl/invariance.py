@@ -250,7 +250,7 @@ def unsettled(session: Session, items: Any, state: Any) -> Any:
     """The listed items that go on; waits."""
     listed = session.download(items)
     going_on = listed[session.download(state)[listed] == 0]
-    return items if going_on.size == listed.size else session.upload(going_on)
+    return items if going_on.size == listed.size else session.constant(going_on)
 
 
 def results(
@@ -315,7 +315,7 @@ def reflect_endless_arrays(
     (every product here is a whole one)."""
     start = time.perf_counter()
     if orders.size and not stop[0]:
-        upload, count = session.upload, orders.size
+        upload, count = session.constant, orders.size
         pairs = upload(np.arange(count, dtype=np.int32)), upload(orders), upload(np.zeros(count, np.int32))
         materials = upload(coefficients[np.newaxis]), upload(np.array([terms], np.int32)), upload(np.array([albedo]))
         cosines = upload(directions), upload(weights), upload(out), upload(into), upload(columns)

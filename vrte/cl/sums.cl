@@ -1,7 +1,7 @@
 // Sums over Fourier orders, added into a table of radiances: (1:6)-(1:8), (1:12) without its 1/2.
 
 #define TILE_ANGLES 8      // azimuths that are summed at once, in registers
-#define CHUNK_ORDERS 32    // orders whose values are kept at hand
+#define BATCH 8            // groups of four elements whose sums are kept at hand
 #define EACH_ANGLE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
 #define NO_SUM(x) double4 sum##x = (double4)(0.0);
 #define ADD_ORDER(x) sum##x = value * AT(wave, x) + sum##x;
@@ -15,14 +15,20 @@ typedef double4 neighbours __attribute__((aligned(8)));
     __global const double* restrict mirror, int n_angle, int n_phi, int n_place, int n_level, int n_in, int n_mu, \
     int first_in, int n_here, int mu_each, int tiles_each, __global double* restrict out, long out_first, long out_stride
 
-// sums (angle, lane) of the values (order, lane) times waves (order, angle, lane), `wave_ld` doubles an order apart.
-void sum_orders(int n_order, const double4* values, __global const double* wave, int wave_ld, double4* sums)
+// sums (angle, lane) of four elements times weight times waves (order, angle, lane), `wave_ld` doubles an order apart.
+void sum_orders(int n_order, __global const double* from0, __global const double* from1, __global const double* from2,
+                __global const double* from3, long order_stride, double4 weight, __global const double* wave, int wave_ld,
+                double4* sums)
 {
     EACH_ANGLE(NO_SUM)
     for (int m = 0; m < n_order; m++) {
-        const double4 value = values[m];
+        const double4 value = weight * (double4)(*from0, *from1, *from2, *from3);
         EACH_ANGLE(ADD_ORDER)
         wave += wave_ld;
+        from0 += order_stride;
+        from1 += order_stride;
+        from2 += order_stride;
+        from3 += order_stride;
     }
     EACH_ANGLE(KEEP_SUM)
 }
@@ -48,35 +54,34 @@ __kernel void add_orders(__global const double* restrict kernels, long first, lo
     const long scene = get_global_id(2) / ((long)n_here * n_level);
     const int last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
     const int last_tile = min((n_angle + TILE_ANGLES - 1) / TILE_ANGLES, (int)(get_global_id(1) + 1) * tiles_each);
-    double4 values[CHUNK_ORDERS], sums[TILE_ANGLES];
+    double4 sums[BATCH * TILE_ANGLES];
     kernels += first + scene * scene_stride + levels[level] * level_stride + i * in_stride;
     out += out_first + scene * out_stride + ((long)level * n_in + i) * n_mu * n_phi * 4 * n_place;
     for (int j = get_global_id(0) * mu_each; j < last_mu; j++)
-        for (int group = 0; group < n_group; group++) {
-            __global const int *column = entry + 10 * group, *component = column + 4;
-            __global const double* here = kernels + rows[j] * row_stride;
-            __global const double* factor = factors + (long)rows[j] * n_stokes;
-            __global const double* from0 = here + column[0] * column_stride + component[0] * stokes_stride;
-            __global const double* from1 = here + column[1] * column_stride + component[1] * stokes_stride;
-            __global const double* from2 = here + column[2] * column_stride + component[2] * stokes_stride;
-            __global const double* from3 = here + column[3] * column_stride + component[3] * stokes_stride;
-            const double4 plain = (double4)(1.0), turned = AT(mirrored, column[8]), weight = scale[i] * AT(sense, group)
-                * (double4)(factor[component[0]], factor[component[1]], factor[component[2]], factor[component[3]]);
-            for (int begin = 0; begin < n_order[scene]; begin += CHUNK_ORDERS) {
-                const int count = min(CHUNK_ORDERS, n_order[scene] - begin);
-                for (int m = 0; m < count; m++) {
-                    const long at = (begin + m) * order_stride;
-                    values[m] = weight * (double4)(from0[at], from1[at], from2[at], from3[at]);
+        for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++)
+            for (int begin = 0; begin < n_group; begin += BATCH) {
+                __global const int* now = entry + 10 * begin;
+                const int angle = tile * TILE_ANGLES, count = min(BATCH, n_group - begin);
+                for (int g = 0; g < count; g++) {
+                    __global const int *column = now + 10 * g, *component = column + 4;
+                    __global const double* here = kernels + rows[j] * row_stride;
+                    __global const double* factor = factors + (long)rows[j] * n_stokes;
+                    const double4 weight = scale[i] * AT(sense, begin + g)
+                        * (double4)(factor[component[0]], factor[component[1]], factor[component[2]], factor[component[3]]);
+                    sum_orders(n_order[scene], here + column[0] * column_stride + component[0] * stokes_stride,
+                               here + column[1] * column_stride + component[1] * stokes_stride,
+                               here + column[2] * column_stride + component[2] * stokes_stride,
+                               here + column[3] * column_stride + component[3] * stokes_stride, order_stride, weight,
+                               waves + (long)column[8] * wave_rows * wave_ld + 4 * angle, wave_ld, sums + g * TILE_ANGLES);
                 }
-                for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++) {
-                    const int angle = tile * TILE_ANGLES;
-                    sum_orders(count, values, waves + ((long)column[8] * wave_rows + begin) * wave_ld + 4 * angle, wave_ld, sums);
-                    for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
-                        for (int use = first_use[a]; use < first_use[a + 1]; use++) {
-                            __global double* to = out + ((long)j * n_phi + azimuth[use]) * 4 * n_place + 4 * column[9];
-                            *(__global neighbours*)to += (mirror[use] < 0.0 ? turned : plain) * sums[a - angle];
+                for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
+                    for (int use = first_use[a]; use < first_use[a + 1]; use++) {
+                        __global double* row = out + ((long)j * n_phi + azimuth[use]) * 4 * n_place;
+                        for (int g = 0; g < count; g++) {
+                            const double4 sum = sums[g * TILE_ANGLES + a - angle];
+                            *(__global neighbours*)(row + 4 * now[10 * g + 9]) +=
+                                mirror[use] < 0.0 ? AT(mirrored, now[10 * g + 8]) * sum : sum;
                         }
-                }
+                    }
             }
-        }
 }

@@ -2,42 +2,22 @@
 
 import os
 from collections.abc import Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vrte.arrays import Array
-from vrte.errors import MissingExtraError
-from vrte.formats.atomic import atomic_write
 from vrte.report.cost.claims import TOTAL, claim
 from vrte.report.cost.fitting import fit_exponent
 from vrte.report.cost.measuring import REST, Measurement, Series, series
 from vrte.report.cost.sweeps import Axis
+from vrte.report.pictures import COLOURS, FAINT, require_pictures, save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DPI = 100
-COLOURS_KEPT = 128  # in a file: less than half the bytes, and no difference to the eye
-FAINT = "#b5b5b5"
-COLOURS = {
-    "homogeneous": "#1f4e79",
-    "particular": "#d98200",
-    "boundary": "#2a8f5b",
-    "reconstruction": "#b3262e",
-    "assembly": "#7a4fa3",
-}
 OTHERS = ("#666666", "#00a0a8", "#c05a8f", "#8a7a00", "#4a90e2", "#9b9b9b")  # steps of our own, in their order
 CONFIGURATIONS = ("#1f4e79", "#d98200", "#2a8f5b", "#b3262e", "#7a4fa3")
 MARKERS = "osD^vP"
-
-
-def require_pictures() -> None:
-    """Raises MissingExtraError without matplotlib."""
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError("a picture", "plot") from error
 
 
 def write_figures(
@@ -57,16 +37,6 @@ def write_figures(
             paths.append(Path(folder) / figure_name(number))
             save(figure, paths[-1])
     return paths
-
-
-def save(figure: "Figure", path: str | os.PathLike[str]) -> None:
-    """Writes a small PNG, all of it or nothing. Raises OSError."""
-    from PIL import Image  # matplotlib needs it too
-
-    drawn = BytesIO()
-    figure.savefig(drawn, format="png", dpi=DPI)
-    with atomic_write(path) as part, Image.open(drawn) as image:
-        image.convert("RGB").quantize(COLOURS_KEPT, dither=Image.Dither.NONE).save(part, format="PNG", optimize=True)
 
 
 def figure_name(number: int) -> str:

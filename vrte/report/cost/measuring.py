@@ -14,6 +14,7 @@ from vrte.errors import SceneError
 from vrte.field import radiance
 from vrte.report.cost.claims import TOTAL
 from vrte.report.cost.sweeps import MU0, PHI, Axis, Point, cosines
+from vrte.report.tables.configurations import Configuration as Papers
 
 REST = "outside the steps"
 # stages of the solver that are part of a step of the paper; any other stage is a step by its own name
@@ -24,6 +25,8 @@ STEP_OF_STAGE = {
 FEWEST_ROUNDS, MOST_ROUNDS = 3, 15
 SECONDS_A_POINT = 1.5  # of all configurations and rounds together, where 3 rounds fit in
 SECONDS_A_POINT_QUICK = 0.1
+PAPERS = (Papers.TWO, Papers.FIVE)  # that the paper's figures show; all by its own method, modes
+OPENMP = Papers.OPENMP_FULL
 Tick = Callable[[int, int, str], None]
 
 
@@ -53,22 +56,29 @@ class Measurement:
 
 
 def configurations(threads: int = 2) -> tuple[Configuration, ...]:
-    """OpenMP on one thread and, if more are asked for, on ``threads``.
+    """The paper's 2 and, where there is an OpenCL device, 5; OpenMP if more than one of its ``threads`` is asked for.
 
     Raises SceneError where the compiled core has no OpenMP but more threads are asked for.
 
-    >>> [configuration.name for configuration in configurations(1)]
-    ['OpenMP, 1 thread']
+    >>> [configuration.name for configuration in configurations(1)][:1]
+    ['configuration 2']
     """
     if threads > 1 and not _core.HAS_OPENMP:
         raise SceneError("the compiled core was built without OpenMP: only --threads 1 can be measured")
-    counts = sorted({1, threads})
-    return tuple(Configuration(f"OpenMP, {n} thread{'s' if n > 1 else ''}", {"threads": n}) for n in counts)
+    found = [Configuration(each.title, each.options(1)) for each in PAPERS if each.refusal() is None]
+    if threads > 1:
+        found.append(Configuration(f"OpenMP, {threads} threads", OPENMP.options(threads)))
+    return tuple(found)
+
+
+def left_out() -> list[str]:
+    """Why one of the paper's is not among them."""
+    return [reason for each in PAPERS if (reason := each.refusal()) is not None]
 
 
 def solve(point: Point, configuration: Configuration) -> dict[str, Any]:
-    """Solves by the paper's own method, modes, and returns the diagnostics. The one call of the solver."""
-    common: dict[str, Any] = {"phi": PHI, "nodes": point.nodes, "algorithm": "modes", **configuration.options}
+    """Solves and returns the diagnostics. The one call of the solver."""
+    common: dict[str, Any] = {"phi": PHI, "nodes": point.nodes, **configuration.options}
     out = cosines(point.outgoing)
     if point.incident is None:
         return radiance(point.scene, mu0=MU0, mu=out, **common).diagnostics

@@ -2,6 +2,7 @@
 
 import os
 import time
+from collections.abc import Callable
 
 BUSY_FIELDS = (0, 1, 2, 5, 6, 7)  # of /proc/stat: user, nice, system, two kinds of interrupts, stolen by the host
 
@@ -14,15 +15,17 @@ class OthersClock:
     True
     """
 
-    def __init__(self) -> None:
-        self._wall, self._all, self._own = time.perf_counter(), machine_seconds(), own_seconds()
+    def __init__(self, helpers: Callable[[], float] = lambda: 0.0) -> None:
+        """``helpers``: CPU seconds so far of other processes that measure, too."""
+        self._helpers = helpers
+        self._wall, self._all, self._own = time.perf_counter(), machine_seconds(), own_seconds() + helpers()
 
     def cores(self) -> float | None:
         """Cores that other processes kept busy on average; None where the system does not tell."""
         now, wall = machine_seconds(), time.perf_counter() - self._wall
         if now is None or self._all is None:
             return None
-        return max(0.0, (now - self._all) - (own_seconds() - self._own)) / wall
+        return max(0.0, (now - self._all) - (own_seconds() + self._helpers() - self._own)) / wall
 
     def statement(self) -> str:
         """In words."""

@@ -1,0 +1,151 @@
+"""Whole solves on an OpenCL device, and with a part of the work there, against the compiled core."""
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.backends import BACKENDS
+from vrte.cl.session import Session, open_session
+from vrte.errors import SceneError
+
+from .opencl_scenes import scenes
+
+SCENES = scenes()
+MU, PHI = np.array([0.05, 0.4, 1.0]), np.array([0.0, 30.0, 200.0, 330.0])
+WITH_DEVICE = ("sequential+device", "opencl+lapack", "opencl")
+
+
+def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
+    """Relative to the largest."""
+    assert np.abs(found - expected).max() <= tolerance * np.abs(expected).max()
+
+
+def test_names() -> None:
+    assert set(BACKENDS) == {"openmp", "sequential", *WITH_DEVICE}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("backend", WITH_DEVICE)
+def test_a_field(name: str, backend: str) -> None:
+    scene = SCENES[name]
+    depth = min(scene.thickness, 5.0)
+    request = {"mu": [0.3, -0.5, 1.0], "phi": PHI, "tau": [0.0, 0.4 * depth, depth], "nodes": 6}
+    expected = vrte.radiance(scene, 0.6, (1.0, 0.3, -0.2, 0.1), **request)
+    found = vrte.radiance(scene, 0.6, (1.0, 0.3, -0.2, 0.1), **request, backend=backend)
+    close(found.stokes, expected.stokes, 1e-9)
+    close(found.flux_up, expected.flux_up, 1e-9)
+    np.testing.assert_allclose(found.flux_down, expected.flux_down, atol=1e-9)
+    assert found.diagnostics["backend"] == backend
+
+
+@pytest.mark.parametrize("backend", WITH_DEVICE)
+def test_a_brdf_with_transmission(backend: str) -> None:
+    layer = vrte.Layer(vrte.henyey_greenstein(0.8, 60), 0.99, 3.0)
+    scene = vrte.Scene([layer, vrte.Layer(vrte.rayleigh(), 0.9, 0.5)], vrte.Lambertian(0.4))
+    expected, found = (
+        vrte.brdf(scene, MU, MU, PHI, nodes=8, transmission=True, backend=name) for name in ("openmp", backend)
+    )
+    close(found.mueller, expected.mueller, 1e-9)
+    assert found.transmission is not None
+    assert expected.transmission is not None
+    close(found.transmission, expected.transmission, 1e-9)
+    close(found.reflectance, expected.reflectance, 1e-9)
+
+
+def test_a_base_that_mixes_orders() -> None:
+    def lobe(mu_i: np.ndarray, mu_o: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        strength = 0.2 + 0.1 * np.asarray(mu_i) * np.asarray(mu_o) * np.cos(np.radians(phi))
+        return strength[..., None, None] * np.diag([1.0, 0.4, 0.4, 0.3])
+
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.5)], vrte.MuellerBase(lobe))
+    expected, found = (vrte.brdf(scene, MU, MU, PHI, nodes=5, backend=name) for name in ("openmp", "opencl"))
+    close(found.mueller, expected.mueller, 1e-9)
+
+
+def test_accuracy_is_kept() -> None:
+    """Orders are counted again on the device as on the processor: invariance to the accuracy asked for."""
+    gold = vrte.spheres("gold", radius_um=0.3, wavelength_um=0.64)
+    scene = vrte.Scene([vrte.Layer.of(gold, thickness=np.inf)])
+    exact = vrte.brdf(scene, MU, MU, PHI, nodes=16, accuracy=1e-14, algorithm="doubling")
+    for accuracy in (1e-3, 1e-6, 1e-10):
+        found = vrte.brdf(scene, MU, MU, PHI, nodes=16, accuracy=accuracy, backend="opencl")
+        assert "invariance" in found.diagnostics["orders_by"]
+        close(found.mueller, exact.mueller, accuracy)
+
+
+def test_many_scenes_at_once_are_each_as_alone() -> None:
+    particles = [vrte.spheres("gold", radius_um=0.2, wavelength_um=w) for w in (0.45, 0.55, 0.65)]
+    many = [vrte.Scene([vrte.Layer.of(p, thickness=t)]) for p, t in zip(particles, (5.0, np.inf, 1.0), strict=True)]
+    many += [SCENES["three kinds"], vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 1.0)])]
+    together = vrte.brdfs(many, MU, MU, PHI, nodes=8, backend="opencl")
+    for scene, found in zip(many, together, strict=True):
+        alone = vrte.brdf(scene, MU, MU, PHI, nodes=8, backend="opencl")
+        np.testing.assert_array_equal(found.mueller, alone.mueller)
+        assert found.diagnostics["orders"] == alone.diagnostics["orders"]
+        close(found.mueller, vrte.brdf(scene, MU, MU, PHI, nodes=8).mueller, 1e-9)
+
+
+def test_many_scenes_by_the_processor() -> None:
+    many = [SCENES["one layer"], SCENES["endless"]]
+    steps: list[tuple[int, int]] = []
+    found = vrte.brdfs(many, MU, MU, nodes=6, progress=lambda *done: steps.append(done))
+    for scene, one in zip(many, found, strict=True):
+        np.testing.assert_array_equal(one.mueller, vrte.brdf(scene, MU, MU, nodes=6).mueller)
+    assert steps == [(1, 2), (2, 2)]
+    assert vrte.brdfs([], MU, MU) == []
+    with pytest.raises(SceneError, match=r"scene 2 of 2: scene must be a vrte\.Scene, not str"):
+        vrte.brdfs([many[0], "gold"], MU, MU)  # type: ignore[list-item]
+
+
+def test_little_room_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    from vrte.discrete_ordinates import on_device
+
+    scene = SCENES["over a base"]
+    whole = vrte.brdf(scene, MU, MU, PHI, nodes=6, backend="opencl")
+    monkeypatch.setattr(on_device, "CACHED", 1.0)
+    monkeypatch.setattr(on_device, "LARGEST_SHARE", 1e-9)
+    close(vrte.brdf(scene, MU, MU, PHI, nodes=6, backend="opencl").mueller, whole.mueller, 1e-14)
+
+
+def test_the_form_for_a_gpu_solves_too(monkeypatch: pytest.MonkeyPatch, opencl: Session) -> None:
+    from vrte.discrete_ordinates import on_device
+
+    for name in ("over a base", "endless"):
+        expected = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6)
+        with monkeypatch.context() as patch:
+            patch.setattr(on_device, "session", lambda: open_session(opencl.device, "gpu"))
+            found = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6, backend="opencl")
+        close(found.mueller, expected.mueller, 1e-9)
+
+
+def test_too_little_memory_is_said_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    from vrte.discrete_ordinates import on_device
+
+    monkeypatch.setattr(on_device, "available_bytes", lambda: 1e8)
+    with pytest.raises(vrte.DeviceError, match=r"this needs about .* GB on the OpenCL device"):
+        vrte.brdf(SCENES["one layer"], np.linspace(0.01, 1, 200), np.linspace(0.01, 1, 200), nodes=6, backend="opencl")
+
+
+def test_what_is_refused() -> None:
+    scene = SCENES["one layer"]
+    with pytest.raises(SceneError, match=r"backend must be 'openmp', 'sequential', .*, not 'cuda'"):
+        vrte.brdf(scene, MU, MU, backend="cuda")
+    with pytest.raises(SceneError, match="'modes' needs an eigensolver, which backend 'opencl' does not have"):
+        vrte.brdf(scene, MU, MU, backend="opencl", algorithm="modes")
+    with pytest.raises(SceneError, match="backend 'sequential' has one thread"):
+        vrte.brdf(scene, MU, MU, backend="sequential", threads=2)
+
+
+def test_sequential_is_the_same_on_one_thread() -> None:
+    found = vrte.radiance(SCENES["one layer"], 0.6, mu=0.5, nodes=6, backend="sequential")
+    expected = vrte.radiance(SCENES["one layer"], 0.6, mu=0.5, nodes=6, threads=1)
+    np.testing.assert_array_equal(found.stokes, expected.stokes)
+    assert found.diagnostics["threads"] == 1
+
+
+def test_verify_compares_with_the_processor() -> None:
+    found = vrte.brdf(SCENES["over a base"], MU, MU, PHI, nodes=6, backend="opencl", verify=True)
+    agreement = found.diagnostics["agreement"]
+    assert agreement["with"] == "openmp: modes"
+    assert agreement["radiance"] < 1e-10
+    assert agreement["flux"] < 1e-10

@@ -1,0 +1,283 @@
+"""The paper's tables: configurations are what they are called, answers agree, no process is left, a run writes all."""
+
+import csv
+import os
+import platform
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vrte import cli
+from vrte.blas import blas_libraries
+from vrte.errors import AccuracyError, SceneError
+from vrte.report import tables
+from vrte.report.tables import children, configurations, figure, measuring, messages, page, paper, steps
+from vrte.report.tables.configurations import BASELINE, DEVICE, FULL, OPENCL, SEQUENTIAL, Configuration
+from vrte.report.tables.problems import TABLE_2, TABLE_3, problems
+
+FILES = {"tables.md", "tables.csv", "figure_1.png"}
+SIEWERT, GOLD, MUELLER = problems(quick=True)
+needs_baseline = pytest.mark.skipif(
+    platform.machine().lower() not in {"x86_64", "amd64"}
+    or any(library.internal_api != "openblas" for library in blas_libraries()),
+    reason="baseline SIMD is a setting of OpenBLAS on x86",
+)
+
+
+def call(*arguments: str | Path) -> int:
+    """The exit code of `vrte tables` with these arguments."""
+    return cli.main(["tables", *(str(argument) for argument in arguments)])
+
+
+@pytest.fixture(scope="module")
+def both() -> Iterator[dict[str, tables.Child]]:
+    with tables.started(["baseline", "full"]) as found:
+        yield found
+
+
+def pretended(label: str, without_eigenvectors: bool) -> messages.Reply:
+    """A solve of 100 ms and more, step by step."""
+    seconds = 0.1 + 0.01 * len(label)
+    solution = {"doubling": 0.06, "joining": 0.01} if without_eigenvectors else {"homogeneous": 0.06, "boundary": 0.01}
+    stages = {"planning": 0.001, "assembly": 0.005, **solution, "reconstruction": 0.004, "fourier sum": 0.002}
+    return messages.Reply(seconds, stages, {"doubling" if without_eigenvectors else "modes": 9}, 1.0)
+
+
+@pytest.fixture
+def all_measured() -> measuring.Measured:
+    """The paper's problems in every configuration, three rounds, by no solver."""
+    found = measuring.Measured(problems(), tuple(Configuration))
+    for problem in found.problems:
+        for each in Configuration:
+            reply = pretended(each.label, each.linear_algebra == DEVICE)
+            found.replies[problem.name, each] = [reply] * 3
+            found.checks[problem.name, each] = measuring.Check(1e-13, None, reply.orders_by)
+    return found
+
+
+def test_six_configurations_are_table_1() -> None:
+    numbered = {int(each.label): each for each in Configuration if each.label.isdecimal()}
+    pairs = [(kernels, algebra) for kernels in (SEQUENTIAL, OPENCL) for algebra in (BASELINE, FULL, DEVICE)]
+    assert [(numbered[n].kernels, numbered[n].linear_algebra) for n in range(1, 7)] == pairs
+    assert {n for n, each in numbered.items() if each.algorithm == "modes"} == {1, 2, 4, 5}
+    assert {n for n, each in numbered.items() if each.simd == "baseline"} == {1, 4}
+
+
+def test_other_processors_are_refused_by_name(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    monkeypatch.setattr(platform, "machine", lambda: "aarch64")
+    able, refused = tables.chosen()
+    assert not {each.label for each in able} & {"1", "4", "OpenMP baseline"}
+    for name in ("configuration 1", "configuration 4", "OpenMP baseline"):
+        assert f"{name} needs the baseline SIMD of an x86 processor, and this is aarch64" in refused
+    assert call("--configurations", "2,1") == 2
+    assert "configuration 1 needs the baseline SIMD" in capsys.readouterr().err
+
+
+def test_without_a_device_the_others_are_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    monkeypatch.setattr(configurations, "no_device", lambda: "there is none")
+    able, refused = tables.chosen()
+    assert [each.label for each in able] == ["1", "2", "OpenMP baseline", "OpenMP full", "default"]
+    assert refused == [f"configuration {n} needs an OpenCL device: there is none" for n in (3, 4, 5, 6)]
+    assert call("--configurations", "6") == 2
+    assert "configuration 6 needs an OpenCL device: there is none" in capsys.readouterr().err
+
+
+def test_a_configuration_that_is_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert call("--configurations", "2,7", "-o", tmp_path / "new") == 2
+    assert "there is no configuration '7'; there are 1, 2," in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_papers_steps_add_up_to_its_totals() -> None:
+    for label in paper.LABELS:
+        parts = sum(paper.SECONDS[TABLE_3, step][label] for step in paper.STEPS)
+        printed = paper.SECONDS[TABLE_3, paper.TOTAL][label]
+        assert parts == pytest.approx(printed, abs=0.11)
+
+
+def test_no_time_is_lost_between_the_steps() -> None:
+    stages = {"planning": 1.0, "homogeneous": 2.0, "fourier sum": 4.0, "a stage to come": 8.0, "assembly": 16.0}
+    found = steps.steps_of(40.0, stages)
+    assert sum(found.values()) == 40.0
+    assert (found["reconstruction"], found["assembly"], found[steps.OTHER]) == (4.0, 16.0, 18.0)
+
+
+@needs_baseline
+def test_each_process_has_its_own_simd(both: dict[str, tables.Child]) -> None:
+    assert set(both["baseline"].hello.cores) <= set(children.BASELINE_NAMES)
+    assert not set(both["full"].hello.cores) & set(children.BASELINE_NAMES)
+    assert "Katmai" in tables.facts(both, [])[0]
+
+
+@needs_baseline
+@pytest.mark.parametrize("problem", [SIEWERT, GOLD, MUELLER], ids=lambda problem: problem.name)
+def test_every_configuration_gives_the_default_answer(problem: tables.Problem, both: dict[str, tables.Child]) -> None:
+    found = tables.measure(both, [problem], tables.chosen()[0], threads=2, rounds=0)
+    tables.require_all(found)
+    assert len(found.checks) == len(tables.chosen()[0])
+    assert all((check.published is not None) == (problem is SIEWERT) for check in found.checks.values())
+
+
+def test_wrong_answers_do_not_count(all_measured: measuring.Measured) -> None:
+    tables.require_all(all_measured)
+    all_measured.checks["table 3", Configuration.FIVE] = measuring.Check(2e-9, None, {})
+    with pytest.raises(AccuracyError, match=r"table 3 in configuration 5 \(off by 2\.0e-09\)$"):
+        tables.require_all(all_measured)
+    assert not measuring.Check(0.0, 2e-5, {}).passed
+
+
+def test_configurations_take_turns(both: dict[str, tables.Child]) -> None:
+    ticks: list[tuple[int, int, str]] = []
+    pair = (Configuration.TWO, Configuration.OPENMP_FULL)
+    found = tables.measure(both, [GOLD], pair, 2, 2, lambda *told: ticks.append(told))
+    assert [tick[:2] for tick in ticks] == [(done, 6) for done in range(7)]
+    assert [tick[2] for tick in ticks[:-1]] == ["table 3, configuration 2", "table 3, OpenMP full"] * 3
+    assert all(len(replies) == 2 for replies in found.replies.values()), "the first, checked, is not timed"
+    for replies in found.replies.values():
+        assert all(reply.seconds >= sum(reply.stages.values()) > 0.0 for reply in replies)
+
+
+def test_what_the_solver_raises_is_raised_here(both: dict[str, tables.Child]) -> None:
+    with pytest.raises(SceneError, match=r"^algorithm must be"):
+        both["full"].solve(tables.Task(GOLD, {"algorithm": "guess"}))
+    with pytest.raises(ChildProcessError, match=r"^TypeError: .*'nodes'"):
+        both["full"].solve(tables.Task(GOLD, {"nodes": 3}))
+    assert both["full"].solve(tables.Task(GOLD, {})).answer is None, "it goes on after that"
+
+
+@needs_baseline
+def test_a_setting_that_does_not_take_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(children, "environment", lambda simd: dict(os.environ))
+    with (
+        pytest.raises(SceneError, match="where baseline SIMD was asked for: nothing is measured"),
+        tables.started(["baseline"]),
+    ):
+        pass
+
+
+def test_the_users_own_setting_does_not_reach_the_full_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")
+    assert "OPENBLAS_CORETYPE" not in children.environment("full")
+
+
+def test_a_process_that_dies_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(children, "START", "import os; os.write(2, b'out of luck'); os._exit(3)")
+    with (
+        pytest.raises(ChildProcessError, match=r"for full SIMD has died with code 3: out of luck$"),
+        tables.started(["full"]),
+    ):
+        pass
+
+
+def test_one_that_is_killed_midway_too() -> None:
+    with tables.started(["full"]) as found:
+        os.kill(found["full"]._process.pid, signal.SIGKILL)
+        with pytest.raises(ChildProcessError, match="has died with code -9"):
+            found["full"].solve(tables.Task(GOLD, {}))
+
+
+PARENT = """
+import sys
+from vrte.report import tables
+with tables.started(["full"]) as found:
+    print(found["full"]._process.pid, flush=True)
+    while True:
+        found["full"].solve(tables.Task(tables.problems()[2], {"threads": 1, "algorithm": "doubling"}))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_no_process_is_left_when_its_parent_is_gone(number: int) -> None:
+    parent = subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    time.sleep(0.2)  # in the middle of a solve
+    parent.send_signal(number)
+    parent.wait(10)
+    parent.stdout.close()
+    end = time.monotonic() + 5.0
+    while is_there(child) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert not is_there(child)
+
+
+def is_there(pid: int) -> bool:
+    """Whether the process runs; one that has ended but was not waited for does not."""
+    try:
+        with open(f"/proc/{pid}/stat", encoding="ascii") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@needs_baseline
+def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    folder = tmp_path / "new"
+    assert call("--quick", "--configurations", "1,2", "-o", folder) == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert {path.name for path in folder.iterdir()} == FILES
+    assert all(f"wrote {folder / name}" in told.out for name in FILES)
+    text = (folder / "tables.md").read_text(encoding="utf-8")
+    assert "quick, 2 rounds" in text
+    assert "baseline SIMD: openblas" in text
+    rows = table_of(folder / "tables.csv")
+    assert {(row["problem"], row["configuration"]) for row in rows} == {
+        (problem.name, label) for problem in problems(quick=True) for label in ("1", "2")
+    }
+    assert {row["problem"] for row in rows if row["paper_s"]} == {"table 2"}, "the others are smaller than the paper's"
+
+
+def table_of(path: Path) -> list[dict[str, str]]:
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Measured, tmp_path: Path) -> None:
+    refused = ["configuration 9 needs a machine of its own"]
+    page.write_page(all_measured, tmp_path, "a test", ["a fact"], refused)
+    text = (tmp_path / "tables.md").read_text(encoding="utf-8")
+    assert "- a fact\n- not measured: configuration 9 needs a machine of its own\n" in text
+    for label, seconds in paper.SECONDS[TABLE_2, paper.TOTAL].items():
+        ratios = f"{seconds / 2.74:#.3g} | {seconds / 0.11:#.3g}"
+        assert f"| {label} | 110.0 (110.0 to 110.0) | 1.00 | {seconds:g} | {ratios} |" in text
+    assert "| homogeneous | 60.00 | 60.00 | 60.00 \\* | 60.00 | 60.00 | 60.00 \\* | 60.00 | 60.00 | 60.00 |" in text
+    assert "| homogeneous | 108 | 102 | - | 101 | 95.8 | - |" in text
+    assert "| total | 263 | 258 | 286 | 80.7 | 77.8 | 102 |" in text
+    assert "| reconstruction | 22.1 | 22 | 22.1 | 2.52 | 2.51 | 2.53 |" in text
+    rows = table_of(tmp_path / "tables.csv")
+    assert len(rows) == 3 * 9 * (len(steps.OWN_STEPS) + 1)
+    (row,) = [row for row in rows if (row["problem"], row["configuration"], row["step"]) == ("brdf", "5", "total")]
+    assert float(row["paper_over_ours"]) == pytest.approx(900.0 / 0.11, rel=1e-3)
+
+
+def test_figure_1_has_the_papers_bars_and_ours(all_measured: measuring.Measured, tmp_path: Path) -> None:
+    theirs, ours = figure.printed_bars(), figure.measured_bars(all_measured)
+    assert list(theirs) == list(paper.LABELS)
+    assert list(ours) == [each.label for each in Configuration]
+    for bar in ours:
+        np.testing.assert_allclose(sum(ours[bar].values()), 0.1 + 0.01 * len(bar))
+    drawn = figure.drawn(all_measured)
+    left, right = drawn.axes
+    assert (left.get_ylabel(), right.get_ylabel()) == ("seconds", "milliseconds")
+    assert len(right.patches) == len(Configuration) * len(steps.OWN_STEPS)
+    assert tables.write_figure(all_measured, tmp_path).stat().st_size < 80_000
+
+
+def test_nothing_is_started_where_the_picture_cannot_be_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert call("--quick", "-o", tmp_path / "new") == 1
+    assert "needs the extra 'plot'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,40 @@
+"""What the reports' pictures have in common: small files, and a colour for each step of a solve."""
+
+import os
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+from vrte.errors import MissingExtraError
+from vrte.formats.atomic import atomic_write
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DPI = 100
+COLOURS_KEPT = 128  # in a file: less than half the bytes, and no difference to the eye
+FAINT = "#b5b5b5"
+COLOURS = {
+    "homogeneous": "#1f4e79",
+    "particular": "#d98200",
+    "boundary": "#2a8f5b",
+    "reconstruction": "#b3262e",
+    "assembly": "#7a4fa3",
+}
+
+
+def require_pictures() -> None:
+    """Raises MissingExtraError without matplotlib."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("a picture", "plot") from error
+
+
+def save(figure: "Figure", path: str | os.PathLike[str]) -> None:
+    """Writes a small PNG, all of it or nothing. Raises OSError."""
+    from PIL import Image  # matplotlib needs it too
+
+    drawn = BytesIO()
+    figure.savefig(drawn, format="png", dpi=DPI)
+    with atomic_write(path) as part, Image.open(drawn) as image:
+        image.convert("RGB").quantize(COLOURS_KEPT, dither=Image.Dither.NONE).save(part, format="PNG", optimize=True)
