@@ -291,7 +291,7 @@ Way way_to(int upward, int fading, double mu, double thickness, double above, do
 }
 
 // The source between a stop and the face that light comes from, into out (order, n_level, n_rhs, rows) at a level and
-// into part (order, layer, n_rhs, rows) at a face. lit, fed: of `light_of_modes` and `feed_modes`; fades (order, layer).
+// into part (order, layer, n_rhs, rows) at a face. lit, fed: of `light_of_modes`, `feed_modes`; fades (order, layer).
 // Global size: n_out, stops, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void sum_sources(int n, int stokes, int n_up, int ld, int n_layer, int n_level, int n_in, int n_rhs,

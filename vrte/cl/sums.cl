@@ -76,7 +76,8 @@ __kernel void add_orders(__global const double* restrict kernels, long first, lo
                 const int angle = tile * TILE_ANGLES, count = min(BATCH, n_group - begin);
                 for (int g = 0; g < count; g++)
                     sum_group(kernels + rows[j] * row_stride, column_stride, stokes_stride, order_stride,
-                              n_order[scene], now + 10 * g, scale[i] * AT(sense, begin + g), factors + (long)rows[j] * n_stokes,
+                              n_order[scene], now + 10 * g, scale[i] * AT(sense, begin + g),
+                              factors + (long)rows[j] * n_stokes,
                               waves + (long)now[10 * g + 8] * wave_rows * wave_ld + 4 * angle, wave_ld,
                               sums + g * TILE_ANGLES);
                 for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
