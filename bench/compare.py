@@ -17,7 +17,7 @@ from vrte.running import usable_cpus
 
 HISTORY = Path(__file__).parent / "history"
 ALLOWED = 1.3
-KEPT = ("ratio_to_floor", "floor_seconds", "stage_seconds", "versions")
+KEPT = ("ratio_to_floor", "floor_seconds", "stage_seconds")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -63,6 +63,7 @@ def summary(run: dict[str, Any]) -> dict[str, Any]:
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "processor": processor(),
         "cores": usable_cpus(),
+        "versions": sorted({text for case in run["benchmarks"] for text in case["extra_info"].get("versions", [])}),
         "cases": rounded(cases),
     }
 

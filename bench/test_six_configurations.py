@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 
 import vrte
 from vrte.report import tables
@@ -85,9 +86,14 @@ def test_configuration(
         "difference_from_default": check.gap,
         "off_siewert": check.published,
         "orders_by": check.orders_by,
-        "versions": [f"vrte {vrte.__version__}", f"numpy {np.__version__}", *tables.facts(children, [configuration])],
+        "versions": [*versions(), *tables.facts(children, [configuration])],
     }
     print(f"\n{benchmark.name}: {1e3 * median:.1f} ms, {median / floor:.2f} x the LAPACK floor of {1e3 * floor:.1f} ms")
+
+
+def versions() -> list[str]:
+    """Of what is not told by the processes."""
+    return [f"vrte {vrte.__version__}", f"numpy {np.__version__}", f"scipy {scipy.__version__}"]
 
 
 def solver(problem: Problem, configuration: Configuration, children: dict[str, tables.Child]) -> Callable[..., Reply]:

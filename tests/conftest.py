@@ -29,3 +29,11 @@ def opencl() -> Any:
     from vrte.cl.device import session
 
     return session()
+
+
+@pytest.fixture(scope="session", params=["cpu", "gpu"])
+def either_form(request: pytest.FixtureRequest, opencl: Any) -> Any:
+    """Sessions on that device with the kernels as a CPU wants them, and as a GPU does."""
+    from vrte.cl.session import open_session
+
+    return opencl if request.param == opencl.form else open_session(opencl.device, request.param)

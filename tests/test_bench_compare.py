@@ -15,7 +15,12 @@ def run_file(folder: Path, **ratios: float) -> Path:
         {
             "name": name,
             "stats": {"median": 0.0123456, "data": [0.1, 0.2]},
-            "extra_info": {"ratio_to_floor": ratio, "floor_seconds": 0.1, "stage_seconds": {"homogeneous": 0.01}},
+            "extra_info": {
+                "ratio_to_floor": ratio,
+                "floor_seconds": 0.1,
+                "stage_seconds": {"homogeneous": 0.01},
+                "versions": ["it 1.0"],
+            },
         }
         for name, ratio in ratios.items()
     ]
@@ -52,6 +57,7 @@ def test_what_is_saved_is_small_and_names_no_machine(tmp_path: Path) -> None:
     text = path.read_text()
     assert "a host" not in text
     kept = json.loads(text)
+    assert kept["versions"] == ["it 1.0"]
     assert kept["cases"] == {
         "one": {
             "median_seconds": 0.01235,

@@ -26,30 +26,30 @@ def largest_gap(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(("m", "terms"), [(0, 1), (0, 2), (0, 80), (1, 3), (2, 2), (2, 40), (7, 7), (7, 8), (30, 80)])
-def test_spherical_functions(opencl: Any, m: int, terms: int) -> None:
+def test_spherical_functions(either_form: Any, m: int, terms: int) -> None:
     mu = np.concatenate([np.linspace(-1.0, 1.0, 21), [1e-9, 0.999999999]])
-    found = assembly.generalized_spherical_functions(opencl, m, terms, mu)
+    found = assembly.generalized_spherical_functions(either_form, m, terms, mu)
     np.testing.assert_allclose(
         found, _core.generalized_spherical_functions(m, terms, mu), rtol=0, atol=1e-13 if terms > 40 else 1e-14
     )
 
 
 @pytest.mark.parametrize(("m", "terms", "mu"), [(-1, 3, 0.5), (0, 0, 0.5), (0, 3, 1.5), (0, 3, np.nan)])
-def test_spherical_functions_refuse_what_the_core_refuses(opencl: Any, m: int, terms: int, mu: float) -> None:
+def test_spherical_functions_refuse_what_the_core_refuses(either_form: Any, m: int, terms: int, mu: float) -> None:
     with pytest.raises(ValueError, match=r"cosines|order"):
-        assembly.generalized_spherical_functions(opencl, m, terms, mu)
+        assembly.generalized_spherical_functions(either_form, m, terms, mu)
 
 
 @pytest.mark.parametrize("m", [0, 1, 2, 8, 9])
-def test_phase_matrices(opencl: Any, m: int) -> None:
+def test_phase_matrices(either_form: Any, m: int) -> None:
     coefficients = np.random.default_rng(m).normal(size=(9, 6))
     to, frm = np.array([-1.0, -0.3, 0.2, 0.7, 1.0]), np.array([-0.8, 0.0, 0.9])
-    found = assembly.phase_matrices(opencl, m, coefficients, to, frm)
+    found = assembly.phase_matrices(either_form, m, coefficients, to, frm)
     np.testing.assert_allclose(found, _core.phase_matrices(m, coefficients, to, frm), rtol=0, atol=1e-13)
 
 
 def assembled_by_both(
-    opencl: Any, stokes: Sequence[int], orders: np.ndarray, n_node: int, n_out: int, n_in: int, n_term: int
+    either_form: Any, stokes: Sequence[int], orders: np.ndarray, n_node: int, n_out: int, n_in: int, n_term: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """What the device and what the core makes of three materials, the second one clear, the last one of few terms."""
     rng = np.random.default_rng(n_term)
@@ -61,7 +61,7 @@ def assembled_by_both(
     found, expected = ([np.full((orders.size, 3, *shape), np.nan) for shape in shapes] for _ in range(2))
     work = np.empty((2, _core.assembly_work(directions.size, n_term, len(stokes))))
     for kernel, arrays in ((_core.assemble, expected), (assembly.assemble_arrays, found)):
-        session = () if kernel is _core.assemble else (opencl,)
+        session = () if kernel is _core.assemble else (either_form,)
         seconds = np.zeros(2)
         kernel(*session, orders, np.array(stokes, np.int32), *given, *arrays, 2, work, seconds, np.zeros(1, np.int32))
         assert seconds.sum() > 0.0
@@ -70,31 +70,31 @@ def assembled_by_both(
 
 @pytest.mark.parametrize("stokes", SETS)
 @pytest.mark.parametrize("n_node", [1, 3, 7])
-def test_assembly(opencl: Any, stokes: Sequence[int], n_node: int) -> None:
+def test_assembly(either_form: Any, stokes: Sequence[int], n_node: int) -> None:
     orders = np.array([0, 1, 2, 4, 8, 11], np.int32)
-    for found, expected in assembled_by_both(opencl, stokes, orders, n_node, 2, 3, 9):
+    for found, expected in assembled_by_both(either_form, stokes, orders, n_node, 2, 3, 9):
         assert largest_gap(found, expected) < 1e-14
 
 
 @pytest.mark.parametrize(("n_out", "n_in"), [(0, 1), (1, 0), (5, 4)])
-def test_assembly_of_many_nodes(opencl: Any, n_out: int, n_in: int) -> None:
-    for found, expected in assembled_by_both(opencl, ALL, np.array([0, 1, 40], np.int32), 40, n_out, n_in, 80):
+def test_assembly_of_many_nodes(either_form: Any, n_out: int, n_in: int) -> None:
+    for found, expected in assembled_by_both(either_form, ALL, np.array([0, 1, 40], np.int32), 40, n_out, n_in, 80):
         assert found.size == 0 or largest_gap(found, expected) < 2e-14
 
 
-def test_items_are_pairs_of_order_and_material(opencl: Any) -> None:
+def test_items_are_pairs_of_order_and_material(either_form: Any) -> None:
     """Those listed, in any order, and nothing else."""
     rng = np.random.default_rng(3)
     directions, weights = directions_and_weights(5, 3)
     coefficients, terms = rng.normal(size=(2, 6, 6)), np.array([6, 4], np.int32)
     order, material = np.array([3, 0, 1, 0], np.int32), np.array([0, 1, 1, 0], np.int32)
-    upload = opencl.upload
+    upload = either_form.upload
     what = [upload(values) for values in (coefficients, terms, np.array([0.8, 0.6]), directions, weights)]
 
     def matrices_of(items: Sequence[int]) -> np.ndarray:
         listed = upload(np.array(items, np.int32))
-        made = assembly.assemble(opencl, listed, upload(order), upload(material), ALL, *what, 1)
-        return np.array(assembly.download_stack(opencl, made.E)[list(items)])
+        made = assembly.assemble(either_form, listed, upload(order), upload(material), ALL, *what, 1)
+        return np.array(assembly.download_stack(either_form, made.E)[list(items)])
 
     whole = matrices_of([0, 1, 2, 3])
     assert (matrices_of([2, 0]) == whole[[2, 0]]).all()

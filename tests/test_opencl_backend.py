@@ -98,12 +98,12 @@ def test_many_scenes_by_the_processor() -> None:
 
 
 def test_little_room_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    from vrte.discrete_ordinates import on_device, summing_on_device
+    from vrte.discrete_ordinates import on_device
 
     scene = SCENES["over a base"]
     whole = vrte.brdf(scene, MU, MU, PHI, nodes=6, backend="opencl")
     monkeypatch.setattr(on_device, "CACHED", 1.0)
-    monkeypatch.setattr(summing_on_device, "LARGEST_SHARE", 1e-9)
+    monkeypatch.setattr(on_device, "LARGEST_SHARE", 1e-9)
     close(vrte.brdf(scene, MU, MU, PHI, nodes=6, backend="opencl").mueller, whole.mueller, 1e-14)
 
 
@@ -116,6 +116,14 @@ def test_the_form_for_a_gpu_solves_too(monkeypatch: pytest.MonkeyPatch, opencl: 
             patch.setattr(on_device, "session", lambda: open_session(opencl.device, "gpu"))
             found = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6, backend="opencl")
         close(found.mueller, expected.mueller, 1e-9)
+
+
+def test_too_little_memory_is_said_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    from vrte.discrete_ordinates import on_device
+
+    monkeypatch.setattr(on_device, "available_bytes", lambda: 1e8)
+    with pytest.raises(vrte.DeviceError, match=r"this needs about .* GB on the OpenCL device"):
+        vrte.brdf(SCENES["one layer"], np.linspace(0.01, 1, 200), np.linspace(0.01, 1, 200), nodes=6, backend="opencl")
 
 
 def test_what_is_refused() -> None:

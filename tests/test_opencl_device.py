@@ -6,7 +6,9 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 import pyopencl
@@ -267,6 +269,72 @@ class TestFaults:
         monkeypatch.setattr(sessions, "sources", lambda: "__kernel void fine(__global double* x) { x[0] = 1.0; }\n")
         assert set(open_session(opencl.device).kernels) == {"fine"}
         assert len(calls) == 2
+
+
+class TestSolve:
+    """Failures in the middle of a solve."""
+
+    request: ClassVar[dict[str, Any]] = {"mu0": 0.6, "mu": [0.5, -0.5], "phi": [0, 90], "tau": [0.0, 1.0], "nodes": 4}
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
+
+    @pytest.mark.parametrize("backend", ["opencl", "opencl+lapack", "sequential+device"])
+    @pytest.mark.parametrize("method", ["launch", "upload", "download", "empty"])
+    def test_an_error_then_a_right_answer(
+        self, backend: str, method: str, alone: dict[str, Any], opencl: Session, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        alone.update(process=os.getpid(), devices=device.devices())
+        right = vrte.radiance(self.scene, **self.request)
+        original, count = getattr(Session, method), {"calls": 0, "fails at": 0}
+
+        def counted(*arguments: Any, **named: Any) -> Any:
+            count["calls"] += 1
+            if count["calls"] == count["fails at"]:
+                raise error_of("clX", "OUT_OF_RESOURCES" if method == "empty" else "DEVICE_NOT_AVAILABLE")
+            return original(*arguments, **named)
+
+        monkeypatch.setattr(Session, method, counted)
+        vrte.radiance(self.scene, **self.request, backend=backend)
+        calls = count["calls"]
+        assert calls
+        for fails_at in sorted({1, max(1, calls // 2), calls}):
+            count.update({"calls": 0, "fails at": fails_at})
+            with pytest.raises(DeviceError, match="ran out of memory" if method == "empty" else "was lost on the way"):
+                vrte.radiance(self.scene, **self.request, backend=backend)
+            assert not alone["sessions"]
+        count["fails at"] = 0
+        found = vrte.radiance(self.scene, **self.request, backend=backend)
+        np.testing.assert_allclose(found.stokes, right.stokes, atol=1e-13)
+
+    def test_threads_take_turns(self, opencl: Session) -> None:
+        scenes = [vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0)]) for albedo in (0.1, 0.5, 0.9, 1.0)]
+        backends = ("opencl", "opencl+lapack", "sequential+device")
+        calls = [(scene, backend) for scene in scenes for backend in backends]
+        with ThreadPoolExecutor(4) as pool:
+            found = list(pool.map(lambda call: vrte.radiance(call[0], **self.request, backend=call[1]), calls))
+        for (scene, _), field in zip(calls, found, strict=True):
+            np.testing.assert_allclose(field.stokes, vrte.radiance(scene, **self.request).stokes, atol=1e-13)
+
+    @pytest.mark.parametrize("thickness", [1.0, np.inf])
+    def test_the_form_for_a_gpu(
+        self, thickness: float, alone: dict[str, Any], opencl: Session, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(device, "open_session", lambda handle: open_session(handle, "gpu"))
+        matrix = vrte.PhaseMatrix(
+            a1=[1.0, 0.5, 0.2], a2=[0, 0, 0.9], a3=[0, 0, 0.5], a4=[0, 0.3, 0.1], b1=[0, 0, 0.2], b2=[0, 0, 0.1]
+        )
+        scene = vrte.Scene([vrte.Layer(matrix, 0.9, thickness)])
+        mu = np.linspace(0.1, 1.0, 5)
+        call = partial(vrte.brdf, scene, mu, mu, [0.0, 50.0, 180.0], nodes=7)
+        found, right = call(backend="opencl"), call()
+        assert device.session().form == "gpu"
+        np.testing.assert_allclose(found.mueller, right.mueller, atol=1e-13)
+
+    def test_no_device_is_no_reason_to_take_the_processor(
+        self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(pyopencl, "get_platforms", raising("clGetPlatformIDs", "PLATFORM_NOT_FOUND_KHR"))
+        with pytest.raises(DeviceError, match="there is no OpenCL platform"):
+            vrte.radiance(self.scene, **self.request, backend="opencl")
 
 
 class TestCommand:

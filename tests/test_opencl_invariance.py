@@ -34,7 +34,7 @@ def some_coefficients(terms: int) -> np.ndarray:
 
 
 def by_both(
-    opencl: Any,
+    either_form: Any,
     stokes: Sequence[int],
     orders: Sequence[int],
     n_node: int,
@@ -50,7 +50,7 @@ def by_both(
     places = np.array([1, 0], np.int32), np.array([2, 4, 3], np.int32)
     work = np.empty((2, _core.invariance_work(n_node, N_OUT + N_IN, S, terms)))
     answers = []
-    for kernel, session in ((invariance.reflect_endless_arrays, [opencl]), (_core.reflect_endless, [])):
+    for kernel, session in ((invariance.reflect_endless_arrays, [either_form]), (_core.reflect_endless, [])):
         answer = Answer(
             np.full((count, N_IN, 2, S * N_OUT), np.nan),
             np.full((count, 2 * N_IN, S * n_node), np.nan),
@@ -67,34 +67,34 @@ def by_both(
 
 @pytest.mark.parametrize("stokes", SETS)
 @pytest.mark.parametrize("n_node", [1, 3, 7])
-def test_fixed_points(opencl: Any, stokes: Sequence[int], n_node: int) -> None:
-    found, expected = by_both(opencl, stokes, [0, 1, 2, 5, 8, 10], n_node, 9)
+def test_fixed_points(either_form: Any, stokes: Sequence[int], n_node: int) -> None:
+    found, expected = by_both(either_form, stokes, [0, 1, 2, 5, 8, 10], n_node, 9)
     assert largest_gap(found.up, expected.up) < 1e-13
     assert largest_gap(found.on_nodes, expected.on_nodes) < 1e-13
     assert (found.residual < 1e-12).all()  # both stop where rounding leaves no more to gain
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
-def test_it_takes_the_steps_that_the_core_takes(opencl: Any, tolerance: float) -> None:
+def test_it_takes_the_steps_that_the_core_takes(either_form: Any, tolerance: float) -> None:
     """The last order has nothing to scatter."""
-    found, expected = by_both(opencl, ALL, [1, 2, 3, 4, 5, 9], 12, 9, tolerance, 0.9)
+    found, expected = by_both(either_form, ALL, [1, 2, 3, 4, 5, 9], 12, 9, tolerance, 0.9)
     assert (found.steps == expected.steps).all()
     np.testing.assert_allclose(found.residual, expected.residual, rtol=1e-3, atol=1e-14)
     assert largest_gap(found.up, expected.up) < 1e-11
     assert largest_gap(found.on_nodes, expected.on_nodes) < 1e-11
 
 
-def test_a_clear_layer_sends_nothing_back(opencl: Any) -> None:
-    found, expected = by_both(opencl, ALL, [0, 1], 4, 9, albedo=0.0)
+def test_a_clear_layer_sends_nothing_back(either_form: Any) -> None:
+    found, expected = by_both(either_form, ALL, [0, 1], 4, 9, albedo=0.0)
     assert not found.up.any()
     assert not found.on_nodes.any()
     assert (found.residual == expected.residual).all()
     assert (found.steps == expected.steps).all()
 
 
-def test_an_item_does_not_depend_on_the_others(opencl: Any) -> None:
+def test_an_item_does_not_depend_on_the_others(either_form: Any) -> None:
     """Nor on a material or a tolerance that is not its own."""
-    upload, stokes = opencl.upload, ALL
+    upload, stokes = either_form.upload, ALL
     directions, weights = directions_and_weights(5, 2)
     coefficients = np.stack([some_coefficients(7), 0.5 * some_coefficients(7)])
     order, material = np.array([4, 0, 1, 2], np.int32), np.array([0, 1, 0, 1], np.int32)
@@ -108,8 +108,10 @@ def test_an_item_does_not_depend_on_the_others(opencl: Any) -> None:
     ]
 
     def light(items: Sequence[int]) -> tuple[np.ndarray, ...]:
-        found = invariance.reflect_endless(opencl, upload(np.array(items, np.int32)), *pairs, stokes, *shared)
-        return tuple(opencl.download(a)[list(items)] for a in (found.up, found.on_nodes, found.residual, found.steps))
+        found = invariance.reflect_endless(either_form, upload(np.array(items, np.int32)), *pairs, stokes, *shared)
+        return tuple(
+            either_form.download(a)[list(items)] for a in (found.up, found.on_nodes, found.residual, found.steps)
+        )
 
     whole = light([0, 1, 2, 3])
     for items in ([3], [2, 0], [1, 3, 2]):
@@ -118,14 +120,18 @@ def test_an_item_does_not_depend_on_the_others(opencl: Any) -> None:
     assert (whole[2] <= [1e-3, 1e-12, 1e-6, 1e-9]).all()
 
 
-def test_it_ends_when_told(opencl: Any) -> None:
-    upload = opencl.upload
+def test_it_ends_when_told(either_form: Any) -> None:
+    upload = either_form.upload
     directions, weights = directions_and_weights(3, 1)
     one, place = upload(np.zeros(1, np.int32)), upload(np.zeros(1, np.int32))
     scene = upload(some_coefficients(5)[None]), upload(np.array([5], np.int32)), upload(np.array([0.999]))
     rest = upload(directions), upload(weights), place, place, upload(np.eye(1)), upload(np.array([1e-15]))
     steps = [
-        int(opencl.download(invariance.reflect_endless(opencl, one, one, one, (0,), *scene, *rest, stop).steps)[0])
+        int(
+            either_form.download(
+                invariance.reflect_endless(either_form, one, one, one, (0,), *scene, *rest, stop).steps
+            )[0]
+        )
         for stop in (np.ones(1, np.int32), np.zeros(1, np.int32))
     ]
     assert 0 < steps[0] < steps[1]

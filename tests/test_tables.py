@@ -121,11 +121,10 @@ def test_each_process_has_its_own_simd(both: dict[str, tables.Child]) -> None:
 @needs_baseline
 @pytest.mark.parametrize("problem", [SIEWERT, GOLD, MUELLER], ids=lambda problem: problem.name)
 def test_every_configuration_gives_the_default_answer(problem: tables.Problem, both: dict[str, tables.Child]) -> None:
-    found = tables.measure(both, [problem], tables.chosen()[0], threads=2, rounds=1)
+    found = tables.measure(both, [problem], tables.chosen()[0], threads=2, rounds=0)
     tables.require_all(found)
-    assert len(found.checks) == len(found.replies) == len(tables.chosen()[0])
+    assert len(found.checks) == len(tables.chosen()[0])
     assert all((check.published is not None) == (problem is SIEWERT) for check in found.checks.values())
-    assert all(reply.seconds >= sum(reply.stages.values()) > 0.0 for (reply,) in found.replies.values())
 
 
 def test_wrong_answers_do_not_count(all_measured: measuring.Measured) -> None:
@@ -139,9 +138,12 @@ def test_wrong_answers_do_not_count(all_measured: measuring.Measured) -> None:
 def test_configurations_take_turns(both: dict[str, tables.Child]) -> None:
     ticks: list[tuple[int, int, str]] = []
     pair = (Configuration.TWO, Configuration.OPENMP_FULL)
-    tables.measure(both, [GOLD], pair, 2, 2, lambda *told: ticks.append(told))
+    found = tables.measure(both, [GOLD], pair, 2, 2, lambda *told: ticks.append(told))
     assert [tick[:2] for tick in ticks] == [(done, 6) for done in range(7)]
     assert [tick[2] for tick in ticks[:-1]] == ["table 3, configuration 2", "table 3, OpenMP full"] * 3
+    assert all(len(replies) == 2 for replies in found.replies.values()), "the first, checked, is not timed"
+    for replies in found.replies.values():
+        assert all(reply.seconds >= sum(reply.stages.values()) > 0.0 for reply in replies)
 
 
 def test_what_the_solver_raises_is_raised_here(both: dict[str, tables.Child]) -> None:
@@ -256,7 +258,7 @@ def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Me
     rows = table_of(tmp_path / "tables.csv")
     assert len(rows) == 3 * 9 * (len(steps.OWN_STEPS) + 1)
     (row,) = [row for row in rows if (row["problem"], row["configuration"], row["step"]) == ("brdf", "5", "total")]
-    assert float(row["paper_over_ours"].replace(",", "")) == pytest.approx(900.0 / 0.11, rel=1e-3)
+    assert float(row["paper_over_ours"]) == pytest.approx(900.0 / 0.11, rel=1e-3)
 
 
 def test_figure_1_has_the_papers_bars_and_ours(all_measured: measuring.Measured, tmp_path: Path) -> None:

@@ -106,7 +106,8 @@ def head(plan: "Plan") -> list[str]:
     else:
         asked = f"1 beam, {depths}, {out} mu, {request.phi.size} phi"
     accuracy = f"accuracy {request.accuracy:g} of the largest I"
-    threads = counted(plan.threads, "thread")
+    backend = request.backend
+    threads = counted(plan.threads, "thread") if backend.label == "openmp" else f"backend {backend.label}"
     return [
         f"Plan of {request.kind}: {layers}, base {base}; {accuracy}, {plan.problem.nodes.size} nodes, {threads}",
         asked,
@@ -335,7 +336,8 @@ def why_symmetric(plan: "Plan") -> str:
 
 def why_halves(plan: "Plan") -> str:
     """Halves of products."""
-    used = any(block.choice.name == "invariance" for block in plan.blocks)
+    on_processor = plan.request.backend.linear_algebra == "lapack"
+    used = on_processor and any(block.choice.name == "invariance" for block in plan.blocks)
     return "half of each symmetric product of the invariance equation: the other is its mirror image" if used else ""
 
 

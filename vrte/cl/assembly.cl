@@ -157,9 +157,10 @@ __kernel void times_coefficients(int n_term, int n_strip, int each, int members,
 }
 
 // C = alpha A B^T + beta C over the columns of A and B that belong to E (part 0), to F (1) or to either (2).
-// Global size: strips of 8 rows, 1, items.
+// Some strips of 8 rows at once, so that what a tile takes of B is at hand for all. Global size: pieces of `each` strips,
+// 1, items.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void product_over_columns(int columns, int part, double alpha, double beta, __global const int* restrict counts,
+__kernel void product_over_columns(int strips, int each, int columns, int part, double alpha, double beta, __global const int* restrict counts,
                                    __global const double* restrict A, long a_first, int a_ld, long a_stride,
                                    __global const double* restrict B, long b_first, int b_row, long b_stride,
                                    __global double* restrict C, long c_first, int c_ld, long c_stride,
@@ -167,19 +168,23 @@ __kernel void product_over_columns(int columns, int part, double alpha, double b
 {
     const long item = items[get_global_id(2)];
     const int inner = number_of_columns(counts, item, part), begin = first_column(counts, item, part), b_column = 1;
-    A += a_first + item * a_stride + (long)begin * a_ld + 8 * get_global_id(0);
+    const int first = each * get_global_id(0), last = min(strips, first + each);
+    __global double* whole = C + c_first + item * c_stride;
+    A += a_first + item * a_stride + (long)begin * a_ld;
     B += b_first + item * b_stride + (long)begin * b_row;
-    C += c_first + item * c_stride + 8 * get_global_id(0);
     for (int j = 0; j < columns; j += TILE_COLUMNS) {
-        __global const double* a = A;
         EACH_COLUMN(COLUMN_OF_B)
-        EACH_COLUMN(NO_SUMS)
-        SUM_TERMS
-        EACH_COLUMN(SCALE_SUMS)
-        if (beta != 0.0) {
-            EACH_COLUMN(ADD_OLD)
+        for (int strip = first; strip < last; strip++) {
+            __global const double* a = A + 8 * strip;
+            C = whole + 8 * strip;
+            EACH_COLUMN(NO_SUMS)
+            SUM_TERMS
+            EACH_COLUMN(SCALE_SUMS)
+            if (beta != 0.0) {
+                EACH_COLUMN(ADD_OLD)
+            }
+            EACH_COLUMN(STORE_SUMS)
         }
-        EACH_COLUMN(STORE_SUMS)
     }
 }
 

@@ -15,12 +15,14 @@ from numpy.typing import ArrayLike
 
 from vrte import _core
 from vrte.arrays import Array
-from vrte.cl.matrices import STRIP, Stack, download_stack, padded
+from vrte.cl.matrices import GROUP, STRIP, TILE, Stack, download_stack, padded
 from vrte.cl.session import Session
 from vrte.discrete_ordinates.problem import IntArray
 
 DIRECTIONS_A_PIECE = 10  # on a processor, where a piece of work must last some microseconds; 1 elsewhere
 STRIPS_A_PIECE = 8
+STRIPS_TOGETHER = 5  # of a product: what they share of the other factor stays in the nearest cache
+LANES = 32  # work-items of a work-group on a GPU, where pieces are small
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,16 +88,17 @@ class Assembled:
 
 
 def is_processor(session: Session) -> bool:
-    """Whether the device is a CPU: few pieces of work, each longer."""
+    """Whether the device is a CPU."""
     import pyopencl
 
     return bool(session.queue.device.type & pyopencl.device_type.CPU)
 
 
-def pieces(session: Session, size: int, each: int) -> tuple[int, int]:
-    """How many pieces of how much."""
-    each = each if is_processor(session) else 1
-    return -(-size // each), each
+def pieces(session: Session, size: int, each: int) -> tuple[int, int, int]:
+    """How many pieces of how much, and how many of them make a work-group: on a CPU few, each longer."""
+    if session.form == "cpu":
+        return -(-size // each), each, 1
+    return -(-size // LANES) * LANES, 1, LANES
 
 
 def bare_stack(session: Session, items: int, rows: int, columns: int) -> Stack:
@@ -124,12 +127,13 @@ def wigner_factors(session: Session, items: Any, order: Any, n_term: int) -> Any
 def spherical(session: Session, items: Any, order: Any, n_term: int, mu: Any) -> Any:
     """p, r, t of `_core.generalized_spherical_functions` of the listed items, (item, n_term, 3, n_mu); mu (n_mu,)."""
     out = session.empty((order.size, n_term, 3, mu.size))
-    number, each = pieces(session, mu.size, DIRECTIONS_A_PIECE)
+    number, each, group = pieces(session, mu.size, DIRECTIONS_A_PIECE)
     session.launch(
         "spherical",
         (number, items.size),
         *(np.int32(n_term), np.int32(mu.size), np.int32(each)),
         *(mu, order, wigner_factors(session, items, order, n_term), out, items),
+        group=(group, 1),
     )
     return out
 
@@ -141,7 +145,7 @@ def parity_columns(session: Session, what: Scattering, directions: Any, weights:
     third = second + padded(what.stokes * n_out)
     rows, columns = third + padded(what.stokes * (n_all - n_node - n_out)), most_columns(what.members, n_term)
     phi, counts = bare_stack(session, what.room, rows, columns), session.empty((what.room, 2), np.int32)
-    number, each = pieces(session, n_all, DIRECTIONS_A_PIECE)
+    number, each, group = pieces(session, n_all, DIRECTIONS_A_PIECE)
     session.launch(
         "parity_columns",
         (number, what.items.size),
@@ -149,6 +153,7 @@ def parity_columns(session: Session, what: Scattering, directions: Any, weights:
         *(what.bits, directions, weights, what.order, what.material, what.terms, what.albedo),
         *(wigner_factors(session, what.items, what.order, n_term), phi.data, np.int32(phi.ld), np.int64(phi.stride)),
         *(counts, what.items),
+        group=(group, 1),
     )
     return Columns(phi, counts, (0, second, third))
 
@@ -158,14 +163,24 @@ def times_coefficients(
 ) -> None:
     """psi = albedo phi B^T; V's column of phi counts v_sign times, F's columns odd_sign times."""
     strips = padded(phi.rows) // STRIP
-    number, each = pieces(session, strips, STRIPS_A_PIECE)
+    number, each, group = pieces(session, strips, STRIPS_A_PIECE)
     session.launch(
         "times_coefficients",
         (number, what.items.size),
         *(np.int32(what.n_term), np.int32(strips), np.int32(each), what.bits, np.float64(v_sign), np.float64(odd_sign)),
         *(what.coefficients, what.order, what.material, what.terms, what.albedo, counts),
         *(*phi.place, *psi.place, what.items),
+        group=(group, 1),
     )
+
+
+def tiles_of(rows: int, columns: int) -> tuple[int, int]:
+    """Work-items for the tiles of a matrix.
+
+    >>> tiles_of(160, 80)
+    (48, 32)
+    """
+    return -(-rows // TILE) * GROUP, -(-columns // TILE) * GROUP
 
 
 def product_over_columns(
@@ -180,12 +195,17 @@ def product_over_columns(
     beta: float = 0.0,
 ) -> None:
     """c = alpha a b^T + beta c over the columns of a and b that are E's (part 0), F's (1) or either's (2)."""
-    session.launch(
-        "product_over_columns",
-        (padded(c.rows) // STRIP, 1, items.size),
-        *(np.int32(c.columns), np.int32(part), np.float64(alpha), np.float64(beta)),
-        *(counts, *a.place, *b.place, *c.place, items),
-    )
+    rows = padded(c.rows)
+    sums = np.int32(c.columns), np.int32(part), np.float64(alpha), np.float64(beta)
+    arguments = *sums, counts, *a.place, *b.place, *c.place, items
+    if session.form == "cpu":
+        number, each, _ = pieces(session, rows // STRIP, STRIPS_TOGETHER)
+        session.launch(
+            "product_over_columns", (number, 1, items.size), np.int32(rows // STRIP), np.int32(each), *arguments
+        )
+    else:
+        tiles = (*tiles_of(rows, c.columns), items.size)
+        session.launch("product_over_columns_gpu", tiles, np.int32(rows), *arguments, group=(GROUP, GROUP, 1))
 
 
 def assemble(
@@ -238,8 +258,8 @@ def generalized_spherical_functions(session: Session, m: int, terms: int, mu: Ar
     cosines = np.atleast_1d(np.asarray(mu, float))
     if m < 0 or terms < 1 or not np.all(np.abs(cosines) <= 1.0) or cosines.size == 0:
         return _core.generalized_spherical_functions(m, terms, cosines)  # it says what is wrong
-    one = session.upload(np.zeros(1, np.int32))
-    order = session.upload(np.full(1, m, np.int32))
+    one = session.constant(np.zeros(1, np.int32))
+    order = session.constant(np.full(1, m, np.int32))
     found = session.download(spherical(session, one, order, terms, session.upload(cosines)))
     return np.ascontiguousarray(found[0].transpose(0, 2, 1))
 
@@ -268,7 +288,7 @@ def assemble_arrays(
     """As `_core.assemble`: fills E, F, G_E, G_F, source_s and source_d; threads and work are the processor's."""
     start = time.perf_counter()
     order, material = np.meshgrid(orders, np.arange(terms.size, dtype=np.int32), indexing="ij")
-    upload = session.upload
+    upload = session.constant
     if order.size and not stop[0]:
         items = upload(np.arange(order.size, dtype=np.int32))
         pairs = items, upload(order.ravel()), upload(material.ravel())
@@ -291,7 +311,7 @@ def phase_matrices(session: Session, m: int, coefficients: ArrayLike, mu: ArrayL
         return _core.phase_matrices(m, table, to, frm)  # it says what is wrong
     if 0 in (to.size, frm.size, table.shape[0]):
         return np.zeros((to.size, frm.size, 4, 4))
-    upload, zero = session.upload, session.upload(np.zeros(1, np.int32))
+    upload, zero = session.constant, session.constant(np.zeros(1, np.int32))
     one = np.ones(1)
     materials = upload(table[np.newaxis]), upload(np.array([table.shape[0]], np.int32)), upload(one)
     what = Scattering(zero, upload(np.full(1, m, np.int32)), zero, (0, 1, 2, 3), *materials)

@@ -66,7 +66,8 @@ def _listed() -> tuple[Device, ...]:
             "there is no OpenCL platform: a GPU's comes with its driver, the processor's with "
             f"pip install 'vrte[opencl]' ({faults.name_of(error)})"
         ) from error
-    found = tuple(_described(platform, handle) for platform in platforms for handle in _devices_of(platform))
+    with device_errors():
+        found = tuple(_described(platform, handle) for platform in platforms for handle in _devices_of(platform))
     if not found:
         names = ", ".join(platform.name.strip() for platform in platforms)
         raise DeviceError(f"no OpenCL platform has a device (platforms: {names or 'none'})")

@@ -114,7 +114,7 @@ class Doubling:
         self.sizes, self.count = frame.sizes, items.thickness.size
         self.algebra = Algebra(session, self.sizes, self.count)
         stokes, n_col = self.sizes.stokes, frame.columns.shape[0]
-        upload, new = session.upload, self.algebra.new
+        upload, new = session.constant, self.algebra.new
         self.rate_OO = upload(np.repeat(1.0 / frame.mu_out, stokes) if self.sizes.o else np.zeros(1))
         self.rate_II = upload(np.repeat(1.0 / frame.mu0, n_col) if self.sizes.r else np.zeros(1))
         self.columns = upload(frame.columns)
@@ -141,7 +141,7 @@ class Doubling:
     def extend(self, matrices: Matrices) -> None:
         """E and F with the sources as incident columns and G as outgoing rows."""
         items, s = self.where(self.doubled), self.sizes
-        of = self.session.upload(self.items.of)
+        of = self.session.constant(self.items.of)
         shape = np.int32(s.stokes), np.int32(self.frame.columns.shape[0])
         for target, matrix, G, source in (
             (self.e, matrices.E, matrices.G_E, matrices.source_d),
@@ -161,7 +161,7 @@ class Doubling:
         for matrix in (self.e, self.f):
             self.turn_both(items, matrix)
         size = np.float64(np.sqrt((self.frame.flux**2).sum()))
-        albedo = self.session.upload(self.items.albedo)
+        albedo = self.session.constant(self.items.albedo)
         shape = *s.arguments, place[3], np.int32(self.frame.columns.shape[0]), axis, size
         known = self.clear_row, self.columns, self.rate_OO, albedo, self.e.data
         self.session.launch("conserve", (items.size,), *shape, *known, items)
@@ -183,7 +183,7 @@ class Doubling:
 
     def put_h(self, h: Array) -> Any:
         """h (item,) for the kernels that come."""
-        self.h = self.session.upload(h)
+        self.h = self.session.constant(h)
         return self.h
 
     def run(self, stop: NDArray[np.int32]) -> Slabs:
@@ -283,7 +283,7 @@ class Doubling:
         """Ze = E f, Zo = f F with f = tanh(h sqrt A)/sqrt A, A = F E, which `a` holds."""
         algebra, items = self.algebra, self.where(self.finite)
         z, power, above, below = self.a, self.b, self.C, self.spare
-        algebra.combine(items, 1.0, z, z, factor=self.session.upload(h * h))
+        algebra.combine(items, 1.0, z, z, factor=self.session.constant(h * h))
         algebra.combine(items, NUMERATOR[1], z, above, gamma=NUMERATOR[0])
         algebra.combine(items, DENOMINATOR[1], z, below, gamma=DENOMINATOR[0])
         algebra.combine(items, 1.0, z, power)
@@ -293,7 +293,7 @@ class Doubling:
             algebra.combine(items, 1.0, above, above, up, power)
             algebra.combine(items, 1.0, below, below, down, power)
         algebra.invert(items, below, power)
-        algebra.combine(items, 1.0, above, above, factor=self.session.upload(h))
+        algebra.combine(items, 1.0, above, above, factor=self.session.constant(h))
         algebra.product(items, 1.0, below, above, z)
         algebra.product(items, 1.0, self.e, z, self.Ze)
         algebra.product(items, 1.0, z, self.f, self.Zo)
@@ -307,15 +307,15 @@ class Doubling:
         slowest = np.where(~m0 | (albedo == 1.0), np.maximum(slowest, 0.05), slowest)
         ratio = np.minimum(1.0, slowest / steepest)
         algebra, active = self.algebra, self.endless.copy()
-        factor = self.session.upload(1.0 / steepest)
+        factor = self.session.constant(1.0 / steepest)
         for matrix, target in ((self.e, self.Ze), (self.f, self.Zo)):
             algebra.combine(self.where(active), 1.0, matrix, target, factor=factor)
-        skip = self.session.upload((m0 & (albedo == 1.0)).astype(np.int32))
+        skip = self.session.constant((m0 & (albedo == 1.0)).astype(np.int32))
         for _ in range(MOST_STEPS):
             if stop[0] or not active.any():
                 return
             items, used = self.where(active), np.maximum(ratio, STEEPEST_RATIO)
-            factor = self.session.upload(1.0 / np.sqrt(used))
+            factor = self.session.constant(1.0 / np.sqrt(used))
             for matrix in (self.Ze, self.Zo):
                 algebra.combine(items, 1.0, matrix, matrix, factor=factor)
             algebra.product(items, 1.0, self.Zo, self.Ze, self.a)
@@ -373,9 +373,9 @@ class Doubling:
         if not chosen.any():
             return
         items, thickness = self.where(chosen), np.where(chosen, self.items.thickness, 0.0)
-        uploaded = self.session.upload(thickness)
+        uploaded = self.session.constant(thickness)
         shape = np.int32(s.n), np.int32(s.ld), np.int64(s.stride), np.int32(s.stokes)
-        nodes = self.session.upload(frame.nodes)
+        nodes = self.session.constant(frame.nodes)
         self.session.launch("clear_nodes", (items.size,), *shape, uploaded, nodes, T.data, items)
         self.algebra.go_straight(items, FADE, uploaded, self.with_rates(T), T)
         turned = chosen & self.items.turned

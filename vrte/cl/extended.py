@@ -110,7 +110,7 @@ class Algebra:
         """The items chosen, (item,) of bool, as kernels take them."""
         key = chosen.tobytes()
         if key not in self.lists:
-            self.lists[key] = self.session.upload(np.flatnonzero(chosen).astype(np.int32))
+            self.lists[key] = self.session.constant(np.flatnonzero(chosen).astype(np.int32))
         return self.lists[key]
 
     def columns_of(self, items: Any) -> tuple[int, int]:

@@ -47,8 +47,9 @@ __kernel void invariance_rate(int n_term, __global const double* restrict coeffi
     rate[item] = fmin(largest, 0.999);
 }
 
-#define SHARE_OF_COLUMN(x) if (j + x < n) { \
+#define SHARE_OF_COLUMN(x) if (j + x < columns) { \
     const double cosine = signed_mu[j + x], size = fabs(cosine); \
+    const double times = j + x < twice ? 2.0 : 1.0; \
     const int k = (j + x) * STRIP; \
     const double4 now_top = top##x * (0.5 * cosine * mu_top / (mu_top + size)); \
     const double4 now_low = low##x * (0.5 * cosine * mu_low / (mu_low + size)); \
@@ -57,20 +58,22 @@ __kernel void invariance_rate(int n_term, __global const double* restrict coeffi
     PUT(led + k, 1) = now_low; \
     PUT(moved + k, 0) = moved_top; \
     PUT(moved + k, 1) = moved_low; \
-    squares += moved_top * moved_top + moved_low * moved_low; \
-    products_1 += moved_top * AT(moved_1 + k, 0) + moved_low * AT(moved_1 + k, 1); \
-    products_2 += moved_top * AT(moved_2 + k, 0) + moved_low * AT(moved_2 + k, 1); \
+    squares += times * (moved_top * moved_top + moved_low * moved_low); \
+    products_1 += times * (moved_top * AT(moved_1 + k, 0) + moved_low * AT(moved_1 + k, 1)); \
+    products_2 += times * (moved_top * AT(moved_2 + k, 0) + moved_low * AT(moved_2 + k, 1)); \
     gap = LARGER(LARGER(gap, SIZE(moved_top)), SIZE(moved_low)); \
     largest = LARGER(LARGER(largest, SIZE(now_top)), SIZE(now_low)); }
 #define LARGER(a, b) ((a) > (b) ? (a) : (b))
 #define SIZE(a) LARGER(a, -(a))
+#define SIGNED(a, x) ((x) < 0.0 ? -(a) : (a))
 #define SUM(a) ((a).x + (a).y + ((a).z + (a).w))
 #define LARGEST(a) LARGER(LARGER((a).x, (a).y), LARGER((a).z, (a).w))
 
 // One step of a strip: led = HC H^T Q/2 over 1/mu + 1/mu', moved = led - R; of what moved, and of the two steps before, the
-// scalar products, what moved most and led's largest: found (item, strip, 5). Global size: strips of 8 rows, items.
+// scalar products, what moved most and led's largest: found (item, strip, 5). On the nodes themselves (`symmetric`) R Q is
+// symmetric: a strip ends with the block of 8 columns on the diagonal. Global size: strips of 8 rows, items.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void invariance_step(int n, __global const int* restrict counts, __global const double* restrict row_mu,
+__kernel void invariance_step(int symmetric, int n, __global const int* restrict counts, __global const double* restrict row_mu,
                               __global const double* restrict signed_mu, __global const double* restrict HC,
                               __global const double* restrict H, int h_ld, long h_stride, int h_columns, __global const double* restrict R, __global double* restrict led,
                               __global double* restrict moved, __global const double* restrict moved_1,
@@ -80,7 +83,8 @@ __kernel void invariance_step(int n, __global const int* restrict counts, __glob
     const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * get_global_size(0) + strip;
     if (state[item] != RUNNING)
         return;
-    const int inner = number_of_columns(counts, item, 2), columns = n, a_ld = STRIP, b_row = h_ld, b_column = 1;
+    const int inner = number_of_columns(counts, item, 2), a_ld = STRIP, b_row = h_ld, b_column = 1;
+    const int twice = symmetric ? STRIP * strip : 0, columns = symmetric ? min(n, twice + STRIP) : n;
     const double4 mu_top = fabs(AT(row_mu, 2 * strip)), mu_low = fabs(AT(row_mu, 2 * strip + 1));
     __global const double* A = HC + place * STRIP * h_columns;
     __global const double* B = H + item * h_stride;
@@ -90,7 +94,7 @@ __kernel void invariance_step(int n, __global const int* restrict counts, __glob
     moved += place * STRIP * n;
     moved_1 += place * STRIP * n;
     moved_2 += place * STRIP * n;
-    for (int j = 0; j < n; j += TILE_COLUMNS) {
+    for (int j = 0; j < columns; j += TILE_COLUMNS) {
         __global const double* a = A;
         EACH_COLUMN(COLUMN_OF_B)
         EACH_COLUMN(NO_SUMS)
@@ -166,15 +170,46 @@ __kernel void invariance_judge(int step, int most, int strips, __global const do
     PUT(now, 0) = top##x + sign * AT(phi, 0); \
     PUT(now, 1) = low##x + sign * AT(phi, 1); }
 
+// The double4 k of the next R: shares of what the last steps led to.
+double4 mixed(const double* share, __global const double* led, __global const double* led_1, __global const double* led_2,
+              int k)
+{
+    double4 value = share[0] * AT(led, k);
+    if (share[1] != 0.0)
+        value += share[1] * AT(led_1, k);
+    if (share[2] != 0.0)
+        value += share[2] * AT(led_2, k);
+    return value;
+}
+
+// R's block of 4 rows and 4 columns from that on the other side of the diagonal: columns `from` on of strip `other`, its upper
+// or lower 4 rows; both have the signs of V's rows and columns. to: the first of the block, in its strip.
+void put_mirrored(const double* share, __global const double* led, __global const double* led_1, __global const double* led_2,
+                  int n, int other, int low, int from, double4 row_signs, __global const double* column_mu, int left,
+                  __global double* to)
+{
+    const int k = 2 * (other * n + from) + low;
+    const double4 a = mixed(share, led, led_1, led_2, k), b = mixed(share, led, led_1, led_2, k + 2);
+    const double4 c = mixed(share, led, led_1, led_2, k + 4), d = mixed(share, led, led_1, led_2, k + 6);
+    PUT(to, 0) = (double4)(a.x, b.x, c.x, d.x) * SIGNED(row_signs, column_mu[0]);
+    if (left > 1)
+        PUT(to, 2) = (double4)(a.y, b.y, c.y, d.y) * SIGNED(row_signs, column_mu[1]);
+    if (left > 2)
+        PUT(to, 4) = (double4)(a.z, b.z, c.z, d.z) * SIGNED(row_signs, column_mu[2]);
+    if (left > 3)
+        PUT(to, 6) = (double4)(a.w, b.w, c.w, d.w) * SIGNED(row_signs, column_mu[3]);
+}
+
 // R of a strip from the last steps, then H = +-phi + R phi_nodes and HC, E's C and minus F's. At the start (`starting`) R is
-// zero. Global size: strips of 8 rows, items.
+// zero; `symmetric` as for `invariance_step`. Global size: strips of 8 rows, items.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void invariance_renew(int starting, int n, int n_term, int members, __global const double* restrict coefficients,
+__kernel void invariance_renew(int starting, int symmetric, int n, int n_term, int members, __global const double* restrict coefficients,
                                __global const int* restrict order, __global const int* restrict material,
                                __global const int* restrict terms, __global const double* restrict albedo,
                                __global const int* restrict counts, __global const double* restrict phi, int phi_ld,
                                long phi_stride, int phi_first, __global const double* restrict led,
                                __global const double* restrict led_1, __global const double* restrict led_2,
+                               __global const double* restrict signed_mu,
                                __global double* restrict R, __global double* restrict H, int h_ld, long h_stride,
                                int h_columns, __global double* restrict HC,
                                __global const Settling* restrict settling, __global const int* restrict state,
@@ -183,30 +218,27 @@ __kernel void invariance_renew(int starting, int n, int n_term, int members, __g
     const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * get_global_size(0) + strip;
     if (state[item] == LEFT)
         return;
-    const double share = settling[item].share[0], share_1 = settling[item].share[1], share_2 = settling[item].share[2];
+    const double share[3] = {settling[item].share[0], settling[item].share[1], settling[item].share[2]};
     const int columns = number_of_columns(counts, item, 2), columns_E = number_of_columns(counts, item, 0);
     const int inner = starting ? 0 : n, a_ld = STRIP, b_row = 1, b_column = phi_ld;
+    const int own = starting ? 0 : symmetric ? min(n, STRIP * ((int)strip + 1)) : n;
     R += place * STRIP * n;
-    led += place * STRIP * n;
-    led_1 += place * STRIP * n;
-    led_2 += place * STRIP * n;
+    for (int k = 0; k < 2 * own; k++)
+        PUT(R, k) = mixed(share, led + place * STRIP * n, led_1 + place * STRIP * n, led_2 + place * STRIP * n, k);
+    if (starting)
+        for (int k = 0; k < 2 * n; k++)
+            PUT(R, k) = 0.0;
+    const double4 ones = 1.0, mu_top = AT(signed_mu, 2 * strip), mu_low = AT(signed_mu, 2 * strip + 1);
+    const double4 signs_top = mu_top < 0.0 ? -ones : ones, signs_low = mu_low < 0.0 ? -ones : ones;
+    const long all = (place - strip) * STRIP * n;
+    for (int j = own; j < n && !starting; j += 4)
+        for (int low = 0; low < 2; low++)
+            put_mirrored(share, led + all, led_1 + all, led_2 + all, n, j / STRIP, j % STRIP / 4, STRIP * strip + 4 * low,
+                         low ? signs_low : signs_top, signed_mu + j, n - j, R + j * STRIP + 4 * low);
     H += item * h_stride + STRIP * strip;
     HC += place * STRIP * h_columns;
     __global const double* B = phi + item * phi_stride;
     __global const double* phi_row = B + phi_first + STRIP * strip;
-    for (int j = 0; j < n; j++)
-        for (int low = 0; low < 2; low++) {
-            const int k = j * STRIP;
-            double4 value = 0.0;
-            if (!starting) {
-                value = share * AT(led + k, low);
-                if (share_1 != 0.0)
-                    value += share_1 * AT(led_1 + k, low);
-                if (share_2 != 0.0)
-                    value += share_2 * AT(led_2 + k, low);
-            }
-            PUT(R + k, low) = value;
-        }
     for (int j = 0; j < columns; j += TILE_COLUMNS) {
         __global const double* a = R;
         EACH_COLUMN(COLUMN_OF_B)
@@ -225,36 +257,38 @@ __kernel void invariance_renew(int starting, int n, int n_term, int members, __g
 }
 
 // up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
-// on_nodes (item, beam, column, n) = Q Ru^T Q. Global size: beams, items.
-__kernel void invariance_results(int n, int stokes, int v_place, int n_out, int n_col, __global const double* restrict off_mu,
-                                 __global const int* restrict out, __global const int* restrict into,
-                                 __global const double* restrict columns, __global const double* restrict Ruu, int uu_ld,
-                                 long uu_stride, __global const double* restrict Ru, int strips,
+// on_nodes (item, beam, column, n) = Q Ru^T Q. Ru: `strip_step` from a strip to the next, `column_step` from column to column.
+// Global size: pieces of `each` of the S n_out + n numbers of a column, beams, items.
+__kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col,
+                                 __global const double* restrict off_mu, __global const int* restrict out,
+                                 __global const int* restrict into, __global const double* restrict columns,
+                                 __global const double* restrict Ruu, int uu_ld, long uu_stride,
+                                 __global const double* restrict Ru, int strip_step, int column_step, long stride,
                                  __global double* restrict up, __global double* restrict on_nodes,
                                  __global const int* restrict items)
 {
-    const long item = items[get_global_id(1)], beam = get_global_id(0), n_in = get_global_size(0);
-    const int from = stokes * into[beam];
+    const long item = items[get_global_id(2)], beam = get_global_id(1), n_in = get_global_size(1);
+    const int from = stokes * into[beam], n_up = stokes * n_out;
+    const int first = each * get_global_id(0), last = min(n_up + n, first + each);
     Ruu += item * uu_stride + (long)from * uu_ld;
-    Ru += item * strips * STRIP * n;
+    Ru += item * stride;
     for (int c = 0; c < n_col; c++) {
         const long rhs = (item * n_in + beam) * n_col + c;
-        for (int i = 0; i < n_out; i++)
-            for (int a = 0; a < stokes; a++) {
-                const int row = stokes * out[i] + a;
-                const double to = fabs(off_mu[row]);
-                double total = 0.0;
-                for (int b = 0; b < stokes; b++) {
-                    const double signed_mu = off_mu[from + b], share = 0.5 * signed_mu / (to + fabs(signed_mu));
-                    total += share * Ruu[(long)b * uu_ld + row] * columns[c * stokes + b];
-                }
-                up[(rhs * n_out + i) * stokes + a] = total;
-            }
-        for (int j = 0; j < n; j++) {
+        __global const double* of = columns + c * stokes;
+        for (int i = first; i < min(last, n_up); i++) {
+            const int row = stokes * out[i / stokes] + i % stokes;
+            const double to = fabs(off_mu[row]);
+            double total = 0.0;
+            for (int b = 0; b < stokes; b++)
+                total += 0.5 * off_mu[from + b] / (to + fabs(off_mu[from + b])) * Ruu[(long)b * uu_ld + row] * of[b];
+            up[rhs * n_up + i] = total;
+        }
+        for (int j = max(0, first - n_up); j < last - n_up; j++) {
             double total = 0.0;
             for (int b = 0; b < stokes; b++) {
                 const double sign = (b == v_place) != (j % stokes == v_place) ? -1.0 : 1.0;
-                total += sign * Ru[((from + b) / STRIP * n + j) * STRIP + (from + b) % STRIP] * columns[c * stokes + b];
+                const int row = from + b;
+                total += sign * Ru[(long)(row / STRIP) * strip_step + (long)j * column_step + row % STRIP] * of[b];
             }
             on_nodes[rhs * n + j] = total;
         }

@@ -5,19 +5,29 @@ which others there are."""
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from vrte.arrays import Array
-from vrte.cl.assembly import Columns, Scattering, bare_stack, parity_columns, product_over_columns, times_coefficients
-from vrte.cl.matrices import STRIP, Stack, padded
+from vrte.cl.assembly import (
+    Columns,
+    Scattering,
+    bare_stack,
+    parity_columns,
+    pieces,
+    product_over_columns,
+    tiles_of,
+    times_coefficients,
+)
+from vrte.cl.matrices import GROUP, STRIP, Stack, padded
 from vrte.cl.session import Session
 from vrte.discrete_ordinates.problem import IntArray
 
 MOST_STEPS = 400
 STEPS_A_LOOK = 4  # fixed points between two looks at what has settled: 2 to 6 take the same time, 1 takes a tenth more
+MIXED = 64  # work-items of a work-group that makes R on a GPU
 V = 3
 
 
@@ -34,12 +44,12 @@ class Endless:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Some rows: phi and H, E's and F's columns, Hf with the other sign; HC and room for R and the last steps, strip by
-    strip; signed_mu: the cosine of each row, minus where it is V's."""
+    """Some rows: phi, H and HC of E's and F's columns, Hf with the other sign; signed_mu: the cosine of each row, minus
+    where it is V's."""
 
     phi: Stack
     H: Stack
-    HC: Any
+    HC: Stack
     signed_mu: Any
 
 
@@ -107,8 +117,106 @@ def sheet_of(
     signed_mu = session.empty((padded(rows),))
     sizes = np.int32(n_mu), np.int32(what.stokes), np.int32(place)
     session.launch("cosines_of_rows", (1,), *sizes, directions, np.int32(first), signed_mu)
-    H = bare_stack(session, what.room, rows, columns.phi.columns)
-    return Sheet(columns.rows(part, rows), H, session.empty(H.data.shape), signed_mu)
+    H, HC = (bare_stack(session, what.room, rows, columns.phi.columns) for _ in range(2))
+    return Sheet(columns.rows(part, rows), H, HC, signed_mu)
+
+
+@dataclass(eq=False)
+class FixedPoints:
+    """Steps for R of some rows, the nodes' or others.
+
+    ``led`` to which R the last steps led, ``moved`` by how much, this one first: memory for matrices like R. On a CPU
+    R, the last steps and HC are stored strip by strip, on a GPU column by column."""
+
+    session: Session
+    what: Scattering
+    counts: Any
+    rows: Sheet
+    nodes: Sheet
+    R: Any
+    led: list[Any]
+    moved: list[Any]
+    settling: Any
+    state: Any
+
+    @property
+    def n(self) -> int:
+        """Columns of R."""
+        return self.nodes.phi.rows
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the rows are the nodes."""
+        return self.rows is self.nodes
+
+    @property
+    def parts(self) -> int:
+        """Of R, that are summed over by themselves."""
+        if self.session.form == "cpu":
+            return self.rows.H.ld // STRIP
+        across, along = tiles_of(self.rows.H.ld, self.n)
+        return across // GROUP * along // GROUP
+
+    def begin(self) -> None:
+        """R = 0."""
+        self.renew(self.what.items, starting=True)
+
+    def step(self, items: Any, found: Any) -> None:
+        """Where R leads, and what that moves; found (item, part, 5)."""
+        rows, nodes, ld = self.rows, self.nodes.H, self.rows.H.ld
+        arguments = (
+            *(np.int32(self.n), self.counts, rows.signed_mu, self.nodes.signed_mu, rows.HC.data),
+            *(nodes.data, np.int32(nodes.ld), np.int64(nodes.stride), np.int32(nodes.columns)),
+            *(self.R, self.led[0], *self.moved, found, self.state, items),
+        )
+        if self.session.form == "cpu":
+            self.session.launch("invariance_step", (ld // STRIP, items.size), np.int32(self.symmetric), *arguments)
+        else:
+            tiles = (*tiles_of(ld, self.n), items.size)
+            self.session.launch("invariance_step_gpu", tiles, np.int32(ld), *arguments, group=(GROUP, GROUP, 1))
+
+    def renew(self, items: Any, starting: bool = False) -> None:
+        """R, H and HC; then the step just done is the last one."""
+        if self.session.form == "cpu":
+            self.renew_strips(items, starting)
+        else:
+            self.renew_tiles(items, starting)
+        if not starting:
+            self.led, self.moved = self.led[2:] + self.led[:2], self.moved[2:] + self.moved[:2]
+
+    def renew_strips(self, items: Any, starting: bool) -> None:
+        """All of it strip by strip."""
+        what, H, phi = self.what, self.rows.H, self.nodes.phi
+        self.session.launch(
+            "invariance_renew",
+            (H.ld // STRIP, items.size),
+            *(np.int32(starting), np.int32(self.symmetric), np.int32(self.n), np.int32(what.n_term), what.bits),
+            what.coefficients,
+            *(what.order, what.material, what.terms, what.albedo, self.counts),
+            *(phi.data, np.int32(phi.ld), np.int64(phi.stride), np.int32(self.rows.phi.first)),
+            *(*self.led, self.nodes.signed_mu, self.R, H.data, np.int32(H.ld), np.int64(H.stride), np.int32(H.columns)),
+            *(self.rows.HC.data, self.settling, self.state, items),
+        )
+
+    def renew_tiles(self, items: Any, starting: bool) -> None:
+        """R, then H, then HC."""
+        H, phi, size = self.rows.H, self.nodes.phi, self.rows.H.ld * self.n
+        self.session.launch(
+            "invariance_mix",
+            (-(-size // MIXED) * MIXED, items.size),
+            *(np.int32(starting), np.int32(size), *self.led, self.R, self.settling, self.state, items),
+            group=(MIXED, 1),
+        )
+        self.session.launch(
+            "invariance_renew_gpu",
+            (*tiles_of(H.ld, H.columns), items.size),
+            *(np.int32(starting), np.int32(self.n), self.counts),
+            *(phi.data, np.int32(phi.ld), np.int64(phi.stride), np.int32(self.rows.phi.first)),
+            *(self.R, H.data, np.int32(H.ld), np.int64(H.stride), self.state, items),
+            group=(GROUP, GROUP, 1),
+        )
+        listed = replace(self.what, items=items)
+        times_coefficients(self.session, listed, self.counts, H, self.rows.HC, v_sign=-1.0, odd_sign=-1.0)
 
 
 def settle(
@@ -121,44 +229,21 @@ def settle(
     room: list[Any],
     stop: IntArray | None,
 ) -> Any:
-    """R of some rows, the nodes' or others, strip by strip, after as many fixed points as each item needs; their H with
-    it."""
-    state = session.zeros((what.room,), np.int32)
-    n, strips, items = nodes.phi.rows, rows.H.ld // STRIP, what.items
-    R = session.empty((what.room, n, rows.H.ld))
-    H = rows.H.data, np.int32(rows.H.ld), np.int64(rows.H.stride), np.int32(rows.H.columns)
-    nodes_H = nodes.H.data, np.int32(nodes.H.ld), np.int64(nodes.H.stride), np.int32(nodes.H.columns)
-    led, moved = room[:3], room[3:]
-    found = session.empty((what.room, strips, 5))
-
-    def renew(starting: bool) -> None:
-        """R, H and HC."""
-        session.launch(
-            "invariance_renew",
-            (strips, items.size),
-            *(np.int32(starting), np.int32(n), np.int32(what.n_term), what.bits, what.coefficients),
-            *(what.order, what.material, what.terms, what.albedo, counts),
-            *(nodes.phi.data, np.int32(nodes.phi.ld), np.int64(nodes.phi.stride), np.int32(rows.phi.first)),
-            *(*led, R, *H, rows.HC),
-            *(judged.settling, state, items),
-        )
-
-    renew(starting=True)
+    """R of some rows, the nodes' or others, after as many fixed points as each item needs; their H with it."""
+    state, items = session.zeros((what.room,), np.int32), what.items
+    R = session.empty((what.room, nodes.phi.rows, rows.H.ld))
+    points = FixedPoints(session, what, counts, rows, nodes, R, room[:3], room[3:], judged.settling, state)
+    found = session.empty((what.room, points.parts, 5))
+    points.begin()
     for step in range(MOST_STEPS):
-        session.launch(
-            "invariance_step",
-            (strips, items.size),
-            *(np.int32(n), counts, rows.signed_mu, nodes.signed_mu, rows.HC, *nodes_H, R),
-            *(led[0], *moved, found, state, items),
-        )
+        points.step(items, found)
         session.launch(
             "invariance_judge",
             (items.size,),
-            *(np.int32(step), np.int32(MOST_STEPS), np.int32(strips), found, judged.rate, judged.tolerance),
+            *(np.int32(step), np.int32(MOST_STEPS), np.int32(points.parts), found, judged.rate, judged.tolerance),
             *(judged.settling, judged.residual, judged.steps, state, items),
         )
-        renew(starting=False)
-        led, moved = led[2:] + led[:2], moved[2:] + moved[:2]
+        points.renew(items)
         if step % STEPS_A_LOOK == STEPS_A_LOOK - 1:
             items = unsettled(session, items, state)
             if not items.size or (stop is not None and stop[0]):
@@ -170,7 +255,7 @@ def unsettled(session: Session, items: Any, state: Any) -> Any:
     """The listed items that go on; waits."""
     listed = session.download(items)
     going_on = listed[session.download(state)[listed] == 0]
-    return items if going_on.size == listed.size else session.upload(going_on)
+    return items if going_on.size == listed.size else session.constant(going_on)
 
 
 def results(
@@ -194,12 +279,16 @@ def results(
     up = session.empty((what.room, n_in, n_col, what.stokes * out.size))
     on_nodes = session.empty((what.room, n_in * n_col, n))
     place = what.members.index(V) if V in what.members else -1
+    ld, strip_by_strip = off.H.ld, session.form == "cpu"
+    number, each, group = pieces(session, what.stokes * out.size + n, what.stokes * out.size + n)
     session.launch(
         "invariance_results",
-        (n_in, what.items.size),
-        *(np.int32(n), np.int32(what.stokes), np.int32(place), np.int32(out.size), np.int32(n_col)),
+        (number, n_in, what.items.size),
+        *(np.int32(size) for size in (n, each, what.stokes, place, out.size, n_col)),
         *(off.signed_mu, out, into, columns, Ruu.data, np.int32(Ruu.ld), np.int64(Ruu.stride)),
-        *(Ru, np.int32(off.H.ld // STRIP), up, on_nodes, what.items),
+        *(Ru, np.int32(STRIP * n if strip_by_strip else STRIP), np.int32(STRIP if strip_by_strip else ld)),
+        *(np.int64(ld * n), up, on_nodes, what.items),
+        group=(group, 1, 1),
     )
     return Endless(up, on_nodes, judged.residual, judged.steps)
 
@@ -231,7 +320,7 @@ def reflect_endless_arrays(
     (every product here is a whole one)."""
     start = time.perf_counter()
     if orders.size and not stop[0]:
-        upload, count = session.upload, orders.size
+        upload, count = session.constant, orders.size
         pairs = upload(np.arange(count, dtype=np.int32)), upload(orders), upload(np.zeros(count, np.int32))
         materials = upload(coefficients[np.newaxis]), upload(np.array([terms], np.int32)), upload(np.array([albedo]))
         cosines = upload(directions), upload(weights), upload(out), upload(into), upload(columns)

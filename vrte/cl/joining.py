@@ -83,8 +83,8 @@ class Joining:
         self.turned = self.algebra.where(piles.turned) if piles.turned.any() else None
         self.r, self.t = self.algebra.new(), self.algebra.new()
         self.row, self.lost_here = (session.zeros((self.count, s.n)) for _ in range(2))
-        self.rate_II = session.upload(np.repeat(1.0 / frame.mu0, frame.columns.shape[0]) if s.r else np.zeros(1))
-        self.depths = [session.upload(np.ascontiguousarray(above)) for above in piles.above.T]
+        self.rate_II = session.constant(np.repeat(1.0 / frame.mu0, frame.columns.shape[0]) if s.r else np.zeros(1))
+        self.depths = [session.constant(np.ascontiguousarray(above)) for above in piles.above.T]
         self.residual = np.zeros((self.count, self.places))
         ground = piles.ground
         start = np.zeros((self.count, s.n)) if ground is None else ground.absorbed
@@ -126,7 +126,7 @@ class Joining:
 
     def bring(self, place: int) -> None:
         """R and T of what lies there into r and t."""
-        of = self.session.upload(np.ascontiguousarray(self.piles.slab[:, place]))
+        of = self.session.constant(np.ascontiguousarray(self.piles.slab[:, place]))
         for source, target in ((self.R, self.r), (self.T, self.t)):
             arguments = *self.sizes.arguments, *source.arguments, *target.arguments, of, self.items
             self.session.launch("gather", (self.sizes.columns, self.count), *arguments)

@@ -20,7 +20,9 @@ SOURCES = (
     "inverse_gpu",
     "spherical",
     "assembly",
+    "assembly_gpu",
     "invariance",
+    "invariance_gpu",
     "doubling",
     "joining",
     "sums",
@@ -28,8 +30,10 @@ SOURCES = (
     "complexes",
     "reconstruction",
 )
+SMALL, MOST_CONSTANTS = 1 << 14, 4096  # bytes of an array that is kept; how many of them
 OPTIONS = ("-cl-std=CL1.2", "-cl-mad-enable")
 FORMS = ("cpu", "gpu")
+WORK_GROUP = 256  # work-items of a group in the form for a GPU
 FORKED = (
     "this process was forked from one that had used OpenCL, whose threads it does not have: start processes by "
     'multiprocessing.get_context("spawn"), or use OpenCL after the fork only'
@@ -51,6 +55,7 @@ class Session:
     form: str = "cpu"
     lock: threading.RLock = field(default_factory=threading.RLock)
     process: int = field(default_factory=os.getpid)
+    constants: dict[Any, Any] = field(default_factory=dict)
     typed: set[str] = field(default_factory=set)
 
     @property
@@ -87,6 +92,18 @@ class Session:
 
         self._check_process()
         return pyopencl.array.to_device(self.queue, np.ascontiguousarray(values), allocator=self.memory)
+
+    def constant(self, values: Any) -> Any:
+        """A copy on the device that nobody writes to: where there is one of the same small array, that."""
+        array = np.ascontiguousarray(values)
+        if array.nbytes > SMALL:
+            return self.upload(array)
+        key = array.dtype.str, array.shape, array.tobytes()
+        if key not in self.constants:
+            if len(self.constants) >= MOST_CONSTANTS:
+                self.constants.clear()
+            self.constants[key] = self.upload(array)
+        return self.constants[key]
 
     def download(self, values: Any) -> Array:
         """A copy of the device's array; waits for whatever it comes from."""
@@ -130,7 +147,8 @@ def sources() -> str:
 
 
 def open_session(device: Any, form: str | None = None) -> Session:
-    """A session on a pyopencl device; ``form`` of products and inverses: by default that of the device's kind.
+    """A session on a pyopencl device; ``form`` of products and inverses: by default that of the device's kind,
+    "cpu" also where work-groups of 256 are too large for it.
 
     Raises DeviceError where the kernels cannot be built.
     """
@@ -142,5 +160,6 @@ def open_session(device: Any, form: str | None = None) -> Session:
     program, kernels = built(context, sources(), OPTIONS)
     queue = pyopencl.CommandQueue(context)
     if form is None:
-        form = "cpu" if device.type & pyopencl.device_type.CPU else "gpu"
+        groups = device.max_work_group_size >= WORK_GROUP
+        form = "gpu" if groups and not device.type & pyopencl.device_type.CPU else "cpu"
     return Session(context, queue, program, kernels, MemoryPool(ImmediateAllocator(queue)), form)

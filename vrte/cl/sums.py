@@ -41,7 +41,7 @@ def upload_azimuths(session: Session, angle: Array, sign: Array, n_angle: int) -
     """angle (n_phi,): which of the ``n_angle`` distinct angles an azimuth is; sign (n_phi,): -1 for a mirror image."""
     azimuth = np.argsort(angle, kind="stable").astype(np.int32)
     first_use = np.searchsorted(angle[azimuth], np.arange(n_angle + 1)).astype(np.int32)
-    return Azimuths(session.upload(first_use), session.upload(azimuth), session.upload(np.sign(sign)[azimuth]))
+    return Azimuths(session.constant(first_use), session.constant(azimuth), session.constant(np.sign(sign)[azimuth]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +123,10 @@ def upload_entries(
         for lane, with_sine in enumerate(pattern):
             lanes[:, : cosine.shape[1], lane] = sine if with_sine else cosine
     return Entries(
-        session.upload(np.array(where, np.int32)),
-        session.upload(np.array([[lane[3] for lane in group] for group in groups.values()])),
-        session.upload(waves),
-        session.upload(1.0 - 2.0 * np.array(patterns)),
+        session.constant(np.array(where, np.int32)),
+        session.constant(np.array([[lane[3] for lane in group] for group in groups.values()])),
+        session.constant(waves),
+        session.constant(1.0 - 2.0 * np.array(patterns)),
     )
 
 
@@ -197,9 +197,9 @@ def upload_scatterers(session: Session, scenes: Sequence[Sequence[tuple[Array, A
     for room, (table, _) in zip(tables, found, strict=True):
         room[: table.shape[0]] = table
     return Scatterers(
-        session.upload(np.cumsum([0, *(len(scene) for scene in scenes)]).astype(np.int32)),
+        session.constant(np.cumsum([0, *(len(scene) for scene in scenes)]).astype(np.int32)),
         session.upload(tables),
-        session.upload(np.array([table.shape[0] for table, _ in found], np.int32)),
+        session.constant(np.array([table.shape[0] for table, _ in found], np.int32)),
         session.upload(np.array([path for _, path in found])),
     )
 
@@ -224,7 +224,7 @@ def upload_directions(
     """Arguments as those of `add_single_scattering`."""
     waves = np.zeros((2, padded(cosine.size)))
     waves[:, : cosine.size] = cosine, sine
-    return Directions(*(session.upload(values) for values in (mu0, mu, *waves, columns, kind, place)))
+    return Directions(*(session.constant(values) for values in (mu0, mu, *waves, columns, kind, place)))
 
 
 def add_scattering(
@@ -283,13 +283,13 @@ def azimuthal_sum(
             add_orders(
                 session,
                 dense(light, kernels.shape),
-                session.upload(np.array([kernels.shape[0]], np.int32)),
+                session.constant(np.array([kernels.shape[0]], np.int32)),
                 upload_entries(session, stokes, kind, place, out.shape[5], cosine, sine),
                 upload_azimuths(session, angle, sign, cosine.shape[1]),
-                session.upload(levels),
-                session.upload(rows),
-                session.upload(scale),
-                session.upload(weights),
+                session.constant(levels),
+                session.constant(rows),
+                session.constant(scale),
+                session.constant(weights),
                 (first, last),
                 Table(result, out.shape),
             )

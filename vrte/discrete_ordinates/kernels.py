@@ -1,17 +1,22 @@
 """The loops that a backend's stages run: those of `_core`, or the same on an OpenCL device."""
 
+from collections.abc import Callable
 from functools import partial
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vrte import _core
 from vrte.backends import Backend
+
+if TYPE_CHECKING:
+    from vrte.cl.session import Session
 
 
 def kernels_of(backend: Backend) -> Any:
     """`_core`, or what stands for it: on the device are the kernels, the linear algebra, or both.
 
-    Raises DeviceError where there is no device, MissingExtraError without pyopencl.
+    Raises DeviceError where there is no device, MissingExtraError without pyopencl; whatever fails on the device while
+    they run is a DeviceError, too.
     """
     if not backend.needs_device:
         return _core
@@ -40,5 +45,13 @@ def kernels_of(backend: Backend) -> Any:
         on_device_algebra if backend.linear_algebra == "device" else {}
     )
     for name, stage in stages.items():
-        setattr(found, name, partial(stage, device))
+        setattr(found, name, partial(on_device, stage, device))
     return found
+
+
+def on_device(stage: Callable[..., Any], device: "Session", *arguments: Any, **named: Any) -> Any:
+    """One call of a stage, no other thread's kernels beside it."""
+    from vrte.cl.device import device_errors
+
+    with device.lock, device_errors():
+        return stage(device, *arguments, **named)

@@ -17,12 +17,14 @@ from vrte.arrays import Array
 from vrte.cl import assembly, doubling, invariance, joining
 from vrte.cl.device import chosen, device_errors, session
 from vrte.cl.doubling import Frame, Items, Matrices
+from vrte.cl.faults import check_room
 from vrte.cl.session import Session
 from vrte.cl.sums import Kernels, dense
 from vrte.discrete_ordinates.base import Base as Reflection
 from vrte.discrete_ordinates.base import expand_base
 from vrte.discrete_ordinates.blocks import Block
 from vrte.discrete_ordinates.choice import Choice
+from vrte.discrete_ordinates.memory import ALWAYS_THERE, BYTES, available_bytes, doubles_of_kernels
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.routes import TIGHTER, Doubling
 from vrte.discrete_ordinates.slabs import Pile, cut
@@ -34,6 +36,7 @@ from vrte.plan import Plan
 REPEATED = Choice("doubling", "the fixed points of invariance did not settle")
 STACKS = 14  # extended matrices that an item needs at once, R and T included
 SHARE = 0.5  # of the device's memory
+LARGEST_SHARE = 0.5  # of the largest allocation: of a result at once
 CACHED = 256e6  # bytes of matrices at once on a processor: more does not make it faster
 
 
@@ -144,7 +147,7 @@ def solve_all(plans: Sequence[Plan], run: Run, progress: Progress | None = None)
     tasks = [task_of(plan) for plan in plans]
     total = sum(steps(plan) for plan in plans)
     with opened.lock, device_errors():
-        done = 0
+        check_memory(opened, tasks)
         while pieces := [Piece(task, *found) for task in tasks for found in task.next_blocks()]:
             for group in grouped(pieces, opened):
                 solve_group(opened, group, run)
@@ -153,6 +156,19 @@ def solve_all(plans: Sequence[Plan], run: Run, progress: Progress | None = None)
         parts = [fill(opened, task, run) for task in tasks]
     told(progress, total, total)
     return [solution(task, values, run, start) for task, values in zip(tasks, parts, strict=True)]
+
+
+def check_memory(opened: Session, tasks: Sequence[Task]) -> None:
+    """Raises DeviceError where not even one order at a time, what all of them leave and a share of the result fit."""
+    blocks = [block for task in tasks for block in task.plan.blocks]
+    kernels = [BYTES * doubles_of_kernels(block) for block in blocks]
+    matrices = max((bytes_of(Piece(tasks[0], block, block.orders[:1])) for block in blocks), default=0.0)
+    result = max(BYTES * task.plan.wanted.doubles(task.plan.request.phi.size) for task in tasks)
+    share = min(result, LARGEST_SHARE * float(opened.device.max_mem_alloc_size))
+    if sum(kernels) + matrices + result < ALWAYS_THERE:
+        return
+    largest = max(matrices / STACKS, *kernels, 0.0)
+    check_room(opened, sum(kernels) + matrices + share, largest, max(0.0, available_bytes() - result))
 
 
 def told(progress: Progress | None, done: int, total: int) -> None:
@@ -376,7 +392,7 @@ def booked(opened: Session, run: Run, name: str, begin: float) -> float:
 def assembled(opened: Session, batch: Batch) -> Matrices:
     """E, F, G and sources of every pair of (order, material)."""
     problem = batch.problem
-    upload, longest = opened.upload, max(pile.problem.coefficients.shape[1] for pile in batch.piles)
+    upload, longest = opened.constant, max(pile.problem.coefficients.shape[1] for pile in batch.piles)
     materials = batch.starts(lambda piece, pile: pile.problem.albedo.size)
     coefficients = np.zeros((materials[-1] + batch.piles[-1].problem.albedo.size, longest, 6))
     for start, pile in zip(materials, batch.piles, strict=True):
@@ -467,13 +483,13 @@ def leaving(opened: Session, batch: Batch, joint: joining.Joined, shape: tuple[i
     problem, pile = batch.problem, batch.piles[0]
     kernels = opened.empty(shape)
     sizes = n_in * n_col, levels, n_mu, batch.pieces[0].problem.n_up, problem.mu_out.size, stokes
-    factors = opened.upload(problem.flip / (2.0 * np.pi)), opened.upload(np.full(stokes, 1.0 / (2.0 * np.pi)))
+    factors = opened.constant(problem.flip / (2.0 * np.pi)), opened.constant(np.full(stokes, 1.0 / (2.0 * np.pi)))
     opened.launch(
         "leaving",
         (n_in * n_col, levels, items),
         *(np.int32(size) for size in sizes),
-        *(opened.upload(pile.out), *factors, joint.up, joint.down, kernels),
-        opened.upload(np.arange(items, dtype=np.int32)),
+        *(opened.constant(pile.out), *factors, joint.up, joint.down, kernels),
+        opened.constant(np.arange(items, dtype=np.int32)),
     )
     return kernels
 
@@ -490,7 +506,7 @@ def allowed_of_invariance(pieces: list[Piece]) -> float:
 
 def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Fixed points of the invariance equation for all orders of all pieces: the top of layers without end."""
-    problem, upload = pieces[0].problem, opened.upload
+    problem, upload = pieces[0].problem, opened.constant
     off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
     n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]
     coefficients = np.zeros((len(pieces), max(piece.problem.coefficients.shape[1] for piece in pieces), 6))

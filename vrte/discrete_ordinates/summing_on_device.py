@@ -20,13 +20,12 @@ from vrte.cl.sums import (
     upload_entries,
     upload_scatterers,
 )
+from vrte.discrete_ordinates import on_device
 from vrte.discrete_ordinates.azimuths import Azimuths, cos_sin_deg, fold
 from vrte.discrete_ordinates.on_device import Light, Task, spreads_of
 from vrte.discrete_ordinates.problem import IntArray, Run
 from vrte.discrete_ordinates.single_scattering import add_base_reflected, scatterers
 from vrte.discrete_ordinates.summing import Part, column_kinds, make_parts, prepare_spreading
-
-LARGEST_SHARE = 0.5  # of the largest allocation
 
 
 def fill(opened: Session, task: Task, run: Run) -> list[Array]:
@@ -46,7 +45,9 @@ def fill(opened: Session, task: Task, run: Run) -> list[Array]:
 def shares_of(opened: Session, part: Part) -> Iterator[tuple[int, int]]:
     """Incident directions of a part, as many at once as one allocation holds."""
     n_in = part.values.shape[1]
-    count = min(n_in, max(1, math.ceil(part.values.nbytes / (LARGEST_SHARE * opened.device.max_mem_alloc_size))))
+    count = min(
+        n_in, max(1, math.ceil(part.values.nbytes / (on_device.LARGEST_SHARE * opened.device.max_mem_alloc_size)))
+    )
     return itertools.pairwise(k * n_in // count for k in range(count + 1))
 
 
@@ -91,7 +92,7 @@ def add_light(
     table: Table,
 ) -> None:
     """Some orders, added into the table."""
-    wanted, upload = task.plan.wanted, opened.upload
+    wanted, upload = task.plan.wanted, opened.constant
     cosine, sine = azimuths.cos_sin(light.orders)
     kind: Any = column_kinds(task.plan.problem.columns)[light.columns]
     stokes: Any = light.stokes

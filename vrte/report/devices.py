@@ -80,7 +80,7 @@ def _rate(session: Session, pool: ThreadPoolExecutor, threads: int, rows: int, c
         list(pool.map(lambda part: _multiply(a, b, c, part[0], part[-1] + 1), shares))
 
     operations = 2.0 * rows**3 * count
-    best = _fastest((on_device, by_blas))
+    best = fastest((on_device, by_blas))
     return Rate(rows, count, *(operations / 1e9 / seconds for seconds in best))
 
 
@@ -90,8 +90,8 @@ def _multiply(a: Array, b: Array, c: Array, first: int, last: int) -> None:
         np.matmul(a[item], b[item], out=c[item])
 
 
-def _fastest(calls: Sequence[Callable[[], None]]) -> list[float]:
-    """Seconds of each call, the fastest of some rounds, all of them in turn."""
+def fastest(calls: Sequence[Callable[[], None]]) -> list[float]:
+    """Seconds of each call, the fastest of some rounds, all of them in turn; the first round warms up."""
     times: list[list[float]] = [[] for _ in calls]
     for round_ in range(ROUNDS):
         for call, seconds in zip(calls, times, strict=True):

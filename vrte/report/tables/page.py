@@ -77,7 +77,7 @@ def csv_rows(found: Measured) -> Iterator[list[object]]:
                     *(f"{value:.6f}" for value in (times.median, times.least, times.greatest)),
                     times.rounds,
                     "" if printed is None else printed,
-                    ratio_text(printed, times.median, ""),
+                    "" if printed is None or times.median <= 0.0 else f"{printed / times.median:.4g}",
                     f"{found.checks[problem.name, configuration].gap:.1e}",
                 ]
 
@@ -191,14 +191,14 @@ def seconds_text(seconds: float | None) -> str:
     return "-" if seconds is None else f"{seconds:g}"
 
 
-def ratio_text(one: float | None, other: float | None, absent: str = "-") -> str:
+def ratio_text(one: float | None, other: float | None) -> str:
     """Three digits.
 
     >>> ratio_text(2.0, 3.0), ratio_text(None, 3.0), ratio_text(72000.0, 0.5)
     ('0.667', '-', '144,000')
     """
     if one is None or other is None or other <= 0.0:
-        return absent
+        return "-"
     value = one / other
     return f"{value:,.0f}" if value >= 100.0 else f"{value:#.3g}"
 
