@@ -1,8 +1,9 @@
 // Sums over Fourier orders, added into a table of radiances: (1:6)-(1:8), (1:12) without its 1/2.
 
-#define TILE_ANGLES 8      // azimuths that are summed at once, in registers
+#define TILE_ANGLES 12     // azimuths that are summed at once, in registers
 #define BATCH 8            // groups of four elements whose sums are kept at hand
-#define EACH_ANGLE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
+#define EACH_ANGLE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7) \
+    DO(8) DO(9) DO(10) DO(11)
 #define NO_SUM(x) double4 sum##x = (double4)(0.0);
 #define ADD_ORDER(x) sum##x = value * AT(wave, x) + sum##x;
 #define KEEP_SUM(x) sums[x] = sum##x;
