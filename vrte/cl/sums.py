@@ -171,7 +171,7 @@ def add_orders(
         (-(-n_mu // mu_each), -(-tiles // tiles_each), others),
         *kernels.place,
         n_order,
-        *(np.int32(len(entries.where)), entries.where, entries.sense, entries.waves),
+        *(np.int32(entries.where.shape[0]), entries.where, entries.sense, entries.waves),
         *(np.int32(size) for size in (n_order_most, 4 * n_angle_padded)),
         entries.mirrored,
         *(levels, rows, scale, factors),
