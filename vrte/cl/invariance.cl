@@ -65,13 +65,13 @@ __kernel void invariance_rate(int n_term, __global const double* restrict coeffi
 #define SUM(a) ((a).x + (a).y + ((a).z + (a).w))
 #define LARGEST(a) LARGER(LARGER((a).x, (a).y), LARGER((a).z, (a).w))
 
-// One step of a strip: led = HC H^T Q/2 over 1/mu + 1/mu', moved = led - R; adds to `found` of what moved, and of the two steps
-// before, the scalar products, then what moved most and led's largest. On the nodes themselves (`symmetric`) R Q is
+// One step of a strip: led = HC H^T Q/2 over 1/mu + 1/mu', moved = led - R; adds to `found` of what moved, and of the two
+// steps before, the scalar products, then what moved most and led's largest. On the nodes themselves (`symmetric`) R Q is
 // symmetric: a strip ends with the block of 8 columns on the diagonal.
-void step_of_strip(int strip, bool symmetric, int n, int inner, __global const double* row_mu, __global const double* signed_mu,
-                   __global const double* HC, int h_columns, __global const double* H, int h_ld, __global const double* R,
-                   __global double* led, __global double* moved, __global const double* moved_1,
-                   __global const double* moved_2, double* found)
+void step_of_strip(int strip, bool symmetric, int n, int inner, __global const double* row_mu,
+                   __global const double* signed_mu, __global const double* HC, int h_columns, __global const double* H,
+                   int h_ld, __global const double* R, __global double* led, __global double* moved,
+                   __global const double* moved_1, __global const double* moved_2, double* found)
 {
     const int a_ld = STRIP, b_row = h_ld, b_column = 1, place = strip * STRIP * n;
     const int twice = symmetric ? STRIP * strip : 0, columns = symmetric ? min(n, twice + STRIP) : n;
@@ -141,11 +141,11 @@ double4 mixed(const double* share, __global const double* led, __global const do
     return value;
 }
 
-// R's block of 4 rows and 4 columns from that on the other side of the diagonal: columns `from` on of strip `other`, its upper
-// or lower 4 rows; both have the signs of V's rows and columns. to: the first of the block, in its strip.
-void put_mirrored(const double* share, __global const double* led, __global const double* led_1, __global const double* led_2,
-                  int n, int other, int low, int from, double4 row_signs, __global const double* column_mu, int left,
-                  __global double* to)
+// R's block of 4 rows and 4 columns from that on the other side of the diagonal: columns `from` on of strip `other`, its
+// upper or lower 4 rows; both have the signs of V's rows and columns. to: the first of the block, in its strip.
+void put_mirrored(const double* share, __global const double* led, __global const double* led_1,
+                  __global const double* led_2, int n, int other, int low, int from, double4 row_signs,
+                  __global const double* column_mu, int left, __global double* to)
 {
     const int k = 2 * (other * n + from) + low;
     const double4 a = mixed(share, led, led_1, led_2, k), b = mixed(share, led, led_1, led_2, k + 2);
@@ -205,8 +205,8 @@ void renew_strip(int strip, int inner, int n, int columns, int columns_E, __glob
     }
 }
 
-// The place in a list of `number` for a work-item: drivers give each of their `units` a range of work-items, and orders that
-// follow each other take alike many steps; so the first range has every units-th item, the next one those after them.
+// The place in a list of `number` for a work-item: drivers give each of their `units` a range of work-items, and orders
+// that follow each other take alike many steps; so the first range has every units-th item, the next one those after them.
 int dealt(int work_item, int number, int units)
 {
     int unit = 0, left = work_item;
@@ -253,14 +253,14 @@ __kernel void invariance_settle(int units, int most, int strips, int symmetric, 
         if (step >= 0) {
             double found[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
             for (int strip = 0; strip < strips; strip++)
-                step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_ld, R, led, moved,
-                              moved_1, moved_2, found);
+                step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_ld, R, led,
+                              moved, moved_1, moved_2, found);
             settling = judged(step, found, rate[item], tolerance[item], settling, &done);
         }
         for (int strip = 0; strip < strips; strip++) {
             mix_strip(strip, step < 0, symmetric, n, settling.share, led, led_1, led_2, signed_mu, R);
-            renew_strip(strip, step < 0 ? 0 : n, n, columns, number_of_columns(counts, item, 0), phi, phi + phi_first, phi_ld, R,
-                        H, h_ld);
+            renew_strip(strip, step < 0 ? 0 : n, n, columns, number_of_columns(counts, item, 0), phi, phi + phi_first,
+                        phi_ld, R, H, h_ld);
             for (int odd = 0; odd < 2 && columns > 0; odd++) {
                 const long begin = first_column(counts, item, odd);
                 multiply_by_coefficients(order[item], terms[of], members, odd, odd ? -albedo[of] : albedo[of], -1.0,
@@ -285,8 +285,8 @@ __kernel void invariance_settle(int units, int most, int strips, int symmetric, 
 }
 
 // up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
-// on_nodes (item, beam, column, n) = Q Ru^T Q. Ru: `strip_step` from a strip to the next, `column_step` from column to column.
-// Global size: pieces of `each` of the S n_out + n numbers of a column, beams, items.
+// on_nodes (item, beam, column, n) = Q Ru^T Q. Ru: `strip_step` from a strip to the next, `column_step` from column to
+// column. Global size: pieces of `each` of the S n_out + n numbers of a column, beams, items.
 __kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col,
                                  __global const double* restrict off_mu, __global const int* restrict out,
                                  __global const int* restrict into, __global const double* restrict columns,

@@ -20,15 +20,17 @@
     mine[3] = LARGER(mine[3], fabs(change)); \
     mine[4] = LARGER(mine[4], fabs(now));
 
-// As `step_of_strip`, of a tile; found (item, tile, 5). Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
+// As `step_of_strip`, of a tile; found (item, tile, 5). Global size: 16 work-items a tile of 64 rows, 16 a tile of 64
+// columns, items.
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
-__kernel void invariance_step_gpu(int ld, int n, __global const int* restrict counts, __global const double* restrict row_mu,
-                                  __global const double* restrict signed_mu, __global const double* restrict HC,
-                                  __global const double* restrict H, int h_ld, long h_stride, int h_columns,
-                                  __global const double* restrict R, __global double* restrict led,
-                                  __global double* restrict moved, __global const double* restrict moved_1,
-                                  __global const double* restrict moved_2, __global double* restrict found,
-                                  __global const int* restrict state, __global const int* restrict items)
+__kernel void invariance_step_gpu(int ld, int n, __global const int* restrict counts,
+                                  __global const double* restrict row_mu, __global const double* restrict signed_mu,
+                                  __global const double* restrict HC, __global const double* restrict H, int h_ld,
+                                  long h_stride, int h_columns, __global const double* restrict R,
+                                  __global double* restrict led, __global double* restrict moved,
+                                  __global const double* restrict moved_1, __global const double* restrict moved_2,
+                                  __global double* restrict found, __global const int* restrict state,
+                                  __global const int* restrict items)
 {
     __local double a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], sums[5][GPU_LANES];
     const long item = items[get_global_id(2)], place = item * ld * n;
@@ -66,7 +68,8 @@ __kernel void invariance_step_gpu(int ld, int n, __global const int* restrict co
 __kernel void invariance_judge(int step, int most, int tiles, __global const double* restrict found,
                                __global const double* restrict rate, __global const double* restrict tolerance,
                                __global Settling* restrict settling, __global double* restrict residual,
-                               __global int* restrict steps, __global int* restrict state, __global const int* restrict items)
+                               __global int* restrict steps, __global int* restrict state,
+                               __global const int* restrict items)
 {
     const long item = items[get_global_id(0)];
     if (state[item] != RUNNING) {
