@@ -121,8 +121,8 @@ def solver_options(
     if accuracy is None:
         accuracy = WITHOUT_NODES if nodes is None else WITH_NODES
     found = backend_of(one_of("backend", backend, BACKENDS))
-    name = one_of("algorithm", algorithm, ALGORITHMS)
-    if name == "modes" and found.linear_algebra == "device":
+    algorithm = one_of("algorithm", algorithm, ALGORITHMS)
+    if algorithm == "modes" and found.linear_algebra == "device":
         raise SceneError(
             f"algorithm 'modes' needs an eigensolver, which backend {found.label!r} does not have: "
             "ask for algorithm 'auto', 'doubling' or 'invariance', or for another backend"
@@ -130,7 +130,7 @@ def solver_options(
     return {
         "nodes": None if nodes is None else whole("nodes", nodes, 1, MOST_NODES),
         "accuracy": number("accuracy", accuracy, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
-        "algorithm": name,
+        "algorithm": algorithm,
         "verify": flag("verify", verify),
         "truncation": one_of("truncation", truncation, CHOICES),
         "backend": found,

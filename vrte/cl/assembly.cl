@@ -1,5 +1,5 @@
-// The columns of P_l^m and what they make: phase matrices, and E and F of (1:41), with the rows and columns that lead out of
-// and into the nodes. members: bit a is set where Stokes parameter a is of the set.
+// The columns of P_l^m and what they make: phase matrices, and E and F of (1:41), with the rows and columns that lead out
+// of and into the nodes. members: bit a is set where Stokes parameter a is of the set.
 
 // From P_l^m the columns (I; Q and U) where l - m has the parity of the matrix, E even and F odd, else (Q and U; V).
 int columns_of_kind(int m, int members, int kind)
@@ -160,10 +160,10 @@ __kernel void times_coefficients(int n_term, int n_strip, int each, int members,
 // Some strips of 8 rows at once, so that what a tile takes of B is at hand for all. Global size: pieces of `each` strips,
 // 1, items.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void product_over_columns(int strips, int each, int columns, int part, double alpha, double beta, __global const int* restrict counts,
-                                   __global const double* restrict A, long a_first, int a_ld, long a_stride,
-                                   __global const double* restrict B, long b_first, int b_row, long b_stride,
-                                   __global double* restrict C, long c_first, int c_ld, long c_stride,
+__kernel void product_over_columns(int strips, int each, int columns, int part, double alpha, double beta,
+                                   __global const int* restrict counts, __global const double* restrict A, long a_first,
+                                   int a_ld, long a_stride, __global const double* restrict B, long b_first, int b_row,
+                                   long b_stride, __global double* restrict C, long c_first, int c_ld, long c_stride,
                                    __global const int* restrict items)
 {
     const long item = items[get_global_id(2)];

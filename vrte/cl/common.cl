@@ -7,3 +7,5 @@
 
 #define AT(p, i) (((__global const double4*)(p))[i])
 #define PUT(p, i) (((__global double4*)(p))[i])
+
+typedef double4 loose4 __attribute__((aligned(8)));     // four doubles that begin at any of them

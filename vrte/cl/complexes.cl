@@ -1,5 +1,5 @@
-// Complex numbers (re, im) as double2, and divided differences of exp, which make every resonance (mu0 on a node, on the
-// reciprocal of an eigenvalue, mu = mu0) an ordinary case. Those of _core.pyx, where each is explained.
+// Complex numbers (re, im) as double2, and divided differences of exp, which make every resonance (mu0 on a node, on
+// the reciprocal of an eigenvalue, mu = mu0) an ordinary case: those of _core.pyx.
 
 double2 times(double2 a, double2 b)
 {

@@ -389,7 +389,7 @@ class Doubling:
                     frame.flux / np.sqrt((frame.flux**2).sum()) * np.expm1(-thickness[item] / frame.nodes)
                 )
                 rows[item] = row - (v @ row) * v
-            lost.set(rows, self.session.queue)
+            self.session.put(rows, lost)
 
     def reflect_by_invariance(self, R: Extended, T: Extended) -> None:
         """R's OI anew where a slab is thick, from R's and T's other blocks: a thin layer added on top and taken off

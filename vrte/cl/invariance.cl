@@ -6,10 +6,6 @@
 
 #define STRIP 8
 
-#define RUNNING 0
-#define SETTLED 1   // in this step: H is made once more
-#define LEFT 2
-
 // Of an item: what the last steps moved, as scalar products (this one's first), and how the next R is made of them.
 typedef struct
 {
@@ -69,31 +65,25 @@ __kernel void invariance_rate(int n_term, __global const double* restrict coeffi
 #define SUM(a) ((a).x + (a).y + ((a).z + (a).w))
 #define LARGEST(a) LARGER(LARGER((a).x, (a).y), LARGER((a).z, (a).w))
 
-// One step of a strip: led = HC H^T Q/2 over 1/mu + 1/mu', moved = led - R; of what moved, and of the two steps before, the
-// scalar products, what moved most and led's largest: found (item, strip, 5). On the nodes themselves (`symmetric`) R Q is
-// symmetric: a strip ends with the block of 8 columns on the diagonal. Global size: strips of 8 rows, items.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void invariance_step(int symmetric, int n, __global const int* restrict counts, __global const double* restrict row_mu,
-                              __global const double* restrict signed_mu, __global const double* restrict HC,
-                              __global const double* restrict H, int h_ld, long h_stride, int h_columns, __global const double* restrict R, __global double* restrict led,
-                              __global double* restrict moved, __global const double* restrict moved_1,
-                              __global const double* restrict moved_2, __global double* restrict found,
-                              __global const int* restrict state, __global const int* restrict items)
+// One step of a strip: led = HC H^T Q/2 over 1/mu + 1/mu', moved = led - R; adds to `found` of what moved, and of the two
+// steps before, the scalar products, then what moved most and led's largest. On the nodes themselves (`symmetric`) R Q is
+// symmetric: a strip ends with the block of 8 columns on the diagonal.
+void step_of_strip(int strip, bool symmetric, int n, int inner, __global const double* row_mu,
+                   __global const double* signed_mu, __global const double* HC, int h_columns, __global const double* H,
+                   int h_ld, __global const double* R, __global double* led, __global double* moved,
+                   __global const double* moved_1, __global const double* moved_2, double* found)
 {
-    const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * get_global_size(0) + strip;
-    if (state[item] != RUNNING)
-        return;
-    const int inner = number_of_columns(counts, item, 2), a_ld = STRIP, b_row = h_ld, b_column = 1;
+    const int a_ld = STRIP, b_row = h_ld, b_column = 1, place = strip * STRIP * n;
     const int twice = symmetric ? STRIP * strip : 0, columns = symmetric ? min(n, twice + STRIP) : n;
     const double4 mu_top = fabs(AT(row_mu, 2 * strip)), mu_low = fabs(AT(row_mu, 2 * strip + 1));
-    __global const double* A = HC + place * STRIP * h_columns;
-    __global const double* B = H + item * h_stride;
+    __global const double* A = HC + (long)strip * STRIP * h_columns;
+    __global const double* B = H;
     double4 squares = 0.0, products_1 = 0.0, products_2 = 0.0, gap = 0.0, largest = 0.0;
-    R += place * STRIP * n;
-    led += place * STRIP * n;
-    moved += place * STRIP * n;
-    moved_1 += place * STRIP * n;
-    moved_2 += place * STRIP * n;
+    R += place;
+    led += place;
+    moved += place;
+    moved_1 += place;
+    moved_2 += place;
     for (int j = 0; j < columns; j += TILE_COLUMNS) {
         __global const double* a = A;
         EACH_COLUMN(COLUMN_OF_B)
@@ -101,74 +91,43 @@ __kernel void invariance_step(int symmetric, int n, __global const int* restrict
         SUM_TERMS
         EACH_COLUMN(SHARE_OF_COLUMN)
     }
-    found += place * 5;
-    found[0] = SUM(squares);
-    found[1] = SUM(products_1);
-    found[2] = SUM(products_2);
-    found[3] = LARGEST(gap);
-    found[4] = LARGEST(largest);
+    found[0] += SUM(squares);
+    found[1] += SUM(products_1);
+    found[2] += SUM(products_2);
+    found[3] = LARGER(found[3], LARGEST(gap));
+    found[4] = LARGER(found[4], LARGEST(largest));
 }
 
-// Whether an item is done, and of which steps the next R is made: the combination of this one and the last two that would
-// have moved least. Global size: items.
-__kernel void invariance_judge(int step, int most, int strips, __global const double* restrict found,
-                               __global const double* restrict rate, __global const double* restrict tolerance,
-                               __global Settling* restrict settling, __global double* restrict residual,
-                               __global int* restrict steps, __global int* restrict state, __global const int* restrict items)
+// Whether an item is done (`missing` is what is left of it), and of which steps the next R is made: the combination of this
+// one and the last two that would have moved least. found: as of all strips.
+Settling judged(int step, const double* found, double rate, double tolerance, Settling before, bool* done)
 {
-    const long item = items[get_global_id(0)];
-    if (state[item] != RUNNING) {
-        state[item] = LEFT;
-        return;
-    }
-    double sums[3] = {0.0, 0.0, 0.0}, gap = 0.0, largest = 0.0;
-    for (int strip = 0; strip < strips; strip++) {
-        __global const double* part = found + (item * strips + strip) * 5;
-        for (int k = 0; k < 3; k++)
-            sums[k] += part[k];
-        gap = fmax(gap, part[3]);
-        largest = fmax(largest, part[4]);
-    }
-    if (!(sums[0] < INFINITY))
-        gap = sums[0];   // not a number: no comparison above has seen it
-    const double missing = largest > 0.0 ? gap * rate[item] / (1.0 - rate[item]) / largest : 1.0;
-    const Settling before = settling[item];
-    Settling now = {sums[0], sums[1], before.product_00, {1.0, 0.0, 0.0}, largest > 0.0 ? missing : 0.0};
-    steps[item]++;
-    if (largest == 0.0 || missing <= tolerance[item] || gap <= 4e-16 * largest)
-        state[item] = SETTLED;
-    else if (step > 0) {
-        const double a11 = sums[0] - 2.0 * sums[1] + before.product_00, b1 = sums[0] - sums[1];
-        double g1 = 0.0, g2 = 0.0;
-        if (step > 1) {
-            const double a12 = sums[1] - sums[2] - before.product_00 + before.product_01;
-            const double a22 = before.product_00 - 2.0 * before.product_01 + before.product_11, b2 = sums[1] - sums[2];
-            const double det = a11 * a22 - a12 * a12;
-            if (det > 1e-10 * a11 * a22) {
-                g1 = (b1 * a22 - b2 * a12) / det;
-                g2 = (b2 * a11 - b1 * a12) / det;
-            }
-        }
-        if (g2 == 0.0 && a11 > 0.0)
-            g1 = b1 / a11;
-        if (g1 != 0.0) {
-            now.share[0] = 1.0 - g1;
-            now.share[1] = g1 - g2;
-            now.share[2] = g2;
+    const double largest = found[4], gap = found[0] < INFINITY ? found[3] : found[0];   // comparisons have not seen a NaN
+    const double missing = largest > 0.0 ? gap * rate / (1.0 - rate) / largest : 1.0;
+    Settling now = {found[0], found[1], before.product_00, {1.0, 0.0, 0.0}, largest > 0.0 ? missing : 0.0};
+    *done = largest == 0.0 || missing <= tolerance || gap <= 4e-16 * largest;
+    if (*done || step == 0)
+        return now;
+    const double a11 = found[0] - 2.0 * found[1] + before.product_00, b1 = found[0] - found[1];
+    double g1 = 0.0, g2 = 0.0;
+    if (step > 1) {
+        const double a12 = found[1] - found[2] - before.product_00 + before.product_01;
+        const double a22 = before.product_00 - 2.0 * before.product_01 + before.product_11, b2 = found[1] - found[2];
+        const double det = a11 * a22 - a12 * a12;
+        if (det > 1e-10 * a11 * a22) {
+            g1 = (b1 * a22 - b2 * a12) / det;
+            g2 = (b2 * a11 - b1 * a12) / det;
         }
     }
-    settling[item] = now;
-    if (state[item] == SETTLED || step == most - 1)
-        if (!(now.missing <= residual[item]))
-            residual[item] = now.missing;
+    if (g2 == 0.0 && a11 > 0.0)
+        g1 = b1 / a11;
+    if (g1 != 0.0) {
+        now.share[0] = 1.0 - g1;
+        now.share[1] = g1 - g2;
+        now.share[2] = g2;
+    }
+    return now;
 }
-
-#define ADD_PHI(x) if (j + x < columns) { \
-    const double sign = j + x < columns_E ? 1.0 : -1.0; \
-    __global const double* phi = phi_row + (long)(j + x) * phi_ld; \
-    __global double* now = H + (long)(j + x) * h_ld; \
-    PUT(now, 0) = top##x + sign * AT(phi, 0); \
-    PUT(now, 1) = low##x + sign * AT(phi, 1); }
 
 // The double4 k of the next R: shares of what the last steps led to.
 double4 mixed(const double* share, __global const double* led, __global const double* led_1, __global const double* led_2,
@@ -182,11 +141,11 @@ double4 mixed(const double* share, __global const double* led, __global const do
     return value;
 }
 
-// R's block of 4 rows and 4 columns from that on the other side of the diagonal: columns `from` on of strip `other`, its upper
-// or lower 4 rows; both have the signs of V's rows and columns. to: the first of the block, in its strip.
-void put_mirrored(const double* share, __global const double* led, __global const double* led_1, __global const double* led_2,
-                  int n, int other, int low, int from, double4 row_signs, __global const double* column_mu, int left,
-                  __global double* to)
+// R's block of 4 rows and 4 columns from that on the other side of the diagonal: columns `from` on of strip `other`, its
+// upper or lower 4 rows; both have the signs of V's rows and columns. to: the first of the block, in its strip.
+void put_mirrored(const double* share, __global const double* led, __global const double* led_1,
+                  __global const double* led_2, int n, int other, int low, int from, double4 row_signs,
+                  __global const double* column_mu, int left, __global double* to)
 {
     const int k = 2 * (other * n + from) + low;
     const double4 a = mixed(share, led, led_1, led_2, k), b = mixed(share, led, led_1, led_2, k + 2);
@@ -200,65 +159,134 @@ void put_mirrored(const double* share, __global const double* led, __global cons
         PUT(to, 6) = (double4)(a.w, b.w, c.w, d.w) * SIGNED(row_signs, column_mu[3]);
 }
 
-// R of a strip from the last steps, then H = +-phi + R phi_nodes and HC, E's C and minus F's. At the start (`starting`) R is
-// zero; `symmetric` as for `invariance_step`. Global size: strips of 8 rows, items.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void invariance_renew(int starting, int symmetric, int n, int n_term, int members, __global const double* restrict coefficients,
-                               __global const int* restrict order, __global const int* restrict material,
-                               __global const int* restrict terms, __global const double* restrict albedo,
-                               __global const int* restrict counts, __global const double* restrict phi, int phi_ld,
-                               long phi_stride, int phi_first, __global const double* restrict led,
-                               __global const double* restrict led_1, __global const double* restrict led_2,
-                               __global const double* restrict signed_mu,
-                               __global double* restrict R, __global double* restrict H, int h_ld, long h_stride,
-                               int h_columns, __global double* restrict HC,
-                               __global const Settling* restrict settling, __global const int* restrict state,
-                               __global const int* restrict items)
+// R of a strip from the last steps, zero at the start (`starting`); `symmetric` as for `step_of_strip`.
+void mix_strip(int strip, bool starting, bool symmetric, int n, const double* share, __global const double* led,
+               __global const double* led_1, __global const double* led_2, __global const double* signed_mu,
+               __global double* R)
 {
-    const long item = items[get_global_id(1)], strip = get_global_id(0), place = item * get_global_size(0) + strip;
-    if (state[item] == LEFT)
-        return;
-    const double share[3] = {settling[item].share[0], settling[item].share[1], settling[item].share[2]};
-    const int columns = number_of_columns(counts, item, 2), columns_E = number_of_columns(counts, item, 0);
-    const int inner = starting ? 0 : n, a_ld = STRIP, b_row = 1, b_column = phi_ld;
-    const int own = starting ? 0 : symmetric ? min(n, STRIP * ((int)strip + 1)) : n;
-    R += place * STRIP * n;
-    for (int k = 0; k < 2 * own; k++)
-        PUT(R, k) = mixed(share, led + place * STRIP * n, led_1 + place * STRIP * n, led_2 + place * STRIP * n, k);
-    if (starting)
+    const int place = strip * STRIP * n, own = symmetric ? min(n, STRIP * (strip + 1)) : n;
+    R += place;
+    if (starting) {
         for (int k = 0; k < 2 * n; k++)
             PUT(R, k) = 0.0;
+        return;
+    }
+    for (int k = 0; k < 2 * own; k++)
+        PUT(R, k) = mixed(share, led + place, led_1 + place, led_2 + place, k);
     const double4 ones = 1.0, mu_top = AT(signed_mu, 2 * strip), mu_low = AT(signed_mu, 2 * strip + 1);
     const double4 signs_top = mu_top < 0.0 ? -ones : ones, signs_low = mu_low < 0.0 ? -ones : ones;
-    const long all = (place - strip) * STRIP * n;
-    for (int j = own; j < n && !starting; j += 4)
+    for (int j = own; j < n; j += 4)
         for (int low = 0; low < 2; low++)
-            put_mirrored(share, led + all, led_1 + all, led_2 + all, n, j / STRIP, j % STRIP / 4, STRIP * strip + 4 * low,
+            put_mirrored(share, led, led_1, led_2, n, j / STRIP, j % STRIP / 4, STRIP * strip + 4 * low,
                          low ? signs_low : signs_top, signed_mu + j, n - j, R + j * STRIP + 4 * low);
-    H += item * h_stride + STRIP * strip;
-    HC += place * STRIP * h_columns;
-    __global const double* B = phi + item * phi_stride;
-    __global const double* phi_row = B + phi_first + STRIP * strip;
+}
+
+#define ADD_PHI(x) if (j + x < columns) { \
+    const double sign = j + x < columns_E ? 1.0 : -1.0; \
+    __global const double* phi = phi_row + (long)(j + x) * phi_ld; \
+    __global double* now = H + (long)(j + x) * h_ld; \
+    PUT(now, 0) = top##x + sign * AT(phi, 0); \
+    PUT(now, 1) = low##x + sign * AT(phi, 1); }
+
+// H of a strip = +-phi + R phi_nodes; inner: n, or none where R is zero.
+void renew_strip(int strip, int inner, int n, int columns, int columns_E, __global const double* phi_nodes,
+                 __global const double* phi_row, int phi_ld, __global const double* R, __global double* H, int h_ld)
+{
+    const int a_ld = STRIP, b_row = 1, b_column = phi_ld;
+    __global const double* B = phi_nodes;
+    phi_row += STRIP * strip;
+    H += STRIP * strip;
     for (int j = 0; j < columns; j += TILE_COLUMNS) {
-        __global const double* a = R;
+        __global const double* a = R + strip * STRIP * n;
         EACH_COLUMN(COLUMN_OF_B)
         EACH_COLUMN(NO_SUMS)
         SUM_TERMS
         EACH_COLUMN(ADD_PHI)
     }
-    for (int odd = 0; odd < 2; odd++) {
-        const long begin = first_column(counts, item, odd);
-        const double factor = odd ? -albedo[material[item]] : albedo[material[item]];
-        if (columns > 0)
-            multiply_by_coefficients(order[item], terms[material[item]], members, odd, factor, -1.0,
-                                     coefficients + material[item] * (long)6 * n_term, 0, 2, H + begin * h_ld, h_ld,
-                                     HC + begin * STRIP, STRIP);
+}
+
+// The place in a list of `number` for a work-item: drivers give each of their `units` a range of work-items, and orders
+// that follow each other take alike many steps; so the first range has every units-th item, the next one those after them.
+int dealt(int work_item, int number, int units)
+{
+    int unit = 0, left = work_item;
+    for (int share = (number + units - 1) / units; left >= share; share = (number - unit + units - 1) / units) {
+        left -= share;
+        unit++;
     }
+    return left * units + unit;
+}
+
+// As many fixed points as an item needs, all by one work-item, as a CPU wants it: R, H and what is missing of it; led and
+// moved: where the last steps led and by how much. Global size: items.
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void invariance_settle(int units, int most, int strips, int symmetric, int n, int n_term, int members,
+                                __global const double* restrict coefficients, __global const int* restrict order,
+                                __global const int* restrict material, __global const int* restrict terms,
+                                __global const double* restrict albedo, __global const int* restrict counts,
+                                __global const double* restrict row_mu, __global const double* restrict signed_mu,
+                                __global const double* phi, int phi_ld, long phi_stride, int phi_first,
+                                __global const double* nodes_H, int nodes_ld, long nodes_stride, __global double* led,
+                                __global double* led_1, __global double* led_2, __global double* moved,
+                                __global double* moved_1, __global double* moved_2, __global double* R, __global double* H,
+                                int h_ld, long h_stride, int h_columns, __global double* HC,
+                                __global const double* restrict rate, __global const double* restrict tolerance,
+                                __global double* restrict residual, __global int* restrict steps,
+                                __global const int* restrict items)
+{
+    const long item = items[dealt(get_global_id(0), get_global_size(0), units)], place = item * strips * STRIP * n;
+    const int columns = number_of_columns(counts, item, 2), of = material[item];
+    Settling settling = {0.0, 0.0, 0.0, {1.0, 0.0, 0.0}, 1.0};
+    bool done = false;
+    led += place;
+    led_1 += place;
+    led_2 += place;
+    moved += place;
+    moved_1 += place;
+    moved_2 += place;
+    R += place;
+    phi += item * phi_stride;
+    H += item * h_stride;
+    HC += item * h_stride;
+    nodes_H += item * nodes_stride;
+    for (int step = -1; step < most && !done; step++) {
+        if (step >= 0) {
+            double found[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
+            for (int strip = 0; strip < strips; strip++)
+                step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_ld, R, led,
+                              moved, moved_1, moved_2, found);
+            settling = judged(step, found, rate[item], tolerance[item], settling, &done);
+        }
+        for (int strip = 0; strip < strips; strip++) {
+            mix_strip(strip, step < 0, symmetric, n, settling.share, led, led_1, led_2, signed_mu, R);
+            renew_strip(strip, step < 0 ? 0 : n, n, columns, number_of_columns(counts, item, 0), phi, phi + phi_first,
+                        phi_ld, R, H, h_ld);
+            for (int odd = 0; odd < 2 && columns > 0; odd++) {
+                const long begin = first_column(counts, item, odd);
+                multiply_by_coefficients(order[item], terms[of], members, odd, odd ? -albedo[of] : albedo[of], -1.0,
+                                         coefficients + of * (long)6 * n_term, 0, 2, H + STRIP * strip + begin * h_ld, h_ld,
+                                         HC + (strip * (long)h_columns + begin) * STRIP, STRIP);
+            }
+        }
+        if (step >= 0) {
+            __global double* oldest = led_2;
+            led_2 = led_1;
+            led_1 = led;
+            led = oldest;
+            oldest = moved_2;
+            moved_2 = moved_1;
+            moved_1 = moved;
+            moved = oldest;
+            steps[item]++;
+        }
+    }
+    if (!(settling.missing <= residual[item]))
+        residual[item] = settling.missing;
 }
 
 // up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
-// on_nodes (item, beam, column, n) = Q Ru^T Q. Ru: `strip_step` from a strip to the next, `column_step` from column to column.
-// Global size: pieces of `each` of the S n_out + n numbers of a column, beams, items.
+// on_nodes (item, beam, column, n) = Q Ru^T Q. Ru: `strip_step` from a strip to the next, `column_step` from column to
+// column. Global size: pieces of `each` of the S n_out + n numbers of a column, beams, items.
 __kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col,
                                  __global const double* restrict off_mu, __global const int* restrict out,
                                  __global const int* restrict into, __global const double* restrict columns,

@@ -1,7 +1,7 @@
 """The top of a layer without end, by invariance, on a device: `_core.reflect_endless` for all items at once.
 
-Every item takes its own steps and leaves the list when it has settled, so that what comes out of one does not depend on
-which others there are."""
+Every item takes its own steps, so that what comes out of one does not depend on which others there are. On a GPU all
+take a step together, and those that have settled leave the list; on a CPU a work-item takes all steps of an item."""
 
 import time
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from vrte.cl.session import Session
 from vrte.discrete_ordinates.problem import IntArray
 
 MOST_STEPS = 400
-STEPS_A_LOOK = 4  # fixed points between two looks at what has settled: 2 to 6 take the same time, 1 takes a tenth more
+STEPS_A_LOOK = 4  # fixed points between two looks at what has settled, each of which waits
 MIXED = 64  # work-items of a work-group that makes R on a GPU
 V = 3
 
@@ -55,11 +55,10 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What decides when an item has settled, (item,) each but settling (item, 7)."""
+    """What decides when an item has settled, and how it did, (item,) each."""
 
     rate: Any
     tolerance: Any
-    settling: Any
     residual: Any
     steps: Any
 
@@ -84,7 +83,7 @@ def reflect_endless(
     """The light that layers without end send back, for the listed items, single scattering left out.
 
     directions: nodes, then off the nodes; out, into: places among the latter; columns (n_col, S); tolerance (item,).
-    Waits for the steps, not for the results; ends early once ``stop[0]`` is set."""
+    A GPU is waited for at every few steps, and ``stop[0]`` looked at, then nothing that comes out counts."""
     what = Scattering(items, order, material, tuple(members), coefficients, terms, albedo)
     n_off = directions.size - weights.size
     phi = parity_columns(session, what, directions, weights, n_off)
@@ -93,7 +92,6 @@ def reflect_endless(
     judged = Judged(
         rate=session.empty((what.room,)),
         tolerance=tolerance,
-        settling=session.empty((what.room, 7)),
         residual=session.zeros((what.room,)),
         steps=session.zeros((what.room,), np.int32),
     )
@@ -133,11 +131,10 @@ class FixedPoints:
     counts: Any
     rows: Sheet
     nodes: Sheet
+    judged: Judged
     R: Any
     led: list[Any]
     moved: list[Any]
-    settling: Any
-    state: Any
 
     @property
     def n(self) -> int:
@@ -145,74 +142,82 @@ class FixedPoints:
         return self.nodes.phi.rows
 
     @property
-    def symmetric(self) -> bool:
-        """Whether the rows are the nodes."""
-        return self.rows is self.nodes
+    def phi(self) -> tuple[Any, ...]:
+        """phi on the nodes as kernels take it, and where that of the rows begins."""
+        phi = self.nodes.phi
+        return phi.data, np.int32(phi.ld), np.int64(phi.stride), np.int32(self.rows.phi.first)
 
-    @property
-    def parts(self) -> int:
-        """Of R, that are summed over by themselves."""
-        if self.session.form == "cpu":
-            return self.rows.H.ld // STRIP
+    def settle_each(self) -> None:
+        """All steps of an item by one work-item: what belongs to it stays in the cache, and nobody waits for others."""
+        session, what, judged, H, nodes_H = self.session, self.what, self.judged, self.rows.H, self.nodes.H
+        session.launch(
+            "invariance_settle",
+            (what.items.size,),
+            *(np.int32(session.device.max_compute_units), np.int32(MOST_STEPS), np.int32(H.ld // STRIP)),
+            *(np.int32(self.rows is self.nodes), np.int32(self.n)),
+            *(np.int32(what.n_term), what.bits, what.coefficients, what.order, what.material, what.terms, what.albedo),
+            *(self.counts, self.rows.signed_mu, self.nodes.signed_mu, *self.phi),
+            *(nodes_H.data, np.int32(nodes_H.ld), np.int64(nodes_H.stride), *self.led, *self.moved, self.R),
+            *(H.data, np.int32(H.ld), np.int64(H.stride), np.int32(H.columns), self.rows.HC.data),
+            *(judged.rate, judged.tolerance, judged.residual, judged.steps, what.items),
+        )
+
+    def settle_together(self, stop: IntArray | None) -> None:
+        """A step of all items, and another, without those that have settled."""
+        session, what, judged, items = self.session, self.what, self.judged, self.what.items
         across, along = tiles_of(self.rows.H.ld, self.n)
-        return across // GROUP * along // GROUP
-
-    def begin(self) -> None:
-        """R = 0."""
-        self.renew(self.what.items, starting=True)
-
-    def step(self, items: Any, found: Any) -> None:
-        """Where R leads, and what that moves; found (item, part, 5)."""
-        rows, nodes, ld = self.rows, self.nodes.H, self.rows.H.ld
-        arguments = (
-            *(np.int32(self.n), self.counts, rows.signed_mu, self.nodes.signed_mu, rows.HC.data),
-            *(nodes.data, np.int32(nodes.ld), np.int64(nodes.stride), np.int32(nodes.columns)),
-            *(self.R, self.led[0], *self.moved, found, self.state, items),
-        )
-        if self.session.form == "cpu":
-            self.session.launch("invariance_step", (ld // STRIP, items.size), np.int32(self.symmetric), *arguments)
-        else:
-            tiles = (*tiles_of(ld, self.n), items.size)
-            self.session.launch("invariance_step_gpu", tiles, np.int32(ld), *arguments, group=(GROUP, GROUP, 1))
-
-    def renew(self, items: Any, starting: bool = False) -> None:
-        """R, H and HC; then the step just done is the last one."""
-        if self.session.form == "cpu":
-            self.renew_strips(items, starting)
-        else:
-            self.renew_tiles(items, starting)
-        if not starting:
+        tiles = across // GROUP * along // GROUP
+        found, state = session.empty((what.room, tiles, 5)), session.zeros((what.room,), np.int32)
+        settling = session.zeros((what.room, 7))
+        self.renew(items, settling, state, starting=True)
+        for step in range(MOST_STEPS):
+            self.step(items, found, state)
+            session.launch(
+                "invariance_judge",
+                (items.size,),
+                *(np.int32(step), np.int32(MOST_STEPS), np.int32(tiles), found, judged.rate, judged.tolerance),
+                *(settling, judged.residual, judged.steps, state, items),
+            )
+            self.renew(items, settling, state)
             self.led, self.moved = self.led[2:] + self.led[:2], self.moved[2:] + self.moved[:2]
+            if step % STEPS_A_LOOK == STEPS_A_LOOK - 1:
+                items = unsettled(session, items, state)
+                if not items.size or (stop is not None and stop[0]):
+                    return
 
-    def renew_strips(self, items: Any, starting: bool) -> None:
-        """All of it strip by strip."""
-        what, H, phi = self.what, self.rows.H, self.nodes.phi
+    def step(self, items: Any, found: Any, state: Any) -> None:
+        """Where R leads, and what that moves; found (item, tile, 5)."""
+        nodes, ld = self.nodes.H, self.rows.H.ld
         self.session.launch(
-            "invariance_renew",
-            (H.ld // STRIP, items.size),
-            *(np.int32(starting), np.int32(self.symmetric), np.int32(self.n), np.int32(what.n_term), what.bits),
-            what.coefficients,
-            *(what.order, what.material, what.terms, what.albedo, self.counts),
-            *(phi.data, np.int32(phi.ld), np.int64(phi.stride), np.int32(self.rows.phi.first)),
-            *(*self.led, self.nodes.signed_mu, self.R, H.data, np.int32(H.ld), np.int64(H.stride), np.int32(H.columns)),
-            *(self.rows.HC.data, self.settling, self.state, items),
+            "invariance_step_gpu",
+            (*tiles_of(ld, self.n), items.size),
+            *(
+                np.int32(ld),
+                np.int32(self.n),
+                self.counts,
+                self.rows.signed_mu,
+                self.nodes.signed_mu,
+                self.rows.HC.data,
+            ),
+            *(nodes.data, np.int32(nodes.ld), np.int64(nodes.stride), np.int32(nodes.columns)),
+            *(self.R, self.led[0], *self.moved, found, state, items),
+            group=(GROUP, GROUP, 1),
         )
 
-    def renew_tiles(self, items: Any, starting: bool) -> None:
-        """R, then H, then HC."""
-        H, phi, size = self.rows.H, self.nodes.phi, self.rows.H.ld * self.n
+    def renew(self, items: Any, settling: Any, state: Any, starting: bool = False) -> None:
+        """R of the steps, then H, then HC."""
+        H, size = self.rows.H, self.rows.H.ld * self.n
         self.session.launch(
             "invariance_mix",
             (-(-size // MIXED) * MIXED, items.size),
-            *(np.int32(starting), np.int32(size), *self.led, self.R, self.settling, self.state, items),
+            *(np.int32(starting), np.int32(size), *self.led, self.R, settling, state, items),
             group=(MIXED, 1),
         )
         self.session.launch(
             "invariance_renew_gpu",
             (*tiles_of(H.ld, H.columns), items.size),
-            *(np.int32(starting), np.int32(self.n), self.counts),
-            *(phi.data, np.int32(phi.ld), np.int64(phi.stride), np.int32(self.rows.phi.first)),
-            *(self.R, H.data, np.int32(H.ld), np.int64(H.stride), self.state, items),
+            *(np.int32(starting), np.int32(self.n), self.counts, *self.phi),
+            *(self.R, H.data, np.int32(H.ld), np.int64(H.stride), state, items),
             group=(GROUP, GROUP, 1),
         )
         listed = replace(self.what, items=items)
@@ -230,24 +235,14 @@ def settle(
     stop: IntArray | None,
 ) -> Any:
     """R of some rows, the nodes' or others, after as many fixed points as each item needs; their H with it."""
-    state, items = session.zeros((what.room,), np.int32), what.items
     R = session.empty((what.room, nodes.phi.rows, rows.H.ld))
-    points = FixedPoints(session, what, counts, rows, nodes, R, room[:3], room[3:], judged.settling, state)
-    found = session.empty((what.room, points.parts, 5))
-    points.begin()
-    for step in range(MOST_STEPS):
-        points.step(items, found)
-        session.launch(
-            "invariance_judge",
-            (items.size,),
-            *(np.int32(step), np.int32(MOST_STEPS), np.int32(points.parts), found, judged.rate, judged.tolerance),
-            *(judged.settling, judged.residual, judged.steps, state, items),
-        )
-        points.renew(items)
-        if step % STEPS_A_LOOK == STEPS_A_LOOK - 1:
-            items = unsettled(session, items, state)
-            if not items.size or (stop is not None and stop[0]):
-                break
+    points = FixedPoints(session, what, counts, rows, nodes, judged, R, room[:3], room[3:])
+    if stop is not None and stop[0]:
+        return R
+    if session.form == "cpu":
+        points.settle_each()
+    else:
+        points.settle_together(stop)
     return R
 
 
@@ -316,8 +311,8 @@ def reflect_endless_arrays(
     seconds: Array,
     stop: IntArray,
 ) -> None:
-    """As `_core.reflect_endless`: fills up, on_nodes, residual and steps; halves, threads and work are the processor's
-    (every product here is a whole one)."""
+    """As `_core.reflect_endless`: fills up, on_nodes, residual and steps; threads and work are the processor's, and halves
+    is not asked: R on the nodes is made up to its diagonal on a CPU, wholly on a GPU."""
     start = time.perf_counter()
     if orders.size and not stop[0]:
         upload, count = session.constant, orders.size

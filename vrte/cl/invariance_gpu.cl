@@ -1,6 +1,10 @@
 // The steps of `invariance.cl` as a GPU wants them: a work-group makes a tile of a product. Matrices are stored column by
 // column, R and the last steps too.
 
+#define RUNNING 0
+#define SETTLED 1   // in this step: H is made once more
+#define LEFT 2
+
 #define GPU_LANES (GPU_GROUP * GPU_GROUP)
 
 // What a step of a work-item's element adds to the sums.
@@ -16,15 +20,17 @@
     mine[3] = LARGER(mine[3], fabs(change)); \
     mine[4] = LARGER(mine[4], fabs(now));
 
-// As `invariance_step`; found (item, tile, 5). Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
+// As `step_of_strip`, of a tile; found (item, tile, 5). Global size: 16 work-items a tile of 64 rows, 16 a tile of 64
+// columns, items.
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
-__kernel void invariance_step_gpu(int ld, int n, __global const int* restrict counts, __global const double* restrict row_mu,
-                                  __global const double* restrict signed_mu, __global const double* restrict HC,
-                                  __global const double* restrict H, int h_ld, long h_stride, int h_columns,
-                                  __global const double* restrict R, __global double* restrict led,
-                                  __global double* restrict moved, __global const double* restrict moved_1,
-                                  __global const double* restrict moved_2, __global double* restrict found,
-                                  __global const int* restrict state, __global const int* restrict items)
+__kernel void invariance_step_gpu(int ld, int n, __global const int* restrict counts,
+                                  __global const double* restrict row_mu, __global const double* restrict signed_mu,
+                                  __global const double* restrict HC, __global const double* restrict H, int h_ld,
+                                  long h_stride, int h_columns, __global const double* restrict R,
+                                  __global double* restrict led, __global double* restrict moved,
+                                  __global const double* restrict moved_1, __global const double* restrict moved_2,
+                                  __global double* restrict found, __global const int* restrict state,
+                                  __global const int* restrict items)
 {
     __local double a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], sums[5][GPU_LANES];
     const long item = items[get_global_id(2)], place = item * ld * n;
@@ -56,6 +62,37 @@ __kernel void invariance_step_gpu(int ld, int n, __global const int* restrict co
     found += ((item * get_num_groups(1) + get_group_id(1)) * get_num_groups(0) + get_group_id(0)) * 5;
     if (here < 5 && runs)
         found[here] = sums[here][0];
+}
+
+// Global size: items.
+__kernel void invariance_judge(int step, int most, int tiles, __global const double* restrict found,
+                               __global const double* restrict rate, __global const double* restrict tolerance,
+                               __global Settling* restrict settling, __global double* restrict residual,
+                               __global int* restrict steps, __global int* restrict state,
+                               __global const int* restrict items)
+{
+    const long item = items[get_global_id(0)];
+    if (state[item] != RUNNING) {
+        state[item] = LEFT;
+        return;
+    }
+    double sums[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
+    for (int tile = 0; tile < tiles; tile++) {
+        __global const double* part = found + (item * tiles + tile) * 5;
+        for (int k = 0; k < 3; k++)
+            sums[k] += part[k];
+        for (int k = 3; k < 5; k++)
+            sums[k] = LARGER(sums[k], part[k]);
+    }
+    bool done;
+    const Settling now = judged(step, sums, rate[item], tolerance[item], settling[item], &done);
+    settling[item] = now;
+    steps[item]++;
+    if (done)
+        state[item] = SETTLED;
+    if (done || step == most - 1)
+        if (!(now.missing <= residual[item]))
+            residual[item] = now.missing;
 }
 
 // R of the last steps, zero at the start. Global size: elements of a matrix rounded up, items.

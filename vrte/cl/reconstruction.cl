@@ -1,19 +1,18 @@
-// Reconstruction by source-function integration, (1:36)-(1:38), without singly scattered light. The equations are those of
-// `reconstruct` in _core.pyx, which explains them.
+// Reconstruction by source-function integration, (1:36)-(1:38), without singly scattered light. The equations are those
+// of `reconstruct` in _core.pyx, which explains them.
 //
 // Arrays as there: a mode's column has S n_out rows, those of light going up first; n modes a layer. Light is wanted at
-// `n_level` depths; behind them stand the faces that it leaves each layer through: the "stops", n_level + n_layer of them.
+// n_level depths; behind them stand the faces that it leaves each layer through: n_level + n_layer "stops" in all.
 
 #define BLOCK 32      // modes that are summed over at once, one more where a pair would be cut
+#define NEAR 0.02     // k mu and 1: closer than this a mode is in resonance
 
-typedef double4 loose4 __attribute__((aligned(8)));     // where no alignment can be counted on
-
-// Up to four Stokes components of a direction.
+// Up to four Stokes components of a direction, or rows.
 double4 stokes_at(int stokes, __global const double* p)
 {
     if (stokes == 4)
         return *(__global const loose4*)p;
-    return (double4)(p[0], stokes > 1 ? p[1] : 0.0, stokes > 2 ? p[2] : 0.0, 0.0);
+    return (double4)(stokes > 0 ? p[0] : 0.0, stokes > 1 ? p[1] : 0.0, stokes > 2 ? p[2] : 0.0, 0.0);
 }
 
 void put_stokes(int stokes, __global double* p, double4 value)
@@ -28,15 +27,16 @@ void put_stokes(int stokes, __global double* p, double4 value)
 }
 
 // lit (kind, item, n, ld) = G X: how modes light the outgoing directions, kind 0 for G_E X and 1 for G_F Y; G (item, n,
-// rows), X (item, n, n). Where a strip ends behind its column it reads the next one: the last term alone must not.
-// Global size: strips of 8 rows, items, 2.
+// rows), X (item, n, n). Where a strip is longer than what is left of its column it reads into the next ones, but not
+// behind the last. Global size: strips of 8 rows, items, 2.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void light_of_modes(int n, int rows, int ld, __global const double* restrict G_E, __global const double* restrict G_F,
-                             __global const double* restrict X, __global const double* restrict Y,
-                             __global double* restrict lit)
+__kernel void light_of_modes(int n, int rows, int ld, __global const double* restrict G_E,
+                             __global const double* restrict G_F, __global const double* restrict X,
+                             __global const double* restrict Y, __global double* restrict lit)
 {
     const long item = get_global_id(1), first = 8 * get_global_id(0);
-    const int columns = n, c_ld = ld, b_column = n, b_row = 1;
+    const int columns = n, c_ld = ld, b_column = n, b_row = 1, left = rows - (int)first;
+    const int inside = n + 1 - ((int)first + 8 + rows - 1) / rows;     // columns behind which eight more doubles lie
     __global const double* A = (get_global_id(2) ? G_F : G_E) + item * n * rows + first;
     __global const double* B = (get_global_id(2) ? Y : X) + item * n * n;
     __global double* C = lit + (get_global_id(2) * get_global_size(1) + item) * n * ld + first;
@@ -45,20 +45,22 @@ __kernel void light_of_modes(int n, int rows, int ld, __global const double* res
         EACH_COLUMN(COLUMN_OF_B)
         EACH_COLUMN(NO_SUMS)
         int k = 0;
-        for (; k < n - 1; k++) {
+        for (; k < inside; k++) {
             const double4 a_top = *(__global const loose4*)a, a_low = *(__global const loose4*)(a + 4);
             EACH_COLUMN(ADD_TERM)
             a += rows;
         }
-        const int left = rows - first;
-        const double4 a_top = (double4)(a[0], left > 1 ? a[1] : 0.0, left > 2 ? a[2] : 0.0, left > 3 ? a[3] : 0.0);
-        const double4 a_low = (double4)(left > 4 ? a[4] : 0.0, left > 5 ? a[5] : 0.0, left > 6 ? a[6] : 0.0, left > 7 ? a[7] : 0.0);
-        EACH_COLUMN(ADD_TERM)
+        for (; k < n; k++) {
+            const double4 a_top = stokes_at(min(4, left), a), a_low = stokes_at(min(4, left - 4), a + 4);
+            EACH_COLUMN(ADD_TERM)
+            a += rows;
+        }
         EACH_COLUMN(STORE_SUMS)
     }
 }
 
-// fed (order, stop, n_rhs, n) = c D(depth of the stop), nothing where that is 0 or infinite. Global size: stops, n_in, orders.
+// fed (order, stop, n_rhs, n) = c D(depth of the stop), nothing where that is 0 or infinite.
+// Global size: stops, n_in, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void feed_modes(int n, int n_layer, int n_level, int n_rhs, __global const double* restrict lam_re,
                          __global const double* restrict lam_im, __global const double* restrict c,
@@ -103,8 +105,8 @@ void fading_integrals(double2 k, double mu, double thickness, double depth, doub
     *from_bottom = (left / mu) * exp_difference(-left * k, (double2)(-left / mu, 0.0));
 }
 
-// int cosh(k t)/cosh(k h) and int sinh(k t)/(k cosh(k h)) times e^(-(x - depth)/mu) dx/mu over x from depth to the slab's
-// bottom, t = x - h.
+// int cosh(k t)/cosh(k h) and int sinh(k t)/(k cosh(k h)) times e^(-(x - depth)/mu) dx/mu over x from depth to the
+// slab's bottom, t = x - h.
 void hyperbolic_integrals(double2 k, double mu, double thickness, double depth, double2* cosine, double2* sine)
 {
     const double left = thickness - depth, h = 0.5 * thickness;
@@ -145,34 +147,41 @@ void real_fading_integrals(double k, double mu, double left, double mode_faded, 
         *from_bottom = (left / mu) * (max(mode_faded, faded) * (-expm1(-fabs(gap)) / fabs(gap)));
 }
 
+// Light on its way along mu through a part of a layer to a depth below its top. left: the path times mu; far: depth of
+// its end below the face that e^(-k x) fades from; faded: e^(-left/mu); above: optical depth of the layer's top.
 typedef struct {
-    double2 cosine, sine;      // of the even and the odd mode; where modes fade, from the top and from the bottom (up)
+    int upward, fading;
+    double mu, thickness, above, depth, left, far, faded;
+} Way;
+
+// What even and odd modes become on the way; where they fade, those from the near and from the far face.
+typedef struct {
+    double2 even, odd;
 } Integrals;
 
-// What the modes of one layer send to `depth` along mu: far is the depth below the face that e^(-k x) fades from.
-Integrals integrals_of(double2 k, int upward, int fading, double thickness, double left, double far, double mu, double faded)
+Integrals integrals_of(double2 k, const Way* way)
 {
+    const int upward = way->upward, fading = way->fading;
+    const double mu = way->mu, thickness = way->thickness, left = way->left, far = way->far;
     Integrals found;
     if (k.y == 0.0 && (fading || k.x * thickness > 1.0)) {
-        double from_top, from_bottom;
-        real_fading_integrals(k.x, mu, left, exp(-left * k.x), faded, exp(-far * k.x), &from_top, &from_bottom);
+        double top, bottom;
+        real_fading_integrals(k.x, mu, left, exp(-left * k.x), way->faded, exp(-far * k.x), &top, &bottom);
         if (fading && !upward && thickness > 1e300)
-            from_top = 0.0;
+            top = 0.0;
         const double whole = fading ? 1.0 : 1.0 + exp(-thickness * k.x);
-        const double even = fading ? (upward ? from_top : from_bottom) : (from_top + from_bottom) / whole;
-        const double odd = fading ? (upward ? from_bottom : from_top) : (from_bottom - from_top) / (k.x * whole);
-        found.cosine = (double2)(even, 0.0);
-        found.sine = (double2)(odd, 0.0);
+        found.even = (double2)(fading ? (upward ? top : bottom) : (top + bottom) / whole, 0.0);
+        found.odd = (double2)(fading ? (upward ? bottom : top) : (bottom - top) / (k.x * whole), 0.0);
     } else if (!fading) {
-        hyperbolic_integrals(k, mu, thickness, far, &found.cosine, &found.sine);
+        hyperbolic_integrals(k, mu, thickness, far, &found.even, &found.odd);
     } else if (upward) {
-        fading_integrals(k, mu, thickness, far, &found.cosine, &found.sine);
+        fading_integrals(k, mu, thickness, far, &found.even, &found.odd);
     } else {
-        found.sine = (double2)(0.0);
+        found.odd = (double2)(0.0);
         if (thickness < 1e300)
-            found.sine = over(times(c_exp(-far * k), -c_expm1(-left * (double2)(k.x + 1.0 / mu, k.y))),
-                              (double2)(1.0 + mu * k.x, mu * k.y));
-        found.cosine = (left / mu) * exp_difference(-left * k, (double2)(-left / mu, 0.0));
+            found.odd = over(times(c_exp(-far * k), -c_expm1(-left * (double2)(k.x + 1.0 / mu, k.y))),
+                             (double2)(1.0 + mu * k.x, mu * k.y));
+        found.even = (left / mu) * exp_difference(-left * k, (double2)(-left / mu, 0.0));
     }
     return found;
 }
@@ -181,82 +190,136 @@ Integrals integrals_of(double2 k, int upward, int fading, double thickness, doub
 #define TIMES_RE(f, re, im) ((f).x * (re) - (f).y * (im))
 #define TIMES_IM(f, re, im) ((f).x * (im) + (f).y * (re))
 
-// Columns of what the amplitudes, even and odd, and the beam's coordinates are multiplied by, for one mode or pair: the
-// second of each is that of the pair's second coordinate.
-void gains_of(double2 lam, int upward, int fading, double thickness, double left, double far, double mu, double faded,
-              double4 e_re, double4 e_im, double4 f_re, double4 f_im, double4* even, double4* odd, double4* beam)
+// The columns of a mode's light, or of a pair's, in Stokes components of one direction.
+typedef struct {
+    double4 e_re, e_im, f_re, f_im;
+} Lit;
+
+Lit light_of(int stokes, int pair, __global const double* e, __global const double* f, int ld)
 {
-    const double sign = upward ? -1.0 : 1.0;
+    const double4 none = (double4)(0.0);
+    const Lit found = {stokes_at(stokes, e), pair ? stokes_at(stokes, e + ld) : none, stokes_at(stokes, f),
+                       pair ? stokes_at(stokes, f + ld) : none};
+    return found;
+}
+
+// What the amplitudes of even and odd modes and the coordinates of the beam's part, of zeta too, are multiplied by.
+typedef struct {
+    double4 even, odd, beam, zeta;
+} Gains;
+
+// For one mode or pair: the second of the gains is that of the pair's second coordinate.
+void gains_of(double2 lam, const Way* way, const Lit* lit, Gains* gains)
+{
+    const double sign = way->upward ? -1.0 : 1.0;
     const double2 k = c_sqrt(lam);
-    const Integrals found = integrals_of(k, upward, fading, thickness, left, far, mu, faded);
-    const double2 c = 0.5 * found.cosine, s = 0.5 * found.sine, bottom = (double2)(mu * k.x - sign, mu * k.y);
-    const double2 share = size_of(bottom) < 0.02 ? (double2)(0.0) : over((double2)(1.0, 0.0), bottom);
-    const double4 kf_re = TIMES_RE(k, f_re, f_im), kf_im = TIMES_IM(k, f_re, f_im);
-    const double4 along_re = e_re + sign * kf_re, along_im = e_im + sign * kf_im;
-    beam[0] = 0.5 * TIMES_RE(share, along_re, along_im);
-    beam[1] = 0.5 * TIMES_IM(share, along_re, along_im);
-    if (fading) {
-        const double4 back_re = e_re - sign * kf_re, back_im = e_im - sign * kf_im;
-        even[0] = TIMES_RE(c, along_re, along_im);
-        even[1] = TIMES_IM(c, along_re, along_im);
-        odd[0] = TIMES_RE(s, back_re, back_im);
-        odd[1] = TIMES_IM(s, back_re, back_im);
+    const Integrals found = integrals_of(k, way);
+    const double2 even = 0.5 * found.even, odd = 0.5 * found.odd;
+    const double2 bottom = (double2)(way->mu * k.x - sign, way->mu * k.y);
+    const double2 share = size_of(bottom) < NEAR ? (double2)(0.0) : over((double2)(0.5, 0.0), bottom);
+    const double4 e_re = lit->e_re, e_im = lit->e_im, f_re = lit->f_re, f_im = lit->f_im;
+    const double4 kf_re = sign * TIMES_RE(k, f_re, f_im), kf_im = sign * TIMES_IM(k, f_re, f_im);
+    gains[0].beam = TIMES_RE(share, e_re + kf_re, e_im + kf_im);
+    gains[1].beam = TIMES_IM(share, e_re + kf_re, e_im + kf_im);
+    gains[0].zeta = 0.5 * sign * f_re;
+    gains[1].zeta = 0.5 * sign * f_im;
+    if (way->fading) {
+        gains[0].even = TIMES_RE(even, e_re + kf_re, e_im + kf_im);
+        gains[1].even = TIMES_IM(even, e_re + kf_re, e_im + kf_im);
+        gains[0].odd = TIMES_RE(odd, e_re - kf_re, e_im - kf_im);
+        gains[1].odd = TIMES_IM(odd, e_re - kf_re, e_im - kf_im);
         return;
     }
-    const double2 steep = times(lam, s);
-    even[0] = TIMES_RE(c, e_re, e_im) + TIMES_RE(steep, f_re, f_im);
-    even[1] = TIMES_IM(c, e_re, e_im) + TIMES_IM(steep, f_re, f_im);
-    odd[0] = -sign * (TIMES_RE(s, e_re, e_im) + TIMES_RE(c, f_re, f_im));
-    odd[1] = -sign * (TIMES_IM(s, e_re, e_im) + TIMES_IM(c, f_re, f_im));
+    const double2 steep = times(lam, odd);
+    gains[0].even = TIMES_RE(even, e_re, e_im) + TIMES_RE(steep, f_re, f_im);
+    gains[1].even = TIMES_IM(even, e_re, e_im) + TIMES_IM(steep, f_re, f_im);
+    gains[0].odd = -sign * (TIMES_RE(odd, e_re, e_im) + TIMES_RE(even, f_re, f_im));
+    gains[1].odd = -sign * (TIMES_IM(odd, e_re, e_im) + TIMES_IM(even, f_re, f_im));
 }
 
-// The beam's part of a mode with k mu close to 1, which `gains_of` leaves out, over e^(-above/mu0).
-double2 resonance(double2 k, double mu, double mu0, double depth)
+// Adds to light going down, `to` (n_rhs, rows), the beam's part of the modes with k mu close to 1, which `gains_of`
+// leaves out.
+void add_resonances(const Way* way, int n, int stokes, int rows, int n_in, int n_rhs, __global const double* lam_re,
+                    __global const double* lam_im, __global const double* lit_e, __global const double* lit_f, int ld,
+                    __global const double* c, __global const double* mu0, __global double* to)
 {
-    return (0.5 * depth * depth / mu) * exp_difference_2((double2)(-depth / mu, 0.0), -depth * k, (double2)(-depth / mu0, 0.0));
+    const double mu = way->mu, depth = way->depth;
+    for (int j = 0, pair; j < n; j += 1 + pair) {
+        const double2 k = c_sqrt((double2)(lam_re[j], lam_im[j]));
+        pair = lam_im[j] != 0.0;
+        if (size_of((double2)(mu * k.x - 1.0, mu * k.y)) >= NEAR)
+            continue;
+        const Lit lit = light_of(stokes, pair, lit_e + (long)j * ld, lit_f + (long)j * ld, ld);
+        const double4 re = lit.e_re + TIMES_RE(k, lit.f_re, lit.f_im), im = lit.e_im + TIMES_IM(k, lit.f_re, lit.f_im);
+        for (int r = 0; r < n_rhs; r++) {
+            const double beam = mu0[r / (n_rhs / n_in)];
+            const double2 value = (0.5 * depth * depth / mu * exp(-way->above / beam))
+                * exp_difference_2((double2)(-depth / mu, 0.0), -depth * k, (double2)(-depth / beam, 0.0));
+            __global const double* y = c + (long)r * n + j;
+            double4 sum = stokes_at(stokes, to + (long)r * rows) + y[0] * TIMES_RE(value, re, im);
+            if (pair)
+                sum += y[1] * TIMES_IM(value, re, im);
+            put_stokes(stokes, to + (long)r * rows, sum);
+        }
+    }
 }
 
-// int e^(-x/mu0) e^(-|x - depth|/mu) dx/mu over what lies below depth (upward) or above it.
-double beam_path(int upward, double mu, double mu0, double thickness, double depth)
+// What a beam's coordinates are multiplied by: those of zeta, c, c D(depth) and c D(thickness).
+typedef struct {
+    double zeta, direct, here, whole;
+} Shares;
+
+// The path integral is int e^(-x/mu0) e^(-|x - depth|/mu) dx/mu over what lies below depth (upward) or above it.
+Shares shares_of(const Way* way, double mu0)
 {
-    const double rate = 1.0 / mu + 1.0 / mu0;
-    if (upward)
-        return exp(-depth / mu0) * -expm1(-(thickness - depth) * rate) / (mu * rate);
-    return (depth / mu) * exp_difference((double2)(-depth / mu0, 0.0), (double2)(-depth / mu, 0.0)).x;
+    const double mu = way->mu, depth = way->depth, rate = 1.0 / mu + 1.0 / mu0, fade = exp(-way->above / mu0);
+    const double path = way->upward ? exp(-depth / mu0) * -expm1(-way->left * rate) / (mu * rate)
+        : (depth / mu) * exp_difference((double2)(-depth / mu0, 0.0), (double2)(-depth / mu, 0.0)).x;
+    const int ends = way->upward && way->thickness < 1e300;
+    const Shares found = {fade * path, mu * fade * path, depth == 0.0 ? 0.0 : way->upward ? fade : -fade,
+                          ends ? -exp(-way->above / mu0 - way->left / mu) : 0.0};
+    return found;
 }
 
-// The source between a stop and the face that light comes from, into out (order, n_level, n_rhs, rows) at a level and into
-// part (order, layer, n_rhs, rows) at a face. lit: of `light_of_modes`; fades (order, layer). Global size: n_out, stops, orders.
+// Which way light takes to a stop.
+Way way_to(int upward, int fading, double mu, double thickness, double above, double depth)
+{
+    const double left = upward ? thickness - depth : depth;
+    const double far = upward ? depth : thickness - left;    // by symmetry: down at depth is up at thickness - depth
+    const Way found = {upward, fading, mu, thickness, above, depth, left, far, exp(-left / mu)};
+    return found;
+}
+
+// The source between a stop and the face that light comes from, into out (order, n_level, n_rhs, rows) at a level and
+// into part (order, layer, n_rhs, rows) at a face. lit, fed: of `light_of_modes`, `feed_modes`; fades (order, layer).
+// Global size: n_out, stops, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void sum_sources(int n, int stokes, int n_up, int ld, int n_layer, int n_level, int n_in, int n_rhs,
                           __global const double* restrict lit, __global const double* restrict lam_re,
                           __global const double* restrict lam_im, __global const int* restrict fades,
                           __global const double* restrict even, __global const double* restrict odd,
                           __global const double* restrict c, __global const double* restrict zeta,
-                          __global const double* restrict fed, __global const double* restrict thicknesses,
-                          __global const double* restrict aboves, __global const double* restrict mu0,
+                          __global const double* restrict fed, __global const double* restrict thickness,
+                          __global const double* restrict above, __global const double* restrict mu0,
                           __global const double* restrict mu_out, __global const double* restrict level,
-                          __global const int* restrict level_layer, __global double* restrict out, __global double* restrict part)
+                          __global const int* restrict level_layer, __global double* restrict out,
+                          __global double* restrict part)
 {
     const int place = get_global_id(0), stop = get_global_id(1), upward = place < n_up, at_face = stop >= n_level;
     const int rows = stokes * get_global_size(0), layer = at_face ? stop - n_level : level_layer[stop];
-    const long order = get_global_id(2), item = order * n_layer + layer, size = (long)n_rhs * rows, all = (long)n_rhs * n;
-    const double mu = mu_out[place], thickness = thicknesses[layer], above = aboves[layer];
-    const double depth = !at_face ? level[stop] : upward ? 0.0 : thickness;
-    const double left = upward ? thickness - depth : depth;      // optical path over mu
-    const double far = upward ? depth : thickness - left;        // by symmetry about the middle, down at depth is up at T - depth
-    const double faded = exp(-left / mu);
-    const int fading = fades[item], per_beam = n_rhs / n_in;
+    const long order = get_global_id(2), item = order * n_layer + layer;
+    const long size = (long)n_rhs * rows, all = (long)n_rhs * n;
+    const double depth = !at_face ? level[stop] : upward ? 0.0 : thickness[layer];
+    const Way way = way_to(upward, fades[item], mu_out[place], thickness[layer], above[layer], depth);
     __global double* to = (at_face ? part + item * size : out + (order * n_level + stop) * size) + stokes * place;
     __global const double* lit_e = lit + item * n * ld + stokes * place;
     __global const double* lit_f = lit_e + (long)get_global_size(2) * n_layer * n * ld;
     __global const double* fed_here = fed + (order * (n_level + n_layer) + stop) * all;
     __global const double* fed_whole = fed + (order * (n_level + n_layer) + n_level + layer) * all;
-    const int feeds_here = depth > 0.0, feeds_whole = upward && thickness < 1e300;
-    double4 of_even[BLOCK + 1], of_odd[BLOCK + 1], of_beam[BLOCK + 1], of_zeta[BLOCK + 1];
+    Gains gains[BLOCK + 1];
     for (int r = 0; r < n_rhs; r++)
         put_stokes(stokes, to + (long)r * rows, (double4)(0.0));
-    if (left == 0.0 || (at_face && layer == (upward ? 0 : n_layer - 1)))
+    if (way.left == 0.0 || (at_face && layer == (upward ? 0 : n_layer - 1)))
         return;
     lam_re += item * n;
     lam_im += item * n;
@@ -264,67 +327,47 @@ __kernel void sum_sources(int n, int stokes, int n_up, int ld, int n_layer, int 
     odd += item * all;
     c += item * all;
     zeta += item * all;
+    if (!upward)
+        add_resonances(&way, n, stokes, rows, n_in, n_rhs, lam_re, lam_im, lit_e, lit_f, ld, c, mu0, to);
     for (int begin = 0, end; begin < n; begin = end) {
-        for (end = begin; end < min(begin + BLOCK, n); ) {
-            const int pair = lam_im[end] != 0.0, x = end - begin;
-            const double2 lam = (double2)(lam_re[end], lam_im[end]);
-            const double4 e_re = stokes_at(stokes, lit_e + (long)end * ld), f_re = stokes_at(stokes, lit_f + (long)end * ld);
-            const double4 e_im = pair ? stokes_at(stokes, lit_e + (long)(end + 1) * ld) : (double4)(0.0);
-            const double4 f_im = pair ? stokes_at(stokes, lit_f + (long)(end + 1) * ld) : (double4)(0.0);
-            double4 evens[2], odds[2], beams[2];
-            gains_of(lam, upward, fading, thickness, left, far, mu, faded, e_re, e_im, f_re, f_im, evens, odds, beams);
-            of_zeta[x] = (upward ? -0.5 : 0.5) * f_re;
-            if (pair)
-                of_zeta[x + 1] = (upward ? -0.5 : 0.5) * f_im;
-            for (int y = 0; y < 1 + pair; y++) {
-                of_even[x + y] = evens[y];
-                of_odd[x + y] = odds[y];
-                of_beam[x + y] = beams[y];
-            }
-            const double2 k = c_sqrt(lam);
-            if (!upward && size_of((double2)(mu * k.x - 1.0, mu * k.y)) < 0.02)
-                for (int r = 0; r < n_rhs; r++) {
-                    const double2 value = exp(-above / mu0[r / per_beam]) * resonance(k, mu, mu0[r / per_beam], depth);
-                    const double4 re = e_re + TIMES_RE(k, f_re, f_im), im = e_im + TIMES_IM(k, f_re, f_im);
-                    __global const double* y = c + (long)r * n + end;
-                    const double4 gained = TIMES_RE(value, re, im) * y[0] + (pair ? TIMES_IM(value, re, im) * y[1] : (double4)(0.0));
-                    put_stokes(stokes, to + (long)r * rows, stokes_at(stokes, to + (long)r * rows) + gained);
-                }
-            end += 1 + pair;
+        for (end = begin; end < min(begin + BLOCK, n); end += lam_im[end] != 0.0 ? 2 : 1) {
+            const Lit light = light_of(stokes, lam_im[end] != 0.0, lit_e + (long)end * ld, lit_f + (long)end * ld, ld);
+            Gains two[2];
+            gains_of((double2)(lam_re[end], lam_im[end]), &way, &light, two);
+            gains[end - begin] = two[0];
+            if (lam_im[end] != 0.0)
+                gains[end - begin + 1] = two[1];
         }
-        double light = 0.0, by_light = 0.0, by_here = 0.0, by_whole = 0.0;      // of a beam
+        Shares shares;
         for (int r = 0; r < n_rhs; r++) {
-            if (r % per_beam == 0) {
-                const double beam = mu0[r / per_beam], fade = exp(-above / beam);
-                light = fade * beam_path(upward, mu, beam, thickness, depth);
-                by_light = mu * light;
-                by_here = upward ? fade : -fade;
-                by_whole = exp(-above / beam - left / mu);
-            }
+            if (r % (n_rhs / n_in) == 0)
+                shares = shares_of(&way, mu0[r / (n_rhs / n_in)]);
             double4 sum = stokes_at(stokes, to + (long)r * rows);
             for (int j = begin; j < end; j++) {
                 const long at = (long)r * n + j;
-                double coordinate = by_light * c[at];
-                if (feeds_here)
-                    coordinate += by_here * fed_here[at];
-                if (feeds_whole)
-                    coordinate -= by_whole * fed_whole[at];
-                sum += of_even[j - begin] * even[at] + of_odd[j - begin] * odd[at] + of_beam[j - begin] * coordinate
-                    + of_zeta[j - begin] * (light * zeta[at]);
+                const Gains* gain = gains + j - begin;
+                double coordinate = shares.direct * c[at];
+                if (shares.here != 0.0)
+                    coordinate += shares.here * fed_here[at];
+                if (shares.whole != 0.0)
+                    coordinate += shares.whole * fed_whole[at];
+                sum += gain->even * even[at] + gain->odd * odd[at] + gain->beam * coordinate
+                    + gain->zeta * (shares.zeta * zeta[at]);
             }
             put_stokes(stokes, to + (long)r * rows, sum);
         }
     }
 }
 
-// Adds what enters each layer, attenuated: from the base, base_out (row, n, rows) times base_down (order, n_rhs, n), row -1 for
-// none, up through the layers, and from the top down. Global size: n_out, n_rhs, orders.
+// Adds what enters each layer, attenuated: from the base, base_out (row, n, rows) times base_down (order, n_rhs, n), a
+// row of -1 for none, up through the layers, and from the top down. Global size: n_out, n_rhs, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void pass_layers(int n, int stokes, int n_up, int n_layer, int n_level, __global const double* restrict base_down,
-                          __global const int* restrict base_row, __global const double* restrict base_out,
-                          __global const double* restrict thickness, __global const double* restrict mu_out,
-                          __global const double* restrict level, __global const int* restrict level_layer,
-                          __global double* restrict out, __global const double* restrict part)
+__kernel void pass_layers(int n, int stokes, int n_up, int n_layer, int n_level,
+                          __global const double* restrict base_down, __global const int* restrict base_row,
+                          __global const double* restrict base_out, __global const double* restrict thickness,
+                          __global const double* restrict mu_out, __global const double* restrict level,
+                          __global const int* restrict level_layer, __global double* restrict out,
+                          __global const double* restrict part)
 {
     const int place = get_global_id(0), r = get_global_id(1), upward = place < n_up, n_rhs = get_global_size(1);
     const int rows = stokes * get_global_size(0);
@@ -344,6 +387,7 @@ __kernel void pass_layers(int n, int stokes, int n_up, int n_layer, int n_level,
                 put_stokes(stokes, to, stokes_at(stokes, to) + exp(-left / mu) * running);
             }
         if (step < n_layer - 1)
-            running = exp(-thickness[layer] / mu) * running + stokes_at(stokes, part + (order * n_layer + layer) * size + here);
+            running = exp(-thickness[layer] / mu) * running
+                + stokes_at(stokes, part + (order * n_layer + layer) * size + here);
     }
 }

@@ -8,7 +8,8 @@
 void sum_series(int terms, __global const double* s, double4 x, double4* f)
 {
     double4 f11 = s[7] + s[SERIES + 7] * x, f44 = s[8] + s[SERIES + 8] * x;
-    double4 f12 = (double4)(0.0), f34 = f12, sum = f12, difference = f12, q_old = f12, u_old = f12, w_old = f12, p_old = x;
+    double4 f12 = (double4)(0.0), f34 = f12, sum = f12, difference = f12;
+    double4 p_old = x, q_old = f12, u_old = f12, w_old = f12;
     double4 p = 1.5 * x * x - 0.5, q = -0.6123724356957945 * (1.0 - x) * (1.0 + x);     // sqrt(6)/4
     double4 u = 0.25 * (1.0 + x) * (1.0 + x), w = 0.25 * (1.0 - x) * (1.0 - x);
     for (int l = 2; l < terms; l++) {
@@ -81,15 +82,37 @@ void scatter_column(int kind, double g, double h, const double4* f, const double
     z[2] = turns[1] * q + turns[0] * u;
 }
 
-// The tables first_table[scene] .. first_table[scene + 1] - 1 are a scene's; tables (table, most terms, 13), terms (table,);
-// path (table, n_level, n_in, n_mu): what multiplies the phase matrix; mu0 (n_in,) > 0, mu (n_mu,) signed, public;
-// cos_phi, sin_phi (n_angle,), padded to a multiple of 4; columns (n_col, 4) within (I, Q) or, kind 1, (U, V), place (n_col,) in
-// the result's last axis; the others as `add_orders`, a tile being four angles.
+// seen: rows (4, n_place) of four angles, then of their mirror images, Z(-phi) = D Z(phi) D, D = diag(1, 1, -1, -1).
+void see_columns(const double4* f, const double4* turns, int n_col, __global const double* columns,
+                 __global const int* kind, __global const int* place, int n_place, double4* seen)
+{
+    for (int k = 0; k < 8 * n_place; k++)
+        seen[k] = (double4)(0.0);
+    for (int c = 0; c < n_col; c++) {
+        __global const double* pair = columns + 4 * c + 2 * kind[c];
+        double4 z[4];
+        scatter_column(kind[c], pair[0], pair[1], f, turns, z);
+        for (int s = 0; s < 4; s++)
+            for (int a = 0; a < 4; a++) {
+                const double value = ((const double*)(z + s))[a];
+                ((double*)(seen + a * n_place))[s * n_place + place[c]] += value;
+                ((double*)(seen + (4 + a) * n_place))[s * n_place + place[c]] +=
+                    (s >= 2) == (kind[c] == 1) ? value : -value;
+            }
+    }
+}
+
+// The tables first_table[scene] .. first_table[scene + 1] - 1 are a scene's; tables (table, most terms, 13), terms
+// (table,); path (table, n_level, n_in, n_mu): what multiplies the phase matrix; mu0 (n_in,) > 0, mu (n_mu,) signed,
+// public; cos_phi, sin_phi (n_angle,), padded to a multiple of 4; columns (n_col, 4) within (I, Q) or, kind 1, (U, V),
+// place (n_col,) in the result's last axis; the others as `add_orders`, a tile being four angles.
+// Global size: n_mu / mu_each, tiles of angles / tiles_each, scenes times n_here.
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void add_scattering(__global const int* restrict first_table, __global const double* restrict tables,
-                             long table_stride, __global const int* restrict terms, __global const double* restrict path,
-                             __global const double* restrict mu0, __global const double* restrict mu,
-                             __global const double* restrict cos_phi, __global const double* restrict sin_phi, int n_col,
+                             long table_stride, __global const int* restrict terms,
+                             __global const double* restrict path, __global const double* restrict mu0,
+                             __global const double* restrict mu, __global const double* restrict cos_phi,
+                             __global const double* restrict sin_phi, int n_col,
                              __global const double* restrict columns, __global const int* restrict kind,
                              __global const int* restrict place, WHERE_OUT)
 {
@@ -108,30 +131,19 @@ __kernel void add_scattering(__global const int* restrict first_table, __global 
                 continue;
             const double sines = sqrt((1.0 - mu[j]) * (1.0 + mu[j])) * sqrt((1.0 - mu0[i]) * (1.0 + mu0[i]));
             for (int tile = get_global_id(1) * tiles_each; tile < last_tile; tile++) {
-                double4 f[6], turns[4], z[4], x = sines * AT(cos_phi, tile) - mu[j] * mu0[i];
+                double4 f[6], turns[4], x = sines * AT(cos_phi, tile) - mu[j] * mu0[i];
                 x = x > 1.0 ? (double4)(1.0) : x;
                 x = x < -1.0 ? (double4)(-1.0) : x;
                 sum_series(terms[table], tables + table * table_stride, x, f);
                 find_turns(mu0[i], mu[j], AT(cos_phi, tile), AT(sin_phi, tile), turns);
-                for (int k = 0; k < 8 * n_place; k++)
-                    seen[k] = (double4)(0.0);
-                for (int c = 0; c < n_col; c++) {
-                    scatter_column(kind[c], columns[4 * c + 2 * kind[c]], columns[4 * c + 2 * kind[c] + 1], f, turns, z);
-                    for (int s = 0; s < 4; s++)
-                        for (int a = 0; a < 4; a++) {
-                            const int at = s * n_place + place[c];
-                            const double value = ((const double*)(z + s))[a];
-                            ((double*)(seen + a * n_place))[at] += value;
-                            ((double*)(seen + (4 + a) * n_place))[at] += (s >= 2) == (kind[c] == 1) ? value : -value;
-                        }
-                }
+                see_columns(f, turns, n_col, columns, kind, place, n_place, seen);
                 for (int t = 0; t < n_level; t++)
                     for (int a = 0; a < min(4, n_angle - 4 * tile) && now[t * pairs] != 0.0; a++)
                         for (int use = first_use[4 * tile + a]; use < first_use[4 * tile + a + 1]; use++) {
                             const double4* from = seen + (mirror[use] < 0.0 ? a + 4 : a) * n_place;
-                            __global double* to = out + ((t * pairs + (long)i * n_mu + j) * n_phi + azimuth[use]) * 4 * n_place;
+                            const long row = (t * pairs + (long)i * n_mu + j) * n_phi + azimuth[use];
                             for (int k = 0; k < n_place; k++)
-                                *(__global neighbours*)(to + 4 * k) += now[t * pairs] * from[k];
+                                *(__global loose4*)(out + (row * n_place + k) * 4) += now[t * pairs] * from[k];
                         }
             }
         }

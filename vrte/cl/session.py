@@ -1,5 +1,6 @@
 """A device at work: its queue, its compiled kernels, its memory."""
 
+import math
 import os
 import threading
 from dataclasses import dataclass, field
@@ -40,6 +41,30 @@ FORKED = (
 )
 
 
+@dataclass(frozen=True, eq=False)
+class DeviceArray:
+    """Numbers on a device, row by row in the memory ``data``. Making a pyopencl array takes forty microseconds."""
+
+    data: Any
+    shape: tuple[int, ...]
+    dtype: Any
+
+    @property
+    def size(self) -> int:
+        """How many."""
+        return math.prod(self.shape)
+
+    @property
+    def nbytes(self) -> int:
+        """Of all."""
+        return self.size * self.dtype.itemsize
+
+    def reshape(self, shape: tuple[int, ...]) -> "DeviceArray":
+        """The same numbers in another shape."""
+        assert math.prod(shape) == self.size
+        return DeviceArray(self.data, shape, self.dtype)
+
+
 @dataclass(eq=False)
 class Session:
     """context, queue, program and kernels (by name) of one device; ``memory``: what was freed is kept for the next
@@ -70,15 +95,14 @@ class Session:
 
         return bool(self.device.type & pyopencl.device_type.CPU)
 
-    def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
-        """A pyopencl array, nothing in it."""
-        import pyopencl.array
-
+    def empty(self, shape: tuple[int, ...], dtype: Any = np.float64) -> DeviceArray:
+        """An array with nothing in it."""
         self._check_process()
-        return pyopencl.array.empty(self.queue, shape, dtype, allocator=self.memory)
+        kind = np.dtype(dtype)
+        return DeviceArray(self.memory(max(math.prod(shape), 1) * kind.itemsize), tuple(shape), kind)
 
-    def zeros(self, shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
-        """A pyopencl array of zeros."""
+    def zeros(self, shape: tuple[int, ...], dtype: Any = np.float64) -> DeviceArray:
+        """An array of zeros."""
         import pyopencl
 
         made = self.empty(shape, dtype)
@@ -86,16 +110,29 @@ class Session:
             pyopencl.enqueue_fill_buffer(self.queue, made.data, np.zeros(1, dtype), 0, made.nbytes)
         return made
 
-    def upload(self, values: Any) -> Any:
+    def upload(self, values: Any) -> DeviceArray:
         """A copy of an array on the device."""
-        import pyopencl.array
+        import pyopencl
 
-        self._check_process()
-        return pyopencl.array.to_device(self.queue, np.ascontiguousarray(values), allocator=self.memory)
+        array = np.asarray(values, order="C")
+        if 0 < array.nbytes <= SMALL:
+            self._check_process()
+            flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
+            return DeviceArray(pyopencl.Buffer(self.context, flags, hostbuf=array), array.shape, array.dtype)
+        made = self.empty(array.shape, array.dtype)
+        self.put(array, made)
+        return made
 
-    def constant(self, values: Any) -> Any:
+    def put(self, values: Array, made: DeviceArray) -> None:
+        """Copies an array to where it belongs on the device."""
+        import pyopencl
+
+        if made.nbytes:
+            pyopencl.enqueue_copy(self.queue, made.data, np.ascontiguousarray(values))
+
+    def constant(self, values: Any) -> DeviceArray:
         """A copy on the device that nobody writes to: where there is one of the same small array, that."""
-        array = np.ascontiguousarray(values)
+        array = np.asarray(values, order="C")
         if array.nbytes > SMALL:
             return self.upload(array)
         key = array.dtype.str, array.shape, array.tobytes()
@@ -105,10 +142,14 @@ class Session:
             self.constants[key] = self.upload(array)
         return self.constants[key]
 
-    def download(self, values: Any) -> Array:
+    def download(self, values: DeviceArray) -> Any:
         """A copy of the device's array; waits for whatever it comes from."""
+        import pyopencl
+
         self._check_process()
-        found: Array = values.get(self.queue)
+        found = np.empty(values.shape, values.dtype)
+        if found.nbytes:
+            pyopencl.enqueue_copy(self.queue, found, values.data)
         return found
 
     def launch(self, name: str, size: tuple[int, ...], *arguments: Any, group: tuple[int, ...] | None = None) -> None:
@@ -121,7 +162,7 @@ class Session:
             types = [argument.dtype if isinstance(argument, np.generic) else None for argument in arguments]
             self.kernels[name].set_scalar_arg_dtypes(types)
             self.typed.add(name)
-        plain = [getattr(argument, "base_data", argument) for argument in arguments]
+        plain = [argument.data if isinstance(argument, DeviceArray) else argument for argument in arguments]
         self.kernels[name](self.queue, size, group or (1,) * len(size), *plain)
 
     def local_memory(self, size: int) -> Any:

@@ -1,24 +1,23 @@
 // Sums over Fourier orders, added into a table of radiances: (1:6)-(1:8), (1:12) without its 1/2.
 
-#define TILE_ANGLES 8      // azimuths that are summed at once, in registers
+#define TILE_ANGLES 12     // azimuths that are summed at once, in registers
 #define BATCH 8            // groups of four elements whose sums are kept at hand
-#define EACH_ANGLE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
+#define EACH_ANGLE(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7) \
+    DO(8) DO(9) DO(10) DO(11)
 #define NO_SUM(x) double4 sum##x = (double4)(0.0);
 #define ADD_ORDER(x) sum##x = value * AT(wave, x) + sum##x;
 #define KEEP_SUM(x) sums[x] = sum##x;
 
-// Four neighbours in a row of the result, which begins where it may.
-typedef double4 neighbours __attribute__((aligned(8)));
-
 // How the directions of a result share the work, and where the result's rows lie.
 #define WHERE_OUT __global const int* restrict first_use, __global const int* restrict azimuth, \
     __global const double* restrict mirror, int n_angle, int n_phi, int n_place, int n_level, int n_in, int n_mu, \
-    int first_in, int n_here, int mu_each, int tiles_each, __global double* restrict out, long out_first, long out_stride
+    int first_in, int n_here, int mu_each, int tiles_each, __global double* restrict out, long out_first, \
+    long out_stride
 
 // sums (angle, lane) of four elements times weight times waves (order, angle, lane), `wave_ld` doubles an order apart.
 void sum_orders(int n_order, __global const double* from0, __global const double* from1, __global const double* from2,
-                __global const double* from3, long order_stride, double4 weight, __global const double* wave, int wave_ld,
-                double4* sums)
+                __global const double* from3, long order_stride, double4 weight, __global const double* wave,
+                int wave_ld, double4* sums)
 {
     EACH_ANGLE(NO_SUM)
     for (int m = 0; m < n_order; m++) {
@@ -33,13 +32,27 @@ void sum_orders(int n_order, __global const double* from0, __global const double
     EACH_ANGLE(KEEP_SUM)
 }
 
-// Elements of a Mueller matrix come in groups of four that are neighbours in a row (4, n_place) of the result. kernels:
-// (scene, order, n_tau, n_in, n_col, n_out, S) by strides, n_order (scene,) of them; entry (group, 10): column of each of the
-// four, Stokes component of each, which of the waves, where in a row (in fours); sense (group, 4): 1 or -1, 0 for none;
-// waves (pattern, wave_rows, angle, 4), wave_ld doubles an order: cos or sin of m times the distinct angles; mirrored
-// (pattern, 4): 1 for cos, -1 for sin; first_use (n_angle + 1,): where in azimuth (n_phi,) those begin that are an angle or
-// its mirror image, mirror -1; levels, rows, scale as `azimuthal_sum` in _core.pyx; factors (n_out, S): of a row of the
-// kernels; out (scene, n_level, n_in, n_mu, n_phi, 4, n_place).
+// The same of one group of four, for one row of kernels, into sums (angle, lane).
+void sum_group(__global const double* row, long column_stride, long stokes_stride, long order_stride, int n_order,
+               __global const int* column, double4 weight, __global const double* factor, __global const double* wave,
+               int wave_ld, double4* sums)
+{
+    __global const int* component = column + 4;
+    weight *= (double4)(factor[component[0]], factor[component[1]], factor[component[2]], factor[component[3]]);
+    sum_orders(n_order, row + column[0] * column_stride + component[0] * stokes_stride,
+               row + column[1] * column_stride + component[1] * stokes_stride,
+               row + column[2] * column_stride + component[2] * stokes_stride,
+               row + column[3] * column_stride + component[3] * stokes_stride, order_stride, weight,
+               wave, wave_ld, sums);
+}
+
+// Elements of a Mueller matrix come in groups of four that are neighbours in a row (4, n_place) of the result.
+// kernels: (scene, order, n_tau, n_in, n_col, n_out, S) by strides, n_order (scene,) of them; entry (group, 10): column
+// of each of the four, Stokes component of each, which of the waves, where in a row (in fours); sense (group, 4): 1 or
+// -1, 0 for none; waves (pattern, wave_rows, angle, 4), wave_ld doubles an order: cos or sin of m times the distinct
+// angles; mirrored (pattern, 4): 1 for cos, -1 for sin; first_use (n_angle + 1,): where in azimuth (n_phi,) those begin
+// that are an angle or its mirror image, mirror -1; levels, rows, scale as `azimuthal_sum` in _core.pyx; factors
+// (n_out, S): of a row of the kernels; out (scene, n_level, n_in, n_mu, n_phi, 4, n_place).
 // Global size: n_mu / mu_each, tiles of angles / tiles_each, scenes times n_level times n_here.
 __attribute__((reqd_work_group_size(1, 1, 1)))
 __kernel void add_orders(__global const double* restrict kernels, long first, long scene_stride, long order_stride,
@@ -62,24 +75,18 @@ __kernel void add_orders(__global const double* restrict kernels, long first, lo
             for (int begin = 0; begin < n_group; begin += BATCH) {
                 __global const int* now = entry + 10 * begin;
                 const int angle = tile * TILE_ANGLES, count = min(BATCH, n_group - begin);
-                for (int g = 0; g < count; g++) {
-                    __global const int *column = now + 10 * g, *component = column + 4;
-                    __global const double* here = kernels + rows[j] * row_stride;
-                    __global const double* factor = factors + (long)rows[j] * n_stokes;
-                    const double4 weight = scale[i] * AT(sense, begin + g)
-                        * (double4)(factor[component[0]], factor[component[1]], factor[component[2]], factor[component[3]]);
-                    sum_orders(n_order[scene], here + column[0] * column_stride + component[0] * stokes_stride,
-                               here + column[1] * column_stride + component[1] * stokes_stride,
-                               here + column[2] * column_stride + component[2] * stokes_stride,
-                               here + column[3] * column_stride + component[3] * stokes_stride, order_stride, weight,
-                               waves + (long)column[8] * wave_rows * wave_ld + 4 * angle, wave_ld, sums + g * TILE_ANGLES);
-                }
+                for (int g = 0; g < count; g++)
+                    sum_group(kernels + rows[j] * row_stride, column_stride, stokes_stride, order_stride,
+                              n_order[scene], now + 10 * g, scale[i] * AT(sense, begin + g),
+                              factors + (long)rows[j] * n_stokes,
+                              waves + (long)now[10 * g + 8] * wave_rows * wave_ld + 4 * angle, wave_ld,
+                              sums + g * TILE_ANGLES);
                 for (int a = angle; a < min(angle + TILE_ANGLES, n_angle); a++)
                     for (int use = first_use[a]; use < first_use[a + 1]; use++) {
                         __global double* row = out + ((long)j * n_phi + azimuth[use]) * 4 * n_place;
                         for (int g = 0; g < count; g++) {
                             const double4 sum = sums[g * TILE_ANGLES + a - angle];
-                            *(__global neighbours*)(row + 4 * now[10 * g + 9]) +=
+                            *(__global loose4*)(row + 4 * now[10 * g + 9]) +=
                                 mirror[use] < 0.0 ? AT(mirrored, now[10 * g + 8]) * sum : sum;
                         }
                     }

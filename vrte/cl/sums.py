@@ -12,7 +12,7 @@ from vrte.cl.lending import lent
 from vrte.cl.matrices import padded
 from vrte.cl.session import Session
 
-TILE = 8  # azimuths that orders are summed for at once; single scattering has half as many
+TILE_OF_ORDERS, TILE_OF_SCATTERING = 12, 4  # azimuths that are done at once
 MOST_COLUMNS = 16
 PIECES = 64  # of a launch on a processor, so that its cores end together
 WIDE = 1 << 16  # pieces that a graphics device wants
@@ -118,7 +118,7 @@ def upload_entries(
         )
         for (at, _), group in groups.items()
     ]
-    waves = np.zeros((len(patterns), cosine.shape[0], padded(cosine.shape[1]), 4))
+    waves = np.zeros((len(patterns), cosine.shape[0], -(-cosine.shape[1] // TILE_OF_ORDERS) * TILE_OF_ORDERS, 4))
     for lanes, pattern in zip(waves, patterns, strict=True):
         for lane, with_sine in enumerate(pattern):
             lanes[:, : cosine.shape[1], lane] = sine if with_sine else cosine
@@ -128,6 +128,11 @@ def upload_entries(
         session.constant(waves),
         session.constant(1.0 - 2.0 * np.array(patterns)),
     )
+
+
+def tiles_of(azimuths: Azimuths, tile: int) -> int:
+    """Tiles of so many distinct angles."""
+    return -(-(int(azimuths.first_use.size) - 1) // tile)
 
 
 def shares(session: Session, n_mu: int, tiles: int, others: int) -> tuple[int, int]:
@@ -159,14 +164,14 @@ def add_orders(
     """
     n_level, _, n_mu, *_ = table.shape
     _, n_order_most, n_angle_padded, _ = entries.waves.shape
-    tiles, others = -(-(azimuths.first_use.size - 1) // TILE), table.scenes * n_level * (incident[1] - incident[0])
+    tiles, others = tiles_of(azimuths, TILE_OF_ORDERS), table.scenes * n_level * (incident[1] - incident[0])
     mu_each, tiles_each = shares(session, n_mu, tiles, others)
     session.launch(
         "add_orders",
         (-(-n_mu // mu_each), -(-tiles // tiles_each), others),
         *kernels.place,
         n_order,
-        *(np.int32(len(entries.where)), entries.where, entries.sense, entries.waves),
+        *(np.int32(entries.where.shape[0]), entries.where, entries.sense, entries.waves),
         *(np.int32(size) for size in (n_order_most, 4 * n_angle_padded)),
         entries.mirrored,
         *(levels, rows, scale, factors),
@@ -237,7 +242,7 @@ def add_scattering(
 ) -> None:
     """Adds path times the phase matrix times columns, all scatterers of all scenes in one launch."""
     n_mu = table.shape[2]
-    tiles, others = -(-(azimuths.first_use.size - 1) // (TILE // 2)), table.scenes * (incident[1] - incident[0])
+    tiles, others = tiles_of(azimuths, TILE_OF_SCATTERING), table.scenes * (incident[1] - incident[0])
     mu_each, tiles_each = shares(session, n_mu, tiles, others)
     _, most_terms, numbers = scatterers.tables.shape
     session.launch(
