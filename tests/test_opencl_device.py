@@ -315,8 +315,17 @@ class TestSolve:
     request: ClassVar[dict[str, Any]] = {"mu0": 0.6, "mu": [0.5, -0.5], "phi": [0, 90], "tau": [0.0, 1.0], "nodes": 4}
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
 
-    @pytest.mark.parametrize("backend", ["opencl", "opencl+lapack", "sequential+device"])
-    @pytest.mark.parametrize("method", ["launch", "upload", "download", "empty"])
+    @pytest.mark.parametrize(
+        ("backend", "method"),
+        [
+            *(("opencl", method) for method in ("launch", "upload", "download", "empty")),
+            *(
+                pytest.param(backend, method, marks=pytest.mark.slow)
+                for backend in ("opencl+lapack", "sequential+device")
+                for method in ("launch", "upload", "download", "empty")
+            ),
+        ],
+    )
     def test_an_error_then_a_right_answer(
         self, backend: str, method: str, alone: dict[str, Any], opencl: Session, monkeypatch: pytest.MonkeyPatch
     ) -> None:
