@@ -8,13 +8,14 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from vrte.cl import building, caches
+from vrte.cl import building, caches, device
 from vrte.cl.building import check_linker, linker_complaint
 from vrte.cl.session import Session
 from vrte.errors import DeviceError
@@ -266,7 +267,7 @@ class TestFolder:
         assert found == ["/a", "/b/pocl/kcache", "/c/.cache/pocl/kcache"]
 
     def test_programs_of_others_are_left_alone(self, tmp_path: Path) -> None:
-        ours, theirs = tmp_path / "AB" / "OURS", tmp_path / "AB" / "THEIRS"
+        ours, theirs = tmp_path / "AB" / ("A" * 37), tmp_path / "AB" / ("B" * 37)
         for program, kernel in ((ours, "product"), (theirs, "another_kernel")):
             (program / kernel / "1-1-1").mkdir(parents=True)
             (program / "program.bc").write_bytes(b"BC\xc0\xde" + bytes(8))
@@ -276,8 +277,28 @@ class TestFolder:
         assert not ours.exists()
         assert len([path for path in theirs.rglob("*") if path.is_file()]) == 2
 
+    def test_other_files_are_left_alone(self, tmp_path: Path) -> None:
+        """POCL_CACHE_DIR may name a folder that is used for more."""
+        kept = [
+            tmp_path / "AB",
+            tmp_path / "xy" / "notes",
+            tmp_path / "CD" / "NOTES",
+            tmp_path / "EF" / "G" / "product",
+        ]
+        for path in kept:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(b"mine")
+        misplaced = [tmp_path / "CD" / ("A" * 37), tmp_path / "EF" / ("B" * 37) / "product"]
+        for path in misplaced:
+            path.parent.mkdir(exist_ok=True)
+            path.touch()
+        caches.remove_misplaced(tmp_path)
+        caches.remove_damaged(tmp_path)
+        assert all(path.read_bytes() == b"mine" for path in kept)
+        assert not any(path.exists() for path in misplaced)
+
     def test_checksums_are_added(self, tmp_path: Path) -> None:
-        program = tmp_path / "AB" / "OURS"
+        program = tmp_path / "AB" / ("A" * 37)
         (program / "product").mkdir(parents=True)
         (program / "program.bc").write_bytes(b"BC\xc0\xde" + bytes(8))
         caches.note_checksums(tmp_path, os.getpid() + 1)
@@ -296,6 +317,25 @@ class TestFolder:
 
 
 class TestProcesses:
+    def test_one_forked_while_another_thread_holds_the_lock(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(device, "_state", {"process": os.getpid() + 1, "devices": None, "sessions": {}})
+        held, let_go = threading.Event(), threading.Event()
+
+        def hold() -> None:
+            with device._lock:
+                held.set()
+                let_go.wait(60)
+
+        thread = threading.Thread(target=hold)
+        thread.start()
+        held.wait(60)
+        try:
+            with pytest.raises(DeviceError, match="this process was forked"):
+                device.session()
+        finally:
+            let_go.set()
+            thread.join()
+
     def test_several_compile_at_once(self, tmp_path: Path) -> None:
         home = tmp_path / "home"
         home.mkdir()

@@ -10,6 +10,7 @@ import atexit
 import hashlib
 import json
 import os
+import re
 import shutil
 import tempfile
 import threading
@@ -23,6 +24,7 @@ from typing import Any
 from vrte.errors import DeviceError
 
 CHECKSUMS = "vrte-checksums.json"
+SHORT, LONG = re.compile("[A-P]{2}"), re.compile("[A-P]{30,}")  # names of PoCL's folders
 _lock = threading.Lock()
 _state: dict[str, Any] = {"prepared": False, "noted": False}
 
@@ -79,18 +81,27 @@ def _use_temporary_folder(unusable: Path) -> None:
 
 
 def remove_misplaced(folder: Path) -> None:
-    """Files where PoCL has folders: two letters, then a program, then a kernel."""
+    """Files where PoCL has folders of programs and of this package's kernels: it cannot compile there."""
     ours = our_kernels()
-    for path in (*folder.glob("??"), *folder.glob("??/*"), *folder.glob("??/*/*")):
-        if path.is_file() and (path.parent.parent.parent != folder or path.name in ours):
-            with suppress(OSError):
-                path.unlink()
+    for program in programs(folder):
+        kernels = [program / name for name in ours] if program.is_dir() else []
+        for path in (program, *kernels):
+            if path.is_file():
+                with suppress(OSError):
+                    path.unlink()
+
+
+def programs(folder: Path) -> Iterator[Path]:
+    """What has the name of a program of PoCL's: many letters from A to P, in a folder of two."""
+    for path in folder.glob("??/*"):
+        if SHORT.fullmatch(path.parent.name) and LONG.fullmatch(path.name):
+            yield path
 
 
 def programs_of_ours(folder: Path) -> Iterator[Path]:
-    """Folders of PoCL's programs that hold no kernels but this package's: others' are left alone."""
+    """Folders of programs that hold no kernels but this package's: others' are left alone."""
     ours = our_kernels()
-    for program in folder.glob("??/*"):
+    for program in programs(folder):
         try:
             kernels = {entry.name for entry in os.scandir(program) if entry.is_dir()}
         except OSError:  # no folder, or gone since

@@ -43,9 +43,9 @@ def devices() -> tuple[Device, ...]:
     Raises MissingExtraError without pyopencl; DeviceError where there is no platform, no device, or this process was
     forked from one that had used OpenCL.
     """
+    if _state["process"] not in (None, os.getpid()):  # before the lock, which another thread may have held at the fork
+        raise DeviceError(FORKED)
     with _lock:
-        if _state["process"] not in (None, os.getpid()):
-            raise DeviceError(FORKED)
         if _state["devices"] is None:
             _state["devices"] = _listed()
         found: tuple[Device, ...] = _state["devices"]
@@ -57,8 +57,8 @@ def _listed() -> tuple[Device, ...]:
         import pyopencl
     except ImportError as error:
         raise MissingExtraError("OpenCL", "opencl") from error
-    caches.prepare()
     _state["process"] = os.getpid()
+    caches.prepare()
     try:
         platforms = pyopencl.get_platforms()
     except pyopencl.Error as error:
