@@ -156,27 +156,16 @@ __kernel void times_coefficients(int n_term, int n_strip, int each, int members,
     }
 }
 
-// C = alpha A B^T + beta C over the columns of A and B that belong to E (part 0), to F (1) or to either (2).
-// Some strips of 8 rows at once, so that what a tile takes of B is at hand for all. Global size: pieces of `each` strips,
-// 1, items.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void product_over_columns(int strips, int each, int columns, int part, double alpha, double beta,
-                                   __global const int* restrict counts, __global const double* restrict A, long a_first,
-                                   int a_ld, long a_stride, __global const double* restrict B, long b_first, int b_row,
-                                   long b_stride, __global double* restrict C, long c_first, int c_ld, long c_stride,
-                                   __global const int* restrict items)
+// C = alpha A B^T + beta C for the strips first .. last - 1 of 8 rows: what a tile takes of B is at hand for all of them.
+void product_of_strips(int first, int last, int columns, int inner, double alpha, double beta, __global const double* A,
+                       int a_ld, __global const double* B, int b_row, __global double* whole, int c_ld)
 {
-    const long item = items[get_global_id(2)];
-    const int inner = number_of_columns(counts, item, part), begin = first_column(counts, item, part), b_column = 1;
-    const int first = each * get_global_id(0), last = min(strips, first + each);
-    __global double* whole = C + c_first + item * c_stride;
-    A += a_first + item * a_stride + (long)begin * a_ld;
-    B += b_first + item * b_stride + (long)begin * b_row;
+    const int b_column = 1;
     for (int j = 0; j < columns; j += TILE_COLUMNS) {
         EACH_COLUMN(COLUMN_OF_B)
         for (int strip = first; strip < last; strip++) {
             __global const double* a = A + 8 * strip;
-            C = whole + 8 * strip;
+            __global double* C = whole + 8 * strip;
             EACH_COLUMN(NO_SUMS)
             SUM_TERMS
             EACH_COLUMN(SCALE_SUMS)
@@ -185,6 +174,58 @@ __kernel void product_over_columns(int strips, int each, int columns, int part, 
             }
             EACH_COLUMN(STORE_SUMS)
         }
+    }
+}
+
+// C = alpha A B^T + beta C over the columns of A and B that belong to E (part 0), to F (1) or to either (2).
+// Global size: pieces of `each` strips, 1, items.
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void product_over_columns(int strips, int each, int columns, int part, double alpha, double beta,
+                                   __global const int* restrict counts, __global const double* restrict A, long a_first,
+                                   int a_ld, long a_stride, __global const double* restrict B, long b_first, int b_row,
+                                   long b_stride, __global double* restrict C, long c_first, int c_ld, long c_stride,
+                                   __global const int* restrict items)
+{
+    const long item = items[get_global_id(2)], begin = first_column(counts, item, part);
+    const int first = each * get_global_id(0), last = min(strips, first + each);
+    product_of_strips(first, last, columns, number_of_columns(counts, item, part), alpha, beta,
+                      A + a_first + item * a_stride + begin * a_ld, a_ld,
+                      B + b_first + item * b_stride + begin * b_row, b_row, C + c_first + item * c_stride, c_ld);
+}
+
+// All that `assemble` makes of phi and psi, an item's products one after the other, as a CPU wants it: E and F with 1/mu, the
+// sources, and G. phi's rows: n of the nodes, and from `next` on the outgoing ones. Global size: pieces of `each` strips of 8
+// rows, first the nodes', then the outgoing ones', for E, then for F; items.
+__attribute__((reqd_work_group_size(1, 1, 1)))
+__kernel void assembly_products(int n, int out, int into, int next, int stokes, int each, __global const double* restrict mu,
+                                __global const int* restrict counts, __global const double* restrict phi, int phi_ld,
+                                long phi_stride, __global const double* restrict psi, int psi_ld, long psi_stride,
+                                __global const double* restrict psi_in, int in_ld, long in_stride,
+                                __global double* restrict E, __global double* restrict F, int ld, long stride,
+                                __global double* restrict G_E, __global double* restrict G_F, int g_ld, long g_stride,
+                                __global double* restrict source_d, __global double* restrict source_s, int s_ld,
+                                long s_stride, __global const int* restrict items)
+{
+    const long item = items[get_global_id(1)];
+    const int pieces = get_global_size(0) / 2, part = get_global_id(0) / pieces, piece = get_global_id(0) % pieces;
+    const int strips = next_strip(n) / 8, pieces_of_nodes = (strips + each - 1) / each;
+    const int inner = number_of_columns(counts, item, part);
+    const long begin = first_column(counts, item, part);
+    phi += item * phi_stride + begin * phi_ld;
+    psi += item * psi_stride + begin * psi_ld;
+    psi_in += item * in_stride + begin * in_ld;
+    if (piece < pieces_of_nodes) {
+        const int first = each * piece, last = min(strips, first + each);
+        __global double* matrix = (part ? F : E) + item * stride;
+        product_of_strips(first, last, n, inner, -1.0, 0.0, phi, phi_ld, psi, psi_ld, matrix, ld);
+        for (int i = 8 * first; i < min(n, 8 * last); i++)
+            matrix[(long)i * ld + i] += 1.0 / mu[i / stokes];
+        product_of_strips(first, last, into, inner, 1.0, 0.0, phi, phi_ld, psi_in, in_ld,
+                          (part ? source_s : source_d) + item * s_stride, s_ld);
+    } else {
+        const int first = each * (piece - pieces_of_nodes), last = min(next_strip(out) / 8, first + each);
+        product_of_strips(first, last, n, inner, 1.0, 0.0, phi + next, phi_ld, psi, psi_ld,
+                          (part ? G_F : G_E) + item * g_stride, g_ld);
     }
 }
 

@@ -21,7 +21,7 @@ from vrte.discrete_ordinates.problem import IntArray
 
 DIRECTIONS_A_PIECE = 10  # on a processor, where a piece of work must last some microseconds; 1 elsewhere
 STRIPS_A_PIECE = 8
-STRIPS_TOGETHER = 5  # of a product: what they share of the other factor stays in the nearest cache
+STRIPS_TOGETHER = 10  # of a product: they share what is read of the other factor
 LANES = 32  # work-items of a work-group on a GPU, where pieces are small
 
 
@@ -228,29 +228,57 @@ def assemble(
     n_in = directions.size - weights.size - n_out
     n, out, into = (what.stokes * number for number in (weights.size, n_out, n_in))
     columns = parity_columns(session, what, directions, weights, n_out)
-    phi, phi_out, phi_in = (columns.rows(part, rows) for part, rows in enumerate((n, out, into)))
-    psi, psi_in = (bare_stack(session, what.room, rows, phi.columns) for rows in (n, into))
-    times_coefficients(session, what, columns.counts, phi, psi)
+    psi, psi_in = (bare_stack(session, what.room, rows, columns.phi.columns) for rows in (n, into))
+    times_coefficients(session, what, columns.counts, columns.rows(0, n), psi)
     if into:
-        times_coefficients(session, what, columns.counts, phi_in, psi_in)
+        times_coefficients(session, what, columns.counts, columns.rows(2, into), psi_in)
     shapes = [(n, n), (n, n), (out, n), (out, n), (n, into), (n, into)]
     made = Assembled(*(bare_stack(session, what.room, *shape) for shape in shapes))
+    multiply = products_at_once if session.form == "cpu" else products_by_kind
+    multiply(session, what, directions, columns, psi, psi_in, made)
+    return made
+
+
+def products_at_once(
+    session: Session, what: Scattering, mu: Any, columns: Columns, psi: Stack, psi_in: Stack, made: Assembled
+) -> None:
+    """All products of an item by work-items that follow each other: its factors stay in the cache."""
+    phi, E, G, source = columns.phi, made.E, made.G_E, made.source_d
+    n, out, into, each = E.rows, G.rows, psi_in.rows, STRIPS_TOGETHER
+    pieces_of_rows = sum(-(-padded(rows) // (STRIP * each)) for rows in (n, out))
+    session.launch(
+        "assembly_products",
+        (2 * pieces_of_rows, what.items.size),
+        *(np.int32(size) for size in (n, out, into, columns.starts[1], what.stokes, each)),
+        *(mu, columns.counts),
+        *(value for stack in (phi, psi, psi_in) for value in (stack.data, np.int32(stack.ld), np.int64(stack.stride))),
+        *(E.data, made.F.data, np.int32(E.ld), np.int64(E.stride)),
+        *(G.data, made.G_F.data, np.int32(G.ld), np.int64(G.stride)),
+        *(source.data, made.source_s.data, np.int32(source.ld), np.int64(source.stride)),
+        what.items,
+    )
+
+
+def products_by_kind(
+    session: Session, what: Scattering, mu: Any, columns: Columns, psi: Stack, psi_in: Stack, made: Assembled
+) -> None:
+    """One product of all items after the other."""
+    items, counts, n, out = what.items, columns.counts, made.E.rows, made.G_E.rows
+    phi, phi_out = columns.rows(0, n), columns.rows(1, out)
     for part, matrix, leading_out, source in [
         (0, made.E, made.G_E, made.source_d),
         (1, made.F, made.G_F, made.source_s),
     ]:
-        product_over_columns(session, items, columns.counts, part, phi, psi, matrix, alpha=-1.0)
-        if out:
-            product_over_columns(session, items, columns.counts, part, phi_out, psi, leading_out)
-        if into:
-            product_over_columns(session, items, columns.counts, part, phi, psi_in, source)
+        product_over_columns(session, items, counts, part, phi, psi, matrix, alpha=-1.0)
+        product_over_columns(session, items, counts, part, phi_out, psi, leading_out)
+        if psi_in.rows:
+            product_over_columns(session, items, counts, part, phi, psi_in, source)
     session.launch(
         "add_rates",
         (items.size,),
-        *(np.int32(n), np.int32(what.stokes), directions, made.E.data, made.F.data),
+        *(np.int32(n), np.int32(what.stokes), mu, made.E.data, made.F.data),
         *(np.int32(made.E.ld), np.int64(made.E.stride), items),
     )
-    return made
 
 
 def generalized_spherical_functions(session: Session, m: int, terms: int, mu: ArrayLike) -> Array:

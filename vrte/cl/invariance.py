@@ -311,8 +311,8 @@ def reflect_endless_arrays(
     seconds: Array,
     stop: IntArray,
 ) -> None:
-    """As `_core.reflect_endless`: fills up, on_nodes, residual and steps; threads and work are the processor's, and halves
-    is not asked: R on the nodes is made up to its diagonal on a CPU, wholly on a GPU."""
+    """As `_core.reflect_endless`: fills up, on_nodes, residual and steps; threads and work are the processor's, halves
+    plays no part: R on the nodes is made up to its diagonal on a CPU, wholly on a GPU."""
     start = time.perf_counter()
     if orders.size and not stop[0]:
         upload, count = session.constant, orders.size
