@@ -290,6 +290,19 @@ Way way_to(int upward, int fading, double mu, double thickness, double above, do
     return found;
 }
 
+// Four right-hand sides at once, their sums independent of each other; the last one stands in for those that are not there.
+#define EACH_OF_FOUR(DO) DO(0, 0) DO(1, 0) DO(2, 1) DO(3, 2)
+#define OPEN_COLUMN(x, before) \
+    const int r##x = min(r + x, n_rhs - 1), beam##x = r##x / per_beam; \
+    const Shares shares##x = x > 0 && beam##x == beam##before ? shares##before : shares_of(&way, mu0[beam##x]); \
+    double4 sum##x = stokes_at(stokes, to + (long)r##x * rows);
+#define ADD_MODE(x, before) { \
+    const long at = (long)r##x * n + j; \
+    const double coordinate = shares##x.direct * c[at] + shares##x.here * here[at] + shares##x.whole * whole[at]; \
+    sum##x += gain.even * even[at] + gain.odd * odd[at] + gain.beam * coordinate \
+        + gain.zeta * (shares##x.zeta * zeta[at]); }
+#define CLOSE_COLUMN(x, before) put_stokes(stokes, to + (long)r##x * rows, sum##x);
+
 // The source between a stop and the face that light comes from, into out (order, n_level, n_rhs, rows) at a level and
 // into part (order, layer, n_rhs, rows) at a face. lit, fed: of `light_of_modes`, `feed_modes`; fades (order, layer).
 // Global size: n_out, stops, orders.
@@ -310,6 +323,7 @@ __kernel void sum_sources(int n, int stokes, int n_up, int ld, int n_layer, int 
     const long order = get_global_id(2), item = order * n_layer + layer;
     const long size = (long)n_rhs * rows, all = (long)n_rhs * n;
     const double depth = !at_face ? level[stop] : upward ? 0.0 : thickness[layer];
+    const int per_beam = n_rhs / n_in;
     const Way way = way_to(upward, fades[item], mu_out[place], thickness[layer], above[layer], depth);
     __global double* to = (at_face ? part + item * size : out + (order * n_level + stop) * size) + stokes * place;
     __global const double* lit_e = lit + item * n * ld + stokes * place;
@@ -329,6 +343,9 @@ __kernel void sum_sources(int n, int stokes, int n_up, int ld, int n_layer, int 
     zeta += item * all;
     if (!upward)
         add_resonances(&way, n, stokes, rows, n_in, n_rhs, lam_re, lam_im, lit_e, lit_f, ld, c, mu0, to);
+    // what is not there is fed with nothing: any numbers will do for it
+    __global const double* here = depth != 0.0 ? fed_here : c;
+    __global const double* whole = upward && thickness[layer] < 1e300 ? fed_whole : c;
     for (int begin = 0, end; begin < n; begin = end) {
         for (end = begin; end < min(begin + BLOCK, n); end += lam_im[end] != 0.0 ? 2 : 1) {
             const Lit light = light_of(stokes, lam_im[end] != 0.0, lit_e + (long)end * ld, lit_f + (long)end * ld, ld);
@@ -338,23 +355,13 @@ __kernel void sum_sources(int n, int stokes, int n_up, int ld, int n_layer, int 
             if (lam_im[end] != 0.0)
                 gains[end - begin + 1] = two[1];
         }
-        Shares shares;
-        for (int r = 0; r < n_rhs; r++) {
-            if (r % (n_rhs / n_in) == 0)
-                shares = shares_of(&way, mu0[r / (n_rhs / n_in)]);
-            double4 sum = stokes_at(stokes, to + (long)r * rows);
+        for (int r = 0; r < n_rhs; r += 4) {
+            EACH_OF_FOUR(OPEN_COLUMN)
             for (int j = begin; j < end; j++) {
-                const long at = (long)r * n + j;
-                const Gains* gain = gains + j - begin;
-                double coordinate = shares.direct * c[at];
-                if (shares.here != 0.0)
-                    coordinate += shares.here * fed_here[at];
-                if (shares.whole != 0.0)
-                    coordinate += shares.whole * fed_whole[at];
-                sum += gain->even * even[at] + gain->odd * odd[at] + gain->beam * coordinate
-                    + gain->zeta * (shares.zeta * zeta[at]);
+                const Gains gain = gains[j - begin];
+                EACH_OF_FOUR(ADD_MODE)
             }
-            put_stokes(stokes, to + (long)r * rows, sum);
+            EACH_OF_FOUR(CLOSE_COLUMN)
         }
     }
 }
