@@ -15,6 +15,7 @@ from vrte.cl.session import Session
 
 ROUNDING = 4e-16  # of the base's quadrature, not a loss
 NO_LIGHT = 1e-280
+MOST_KEPT = 1 << 23  # doubles of what was brought from the slabs of every place
 IntArray = NDArray[np.int32]
 
 
@@ -81,11 +82,13 @@ class Joining:
         self.algebra = Algebra(session, s, self.count)
         self.items = self.algebra.where(np.ones(self.count, bool))
         self.turned = self.algebra.where(piles.turned) if piles.turned.any() else None
+        self.kept = 2 * self.places * self.count * s.stride <= MOST_KEPT
+        self.brought: dict[int, tuple[Extended, Extended]] = {}
         self.r, self.t = self.algebra.new(), self.algebra.new()
         self.row, self.lost_here = (session.zeros((self.count, s.n)) for _ in range(2))
         self.rate_II = session.constant(np.repeat(1.0 / frame.mu0, frame.columns.shape[0]) if s.r else np.zeros(1))
         self.depths = [session.constant(np.ascontiguousarray(above)) for above in piles.above.T]
-        self.residual = np.zeros((self.count, self.places))
+        self.missing: dict[int, tuple[Any, Any]] = {}
         ground = piles.ground
         start = np.zeros((self.count, s.n)) if ground is None else ground.absorbed
         if ground is None:
@@ -125,11 +128,26 @@ class Joining:
         self.session.launch("fade", (self.sizes.r, self.count), *arguments)
 
     def bring(self, place: int) -> None:
+        """R and T of what lies there as r and t, kept for the next time where there is room."""
+        if place in self.brought:
+            self.r, self.t = self.brought[place]
+        else:
+            if self.kept:
+                self.brought[place] = self.r, self.t = self.algebra.new(), self.algebra.new()
+            self.gather(place)
+        if self.turned is not None:
+            self.gather_lost(place)
+
+    def gather(self, place: int) -> None:
         """R and T of what lies there into r and t."""
         of = self.session.constant(np.ascontiguousarray(self.piles.slab[:, place]))
         for source, target in ((self.R, self.r), (self.T, self.t)):
             arguments = *self.sizes.arguments, *source.arguments, *target.arguments, of, self.items
             self.session.launch("gather", (self.sizes.columns, self.count), *arguments)
+
+    def gather_lost(self, place: int) -> None:
+        """What is lost there into lost_here."""
+        of = self.session.constant(np.ascontiguousarray(self.piles.slab[:, place]))
         if self.turned is not None:
             lost = Stack(self.lost, self.sizes.n, 1, self.sizes.n, self.sizes.n)
             here = Stack(self.lost_here, self.sizes.n, 1, self.sizes.n, self.sizes.n)
@@ -155,7 +173,9 @@ class Joining:
             falling, rising = self.fall(place, down[-1], *found[place])
             down.append(falling)
             up[place + 1] = rising
-        return self.leave(up, down) if not stop[0] else Joined(None, None, None, self.algebra.info, self.residual)
+        if stop[0]:
+            return Joined(None, None, None, self.algebra.info, self.residual())
+        return self.leave(up, down)
 
     def emitted_by_base(self) -> Stack | None:
         """The beam that the base sends back, None of a black one."""
@@ -194,13 +214,15 @@ class Joining:
         summed from what is lost: lost + T's row + absorbed R."""
         s, session, below = self.sizes, self.session, self.below
         assert below is not None
-        M, known, right, G, g = self.square(), self.square(), self.square(), self.square(), self.beams()
+        M, known, G, g = self.square(), self.square(), self.square(), self.beams()
         vector = self.beams()
         self.blend(0.0, below, M, gamma=1.0)
         self.product(below, self.r.N, M, beta=1.0, alpha=-1.0)
-        self.blend(1.0, below, right)
         self.blend(1.0, up, vector)
+        right = below
         if self.turned is not None:
+            right = self.square()
+            self.blend(1.0, below, right)
             self.row_times(self.absorbed, self.r.N, self.row)
             self.add(self.lost_here, self.row)
             self.flux_row_of(self.row, self.t.N, self.row)
@@ -212,11 +234,18 @@ class Joining:
         invert(session, self.items, M, rest, pivots, self.algebra.info)
         self.product(M, right, G)
         self.product(M, vector, g)
-        size = session.download(self.algebra.largest(self.items, vector))
+        size = self.algebra.largest(self.items, vector)
         self.product(known, g, vector, beta=1.0, alpha=-1.0)
-        missing = session.download(self.algebra.largest(self.items, vector))
-        self.residual[:, place] = np.where(size > NO_LIGHT, missing / np.where(size > NO_LIGHT, size, 1.0), 0.0)
+        self.missing[place] = self.algebra.largest(self.items, vector), size
         return G, g
+
+    def residual(self) -> Array:
+        """What each joint's system misses, relative, (item, place)."""
+        found = np.zeros((self.count, self.places))
+        for place, pair in self.missing.items():
+            missing, size = (self.session.download(a) for a in pair)
+            found[:, place] = np.where(size > NO_LIGHT, missing / np.where(size > NO_LIGHT, size, 1.0), 0.0)
+        return found
 
     def row_times(self, x: Any, M: Stack, out: Any, beta: float = 0.0) -> None:
         """out = x M + beta out, rows of order 0."""
@@ -292,7 +321,7 @@ class Joining:
         for place, (rising, falling) in enumerate(zip(up, down, strict=True)):
             self.put_flux(place, 0, rising, flux)
             self.put_flux(place, 1, falling, flux)
-        return Joined(upward, downward, flux, self.algebra.info, self.residual)
+        return Joined(upward, downward, flux, self.algebra.info, self.residual())
 
     def known(self, stack: Stack | None) -> Stack:
         """What is there."""
