@@ -16,14 +16,11 @@ class Backend(Enum):
 
     def __init__(self, label: str, kernels: str, linear_algebra: str) -> None:
         self.label, self.kernels, self.linear_algebra = label, kernels, linear_algebra
-
-    @property
-    def needs_device(self) -> bool:
-        """Whether OpenCL has a part in it."""
-        return "opencl" in self.kernels or self.linear_algebra == "device"
+        self.needs_device = kernels == "opencl" or linear_algebra == "device"
 
 
-BACKENDS = tuple(backend.label for backend in Backend)
+_BY_LABEL = {backend.label: backend for backend in Backend}
+BACKENDS = tuple(_BY_LABEL)
 
 
 def backend_of(label: str) -> Backend:
@@ -32,4 +29,4 @@ def backend_of(label: str) -> Backend:
     >>> backend_of("opencl").linear_algebra
     'device'
     """
-    return next(backend for backend in Backend if backend.label == label)
+    return _BY_LABEL[label]

@@ -25,7 +25,9 @@ def run_of(request: Request, threads: Any) -> Run:
             raise SceneError(f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'")
         threads = 1
     run = new_run(threads, operations_of(request))
-    return run if backend is Backend.OPENCL else replace(run, kernels=kernels_of(backend))
+    if backend.needs_device and backend is not Backend.OPENCL:
+        run.kernels = kernels_of(backend)
+    return run
 
 
 def solved(request: Request, run: Run, progress: Progress | None = None) -> tuple[Plan, Solution]:
