@@ -80,6 +80,7 @@ def test_configuration(
     median = float(benchmark.stats.stats.median)
     benchmark.extra_info |= {
         "ratio_to_floor": median / floor,
+        "least_ratio_to_floor": float(benchmark.stats.stats.min) / min(floors),
         "floor_seconds": floor,
         "stage_seconds": stage_medians(replies[1:]),
         "message_seconds": (wall - sum(floors) - sum(reply.seconds for reply in replies)) / len(replies),

@@ -16,7 +16,8 @@ def run_file(folder: Path, **ratios: float) -> Path:
             "name": name,
             "stats": {"median": 0.0123456, "data": [0.1, 0.2]},
             "extra_info": {
-                "ratio_to_floor": ratio,
+                "ratio_to_floor": 1.1 * ratio,
+                "least_ratio_to_floor": ratio,
                 "floor_seconds": 0.1,
                 "stage_seconds": {"homogeneous": 0.01},
                 "versions": ["it 1.0"],
@@ -51,6 +52,14 @@ def test_the_last_run_saved_is_the_one_that_counts(tmp_path: Path) -> None:
     assert sorted(path.name[:5] for path in (tmp_path / "history").iterdir()) == ["0001_", "0002_"]
 
 
+def test_of_two_runs_the_best_counts(tmp_path: Path) -> None:
+    assert call("save", run_file(tmp_path, one=0.5, two=0.5), tmp_path) == 0
+    first = run_file(tmp_path, one=0.9, two=0.5)
+    second = first.rename(tmp_path / "first.json"), run_file(tmp_path, one=0.5, two=0.9)
+    assert call("check", second[0], tmp_path) == 1
+    assert compare.main(["check", *map(str, second), "--history", str(tmp_path / "history")]) == 0
+
+
 def test_what_is_saved_is_small_and_names_no_machine(tmp_path: Path) -> None:
     call("save", run_file(tmp_path, one=0.123456), tmp_path)
     (path,) = (tmp_path / "history").iterdir()
@@ -61,7 +70,8 @@ def test_what_is_saved_is_small_and_names_no_machine(tmp_path: Path) -> None:
     assert kept["cases"] == {
         "one": {
             "median_seconds": 0.01235,
-            "ratio_to_floor": 0.1235,
+            "ratio_to_floor": 0.1358,
+            "least_ratio_to_floor": 0.1235,
             "floor_seconds": 0.1,
             "stage_seconds": {"homogeneous": 0.01},
         }
