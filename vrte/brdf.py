@@ -1,6 +1,7 @@
 """The polarized subsurface BRDF of a scene, and its transmission."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
@@ -94,20 +95,23 @@ def brdf(
     accuracy: float | None = None,
     truncation: str = "auto",
     backend: str = "openmp",
+    method: str = "discrete-ordinates",
+    settings: Mapping[str, Any] | None = None,
 ) -> Brdf:
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
-    ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend`` as for `vrte.radiance`;
-    ``transmission=True`` adds the BTDF (not for a layer without end). Raises SceneError for bad input, AccuracyError
-    where neither algorithm can vouch for its answer, DeviceError where an OpenCL device is missing or fails.
+    ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend``, ``method``, ``settings`` as for
+    `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without end). Raises SceneError for bad input,
+    AccuracyError where neither algorithm can vouch for its answer, DeviceError where an OpenCL device is missing or
+    fails.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
-    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings)
     request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
     run = run_of(request, threads)
     _, solution = interruptible(run, lambda: solved(request, run, progress))

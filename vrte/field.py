@@ -1,6 +1,7 @@
 """The radiance field inside and outside a scene."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
@@ -108,8 +109,10 @@ def radiance(
     accuracy: float | None = None,
     truncation: str = "auto",
     backend: str = "openmp",
+    method: str = "discrete-ordinates",
+    settings: Mapping[str, Any] | None = None,
 ) -> Field:
-    """The diffuse field of one beam, by discrete ordinates.
+    """The diffuse field of one beam, by discrete ordinates or another method.
 
     Parameters: ``mu0``, the beam's positive cosine; ``stokes``, its flux vector perpendicular to it; ``mu``, signed
     cosines (default: the nodes, up and down); ``phi``, degrees from the beam's heading; ``tau``, optical depths;
@@ -122,7 +125,8 @@ def radiance(
     ``truncation``, what becomes of phase matrices with more terms than the nodes carry: "none" cuts them, "delta-m"
     counts their forward peak as light that was not scattered, "small-angle" does so too and spreads that light, "auto"
     takes one by rule (docs/truncation.md); ``backend``, what computes: "openmp", the compiled core on ``threads``,
-    "sequential", the same on one, "opencl", an OpenCL device, or one of the mixtures in docs/opencl.md. Raises
+    "sequential", the same on one, "opencl", an OpenCL device, or one of the mixtures in docs/opencl.md; ``method``,
+    "discrete-ordinates" (exact) or another of docs/methods.md, with its own ``settings`` by name. Raises
     SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError where a device
     is missing or fails. Source: Collin, Pattanaik, Bouatouch, section 2.
 
@@ -131,11 +135,11 @@ def radiance(
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings)
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
     run = run_of(request, threads)
-    plan, solution = interruptible(run, lambda: solved(request, run, progress))
-    levels, beam, directions = request.tau, request.mu0, plan.mu[:0] if request.fluxes_only else plan.mu
+    mu, solution = interruptible(run, lambda: solved(request, run, progress))
+    levels, beam, directions = request.tau, request.mu0, mu[:0] if request.fluxes_only else mu
     return Field(
         stokes=settled(solution.parts[0])[:, 0, : directions.size, ..., 0],
         flux_up=frozen(solution.flux_up[:, 0].sum(axis=-1)),

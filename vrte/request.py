@@ -1,7 +1,8 @@
 """What a user asks for, checked before any work."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from vrte.errors import SceneError
 from vrte.optics.truncation import CHOICES
 from vrte.scene import MuellerBase, Scene
 
+EXACT = "discrete-ordinates"
+METHODS = (EXACT, "single-scattering")
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
 LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
@@ -26,8 +29,8 @@ SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, b
 class Request:
     """What is asked of a scene: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V), signed
     mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,), and how: nodes (None: chosen by the plan), accuracy relative to
-    the largest I at each depth, algorithm, verify, truncation, backend. ``wanted`` (None: everything) says what becomes
-    of the solution. ``fluxes_only``: mu is there for form's sake."""
+    the largest I at each depth, algorithm, verify, truncation, backend, method and its settings. ``wanted`` (None:
+    everything) says what becomes of the solution. ``fluxes_only``: mu is there for form's sake."""
 
     kind: str
     scene: Scene
@@ -44,6 +47,8 @@ class Request:
     truncation: str
     fluxes_only: bool = False
     backend: Backend = Backend.OPENMP
+    method: str = EXACT
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
 
 def operations_of(request: Request) -> float:
@@ -114,10 +119,22 @@ def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
 
 
 def solver_options(
-    nodes: Any, accuracy: Any, algorithm: Any, verify: Any, truncation: Any = "auto", backend: Any = "openmp"
+    nodes: Any,
+    accuracy: Any,
+    algorithm: Any,
+    verify: Any,
+    truncation: Any = "auto",
+    backend: Any = "openmp",
+    method: Any = EXACT,
+    settings: Any = None,
 ) -> dict[str, Any]:
-    """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of the truncation and the
-    backend: as fields of a Request."""
+    """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of the truncation, the
+    backend and the method, and the method's settings: as fields of a Request."""
+    method = one_of("method", method, METHODS)
+    if not (settings is None or (isinstance(settings, Mapping) and all(isinstance(name, str) for name in settings))):
+        raise SceneError(f"settings must be a dictionary by names of settings, not {shown(settings)}")
+    if settings and method == EXACT:
+        raise SceneError(f"method {EXACT!r} has no settings: it is told by nodes, accuracy, algorithm and truncation")
     if accuracy is None:
         accuracy = WITHOUT_NODES if nodes is None else WITH_NODES
     found = backend_of(one_of("backend", backend, BACKENDS))
@@ -134,6 +151,8 @@ def solver_options(
         "verify": flag("verify", verify),
         "truncation": one_of("truncation", truncation, CHOICES),
         "backend": found,
+        "method": method,
+        "settings": dict(settings or {}),
     }
 
 

@@ -13,7 +13,7 @@ from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import NO_LIGHT, Solution, sized, solve, steps
 from vrte.errors import SceneError
 from vrte.plan import Plan, plan_of
-from vrte.request import Request, operations_of
+from vrte.request import EXACT, Request, operations_of
 from vrte.running import new_run
 
 
@@ -30,18 +30,22 @@ def run_of(request: Request, threads: Any) -> Run:
     return run
 
 
-def solved(request: Request, run: Run, progress: Progress | None = None) -> tuple[Plan, Solution]:
-    """The plan of a request and its solution, incident columns added up as wanted."""
+def solved(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """The signed cosines of a request and its solution, incident columns added up as wanted."""
+    if request.method != EXACT:
+        from vrte import methods
+
+        return methods.solve(request, run, progress)
     if request.verify and request.backend is Backend.OPENCL:
         return verified(request, run, progress)
     plan = plan_of(request, run)
     execute = executor(request.backend)
     if not plan.parts:
-        return plan, execute(plan, run, progress)
+        return plan.mu, execute(plan, run, progress)
     first, second = plan.parts
     total = steps(first) + steps(second)
     one = execute(first, run, counted(progress, 0, total))
-    return plan, joined(one, execute(second, run, counted(progress, steps(first), total)))
+    return plan.mu, joined(one, execute(second, run, counted(progress, steps(first), total)))
 
 
 def executor(backend: Backend) -> Callable[[Plan, Run, Progress | None], Solution]:
@@ -53,9 +57,9 @@ def executor(backend: Backend) -> Callable[[Plan, Run, Progress | None], Solutio
     return on_device.solve
 
 
-def verified(request: Request, run: Run, progress: Progress | None) -> tuple[Plan, Solution]:
+def verified(request: Request, run: Run, progress: Progress | None) -> tuple[Array, Solution]:
     """The device's solution, and what it differs by from that of the processor's eigensolver."""
-    plan, found = solved(replace(request, verify=False), run, progress)
+    mu, found = solved(replace(request, verify=False), run, progress)
     other = replace(request, verify=False, backend=Backend.OPENMP, algorithm="modes")
     again = solved(other, Run(run.threads, stop=run.stop))[1]
     radiance = [gaps_of(*pair) for pair in zip(found.parts, again.parts, strict=True)]
@@ -66,7 +70,7 @@ def verified(request: Request, run: Run, progress: Progress | None) -> tuple[Pla
         "radiance": max(radiance),
         "flux": gaps_of(*fluxes),
     }
-    return plan, replace(found, diagnostics=found.diagnostics | {"agreement": agreement})
+    return mu, replace(found, diagnostics=found.diagnostics | {"agreement": agreement})
 
 
 def gaps_of(found: Array, expected: Array) -> float:

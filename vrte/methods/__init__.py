@@ -1,0 +1,29 @@
+"""Other methods for the same scenes, behind the same call: one a file, found by name."""
+
+from importlib import import_module
+
+from vrte.arrays import Array
+from vrte.discrete_ordinates.problem import Progress, Run
+from vrte.discrete_ordinates.solver import Solution
+from vrte.methods.method import Method
+from vrte.request import EXACT, METHODS, Request
+
+
+def method_of(name: str) -> Method:
+    """What a method's file says of it; not for "discrete-ordinates", which is the solver itself.
+
+    >>> method_of("single-scattering").polarization
+    True
+    """
+    assert name in METHODS
+    assert name != EXACT
+    found: Method = import_module(f"vrte.methods.{name.replace('-', '_')}").METHOD
+    return found
+
+
+def solve(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """The cosines of the result and the solution by the request's method. Raises SceneError, which names the method,
+    where it does not take the scene or what is asked for."""
+    method = method_of(request.method)
+    settings = method.checked(request)
+    return method.solve(request, settings, run, progress)

@@ -1,0 +1,74 @@
+"""What a method says of itself: what it takes, what it can be told, what it is for."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.discrete_ordinates.problem import Progress, Run
+from vrte.discrete_ordinates.solver import Solution
+from vrte.errors import SceneError
+from vrte.request import Request
+
+Settings = Mapping[str, Any]
+Solver = Callable[[Request, Settings, Run, Progress | None], tuple[Array, Solution]]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A knob: its default, what makes of a value given a right one or raises SceneError, and what it means."""
+
+    default: Any
+    checked: Callable[[Any], Any]
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Method:
+    """name; solve, which returns the cosines and the solution; purpose and conserves: words for the table of methods;
+    source: paper and equations; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more
+    than one), base, depths (other than the faces), transmission, endless layers."""
+
+    name: str
+    solve: Solver
+    purpose: str
+    conserves: str
+    source: str
+    polarization: bool = True
+    layers: bool = True
+    base: bool = True
+    depths: bool = True
+    transmission: bool = True
+    endless: bool = True
+    settings: Mapping[str, Setting] = field(default_factory=dict)
+
+    def checked(self, request: Request) -> Settings:
+        """The settings, all of them. Raises SceneError where the method does not take the request."""
+        for obstacle in self.obstacles(request):
+            raise SceneError(f"method {self.name!r} takes no {obstacle}: ask for 'discrete-ordinates'")
+        unknown = [name for name in request.settings if name not in self.settings]
+        if unknown:
+            known = ", ".join(map(repr, self.settings)) or "none"
+            raise SceneError(f"method {self.name!r} has no setting {unknown[0]!r}: there are {known}")
+        return {
+            name: setting.checked(request.settings[name]) if name in request.settings else setting.default
+            for name, setting in self.settings.items()
+        }
+
+    def obstacles(self, request: Request) -> list[str]:
+        """What the request has and the method does not take, in words."""
+        scene = request.scene
+        scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
+        inside = (request.tau > 0.0) & (request.tau < scene.thickness)
+        below = request.tau > 0.0
+        found = [
+            (not self.polarization and not scalar, "phase matrix that polarizes"),
+            (not self.layers and len(scene.layers) > 1, "pile of several layers"),
+            (not self.base and scene.base is not None and scene.base_is_reached, "base"),
+            (not self.depths and bool(inside.any()), "depth inside a layer"),
+            (not self.transmission and bool(below.any()), "light below the top"),
+            (not self.endless and not np.isfinite(scene.thickness), "layer without end"),
+        ]
+        return [words for is_there, words in found if is_there]
