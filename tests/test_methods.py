@@ -51,7 +51,7 @@ def test_what_it_does_not_take_is_refused(method: Method) -> None:
 
 def test_names() -> None:
     scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.9, 1.0)])
-    with pytest.raises(SceneError, match="method must be 'discrete-ordinates', .*, not 'magic'"):
+    with pytest.raises(SceneError, match=r"method must be 'discrete-ordinates', .*, not 'magic'"):
         vrte.brdf(scene, MU, MU, method="magic")
     with pytest.raises(SceneError, match="settings must be a dictionary"):
         vrte.brdf(scene, MU, MU, method=OTHERS[0], settings=[1])

@@ -60,7 +60,7 @@ def fluxes_by_quadrature(request: Request, lights_at: Any, run: Run) -> tuple[Ar
     points, weights = double_gauss(request.nodes or NODES)
     mu = np.concatenate([points, -points])
     terms = max(layer.phase_matrix.terms for layer in request.scene.layers)
-    phi: Array = np.arange(2 * terms) * (180.0 / terms)
+    phi: Array = np.linspace(0.0, 360.0, 2 * terms, endpoint=False)
     levels, directions = np.arange(request.tau.size, dtype=np.int32), np.arange(mu.size, dtype=np.int32)
     columns = np.arange(request.columns.shape[0], dtype=np.int32)
     wanted = Wanted([(levels, directions)], columns, np.ones(request.mu0.size))
