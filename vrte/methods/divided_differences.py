@@ -18,7 +18,7 @@ def first(function: Function, a: Array | ComplexArray, b: Array | ComplexArray) 
 
     The function is analytic off the negative real axis, on which no points lie that are near each other.
 
-    >>> float(first(np.sqrt, np.array([4.0]), np.array([4.0]))[0].real)
+    >>> round(float(first(np.sqrt, np.array([4.0]), np.array([4.0]))[0].real), 12)
     0.25
     """
     x, y = np.asarray(a, complex), np.asarray(b, complex)

@@ -2,26 +2,29 @@
 
 import time
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 import scipy.linalg
 
-from vrte.arrays import Array
+from vrte.arrays import Array, whole
 from vrte.blas import single_threaded
 from vrte.discrete_ordinates.base import Base, expand_base
+from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
-from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Progress, Run
+from vrte.discrete_ordinates.problem import ALL, FLIP, IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.slabs import distinct_materials, only
 from vrte.discrete_ordinates.solver import Solution
-from vrte.errors import AccuracyError
-from vrte.methods.common import discrete, solution_of
-from vrte.methods.divided_differences import ComplexArray, Function
+from vrte.errors import AccuracyError, SceneError
+from vrte.methods.common import NODES, discrete, solution_of
+from vrte.methods.divided_differences import ComplexArray
 from vrte.methods.method import Method, Settings
 from vrte.methods.operators import Modes, Operator, empty
-from vrte.request import Request
-from vrte.scene import MuellerBase
+from vrte.request import MOST_NODES, Request, check_scene
+from vrte.scene import MuellerBase, Scene
 
 LARGEST_RESIDUAL = 1e-8  # of the eigenvectors
+LARGEST_CONDITION = 1e8  # of T_minus, for the propagator
 Field = tuple[Operator, Operator]  # light going up and down that a beam makes
 
 
@@ -64,8 +67,8 @@ class Matter:
     def slab(self, thickness: float) -> Slab:
         """R and T of a homogeneous slab, the same from both sides; without end, R alone.
 
-        In the modes Ze = E tanh(k h/2)/k and Zo = tanh(k h/2)/k F take the sum and the difference of both hemispheres at
-        a face into each other, where the two faces are lit alike and oppositely.
+        Ze = E tanh(k h/2)/k takes the sum of both hemispheres at the top to their difference where both faces are lit
+        alike, Zo = tanh(k h/2)/k F the difference to the sum where they are lit oppositely.
         """
         Ze = self.F.solve(self.modes.function(Fading(thickness, 0.0).slope))
         if np.isinf(thickness):
@@ -135,14 +138,11 @@ class Fading:
         return np.asarray(4.0 * whole / (1.0 + whole) ** 2)
 
 
-def matter_of(problem: Problem, matrices: Assembled, order: int, material: int) -> Matter:
-    """E and F of one order, counted from 0, and material of the problem, and their modes."""
-    E = extended(
-        problem, matrices.E[order, material], matrices.G_E[order, material], matrices.source_d[order, material]
-    )
-    F = extended(
-        problem, matrices.F[order, material], matrices.G_F[order, material], matrices.source_s[order, material]
-    )
+def matter_of(problem: Problem, matrices: Assembled, place: int, order: int, material: int) -> Matter:
+    """E and F of one order and material of the problem, and their modes; ``place``: of the order in the matrices."""
+    at = place, material
+    E = extended(problem, matrices.E[at], matrices.G_E[at], matrices.source_d[at])
+    F = extended(problem, matrices.F[at], matrices.G_F[at], matrices.source_s[at])
     return Matter(F, modes_of(problem, E, F, order, float(problem.albedo[material])))
 
 
@@ -203,7 +203,7 @@ def slowest_corrected(
     slow = int(np.abs(lam).argmin())
     if albedo == 1.0:
         right[:, slow], lam[slow] = isotropic, 0.0
-        return lam, right, np.linalg.inv(right)
+        return lam, right, np.asarray(np.linalg.inv(right), complex)
     size = (isotropic @ right[:, slow]) / (isotropic @ isotropic)
     right[:, slow] /= size
     left[slow] *= size
@@ -246,11 +246,11 @@ def fields_of(problem: Problem, matters: list[Matter], kinds: IntArray, ground: 
 
 def incident(problem: Problem) -> Operator:
     """The beams alone: no columns for light that falls in along the nodes."""
-    whole = empty(problem.n_rhs, problem.size, problem.rows_out).plus_one()
-    return replace(whole, nodes=whole.nodes[:, :0], leaving=whole.leaving[:, :0])
+    one = empty(problem.n_rhs, problem.size, problem.rows_out).plus_one()
+    return replace(one, nodes=one.nodes[:, :0], leaving=one.leaving[:, :0])
 
 
-def reduced(problem: Problem, polarizing_base: bool) -> tuple[Problem, IntArray]:
+def at_work(problem: Problem, polarizing_base: bool) -> tuple[Problem, IntArray]:
     """The problem for the Stokes parameters at work and each outgoing cosine once, and where each of them went."""
     stokes = (0,) if problem.is_scalar and not polarizing_base else ALL
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
@@ -284,9 +284,9 @@ def fluxes_of(problem: Problem, fields: list[Field]) -> tuple[Array, Array]:
 def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
     """Every Fourier order that the nodes carry, one after another."""
     start = time.perf_counter()
-    mu, whole = discrete(request)
+    mu, full = discrete(request)
     scene_base = request.scene.base if request.scene.base_is_reached else None
-    problem, out = reduced(whole, isinstance(scene_base, MuellerBase))
+    problem, out = at_work(full, isinstance(scene_base, MuellerBase))
     materials, kinds = distinct_materials(problem)
     orders = np.arange(int(problem.terms.max()), dtype=np.int32)
     with single_threaded():
@@ -297,7 +297,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
         for order in orders.tolist():
             begin = time.perf_counter()
             fields = fields_of_order(problem, distinct, matrices, kinds, base, order)
-            kernels.append(public(problem, whole.n_up, out, fields))
+            kernels.append(public(problem, full.n_up, out, fields))
             if order == 0:
                 fluxes = fluxes_of(problem, fields)
             run.book("matrix operators", time.perf_counter() - begin)
@@ -305,7 +305,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
                 raise KeyboardInterrupt
             if progress is not None:
                 progress(order + 1, orders.size)
-    return solution_of(request, whole, mu, orders, np.array(kernels), fluxes, run, start)
+    return solution_of(request, full, mu, orders, np.array(kernels), fluxes, run, start)
 
 
 def fields_of_order(
@@ -313,11 +313,55 @@ def fields_of_order(
 ) -> list[Field]:
     """Light at every level; raises AccuracyError where a joint or a slab is singular. ``materials``: the problem with
     those as its layers, whose kinds (layer,) the layers are."""
-    matters = [matter_of(materials, matrices, order, kind) for kind in range(materials.albedo.size)]
+    matters = [matter_of(materials, matrices, order, order, kind) for kind in range(materials.albedo.size)]
     try:
         return fields_of(problem, matters, kinds, ground_of(problem, base, order))
     except np.linalg.LinAlgError as reason:
         raise AccuracyError(f"method {METHOD.name!r}: the slabs of order {order} cannot be joined: {reason}") from None
+
+
+def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
+    """The matrix of (2:9) that takes a Fourier order's radiance at the top of a scene to that at its bottom.
+
+    Parameters: a ``scene`` without a base; Fourier ``order``; ``nodes`` a hemisphere. Returns (2, nodes, 4, 2, nodes,
+    4): hemisphere (0: up, 1: down), node and Stokes parameter at the bottom, then at the top, in the public frame.
+    From R and T of (2:8), and refused with AccuracyError where T_minus, its energy scaled by sqrt(weight * mu), has a
+    condition number above 1e8: (2:8) itself has no such limit. SceneError for a base, a layer without end or bad input.
+
+    >>> from vrte import Layer, Scene, isotropic
+    >>> propagator(Scene([Layer(isotropic(), albedo=0.5, thickness=0.01)]), nodes=2).shape
+    (2, 2, 4, 2, 2, 4)
+    """
+    scene = check_scene(scene)
+    order, nodes = whole("order", order, 0, 2 * MOST_NODES), whole("nodes", nodes, 1, MOST_NODES)
+    if scene.base is not None or np.isinf(scene.thickness):
+        raise SceneError("the propagator (2:9) is that of layers which end, without a base")
+    problem = discretise(scene, np.ones(1), np.eye(4), np.ones(1), np.zeros(1), nodes)
+    slab = pile_of(problem, order)
+    R_minus, T_minus, R_plus, T_plus = (part.nodes for part in (slab.R_minus, slab.T_minus, slab.R_plus, slab.T_plus))
+    condition = np.linalg.cond(T_minus)
+    if not condition <= LARGEST_CONDITION:
+        raise AccuracyError(
+            f"the propagator (2:9) of this scene is of no use: the condition number of T_minus is {condition:.1e}, "
+            f"above {LARGEST_CONDITION:.0e}; R and T of (2:8), method 'matrix-operator', have no such limit"
+        )
+    up = np.linalg.solve(T_minus, np.concatenate([np.eye(problem.size), -R_minus], axis=1))
+    down = R_plus @ up
+    down[:, problem.size :] += T_plus
+    scale = np.repeat(np.sqrt(problem.weights * problem.nodes), 4)
+    frame = np.concatenate([np.tile(FLIP, nodes) / scale, 1.0 / scale])
+    whole_matrix: Array = np.concatenate([up, down]) * frame[:, None] / frame
+    return whole_matrix.reshape(2, nodes, 4, 2, nodes, 4)
+
+
+def pile_of(problem: Problem, order: int) -> Slab:
+    """All layers of one order as one slab."""
+    matrices = assemble(problem, np.array([order], np.int32), Run(1))
+    slabs = [
+        matter_of(problem, matrices, 0, order, layer).slab(float(thickness))
+        for layer, thickness in enumerate(problem.thickness)
+    ]
+    return reduce(Slab.star, slabs)
 
 
 METHOD = Method(
@@ -325,5 +369,5 @@ METHOD = Method(
     solve=solve,
     purpose="slabs as matrices, to be joined and looked at; as exact as discrete ordinates on the same nodes",
     conserves="energy and reciprocity, to rounding",
-    source="(2:6)-(2:8), (2:10)-(2:15)",
+    source="(2:6)-(2:9), (2:10)-(2:15)",
 )

@@ -1,6 +1,6 @@
 """Matrices that act on the nodes, on the beams that light them and on the directions off the nodes, all at once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,8 +51,10 @@ class Operator:
 
     def plus_one(self, sign: float = 1.0) -> "Operator":
         """1 + A, or 1 - A."""
-        one = np.ones_like(self.beam), np.eye(len(self.nodes)), 0.0, np.ones_like(self.out), 0.0, 0.0
-        return Operator(*(unit + sign * block for unit, block in zip(one, self.blocks, strict=True)))
+        signed = self.times(sign)
+        return replace(
+            signed, beam=1.0 + signed.beam, nodes=np.eye(len(self.nodes)) + signed.nodes, out=1.0 + signed.out
+        )
 
     def solve(self, right: "Operator") -> "Operator":
         """A^-1 B. Raises numpy.linalg.LinAlgError where A is singular."""
@@ -95,8 +97,8 @@ class Modes:
         outs, off = np.unique(self.of.out, return_inverse=True)
         by_beam = first(function, lam[:, None], beams)[:, fed]
         by_out = first(function, outs[:, None], lam)[off]
-        three = second(function, outs[:, None, None], lam[None, :, None], beams)
-        by_both = np.einsum("omr,om,mr->or", three[np.ix_(off, range(lam.size), fed)], self.radiated, self.excited)
+        three = second(function, outs[:, None, None], lam[None, :, None], beams)[off][..., fed]
+        by_both = np.matmul(self.radiated[:, None], three * self.excited)[:, 0]
         straight = first(function, outs[:, None], beams)[np.ix_(off, fed)] * self.of.through
         return Operator(
             beam=function(self.of.beam.astype(complex)).real,
