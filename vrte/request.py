@@ -16,7 +16,12 @@ from vrte.optics.truncation import CHOICES
 from vrte.scene import MuellerBase, Scene
 
 EXACT = "discrete-ordinates"
-METHODS = (EXACT, "single-scattering")
+METHODS = (
+    EXACT,
+    "diffusion",
+    "single-scattering",
+    "two-stream",
+)
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
 LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
