@@ -20,6 +20,7 @@ METHODS = (
     EXACT,
     "diffusion",
     "single-scattering",
+    "small-angle",
     "two-stream",
 )
 SMALLEST_COSINE = 1e-8
