@@ -19,9 +19,11 @@ EXACT = "discrete-ordinates"
 METHODS = (
     EXACT,
     "adding-doubling",
+    "diffusion",
     "matrix-operator",
     "single-scattering",
     "successive-orders",
+    "two-stream",
 )
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
