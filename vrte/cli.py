@@ -27,7 +27,7 @@ from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.optics.refractive_index import MATERIALS, refractive_index
 from vrte.optics.truncation import CHOICES
-from vrte.request import COARSEST, FINEST, MOST_NODES
+from vrte.request import COARSEST, EXACT, FINEST, METHODS, MOST_NODES
 
 HOW = ("nodes", "accuracy", "truncation")  # options that win over the scene file
 OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
@@ -154,6 +154,15 @@ def _add_solve(commands: Any, kind: str, help_text: str) -> None:
         type=_whole(1, MOST_NODES),
         help="in each hemisphere; this, too, wins over the scene file",
     )
+    command.add_argument("--method", choices=METHODS, default=EXACT, help=f"default: {EXACT}; others: docs/methods.md")
+    command.add_argument(
+        "--set",
+        metavar="NAME=VALUE",
+        type=_setting,
+        action="append",
+        default=[],
+        help="a setting of the method, any number of times",
+    )
     command.add_argument("--verify", action="store_true", help="solve by both algorithms and report their agreement")
     command.set_defaults(run=_solve, kind=kind)
 
@@ -167,6 +176,19 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
         return int(text)
 
     return read
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Name and value of a method's setting: a number where it is one, otherwise a word."""
+    name, sign, value = text.partition("=")
+    if not (name and sign):
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, not {text!r}")
+    for read in (int, float):
+        try:
+            return name, read(value)
+        except ValueError:
+            continue
+    return name, value
 
 
 def _accuracy(text: str) -> float:
@@ -376,7 +398,10 @@ def _check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 
 def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
+    how = file.options | {
+        name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend", "method")
+    }
+    how["settings"] = dict(options.set)
     how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     try:
         return solve(file.scene, **file.request, progress=tick, **how)
@@ -414,11 +439,10 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     made = result.diagnostics
     print(f"  {result!r}")
     where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
-    print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {where}")
-    print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
-    print(f"  truncation: {made['truncation']} ({made['truncation_rule']})")
-    if made["orders_repeated"]:
-        print(f"  {len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
+    orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
+    print(f"  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    if made["method"] == EXACT:
+        _describe_plan(made)
     if "agreement" in made:
         print(f"  {_agreement(made['agreement'])}")
     if isinstance(result, Brdf):
@@ -426,6 +450,14 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
             f"{r:.4f} at mu_i {mu:g}" for r, mu in zip(result.reflectance[:6], result.mu_i[:6], strict=True)
         )
         print(f"  directional-hemispherical reflectance: {shown}{', ...' if result.mu_i.size > 6 else ''}")
+
+
+def _describe_plan(made: dict[str, Any]) -> None:
+    """How discrete ordinates went about it."""
+    print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
+    print(f"  truncation: {made['truncation']} ({made['truncation_rule']})")
+    if made["orders_repeated"]:
+        print(f"  {len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
 
 
 def _agreement(found: dict[str, Any]) -> str:
