@@ -115,7 +115,7 @@ def device_name() -> str | None:
     try:
         from vrte.cl import device
 
-        return str(device.session().name)
+        return device.chosen().name
     except (ImportError, DeviceError):
         return None
 

@@ -54,7 +54,7 @@ def measure(
     known = {} if fresh else read(path)
     # what is stale goes first, so that the file never mixes versions
     write([row for row in known.values() if row.fingerprint in marks(names, curves)], path)
-    rows, total = [], steps_of(names, curves)
+    rows, total = list[Row](), steps_of(names, curves)
     for name in names:
         told(len(rows), total, f"{name}: reference")
         rows += rows_of(case(name), curves, folder, pace, known, counted(told, len(rows), total))
@@ -159,7 +159,7 @@ def timed(one: Case, options: dict[str, Any], pace: Pace) -> tuple[Field, list[f
     return field, seconds[1:] or seconds
 
 
-def errors(one: Case, field: Field, right: Reference) -> dict[str, float]:
+def errors(one: Case, field: Field, right: Reference) -> dict[str, Any]:
     """Of I, Q, U, V, largest and root mean square over directions (the larger of the depths), and of energy."""
     found = answered(one, field, right.largest)
     gaps = np.abs(found.light - right.answer.light)

@@ -48,9 +48,9 @@ MEASURES = (
     ("error of energy", "energy"),
 )
 LEGEND = (
-    "Errors: largest over directions, relative to the largest I at each depth. Energy: what a conservative scene loses, "
-    "else the error of reflected and transmitted flux, both relative to the incident flux. The grey band is the Pareto "
-    "front: no run is both quicker and closer."
+    "Errors: largest over directions, relative to the largest I at each depth. Energy: what a conservative scene "
+    "loses, else the error of reflected and transmitted flux, both relative to the incident flux. The grey band is the "
+    "Pareto front: no run is both quicker and closer."
 )
 STYLE = """body{font:16px/1.5 sans-serif;max-width:72em;margin:1em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;font-size:14px}td,th{border:1px solid #bbb;padding:.2em .5em;text-align:left}

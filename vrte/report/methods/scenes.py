@@ -101,7 +101,7 @@ CASES: dict[str, Callable[[str], Case]] = {
     "Rayleigh, thin": lambda name: Case(
         name, "albedo 1, thickness 0.02, polarized beam", one_layer(rayleigh(), 1.0, 0.02), (224, 160), stokes=POLARIZED
     ),
-    "Rayleigh, thick": lambda name: Case(name, "albedo 1, thickness 50", one_layer(rayleigh(), 1.0, 50.0), (160, 112)),
+    "Rayleigh, thick": lambda name: Case(name, "albedo 1, thickness 50", one_layer(rayleigh(), 1.0, 50.0), (256, 192)),
     "isotropic": lambda name: Case(name, "albedo 0.9, thickness 1", one_layer(isotropic(), 0.9, 1.0), (256, 192)),
     "aerosol, thin": lambda name: Case(
         name, "Henyey-Greenstein 0.75, albedo 0.95, thickness 0.1", one_layer(smooth(0.75), 0.95, 0.1), (256, 192)
@@ -129,7 +129,7 @@ CASES: dict[str, Callable[[str], Case]] = {
         (256, 192),
         mu0=1.0,
     ),
-    "haze L": lambda name: Case(name, "albedo 0.9, thickness 1, 4x4", one_layer(haze_l(), 0.9, 1.0), (112, 72)),
+    "haze L": lambda name: Case(name, "albedo 0.9, thickness 1, 4x4", one_layer(haze_l(), 0.9, 1.0), (128, 96)),
     "spheroids": lambda name: Case(
         name,
         "Siewert's problem IIA, albedo 0.973527, thickness 1, polarized beam",
@@ -157,7 +157,7 @@ CASES: dict[str, Callable[[str], Case]] = {
         name,
         "clear spheres, albedo 0.99, thickness 2, mu0 = 0.05",
         one_layer(glass(), 0.99, 2.0),
-        (128, 96),
+        (144, 112),
         mu0=0.05,
         cosines=(0.05, *COSINES),
     ),
