@@ -22,6 +22,7 @@ METHODS = (
     "diffusion",
     "matrix-operator",
     "single-scattering",
+    "small-angle",
     "successive-orders",
     "two-stream",
 )

@@ -320,8 +320,8 @@ METHOD = Method(
         "tolerance": Setting(
             1e-8,
             lambda value: number("tolerance", value, 1e-15, 1.0, "between 1e-15 and 1"),
-            "orders end where neither the last one nor those left out, as a geometric series, add more; relative to the "
-            "largest radiance of azimuthal order 0",
+            "orders end where neither the last one nor those left out, as a geometric series, add more; relative to "
+            "the largest radiance of azimuthal order 0",
         ),
         "levels": Setting(
             64,
