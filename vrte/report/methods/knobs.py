@@ -56,7 +56,7 @@ def told(*each: tuple[int | None, dict[str, Any]]) -> tuple[Setting, ...]:
     return tuple(
         Setting(
             ", ".join([*([f"{nodes} nodes"] if nodes else []), *(f"{name} {value}" for name, value in values.items())])
-            or "nothing to tell",
+            or "no knob",
             ({"nodes": nodes} if nodes else {}) | ({"settings": values} if values else {}),
         )
         for nodes, values in each
@@ -106,7 +106,7 @@ def exact_curves(quick: bool) -> tuple[Curve, ...]:
         Curve(f"{EXACT}, accuracy", EXACT, over_accuracies(accuracies)),
     ]
     if not quick:
-        found.append(Curve(f"{EXACT}, sequential", EXACT, over_accuracies(accuracies, backend="sequential")))
+        found.append(Curve(f"{EXACT}, sequential", EXACT, over_accuracies((3, 6, 10), backend="sequential")))
         if device_name() is not None:
             found.append(Curve(f"{EXACT}, opencl", EXACT, over_accuracies(accuracies, backend="opencl")))
     return tuple(found)
