@@ -31,7 +31,8 @@ class Brdf:
     diffuse light out of the face that is not lit (going down at the bottom, base included), ``direct_transmittance``
     (mu_i,) or None the beam's share that gets through unscattered. The lit face is the top, or as
     ``diagnostics["illuminate"]`` says. ``mu_i``, ``mu_o`` are positive cosines; ``phi`` [deg] is outgoing minus
-    incident, both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only. Raises SceneError where the shapes do not fit together.
+    incident, both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only. Raises
+    SceneError where the shapes do not fit together.
     """
 
     mueller: Array
