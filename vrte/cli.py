@@ -87,6 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     material.set_defaults(run=_material)
     _add_stability(commands)
     _add_tables(commands)
+    _add_report(commands)
     devices = commands.add_parser("devices", help="OpenCL platforms and devices, and which one is taken")
     devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
     devices.set_defaults(run=_devices)
@@ -120,6 +121,19 @@ def _add_tables(commands: Any) -> None:
     command.add_argument("--quick", action="store_true", help="few small scenes instead of the paper's: seconds")
     command.add_argument("--threads", metavar="N", type=_whole(1, 1024), default=2, help="of OpenMP; default: 2")
     command.set_defaults(run=_tables)
+
+
+def _add_report(commands: Any) -> None:
+    help_text = "error against run time of every method, measured on this machine"
+    command = commands.add_parser("report", help=help_text, description=f"Computes {help_text}.")
+    command.add_argument(
+        "--figures", action="store_true", help="figures 1 and 2 of the radiance-factor paper instead: seconds"
+    )
+    command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("report"), help="made if absent")
+    command.add_argument("--quick", action="store_true", help="three small scenes instead of all: seconds")
+    command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
+    command.add_argument("--scenes", metavar="PATTERN", default="*", help='names, such as "Rayleigh*"; default: all')
+    command.set_defaults(run=_report)
 
 
 def _add_solve(commands: Any, kind: str, help_text: str) -> None:
@@ -281,6 +295,33 @@ def _paper_tables(options: argparse.Namespace) -> None:
     for path in [tables.write_figure(found, folder), *tables.write_page(found, folder, settings, facts, refused)]:
         print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
     tables.require_all(found)
+
+
+def _report(options: argparse.Namespace) -> None:
+    (_radiance_factor_figures if options.figures else _report_on_methods)(options)
+
+
+def _report_on_methods(options: argparse.Namespace) -> None:
+    from vrte.report import methods
+    from vrte.report.cost import OthersClock
+
+    names, curves = methods.matching(options.scenes, options.quick), methods.curves(options.quick)
+    methods.require_page()
+    folder, pace = _made_folder(options.output), methods.HASTE if options.quick else methods.FULL
+    with _progress() as (phase, tick):
+        others = OthersClock()
+        rows = methods.measure(names, curves, folder, pace, _told(phase, tick), options.fresh)
+    print(methods.as_text(rows))
+    settings = f"{'quick, ' if options.quick else ''}one thread; {others.statement()}"
+    for path in [folder / methods.CSV, *methods.write_page(rows, folder, settings)]:
+        print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+
+
+def _radiance_factor_figures(options: argparse.Namespace) -> None:
+    from vrte.report import radiance_factor
+
+    for path in radiance_factor.write_figures(_made_folder(options.output)):
+        print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
 
 
 def _told(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:

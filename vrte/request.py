@@ -17,7 +17,16 @@ from vrte.optics.truncation import CHOICES
 from vrte.scene import MuellerBase, Scene
 
 EXACT = "discrete-ordinates"
-METHODS = (EXACT, "matrix-operator", "single-scattering")
+METHODS = (
+    EXACT,
+    "adding-doubling",
+    "diffusion",
+    "matrix-operator",
+    "single-scattering",
+    "small-angle",
+    "successive-orders",
+    "two-stream",
+)
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
 LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
