@@ -19,6 +19,7 @@ EXACT = "discrete-ordinates"
 METHODS = (
     EXACT,
     "adding-doubling",
+    "invariant-imbedding",
     "single-scattering",
     "successive-orders",
 )

@@ -284,14 +284,14 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     start = time.perf_counter()
     mu, problem = discrete(request)
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
-    on_nodes = OnNodes(replace(problem, mu_out=cosines))
+    on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.base)
     beams = problem.mu0.size, problem.columns.shape[0]
     shape = (on_nodes.n_order, problem.level.size, *beams, problem.mu_out.size, 4)
     kernels, fluxes = np.empty(shape), (np.zeros(shape[1:4]), np.zeros(shape[1:4]))
     convergence = Convergence()
     with single_threaded():
         scene = Orders.of(on_nodes, settings["levels"])
-        base = on_nodes.base(request.scene.base)
+        base = on_nodes.ground()
         for order in range(on_nodes.n_order):
             down, up = scene.field(order, base[order], settings, convergence)
             kernels[order] = on_nodes.kernels(up, down, out.astype(np.int32), problem.n_up)
@@ -320,8 +320,8 @@ METHOD = Method(
         "tolerance": Setting(
             1e-8,
             lambda value: number("tolerance", value, 1e-15, 1.0, "between 1e-15 and 1"),
-            "orders end where neither the last one nor those left out, as a geometric series, add more; relative to the "
-            "largest radiance of azimuthal order 0",
+            "orders end where neither the last one nor those left out, as a geometric series, add more, relative to "
+            "the largest radiance of azimuthal order 0",
         ),
         "levels": Setting(
             64,
