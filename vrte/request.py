@@ -19,9 +19,13 @@ EXACT = "discrete-ordinates"
 METHODS = (
     EXACT,
     "adding-doubling",
+    "diffusion",
     "invariant-imbedding",
+    "matrix-operator",
     "single-scattering",
+    "small-angle",
     "successive-orders",
+    "two-stream",
 )
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096

@@ -1,0 +1,116 @@
+"""The diffusion method, P1 of the spherical harmonics, (2:16)-(2:20), in closed form.
+
+Of the diffuse field the irradiance from all sides E_0 and the light vector E are kept. Along the depth (2:19) is
+
+    E_z' = -(1 - omega) E_0 + s_0 e^(-t/mu0),    E_0' = -3 (1 - omega g) E_z + 3 s_z e^(-t/mu0),
+
+s_0 = omega, s_z = omega g mu0 for a beam of unit flux at the layer's top: solved as it stands, so an albedo of 1 is no
+special case, as it is of (2:20). Across it E_x (1 - omega g) = omega g sqrt(1 - mu0^2) e^(-t/mu0). The boundary has
+E_0 + c E_z = 0 at the top and E_0 - c E_z = 0 at a black base, with c named by the setting "boundary". Radiance is the
+source function of this field integrated along each direction, light scattered once with all terms in closed form.
+"""
+
+import time
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.discrete_ordinates.problem import Problem, Progress, Run
+from vrte.discrete_ordinates.single_scattering import paths_in_layers
+from vrte.discrete_ordinates.small_angle import Ray
+from vrte.discrete_ordinates.solver import Solution
+from vrte.discrete_ordinates.truncating import flux_of_the_peak
+from vrte.methods.common import solution_of
+from vrte.methods.method import Method, Setting, Settings
+from vrte.methods.two_fluxes import (
+    Pile,
+    Slab,
+    asymmetry,
+    base_albedo_of,
+    collected,
+    cut_to_two,
+    direct_beam,
+    from_base,
+    kernels_of,
+    levels_of,
+    piled,
+)
+from vrte.request import Request, one_of
+
+# c of E_0 = c times the net flux out: no flux comes in; no light along P1's node; the exact extrapolation length of a
+# half space that conserves energy and scatters evenly, 0.71045 mean free paths
+BOUNDARIES = {"marshak": 2.0, "mark": float(np.sqrt(3.0)), "milne": 3.0 * 0.7104460895}
+
+
+def boundary_of(value: Any) -> str:
+    """The boundary condition's name."""
+    return one_of("setting 'boundary' of method 'diffusion'", value, tuple(BOUNDARIES))
+
+
+def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """Orders 0 and 1. Half fluxes are (E_0/c +- E_z)/2, so that they vanish where the boundary says so."""
+    start = time.perf_counter()
+    c = BOUNDARIES[settings["boundary"]]
+    mu, problem = cut_to_two(request)
+    base_albedo = base_albedo_of(request)
+    slabs = [slab_of(problem, layer, c) for layer in range(problem.albedo.size)]
+    pile = piled(slabs, base_albedo, c * direct_beam(problem, base_albedo))
+    orders = [scattered(problem, pile, c) + from_base(problem, base_albedo / (np.pi * c) * pile.x_base)]
+    if asymmetry(problem).any():
+        orders.append(scattered_across(problem))
+    down, up = (flux[..., None] / c * problem.columns[:, 0] for flux in levels_of(problem, pile))
+    fluxes = up, down + flux_of_the_peak(problem, request.tau)
+    numbers = np.arange(len(orders), dtype=np.int32)
+    return solution_of(request, problem, mu, numbers, kernels_of(problem, orders), fluxes, run, start)
+
+
+def slab_of(problem: Problem, layer: int, c: float) -> Slab:
+    """A layer for x, y = (E_0 +- c E_z)/2."""
+    albedo, g = float(problem.albedo[layer]), float(asymmetry(problem)[layer])
+    reaching = albedo * np.exp(-problem.above[layer] / problem.mu0)
+    source, vector = c * reaching, 3.0 * g * problem.mu0 * reaching
+    loss, hindrance = c * (1.0 - albedo), 3.0 * (1.0 - albedo * g) / c
+    thickness = float(problem.thickness[layer])
+    return Slab(thickness, loss, hindrance, 1.0 / problem.mu0, 0.5 * (source + vector), 0.5 * (source - vector))
+
+
+def scattered(problem: Problem, pile: Pile, c: float) -> Array:
+    """omega/(4 pi) (E_0 + 3 g mu E_z) integrated along the wanted directions, (n_tau, n_in, n_out)."""
+
+    def along(ray: Ray, mu: Array) -> Array:
+        x, y = pile.slabs[ray.layer].seen(ray, mu)
+        vector = 3.0 * float(asymmetry(problem)[ray.layer]) / c * (-mu if ray.up else mu)
+        found: Array = problem.albedo[ray.layer] / (4.0 * np.pi) * ((1.0 + vector) * x + (1.0 - vector) * y)
+        return found
+
+    return collected(problem, along)
+
+
+def scattered_across(problem: Problem) -> Array:
+    """Order 1: omega/(4 pi) 3 g sqrt(1 - mu^2) E_x/2 integrated along them, (n_tau, n_in, n_out)."""
+    mu = np.concatenate([problem.mu_out[: problem.n_up], -problem.mu_out[problem.n_up :]])
+    paths = paths_in_layers(problem, np.arange(problem.level.size, dtype=np.int32), mu)
+    share = problem.albedo * asymmetry(problem)  # of the light that goes on across
+    strength = 3.0 / (8.0 * np.pi) * share**2 / (1.0 - share)
+    sines = np.sqrt((1.0 - problem.mu0[:, None] ** 2) * (1.0 - mu**2))
+    found: Array = np.einsum("k,ktio->tio", strength, paths) * sines
+    return found
+
+
+METHOD = Method(
+    name="diffusion",
+    solve=solve,
+    purpose="fluxes of thick layers that absorb little; coarse radiance",
+    conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
+    source="(2:16)-(2:20)",
+    polarization=False,
+    settings={
+        "boundary": Setting(
+            "marshak",
+            boundary_of,
+            "'marshak' (no flux comes in), 'mark' (no light along the cosine 1/sqrt 3) or 'milne' (the exact "
+            "extrapolation length of a conservative half space)",
+        )
+    },
+)

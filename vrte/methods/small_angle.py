@@ -1,0 +1,112 @@
+"""The small-angle approximation, (2:28)-(2:29): the beam as it spreads, and nothing that turns back.
+
+Every direction is taken to travel as steeply as the beam, so degree l of the field's expansion about the beam decays as
+E_l = exp(-(1 - omega S_l) tau/mu0), S_l the 4x4 matrix of the coefficients of degree l over 2 l + 1. The diffuse part
+has E_l - exp(-tau/mu0) instead, which ends where the phase matrix does: without that the sum does not converge. Over
+all Fourier orders the generalized spherical functions of (2:29) add up to those of the angle from the beam. Light going
+down only: nothing is reflected, and what the sum leaves above the horizon is taken as zero.
+"""
+
+import time
+
+import numpy as np
+
+from vrte import _core
+from vrte.arrays import Array
+from vrte.discrete_ordinates.azimuths import cos_sin_deg, fold
+from vrte.discrete_ordinates.problem import Problem, Progress, Run
+from vrte.discrete_ordinates.quadrature import double_gauss
+from vrte.discrete_ordinates.small_angle import Anisotropic, AnySpreading, Beam, exp_difference
+from vrte.discrete_ordinates.solver import Solution
+from vrte.discrete_ordinates.summing import Part, column_kinds, make_parts
+from vrte.methods.common import diagnostics_of, discrete, wanted_of
+from vrte.methods.method import Method, Settings
+from vrte.request import Request
+from vrte.scene import Scene
+
+NO_TENSOR = [1, 2, 4, 5]  # a2, a3, b1 and b2, whose functions vanish below degree 2
+NOTE = "small-angle: nothing goes up; radiance there is zero by definition"
+
+
+def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """The exact sum; flux down by quadrature without error, flux up zero."""
+    start = time.perf_counter()
+    mu, problem = discrete(request)
+    wanted, azimuths = wanted_of(request, mu), fold(request.phi)
+    tables = expansions(request.scene, problem)
+    parts = make_parts(wanted, mu, np.zeros(mu.size, bool), azimuths.phi.size)
+    cosine, sine = cos_sin_deg(azimuths.distinct)
+    work = run.work(_core.scattering_work(problem.columns.shape[0], azimuths.distinct.size))
+
+    def spread(part: Part, t: int, i: int) -> None:
+        table = _core.series_table(tables[part.levels[t], i])
+        share = np.where(part.mu < 0.0, wanted.scale[i] / (4.0 * np.pi), 0.0)[None, None]
+        to = problem.mu0[i : i + 1].copy(), part.mu, cosine, sine, azimuths.angle, azimuths.sign
+        light = problem.columns, column_kinds(problem.columns), wanted.place
+        values = part.values[t : t + 1, i : i + 1]
+        kernel = run.kernels.add_single_scattering
+        run.timed("small angles", kernel, table, share, *to, *light, 0, 1, values, run.threads, work)
+
+    for part in parts:
+        for t, i in np.ndindex(part.levels.size, problem.mu0.size):
+            spread(part, t, i)
+    down = fluxes_down(problem, tables)
+    more = {"notes": [NOTE]} if (mu > 0.0).any() else {}
+    solution = Solution([part.values for part in parts], np.zeros_like(down), down, {})
+    solution.diagnostics.update(diagnostics_of(request, problem, run, start, **more))
+    return mu, solution
+
+
+def expansions(scene: Scene, problem: Problem) -> Array:
+    """Coefficients of the diffuse part about the beam at every depth, columns a1 .. b2, for a unit beam at the top:
+    (n_tau, n_in, terms, 6). The problem has the layers as they are."""
+    anisotropic = Anisotropic(scene, problem)
+    tables = np.empty((problem.level.size, problem.mu0.size, anisotropic.terms, 6))
+    for i, mu0 in enumerate(problem.mu0.tolist()):
+        beams = diffuse_beams(anisotropic, mu0)
+        for t, (layer, level) in enumerate(zip(problem.level_layer.tolist(), problem.level.tolist(), strict=True)):
+            spreading = anisotropic.spreadings[layer]
+            passed = through(spreading, scene.layers[layer].albedo, level / mu0, beams[layer])
+            tables[t, i] = spreading.coefficients(passed.degrees, 0)
+    tables[..., :2, NO_TENSOR] = 0.0
+    return tables
+
+
+def diffuse_beams(anisotropic: Anisotropic, mu0: float) -> list[Beam]:
+    """The beam at the top of every layer; ``degrees`` without the light never scattered."""
+    beams = [Beam(1.0, 0.0 * anisotropic.spreadings[0].identity(anisotropic.terms))]
+    for layer, spreading in zip(anisotropic.scene.layers[:-1], anisotropic.spreadings[:-1], strict=True):
+        beams.append(through(spreading, layer.albedo, layer.thickness / mu0, beams[-1]))
+    return beams
+
+
+def through(spreading: AnySpreading, albedo: float, path: float, beam: Beam) -> Beam:
+    """The diffuse beam after a path: what it was spreads on, and scattered light of the direct one joins it."""
+    if path == 0.0:
+        return beam
+    kept = spreading.function(lambda s: np.exp((albedo * s - 1.0) * path))
+    gained = spreading.function(
+        lambda s: albedo * s * path * exp_difference((albedo * s - 1.0) * path, -path * np.ones_like(s))
+    )
+    return Beam(beam.direct * float(np.exp(-path)), spreading.product(kept, beam.degrees) + beam.direct * gained)
+
+
+def fluxes_down(problem: Problem, tables: Array) -> Array:
+    """Of the light going down, (n_tau, n_in, n_col): polynomials in the cosine, on enough nodes for all terms."""
+    points, weights = double_gauss(tables.shape[2] // 2 + 1)
+    found = np.empty((*tables.shape[:2], problem.columns.shape[0]))
+    for t, i in np.ndindex(*found.shape[:2]):
+        matrix = _core.phase_matrices(0, tables[t, i], points, problem.mu0[i : i + 1].copy())[:, 0, 0]
+        found[t, i] = 0.5 * problem.columns @ ((weights * points) @ matrix)
+    return found
+
+
+METHOD = Method(
+    name="small-angle",
+    solve=solve,
+    purpose="light near the beam below or within a layer with a strong forward peak",
+    conserves="nothing: no light turns back, and slanting paths are as short as the beam's",
+    source="(2:28)-(2:29)",
+    base=False,
+    endless=True,
+)

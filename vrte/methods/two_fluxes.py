@@ -1,0 +1,302 @@
+"""Two fluxes in closed form: what the two-stream and the diffusion method have in common.
+
+Light going down and up is x(t) and y(t), t from the top of a layer of thickness h, in
+
+    x' = -G x + H y + q e^(-a t),    -y' = -G y + H x + r e^(-a t),    a = 1/mu0,
+
+with G = (F + E)/2, H = (F - E)/2, k = sqrt(E F), E >= 0 and F > 0. With rho = H/(G + k) the part v = y - rho x fades on
+its way up and drives x, which fades on its way down:
+
+    v' = k v - w e^(-a t), w = r + rho q,     x' = -k x + H v + q e^(-a t).
+
+No mode grows and nothing is divided by k or by a - k: what is left are divided differences of exponentials, which no
+case makes special, E = 0 (an albedo of 1) as little as k = 1/mu0.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.problem import Problem
+from vrte.discrete_ordinates.quadrature import double_gauss
+from vrte.discrete_ordinates.single_scattering import distance
+from vrte.discrete_ordinates.small_angle import Ray, exp_difference
+from vrte.errors import SceneError
+from vrte.methods.common import NODES
+from vrte.request import Request
+from vrte.scene import Lambertian
+
+CARRIED = 2  # terms of a phase function
+SERIES = 21  # terms of it, for exponents below 1
+
+
+def faded(rate: Any, length: float) -> Any:
+    """e^(-rate length), nothing at the end of a layer without end."""
+    return np.exp(-rate * length) if np.isfinite(length) else 0.0 * np.asarray(rate)
+
+
+def grown(rate: Any, length: float) -> Any:
+    """Integral of e^(-rate t) from 0 to length, which is finite or rate > 0."""
+    if not np.isfinite(length):
+        return 1.0 / rate
+    return length * exp_difference(np.zeros(1), -np.asarray(rate, float) * length)
+
+
+def joined(one: Any, other: Any, length: float) -> Any:
+    """Integral of e^(-one (length - t)) e^(-other t)."""
+    return length * exp_difference(-np.asarray(one, float) * length, -np.asarray(other, float) * length)
+
+
+def joined_twice(one: Any, other: Any, third: Any, length: float) -> Any:
+    """Integral of e^(-one (length - t)) `joined`(other, third, t); ``one`` is 0 where length is infinite."""
+    if not np.isfinite(length):
+        return 1.0 / (other * third)
+    return length**2 * second_difference(*(-length * np.asarray(rate, float) for rate in (one, other, third)))
+
+
+def second_difference(*points: Any) -> Array:
+    """The second divided difference of exp at three points <= 0, any shapes that broadcast.
+
+    >>> second_difference(0.0, 0.0, 0.0).item()
+    0.5
+    """
+    high, middle, low = -np.sort(-np.stack(np.broadcast_arrays(*points)), axis=0)
+    x, y = high - middle, high - low
+    near = y < 1.0
+    apart = np.where(near, 1.0, y)
+    by_quotient = (exp_difference(np.zeros(1), -x) - exp_difference(-x, -y)) / apart
+    return np.exp(high) * np.where(near, _series(np.where(near, x, 0.0), np.where(near, y, 0.0)), by_quotient)
+
+
+def _series(x: Array, y: Array) -> Array:
+    """The second divided difference of exp at 0, -x, -y: sum over n of (-1)^n h_n(x, y)/(n + 2)!, h_n complete and
+    homogeneous; 0 <= x <= y < 1."""
+    power, h = np.ones_like(x), np.ones_like(x)
+    share = 0.5
+    total = share * h
+    for n in range(1, SERIES):
+        power = power * x
+        h = y * h + power
+        share /= -(n + 2.0)
+        total = total + share * h
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class Slab:
+    """One layer: ``thickness`` h, E, F, and the beam's q and r (n_in,) at its top; ``rate`` a (n_in,); what comes in,
+    x at the top and v at the base (n_in,)."""
+
+    thickness: float
+    E: float
+    F: float
+    rate: Array
+    q: Array
+    r: Array
+    x_top: Any = 0.0
+    v_base: Any = 0.0
+
+    @property
+    def k(self) -> float:
+        """Decay rate."""
+        return float(np.sqrt(self.E * self.F))
+
+    @property
+    def G(self) -> float:
+        """Loss of each flux."""
+        return 0.5 * (self.F + self.E)
+
+    @property
+    def H(self) -> float:
+        """What the other one gets of it."""
+        return 0.5 * (self.F - self.E)
+
+    @property
+    def rho(self) -> float:
+        """Reflectance of such a layer without end."""
+        return self.H / (self.G + self.k)
+
+    @property
+    def w(self) -> Array:
+        """Source of v."""
+        return self.r + self.rho * self.q
+
+    def reflectance_transmittance(self) -> tuple[float, float]:
+        """Of the layer, from either side."""
+        if not np.isfinite(self.thickness):
+            return self.rho, 0.0
+        fade = float(np.exp(-self.k * self.thickness))
+        phi = float(grown(2.0 * self.k, self.thickness).item())
+        below = 0.5 * (1.0 + fade**2) + self.G * phi
+        return self.H * phi / below, fade / below
+
+    def emitted(self) -> tuple[Array, Array]:
+        """y at the top and x at the base (n_in,) of the beam alone."""
+        k, h, a = self.k, self.thickness, self.rate
+        upward = self.w * grown(a + k, h)
+        if not np.isfinite(h):
+            return upward, np.zeros_like(a)
+        scattered = self.H * self.w * joined_twice(a, k, a + 2.0 * k, h) + self.q * joined(k, a, h)
+        x_base = scattered / (1.0 + self.H * self.rho * grown(2.0 * k, h))
+        return upward - self.rho * x_base * faded(k, h), x_base
+
+    def fluxes(self, t: float) -> tuple[Array, Array]:
+        """x and y at depth t, (n_in,)."""
+        k, left, a = self.k, self.thickness - t, self.rate
+        back = faded(k, left) * grown(2.0 * k, t)
+        doubly = (joined(k, a, t) - faded(a, self.thickness) * back) / (a + k)
+        x = self.x_top * np.exp(-k * t) + self.H * (self.v_base * back + self.w * doubly) + self.q * joined(k, a, t)
+        v = self.v_base * faded(k, left) + self.w * np.exp(-a * t) * grown(a + k, left)
+        return x, v + self.rho * x
+
+    def seen(self, ray: Ray, mu: Array) -> tuple[Array, Array]:
+        """Integrals of x and of y times e^(-|t - level|/mu) dt/mu over the ray's part of the layer, (n_in, n_mu), as
+        seen from the ray's level; mu (n_mu,) > 0."""
+        c, a = 1.0 / mu, self.rate[:, None]
+        start, back, beam, driven, returned = (
+            self._seen_below(ray.top, c, a) if ray.up else self._seen_above(ray.length, c, a)
+        )
+        constant = self.w / (a[:, 0] + self.k)
+        ahead = self.v_base - constant * faded(self.rate, self.thickness)
+        x_top, ahead, constant = (
+            np.broadcast_to(each, self.rate.shape)[:, None] for each in (self.x_top, ahead, constant)
+        )
+        x = x_top * start + self.H * ahead * returned + (self.H * constant + self.q[:, None]) * driven
+        v = ahead * back + constant * beam
+        way = np.exp(-distance(ray.problem, ray.level, ray.layer) / mu)
+        return way * c * x, way * c * (v + self.rho * x)
+
+    def _seen_above(self, t: float, c: Array, a: Array) -> tuple[Any, ...]:
+        """What comes to depth t from above: of e^(-k t), e^(-k (h - t)), e^(-a t), and of what the beam and v drive."""
+        k, left = self.k, self.thickness - t
+        return (
+            joined(c, k, t),
+            faded(k, left) * grown(c + k, t),
+            joined(c, a, t),
+            joined_twice(c, k, a, t),
+            faded(k, left) * joined_twice(c + k, 0.0, 2.0 * k, t),
+        )
+
+    def _seen_below(self, t: float, c: Array, a: Array) -> tuple[Any, ...]:
+        """What comes to depth t from below: of the same."""
+        k, left = self.k, self.thickness - t
+        ends = bool(np.isfinite(left))
+        reach = grown(c + k, left)
+        returned = faded(k, left) * grown(2.0 * k, t) * reach
+        return (
+            np.exp(-k * t) * reach,
+            joined(c, k, left) if ends else 0.0,
+            np.exp(-a * t) * grown(c + a, left),
+            joined(k, a, t) * reach + np.exp(-a * t) * joined_twice(0.0, c + k, c + a, left),
+            returned + joined_twice(k, c, c + 2.0 * k, left) if ends else 0.0,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Pile:
+    """Layers in place, top first, and x at the base, (n_in,)."""
+
+    slabs: Sequence[Slab]
+    x_base: Array
+
+
+def piled(slabs: Sequence[Slab], base_albedo: float, direct: Array) -> Pile:
+    """The layers over a base that sends ``base_albedo`` (x + direct) back, direct (n_in,): adding, in numbers alone."""
+    known = [(*slab.reflectance_transmittance(), *slab.emitted()) for slab in slabs]
+    below = [(base_albedo, base_albedo * direct)]  # reflectance and light of all beneath each layer
+    for R, T, upward, downward in reversed(known):
+        reflectance, light = below[-1]
+        between = 1.0 - R * reflectance
+        below.append((R + T * reflectance * T / between, upward + T * (light + reflectance * downward) / between))
+    placed, x = [], np.zeros_like(direct)
+    for slab, (R, T, _, downward), (reflectance, light) in zip(slabs, known, reversed(below[:-1]), strict=True):
+        x_below = (T * x + R * light + downward) / (1.0 - R * reflectance)
+        v_base = reflectance * x_below + light - slab.rho * x_below
+        placed.append(replace(slab, x_top=x, v_base=v_base if np.isfinite(slab.thickness) else np.zeros_like(x)))
+        x = x_below
+    return Pile(placed, x)
+
+
+def rays(problem: Problem, level: int, up: bool) -> list[Ray]:
+    """The parts of layers that light at a level comes through."""
+    found = [Ray(problem, level, layer, up) for layer in range(problem.albedo.size)]
+    return [ray for ray in found if ray.length > 0.0 and problem.albedo[ray.layer] > 0.0]
+
+
+def collected(problem: Problem, integral: Callable[[Ray, Array], Array]) -> Array:
+    """The sum over rays at every depth and direction, (n_tau, n_in, n_out); ``integral``(ray, mu (n_mu,) > 0) gives
+    (n_in, n_mu)."""
+    total = np.zeros((problem.level.size, problem.mu0.size, problem.mu_out.size))
+    for up, part in ((True, slice(0, problem.n_up)), (False, slice(problem.n_up, None))):
+        mu = problem.mu_out[part]
+        for level in range(problem.level.size if mu.size else 0):
+            for ray in rays(problem, level, up):
+                total[level, :, part] += integral(ray, mu)
+    return total
+
+
+def from_base(problem: Problem, radiance: Array) -> Array:
+    """Light of the base, ``radiance`` (n_in,) into every direction up, at every depth: (n_tau, n_in, n_out)."""
+    total = np.zeros((problem.level.size, problem.mu0.size, problem.mu_out.size))
+    if radiance.any():
+        mu, bottom = problem.mu_out[: problem.n_up], problem.albedo.size
+        way = np.array([np.exp(-distance(problem, level, bottom) / mu) for level in range(problem.level.size)])
+        total[..., : problem.n_up] = radiance[:, None] * way.reshape(problem.level.size, 1, -1)
+    return total
+
+
+def levels_of(problem: Problem, pile: Pile) -> tuple[Array, Array]:
+    """x and y at every depth, (n_tau, n_in)."""
+    places = zip(problem.level_layer.tolist(), problem.level.tolist(), strict=True)
+    pairs = [pile.slabs[layer].fluxes(level) for layer, level in places]
+    down, up = np.array([x for x, _ in pairs]), np.array([y for _, y in pairs])
+    return down, up
+
+
+def cut_to_two(request: Request) -> tuple[Array, Problem]:
+    """The signed cosines of the result, and the scene with two terms of each phase function: delta-M takes the forward
+    peak off longer ones, or they are cut, as ``request.truncation`` says. Raises SceneError for small angles, and for a
+    base that is not Lambertian."""
+    if request.truncation == "small-angle":
+        raise SceneError(f"method {request.method!r} does not separate small angles: ask for truncation 'delta-m'")
+    if request.scene.base is not None and not isinstance(request.scene.base, Lambertian):
+        raise SceneError(f"method {request.method!r} takes no base but a Lambertian one: ask for 'discrete-ordinates'")
+    points = double_gauss(request.nodes or NODES)[0]
+    mu = np.concatenate([points, -points]) if request.mu is None else request.mu
+    rank = np.argsort(mu < 0.0, kind="stable")
+    peaks = "none" if request.truncation == "none" else "all"
+    given = request.scene, request.mu0, request.columns, mu[rank], request.tau
+    return mu, discretise(*given, CARRIED // 2, peaks)
+
+
+def asymmetry(problem: Problem) -> Array:
+    """g of each layer, (layer,), as it was cut."""
+    if problem.coefficients.shape[1] < CARRIED:
+        return np.zeros(problem.albedo.size)
+    found: Array = problem.coefficients[:, 1, 0] / 3.0
+    return found
+
+
+def direct_beam(problem: Problem, base_albedo: float) -> Array:
+    """mu0 exp(-thickness/mu0), (n_in,); nothing where no base sends it back."""
+    total = problem.above[-1] + problem.thickness[-1]
+    return problem.mu0 * np.exp(-total / problem.mu0) if base_albedo > 0.0 else np.zeros_like(problem.mu0)
+
+
+def base_albedo_of(request: Request) -> float:
+    """Of the base, 0 for none and for one that light does not reach."""
+    base = request.scene.base
+    return base.albedo if isinstance(base, Lambertian) and request.scene.base_is_reached else 0.0
+
+
+def kernels_of(problem: Problem, orders: Sequence[Array]) -> Array:
+    """Orders (n_tau, n_in, n_out) of I for unit light as `solution_of` takes them, (order, n_tau, n_in, n_col, n_out,
+    4)."""
+    unit = np.stack(orders)[:, :, :, None, :] * problem.columns[:, 0][:, None]
+    kernels = np.zeros((*unit.shape, 4))
+    kernels[..., 0] = unit
+    return kernels

@@ -1,0 +1,100 @@
+"""Discrete ordinates with one node in closed form, 4.1 of the second paper: one direction down, one up, at cosine 1/2.
+
+One node carries two terms of the phase function and so two Fourier orders, each a pair of fluxes of its own. Other
+directions come by integration of the source function along them, light scattered once with all terms in closed form.
+"""
+
+import time
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.discrete_ordinates.problem import Problem, Progress, Run
+from vrte.discrete_ordinates.small_angle import Ray
+from vrte.discrete_ordinates.solver import Solution
+from vrte.discrete_ordinates.truncating import flux_of_the_peak
+from vrte.errors import SceneError
+from vrte.methods.common import solution_of
+from vrte.methods.method import Method, Settings
+from vrte.methods.two_fluxes import (
+    Pile,
+    Slab,
+    asymmetry,
+    base_albedo_of,
+    collected,
+    cut_to_two,
+    direct_beam,
+    from_base,
+    kernels_of,
+    levels_of,
+    piled,
+)
+from vrte.request import Request
+
+NODE = 0.5  # the cosine of one Gaussian node on a hemisphere; its weight is 1
+
+
+def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """Orders 0 and 1; fluxes on the node. ``request.nodes`` says along which directions light is wanted by default."""
+    start = time.perf_counter()
+    mu, problem = cut_to_two(request)
+    base_albedo = base_albedo_of(request)
+    pile = piled(slabs_of(problem, 0), base_albedo, direct_beam(problem, base_albedo) / np.pi)
+    orders = [scattered(problem, pile, 0) + from_base(problem, base_albedo * pile.x_base)]
+    if asymmetry(problem).any():
+        orders.append(scattered(problem, piled(slabs_of(problem, 1), 0.0, np.zeros_like(problem.mu0)), 1))
+    down, up = (np.pi * flux[..., None] * problem.columns[:, 0] for flux in levels_of(problem, pile))
+    fluxes = up, down + flux_of_the_peak(problem, request.tau)
+    numbers = np.arange(len(orders), dtype=np.int32)
+    return solution_of(request, problem, mu, numbers, kernels_of(problem, orders), fluxes, run, start)
+
+
+def slabs_of(problem: Problem, order: int) -> list[Slab]:
+    """The layers for a Fourier order. Raises SceneError where one node makes light grow with depth."""
+    return [slab_of(problem, layer, order) for layer in range(problem.albedo.size)]
+
+
+def slab_of(problem: Problem, layer: int, order: int) -> Slab:
+    """One of them: (1:41) for one node."""
+    albedo, g = float(problem.albedo[layer]), float(asymmetry(problem)[layer])
+    ahead, back = (phase_of(order, g, sign * NODE, problem.mu0) for sign in (1.0, -1.0))
+    onto_node = 3.0 * albedo * g * NODE**2 if order == 0 else 1.5 * albedo * g * (1.0 - NODE**2)
+    E, F = (1.0 - albedo, 1.0 - onto_node) if order == 0 else (1.0 - onto_node, 1.0)
+    if E < 0.0:
+        raise SceneError(
+            f"method 'two-stream': on one node an asymmetry of {g:g} with an albedo of {albedo:g} makes light of "
+            "order 1 from nothing (9/8 of their product is above 1): ask for truncation 'delta-m'"
+        )
+    reaching = albedo / (4.0 * np.pi * NODE) * np.exp(-problem.above[layer] / problem.mu0)
+    thickness = float(problem.thickness[layer])
+    return Slab(thickness, E / NODE, F / NODE, 1.0 / problem.mu0, reaching * ahead, reaching * back)
+
+
+def phase_of(order: int, g: float, mu: Array | float, mu_from: Array | float) -> Array:
+    """A^m(mu, mu_from) of two terms, (1:9), cosines positive downward."""
+    if order == 0:
+        return np.asarray(1.0 + 3.0 * g * np.multiply(mu, mu_from))
+    return np.asarray(1.5 * g * np.sqrt((1.0 - np.square(mu)) * (1.0 - np.square(mu_from))))
+
+
+def scattered(problem: Problem, pile: Pile, order: int) -> Array:
+    """Light of the node scattered into the wanted directions, (n_tau, n_in, n_out)."""
+
+    def along(ray: Ray, mu: Array) -> Array:
+        x, y = pile.slabs[ray.layer].seen(ray, mu)
+        signed, g = (-mu if ray.up else mu), float(asymmetry(problem)[ray.layer])
+        ahead, back = (phase_of(order, g, signed, sign * NODE) for sign in (1.0, -1.0))
+        found: Array = 0.5 * problem.albedo[ray.layer] * (ahead * x + back * y)
+        return found
+
+    return collected(problem, along)
+
+
+METHOD = Method(
+    name="two-stream",
+    solve=solve,
+    purpose="fluxes of any layer in microseconds; coarse radiance",
+    conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
+    source="4.1, (2:5)-(2:9) with N = 1",
+    polarization=False,
+)
