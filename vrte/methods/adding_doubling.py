@@ -14,7 +14,7 @@ from vrte.methods.adding import Slab, doubled, ground, inside
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.in_depth import POINTS
 from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes, Scattered
+from vrte.methods.on_nodes import OnNodes, Scattered, tell
 from vrte.methods.thin_layer import thin_slab
 from vrte.request import Request
 
@@ -42,8 +42,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
             kernels[order] = on_nodes.kernels(up, down, pile.out, problem.n_up)
             if order == 0:
                 fluxes = on_nodes.flux(up), on_nodes.flux(down)
-            if progress is not None:
-                progress(order + 1, on_nodes.n_order)
+            tell(run, progress, order + 1, on_nodes.n_order)
     orders = np.arange(on_nodes.n_order, dtype=np.int32)
     return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, doublings=max(doublings))
 

@@ -14,7 +14,7 @@ from vrte.methods.common import discrete, solution_of
 from vrte.methods.endless import reflection
 from vrte.methods.imbedding import Count, State, grow
 from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes
+from vrte.methods.on_nodes import OnNodes, tell
 from vrte.request import Request
 
 
@@ -44,8 +44,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
             kernels[order] = on_nodes.kernels(up, down, out.astype(np.int32), problem.n_up)
             if order == 0:
                 fluxes = on_nodes.flux(up), on_nodes.flux(down)
-            if progress is not None:
-                progress(order + 1, on_nodes.n_order)
+            tell(run, progress, order + 1, on_nodes.n_order)
     orders = np.arange(on_nodes.n_order, dtype=np.int32)
     more = {
         "steps": work.riccati.steps,

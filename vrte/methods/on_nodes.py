@@ -15,7 +15,7 @@ import numpy as np
 from vrte import _core
 from vrte.arrays import Array
 from vrte.discrete_ordinates.base import mueller_orders
-from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem
+from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem, Progress, Run
 from vrte.scene import Lambertian, MuellerBase
 
 
@@ -116,3 +116,11 @@ class OnNodes:
         intensity = light[..., : self.n : len(self.members), :]
         found = np.einsum("...nb,n->...b", intensity, problem.weights * problem.nodes)
         return found.reshape(*found.shape[:-1], problem.mu0.size, problem.columns.shape[0])
+
+
+def tell(run: Run, progress: Progress | None, done: int, total: int) -> None:
+    """Says how many orders are done. Raises KeyboardInterrupt where the user wants no more."""
+    if run.stop[0]:
+        raise KeyboardInterrupt
+    if progress is not None:
+        progress(done, total)

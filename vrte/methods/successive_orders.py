@@ -16,7 +16,7 @@ from vrte.discrete_ordinates.solver import Solution
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.in_depth import downward, gauss_depths, upward
 from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes, Scattered
+from vrte.methods.on_nodes import OnNodes, Scattered, tell
 from vrte.request import Request
 
 POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
@@ -297,8 +297,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
             kernels[order] = on_nodes.kernels(up, down, out.astype(np.int32), problem.n_up)
             if order == 0:
                 fluxes = on_nodes.flux(up), on_nodes.flux(down)
-            if progress is not None:
-                progress(order + 1, on_nodes.n_order)
+            tell(run, progress, order + 1, on_nodes.n_order)
     orders = np.arange(on_nodes.n_order, dtype=np.int32)
     more = {"levels": int(scene.depths.layer.size * POINTS), **convergence.diagnostics(settings)}
     return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, **more)
