@@ -71,6 +71,15 @@ def test_order_in_depth() -> None:
     assert errors[1] < errors[0] / 32.0
 
 
+def test_levels_by_themselves() -> None:
+    """About 1e-8, in thin and thick layers, conservative ones too."""
+    for albedo, thickness in ((0.9, 1e-3), (1.0, 3.0), (0.8, 30.0)):
+        scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo, thickness)])
+        exact = vrte.brdf(scene, MU, MU, nodes=8, accuracy=1e-13).mueller
+        found = vrte.brdf(scene, MU, MU, nodes=8, method="successive-orders", settings={"tolerance": 1e-10})
+        np.testing.assert_allclose(found.mueller, exact, atol=5e-8 * exact.max())
+
+
 def test_one_order_is_single_scattering() -> None:
     once = vrte.brdf(PAIR, MU, MU, PHI, nodes=4, method="single-scattering")
     np.testing.assert_array_equal(brdf(PAIR, orders=1).mueller, once.mueller)

@@ -89,7 +89,7 @@ METHOD = Method(
     name="adding-doubling",
     solve=solve,
     purpose="thick layers and piles of layers, the field between them too",
-    conserves="flux up to the error of the starting layer, which doubling carries on, and rounding",
+    conserves="flux up to the error of the starting layer, and to rounding: 1e-6 in a layer without end at albedo 1",
     source="(2:8); van de Hulst's doubling, Fourier order by Fourier order",
     settings={
         "thin": Setting(
