@@ -288,8 +288,8 @@ class Orders:
 def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
     """Every Fourier order of the truncated phase matrices in turn.
 
-    Diagnostics: "scattering_orders", "last_ratio", "remainder", "converged" and "note" speak of the orders left out, not
-    of the error in depth, which more "levels" make smaller.
+    Diagnostics: "scattering_orders", "last_ratio", "remainder", "converged" and "note" speak of the orders left out,
+    not of the error in depth, which more "levels" make smaller.
     """
     start = time.perf_counter()
     mu, problem = discrete(request)
