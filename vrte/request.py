@@ -21,6 +21,7 @@ METHODS = (
     EXACT,
     "adding-doubling",
     "diffusion",
+    "invariant-imbedding",
     "matrix-operator",
     "single-scattering",
     "small-angle",
