@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from .oracle import a_matrix, azimuthal_sum
 from scipy.linalg import expm
 
 import vrte
@@ -10,6 +9,8 @@ from vrte.methods.common import discrete
 from vrte.methods.small_angle import expansions
 from vrte.optics.spherical_functions import gauss_legendre
 from vrte.request import radiance_request, solver_options
+
+from .oracle import a_matrix, azimuthal_sum
 
 MU0, PHI = 0.7, np.array([0.0, 50.0, 180.0])
 HG = vrte.henyey_greenstein(0.5, 16)

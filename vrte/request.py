@@ -21,6 +21,7 @@ METHODS = (
     "diffusion",
     "single-scattering",
     "small-angle",
+    "synthetic-iteration",
     "two-stream",
 )
 SMALLEST_COSINE = 1e-8

@@ -53,16 +53,21 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     start = time.perf_counter()
     c = BOUNDARIES[settings["boundary"]]
     mu, problem = cut_to_two(request)
-    base_albedo = base_albedo_of(request)
+    orders, pile = field_of(problem, base_albedo_of(request), c)
+    down, up = (flux[..., None] / c * problem.columns[:, 0] for flux in levels_of(problem, pile))
+    fluxes = up, down + flux_of_the_peak(problem, request.tau)
+    numbers = np.arange(len(orders), dtype=np.int32)
+    return solution_of(request, problem, mu, numbers, kernels_of(problem, orders), fluxes, run, start)
+
+
+def field_of(problem: Problem, base_albedo: float, c: float) -> tuple[list[Array], Pile]:
+    """Multiply scattered light of each order, (n_tau, n_in, n_out), and half fluxes times c."""
     slabs = [slab_of(problem, layer, c) for layer in range(problem.albedo.size)]
     pile = piled(slabs, base_albedo, c * direct_beam(problem, base_albedo))
     orders = [scattered(problem, pile, c) + from_base(problem, base_albedo / (np.pi * c) * pile.x_base)]
     if asymmetry(problem).any():
         orders.append(scattered_across(problem))
-    down, up = (flux[..., None] / c * problem.columns[:, 0] for flux in levels_of(problem, pile))
-    fluxes = up, down + flux_of_the_peak(problem, request.tau)
-    numbers = np.arange(len(orders), dtype=np.int32)
-    return solution_of(request, problem, mu, numbers, kernels_of(problem, orders), fluxes, run, start)
+    return orders, pile
 
 
 def slab_of(problem: Problem, layer: int, c: float) -> Slab:

@@ -38,15 +38,20 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     """Orders 0 and 1; fluxes on the node. ``request.nodes`` says along which directions light is wanted by default."""
     start = time.perf_counter()
     mu, problem = cut_to_two(request)
-    base_albedo = base_albedo_of(request)
-    pile = piled(slabs_of(problem, 0), base_albedo, direct_beam(problem, base_albedo) / np.pi)
-    orders = [scattered(problem, pile, 0) + from_base(problem, base_albedo * pile.x_base)]
-    if asymmetry(problem).any():
-        orders.append(scattered(problem, piled(slabs_of(problem, 1), 0.0, np.zeros_like(problem.mu0)), 1))
+    orders, pile = field_of(problem, base_albedo_of(request))
     down, up = (np.pi * flux[..., None] * problem.columns[:, 0] for flux in levels_of(problem, pile))
     fluxes = up, down + flux_of_the_peak(problem, request.tau)
     numbers = np.arange(len(orders), dtype=np.int32)
     return solution_of(request, problem, mu, numbers, kernels_of(problem, orders), fluxes, run, start)
+
+
+def field_of(problem: Problem, base_albedo: float) -> tuple[list[Array], Pile]:
+    """Multiply scattered light of each order, (n_tau, n_in, n_out), and the fluxes of order 0 over pi."""
+    pile = piled(slabs_of(problem, 0), base_albedo, direct_beam(problem, base_albedo) / np.pi)
+    orders = [scattered(problem, pile, 0) + from_base(problem, base_albedo * pile.x_base)]
+    if asymmetry(problem).any():
+        orders.append(scattered(problem, piled(slabs_of(problem, 1), 0.0, np.zeros_like(problem.mu0)), 1))
+    return orders, pile
 
 
 def slabs_of(problem: Problem, order: int) -> list[Slab]:

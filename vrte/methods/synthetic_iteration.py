@@ -1,0 +1,298 @@
+"""Synthetic iteration, section 5 of the second paper: a guess of the field, then its source function along each ray.
+
+The guess has an anisotropic part, the beam as it spreads by small angles, and a regular part of which another method
+says how much light goes down and up at each depth. One iteration scatters this guess once more towards the wanted
+directions alone: in closed form where the regular part is. Further ones scatter along nodes first, orders and depths
+on a grid, by the whole phase matrices as delta-M leaves them. Q, U and V come from the anisotropic part and from
+these further iterations: the regular part is that of light without polarization.
+"""
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vrte import _core, methods
+from vrte.arrays import Array, whole
+from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.problem import Problem, Progress, Run
+from vrte.discrete_ordinates.solver import Solution
+from vrte.discrete_ordinates.truncating import flux_of_the_peak
+from vrte.errors import SceneError
+from vrte.methods import diffusion, two_stream
+from vrte.methods.common import diagnostics_of, light, summed
+from vrte.methods.method import Method, Setting, Settings
+from vrte.methods.small_angle import expansions
+from vrte.methods.two_fluxes import base_albedo_of, cut_to_two, kernels_of
+from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.request import EXACT, METHODS, Request, one_of
+from vrte.scene import Layer, Scene
+from vrte.solving import solved
+
+NAME, CLOSED = "synthetic-iteration", ("two-stream", "diffusion")
+NODES = 8  # of a hemisphere, where none are asked for
+POINTS, FIRST_STEP = 40, 1e-3  # depths towards each face of a layer, and the first of them
+MARSHAK = diffusion.BOUNDARIES["marshak"]
+
+
+def regular_of(value: Any) -> str:
+    """The name of the method that finds the regular part."""
+    names = tuple(name for name in METHODS if name not in (NAME, "small-angle"))
+    return one_of(f"setting 'regular' of method {NAME!r}", value, names)
+
+
+def iterations_of(value: Any) -> int:
+    """How often the source function is integrated."""
+    return whole(f"setting 'iterations' of method {NAME!r}", value, 1, 1000)
+
+
+def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """Radiance by the iterations, fluxes those of the regular part."""
+    start = time.perf_counter()
+    if request.truncation not in ("auto", "small-angle"):
+        raise SceneError(f"method {NAME!r} separates small angles: leave truncation out")
+    regular, iterations = settings["regular"], settings["iterations"]
+    request = replace(request, truncation="delta-m")
+    mu, problem = cut_to_two(request)
+    down, up = fluxes_of(regular, request, request.tau, run)
+    if iterations == 1 and regular in CLOSED:
+        kernels = kernels_of(problem, closed_form(problem, regular, base_albedo_of(request)))
+    else:
+        if iterations > 1:
+            rank = np.argsort(mu < 0.0, kind="stable")
+            given = request.scene, request.mu0, request.columns, mu[rank], request.tau
+            problem = discretise(*given, request.nodes or NODES, "all")
+        kernels = iterated(request, problem, regular, iterations, run)
+    orders = np.arange(len(kernels), dtype=np.int32)
+    parts = summed(request, problem, mu, [light(orders, kernels)], run, bool(problem.fraction.any()))
+    I = request.columns[:, 0]
+    more = {"orders": orders.size, "regular": regular, "iterations": iterations}
+    diagnostics = diagnostics_of(request, problem, run, start, **more)
+    return mu, Solution(parts, up[..., None] * I, down[..., None] * I, diagnostics)
+
+
+def closed_form(problem: Problem, regular: str, base_albedo: float) -> list[Array]:
+    """Orders of the regular part, scattered once more: (n_tau, n_in, n_out) each."""
+    if regular == "two-stream":
+        return two_stream.field_of(problem, base_albedo)[0]
+    return diffusion.field_of(problem, base_albedo, MARSHAK)[0]
+
+
+def fluxes_of(regular: str, request: Request, tau: Array, run: Run) -> tuple[Array, Array]:
+    """Diffuse fluxes down and up by the method named, without polarization, for unit beams, (n_tau, n_in)."""
+    layers = [
+        Layer(PhaseMatrix(layer.phase_matrix.a1), layer.albedo, layer.thickness) for layer in request.scene.layers
+    ]
+    asked = replace(
+        request,
+        scene=Scene(layers, request.scene.base),
+        columns=np.array([[1.0, 0.0, 0.0, 0.0]]),
+        mu=np.ones(1),
+        phi=np.zeros(1),
+        tau=tau,
+        wanted=None,
+        method=regular,
+        settings={},
+        truncation="delta-m" if regular in (EXACT, *CLOSED) else "auto",
+        fluxes_only=True,
+    )
+    quiet = replace(run, stages={})
+    solution = (solved if regular == EXACT else methods.solve)(asked, quiet)[1]
+    return solution.flux_down[..., 0], solution.flux_up[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Depths of all layers, both faces of each: ``layer`` (D,), ``tau`` (D,) in the scene, ``depth`` (D,) in the
+    truncated layers; ``asked`` (n_tau,): which of them the levels are."""
+
+    layer: Array
+    tau: Array
+    depth: Array
+    asked: Array
+
+
+def grid_of(request: Request, problem: Problem) -> Grid:
+    """Close together near the faces, where light changes by steps of their distance."""
+    layers, taus = [], []
+    top = 0.0
+    for k, h in enumerate(each.thickness for each in request.scene.layers):
+        near = np.geomspace(min(FIRST_STEP, 0.1 * h), 0.5 * h, POINTS) if h > 0.0 else np.zeros(0)
+        levels = request.tau[problem.level_layer == k] - top
+        points = np.unique(np.clip(np.concatenate([[0.0], near, h - near, [h], levels]), 0.0, h))
+        layers.append(np.full(points.size, k))
+        taus.append(top + points)
+        top += h
+    layer, tau = np.concatenate(layers), np.concatenate(taus)
+    bottom = request.scene.thickness
+    tau = np.minimum(tau, bottom)
+    tops = np.array([tau[layer == k][0] for k in range(len(request.scene.layers))])
+    stretch = 1.0 - np.array([each.albedo for each in request.scene.layers]) * problem.fraction
+    depth = problem.above[layer] + stretch[layer] * (tau - tops[layer])
+    asked = [
+        int(np.flatnonzero(layer == k)[np.argmin(np.abs(depth[layer == k] - at))])
+        for k, at in zip(problem.level_layer.tolist(), problem.depth.tolist(), strict=True)
+    ]
+    return Grid(layer, tau, depth, np.array(asked))
+
+
+def iterated(request: Request, problem: Problem, regular: str, iterations: int, run: Run) -> Array:
+    """Multiply scattered light of the problem's orders as `light` takes it, (order, n_tau, n_in, n_col, n_out, 4)."""
+    if not np.isfinite(request.scene.thickness):
+        raise SceneError(
+            f"method {NAME!r} needs layers that end, but for one iteration with regular 'two-stream' or 'diffusion'"
+        )
+    members = [0] if problem.is_scalar else [0, 1, 2, 3]
+    grid, albedo = grid_of(request, problem), base_albedo_of(request)
+    out = np.concatenate([-problem.mu_out[: problem.n_up], problem.mu_out[problem.n_up :]])  # > 0 down, as inside
+    nodes = np.concatenate([problem.nodes, -problem.nodes])
+    moments = regular_moments(request, grid, regular, run)
+    downward = 0.5 * moments[0] + moments[1], moments[1]  # of light even over each hemisphere
+    base_light = albedo / np.pi * 0.5 * downward[0][-1][:, None] * problem.columns[:, 0]
+    direct = albedo / np.pi * (problem.mu0 * np.exp(-grid.depth[-1] / problem.mu0))[:, None] * problem.columns[:, 0]
+    tables = anisotropic_tables(request, problem, grid)
+    kernels = []
+    for m in range(problem.coefficients.shape[1]):
+        on_nodes = [phase(problem, k, m, nodes, nodes, members) for k in range(problem.albedo.size)]
+        towards = [phase(problem, k, m, out, nodes, members) for k in range(problem.albedo.size)]
+        up = base_light if m == 0 else 0.0 * base_light
+        source = guess(problem, grid, moments, tables, m, out if iterations == 1 else nodes, members)
+        beam = once(problem, grid, m, nodes, members)
+        for step in range(iterations - 1):
+            field = swept(grid, nodes, source + beam, up + (direct if m == 0 else 0.0))
+            last = step == iterations - 2
+            source = scattered(problem, grid, towards if last else on_nodes, field)
+            if m == 0:
+                flux = field[:, :, -1, : problem.nodes.size, 0] @ (problem.weights * problem.nodes)
+                up = 2.0 * albedo * flux
+        light_out = swept(grid, out, source, up)[:, :, grid.asked]
+        kernel = np.zeros((*light_out.shape[:-1], 4))
+        kernel[..., members] = light_out
+        kernels.append(kernel.transpose(2, 0, 1, 3, 4))
+    return np.array(kernels)
+
+
+def regular_moments(request: Request, grid: Grid, regular: str, run: Run) -> tuple[Array, Array]:
+    """E_0 and E_z of the regular part at the grid's depths, (D, n_in), of light even over each hemisphere."""
+    two = cut_to_two(replace(request, tau=grid.tau))[1]
+    levels, at = np.unique(grid.tau, return_inverse=True)
+    down, up = (flux[at] for flux in fluxes_of(regular, request, levels, run))
+    down = down - flux_of_the_peak(replace(two, columns=np.array([[1.0, 0.0, 0.0, 0.0]])), grid.tau)[..., 0]
+    return 2.0 * (down + up), down - up
+
+
+def anisotropic_tables(request: Request, problem: Problem, grid: Grid) -> Array:
+    """Coefficients of the source of the anisotropic part about the beam, (D, n_in, terms, 6): what is spread, less the
+    truncated layers' direct beam; of degrees 0 and 1 only what delta-M takes off the beam for two terms, but not here,
+    for the rest of them is regular."""
+    terms, layers = problem.coefficients.shape[1], request.scene.layers
+    tau, mu0 = grid.tau[:, None], problem.mu0
+    whole_scene = replace(request, tau=grid.tau)
+    plain = discretise(request.scene, mu0, request.columns, np.ones(1), whole_scene.tau, 1)
+    plain = replace(plain, level_layer=grid.layer.astype(np.int32), level=grid.tau - plain.above[grid.layer])
+    spread = expansions(request.scene, plain)[:, :, :terms]
+    spread = np.pad(spread, ((0, 0), (0, 0), (0, terms - spread.shape[2]), (0, 0)))
+    faded = np.exp(-tau / mu0) - np.exp(-grid.depth[:, None] / mu0)
+    degrees = 2.0 * np.arange(terms) + 1.0
+    scalar = problem.is_scalar
+    spread[..., : 1 if scalar else 4] += (faded[..., None] * degrees)[..., None]
+    two = cut_to_two(whole_scene)[1]
+    stretch = 1.0 - np.array([layer.albedo for layer in layers]) * two.fraction
+    depth = two.above[grid.layer] + stretch[grid.layer] * (grid.tau - plain.above[grid.layer])
+    beam = np.exp(-depth[:, None] / mu0) - np.exp(-grid.depth[:, None] / mu0)
+    spread[..., :2, :] = 0.0
+    spread[..., :2, 0] = beam[..., None] * degrees[:2]
+    S = problem.coefficients[grid.layer][:, None] / degrees[:, None]
+    a1, a2, a3, a4, b1, b2 = np.moveaxis(S, -1, 0)
+    e1, e2, e3, e4, d1, d2 = np.moveaxis(spread, -1, 0)
+    found = [a1 * e1 + b1 * d1, a2 * e2 + b1 * d1, a3 * e3 - b2 * d2, a4 * e4 - b2 * d2]
+    crossed = [0.5 * (a1 * d1 + b1 * e2 + b1 * e1 + a2 * d1), 0.5 * (a3 * d2 + b2 * e4 + b2 * e3 + a4 * d2)]
+    return np.stack([*found, *crossed], axis=-1)
+
+
+def phase(problem: Problem, layer: int, order: int, to: Array, source: Array, members: list[int]) -> Array:
+    """albedo/2 times weights times A^m of a layer from the nodes, (n_to, S, n_from, S)."""
+    matrix = _core.phase_matrices(order, problem.coefficients[layer], to, source)[..., members, :][..., members]
+    weights = np.concatenate([problem.weights, problem.weights])
+    found: Array = (0.5 * problem.albedo[layer] * weights[:, None, None] * matrix).transpose(0, 2, 1, 3)
+    return found
+
+
+def guess(
+    problem: Problem, grid: Grid, moments: tuple[Array, Array], tables: Array, order: int, to: Array, members: list[int]
+) -> Array:
+    """The source of both parts towards the cosines ``to``, (n_in, n_col, D, n_to, S)."""
+    shape = problem.mu0.size, problem.columns.shape[0], grid.depth.size, to.size, len(members)
+    found = np.zeros(shape)
+    strength = problem.albedo[grid.layer] / (4.0 * np.pi)
+    left = _core.generalized_spherical_functions(order, tables.shape[2], to)
+    for i, mu0 in enumerate(problem.mu0.tolist()):
+        right = _core.generalized_spherical_functions(order, tables.shape[2], [mu0])[:, 0]
+        if members == [0]:
+            values = (tables[:, i, :, 0] * right[:, 0]) @ left[..., 0]
+            found[i, ..., 0] = problem.columns[:, 0, None, None] * (strength[:, None] * values)
+        else:
+            for d in range(grid.depth.size):
+                matrix = _core.phase_matrices(order, tables[d, i], to, [mu0])[:, 0]
+                found[i, :, d] = strength[d] * np.einsum("oab,cb->coa", matrix, problem.columns)
+    if order == 0:
+        E_0, E_z = moments
+        a1 = problem.coefficients[grid.layer, 1, 0] if problem.coefficients.shape[1] > 1 else np.zeros(grid.layer.size)
+        regular = strength[:, None, None] * (E_0[..., None] + (a1[:, None] * E_z)[..., None] * to)  # (D, n_in, n_to)
+        found[..., 0] += problem.columns[:, 0][:, None, None] * regular.transpose(1, 0, 2)[:, None]
+    return found
+
+
+def once(problem: Problem, grid: Grid, order: int, to: Array, members: list[int]) -> Array:
+    """The direct beam's source, (n_in, n_col, D, n_to, S)."""
+    fade = problem.albedo[grid.layer] / (4.0 * np.pi) * np.exp(-grid.depth / problem.mu0[:, None])  # (n_in, D)
+    matrices = [
+        _core.phase_matrices(order, each, to, problem.mu0.copy())[..., members, :] for each in problem.coefficients
+    ]
+    by_layer = np.einsum("koiab,cb->ickoa", np.array(matrices), problem.columns)
+    found: Array = fade[:, None, :, None, None] * by_layer[:, :, grid.layer]
+    return found
+
+
+def scattered(problem: Problem, grid: Grid, operators: list[Array], field: Array) -> Array:
+    """The source of a field (n_in, n_col, D, n_node, S)."""
+    by_layer = [
+        np.einsum("oajb,icdjb->icdoa", operators[k], field[:, :, grid.layer == k], optimize=True)
+        for k in range(problem.albedo.size)
+    ]
+    return np.concatenate(by_layer, axis=2)
+
+
+def swept(grid: Grid, mu: Array, source: Array, base_light: Array) -> Array:
+    """Light along mu (n_mu,), positive down, of a source (n_in, n_col, D, n_mu, S) that is linear between depths;
+    ``base_light`` (n_in, n_col): I that the base sends up. (2:25)-(2:26)."""
+    step = np.maximum(np.diff(grid.depth), 0.0)[:, None] / np.abs(mu)
+    step[np.diff(grid.layer) > 0] = 0.0
+    fade, mean = np.exp(-step), np.where(step > 0.0, -np.expm1(-step) / np.where(step > 0.0, step, 1.0), 1.0)
+    near, far = 1.0 - mean, mean - fade
+    down, up = mu > 0.0, mu < 0.0
+    field = np.zeros_like(source)
+    field[..., -1, up, 0] = base_light[..., None]
+    for d in range(step.shape[0]):
+        ways = near[d, down, None], far[d, down, None], fade[d, down, None]
+        here, there = source[:, :, d + 1, down], source[:, :, d, down]
+        field[:, :, d + 1, down] = ways[0] * here + ways[1] * there + ways[2] * field[:, :, d, down]
+    for d in range(step.shape[0] - 1, -1, -1):
+        ways = near[d, up, None], far[d, up, None], fade[d, up, None]
+        here, there = source[:, :, d, up], source[:, :, d + 1, up]
+        field[:, :, d, up] = ways[0] * here + ways[1] * there + ways[2] * field[:, :, d + 1, up]
+    return field
+
+
+METHOD = Method(
+    name=NAME,
+    solve=solve,
+    purpose="a second look at a coarse method's field: layers with a strong forward peak",
+    conserves="fluxes as the regular part does; the radiance does not sum to them",
+    source="section 5, (2:4), (2:25)-(2:29)",
+    settings={
+        "regular": Setting("two-stream", regular_of, "the method that finds the regular part"),
+        "iterations": Setting(1, iterations_of, "of the source function; each beyond the first along nodes"),
+    },
+)
