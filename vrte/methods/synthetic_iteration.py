@@ -27,12 +27,13 @@ from vrte.methods.small_angle import expansions
 from vrte.methods.two_fluxes import base_albedo_of, cut_to_two, kernels_of
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.request import EXACT, METHODS, Request, one_of
-from vrte.scene import Layer, Scene
+from vrte.scene import Scene
 from vrte.solving import solved
 
 NAME, CLOSED = "synthetic-iteration", ("two-stream", "diffusion")
 NODES = 8  # of a hemisphere, where none are asked for
-POINTS, FIRST_STEP = 40, 1e-3  # depths towards each face of a layer, and the first of them
+POINTS, FIRST_STEP = 32, 1e-3  # depths towards each face of a layer, and the first of them
+LONGEST_STEP, MOST = 0.25, 400  # of depths in between, and how many at most
 MARSHAK = diffusion.BOUNDARIES["marshak"]
 
 
@@ -67,39 +68,58 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     orders = np.arange(len(kernels), dtype=np.int32)
     parts = summed(request, problem, mu, [light(orders, kernels)], run, bool(problem.fraction.any()))
     I = request.columns[:, 0]
+    peaks = flux_of_the_peak(cut_to_two(request)[1], request.tau)
     more = {"orders": orders.size, "regular": regular, "iterations": iterations}
     diagnostics = diagnostics_of(request, problem, run, start, **more)
-    return mu, Solution(parts, up[..., None] * I, down[..., None] * I, diagnostics)
+    return mu, Solution(parts, up[..., None] * I, down[..., None] * I + peaks, diagnostics)
 
 
 def closed_form(problem: Problem, regular: str, base_albedo: float) -> list[Array]:
     """Orders of the regular part, scattered once more: (n_tau, n_in, n_out) each."""
     if regular == "two-stream":
-        return two_stream.field_of(problem, base_albedo)[0]
-    return diffusion.field_of(problem, base_albedo, MARSHAK)[0]
+        return two_stream.field_of(problem, two_stream.pile_of(problem, base_albedo), base_albedo)
+    pile = diffusion.pile_of(problem, base_albedo, MARSHAK)
+    return diffusion.field_of(problem, pile, base_albedo, MARSHAK)
 
 
 def fluxes_of(regular: str, request: Request, tau: Array, run: Run) -> tuple[Array, Array]:
-    """Diffuse fluxes down and up by the method named, without polarization, for unit beams, (n_tau, n_in)."""
-    layers = [
-        Layer(PhaseMatrix(layer.phase_matrix.a1), layer.albedo, layer.thickness) for layer in request.scene.layers
-    ]
+    """Diffuse fluxes down and up by the method named, without polarization, for unit beams, (n_tau, n_in), less those
+    of the peaks that delta-M takes off for two terms."""
+    unit = np.array([[1.0, 0.0, 0.0, 0.0]])
+    request = replace(request, tau=tau, mu=np.ones(1), columns=unit)
+    problem, base_albedo = cut_to_two(request)[1], base_albedo_of(request)
+    if regular == "two-stream":
+        return two_stream.fluxes_of(problem, two_stream.pile_of(problem, base_albedo))
+    if regular == "diffusion":
+        return diffusion.fluxes_of(problem, diffusion.pile_of(problem, base_albedo, MARSHAK), MARSHAK)
+    down, up = fluxes_by(regular, request, run)
+    return down - flux_of_the_peak(problem, tau)[..., 0], up
+
+
+def fluxes_by(regular: str, request: Request, run: Run) -> tuple[Array, Array]:
+    """The same by any method, the peaks' with them."""
     asked = replace(
         request,
-        scene=Scene(layers, request.scene.base),
-        columns=np.array([[1.0, 0.0, 0.0, 0.0]]),
-        mu=np.ones(1),
+        scene=without_polarization(request.scene),
         phi=np.zeros(1),
-        tau=tau,
         wanted=None,
         method=regular,
         settings={},
-        truncation="delta-m" if regular in (EXACT, *CLOSED) else "auto",
+        truncation="delta-m" if regular == EXACT else "auto",
         fluxes_only=True,
     )
     quiet = replace(run, stages={})
     solution = (solved if regular == EXACT else methods.solve)(asked, quiet)[1]
     return solution.flux_down[..., 0], solution.flux_up[..., 0]
+
+
+def without_polarization(scene: Scene) -> Scene:
+    """The scene with a1 alone."""
+    if all(layer.phase_matrix.is_scalar for layer in scene.layers):
+        return scene
+    return Scene(
+        [replace(layer, phase_matrix=PhaseMatrix(layer.phase_matrix.a1)) for layer in scene.layers], scene.base
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +140,8 @@ def grid_of(request: Request, problem: Problem) -> Grid:
     for k, h in enumerate(each.thickness for each in request.scene.layers):
         near = np.geomspace(min(FIRST_STEP, 0.1 * h), 0.5 * h, POINTS) if h > 0.0 else np.zeros(0)
         levels = request.tau[problem.level_layer == k] - top
-        points = np.unique(np.clip(np.concatenate([[0.0], near, h - near, [h], levels]), 0.0, h))
+        even = np.linspace(0.0, h, min(MOST, int(np.ceil(h / LONGEST_STEP)) + 1))
+        points = np.unique(np.clip(np.concatenate([[0.0], near, h - near, even, [h], levels]), 0.0, h))
         layers.append(np.full(points.size, k))
         taus.append(top + points)
         top += h
@@ -152,33 +173,26 @@ def iterated(request: Request, problem: Problem, regular: str, iterations: int, 
     base_light = albedo / np.pi * 0.5 * downward[0][-1][:, None] * problem.columns[:, 0]
     direct = albedo / np.pi * (problem.mu0 * np.exp(-grid.depth[-1] / problem.mu0))[:, None] * problem.columns[:, 0]
     tables = anisotropic_tables(request, problem, grid)
-    kernels = []
-    for m in range(problem.coefficients.shape[1]):
-        on_nodes = [phase(problem, k, m, nodes, nodes, members) for k in range(problem.albedo.size)]
-        towards = [phase(problem, k, m, out, nodes, members) for k in range(problem.albedo.size)]
-        up = base_light if m == 0 else 0.0 * base_light
-        source = guess(problem, grid, moments, tables, m, out if iterations == 1 else nodes, members)
-        beam = once(problem, grid, m, nodes, members)
-        for step in range(iterations - 1):
-            field = swept(grid, nodes, source + beam, up + (direct if m == 0 else 0.0))
-            last = step == iterations - 2
-            source = scattered(problem, grid, towards if last else on_nodes, field)
-            if m == 0:
-                flux = field[:, :, -1, : problem.nodes.size, 0] @ (problem.weights * problem.nodes)
-                up = 2.0 * albedo * flux
-        light_out = swept(grid, out, source, up)[:, :, grid.asked]
-        kernel = np.zeros((*light_out.shape[:-1], 4))
-        kernel[..., members] = light_out
-        kernels.append(kernel.transpose(2, 0, 1, 3, 4))
-    return np.array(kernels)
+    orders = range(problem.coefficients.shape[1])
+    on_nodes, towards = (operators(problem, orders, to, nodes, members) for to in (nodes, out))
+    first = out if iterations == 1 else nodes
+    source = np.array([guess(problem, grid, moments, tables, m, first, members) for m in orders])
+    beam = np.array([once(problem, grid, m, nodes, members) for m in orders]) if iterations > 1 else source
+    for step in range(iterations - 1):
+        field = swept(grid, nodes, source + beam, base_light + direct)
+        source = scattered(grid, towards if step == iterations - 2 else on_nodes, field)
+        flux = field[0, :, :, -1, : problem.nodes.size, 0] @ (problem.weights * problem.nodes)
+        base_light = 2.0 * albedo * flux
+    found = swept(grid, out, source, base_light)[:, :, :, grid.asked]
+    kernels = np.zeros((*found.shape[:-1], 4))
+    kernels[..., members] = found
+    return kernels.transpose(0, 3, 1, 2, 4, 5)
 
 
 def regular_moments(request: Request, grid: Grid, regular: str, run: Run) -> tuple[Array, Array]:
     """E_0 and E_z of the regular part at the grid's depths, (D, n_in), of light even over each hemisphere."""
-    two = cut_to_two(replace(request, tau=grid.tau))[1]
     levels, at = np.unique(grid.tau, return_inverse=True)
     down, up = (flux[at] for flux in fluxes_of(regular, request, levels, run))
-    down = down - flux_of_the_peak(replace(two, columns=np.array([[1.0, 0.0, 0.0, 0.0]])), grid.tau)[..., 0]
     return 2.0 * (down + up), down - up
 
 
@@ -211,11 +225,15 @@ def anisotropic_tables(request: Request, problem: Problem, grid: Grid) -> Array:
     return np.stack([*found, *crossed], axis=-1)
 
 
-def phase(problem: Problem, layer: int, order: int, to: Array, source: Array, members: list[int]) -> Array:
-    """albedo/2 times weights times A^m of a layer from the nodes, (n_to, S, n_from, S)."""
-    matrix = _core.phase_matrices(order, problem.coefficients[layer], to, source)[..., members, :][..., members]
-    weights = np.concatenate([problem.weights, problem.weights])
-    found: Array = (0.5 * problem.albedo[layer] * weights[:, None, None] * matrix).transpose(0, 2, 1, 3)
+def operators(problem: Problem, orders: range, to: Array, nodes: Array, members: list[int]) -> list[Array]:
+    """albedo/2 times weights times A^m from the nodes, one a layer, (order, S n_from, S n_to)."""
+    weights = np.concatenate([problem.weights, problem.weights])[:, None, None]
+    found = []
+    for albedo, coefficients in zip(problem.albedo, problem.coefficients, strict=True):
+        matrices = np.array([_core.phase_matrices(m, coefficients, to, nodes) for m in orders])
+        scaled = 0.5 * albedo * weights * matrices[..., members, :][..., members]  # (order, to, from, S, S)
+        turned = scaled.transpose(0, 2, 4, 1, 3)
+        found.append(turned.reshape(len(orders), nodes.size * len(members), to.size * len(members)))
     return found
 
 
@@ -255,33 +273,34 @@ def once(problem: Problem, grid: Grid, order: int, to: Array, members: list[int]
     return found
 
 
-def scattered(problem: Problem, grid: Grid, operators: list[Array], field: Array) -> Array:
-    """The source of a field (n_in, n_col, D, n_node, S)."""
-    by_layer = [
-        np.einsum("oajb,icdjb->icdoa", operators[k], field[:, :, grid.layer == k], optimize=True)
-        for k in range(problem.albedo.size)
-    ]
-    return np.concatenate(by_layer, axis=2)
+def scattered(grid: Grid, by_layer: list[Array], field: Array) -> Array:
+    """The source of a field (order, n_in, n_col, D, n_node, S), by `operators`."""
+    flat, size = field.reshape(*field.shape[:4], -1), field.shape[-1]
+    found = [flat[:, :, :, grid.layer == k] @ operator[:, None, None] for k, operator in enumerate(by_layer)]
+    joined = np.concatenate(found, axis=3)
+    return joined.reshape(*joined.shape[:4], -1, size)
 
 
 def swept(grid: Grid, mu: Array, source: Array, base_light: Array) -> Array:
-    """Light along mu (n_mu,), positive down, of a source (n_in, n_col, D, n_mu, S) that is linear between depths;
-    ``base_light`` (n_in, n_col): I that the base sends up. (2:25)-(2:26)."""
+    """Light along mu (n_mu,), positive down, of a source (order, n_in, n_col, D, n_mu, S), linear between depths;
+    ``base_light`` (n_in, n_col): I of order 0 that the base sends up. (2:25)-(2:26)."""
     step = np.maximum(np.diff(grid.depth), 0.0)[:, None] / np.abs(mu)
     step[np.diff(grid.layer) > 0] = 0.0
     fade, mean = np.exp(-step), np.where(step > 0.0, -np.expm1(-step) / np.where(step > 0.0, step, 1.0), 1.0)
     near, far = 1.0 - mean, mean - fade
-    down, up = mu > 0.0, mu < 0.0
     field = np.zeros_like(source)
-    field[..., -1, up, 0] = base_light[..., None]
-    for d in range(step.shape[0]):
-        ways = near[d, down, None], far[d, down, None], fade[d, down, None]
-        here, there = source[:, :, d + 1, down], source[:, :, d, down]
-        field[:, :, d + 1, down] = ways[0] * here + ways[1] * there + ways[2] * field[:, :, d, down]
-    for d in range(step.shape[0] - 1, -1, -1):
-        ways = near[d, up, None], far[d, up, None], fade[d, up, None]
-        here, there = source[:, :, d, up], source[:, :, d + 1, up]
-        field[:, :, d, up] = ways[0] * here + ways[1] * there + ways[2] * field[:, :, d + 1, up]
+    for downward, part in ((True, mu > 0.0), (False, mu < 0.0)):
+        turn = slice(None) if downward else slice(None, None, -1)
+        J = np.moveaxis(source[..., part, :], 3, 0)[turn]
+        ways = [each[:, part, None][turn] for each in (near, far, fade)]
+        light = np.zeros_like(J)
+        if not downward:
+            light[0, 0, ..., 0] = base_light[..., None]
+        added = ways[0][:, None, None, None] * J[1:] + ways[1][:, None, None, None] * J[:-1]
+        for d, kept in enumerate(ways[2]):
+            np.multiply(kept, light[d], out=light[d + 1])
+            light[d + 1] += added[d]
+        field[..., part, :] = np.moveaxis(light[turn], 0, 3)
     return field
 
 
