@@ -32,8 +32,8 @@ from vrte.solving import solved
 
 NAME, CLOSED = "synthetic-iteration", ("two-stream", "diffusion")
 NODES = 8  # of a hemisphere, where none are asked for
-POINTS, FIRST_STEP = 32, 1e-3  # depths towards each face of a layer, and the first of them
-LONGEST_STEP, MOST = 0.25, 400  # of depths in between, and how many at most
+FIRST_STEP = 1e-3  # from each face of a layer
+LONGEST_STEP, MOST = 8.0, 12  # over the number of depths, optical depth; times it, how many such steps at most
 MARSHAK = diffusion.BOUNDARIES["marshak"]
 
 
@@ -46,6 +46,11 @@ def regular_of(value: Any) -> str:
 def iterations_of(value: Any) -> int:
     """How often the source function is integrated."""
     return whole(f"setting 'iterations' of method {NAME!r}", value, 1, 1000)
+
+
+def depths_of(value: Any) -> int:
+    """Towards each face of a layer."""
+    return whole(f"setting 'depths' of method {NAME!r}", value, 2, 1000)
 
 
 def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
@@ -64,7 +69,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
             rank = np.argsort(mu < 0.0, kind="stable")
             given = request.scene, request.mu0, request.columns, mu[rank], request.tau
             problem = discretise(*given, request.nodes or NODES, "all")
-        kernels = iterated(request, problem, regular, iterations, run)
+        kernels = iterated(request, problem, regular, iterations, settings["depths"], run)
     orders = np.arange(len(kernels), dtype=np.int32)
     parts = summed(request, problem, mu, [light(orders, kernels)], run, bool(problem.fraction.any()))
     I = request.columns[:, 0]
@@ -133,14 +138,14 @@ class Grid:
     asked: Array
 
 
-def grid_of(request: Request, problem: Problem) -> Grid:
+def grid_of(request: Request, problem: Problem, depths: int) -> Grid:
     """Close together near the faces, where light changes by steps of their distance."""
     layers, taus = [], []
     top = 0.0
     for k, h in enumerate(each.thickness for each in request.scene.layers):
-        near = np.geomspace(min(FIRST_STEP, 0.1 * h), 0.5 * h, POINTS) if h > 0.0 else np.zeros(0)
+        near = np.geomspace(min(FIRST_STEP, 0.1 * h), 0.5 * h, depths) if h > 0.0 else np.zeros(0)
         levels = request.tau[problem.level_layer == k] - top
-        even = np.linspace(0.0, h, min(MOST, int(np.ceil(h / LONGEST_STEP)) + 1))
+        even = np.linspace(0.0, h, min(MOST * depths, int(np.ceil(h * depths / LONGEST_STEP)) + 1))
         points = np.unique(np.clip(np.concatenate([[0.0], near, h - near, even, [h], levels]), 0.0, h))
         layers.append(np.full(points.size, k))
         taus.append(top + points)
@@ -158,14 +163,14 @@ def grid_of(request: Request, problem: Problem) -> Grid:
     return Grid(layer, tau, depth, np.array(asked))
 
 
-def iterated(request: Request, problem: Problem, regular: str, iterations: int, run: Run) -> Array:
+def iterated(request: Request, problem: Problem, regular: str, iterations: int, depths: int, run: Run) -> Array:
     """Multiply scattered light of the problem's orders as `light` takes it, (order, n_tau, n_in, n_col, n_out, 4)."""
     if not np.isfinite(request.scene.thickness):
         raise SceneError(
             f"method {NAME!r} needs layers that end, but for one iteration with regular 'two-stream' or 'diffusion'"
         )
     members = [0] if problem.is_scalar else [0, 1, 2, 3]
-    grid, albedo = grid_of(request, problem), base_albedo_of(request)
+    grid, albedo = grid_of(request, problem, depths), base_albedo_of(request)
     out = np.concatenate([-problem.mu_out[: problem.n_up], problem.mu_out[problem.n_up :]])  # > 0 down, as inside
     nodes = np.concatenate([problem.nodes, -problem.nodes])
     moments = regular_moments(request, grid, regular, run)
@@ -313,5 +318,6 @@ METHOD = Method(
     settings={
         "regular": Setting("two-stream", regular_of, "the method that finds the regular part"),
         "iterations": Setting(1, iterations_of, "of the source function; each beyond the first along nodes"),
+        "depths": Setting(32, depths_of, "of the grid towards each face of a layer, where there is a grid"),
     },
 )
