@@ -11,6 +11,7 @@ import warnings
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -95,6 +96,27 @@ def test_the_algorithm_and_its_check_are_told(scene: Path, capsys: pytest.Captur
     assert vrte.load(scene.parent / "out.nc").diagnostics["agreement"]["with"] == "modes"
     assert run(*command, "--algorithm", "guess") == 2
     assert "'auto', 'modes', 'doubling'" in one_line(capsys)
+
+
+def test_another_method_and_its_settings(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = scene.parent / "out.nc"
+    assert run("brdf", scene, "-o", out, "--method", "single-scattering") == 0
+    assert "  single-scattering, 4 nodes, " in capsys.readouterr().out
+    expected = vrte.brdf(**one_layer(), method="single-scattering")
+    np.testing.assert_array_equal(vrte.load(out).mueller, expected.mueller)
+    for arguments, words in (
+        (("--method", "magic"), "invalid choice: 'magic'"),
+        (("--method", "single-scattering", "--set", "orders=3"), "has no setting 'orders': there are none"),
+        (("--set", "orders"), "must be NAME=VALUE, not 'orders'"),
+    ):
+        assert run("brdf", scene, "-o", out, *arguments) == 2
+        assert words in capsys.readouterr().err
+
+
+def one_layer() -> dict[str, Any]:
+    """The scene and the directions of SCENE."""
+    layer = vrte.Layer(vrte.rayleigh(), 0.9, 1.0)
+    return {"scene": vrte.Scene([layer]), "mu_i": [0.6, 1.0], "mu_o": [0.5, 1.0], "phi": [0, 60, 120, 180], "nodes": 4}
 
 
 def test_options_win_over_the_file(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,7 +27,7 @@ from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.optics.refractive_index import MATERIALS, refractive_index
 from vrte.optics.truncation import CHOICES
-from vrte.request import COARSEST, FINEST, MOST_NODES
+from vrte.request import COARSEST, EXACT, FINEST, METHODS, MOST_NODES
 
 HOW = ("nodes", "accuracy", "truncation")  # options that win over the scene file
 OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
@@ -86,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     material.set_defaults(run=_material)
     _add_stability(commands)
     _add_tables(commands)
+    _add_report(commands)
     devices = commands.add_parser("devices", help="OpenCL platforms and devices, and which one is taken")
     devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
     devices.set_defaults(run=_devices)
@@ -121,6 +122,19 @@ def _add_tables(commands: Any) -> None:
     command.set_defaults(run=_tables)
 
 
+def _add_report(commands: Any) -> None:
+    help_text = "error against run time of every method, measured on this machine"
+    command = commands.add_parser("report", help=help_text, description=f"Computes {help_text}.")
+    command.add_argument(
+        "--figures", action="store_true", help="figures 1 and 2 of the radiance-factor paper instead: seconds"
+    )
+    command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("report"), help="made if absent")
+    command.add_argument("--quick", action="store_true", help="three small scenes instead of all: seconds")
+    command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
+    command.add_argument("--scenes", metavar="PATTERN", default="*", help='names, such as "Rayleigh*"; default: all')
+    command.set_defaults(run=_report)
+
+
 def _add_solve(commands: Any, kind: str, help_text: str) -> None:
     command = commands.add_parser(kind, help=help_text, description=f"Computes {help_text}.")
     command.add_argument("scene", metavar="SCENE.toml", type=Path)
@@ -140,6 +154,15 @@ def _add_solve(commands: Any, kind: str, help_text: str) -> None:
         type=_whole(1, MOST_NODES),
         help="in each hemisphere; this, too, wins over the scene file",
     )
+    command.add_argument("--method", choices=METHODS, default=EXACT, help=f"default: {EXACT}; others: docs/methods.md")
+    command.add_argument(
+        "--set",
+        metavar="NAME=VALUE",
+        type=_setting,
+        action="append",
+        default=[],
+        help="a setting of the method, any number of times",
+    )
     command.add_argument("--verify", action="store_true", help="solve by both algorithms and report their agreement")
     command.set_defaults(run=_solve, kind=kind)
 
@@ -153,6 +176,19 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
         return int(text)
 
     return read
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Name and value of a method's setting: a number where it is one, otherwise a word."""
+    name, sign, value = text.partition("=")
+    if not (name and sign):
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, not {text!r}")
+    for read in (int, float):
+        try:
+            return name, read(value)
+        except ValueError:
+            continue
+    return name, value
 
 
 def _accuracy(text: str) -> float:
@@ -259,6 +295,33 @@ def _paper_tables(options: argparse.Namespace) -> None:
     tables.require_all(found)
 
 
+def _report(options: argparse.Namespace) -> None:
+    (_radiance_factor_figures if options.figures else _report_on_methods)(options)
+
+
+def _report_on_methods(options: argparse.Namespace) -> None:
+    from vrte.report import methods
+    from vrte.report.cost import OthersClock
+
+    names, curves = methods.matching(options.scenes, options.quick), methods.curves(options.quick)
+    methods.require_page()
+    folder, pace = _made_folder(options.output), methods.HASTE if options.quick else methods.FULL
+    with _progress() as (phase, tick):
+        others = OthersClock()
+        rows = methods.measure(names, curves, folder, pace, _told(phase, tick), options.fresh)
+    print(methods.as_text(rows))
+    settings = f"{'quick, ' if options.quick else ''}one thread; {others.statement()}"
+    for path in [folder / methods.CSV, *methods.write_page(rows, folder, settings)]:
+        print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+
+
+def _radiance_factor_figures(options: argparse.Namespace) -> None:
+    from vrte.report import radiance_factor
+
+    for path in radiance_factor.write_figures(_made_folder(options.output)):
+        print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+
+
 def _told(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:
     """One call for both: what begins, and how much is done."""
 
@@ -335,7 +398,10 @@ def _check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 
 def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
+    how = file.options | {
+        name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend", "method")
+    }
+    how["settings"] = dict(options.set)
     how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     try:
         return solve(file.scene, **file.request, progress=tick, **how)
@@ -373,11 +439,10 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     made = result.diagnostics
     print(f"  {result!r}")
     where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
-    print(f"  {made['method']}, {made['nodes']} nodes, {made['orders']} Fourier orders, {where}")
-    print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
-    print(f"  truncation: {made['truncation']} ({made['truncation_rule']})")
-    if made["orders_repeated"]:
-        print(f"  {len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
+    orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
+    print(f"  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    if made["method"] == EXACT:
+        _describe_plan(made)
     if "agreement" in made:
         print(f"  {_agreement(made['agreement'])}")
     if isinstance(result, Brdf):
@@ -385,6 +450,14 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
             f"{r:.4f} at mu_i {mu:g}" for r, mu in zip(result.reflectance[:6], result.mu_i[:6], strict=True)
         )
         print(f"  directional-hemispherical reflectance: {shown}{', ...' if result.mu_i.size > 6 else ''}")
+
+
+def _describe_plan(made: dict[str, Any]) -> None:
+    """How discrete ordinates went about it."""
+    print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
+    print(f"  truncation: {made['truncation']} ({made['truncation_rule']})")
+    if made["orders_repeated"]:
+        print(f"  {len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
 
 
 def _agreement(found: dict[str, Any]) -> str:

@@ -18,9 +18,12 @@ from vrte.scene import MuellerBase, Scene
 EXACT = "discrete-ordinates"
 METHODS = (
     EXACT,
+    "adding-doubling",
     "diffusion",
+    "matrix-operator",
     "single-scattering",
     "small-angle",
+    "successive-orders",
     "synthetic-iteration",
     "two-stream",
 )

@@ -3,6 +3,7 @@
 import math
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any
@@ -123,6 +124,14 @@ class Session:
         self.put(array, made)
         return made
 
+    def remembered(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What was made for the key before, or else is made now: of `constant` arrays, from what the key is made of."""
+        if key not in self.constants:
+            if len(self.constants) >= MOST_CONSTANTS:
+                self.constants.clear()
+            self.constants[key] = make()
+        return self.constants[key]
+
     def put(self, values: Array, made: DeviceArray) -> None:
         """Copies an array to where it belongs on the device."""
         import pyopencl
@@ -135,12 +144,7 @@ class Session:
         array = np.asarray(values, order="C")
         if array.nbytes > SMALL:
             return self.upload(array)
-        key = array.dtype.str, array.shape, array.tobytes()
-        if key not in self.constants:
-            if len(self.constants) >= MOST_CONSTANTS:
-                self.constants.clear()
-            self.constants[key] = self.upload(array)
-        return self.constants[key]
+        return self.remembered((array.dtype.str, array.shape, array.tobytes()), lambda: self.upload(array))
 
     def download(self, values: DeviceArray) -> Any:
         """A copy of the device's array; waits for whatever it comes from."""

@@ -93,11 +93,16 @@ def add_light(
 ) -> None:
     """Some orders, added into the table."""
     wanted, upload = task.plan.wanted, opened.constant
-    cosine, sine = azimuths.cos_sin(light.orders)
     kind: Any = column_kinds(task.plan.problem.columns)[light.columns]
     stokes: Any = light.stokes
     place: Any = wanted.place[light.columns]
-    entries = upload_entries(opened, stokes, kind, place, part.values.shape[5], cosine, sine)
+    n_place = part.values.shape[5]
+
+    def make() -> Any:
+        return upload_entries(opened, stokes, kind, place, n_place, *azimuths.cos_sin(light.orders))
+
+    tables = light.orders, stokes, kind, place, azimuths.distinct
+    entries = opened.remembered(("entries", n_place, *(table.tobytes() for table in tables)), make)
     strides, data = light.kernels.strides, light.kernels.data
     kernels = Kernels(data, strides, light.kernels.first + incident[0] * strides[3])
     add_orders(

@@ -15,6 +15,7 @@ import numpy as np
 
 from vrte import _core, methods
 from vrte.arrays import Array, whole
+from vrte.blas import single_threaded
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.problem import Problem, Progress, Run
 from vrte.discrete_ordinates.solver import Solution
@@ -69,7 +70,8 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
             rank = np.argsort(mu < 0.0, kind="stable")
             given = request.scene, request.mu0, request.columns, mu[rank], request.tau
             problem = discretise(*given, request.nodes or NODES, "all")
-        kernels = iterated(request, problem, regular, iterations, settings["depths"], run)
+        with single_threaded():
+            kernels = iterated(request, problem, regular, iterations, settings["depths"], run)
     orders = np.arange(len(kernels), dtype=np.int32)
     parts = summed(request, problem, mu, [light(orders, kernels)], run, bool(problem.fraction.any()))
     I = request.columns[:, 0]

@@ -1,0 +1,133 @@
+"""The matrix operator method: its divided differences, its slabs, and the propagator."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import vrte
+from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
+from vrte.discrete_ordinates.problem import Problem, Run
+from vrte.methods import divided_differences
+from vrte.methods.matrix_operator import Matter, Slab, matter_of, propagator
+
+from . import exact
+from .test_discrete_ordinates import spheroids
+
+NODES = 6
+FLIP = np.diag([1.0, 1.0, -1.0, -1.0])
+
+
+def discrete(scene: vrte.Scene) -> tuple[Problem, Assembled]:
+    """Order 1 of a scene."""
+    problem = discretise(scene, np.array([0.6]), np.eye(4), np.array([0.3, -0.8]), np.zeros(1), NODES)
+    return problem, assemble(problem, np.array([1], np.int32), Run(1))
+
+
+def matter() -> tuple[Matter, np.ndarray, np.ndarray]:
+    """Order 1 of a layer with b2, and its E and F."""
+    problem, matrices = discrete(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]))
+    return matter_of(problem, matrices, 0, 1, 0), matrices.E[0, 0].T, matrices.F[0, 0].T
+
+
+def expected_second(a: float, b: float, c: float) -> float:
+    """f[a, b, c] of sqrt, by hand: -1/((sqrt a + sqrt b)(sqrt b + sqrt c)(sqrt a + sqrt c))."""
+    a, b, c = np.sqrt([a, b, c])
+    return float(-1.0 / ((a + b) * (b + c) * (a + c)))
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-6, 1e-3, 0.05, 0.0999, 0.1001, 0.3, 10.0])
+def test_divided_differences_near_and_far(gap: float) -> None:
+    a, b, c = 2.0, 2.0 * (1.0 + gap), 2.0 * (1.0 - gap / 11.0)
+    one = divided_differences.first(np.sqrt, np.array([a]), np.array([b]))
+    two = divided_differences.second(np.sqrt, np.array([a]), np.array([b + 0j]), np.array([c]))
+    np.testing.assert_allclose(one, 1.0 / (np.sqrt(a) + np.sqrt(b)), rtol=1e-13)
+    np.testing.assert_allclose(two, expected_second(a, b, c), rtol=2e-12)
+
+
+@pytest.mark.parametrize("thickness", [1e-3, 0.5, 20.0])
+def test_slab_solves_the_boundary_problem_of_the_paper(thickness: float) -> None:
+    """(2:6)-(2:8) as they stand: all modes at both faces, each scaled to fade from its own."""
+    found, E, F = matter()
+    slab = found.slab(thickness)
+    lam, X = scipy.linalg.eig(F @ E)
+    k = np.sqrt(lam + 0j)
+    Y = np.linalg.solve(F, X) * k
+    with_light, against = (X + Y) / 2, (X - Y) / 2  # of a mode that fades downward, its light going down and up
+    fade = np.exp(-k * thickness)
+    falls_in = np.block([[with_light, against * fade], [against * fade, with_light]])
+    comes_out = np.block([[against, with_light * fade], [with_light * fade, against]])
+    whole = (comes_out @ np.linalg.inv(falls_in)).real
+    R, T = slab.R_minus.nodes, slab.T_plus.nodes
+    np.testing.assert_allclose(whole, np.block([[R, T], [T, R]]), atol=1e-12)
+
+
+def test_two_slabs_make_one() -> None:
+    """Slabs of 0.3 and 0.7 in a star are the slab of 1, beams and directions off the nodes included."""
+    found, _, _ = matter()
+    whole, parts = found.slab(1.0), found.slab(0.3).star(found.slab(0.7))
+    for name in Slab.__dataclass_fields__:
+        for one, other in zip(getattr(whole, name).blocks, getattr(parts, name).blocks, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-13)
+
+
+def test_propagator_is_the_exponential_of_the_layer_matrix() -> None:
+    """(2:7), in the public frame: the flux-scaled, flipped form of the other tests is not used here."""
+    thin = vrte.Scene([vrte.Layer(spheroids(), 0.9, 0.1), vrte.Layer(vrte.rayleigh(), 0.7, 0.05)])
+    found = propagator(thin, order=1, nodes=NODES).reshape(8 * NODES, 8 * NODES)
+    points, weights = (np.polynomial.legendre.leggauss(NODES)[0] + 1) / 2, np.polynomial.legendre.leggauss(NODES)[1] / 2
+    downward = np.concatenate([-points, points])  # cosines, light going up first
+    expected = np.eye(8 * NODES)
+    for layer in thin.layers:
+        table = layer.phase_matrix.coefficients[: 2 * NODES]
+        A = vrte._core.phase_matrices(1, table, downward, downward).transpose(0, 2, 1, 3).reshape(8 * NODES, -1)
+        scattered = layer.albedo / 2 * A * np.repeat(np.tile(weights, 2), 4)
+        slope = (scattered - np.eye(8 * NODES)) / np.repeat(downward, 4)[:, None]
+        expected = scipy.linalg.expm(layer.thickness * slope) @ expected
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_propagator_of_a_thick_slab_is_refused() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 5.0)])
+    with pytest.raises(vrte.AccuracyError, match=r"condition number of T_minus is .* R and T of \(2:8\)"):
+        propagator(scene, nodes=NODES)
+    with pytest.raises(vrte.SceneError, match="without a base"):
+        propagator(vrte.Scene(scene.layers, vrte.Lambertian(0.5)), nodes=NODES)
+    with pytest.raises(vrte.SceneError, match="which end"):
+        propagator(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, np.inf)]), nodes=NODES)
+
+
+SCENES = {
+    "mixing U and V": vrte.Scene([vrte.Layer(spheroids(), 0.9, 2.0)]),
+    "conserving, thick": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 1e4)]),
+    "nearly conserving": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0 - 1e-12, 1e4)]),
+    "conserving without end": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, np.inf)]),
+    "over an endless layer": vrte.Scene([vrte.Layer(vrte.isotropic(), 0.0, 0.5), vrte.Layer(spheroids(), 0.9, np.inf)]),
+    "three layers, base": vrte.Scene(
+        [vrte.Layer(vrte.rayleigh(), 0.8, 0.5), vrte.Layer(spheroids(), 0.9, 2.0), vrte.Layer(vrte.rayleigh(), 0.8, 1)],
+        vrte.Lambertian(0.4),
+    ),
+    "polarizing base": vrte.Scene(
+        [vrte.Layer(vrte.isotropic(), 0.8, 0.5)],
+        vrte.MuellerBase(
+            lambda mu_i, mu_o, phi: 0.1 * np.diag([1.0, 0.5, -0.3, 0.2]) + 0.0 * (mu_i + mu_o + phi)[..., None, None]
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_equals_discrete_ordinates(name: str) -> None:
+    """Inside and at the faces, at nodes' cosines, near them and near the beam's own."""
+    scene, last = SCENES[name], min(SCENES[name].thickness, 4.0)
+    asked = {
+        "mu": [0.5, 0.5 * (1.0 + 1e-9), 0.2, 1.0, -0.2, -0.5, -0.500001, -1.0],
+        "phi": [0.0, 50.0],
+        "tau": [0.0, 0.3 * last, last],
+        "nodes": NODES,
+    }
+    found = vrte.radiance(scene, 0.5, [1.0, 0.3, 0.2, -0.1], method="matrix-operator", **asked)
+    expected = exact.radiance(scene, 0.5, [1.0, 0.3, 0.2, -0.1], **asked)
+    np.testing.assert_allclose(found.stokes, expected.stokes, atol=1e-11 * np.abs(expected.stokes).max())
+    np.testing.assert_allclose(found.flux_up, expected.flux_up, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(found.flux_down, expected.flux_down, rtol=1e-11, atol=1e-13)

@@ -1,0 +1,95 @@
+"""Successive orders of scattering: their sum, how it converges, and what it says of that."""
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.methods.in_depth import downward, gauss_depths, upward
+
+MU, PHI = np.array([0.2, 0.6, 1.0]), np.array([0.0, 40.0, 180.0])
+PAIR = vrte.Scene(
+    [vrte.Layer(vrte.rayleigh(), 0.9, 0.5), vrte.Layer(vrte.henyey_greenstein(0.6, 9), 0.95, 0.7)],
+    vrte.Lambertian(0.3),
+)
+
+
+def brdf(scene: vrte.Scene, **settings: float) -> vrte.Brdf:
+    """By successive orders."""
+    return vrte.brdf(scene, MU, MU, PHI, nodes=6, method="successive-orders", settings=settings)
+
+
+@pytest.mark.parametrize("z", [0.0, 1e-9, 0.3, 7.9, 8.1, 50.0, 1e9])
+def test_integrals_in_depth(z: float) -> None:
+    """Against the closed form for S = s."""
+    weights = downward(np.array(z), 4)
+    x = np.append(gauss_depths(4), 1.0)
+    exact = (
+        x**2 / 2.0
+        - z * x**3 / 6.0
+        + z**2 * x**4 / 24.0
+        - z**3 * x**5 / 120.0
+        + z**4 * x**6 / 720.0
+        - z**5 * x**7 / 5040.0
+        if z < 1.0
+        else (x + np.expm1(-z * x) / z) / z
+    )
+    np.testing.assert_allclose(weights @ gauss_depths(4), exact, rtol=1e-6 if z == 0.3 else 1e-12)
+    np.testing.assert_allclose(upward(np.array(z), 4)[-1] @ (1.0 - gauss_depths(4)), exact[-1], rtol=1e-6)
+
+
+def test_sum() -> None:
+    exact = vrte.brdf(PAIR, MU, MU, PHI, nodes=6, accuracy=1e-13)
+    found = brdf(PAIR, tolerance=1e-12, levels=120)
+    np.testing.assert_allclose(found.mueller, exact.mueller, atol=1e-11 * exact.mueller.max())
+    assert found.diagnostics["converged"]
+    assert found.diagnostics["remainder"] <= 1e-12
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+def test_tolerance(tolerance: float) -> None:
+    exact = vrte.brdf(PAIR, MU, MU, PHI, nodes=6, accuracy=1e-13)
+    found = brdf(PAIR, tolerance=tolerance, levels=120)
+    assert np.abs(found.mueller - exact.mueller).max() <= 2.0 * tolerance * np.abs(exact.mueller).max()
+
+
+def test_depths_and_fluxes() -> None:
+    ask = {"mu0": 0.6, "stokes": [1.0, 0.3, -0.2, 0.4], "mu": np.array([0.2, -0.3, 0.9, -0.6]), "phi": PHI}
+    ask |= {"tau": [0.0, 0.2, 0.5, 0.9, 1.2], "nodes": 6}
+    exact = vrte.radiance(PAIR, accuracy=1e-13, **ask)
+    settings = {"tolerance": 1e-12, "levels": 160}
+    found = vrte.radiance(PAIR, method="successive-orders", settings=settings, **ask)
+    np.testing.assert_allclose(found.stokes, exact.stokes, atol=1e-11)
+    np.testing.assert_allclose(found.flux_up, exact.flux_up, atol=1e-11)
+    np.testing.assert_allclose(found.flux_down, exact.flux_down, atol=1e-11)
+
+
+def test_order_in_depth() -> None:
+    """Twice the panels: the error falls towards 2^-8, and faster than 2^-5 from the start."""
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
+    exact = vrte.brdf(scene, MU, MU, PHI, nodes=6, accuracy=1e-13).mueller
+    errors = [np.abs(brdf(scene, tolerance=1e-14, levels=n).mueller - exact).max() for n in (24, 48)]
+    assert errors[1] < errors[0] / 32.0
+
+
+def test_one_order_is_single_scattering() -> None:
+    once = vrte.brdf(PAIR, MU, MU, PHI, nodes=6, method="single-scattering")
+    np.testing.assert_array_equal(brdf(PAIR, orders=1).mueller, once.mueller)
+
+
+def test_orders_add_up_as_powers_of_the_albedo() -> None:
+    """The s-th order is albedo^s times that of albedo 1."""
+    by_albedo = []
+    for albedo in (1.0, 0.5):
+        scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0)])
+        two, three = (brdf(scene, orders=orders, tolerance=1e-15).mueller for orders in (2, 3))
+        by_albedo.append((three - two) / albedo**3)
+    np.testing.assert_allclose(*by_albedo, atol=1e-14)
+
+
+def test_it_says_that_it_did_not_converge() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 10.0)])
+    told = brdf(scene, orders=20).diagnostics
+    assert told["scattering_orders"] == 20
+    assert not told["converged"]
+    assert "energy is not conserved" in told["note"]
+    assert "note" not in brdf(PAIR).diagnostics

@@ -1,0 +1,100 @@
+"""Adding and doubling: slabs doubled from a thin layer, layers and base added, the field between them, (2:8)."""
+
+import math
+import time
+
+import numpy as np
+
+from vrte.arrays import Array, number, whole
+from vrte.blas import single_threaded
+from vrte.discrete_ordinates.problem import Progress, Run
+from vrte.discrete_ordinates.slabs import Pile, cut
+from vrte.discrete_ordinates.solver import Solution
+from vrte.methods.adding import Slab, doubled, ground, inside
+from vrte.methods.common import discrete, solution_of
+from vrte.methods.in_depth import POINTS
+from vrte.methods.method import Method, Setting, Settings
+from vrte.methods.on_nodes import OnNodes, Scattered
+from vrte.methods.thin_layer import thin_slab
+from vrte.request import Request
+
+THICKEST = 1.0
+THINNEST = 1e-12
+DARK = 1e-16  # transmission of a layer that may as well have no end
+MOST_DOUBLINGS = 60
+
+
+def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """Every Fourier order of the truncated phase matrices in turn."""
+    start = time.perf_counter()
+    mu, problem = discrete(request)
+    pile = cut(problem)
+    on_nodes = OnNodes(pile.problem)
+    beams = problem.mu0.size, problem.columns.shape[0]
+    shape = (on_nodes.n_order, problem.level.size, *beams, problem.mu_out.size, 4)
+    kernels, fluxes = np.empty(shape), (np.zeros(shape[1:4]), np.zeros(shape[1:4]))
+    with single_threaded():
+        base = on_nodes.base(request.scene.base)
+        for order in range(on_nodes.n_order):
+            up, down = field_of(pile, on_nodes, order, base[order], settings)
+            kernels[order] = on_nodes.kernels(up, down, pile.out, problem.n_up)
+            if order == 0:
+                fluxes = on_nodes.flux(up), on_nodes.flux(down)
+            if progress is not None:
+                progress(order + 1, on_nodes.n_order)
+    orders = np.arange(on_nodes.n_order, dtype=np.int32)
+    more = {"doublings": max(doublings_of(tau, settings["thin"]) for tau in pile.thickness)}
+    return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, **more)
+
+
+def field_of(pile: Pile, on_nodes: OnNodes, order: int, base: Array, settings: Settings) -> tuple[Array, Array]:
+    """Light up and down at the wanted depths of an order, each (n_tau, r, n_rhs)."""
+    scattered = [on_nodes.scattered(order, material) for material in range(pile.problem.albedo.size)]
+    slabs = [
+        slab_of(on_nodes, scattered[material], float(tau), settings)
+        for material, tau in zip(pile.material, pile.thickness, strict=True)
+    ]
+    below = [] if np.isinf(pile.above[-1]) else [ground(base, on_nodes.n)]
+    up, down = inside([slabs[k] for k in pile.slabs] + below)
+    return up[pile.interface, :, on_nodes.n :], down[pile.interface, :, on_nodes.n :]
+
+
+def doublings_of(tau: float, thin: float) -> int:
+    """How often a starting layer of at most ``thin`` is doubled."""
+    if np.isinf(tau):
+        return MOST_DOUBLINGS
+    return max(0, math.ceil(math.log2(tau / thin))) if tau > 0.0 else 0
+
+
+def slab_of(on_nodes: OnNodes, scattered: Scattered, tau: float, settings: Settings) -> Slab:
+    """A homogeneous slab; one without end is doubled until nothing comes through."""
+    doublings = doublings_of(tau, settings["thin"])
+    first = settings["thin"] if np.isinf(tau) else tau / 2.0**doublings
+    slab = thin_slab(scattered, first, on_nodes.rows, on_nodes.columns, on_nodes.n, settings["start"])
+    for _ in range(doublings):
+        slab = doubled(slab)
+        if np.isinf(tau) and max(np.abs(slab.T).max(), slab.passed[: on_nodes.n].max()) < DARK:
+            break
+    return slab
+
+
+METHOD = Method(
+    name="adding-doubling",
+    solve=solve,
+    purpose="thick layers and piles of layers, the field between them too",
+    conserves="flux up to the error of the starting layer, which doubling carries on, and rounding",
+    source="(2:8); van de Hulst's doubling, Fourier order by Fourier order",
+    settings={
+        "thin": Setting(
+            2.0**-7,
+            lambda value: number("thin", value, THINNEST, THICKEST, f"between {THINNEST:g} and {THICKEST:g}"),
+            "largest optical thickness of the layer that doubling starts from",
+        ),
+        "start": Setting(
+            2,
+            lambda value: whole("start", value, 0, POINTS),
+            "depths at which the starting layer's source function is solved for: error of order thin^(2 start); 0: "
+            "single scattering, error of order thin",
+        ),
+    },
+)

@@ -1,0 +1,56 @@
+"""Divided differences of smooth functions, also where the points are close to each other or the same."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.arrays import Array
+
+ComplexArray = NDArray[np.complex128]
+Function = Callable[[ComplexArray], ComplexArray]
+NEAR = 0.1  # of the largest point: closer ones go around by Cauchy's integral
+RADIUS, SAMPLES = 0.3, 32  # of that circle over its centre; 0.3^32 is below rounding
+
+
+def first(function: Function, a: Array | ComplexArray, b: Array | ComplexArray) -> ComplexArray:
+    """f[a, b] = (f(a) - f(b))/(a - b), f'(a) where they are the same; a and b broadcast.
+
+    The function is analytic off the negative real axis, on which no points lie that are near each other.
+
+    >>> round(float(first(np.sqrt, np.array([4.0]), np.array([4.0]))[0].real), 12)
+    0.25
+    """
+    x, y = np.asarray(a, complex), np.asarray(b, complex)
+    gap = x - y
+    near = np.abs(gap) < NEAR * np.maximum(np.abs(x), np.abs(y))
+    found = np.asarray((function(x) - function(y)) / np.where(near, 1.0, gap))
+    if near.any():
+        shape = gap.shape
+        found[near] = around(function, [np.broadcast_to(points, shape)[near] for points in (x, y)])
+    return found
+
+
+def second(function: Function, a: Array, b: ComplexArray, c: Array) -> ComplexArray:
+    """f[a, b, c]; a, b and c broadcast. From the two points that are farthest apart, so that no digits are lost."""
+    x, y, z = (np.asarray(points, complex) for points in (a, b, c))
+    xy, yz, xz = first(function, x, y), first(function, y, z), first(function, x, z)
+    gaps = np.stack(np.broadcast_arrays(x - z, y - z, x - y))
+    steps = np.stack(np.broadcast_arrays(xy - yz, xy - xz, xz - yz))
+    farthest = np.abs(gaps).argmax(axis=0)[None]
+    gap, step = (np.take_along_axis(values, farthest, axis=0)[0] for values in (gaps, steps))
+    near = np.abs(gap) < NEAR * np.maximum(np.maximum(np.abs(x), np.abs(y)), np.abs(z))
+    found = np.asarray(step / np.where(near, 1.0, gap))
+    if near.any():
+        shape = gap.shape
+        found[near] = around(function, [np.broadcast_to(points, shape)[near] for points in (x, y, z)])
+    return found
+
+
+def around(function: Function, points: list[ComplexArray]) -> ComplexArray:
+    """The divided difference at points (n,) near each other: 1/(2 pi i) times the integral of f(z)/prod(z - point)."""
+    centre = np.mean(points, axis=0)
+    ring = RADIUS * centre[:, None] * np.exp(2j * np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES)
+    z = centre[:, None] + ring
+    share = ring / np.prod([z - point[:, None] for point in points], axis=0)
+    return np.asarray((function(z) * share).mean(axis=1))

@@ -1,0 +1,60 @@
+"""Integrals over depth of a source times decaying exponentials: exact where the source is a polynomial."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.optics.spherical_functions import gauss_legendre
+
+STEEP = 8.0  # beyond, recurrence over powers is stable up to POINTS
+POINTS = 8  # most depths of a polynomial
+EXACT = 28  # Gauss points that integrate exp(-8 x) times such a polynomial to rounding
+
+
+@lru_cache(maxsize=16)
+def gauss_depths(points: int) -> Array:
+    """Gauss points of (0, 1), ascending, (points,)."""
+    depths: Array = 0.5 * (gauss_legendre(points)[0] + 1.0)
+    return depths
+
+
+@lru_cache(maxsize=16)
+def powers_of(points: int) -> Array:
+    """Coefficients of the Lagrange polynomials through the Gauss points, (power, point)."""
+    return np.linalg.inv(np.vander(gauss_depths(points), increasing=True))
+
+
+def powers_faded(z: Array, x: float, points: int) -> Array:
+    """The integral of s^p exp(-z (x - s)) ds from 0 to x, (power, *z.shape)."""
+    nodes, weights = gauss_legendre(EXACT)
+    s = 0.5 * x * (nodes + 1.0)
+    steep = z * x > STEEP
+    mild = np.where(steep, 0.0, z)
+    fade = np.exp(-mild[..., None] * (x - s)) * (0.5 * x * weights)
+    result = np.moveaxis(fade @ np.vander(s, points, increasing=True), -1, 0)
+    rate = np.where(steep, z, 1.0)
+    below = -np.expm1(-rate * x) / rate
+    for power in range(points):
+        if power:
+            below = (x**power - power * below) / rate
+        result[power] = np.where(steep, below, result[power])
+    return result
+
+
+def downward(z: Array, points: int) -> Array:
+    """Weights (points + 1, points, *z.shape) of the source at the Gauss points of (0, 1) for the integral of
+    exp(-z (x - s)) S(s) ds from 0 to x: x at each of them, then 1.
+
+    >>> np.round(downward(np.array(0.0), 1), 3)
+    array([[0.5],
+           [1. ]])
+    """
+    ends = [*gauss_depths(points).tolist(), 1.0]
+    return np.stack([np.einsum("p...,pj->j...", powers_faded(z, x, points), powers_of(points)) for x in ends])
+
+
+def upward(z: Array, points: int) -> Array:
+    """The same for exp(-z (s - x)) S(s) ds from x to 1; the last x is 0."""
+    mirrored = downward(z, points)[:, ::-1]
+    return np.concatenate([mirrored[:-1][::-1], mirrored[-1:]])

@@ -1,0 +1,373 @@
+"""The matrix operator method: slabs as R and T of (2:8) from the eigenvectors of the layer matrix, joined in a star."""
+
+import time
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+import scipy.linalg
+
+from vrte.arrays import Array, whole
+from vrte.blas import single_threaded
+from vrte.discrete_ordinates.base import Base, expand_base
+from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
+from vrte.discrete_ordinates.problem import ALL, FLIP, IntArray, Problem, Progress, Run
+from vrte.discrete_ordinates.slabs import distinct_materials, only
+from vrte.discrete_ordinates.solver import Solution
+from vrte.errors import AccuracyError, SceneError
+from vrte.methods.common import NODES, discrete, solution_of
+from vrte.methods.divided_differences import ComplexArray
+from vrte.methods.method import Method, Settings
+from vrte.methods.operators import Modes, Operator, empty
+from vrte.request import MOST_NODES, Request, check_scene
+from vrte.scene import MuellerBase, Scene
+
+LARGEST_RESIDUAL = 1e-8  # of the eigenvectors
+LARGEST_CONDITION = 1e8  # of T_minus, for the propagator
+Field = tuple[Operator, Operator]  # light going up and down that a beam makes
+
+
+@dataclass(frozen=True, eq=False)
+class Slab:
+    """What comes out of a slab for what falls in, (2:8): R_minus, T_plus of light from above, R_plus, T_minus of light
+    from below; the sources F_minus and F_plus are their columns ``into`` of R_minus and T_plus, for each beam."""
+
+    R_minus: Operator
+    T_minus: Operator
+    R_plus: Operator
+    T_plus: Operator
+
+    def star(self, lower: "Slab") -> "Slab":
+        """This slab on top of another; light goes to and fro between them without end."""
+        up = (lower.R_minus @ self.R_plus).plus_one(-1.0).solve(lower.T_minus)
+        return Slab(
+            R_minus=self.over(lower.R_minus),
+            T_minus=self.T_minus @ up,
+            R_plus=lower.R_plus + lower.T_plus @ self.R_plus @ up,
+            T_plus=lower.T_plus @ self.sends_down(lower.R_minus, self.T_plus),
+        )
+
+    def over(self, reflection: Operator) -> Operator:
+        """R_minus of this slab on top of what reflects."""
+        return self.R_minus + self.T_minus @ reflection @ self.sends_down(reflection, self.T_plus)
+
+    def sends_down(self, reflection: Operator, passed: Operator) -> Operator:
+        """What leaves the bottom in all, of light that has passed, above what reflects."""
+        return (self.R_plus @ reflection).plus_one(-1.0).solve(passed)
+
+
+@dataclass(frozen=True, eq=False)
+class Matter:
+    """F of (1:41) with beams and directions off the nodes, and the modes of F E."""
+
+    F: Operator
+    modes: Modes
+
+    def slab(self, thickness: float) -> Slab:
+        """R and T of a homogeneous slab, the same from both sides; without end, R alone.
+
+        Ze = E tanh(k h/2)/k takes the sum of both hemispheres at the top to their difference where both faces are lit
+        alike, Zo = tanh(k h/2)/k F the difference to the sum where they are lit oppositely.
+        """
+        Ze = self.F.solve(self.modes.function(Fading(thickness, 0.0).slope))
+        if np.isinf(thickness):
+            R = Ze.plus_one().solve(Ze.plus_one(-1.0))
+            return Slab(R, R.times(0.0), R.times(0.0), R.times(0.0))
+        Zo = self.modes.function(Fading(thickness, 0.0).odd) @ self.F
+        even, odd = Ze.plus_one().solve(Ze.times(0.0).plus_one()), Zo.plus_one()
+        R = odd.solve(Zo - Ze) @ even
+        T = odd.solve(self.modes.function(Fading(thickness, 0.0).through)) @ even
+        return Slab(R, T, R, T)
+
+    def inside(self, thickness: float, depth: float, down: Operator, up: Operator) -> Field:
+        """Up and down at a depth, from what falls in through both faces: (2:12), the modes that fade from the top and
+        those that fade from the bottom."""
+        fading = Fading(thickness, depth)
+        Ze = self.F.solve(self.modes.function(Fading(thickness, 0.0).slope))
+        kappa, slope = self.modes.function(fading.even), self.modes.function(fading.slope)
+        if np.isinf(thickness):
+            top = Ze.plus_one().solve(down).times(2.0)
+            s, d = kappa @ top, self.F.solve(slope @ top)
+        else:
+            Zo = self.modes.function(Fading(thickness, 0.0).odd) @ self.F
+            sum_of_even = Ze.plus_one().solve(down + up)
+            slope_of_odd = self.F @ Zo.plus_one().solve(down - up)
+            s = kappa @ sum_of_even + self.modes.function(fading.odd) @ slope_of_odd
+            d = self.F.solve(slope @ sum_of_even + kappa @ slope_of_odd)
+        return (s - d).times(0.5), (s + d).times(0.5)
+
+
+@dataclass(frozen=True)
+class Fading:
+    """Functions of lambda = k^2 in a slab of thickness h at a depth t, by decaying exponentials only."""
+
+    thickness: float
+    depth: float
+
+    def exponentials(self, k: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """exp(-k t), exp(-k (h - t)), exp(-k h)."""
+        if np.isinf(self.thickness):
+            none = np.zeros_like(k)
+            return np.exp(-k * self.depth), none, none
+        return np.exp(-k * self.depth), np.exp(-k * (self.thickness - self.depth)), np.exp(-k * self.thickness)
+
+    def even(self, lam: ComplexArray) -> ComplexArray:
+        """cosh(k (h/2 - t))/cosh(k h/2)."""
+        above, below, whole = self.exponentials(np.sqrt(lam))
+        return np.asarray((above + below) / (1.0 + whole))
+
+    def slope(self, lam: ComplexArray) -> ComplexArray:
+        """k sinh(k (h/2 - t))/cosh(k h/2)."""
+        k = np.sqrt(lam)
+        above, below, whole = self.exponentials(k)
+        return np.asarray(k * (above - below) / (1.0 + whole))
+
+    def odd(self, lam: ComplexArray) -> ComplexArray:
+        """sinh(k (h/2 - t))/(k cosh(k h/2)), h/2 - t at k = 0."""
+        k = np.sqrt(lam)
+        gap = self.thickness - 2.0 * self.depth
+        short = self.depth if gap >= 0.0 else self.thickness - self.depth
+        length = k * abs(gap)
+        share = np.where(length == 0.0, -1.0, np.expm1(-length) / np.where(length == 0.0, 1.0, length))
+        return np.asarray(-gap * np.exp(-k * short) * share / (1.0 + np.exp(-k * self.thickness)))
+
+    def through(self, lam: ComplexArray) -> ComplexArray:
+        """1/cosh(k h/2)^2."""
+        whole = np.exp(-np.sqrt(lam) * self.thickness)
+        return np.asarray(4.0 * whole / (1.0 + whole) ** 2)
+
+
+def matter_of(problem: Problem, matrices: Assembled, place: int, order: int, material: int) -> Matter:
+    """E and F of one order and material of the problem, and their modes; ``place``: of the order in the matrices."""
+    at = place, material
+    E = extended(problem, matrices.E[at], matrices.G_E[at], matrices.source_d[at])
+    F = extended(problem, matrices.F[at], matrices.G_F[at], matrices.source_s[at])
+    return Matter(F, modes_of(problem, E, F, order, float(problem.albedo[material])))
+
+
+def extended(problem: Problem, square: Array, rows: Array, sources: Array) -> Operator:
+    """E or F with its rows out of the nodes and its beams; light scattered once goes straight, in closed form, and is
+    left out here."""
+    stokes, n_out = len(problem.stokes), problem.mu_out.size
+    out = np.repeat(1.0 / problem.mu_out, stokes)
+    beam = np.repeat(1.0 / problem.mu0, problem.columns.shape[0])
+    nothing = empty(beam.size, problem.size, stokes * n_out)
+    leaving = -out[:, None] * rows.T
+    return replace(
+        nothing,
+        beam=beam,
+        nodes=square.T,
+        into=-lit(problem, sources),
+        out=out,
+        leaving=leaving,
+    )
+
+
+def lit(problem: Problem, sources: Array) -> Array:
+    """From sources (S n_in, n) of single Stokes parameters to (n, n_in n_col), of the incident Stokes columns."""
+    each = sources.reshape(problem.mu0.size, len(problem.stokes), problem.size)
+    beams: Array = np.einsum("isn,cs->nic", each, problem.columns)
+    return beams.reshape(problem.size, problem.n_rhs)
+
+
+def modes_of(problem: Problem, E: Operator, F: Operator, order: int, albedo: float) -> Modes:
+    """Eigenvectors of F E, (1:43). Raises AccuracyError where they are no good."""
+    product = F @ E
+    lam, right = (np.asarray(values, complex) for values in scipy.linalg.eig(product.nodes))
+    left = np.linalg.inv(right)
+    if order == 0 and problem.conserves:
+        lam, right, left = slowest_corrected(problem, E.nodes, F.nodes, albedo, lam, right, left)
+    residual = np.abs(product.nodes @ right - right * lam).max() / np.abs(product.nodes).max()
+    residual = max(residual, np.abs(left @ right - np.eye(lam.size)).max())
+    if not residual <= LARGEST_RESIDUAL:
+        raise AccuracyError(
+            f"method {METHOD.name!r}: the eigenvectors of order {order} leave a residual of {residual:.1e}: "
+            "ask for 'discrete-ordinates'"
+        )
+    return Modes(product, lam, right, left)
+
+
+def slowest_corrected(
+    problem: Problem, E: Array, F: Array, albedo: float, lam: ComplexArray, right: ComplexArray, left: ComplexArray
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Modes of order 0 with the slowest put right, whose lambda is known to 1e-16 of the largest only.
+
+    A thick layer that conserves light, or nearly so, sees that. E takes isotropic light v to (1 - omega)/mu v exactly,
+    so that lambda = left F (E (right - v) + (1 - omega)/mu v) keeps its digits, right being nearly v.
+    """
+    stokes = len(problem.stokes)
+    isotropic = np.zeros(problem.size)
+    isotropic[::stokes] = np.sqrt(problem.weights * problem.nodes)
+    lost = (1.0 - albedo) / np.repeat(problem.nodes, stokes) * isotropic
+    slow = int(np.abs(lam).argmin())
+    if albedo == 1.0:
+        right[:, slow], lam[slow] = isotropic, 0.0
+        return lam, right, np.asarray(np.linalg.inv(right), complex)
+    size = (isotropic @ right[:, slow]) / (isotropic @ isotropic)
+    right[:, slow] /= size
+    left[slow] *= size
+    lam[slow] = left[slow] @ F @ (E @ (right[:, slow] - isotropic) + lost)
+    return lam, right, left
+
+
+def ground_of(problem: Problem, base: Base, order: int) -> Operator:
+    """What the base sends up again; the beam that it reflects is left to its closed form."""
+    nothing = empty(problem.n_rhs, problem.size, problem.rows_out)
+    row = int(base.row[order])
+    if row < 0:
+        return nothing
+    return replace(nothing, nodes=base.matrix[row].T, into=base.source[row].T, leaving=base.out[row].T)
+
+
+def fields_of(problem: Problem, matters: list[Matter], kinds: IntArray, ground: Operator) -> list[Field]:
+    """Light going up and down at every level, for each beam."""
+    slabs = [matters[kind].slab(float(h)) for kind, h in zip(kinds, problem.thickness, strict=True)]
+    reflection = [ground]
+    for slab in reversed(slabs):
+        reflection.insert(0, slab.over(reflection[0]))
+    falling, above = incident(problem), slabs[0]
+    faces = [(reflection[0] @ falling, falling)]
+    for place, beneath in enumerate(reflection[1:], 1):
+        down = above.sends_down(beneath, above.T_plus @ falling)
+        faces.append((beneath @ down, down))
+        if place < len(slabs):
+            above = above.star(slabs[place])
+    found = []
+    for depth, layer in zip(problem.level.tolist(), problem.level_layer.tolist(), strict=True):
+        thickness = float(problem.thickness[layer])
+        if depth in (0.0, thickness):
+            found.append(faces[layer + (depth > 0.0)])
+        else:
+            down, up = faces[layer][1], faces[layer + 1][0]
+            found.append(matters[kinds[layer]].inside(thickness, depth, down, up))
+    return found
+
+
+def incident(problem: Problem) -> Operator:
+    """The beams alone: no columns for light that falls in along the nodes."""
+    one = empty(problem.n_rhs, problem.size, problem.rows_out).plus_one()
+    return replace(one, nodes=one.nodes[:, :0], leaving=one.leaving[:, :0])
+
+
+def at_work(problem: Problem, polarizing_base: bool) -> tuple[Problem, IntArray]:
+    """The problem for the Stokes parameters at work and each outgoing cosine once, and where each of them went."""
+    stokes = (0,) if problem.is_scalar and not polarizing_base else ALL
+    cosines, out = np.unique(problem.mu_out, return_inverse=True)
+    columns = np.ascontiguousarray(problem.columns[:, list(stokes)])
+    return replace(problem, mu_out=cosines, columns=columns, stokes=stokes), out.astype(np.int32)
+
+
+def public(problem: Problem, n_up: int, out: IntArray, fields: list[Field]) -> Array:
+    """Kernels of an order, (n_tau, n_in, n_col, n_out, 4), radiance for a unit beam in the public frame."""
+    beams = problem.mu0.size, problem.columns.shape[0]
+    stokes = list(problem.stokes)
+    kernels = np.zeros((len(fields), *beams, out.size, 4))
+    for level, pair in enumerate(fields):
+        up, down = (side.through.T.reshape(*beams, problem.mu_out.size, len(stokes)) for side in pair)
+        kernels[level][..., :n_up, stokes] = up[..., out[:n_up], :] * problem.flip
+        kernels[level][..., n_up:, stokes] = down[..., out[n_up:], :]
+    return kernels / (2.0 * np.pi)
+
+
+def fluxes_of(problem: Problem, fields: list[Field]) -> tuple[Array, Array]:
+    """Diffuse flux up and down (n_tau, n_in, n_col) from order 0 on the nodes."""
+    weights = np.sqrt(problem.weights * problem.nodes)
+    shape = (problem.mu0.size, problem.columns.shape[0])
+    up, down = (
+        np.array([(weights @ field[side].into[:: len(problem.stokes)]).reshape(shape) for field in fields])
+        for side in (0, 1)
+    )
+    return up, down
+
+
+def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """Every Fourier order that the nodes carry, one after another."""
+    start = time.perf_counter()
+    mu, full = discrete(request)
+    scene_base = request.scene.base if request.scene.base_is_reached else None
+    problem, out = at_work(full, isinstance(scene_base, MuellerBase))
+    materials, kinds = distinct_materials(problem)
+    orders = np.arange(int(problem.terms.max()), dtype=np.int32)
+    with single_threaded():
+        base = expand_base(scene_base, problem, orders.size)
+        distinct = only(problem, materials)
+        matrices = assemble(distinct, orders, run)
+        kernels = []
+        for order in orders.tolist():
+            begin = time.perf_counter()
+            fields = fields_of_order(problem, distinct, matrices, kinds, base, order)
+            kernels.append(public(problem, full.n_up, out, fields))
+            if order == 0:
+                fluxes = fluxes_of(problem, fields)
+            run.book("matrix operators", time.perf_counter() - begin)
+            if run.stop[0]:
+                raise KeyboardInterrupt
+            if progress is not None:
+                progress(order + 1, orders.size)
+    return solution_of(request, full, mu, orders, np.array(kernels), fluxes, run, start)
+
+
+def fields_of_order(
+    problem: Problem, materials: Problem, matrices: Assembled, kinds: IntArray, base: Base, order: int
+) -> list[Field]:
+    """Light at every level; raises AccuracyError where a joint or a slab is singular. ``materials``: the problem with
+    those as its layers, whose kinds (layer,) the layers are."""
+    matters = [matter_of(materials, matrices, order, order, kind) for kind in range(materials.albedo.size)]
+    try:
+        return fields_of(problem, matters, kinds, ground_of(problem, base, order))
+    except np.linalg.LinAlgError as reason:
+        raise AccuracyError(f"method {METHOD.name!r}: the slabs of order {order} cannot be joined: {reason}") from None
+
+
+def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
+    """The matrix of (2:9) that takes a Fourier order's radiance at the top of a scene to that at its bottom.
+
+    Parameters: a ``scene`` without a base; Fourier ``order``; ``nodes`` a hemisphere. Returns (2, nodes, 4, 2, nodes,
+    4): hemisphere (0: up, 1: down), node and Stokes parameter at the bottom, then at the top, in the public frame.
+    From R and T of (2:8), and refused with AccuracyError where T_minus, its energy scaled by sqrt(weight * mu), has a
+    condition number above 1e8: (2:8) itself has no such limit. SceneError for a base, a layer without end or bad input.
+
+    >>> from vrte import Layer, Scene, isotropic
+    >>> propagator(Scene([Layer(isotropic(), albedo=0.5, thickness=0.01)]), nodes=2).shape
+    (2, 2, 4, 2, 2, 4)
+    """
+    scene = check_scene(scene)
+    order, nodes = whole("order", order, 0, 2 * MOST_NODES), whole("nodes", nodes, 1, MOST_NODES)
+    if scene.base is not None or np.isinf(scene.thickness):
+        raise SceneError("the propagator (2:9) is that of layers which end, without a base")
+    problem = discretise(scene, np.ones(1), np.eye(4), np.ones(1), np.zeros(1), nodes)
+    slab = pile_of(problem, order)
+    R_minus, T_minus, R_plus, T_plus = (part.nodes for part in (slab.R_minus, slab.T_minus, slab.R_plus, slab.T_plus))
+    condition = np.linalg.cond(T_minus)
+    if not condition <= LARGEST_CONDITION:
+        raise AccuracyError(
+            f"the propagator (2:9) of this scene is of no use: the condition number of T_minus is {condition:.1e}, "
+            f"above {LARGEST_CONDITION:.0e}; R and T of (2:8), method 'matrix-operator', have no such limit"
+        )
+    up = np.linalg.solve(T_minus, np.concatenate([np.eye(problem.size), -R_minus], axis=1))
+    down = R_plus @ up
+    down[:, problem.size :] += T_plus
+    scale = np.repeat(np.sqrt(problem.weights * problem.nodes), 4)
+    frame = np.concatenate([np.tile(FLIP, nodes) / scale, 1.0 / scale])
+    whole_matrix: Array = np.concatenate([up, down]) * frame[:, None] / frame
+    return whole_matrix.reshape(2, nodes, 4, 2, nodes, 4)
+
+
+def pile_of(problem: Problem, order: int) -> Slab:
+    """All layers of one order as one slab."""
+    matrices = assemble(problem, np.array([order], np.int32), Run(1))
+    slabs = [
+        matter_of(problem, matrices, 0, order, layer).slab(float(thickness))
+        for layer, thickness in enumerate(problem.thickness)
+    ]
+    return reduce(Slab.star, slabs)
+
+
+METHOD = Method(
+    name="matrix-operator",
+    solve=solve,
+    purpose="slabs as matrices, to be joined and looked at; as exact as discrete ordinates on the same nodes",
+    conserves="energy and reciprocity, to rounding",
+    source="(2:6)-(2:9), (2:10)-(2:15)",
+)

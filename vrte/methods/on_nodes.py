@@ -1,0 +1,117 @@
+"""The matrices that methods on nodes share: what a thin layer and the base scatter, Fourier order by Fourier order.
+
+Light is a column of Stokes vectors along positive cosines, upward light in the flipped frame D I(-mu). Rows are the
+nodes, then the outgoing directions, which are nodes of weight zero; columns are the nodes, then the beams, which carry
+light and get none. Outgoing directions get nothing from beams: light scattered once is summed in closed form over all
+orders, so that what these matrices lead to is multiple scattering alone.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from vrte import _core
+from vrte.arrays import Array
+from vrte.discrete_ordinates.base import mueller_orders
+from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem
+from vrte.scene import Lambertian, MuellerBase
+
+
+class Scattered(NamedTuple):
+    """What a layer scatters per optical depth, forwards and backwards, each (r, c): (omega/2) A W/mu of the row."""
+
+    ahead: Array
+    back: Array
+
+
+@dataclass(frozen=True, eq=False)
+class OnNodes:
+    """A problem with distinct outgoing cosines, seen as rows and columns."""
+
+    problem: Problem
+
+    @cached_property
+    def members(self) -> list[int]:
+        """Stokes parameters at work: I alone where it is the only one that is scattered."""
+        return [0] if self.problem.is_scalar else [0, 1, 2, 3]
+
+    @property
+    def n(self) -> int:
+        """Unknowns of a hemisphere, S N."""
+        return len(self.members) * self.problem.nodes.size
+
+    @cached_property
+    def rows(self) -> Array:
+        """Cosines of the rows, (r,)."""
+        return np.repeat(np.concatenate([self.problem.nodes, self.problem.mu_out]), len(self.members))
+
+    @cached_property
+    def columns(self) -> Array:
+        """Cosines of the columns, (c,)."""
+        nodes = np.repeat(self.problem.nodes, len(self.members))
+        return np.concatenate([nodes, np.repeat(self.problem.mu0, self.problem.columns.shape[0])])
+
+    @property
+    def n_order(self) -> int:
+        """Fourier orders that any layer scatters."""
+        return int(self.problem.coefficients.shape[1])
+
+    def scattered(self, order: int, layer: int) -> Scattered:
+        """What a layer scatters, (1:18)-(1:23)."""
+        problem = self.problem
+        table = problem.coefficients[layer, : problem.terms[layer]]
+        rows, into = (np.concatenate([problem.nodes, more]) for more in (problem.mu_out, problem.mu0))
+        strength = 0.5 * problem.albedo[layer] / rows[:, None, None, None]
+        ahead = _core.phase_matrices(order, table, rows, into) * strength
+        back = _core.phase_matrices(order, table, rows, -into) * strength * FLIP
+        return Scattered(self.operator(ahead), self.operator(back))
+
+    def base(self, base: Lambertian | MuellerBase | None) -> Array:
+        """What the base sends back of light that falls onto it, (order, r, c): R^m mu W, (1:35), (1:66)."""
+        problem = self.problem
+        result = np.zeros((self.n_order, self.rows.size, self.columns.size))
+        if base is None or not np.isfinite(problem.thickness[-1]):
+            return result
+        rows, into = (np.concatenate([problem.nodes, more]) for more in (problem.mu_out, problem.mu0))
+        if isinstance(base, Lambertian):
+            orders = np.zeros((1, into.size, rows.size, 4, 4))
+            orders[..., 0, 0] = 2.0 * base.albedo
+        else:
+            orders = mueller_orders(base, into, rows, self.n_order)[0]
+        for found, matrix in zip(result, orders, strict=False):
+            found[:] = self.operator((matrix * into[:, None, None, None] * FLIP[:, None]).transpose(1, 0, 2, 3))
+        return result
+
+    def operator(self, matrices: Array) -> Array:
+        """(r, c) from Mueller matrices (row, node or beam, 4, 4), weights put in."""
+        problem, n_node = self.problem, self.problem.nodes.size
+        on_nodes = matrices[:, :n_node][:, :, self.members][..., self.members] * problem.weights[:, None, None]
+        beams = np.einsum("riab,cb->raic", matrices[:, n_node:], problem.columns)[:, self.members]
+        beams[n_node:] = 0.0
+        left = on_nodes.transpose(0, 2, 1, 3).reshape(self.rows.size, self.n)
+        return np.concatenate([left, beams.reshape(self.rows.size, -1)], axis=1)
+
+    def kernels(self, up: Array, down: Array, out: IntArray, n_up: int) -> Array:
+        """Radiance for a unit beam, public frame, (..., n_in, n_col, n_out, 4), light going up first.
+
+        up, down (..., r, n_rhs): light along the rows; out (n_out,): places among the distinct outgoing cosines.
+        """
+        problem, stokes = self.problem, len(self.members)
+        shape = (problem.mu_out.size, stokes, problem.mu0.size, problem.columns.shape[0])
+        along = [
+            np.moveaxis(light[..., self.n :, :].reshape(*light.shape[:-2], *shape), (-4, -3), (-2, -1))
+            for light in (up, down)
+        ]
+        result = np.zeros((*along[0].shape[:-2], out.size, 4))
+        result[..., :n_up, self.members] = along[0][..., out[:n_up], :] * FLIP[self.members]
+        result[..., n_up:, self.members] = along[1][..., out[n_up:], :]
+        return result / (2.0 * np.pi)
+
+    def flux(self, light: Array) -> Array:
+        """Flux (..., n_in, n_col) of the diffuse light of order 0, (..., r, n_rhs)."""
+        problem = self.problem
+        intensity = light[..., : self.n : len(self.members), :]
+        found = np.einsum("...nb,n->...b", intensity, problem.weights * problem.nodes)
+        return found.reshape(*found.shape[:-1], problem.mu0.size, problem.columns.shape[0])

@@ -1,0 +1,110 @@
+"""Matrices that act on the nodes, on the beams that light them and on the directions off the nodes, all at once."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.methods.divided_differences import ComplexArray, Function, first, second
+
+
+@dataclass(frozen=True, eq=False)
+class Operator:
+    """A block lower triangular matrix on (beams, nodes, directions off the nodes), a node of weight zero each.
+
+    beam (r,), out (o,): diagonals; nodes (n, n), into (n, r), leaving (o, n), through (o, r). A beam feeds and is not
+    fed, a direction off the nodes is fed and does not feed.
+    """
+
+    beam: Array
+    nodes: Array
+    into: Array
+    out: Array
+    leaving: Array
+    through: Array
+
+    def __matmul__(self, other: "Operator") -> "Operator":
+        return Operator(
+            beam=self.beam * other.beam,
+            nodes=self.nodes @ other.nodes,
+            into=self.into * other.beam + self.nodes @ other.into,
+            out=self.out * other.out,
+            leaving=self.leaving @ other.nodes + self.out[:, None] * other.leaving,
+            through=self.through * other.beam + self.leaving @ other.into + self.out[:, None] * other.through,
+        )
+
+    def __add__(self, other: "Operator") -> "Operator":
+        return Operator(*(one + two for one, two in zip(self.blocks, other.blocks, strict=True)))
+
+    def __sub__(self, other: "Operator") -> "Operator":
+        return Operator(*(one - two for one, two in zip(self.blocks, other.blocks, strict=True)))
+
+    @property
+    def blocks(self) -> tuple[Array, ...]:
+        """In the order of the fields."""
+        return self.beam, self.nodes, self.into, self.out, self.leaving, self.through
+
+    def times(self, factor: float) -> "Operator":
+        """All of it multiplied by a number."""
+        return Operator(*(factor * block for block in self.blocks))
+
+    def plus_one(self, sign: float = 1.0) -> "Operator":
+        """1 + A, or 1 - A."""
+        signed = self.times(sign)
+        return replace(
+            signed, beam=1.0 + signed.beam, nodes=np.eye(len(self.nodes)) + signed.nodes, out=1.0 + signed.out
+        )
+
+    def solve(self, right: "Operator") -> "Operator":
+        """A^-1 B. Raises numpy.linalg.LinAlgError where A is singular."""
+        beam, out = right.beam / self.beam, right.out / self.out
+        columns = np.linalg.solve(self.nodes, np.concatenate([right.nodes, right.into - self.into * beam], axis=1))
+        nodes, into = np.split(columns, [right.nodes.shape[1]], axis=1)
+        leaving = (right.leaving - self.leaving @ nodes) / self.out[:, None]
+        through = (right.through - self.through * beam - self.leaving @ into) / self.out[:, None]
+        return Operator(beam, nodes, into, out, leaving, through)
+
+
+def empty(r: int, n: int, o: int) -> Operator:
+    """Nothing at all: every block zero."""
+    return Operator(np.zeros(r), np.zeros((n, n)), np.zeros((n, r)), np.zeros(o), np.zeros((o, n)), np.zeros((o, r)))
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The eigenvectors of an operator: nodes' part X diag(lam) X^-1, right = X, left = X^-1; ``of``: the operator."""
+
+    of: Operator
+    lam: ComplexArray
+    right: ComplexArray
+    left: ComplexArray
+
+    @cached_property
+    def excited(self) -> ComplexArray:
+        """By each beam, (n, r)."""
+        return np.asarray(self.left @ self.of.into)
+
+    @cached_property
+    def radiated(self) -> ComplexArray:
+        """Into each direction off the nodes, (o, n)."""
+        return np.asarray(self.of.leaving @ self.right)
+
+    def function(self, function: Function) -> Operator:
+        """f(A), divided differences of f in the blocks off the diagonal: no two values are too close."""
+        lam = self.lam
+        beams, fed = np.unique(self.of.beam, return_inverse=True)
+        outs, off = np.unique(self.of.out, return_inverse=True)
+        by_beam = first(function, lam[:, None], beams)[:, fed]
+        by_out = first(function, outs[:, None], lam)[off]
+        three = second(function, outs[:, None, None], lam[None, :, None], beams)[off][..., fed]
+        by_both = np.matmul(self.radiated[:, None], three * self.excited)[:, 0]
+        straight = first(function, outs[:, None], beams)[np.ix_(off, fed)] * self.of.through
+        return Operator(
+            beam=function(self.of.beam.astype(complex)).real,
+            nodes=((self.right * function(lam)) @ self.left).real,
+            into=(self.right @ (by_beam * self.excited)).real,
+            out=function(self.of.out.astype(complex)).real,
+            leaving=((by_out * self.radiated) @ self.left).real,
+            through=(by_both + straight).real,
+        )

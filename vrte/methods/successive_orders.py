@@ -1,0 +1,333 @@
+"""Successive orders of scattering, (2:21)-(2:27): light scattered s times from light scattered s - 1 times."""
+
+import math
+import time
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from vrte import _core
+from vrte.arrays import Array, number, whole
+from vrte.blas import single_threaded
+from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
+from vrte.discrete_ordinates.solver import Solution
+from vrte.methods.common import discrete, solution_of
+from vrte.methods.in_depth import downward, gauss_depths, upward
+from vrte.methods.method import Method, Setting, Settings
+from vrte.methods.on_nodes import OnNodes, Scattered
+from vrte.request import Request
+
+POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
+FINEST_SCALE = 1e-3  # panels at a face are no finer than light along the lowest cosine asks for, nor than this
+MOST_ORDERS, MOST_LEVELS = 100_000, 4096
+Pair = tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Depths:
+    """Panels of all layers, finer towards the faces, every wanted depth at an edge.
+
+    layer (panel,); top, size (panel,): depth below the layer's top, and thickness; place (n_tau,): the edges at the
+    wanted depths.
+    """
+
+    layer: IntArray
+    top: Array
+    size: Array
+    place: IntArray
+
+    @cached_property
+    def at(self) -> Pair:
+        """Depths below the layers' tops, and layers, of the Gauss points of every panel, each (panel * POINTS,)."""
+        depth = self.top[:, None] + self.size[:, None] * gauss_depths(POINTS)
+        return depth.ravel(), np.repeat(self.layer, POINTS)
+
+
+def depths_of(problem: Problem, levels: int) -> Depths:
+    """About ``levels`` Gauss depths in every layer."""
+    scale = max(FINEST_SCALE, min(problem.nodes.min(), problem.mu0.min()))
+    panels = max(1, math.ceil(levels / POINTS))
+    layer: list[int] = []
+    top: list[float] = []
+    size: list[float] = []
+    place = np.zeros(problem.level.size, np.int32)
+    for k, thickness in enumerate(problem.thickness.tolist()):
+        here = problem.level_layer == k
+        edges = np.unique(np.concatenate([graded(thickness, scale, panels), problem.level[here]]))
+        place[here] = len(layer) + np.searchsorted(edges, problem.level[here])
+        layer += [k] * (edges.size - 1)
+        top += edges[:-1].tolist()
+        size += np.diff(edges).tolist()
+    return Depths(np.array(layer, np.int32), np.array(top), np.array(size), place)
+
+
+def graded(thickness: float, scale: float, panels: int) -> Array:
+    """Edges of panels from 0 to the thickness, about as thick as scale + the distance to the nearer face over log."""
+    if thickness == 0.0:
+        return np.zeros(1)
+    steps = np.linspace(-1.0, 1.0, panels + 1) * math.log1p(thickness / scale)
+    edges = (thickness + 2.0 * scale) / (1.0 + np.exp(-steps)) - scale
+    edges[0], edges[-1] = 0.0, thickness
+    return edges
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """Light carried along the cosines of some rows through all panels, (2:25)-(2:26).
+
+    falls, rises (panel, POINTS + 1, POINTS, r): weights of the source for light down and up at the Gauss points and
+    where the panel is left; to_points, to_points_up (panel, POINTS, r) and passed (panel, r): what is left of light
+    that enters.
+    """
+
+    falls: Array
+    rises: Array
+    to_points: Array
+    to_points_up: Array
+    passed: Array
+
+    @staticmethod
+    def along(cosines: Array, size: Array) -> "Way":
+        """For rows (r,) and panels (panel,)."""
+        z = size[:, None] / cosines
+        x = gauss_depths(POINTS)[:, None]
+        falls, rises = (np.moveaxis(weights(z, POINTS), 2, 0) for weights in (downward, upward))
+        thickness = size[:, None, None, None]
+        near, far = np.exp(-x * z[:, None]), np.exp(-(1.0 - x) * z[:, None])
+        return Way(thickness * falls, thickness * rises, near, far, np.exp(-z))
+
+    def down(self, source: Array, enters: Array) -> Pair:
+        """Light at the Gauss points (panel, POINTS, r, b) and at the edges (panel + 1, r, b) from source (panel,
+        POINTS, r, b) and what enters at the top (r, b)."""
+        made = np.einsum("pkjr,pjrb->pkrb", self.falls, source)
+        edges = np.empty((source.shape[0] + 1, *enters.shape))
+        edges[0] = enters
+        for p, passed in enumerate(self.passed):
+            edges[p + 1] = passed[:, None] * edges[p] + made[p, -1]
+        return made[:, :-1] + self.to_points[..., None] * edges[:-1, None], edges
+
+    def up(self, source: Array, enters: Array) -> Pair:
+        """The same for what enters at the bottom."""
+        made = np.einsum("pkjr,pjrb->pkrb", self.rises, source)
+        edges = np.empty((source.shape[0] + 1, *enters.shape))
+        edges[-1] = enters
+        for p in range(source.shape[0] - 1, -1, -1):
+            edges[p] = self.passed[p, :, None] * edges[p + 1] + made[p, -1]
+        return made[:, :-1] + self.to_points_up[..., None] * edges[1:, None], edges
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Diffuse light down and up, at the Gauss points (2, panel, POINTS, r, b) and edges (2, panel + 1, r, b)."""
+
+    points: Array
+    edges: Array
+
+    @staticmethod
+    def of(down: Pair, up: Pair) -> "Light":
+        """From what a `Way` gives."""
+        return Light(np.stack([down[0], up[0]]), np.stack([down[1], up[1]]))
+
+    def __add__(self, other: "Light") -> "Light":
+        return Light(self.points + other.points, self.edges + other.edges)
+
+    @property
+    def largest(self) -> float:
+        """In size."""
+        return float(max(np.abs(self.points).max(initial=0.0), np.abs(self.edges).max()))
+
+
+@dataclass(eq=False)
+class Convergence:
+    """Orders of scattering summed, at most, over all Fourier orders; what the last one added, relative to the largest
+    light of Fourier order 0, and what those left out would add as a geometric series; whether that is little enough."""
+
+    largest: float = 0.0
+    used: int = 1
+    last: float = 0.0
+    remainder: float = 0.0
+    converged: bool = True
+
+    def remainder_of(self, added: list[float], total: Light, order: int) -> float:
+        """What the orders that follow would add, relative to the largest light of Fourier order 0."""
+        largest = total.largest if order == 0 else self.largest
+        return left_out(added) / largest if largest > 0.0 else 0.0
+
+    def note(self, added: list[float], total: Light, order: int, tolerance: float) -> None:
+        """One Fourier order is done."""
+        if order == 0:
+            self.largest = total.largest
+        remainder = self.remainder_of(added, total, order)
+        self.used = max(self.used, len(added))
+        self.last = max(self.last, added[-1] / self.largest if self.largest > 0.0 else 0.0)
+        self.remainder = max(self.remainder, remainder)
+        self.converged = self.converged and remainder <= tolerance
+
+    def diagnostics(self, settings: Settings) -> dict[str, Any]:
+        """In words and numbers."""
+        found: dict[str, Any] = {
+            "scattering_orders": self.used,
+            "last_ratio": self.last,
+            "remainder": self.remainder,
+            "converged": self.converged,
+        }
+        if not self.converged:
+            found["note"] = (
+                f"not converged: {settings['orders']} orders of scattering leave out about {self.remainder:.1e} of the "
+                "light, and energy is not conserved to better than that"
+            )
+        return found
+
+
+def left_out(added: list[float]) -> float:
+    """What the orders that follow would add as a geometric series, and no less than what the last one added."""
+    before, last = added[-2] if len(added) > 1 else added[-1], added[-1]
+    if last == 0.0:
+        return 0.0
+    return last * max(1.0, last / (before - last)) if last < before else math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Orders:
+    """Orders of scattering of a scene whose every Fourier order has the same depths."""
+
+    on_nodes: OnNodes
+    depths: Depths
+    nodes: Way
+    out: Way
+    paths_down: Array
+    paths_up: Array
+
+    @staticmethod
+    def of(on_nodes: OnNodes, levels: int) -> "Orders":
+        """All that Fourier orders share; paths (layer, panel * POINTS + panel + 1, r = n, b) of light scattered once,
+        per optical depth."""
+        problem, n = on_nodes.problem, on_nodes.n
+        depths = depths_of(problem, levels)
+        level, layer = depths.at
+        level = np.concatenate([level, depths.top, problem.thickness[-1:]])
+        layer = np.concatenate([layer, depths.layer, [problem.albedo.size - 1]]).astype(np.int32)
+        mu = np.concatenate([problem.nodes, -problem.nodes])
+        every = np.arange(level.size, dtype=np.int32)
+        paths = _core.path_integrals(problem.above, problem.thickness, level, layer, every, problem.mu0, mu)
+        paths = np.repeat(np.abs(mu) * paths, len(on_nodes.members), axis=3)
+        paths = np.repeat(paths, problem.columns.shape[0], axis=2).swapaxes(2, 3)
+        return Orders(
+            on_nodes,
+            depths,
+            Way.along(on_nodes.rows[:n], depths.size),
+            Way.along(on_nodes.rows[n:], depths.size),
+            paths[:, :, n:],
+            paths[:, :, :n],
+        )
+
+    def field(self, order: int, base: Array, settings: Settings, convergence: Convergence) -> Pair:
+        """Light down and up at the wanted depths, each (n_tau, r, b), all rows: along the nodes all of it, along the
+        others what is scattered more than once."""
+        n, problem = self.on_nodes.n, self.on_nodes.problem
+        scattered = [self.on_nodes.scattered(order, layer) for layer in range(problem.albedo.size)]
+        light = self.once(scattered, base)
+        # what the source function of the wanted directions is made of: one order fewer than they have
+        lit, total, added = None, light, [light.largest]
+        while len(added) < settings["orders"] and convergence.remainder_of(added, total, order) > settings["tolerance"]:
+            lit = total
+            light = self.scatter(scattered, light, self.nodes, base[:n, :n], slice(0, n))
+            total = total + light
+            added.append(light.largest)
+        convergence.note(added, total, order, settings["tolerance"])
+        wanted = total.edges[:, self.depths.place]
+        if lit is None:
+            more = np.zeros((*wanted.shape[:2], self.on_nodes.rows.size - n, wanted.shape[3]))
+        else:
+            more = self.scatter(scattered, lit, self.out, base[n:, :n], slice(n, None)).edges[:, self.depths.place]
+        down, up = np.concatenate([wanted, more], axis=2)
+        return down, up
+
+    def once(self, scattered: list[Scattered], base: Array) -> Light:
+        """Light scattered once, in closed form, and what the base makes of it and of the beam, along the nodes."""
+        n, panels = self.on_nodes.n, self.depths.layer.size
+        down, up = (
+            sum((each[:n, n:] * path for each, path in zip(matrices, paths, strict=True)), np.zeros(paths.shape[1:]))
+            for matrices, paths in (
+                ([each.ahead for each in scattered], self.paths_down),
+                ([each.back for each in scattered], self.paths_up),
+            )
+        )
+        beam = np.exp(-self.on_nodes.problem.thickness.sum() / self.on_nodes.columns[n:])
+        enters = base[:n, :n] @ down[-1] + base[:n, n:] * beam
+        cut = panels * POINTS
+        points = np.stack([down[:cut], up[:cut]]).reshape(2, panels, POINTS, *down.shape[1:])
+        reflected = self.nodes.up(np.zeros(points.shape[1:]), enters)
+        points[1] += reflected[0]
+        edges = np.stack([down[cut:], up[cut:] + reflected[1]])
+        return Light(points, edges)
+
+    def scatter(self, scattered: list[Scattered], light: Light, way: Way, base: Array, rows: slice) -> Light:
+        """Light along some rows from the source function (2:27) of light along the nodes; base (rows, n)."""
+        n = self.on_nodes.n
+        sources = np.empty((2, *light.points.shape[1:3], way.passed.shape[1], light.points.shape[4]))
+        for layer, (ahead, back) in enumerate(scattered):
+            here = self.depths.layer == layer
+            down, up = light.points[:, here]
+            sources[0, here] = ahead[rows, :n] @ down + back[rows, :n] @ up
+            sources[1, here] = ahead[rows, :n] @ up + back[rows, :n] @ down
+        nothing = np.zeros(sources.shape[3:])
+        falls = way.down(sources[0], nothing)
+        bottom = light.edges[0, -1] if rows.start else falls[1][-1]
+        return Light.of(falls, way.up(sources[1], base @ bottom))
+
+
+def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """Every Fourier order of the truncated phase matrices in turn."""
+    start = time.perf_counter()
+    mu, problem = discrete(request)
+    cosines, out = np.unique(problem.mu_out, return_inverse=True)
+    on_nodes = OnNodes(replace(problem, mu_out=cosines))
+    beams = problem.mu0.size, problem.columns.shape[0]
+    shape = (on_nodes.n_order, problem.level.size, *beams, problem.mu_out.size, 4)
+    kernels, fluxes = np.empty(shape), (np.zeros(shape[1:4]), np.zeros(shape[1:4]))
+    convergence = Convergence()
+    with single_threaded():
+        scene = Orders.of(on_nodes, settings["levels"])
+        base = on_nodes.base(request.scene.base)
+        for order in range(on_nodes.n_order):
+            down, up = scene.field(order, base[order], settings, convergence)
+            kernels[order] = on_nodes.kernels(up, down, out.astype(np.int32), problem.n_up)
+            if order == 0:
+                fluxes = on_nodes.flux(up), on_nodes.flux(down)
+            if progress is not None:
+                progress(order + 1, on_nodes.n_order)
+    orders = np.arange(on_nodes.n_order, dtype=np.int32)
+    more = {"levels": int(scene.depths.layer.size * POINTS), **convergence.diagnostics(settings)}
+    return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, **more)
+
+
+METHOD = Method(
+    name="successive-orders",
+    solve=solve,
+    purpose="thin and absorbing layers; how much each order of scattering adds",
+    conserves="nothing at low orders: light scattered more often than they say is lost; flux once they have converged",
+    source="(2:21)-(2:27)",
+    endless=False,
+    settings={
+        "orders": Setting(
+            1000,
+            lambda value: whole("orders", value, 1, MOST_ORDERS),
+            "most orders of scattering; 1: light scattered once, and the beam that the base reflects",
+        ),
+        "tolerance": Setting(
+            1e-8,
+            lambda value: number("tolerance", value, 1e-15, 1.0, "between 1e-15 and 1"),
+            "orders end where neither the last one nor those left out, as a geometric series, add more; relative to "
+            "the largest radiance of azimuthal order 0",
+        ),
+        "levels": Setting(
+            64,
+            lambda value: whole("levels", value, 1, MOST_LEVELS),
+            "depths in every layer at which the source function is held, at least; panels of four Gauss points, error "
+            "of their 8th order",
+        ),
+    },
+)

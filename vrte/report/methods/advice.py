@@ -1,0 +1,71 @@
+"""What to take for how much: the Pareto front of a scene, and a sentence a scene."""
+
+from collections.abc import Sequence
+
+from vrte.report.methods.records import REFUSED, Row
+
+TARGETS = (1e-3, 1e-6, 1e-10)
+
+
+def front(rows: Sequence[Row]) -> list[Row]:
+    """The runs that no other one beats in both time and error, slowest last.
+
+    >>> some = [Row("s", "c", "m", str(k), "measured", t, i_max=e, q_max=0.0, u_max=0.0, v_max=0.0)
+    ...         for k, (t, e) in enumerate([(1.0, 1e-3), (2.0, 1e-6), (3.0, 1e-5)])]
+    >>> [row.setting for row in front(some)]
+    ['0', '1']
+    """
+    found: list[Row] = []
+    for row in sorted((row for row in rows if row.is_measured), key=lambda row: (row.seconds, row.worst)):
+        if not found or row.worst < found[-1].worst:
+            found.append(row)
+    return found
+
+
+def quickest(rows: Sequence[Row], target: float) -> Row | None:
+    """The run of least time whose error of every Stokes parameter is at most the target; None without one."""
+    good = [row for row in rows if row.is_measured and row.worst <= target]
+    return min(good, key=lambda row: row.seconds, default=None)
+
+
+def within_of(rows: Sequence[Row]) -> float:
+    """What the reference of these rows is uncertain by; infinite where none was measured."""
+    return max((row.reference_within for row in rows if row.is_measured), default=float("inf"))
+
+
+def advice(rows: Sequence[Row], target: float) -> str:
+    """What to take for one target."""
+    if within_of(rows) > target:
+        return f"for {target:.0e} nothing can be told (the reference is known to {within_of(rows):.0e})"
+    row = quickest(rows, target)
+    if row is None:
+        return f"for {target:.0e} take none of these"
+    return f"for {target:.0e} take {row.curve} with {row.setting} ({time_text(row.seconds)}, error {row.worst:.0e})"
+
+
+def sentence(rows: Sequence[Row]) -> str:
+    """Of a scene, for all targets."""
+    text = ", ".join(advice(rows, target) for target in TARGETS)
+    return text[0].upper() + text[1:] + "."
+
+
+def refusals(rows: Sequence[Row]) -> dict[str, str]:
+    """Why each curve that was refused throughout was, by its name."""
+    found = {}
+    for name in dict.fromkeys(row.curve for row in rows):
+        part = [row for row in rows if row.curve == name]
+        if all(row.status.startswith(REFUSED) for row in part):
+            found[name] = part[0].status
+    return found
+
+
+def time_text(seconds: float) -> str:
+    """With a unit that suits it.
+
+    >>> time_text(0.00213)
+    '2.1 ms'
+    """
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if seconds >= size:
+            return f"{seconds / size:.2g} {unit}" if seconds < 100.0 * size else f"{seconds / size:.0f} {unit}"
+    return f"{seconds / 1e-6:.0f} us"

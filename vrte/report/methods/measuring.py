@@ -1,0 +1,174 @@
+"""Every case by every curve: seconds on one thread, errors against the reference; what is done is not done again."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from vrte.errors import AccuracyError, SceneError
+from vrte.field import Field
+from vrte.report.methods.knobs import Curve, Setting
+from vrte.report.methods.records import (
+    FAILED,
+    LEFT_OUT,
+    MEASURED,
+    REFUSED,
+    STOKES,
+    Row,
+    append,
+    fingerprint,
+    read,
+    write,
+)
+from vrte.report.methods.reference import Reference, answered, ask, reference
+from vrte.report.methods.scenes import Case, case
+
+CSV = "methods.csv"
+Told = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Rounds of a run: as many as fit into ``seconds``, at least ``fewest`` and at most ``most``, but one where the
+    first takes longer than ``seconds``. A curve ends after a run of more than ``longest`` seconds."""
+
+    seconds: float = 0.4
+    fewest: int = 3
+    most: int = 11
+    longest: float = 4.0
+
+
+FULL, HASTE = Pace(), Pace(seconds=0.01, fewest=2, most=3)
+
+
+def measure(
+    names: Sequence[str], curves: Sequence[Curve], folder: Path, pace: Pace, told: Told, fresh: bool = False
+) -> list[Row]:
+    """All rows, in the order of cases and curves; methods.csv in the folder has them, too. A row there that was made by
+    the same settings, sources and machine is taken as it is, unless ``fresh``. Raises OSError."""
+    path = folder / CSV
+    known = {} if fresh else read(path)
+    # what is stale goes first, so that the file never mixes versions
+    write([row for row in known.values() if row.fingerprint in marks(names, curves)], path)
+    rows, total = list[Row](), steps_of(names, curves)
+    for name in names:
+        told(len(rows), total, f"{name}: reference")
+        rows += rows_of(case(name), curves, folder, pace, known, counted(told, len(rows), total))
+    told(total, total, "pages")
+    write(rows, path)
+    return rows
+
+
+def counted(told: Told, before: int, total: int) -> Callable[[int, str], None]:
+    """Tells what one case has done, after the cases before it."""
+    return lambda done, what: told(before + done, total, what)
+
+
+def steps_of(names: Sequence[str], curves: Sequence[Curve]) -> int:
+    """How many runs there are."""
+    return len(names) * sum(len(curve.settings) for curve in curves)
+
+
+def marks(names: Sequence[str], curves: Sequence[Curve]) -> set[str]:
+    """Fingerprints of all runs."""
+    return {mark(case(name), curve, setting) for name in names for curve in curves for setting in curve.settings}
+
+
+def mark(one: Case, curve: Curve, setting: Setting) -> str:
+    """The fingerprint of a run."""
+    return fingerprint(one.fingerprint, curve.key(setting))
+
+
+def rows_of(
+    one: Case,
+    curves: Sequence[Curve],
+    folder: Path,
+    pace: Pace,
+    known: dict[str, Row],
+    told: Callable[[int, str], None],
+) -> list[Row]:
+    """Of one case; the reference is solved only if a run is to be measured."""
+    runs = [(curve, setting) for curve in curves for setting in curve.settings]
+    if all(mark(one, *run) in known for run in runs):
+        return [known[mark(one, *run)] for run in runs]
+    right, rows = reference(one, folder), list[Row]()
+    for curve in curves:
+        for row in along(one, curve, right, pace, known):
+            told(len(rows), f"{one.name}: {row.curve}, {row.setting}")
+            if row.fingerprint not in known:
+                append(row, folder / CSV)
+            rows.append(row)
+    return rows
+
+
+def along(one: Case, curve: Curve, right: Reference, pace: Pace, known: dict[str, Row]) -> Iterator[Row]:
+    """A curve from its coarse end, as far as it is worth the time."""
+    before: Row | None = None
+    for setting in curve.settings:
+        blank = Row(one.name, curve.name, curve.method, setting.label, "", fingerprint=mark(one, curve, setting))
+        if blank.fingerprint in known:
+            row = known[blank.fingerprint]
+        elif before is not None and before.status.startswith(LEFT_OUT):
+            row = replace(blank, status=before.status)
+        elif before is not None and before.least > pace.longest:
+            row = replace(blank, status=f"{LEFT_OUT}: {before.setting} took {before.least:.1f} s")
+        else:
+            row = run(one, curve.method, setting, right, pace, blank)
+        before = row
+        yield row
+
+
+def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, blank: Row) -> Row:
+    """A run: refused, failed, or its seconds and errors."""
+    options: dict[str, Any] = {"method": method, "threads": 1, **setting.options}
+    try:
+        with threadpool_limits(1):
+            field, seconds = timed(one, options, pace)
+    except SceneError as error:
+        return replace(blank, status=f"{REFUSED}: {error}")
+    except (AccuracyError, ArithmeticError) as error:
+        return replace(blank, status=f"{FAILED}: {error}")
+    return replace(
+        blank,
+        status=MEASURED,
+        seconds=float(np.median(seconds)),
+        least=min(seconds),
+        greatest=max(seconds),
+        rounds=len(seconds),
+        nodes=int(field.diagnostics.get("nodes", 0)),
+        orders=int(field.diagnostics.get("orders", 0)),
+        reference_within=right.within,
+        **errors(one, field, right),
+    )
+
+
+def timed(one: Case, options: dict[str, Any], pace: Pace) -> tuple[Field, list[float]]:
+    """The field, and the seconds of each round; the first one, which builds and fills caches, counts only where it is
+    the only one."""
+    seconds, rounds = list[float](), 1
+    while len(seconds) < rounds:
+        start = time.perf_counter()
+        field = ask(one, **options)
+        seconds.append(time.perf_counter() - start)
+        if len(seconds) == 1 and seconds[0] < pace.seconds:
+            rounds = 1 + min(pace.most, max(pace.fewest, int(pace.seconds / seconds[0])))
+    return field, seconds[1:] or seconds
+
+
+def errors(one: Case, field: Field, right: Reference) -> dict[str, Any]:
+    """Of I, Q, U, V, largest and root mean square over directions (the larger of the depths), and of energy."""
+    found = answered(one, field, right.largest)
+    gaps = np.abs(found.light - right.answer.light)
+    level = np.nonzero(one.outgoing)[0]
+    by_depth = [gaps[level == place] for place in range(len(one.tau))]
+    result = {}
+    for place, letter in enumerate(STOKES):
+        result[f"{letter}_max"] = float(gaps[..., place].max())
+        result[f"{letter}_rms"] = float(max(np.sqrt(np.mean(part[..., place] ** 2)) for part in by_depth))
+    if one.is_conservative:
+        return result | {"energy": float(abs(1.0 - found.shares.sum()))}
+    return result | {"energy": float(np.abs(found.shares - right.answer.shares).max())}

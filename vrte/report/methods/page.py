@@ -1,0 +1,259 @@
+"""The rows as an HTML page that needs no network, and as pictures."""
+
+import html
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vrte.errors import MissingExtraError
+from vrte.formats.atomic import atomic_write
+from vrte.report.methods.advice import TARGETS, advice, front, quickest, refusals, sentence, time_text, within_of
+from vrte.report.methods.records import STOKES, Row
+from vrte.report.methods.reference import slug
+from vrte.report.methods.scenes import case
+from vrte.report.pages import made_with
+from vrte.report.pictures import FAINT, require_pictures, save
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE = "methods.html"
+SMALLEST = 1e-17  # where an error of 0 is drawn on a logarithmic axis
+COLOURS = (
+    *("#1f4e79", "#d98200", "#2a8f5b", "#b3262e", "#7a4fa3", "#00838f", "#8d6e63", "#c2185b", "#5c6b2f", "#455a64"),
+    *("#e65100", "#3949ab", "#00695c", "#ad1457"),
+)
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")  # matplotlib
+SYMBOLS = (
+    "circle",
+    "square",
+    "triangle-up",
+    "diamond",
+    "triangle-down",
+    "cross",
+    "x",
+    "triangle-left",
+    "triangle-right",
+    "star",
+)
+MEASURES = (
+    ("largest error of I, Q, U, V", "worst"),
+    ("largest error of I", "i_max"),
+    ("root mean square of I", "i_rms"),
+    ("largest error of Q", "q_max"),
+    ("largest error of U", "u_max"),
+    ("largest error of V", "v_max"),
+    ("error of energy", "energy"),
+)
+LEGEND = (
+    "Errors: largest over directions, relative to the largest I at each depth. Energy: what a conservative scene "
+    "loses, else the error of reflected and transmitted flux, both relative to the incident flux. The grey band is the "
+    "Pareto front: no run is both quicker and closer."
+)
+STYLE = """body{font:16px/1.5 sans-serif;max-width:72em;margin:1em auto;padding:0 1em;color:#222}
+table{border-collapse:collapse;font-size:14px}td,th{border:1px solid #bbb;padding:.2em .5em;text-align:left}
+.plot{height:36em}details{font-size:14px}"""
+SCRIPT = """for (const [id, figure] of Object.entries(FIGURES))
+  Plotly.newPlot(id, figure.data, figure.layout, {responsive: true, displaylogo: false});"""
+
+
+def require_page() -> None:
+    """Raises MissingExtraError without matplotlib or Plotly."""
+    require_pictures()
+    plotly_script()
+
+
+def plotly_script() -> str:
+    """Plotly's JavaScript. Raises MissingExtraError without Plotly."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise MissingExtraError("the page of the report", "report") from error
+    return str(get_plotlyjs())
+
+
+def write_page(rows: Sequence[Row], folder: str | os.PathLike[str], settings: str) -> list[Path]:
+    """Writes methods.html and a picture a scene; their paths. Raises MissingExtraError, OSError."""
+    page = Path(folder) / PAGE
+    with atomic_write(page) as part:
+        part.write_text(as_html(rows, settings), encoding="utf-8")
+    pictures = []
+    for name, some in by_scene(rows).items():
+        pictures.append(Path(folder) / f"{slug(name)}.png")
+        save(as_figure(name, some, styles(rows)), pictures[-1])
+    return [page, *pictures]
+
+
+def by_scene(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Rows of each scene, in their order."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row.scene, []).append(row)
+    return found
+
+
+def by_curve(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Measured rows of each curve, in their order."""
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.is_measured:
+            found.setdefault(row.curve, []).append(row)
+    return found
+
+
+def styles(rows: Sequence[Row]) -> dict[str, int]:
+    """The place of each curve's colour, the same in every scene."""
+    return {name: place for place, name in enumerate(dict.fromkeys(row.curve for row in rows))}
+
+
+def shown(error: float) -> float:
+    """Where an error is drawn."""
+    return max(error, SMALLEST)
+
+
+def hover(row: Row) -> str:
+    """What a point tells."""
+    errors = ", ".join(f"{letter.upper()} {getattr(row, f'{letter}_max'):.1e}" for letter in STOKES)
+    spread = f"{time_text(row.least)} to {time_text(row.greatest)}, {row.rounds} rounds"
+    return (
+        f"<b>{html.escape(row.curve)}</b><br>{html.escape(row.setting)}<br>{time_text(row.seconds)} ({spread})<br>"
+        f"largest errors: {errors}<br>root mean square of I {row.i_rms:.1e}, energy {row.energy:.1e}"
+    )
+
+
+def as_plotly(rows: Sequence[Row], places: dict[str, int]) -> dict[str, Any]:
+    """The interactive figure of a scene: a trace a curve, the Pareto front first, a menu of what is measured."""
+    best = front(rows)
+    lines = [("Pareto front", best), *by_curve(rows).items()]
+    data = [trace(name, some, places.get(name)) for name, some in lines]
+    buttons = [
+        {"label": label, "method": "restyle", "args": [{"y": [heights(some, field) for _, some in lines]}]}
+        for label, field in MEASURES
+    ]
+    layout = {
+        "xaxis": {"type": "log", "title": {"text": "seconds on one thread"}, "exponentformat": "power"},
+        "yaxis": {"type": "log", "title": {"text": "error"}, "exponentformat": "power"},
+        "updatemenus": [{"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.12, "yanchor": "top"}],
+        "hovermode": "closest",
+        "margin": {"t": 50, "r": 20},
+    }
+    return {"data": data, "layout": layout}
+
+
+def heights(rows: Sequence[Row], field: str) -> list[float]:
+    """Of one measure."""
+    return [shown(getattr(row, field)) for row in rows]
+
+
+def trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
+    """Of one curve; ``place`` None: the front."""
+    x = [row.seconds for row in rows]
+    found: dict[str, Any] = {"name": name, "type": "scatter", "x": x, "y": heights(rows, "worst")}
+    if place is None:
+        line = {"color": FAINT, "width": 9, "shape": "hv"}
+        return found | {"mode": "lines", "line": line, "hoverinfo": "skip"}
+    colour = COLOURS[place % len(COLOURS)]
+    spread = {
+        "type": "data",
+        "symmetric": False,
+        "array": [row.greatest - row.seconds for row in rows],
+        "arrayminus": [row.seconds - row.least for row in rows],
+        "thickness": 0.7,
+        "width": 0,
+    }
+    return found | {
+        "mode": "lines+markers",
+        "line": {"color": colour, "width": 1.2},
+        "marker": {"color": colour, "symbol": SYMBOLS[place % len(SYMBOLS)], "size": 9},
+        "error_x": spread,
+        "text": [hover(row) for row in rows],
+        "hoverinfo": "text",
+    }
+
+
+def as_html(rows: Sequence[Row], settings: str) -> str:
+    """The page: what was measured, what to take for how much, and a figure a scene."""
+    scenes, places = by_scene(rows), styles(rows)
+    figures = {slug(name): as_plotly(some, places) for name, some in scenes.items()}
+    data = json.dumps(figures).replace("</", "<\\/")
+    facts = "".join(f"<li>{html.escape(fact)}</li>" for fact in made_with(settings))
+    return "\n".join(
+        [
+            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>vrte: error against run time</title>',
+            f"<style>{STYLE}</style></head>\n<body><h1>Error against run time</h1>\n<ul>{facts}</ul>",
+            f"<p>{LEGEND}</p>",
+            f"<h2>What to take</h2>\n{summary(scenes)}",
+            *(section(name, some) for name, some in scenes.items()),
+            f"<script>{plotly_script()}</script>\n<script>const FIGURES = {data};\n{SCRIPT}</script>\n</body></html>\n",
+        ]
+    )
+
+
+def summary(scenes: dict[str, list[Row]]) -> str:
+    """Scenes down, targets across."""
+    head = "".join(f"<th>{target:.0e}</th>" for target in TARGETS)
+    lines = [f"<tr><th>scene</th><th>reference within</th>{head}</tr>"]
+    for name, rows in scenes.items():
+        cells = "".join(f"<td>{html.escape(short(rows, target))}</td>" for target in TARGETS)
+        lines.append(
+            f'<tr><td><a href="#s-{slug(name)}">{html.escape(name)}</a></td><td>{within_of(rows):.0e}</td>{cells}</tr>'
+        )
+    return f"<table>{''.join(lines)}</table>"
+
+
+def short(rows: Sequence[Row], target: float) -> str:
+    """What to take, for a cell."""
+    row = quickest(rows, target)
+    if within_of(rows) > target:
+        return "reference not known so well"
+    return "none" if row is None else f"{row.curve}: {row.setting}, {time_text(row.seconds)}"
+
+
+def section(name: str, rows: Sequence[Row]) -> str:
+    """A scene: what it is, what to take, the figure, and which methods do not take it."""
+    refused = "".join(f"<li>{html.escape(f'{curve}: {why}')}</li>" for curve, why in refusals(rows).items())
+    more = f"<details><summary>Does not take it</summary><ul>{refused}</ul></details>" if refused else ""
+    return (
+        f'<h2 id="s-{slug(name)}">{html.escape(name)}</h2>\n<p>{html.escape(case(name).words)}; reference known to '
+        f"{within_of(rows):.0e}.</p>\n<p><b>{html.escape(sentence(rows))}</b></p>\n"
+        f'<div class="plot" id="{slug(name)}"></div>\n{more}'
+    )
+
+
+def as_figure(name: str, rows: Sequence[Row], places: dict[str, int]) -> "Figure":
+    """Error against seconds, a line a curve."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.2), layout="constrained")
+    panel: Any = figure.subplots()
+    best = front(rows)
+    x, y = [row.seconds for row in best], [shown(row.worst) for row in best]
+    panel.step(x, y, where="post", color=FAINT, linewidth=7, label="Pareto front", alpha=0.7)
+    for curve, some in by_curve(rows).items():
+        place = places[curve]
+        style = {"color": COLOURS[place % len(COLOURS)], "marker": MARKERS[place % len(MARKERS)]}
+        times = [row.seconds for row in some]
+        spread = [[row.seconds - row.least for row in some], [row.greatest - row.seconds for row in some]]
+        heights_ = [shown(row.worst) for row in some]
+        panel.errorbar(times, heights_, xerr=spread, linewidth=0.9, markersize=4, elinewidth=0.5, label=curve, **style)
+    within = within_of(rows)
+    panel.axhline(shown(within), color="black", linewidth=0.7, linestyle=":", label=f"reference within {within:.0e}")
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    panel.set_xlabel("seconds on one thread")
+    panel.set_ylabel("largest error of I, Q, U, V over the largest I")
+    panel.set_title(f"{name}: {case(name).words}", fontsize=10)
+    panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)
+    figure.legend(loc="outside right upper", fontsize=7, frameon=False)
+    return figure
+
+
+def as_text(rows: Sequence[Row]) -> str:
+    """A sentence a scene, for a terminal."""
+    lines = []
+    for name, some in by_scene(rows).items():
+        lines.append(f"  {name} (reference known to {within_of(some):.0e})")
+        lines += [f"    {advice(some, target)}" for target in TARGETS]
+    return "\n".join(lines)
