@@ -26,6 +26,7 @@ METHODS = (
     "single-scattering",
     "small-angle",
     "successive-orders",
+    "synthetic-iteration",
     "two-stream",
 )
 SMALLEST_COSINE = 1e-8
