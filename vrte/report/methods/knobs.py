@@ -84,12 +84,15 @@ KNOBS: dict[str, tuple[tuple[str, tuple[Setting, ...]], ...]] = {
         ("successive-orders", over_nodes((2, 4, 8, 16, 32))),
         ("successive-orders, orders", told(*((16, {"orders": orders}) for orders in (1, 2, 4, 8, 16, 64)))),
     ),
-    "synthetic-iteration": tuple(
-        (
-            f"synthetic-iteration, {regular}",
-            told(*((None, {"regular": regular, "iterations": count}) for count in (1, 2, 3))),
-        )
-        for regular in ("two-stream", "diffusion")
+    "synthetic-iteration": (
+        *(
+            (
+                f"synthetic-iteration, {regular}",
+                told(*((None, {"regular": regular, "iterations": count}) for count in (1, 2, 3))),
+            )
+            for regular in ("two-stream", "diffusion")
+        ),
+        (f"synthetic-iteration, {EXACT}", told(*((nodes, {"regular": EXACT}) for nodes in (2, 4, 8)))),
     ),
     "two-stream": (("two-stream", told((None, {}))),),
 }
