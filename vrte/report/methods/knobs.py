@@ -70,12 +70,12 @@ FINE = 1e-12  # accuracy where the nodes are the knob
 KNOBS: dict[str, tuple[tuple[str, tuple[Setting, ...]], ...]] = {
     "adding-doubling": (
         ("adding-doubling", over_nodes((2, 4, 8, 16, 32))),
-        ("adding-doubling, start", told(*((16, {"start": start, "thin": 0.25}) for start in (0, 1, 2, 3)))),
+        ("adding-doubling, start", told(*((16, {"start": start, "thin": 0.25}) for start in (0, 1, 3)))),
     ),
     "diffusion": (("diffusion", told(*((None, {"boundary": boundary}) for boundary in ("marshak", "mark", "milne")))),),
     "invariant-imbedding": (
         ("invariant-imbedding", over_nodes((2, 4, 8, 16))),
-        ("invariant-imbedding, rtol", told(*((8, {"rtol": 10.0**-k}) for k in (2, 4, 6, 8)))),
+        ("invariant-imbedding, rtol", told(*((8, {"rtol": 10.0**-k}) for k in (2, 5, 8)))),
     ),
     "matrix-operator": (("matrix-operator", over_nodes((2, 4, 8, 16, 32))),),
     "single-scattering": (("single-scattering", told((None, {}))),),
