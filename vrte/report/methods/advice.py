@@ -1,5 +1,6 @@
 """What to take for how much: the Pareto front of a scene, and a sentence a scene."""
 
+import math
 from collections.abc import Sequence
 
 from vrte.report.methods.records import REFUSED, Row
@@ -19,7 +20,7 @@ def front(rows: Sequence[Row]) -> list[Row]:
     """
     found: list[Row] = []
     for row in sorted((row for row in rows if row.is_measured), key=lambda row: (row.seconds, row.worst)):
-        if not found or row.worst < found[-1].worst:
+        if row.worst < (found[-1].worst if found else math.inf):  # NaN is no better than anything
             found.append(row)
     return found
 
