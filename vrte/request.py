@@ -21,10 +21,12 @@ METHODS = (
     EXACT,
     "adding-doubling",
     "diffusion",
+    "invariant-imbedding",
     "matrix-operator",
     "single-scattering",
     "small-angle",
     "successive-orders",
+    "synthetic-iteration",
     "two-stream",
 )
 SMALLEST_COSINE = 1e-8

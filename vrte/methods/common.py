@@ -43,13 +43,15 @@ def light(orders: Any, kernels: Array, stokes: Sequence[int] = ALL) -> Light:
     return Light(np.asarray(orders, np.int32), np.array(stokes, np.int32), columns, kernels)
 
 
-def summed(request: Request, problem: Problem, mu: Array, lights: Sequence[Light], run: Run) -> list[Array]:
+def summed(
+    request: Request, problem: Problem, mu: Array, lights: Sequence[Light], run: Run, spread: bool = False
+) -> list[Array]:
     """The radiance of every part of what is wanted: Fourier orders, single scattering and the beam that the base
-    reflects."""
+    reflects; ``spread``: one scattering of the beam as it spreads by small angles stands for single scattering."""
     azimuths = fold(request.phi)
-    none = np.zeros(mu.size, bool)
+    spreads = np.full(mu.size, spread)
     wanted = wanted_of(request, mu)
-    return fill(wanted, lights, request.scene, problem, mu, azimuths, run, lambda done: None, none)
+    return fill(wanted, lights, request.scene, problem, mu, azimuths, run, lambda done: None, spreads)
 
 
 def fluxes_by_quadrature(request: Request, lights_at: Any, run: Run) -> tuple[Array, Array]:

@@ -54,15 +54,32 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     c = BOUNDARIES[settings["boundary"]]
     mu, problem = cut_to_two(request)
     base_albedo = base_albedo_of(request)
-    slabs = [slab_of(problem, layer, c) for layer in range(problem.albedo.size)]
-    pile = piled(slabs, base_albedo, c * direct_beam(problem, base_albedo))
-    orders = [scattered(problem, pile, c) + from_base(problem, base_albedo / (np.pi * c) * pile.x_base)]
-    if asymmetry(problem).any():
-        orders.append(scattered_across(problem))
-    down, up = (flux[..., None] / c * problem.columns[:, 0] for flux in levels_of(problem, pile))
+    pile = pile_of(problem, base_albedo, c)
+    orders = field_of(problem, pile, base_albedo, c)
+    down, up = (flux[..., None] * problem.columns[:, 0] for flux in fluxes_of(problem, pile, c))
     fluxes = up, down + flux_of_the_peak(problem, request.tau)
     numbers = np.arange(len(orders), dtype=np.int32)
     return solution_of(request, problem, mu, numbers, kernels_of(problem, orders), fluxes, run, start)
+
+
+def pile_of(problem: Problem, base_albedo: float, c: float) -> Pile:
+    """Half fluxes times c."""
+    slabs = [slab_of(problem, layer, c) for layer in range(problem.albedo.size)]
+    return piled(slabs, base_albedo, c * direct_beam(problem, base_albedo))
+
+
+def fluxes_of(problem: Problem, pile: Pile, c: float) -> tuple[Array, Array]:
+    """Half fluxes down and up at every depth, (n_tau, n_in), of the layers as they were cut."""
+    down, up = levels_of(problem, pile)
+    return down / c, up / c
+
+
+def field_of(problem: Problem, pile: Pile, base_albedo: float, c: float) -> list[Array]:
+    """Multiply scattered light of each order, (n_tau, n_in, n_out)."""
+    orders = [scattered(problem, pile, c) + from_base(problem, base_albedo / (np.pi * c) * pile.x_base)]
+    if asymmetry(problem).any():
+        orders.append(scattered_across(problem))
+    return orders
 
 
 def slab_of(problem: Problem, layer: int, c: float) -> Slab:

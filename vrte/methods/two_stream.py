@@ -39,14 +39,31 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     start = time.perf_counter()
     mu, problem = cut_to_two(request)
     base_albedo = base_albedo_of(request)
-    pile = piled(slabs_of(problem, 0), base_albedo, direct_beam(problem, base_albedo) / np.pi)
-    orders = [scattered(problem, pile, 0) + from_base(problem, base_albedo * pile.x_base)]
-    if asymmetry(problem).any():
-        orders.append(scattered(problem, piled(slabs_of(problem, 1), 0.0, np.zeros_like(problem.mu0)), 1))
-    down, up = (np.pi * flux[..., None] * problem.columns[:, 0] for flux in levels_of(problem, pile))
+    pile = pile_of(problem, base_albedo)
+    orders = field_of(problem, pile, base_albedo)
+    down, up = (flux[..., None] * problem.columns[:, 0] for flux in fluxes_of(problem, pile))
     fluxes = up, down + flux_of_the_peak(problem, request.tau)
     numbers = np.arange(len(orders), dtype=np.int32)
     return solution_of(request, problem, mu, numbers, kernels_of(problem, orders), fluxes, run, start)
+
+
+def pile_of(problem: Problem, base_albedo: float) -> Pile:
+    """Order 0: radiance on the node."""
+    return piled(slabs_of(problem, 0), base_albedo, direct_beam(problem, base_albedo) / np.pi)
+
+
+def fluxes_of(problem: Problem, pile: Pile) -> tuple[Array, Array]:
+    """Down and up at every depth, (n_tau, n_in), of the layers as they were cut."""
+    down, up = levels_of(problem, pile)
+    return np.pi * down, np.pi * up
+
+
+def field_of(problem: Problem, pile: Pile, base_albedo: float) -> list[Array]:
+    """Multiply scattered light of each order, (n_tau, n_in, n_out)."""
+    orders = [scattered(problem, pile, 0) + from_base(problem, base_albedo * pile.x_base)]
+    if asymmetry(problem).any():
+        orders.append(scattered(problem, piled(slabs_of(problem, 1), 0.0, np.zeros_like(problem.mu0)), 1))
+    return orders
 
 
 def slabs_of(problem: Problem, order: int) -> list[Slab]:
