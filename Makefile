@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
 
-.PHONY: help env demo tables test test-all lint bench bench-save bench-compare bench-peers clean
+.PHONY: help env demo tables report test test-all lint bench bench-save bench-compare bench-peers clean
 .NOTPARALLEL:
 
 help:
@@ -15,6 +15,7 @@ help:
 	@echo "make test-all     style, types and every test"
 	@echo "make lint         style and types only"
 	@echo "make tables       the GPU paper's tables and figure 1, measured here: out/tables"
+	@echo "make report       error against run time of every method: out/report; taken up again where it stopped"
 	@echo "make bench        the timings of bench/"
 	@echo "make bench-save   the timings against the LAPACK floor, kept in bench/history"
 	@echo "make bench-compare  the same, beside the last ones kept: fails where a case takes 1.3 times as much"
@@ -43,6 +44,11 @@ $(VENV)/tables.stamp: $(VENV)/core.stamp
 	@$(PIP) install 'vrte[opencl,plot]'
 	@touch $@
 
+$(VENV)/report.stamp: $(VENV)/core.stamp
+	@echo "Installing what the report needs"
+	@$(PIP) install 'vrte[opencl,report]'
+	@touch $@
+
 $(VENV)/test.stamp: $(VENV)/core.stamp
 	@echo "Installing what the tests need"
 	@$(PIP) install 'vrte[test]'
@@ -62,6 +68,11 @@ demo: $(VENV)/demo.stamp
 tables: $(VENV)/tables.stamp
 	@mkdir -p out
 	$(BIN)/vrte tables -o out/tables
+
+report: $(VENV)/report.stamp
+	@mkdir -p out
+	$(BIN)/vrte report -o out/report
+	$(BIN)/vrte report --figures -o out/report
 
 test: lint
 	$(BIN)/python -m pytest -q

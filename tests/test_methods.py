@@ -90,3 +90,103 @@ def test_energy(method: Method) -> None:
         if method.transmission:
             net = field.flux_down + field.direct - field.flux_up
             np.testing.assert_allclose(net, net[0] if base is None else 0.0, rtol=1e-12, atol=1e-12)
+
+
+# settings with which methods on nodes leave an error below 1e-9 of the largest I
+FINE = {
+    "adding-doubling": {"start": 4},
+    "invariant-imbedding": {"rtol": 1e-10},
+    "matrix-operator": {},
+    "successive-orders": {"tolerance": 1e-11, "levels": 96},
+}
+
+
+@pytest.fixture(params=sorted(FINE))
+def fine(request: pytest.FixtureRequest) -> dict[str, object]:
+    """A method on nodes and its settings, as arguments of a call."""
+    return {"method": request.param, "settings": FINE[request.param], "nodes": 5}
+
+
+def depolarizing_base() -> vrte.MuellerBase:
+    """Reflects other azimuthal orders than 0, and polarizes."""
+
+    def matrix(mu_i: np.ndarray, mu_o: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        cosine = np.cos(np.radians(phi))
+        result = np.zeros((*np.broadcast_shapes(np.shape(mu_i), np.shape(mu_o), np.shape(phi)), 4, 4))
+        result[..., 0, 0] = 0.1 + 0.05 * cosine * mu_i * mu_o
+        result[..., 1, 0] = result[..., 0, 1] = 0.02 * mu_i * mu_o
+        result[..., 1, 1] = result[..., 2, 2] = 0.03
+        return result
+
+    return vrte.MuellerBase(matrix)
+
+
+@pytest.mark.parametrize("base", [None, vrte.Lambertian(0.4), depolarizing_base()], ids=["none", "white", "mueller"])
+def test_the_same_on_the_same_nodes(fine: dict[str, object], base: vrte.MuellerBase | vrte.Lambertian | None) -> None:
+    layers = [vrte.Layer(vrte.henyey_greenstein(0.3, 5), 0.95, 0.4), vrte.Layer(vrte.rayleigh(), 0.9, 0.8)]
+    scene = vrte.Scene(layers, base)
+    exact = vrte.brdf(scene, MU, MU, PHI, transmission=True, nodes=5, accuracy=1e-13)
+    found = vrte.brdf(scene, MU, MU, PHI, transmission=True, **fine)
+    np.testing.assert_allclose(found.mueller, exact.mueller, atol=1e-9 * exact.mueller.max())
+    np.testing.assert_allclose(found.transmission, exact.transmission, atol=1e-9 * exact.transmission.max())
+
+
+def test_a_base_that_polarizes_below_a_layer_that_does_not(fine: dict[str, object]) -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.9, 0.5)], depolarizing_base())
+    exact = vrte.brdf(scene, MU, MU, PHI, nodes=5, accuracy=1e-13)
+    found = vrte.brdf(scene, MU, MU, PHI, **fine)
+    np.testing.assert_allclose(found.mueller, exact.mueller, atol=1e-9 * exact.mueller.max())
+
+
+def test_spheres(fine: dict[str, object]) -> None:
+    """Six expansion sequences, b2 among them: V, and the signs of U and V."""
+    matrix = vrte.spheres((1.5, 2.0), radius_um=0.05, wavelength_um=0.5).phase_matrix
+    assert np.abs(matrix.b2).max() > 0.1
+    scene = vrte.Scene([vrte.Layer(matrix, 0.95, 1.0)])
+    exact = vrte.brdf(scene, MU, MU, PHI, nodes=5, accuracy=1e-13)
+    found = vrte.brdf(scene, MU, MU, PHI, **fine)
+    largest = exact.mueller.max()
+    assert np.abs(exact.mueller[..., 3, 0]).max() > 1e-5 * largest  # far above what is compared
+    np.testing.assert_allclose(found.mueller, exact.mueller, atol=1e-9 * largest)
+
+
+def test_depths_that_are_not_taken_are_refused(method: Method) -> None:
+    if method.depths:
+        pytest.skip("taken")
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.9, 1.0)])
+    with pytest.raises(SceneError, match=f"method '{method.name}' takes no depth inside a layer"):
+        vrte.radiance(scene, 0.5, tau=0.5, method=method.name)
+
+
+def test_what_comes_in_goes_out(fine: dict[str, object]) -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 2.0)])
+    field = vrte.radiance(scene, 0.5, mu=[], tau=[0.0, 2.0], **fine)
+    out = field.flux_up[0] + field.flux_down[1] + 0.5 * np.exp(-2.0 / 0.5)
+    np.testing.assert_allclose(out, 0.5, rtol=1e-9)
+
+
+def h_function(mu: np.ndarray, albedo: float, nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Ambarzumian's and Chandrasekhar's: 1/H = sqrt(1 - omega) + omega/2 times the integral of u H(u)/(u + mu) du,
+    iterated on nodes; every other iterate lies above, so that means of two settle quickly."""
+
+    def of(cosines: np.ndarray, on_nodes: np.ndarray) -> np.ndarray:
+        inner = nodes * weights * on_nodes / (cosines[:, None] + nodes)
+        return 1.0 / (np.sqrt(1.0 - albedo) + 0.5 * albedo * inner.sum(axis=1))
+
+    found = np.ones(nodes.size)
+    for _ in range(400):
+        found = 0.5 * (found + of(nodes, found))
+    return of(mu, found)
+
+
+@pytest.mark.parametrize("albedo", [0.3, 0.9, 0.99])
+def test_isotropic_layer_without_end(fine: dict[str, object], albedo: float) -> None:
+    """f = omega/(4 pi) H(mu) H(mu')/(mu + mu'), on many nodes."""
+    if not method_of(str(fine["method"])).endless:
+        pytest.skip("not claimed")
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo, np.inf)])
+    points, weights = np.polynomial.legendre.leggauss(60)
+    h = h_function(MU, albedo, 0.5 * (points + 1.0), 0.5 * weights)
+    exact = albedo / (4.0 * np.pi) * h[:, None] * h / (MU[:, None] + MU)
+    found = vrte.brdf(scene, MU, MU, **(fine | {"nodes": 24}))
+    np.testing.assert_allclose(found.mueller[:, :, 0, 0, 0], exact, rtol=1e-8)

@@ -8,14 +8,14 @@ from vrte.methods.in_depth import downward, gauss_depths, upward
 
 MU, PHI = np.array([0.2, 0.6, 1.0]), np.array([0.0, 40.0, 180.0])
 PAIR = vrte.Scene(
-    [vrte.Layer(vrte.rayleigh(), 0.9, 0.5), vrte.Layer(vrte.henyey_greenstein(0.6, 9), 0.95, 0.7)],
+    [vrte.Layer(vrte.rayleigh(), 0.9, 0.5), vrte.Layer(vrte.henyey_greenstein(0.4, 6), 0.95, 0.7)],
     vrte.Lambertian(0.3),
 )
 
 
 def brdf(scene: vrte.Scene, **settings: float) -> vrte.Brdf:
     """By successive orders."""
-    return vrte.brdf(scene, MU, MU, PHI, nodes=6, method="successive-orders", settings=settings)
+    return vrte.brdf(scene, MU, MU, PHI, nodes=4, method="successive-orders", settings=settings)
 
 
 @pytest.mark.parametrize("z", [0.0, 1e-9, 0.3, 7.9, 8.1, 50.0, 1e9])
@@ -38,7 +38,7 @@ def test_integrals_in_depth(z: float) -> None:
 
 
 def test_sum() -> None:
-    exact = vrte.brdf(PAIR, MU, MU, PHI, nodes=6, accuracy=1e-13)
+    exact = vrte.brdf(PAIR, MU, MU, PHI, nodes=4, accuracy=1e-13)
     found = brdf(PAIR, tolerance=1e-12, levels=120)
     np.testing.assert_allclose(found.mueller, exact.mueller, atol=1e-11 * exact.mueller.max())
     assert found.diagnostics["converged"]
@@ -47,14 +47,14 @@ def test_sum() -> None:
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
 def test_tolerance(tolerance: float) -> None:
-    exact = vrte.brdf(PAIR, MU, MU, PHI, nodes=6, accuracy=1e-13)
+    exact = vrte.brdf(PAIR, MU, MU, PHI, nodes=4, accuracy=1e-13)
     found = brdf(PAIR, tolerance=tolerance, levels=120)
     assert np.abs(found.mueller - exact.mueller).max() <= 2.0 * tolerance * np.abs(exact.mueller).max()
 
 
 def test_depths_and_fluxes() -> None:
     ask = {"mu0": 0.6, "stokes": [1.0, 0.3, -0.2, 0.4], "mu": np.array([0.2, -0.3, 0.9, -0.6]), "phi": PHI}
-    ask |= {"tau": [0.0, 0.2, 0.5, 0.9, 1.2], "nodes": 6}
+    ask |= {"tau": [0.0, 0.2, 0.5, 0.9, 1.2], "nodes": 4}
     exact = vrte.radiance(PAIR, accuracy=1e-13, **ask)
     settings = {"tolerance": 1e-12, "levels": 160}
     found = vrte.radiance(PAIR, method="successive-orders", settings=settings, **ask)
@@ -66,13 +66,22 @@ def test_depths_and_fluxes() -> None:
 def test_order_in_depth() -> None:
     """Twice the panels: the error falls towards 2^-8, and faster than 2^-5 from the start."""
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
-    exact = vrte.brdf(scene, MU, MU, PHI, nodes=6, accuracy=1e-13).mueller
+    exact = vrte.brdf(scene, MU, MU, PHI, nodes=4, accuracy=1e-13).mueller
     errors = [np.abs(brdf(scene, tolerance=1e-14, levels=n).mueller - exact).max() for n in (24, 48)]
     assert errors[1] < errors[0] / 32.0
 
 
+def test_levels_by_themselves() -> None:
+    """About 1e-8, in thin and thick layers, conservative ones too."""
+    for albedo, thickness in ((0.9, 1e-3), (1.0, 3.0), (0.8, 30.0)):
+        scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo, thickness)])
+        exact = vrte.brdf(scene, MU, MU, nodes=8, accuracy=1e-13).mueller
+        found = vrte.brdf(scene, MU, MU, nodes=8, method="successive-orders", settings={"tolerance": 1e-10})
+        np.testing.assert_allclose(found.mueller, exact, atol=5e-8 * exact.max())
+
+
 def test_one_order_is_single_scattering() -> None:
-    once = vrte.brdf(PAIR, MU, MU, PHI, nodes=6, method="single-scattering")
+    once = vrte.brdf(PAIR, MU, MU, PHI, nodes=4, method="single-scattering")
     np.testing.assert_array_equal(brdf(PAIR, orders=1).mueller, once.mueller)
 
 

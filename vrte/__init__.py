@@ -5,6 +5,7 @@ from vrte.brdf import Brdf, brdf
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.field import Field, radiance
 from vrte.formats import load
+from vrte.illumination import hemisphere
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
 from vrte.optics.refractive_index import refractive_index
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse
@@ -35,6 +36,7 @@ __all__ = [
     "SceneError",
     "brdf",
     "brdfs",
+    "hemisphere",
     "henyey_greenstein",
     "isotropic",
     "load",

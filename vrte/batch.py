@@ -27,6 +27,7 @@ def brdfs(
     accuracy: float | None = None,
     truncation: str = "auto",
     backend: str = "openmp",
+    illuminate: str = "top",
 ) -> list[Brdf]:
     """The Mueller BRDFs of many scenes, for the same directions; each the same as by itself.
 
@@ -41,7 +42,7 @@ def brdfs(
     [2, 2]
     """
     given = list(scenes)
-    options = solver_options(nodes, accuracy, algorithm, False, truncation, backend)
+    options = solver_options(nodes, accuracy, algorithm, False, truncation, backend, illuminate=illuminate)
     requests = []
     for place, scene in enumerate(given):
         try:

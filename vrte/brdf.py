@@ -10,7 +10,9 @@ import numpy as np
 from vrte.arrays import Array, frozen, settled
 from vrte.discrete_ordinates.problem import Progress
 from vrte.discrete_ordinates.solver import Solution
+from vrte.errors import SceneError
 from vrte.field import freeze
+from vrte.illumination import check_azimuths, incident_light, mirrored_mueller, outgoing, weights_of
 from vrte.request import Request, brdf_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
@@ -26,10 +28,11 @@ class Brdf:
 
     ``mueller`` (mu_i, mu_o, phi, 4, 4) [sr-1] is the subsurface BRDF in the meridian planes; ``reflectance`` (mu_i,) is
     directional-hemispherical, for unpolarized light. ``transmission`` (same shape as mueller, or None) is the like for
-    diffuse light going down at the bottom, base included, ``direct_transmittance`` (mu_i,) or None the beam's share
-    that gets through unscattered. ``mu_i``, ``mu_o`` are positive cosines; ``phi`` [deg] is outgoing minus incident,
-    both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only.
-    Raises SceneError where the shapes do not fit together.
+    diffuse light out of the face that is not lit (going down at the bottom, base included), ``direct_transmittance``
+    (mu_i,) or None the beam's share that gets through unscattered. The lit face is the top, or as
+    ``diagnostics["illuminate"]`` says. ``mu_i``, ``mu_o`` are positive cosines; ``phi`` [deg] is outgoing minus
+    incident, both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only. Raises
+    SceneError where the shapes do not fit together.
     """
 
     mueller: Array
@@ -65,6 +68,39 @@ class Brdf:
         extra = "" if self.transmission is None else ", with transmission"
         return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
 
+    def under(self, light: Any, weights: Any = None, transmitted: bool = False) -> Array:
+        """Stokes radiance (mu_o, phi, 4) that comes out under any incident light, (2:2).
+
+        Parameters: ``light``, Stokes radiance on the face that is lit, a function of broadcastable (mu_i, phi_deg) or
+        an array that broadcasts to (mu_i, phi, 4), azimuths along the direction of travel; ``weights`` (mu_i,) of a
+        quadrature over mu_i from 0 to 1, those of `vrte.hemisphere` where left out; ``transmitted`` for what leaves the
+        other face (scattered light only: unscattered light goes on as it came). The BRDF needs ``phi`` all around in
+        equal steps from 0, more of them than Fourier orders of BRDF and light together; the sum over mu_i is as good as
+        the weights. Raises SceneError for bad input.
+
+        >>> import vrte
+        >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
+        >>> f = brdf(white, vrte.hemisphere(4)[0], mu_o=0.5, phi=[0, 90, 180, 270], nodes=4)
+        >>> round(float(f.under([1.0, 0.0, 0.0, 0.0])[0, 0, 0]), 12)
+        0.25
+        """
+        matrices = self.transmission if transmitted else self.mueller
+        if matrices is None:
+            raise SceneError("no transmission here: ask vrte.brdf for it with transmission=True")
+        check_azimuths(self.phi)
+        falls_in = incident_light(light, self.mu_i, self.phi)
+        return outgoing(matrices, falls_in, self.mu_i, weights_of(self.mu_i, weights))
+
+    def diffuse_reflectance(self, weights: Any = None) -> Array:
+        """The radiance factor (mu_o,) under an evenly white, unpolarized sky: radiance out over that of a white
+        Lambertian surface. Parameters and errors as for `under`."""
+        return self.under([1.0, 0.0, 0.0, 0.0], weights)[..., 0].mean(axis=1)
+
+    def bihemispherical_reflectance(self, weights: Any = None) -> float:
+        """Flux out over flux in under such a sky, from ``reflectance``; any ``phi`` will do. ``weights`` as for
+        `under`."""
+        return float(2.0 * (weights_of(self.mu_i, weights) * self.mu_i) @ self.reflectance)
+
     def to_xarray(self) -> "xarray.Dataset":
         """An xarray.Dataset: ``mueller`` with dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in).
 
@@ -97,21 +133,23 @@ def brdf(
     backend: str = "openmp",
     method: str = "discrete-ordinates",
     settings: Mapping[str, Any] | None = None,
+    illuminate: str = "top",
 ) -> Brdf:
     """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
-    ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend``, ``method``, ``settings`` as for
-    `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without end). Raises SceneError for bad input,
-    AccuracyError where neither algorithm can vouch for its answer, DeviceError where an OpenCL device is missing or
-    fails.
+    ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend``, ``method``, ``settings``, ``illuminate`` as
+    for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without end). Lit from the bottom, the
+    BRDF is that of the bottom and the BTDF leads out of the top; cosines are positive as ever. Raises SceneError for
+    bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError where an OpenCL device is
+    missing or fails.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
-    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate)
     request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
     run = run_of(request, threads)
     _, solution = interruptible(run, lambda: solved(request, run, progress))
@@ -124,6 +162,8 @@ def as_brdf(request: Request, solution: Solution, transmission: bool) -> Brdf:
     assert directions is not None
     # (1, n_in, n_mu, n_phi, 4, column)
     matrices = [settled(values)[0] for values in solution.parts]
+    if request.illuminate == "bottom":
+        matrices = [mirrored_mueller(values) for values in matrices]
     return Brdf(
         mueller=matrices[0],
         reflectance=frozen(solution.flux_up[0, :, 0] / into),
@@ -132,5 +172,5 @@ def as_brdf(request: Request, solution: Solution, transmission: bool) -> Brdf:
         mu_i=into,
         mu_o=directions[directions > 0.0],
         phi=request.phi,
-        diagnostics=solution.diagnostics,
+        diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
     )

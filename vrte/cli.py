@@ -25,6 +25,7 @@ from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneErro
 from vrte.field import Field
 from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile, read_scene
+from vrte.illumination import SIDES
 from vrte.optics.refractive_index import MATERIALS, refractive_index
 from vrte.optics.truncation import CHOICES
 from vrte.request import COARSEST, EXACT, FINEST, METHODS, MOST_NODES
@@ -154,6 +155,7 @@ def _add_solve(commands: Any, kind: str, help_text: str) -> None:
         type=_whole(1, MOST_NODES),
         help="in each hemisphere; this, too, wins over the scene file",
     )
+    command.add_argument("--illuminate", choices=SIDES, default="top", help="where the light comes from; default: top")
     command.add_argument("--method", choices=METHODS, default=EXACT, help=f"default: {EXACT}; others: docs/methods.md")
     command.add_argument(
         "--set",
@@ -399,7 +401,7 @@ def _check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 def _run(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
     how = file.options | {
-        name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend", "method")
+        name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend", "method", "illuminate")
     }
     how["settings"] = dict(options.set)
     how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}

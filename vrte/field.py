@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, is_settled, settled
+from vrte.arrays import Array, frozen, is_settled, settled, vector
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
+from vrte.illumination import mirrored_stokes
 from vrte.request import radiance_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
@@ -25,7 +26,8 @@ class Field:
 
     ``stokes`` (tau, mu, phi, 4) holds I, Q, U, V [W m-2 sr-1 for an incident beam in W m-2] without the direct beam.
     ``flux_up``, ``flux_down`` (tau,) are its fluxes through a horizontal plane [W m-2]; ``direct`` (tau,) is the
-    beam's, mu0 * incident_stokes[0] * exp(-tau/mu0). ``tau`` grows downward from the top; ``mu`` > 0 is light going
+    beam's, mu0 * incident_stokes[0] * exp(-tau/mu0), upward and with the thickness left above the bottom in place of
+    tau where ``diagnostics["illuminate"]`` is "bottom". ``tau`` grows downward from the top; ``mu`` > 0 is light going
     up, ``mu`` < 0 down; ``phi`` [deg] is relative to the beam, both along the direction of travel. ``mu0`` > 0 and
     ``incident_stokes`` (4,) describe the beam; ``diagnostics`` says how the field was made. All arrays are read-only.
     Raises SceneError where the shapes do not fit together.
@@ -111,6 +113,7 @@ def radiance(
     backend: str = "openmp",
     method: str = "discrete-ordinates",
     settings: Mapping[str, Any] | None = None,
+    illuminate: str = "top",
 ) -> Field:
     """The diffuse field of one beam, by discrete ordinates or another method.
 
@@ -126,7 +129,8 @@ def radiance(
     counts their forward peak as light that was not scattered, "small-angle" does so too and spreads that light, "auto"
     takes one by rule (docs/truncation.md); ``backend``, what computes: "openmp", the compiled core on ``threads``,
     "sequential", the same on one, "opencl", an OpenCL device, or one of the mixtures in docs/opencl.md; ``method``,
-    "discrete-ordinates" (exact) or another of docs/methods.md, with its own ``settings`` by name. Raises
+    "discrete-ordinates" (exact) or another of docs/methods.md, with its own ``settings`` by name; ``illuminate``,
+    where the beam comes from: "top", or "bottom", for scenes without a base and with a finite thickness. Raises
     SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError where a device
     is missing or fails. Source: Collin, Pattanaik, Bouatouch, section 2.
 
@@ -135,20 +139,31 @@ def radiance(
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings)
+    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate)
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
     run = run_of(request, threads)
-    mu, solution = interruptible(run, lambda: solved(request, run, progress))
-    levels, beam, directions = request.tau, request.mu0, mu[:0] if request.fluxes_only else mu
+    directions, solution = interruptible(run, lambda: solved(request, run, progress))
+    seen = settled(solution.parts[0])[:, 0, ..., 0]
+    levels, beam = request.tau, request.mu0
+    direct = beam[0] * incident[0] * np.exp(-levels / beam[0])
+    fluxes = solution.flux_up, solution.flux_down
+    if request.illuminate == "bottom":
+        levels, seen, fluxes = vector("tau", tau), mirrored_stokes(seen), fluxes[::-1]
+        if request.mu is None:  # the nodes, up and down, the other way round
+            seen = np.roll(seen, directions.size // 2, axis=1)
+        else:
+            directions = -directions
+    if request.fluxes_only:
+        directions = directions[:0]
     return Field(
-        stokes=settled(solution.parts[0])[:, 0, : directions.size, ..., 0],
-        flux_up=frozen(solution.flux_up[:, 0].sum(axis=-1)),
-        flux_down=frozen(solution.flux_down[:, 0].sum(axis=-1)),
-        direct=frozen(beam[0] * incident[0] * np.exp(-levels / beam[0])),
+        stokes=seen[:, : directions.size],
+        flux_up=frozen(fluxes[0][:, 0].sum(axis=-1)),
+        flux_down=frozen(fluxes[1][:, 0].sum(axis=-1)),
+        direct=frozen(direct),
         tau=levels,
         mu=directions,
         phi=request.phi,
         mu0=float(beam[0]),
         incident_stokes=incident,
-        diagnostics=solution.diagnostics,
+        diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
     )

@@ -13,7 +13,7 @@ from vrte.request import Request, brdf_request, radiance_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 
-OPTIONS = ("nodes", "accuracy", "algorithm", "verify", "truncation", "backend", "method", "settings")
+OPTIONS = ("nodes", "accuracy", "algorithm", "verify", "truncation", "backend", "method", "settings", "illuminate")
 DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi", "transmission"), "radiance": ("mu0", "stokes", "mu", "phi", "tau")}
 
 

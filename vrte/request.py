@@ -12,6 +12,7 @@ from vrte.backends import BACKENDS, Backend, backend_of
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
+from vrte.illumination import SIDES, lit_from, mirrored_stokes
 from vrte.optics.truncation import CHOICES
 from vrte.scene import MuellerBase, Scene
 
@@ -20,6 +21,7 @@ METHODS = (
     EXACT,
     "adding-doubling",
     "diffusion",
+    "invariant-imbedding",
     "matrix-operator",
     "single-scattering",
     "small-angle",
@@ -40,7 +42,8 @@ class Request:
     """What is asked of a scene: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V), signed
     mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,), and how: nodes (None: chosen by the plan), accuracy relative to
     the largest I at each depth, algorithm, verify, truncation, backend, method and its settings. ``wanted`` (None:
-    everything) says what becomes of the solution. ``fluxes_only``: mu is there for form's sake."""
+    everything) says what becomes of the solution. ``fluxes_only``: mu is there for form's sake. ``illuminate``: where
+    the light comes from; "bottom" is asked of a scene upside down, all in a horizontal mirror."""
 
     kind: str
     scene: Scene
@@ -59,6 +62,7 @@ class Request:
     backend: Backend = Backend.OPENMP
     method: str = EXACT
     settings: Mapping[str, Any] = field(default_factory=dict)
+    illuminate: str = "top"
 
 
 def operations_of(request: Request) -> float:
@@ -137,9 +141,10 @@ def solver_options(
     backend: Any = "openmp",
     method: Any = EXACT,
     settings: Any = None,
+    illuminate: Any = "top",
 ) -> dict[str, Any]:
     """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of the truncation, the
-    backend and the method, and the method's settings: as fields of a Request."""
+    backend and the method, the method's settings, and the side that is lit: as fields of a Request."""
     method = one_of("method", method, METHODS)
     if not (settings is None or (isinstance(settings, Mapping) and all(isinstance(name, str) for name in settings))):
         raise SceneError(f"settings must be a dictionary by names of settings, not {shown(settings)}")
@@ -163,6 +168,7 @@ def solver_options(
         "backend": found,
         "method": method,
         "settings": dict(settings or {}),
+        "illuminate": one_of("illuminate", illuminate, SIDES),
     }
 
 
@@ -170,7 +176,7 @@ def brdf_request(
     scene: Any, mu_i: Any, mu_o: Any, phi: Any, transmission: Any, options: dict[str, Any]
 ) -> tuple[Request, Array]:
     """The request of a BRDF, and its outgoing cosines."""
-    scene = check_scene(scene)
+    scene = lit_from(options["illuminate"], check_scene(scene))
     into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
     azimuths = vector("phi", phi)
     if flag("transmission", transmission) and not np.isfinite(scene.thickness):
@@ -190,14 +196,18 @@ def radiance_request(
     scene: Any, mu0: Any, stokes: Any, mu: Any, phi: Any, tau: Any, options: dict[str, Any]
 ) -> tuple[Request, Array]:
     """The request of a field, and the incident Stokes vector."""
-    scene = check_scene(scene)
+    scene = lit_from(options["illuminate"], check_scene(scene))
     beam = cosines("mu0", mu0)
     if beam.size != 1:
         raise SceneError(f"mu0 must be one number a call, not {beam.size}")
     fluxes_only = isinstance(mu, (list, tuple)) and not mu
     directions = np.ones(1) if fluxes_only else None if mu is None else cosines("mu", mu, signed=True)
     incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
-    parts = [incident * [1, 1, 0, 0], incident * [0, 0, 1, 1]]
+    arriving = incident
+    if options["illuminate"] == "bottom":
+        arriving, levels = mirrored_stokes(incident), scene.thickness - levels
+        directions = None if directions is None else -directions
+    parts = [arriving * [1, 1, 0, 0], arriving * [0, 0, 1, 1]]
     columns = np.array([part for part in parts if part.any()] or parts[:1])
     request = Request(
         "radiance", scene, beam, columns, directions, azimuths, levels, None, **options, fluxes_only=fluxes_only

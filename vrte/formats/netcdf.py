@@ -34,9 +34,9 @@ BRDF_VARIABLES: dict[str, tuple[list[str], str, str]] = {
     "transmission": (
         ["mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in"],
         "sr-1",
-        "subsurface BTDF, Mueller matrix: diffuse radiance going down at the bottom per irradiance in",
+        "subsurface BTDF, Mueller matrix: diffuse radiance out of the other face per irradiance in",
     ),
-    "direct_transmittance": (["mu_i"], "1", "share of the beam that reaches the bottom unscattered"),
+    "direct_transmittance": (["mu_i"], "1", "share of the beam that reaches the other face unscattered"),
 }
 BRDF_COORDINATES = {
     "mu_i": ("1", "cosine of the angle of incidence"),

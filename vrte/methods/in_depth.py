@@ -1,6 +1,7 @@
 """Integrals over depth of a source times decaying exponentials: exact where the source is a polynomial."""
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +14,9 @@ EXACT = 28  # Gauss points that integrate exp(-8 x) times such a polynomial to r
 
 
 @lru_cache(maxsize=16)
-def gauss_depths(points: int) -> Array:
+def gauss_depths(points: int) -> Any:
     """Gauss points of (0, 1), ascending, (points,)."""
-    depths: Array = 0.5 * (gauss_legendre(points)[0] + 1.0)
-    return depths
+    return 0.5 * (gauss_legendre(points)[0] + 1.0)
 
 
 @lru_cache(maxsize=16)

@@ -15,7 +15,7 @@ import numpy as np
 from vrte import _core
 from vrte.arrays import Array
 from vrte.discrete_ordinates.base import mueller_orders
-from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem
+from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem, Progress, Run
 from vrte.scene import Lambertian, MuellerBase
 
 
@@ -28,14 +28,15 @@ class Scattered(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OnNodes:
-    """A problem with distinct outgoing cosines, seen as rows and columns."""
+    """A problem with distinct outgoing cosines, seen as rows and columns, over a base."""
 
     problem: Problem
+    base: Lambertian | MuellerBase | None
 
     @cached_property
     def members(self) -> list[int]:
         """Stokes parameters at work: I alone where it is the only one that is scattered."""
-        return [0] if self.problem.is_scalar else [0, 1, 2, 3]
+        return [0] if self.problem.is_scalar and not isinstance(self.base, MuellerBase) else [0, 1, 2, 3]
 
     @property
     def n(self) -> int:
@@ -68,9 +69,9 @@ class OnNodes:
         back = _core.phase_matrices(order, table, rows, -into) * strength * FLIP
         return Scattered(self.operator(ahead), self.operator(back))
 
-    def base(self, base: Lambertian | MuellerBase | None) -> Array:
+    def ground(self) -> Array:
         """What the base sends back of light that falls onto it, (order, r, c): R^m mu W, (1:35), (1:66)."""
-        problem = self.problem
+        problem, base = self.problem, self.base
         result = np.zeros((self.n_order, self.rows.size, self.columns.size))
         if base is None or not np.isfinite(problem.thickness[-1]):
             return result
@@ -115,3 +116,11 @@ class OnNodes:
         intensity = light[..., : self.n : len(self.members), :]
         found = np.einsum("...nb,n->...b", intensity, problem.weights * problem.nodes)
         return found.reshape(*found.shape[:-1], problem.mu0.size, problem.columns.shape[0])
+
+
+def tell(run: Run, progress: Progress | None, done: int, total: int) -> None:
+    """Says how many orders are done. Raises KeyboardInterrupt where the user wants no more."""
+    if run.stop[0]:
+        raise KeyboardInterrupt
+    if progress is not None:
+        progress(done, total)

@@ -16,12 +16,14 @@ from vrte.discrete_ordinates.solver import Solution
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.in_depth import downward, gauss_depths, upward
 from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes, Scattered
+from vrte.methods.on_nodes import OnNodes, Scattered, tell
 from vrte.request import Request
 
 POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
 FINEST_SCALE = 1e-3  # panels at a face are no finer than light along the lowest cosine asks for, nor than this
 MOST_ORDERS, MOST_LEVELS = 100_000, 4096
+FINE_DEPTHS = 20_001
+DENSITY = 1.5  # panels for a factor e of distance to a face, and for an optical depth of 1
 Pair = tuple[Array, Array]
 
 
@@ -45,17 +47,16 @@ class Depths:
         return depth.ravel(), np.repeat(self.layer, POINTS)
 
 
-def depths_of(problem: Problem, levels: int) -> Depths:
-    """About ``levels`` Gauss depths in every layer."""
+def depths_of(problem: Problem, levels: int | None) -> Depths:
+    """At least ``levels`` Gauss depths in every layer; None: as many as its thickness asks for."""
     scale = max(FINEST_SCALE, min(problem.nodes.min(), problem.mu0.min()))
-    panels = max(1, math.ceil(levels / POINTS))
     layer: list[int] = []
     top: list[float] = []
     size: list[float] = []
     place = np.zeros(problem.level.size, np.int32)
     for k, thickness in enumerate(problem.thickness.tolist()):
         here = problem.level_layer == k
-        edges = np.unique(np.concatenate([graded(thickness, scale, panels), problem.level[here]]))
+        edges = np.unique(np.concatenate([graded(thickness, scale, levels), problem.level[here]]))
         place[here] = len(layer) + np.searchsorted(edges, problem.level[here])
         layer += [k] * (edges.size - 1)
         top += edges[:-1].tolist()
@@ -63,13 +64,18 @@ def depths_of(problem: Problem, levels: int) -> Depths:
     return Depths(np.array(layer, np.int32), np.array(top), np.array(size), place)
 
 
-def graded(thickness: float, scale: float, panels: int) -> Array:
-    """Edges of panels from 0 to the thickness, about as thick as scale + the distance to the nearer face over log."""
+def graded(thickness: float, scale: float, levels: int | None) -> Array:
+    """Edges of panels from 0 to the thickness: about as thick as the distance to the nearer face, not below ``scale``,
+    nor above 1 where ``levels`` is None."""
     if thickness == 0.0:
         return np.zeros(1)
-    steps = np.linspace(-1.0, 1.0, panels + 1) * math.log1p(thickness / scale)
-    edges = (thickness + 2.0 * scale) / (1.0 + np.exp(-steps)) - scale
-    edges[0], edges[-1] = 0.0, thickness
+    # depths to look up, far closer than panels and evenly spaced where panels are
+    steps = np.linspace(-1.0, 1.0, FINE_DEPTHS) * math.log1p(thickness / scale)
+    depths = np.clip((thickness + 2.0 * scale) / (1.0 + np.exp(-steps)) - scale, 0.0, thickness)
+    depths[0], depths[-1] = 0.0, thickness
+    count = steps - steps[0] + depths  # of panels above a depth
+    panels = math.ceil(DENSITY * count[-1] if levels is None else levels / POINTS)
+    edges: Array = np.interp(np.linspace(0.0, count[-1], min(panels, MOST_LEVELS // POINTS) + 1), count, depths)
     return edges
 
 
@@ -201,7 +207,7 @@ class Orders:
     paths_up: Array
 
     @staticmethod
-    def of(on_nodes: OnNodes, levels: int) -> "Orders":
+    def of(on_nodes: OnNodes, levels: int | None) -> "Orders":
         """All that Fourier orders share; paths (layer, panel * POINTS + panel + 1, r = n, b) of light scattered once,
         per optical depth."""
         problem, n = on_nodes.problem, on_nodes.n
@@ -280,25 +286,28 @@ class Orders:
 
 
 def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
-    """Every Fourier order of the truncated phase matrices in turn."""
+    """Every Fourier order of the truncated phase matrices in turn.
+
+    Diagnostics: "scattering_orders", "last_ratio", "remainder", "converged" and "note" speak of the orders left out,
+    not of the error in depth, which more "levels" make smaller.
+    """
     start = time.perf_counter()
     mu, problem = discrete(request)
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
-    on_nodes = OnNodes(replace(problem, mu_out=cosines))
+    on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.base)
     beams = problem.mu0.size, problem.columns.shape[0]
     shape = (on_nodes.n_order, problem.level.size, *beams, problem.mu_out.size, 4)
     kernels, fluxes = np.empty(shape), (np.zeros(shape[1:4]), np.zeros(shape[1:4]))
     convergence = Convergence()
     with single_threaded():
         scene = Orders.of(on_nodes, settings["levels"])
-        base = on_nodes.base(request.scene.base)
+        base = on_nodes.ground()
         for order in range(on_nodes.n_order):
             down, up = scene.field(order, base[order], settings, convergence)
             kernels[order] = on_nodes.kernels(up, down, out.astype(np.int32), problem.n_up)
             if order == 0:
                 fluxes = on_nodes.flux(up), on_nodes.flux(down)
-            if progress is not None:
-                progress(order + 1, on_nodes.n_order)
+            tell(run, progress, order + 1, on_nodes.n_order)
     orders = np.arange(on_nodes.n_order, dtype=np.int32)
     more = {"levels": int(scene.depths.layer.size * POINTS), **convergence.diagnostics(settings)}
     return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, **more)
@@ -320,14 +329,14 @@ METHOD = Method(
         "tolerance": Setting(
             1e-8,
             lambda value: number("tolerance", value, 1e-15, 1.0, "between 1e-15 and 1"),
-            "orders end where neither the last one nor those left out, as a geometric series, add more; relative to "
+            "orders end where neither the last one nor those left out, as a geometric series, add more, relative to "
             "the largest radiance of azimuthal order 0",
         ),
         "levels": Setting(
-            64,
-            lambda value: whole("levels", value, 1, MOST_LEVELS),
-            "depths in every layer at which the source function is held, at least; panels of four Gauss points, error "
-            "of their 8th order",
+            None,
+            lambda value: None if value is None else whole("levels", value, 1, MOST_LEVELS),
+            "depths in every layer at which the source function is held, at least, in panels of four Gauss points: "
+            "error of their 8th order; None: by the thickness, for about 1e-8",
         ),
     },
 )

@@ -68,7 +68,30 @@ ACCURACIES, ACCURACIES_QUICK = (2, 3, 4, 6, 8, 10), (3, 6)
 FINE = 1e-12  # accuracy where the nodes are the knob
 # (name of the curve, settings) of each method other than the exact one; one that is not here goes over its nodes
 KNOBS: dict[str, tuple[tuple[str, tuple[Setting, ...]], ...]] = {
+    "adding-doubling": (
+        ("adding-doubling", over_nodes((2, 4, 8, 16, 32))),
+        ("adding-doubling, start", told(*((16, {"start": start, "thin": 0.25}) for start in (0, 1, 2, 3)))),
+    ),
+    "diffusion": (("diffusion", told(*((None, {"boundary": boundary}) for boundary in ("marshak", "mark", "milne")))),),
+    "invariant-imbedding": (
+        ("invariant-imbedding", over_nodes((2, 4, 8, 16))),
+        ("invariant-imbedding, rtol", told(*((8, {"rtol": 10.0**-k}) for k in (2, 4, 6, 8)))),
+    ),
+    "matrix-operator": (("matrix-operator", over_nodes((2, 4, 8, 16, 32))),),
     "single-scattering": (("single-scattering", told((None, {}))),),
+    "small-angle": (("small-angle", told((None, {}))),),
+    "successive-orders": (
+        ("successive-orders", over_nodes((2, 4, 8, 16, 32))),
+        ("successive-orders, orders", told(*((16, {"orders": orders}) for orders in (1, 2, 4, 8, 16, 64)))),
+    ),
+    "synthetic-iteration": tuple(
+        (
+            f"synthetic-iteration, {regular}",
+            told(*((None, {"regular": regular, "iterations": count}) for count in (1, 2, 3))),
+        )
+        for regular in ("two-stream", "diffusion")
+    ),
+    "two-stream": (("two-stream", told((None, {}))),),
 }
 
 

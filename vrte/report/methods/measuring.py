@@ -33,16 +33,18 @@ Told = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Pace:
-    """Rounds of a run: as many as fit into ``seconds``, at least ``fewest`` and at most ``most``, but one where the
-    first takes longer than ``seconds``. A curve ends after a run of more than ``longest`` seconds."""
+    """Rounds of a run: as many as fit into ``seconds``, at least ``fewest`` and at most ``most``, after a first one
+    that builds and fills caches; one that takes longer than ``alone`` counts, and is the only one. A curve ends after a
+    run of more than ``longest`` seconds."""
 
-    seconds: float = 0.4
-    fewest: int = 3
-    most: int = 11
-    longest: float = 4.0
+    seconds: float = 0.3
+    fewest: int = 2
+    most: int = 9
+    alone: float = 1.0
+    longest: float = 2.5
 
 
-FULL, HASTE = Pace(), Pace(seconds=0.01, fewest=2, most=3)
+FULL, HASTE = Pace(), Pace(seconds=0.005, fewest=1, most=3)
 
 
 def measure(
@@ -147,14 +149,13 @@ def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, 
 
 
 def timed(one: Case, options: dict[str, Any], pace: Pace) -> tuple[Field, list[float]]:
-    """The field, and the seconds of each round; the first one, which builds and fills caches, counts only where it is
-    the only one."""
+    """The field, and the seconds of each round."""
     seconds, rounds = list[float](), 1
     while len(seconds) < rounds:
         start = time.perf_counter()
         field = ask(one, **options)
         seconds.append(time.perf_counter() - start)
-        if len(seconds) == 1 and seconds[0] < pace.seconds:
+        if len(seconds) == 1 and seconds[0] < pace.alone:
             rounds = 1 + min(pace.most, max(pace.fewest, int(pace.seconds / seconds[0])))
     return field, seconds[1:] or seconds
 

@@ -1,0 +1,185 @@
+"""Light from below, and any light: (2:1), (2:2)."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.cli import main
+from vrte.errors import SceneError
+
+from . import exact
+from .test_discrete_ordinates import spheroids
+
+MU, PHI = np.array([0.2, 0.7, 1.0]), np.array([0.0, 40.0, 130.0, 180.0, 250.0])
+D, Q = np.diag([1.0, 1.0, -1.0, -1.0]), np.diag([1.0, 1.0, 1.0, -1.0])
+UPPER, LOWER = vrte.Layer(spheroids(), 0.9, 0.4), vrte.Layer(vrte.rayleigh(0.03), 0.7, 1.2)
+TWO, TURNED = vrte.Scene([UPPER, LOWER]), vrte.Scene([LOWER, UPPER])
+NODES = 6
+METHODS = ("discrete-ordinates", "matrix-operator")
+
+
+def lit(scene: vrte.Scene, side: str, method: str) -> vrte.Brdf:
+    """Both ways through."""
+    how = {"truncation": "none"} if method == "discrete-ordinates" else {}
+    return vrte.brdf(
+        scene, MU, MU, PHI, nodes=NODES, transmission=True, accuracy=1e-14, method=method, illuminate=side, **how
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_symmetric_slab_has_no_top(method: str) -> None:
+    """But for the mirror: D f D."""
+    sandwich = vrte.Scene([LOWER, UPPER, LOWER])
+    above, below = lit(sandwich, "top", method), lit(sandwich, "bottom", method)
+    np.testing.assert_allclose(below.mueller, D @ above.mueller @ D, atol=1e-13)
+    np.testing.assert_allclose(below.transmission, D @ above.transmission @ D, atol=1e-13)
+    assert (above.diagnostics["illuminate"], below.diagnostics["illuminate"]) == ("top", "bottom")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_reciprocity_from_face_to_face(method: str) -> None:
+    """What goes down through two layers goes up through them the other way: f(i, o) = Q f(o, i)^T Q, Stokes vectors of
+    the reversed light in a horizontal mirror."""
+    down, up = lit(TWO, "top", method).transmission, lit(TWO, "bottom", method).transmission
+    assert down is not None
+    assert up is not None
+    expected = Q @ np.swapaxes(np.swapaxes(up, 0, 1), -1, -2) @ Q
+    np.testing.assert_allclose(down, expected, atol=1e-12 * np.abs(down).max())
+    assert np.abs(down - up).max() > 1e-3 * np.abs(down).max()  # the two layers are not alike
+
+
+def test_field_from_below_is_that_of_the_turned_scene() -> None:
+    stokes, tau, mu = np.array([1.0, 0.2, -0.3, 0.1]), np.array([0.0, 0.3, 1.0, 1.6]), np.array([0.3, 0.9, -0.3, -0.9])
+    below = exact.radiance(TWO, 0.6, stokes, mu, PHI, tau, nodes=NODES, illuminate="bottom")
+    above = exact.radiance(TURNED, 0.6, stokes @ D, -mu, PHI, 1.6 - tau, nodes=NODES)
+    np.testing.assert_allclose(below.stokes, above.stokes @ D, atol=1e-14)
+    np.testing.assert_allclose(below.flux_up, above.flux_down, rtol=1e-13)
+    np.testing.assert_allclose(below.flux_down, above.flux_up, rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(below.direct, 0.6 * np.exp(-(1.6 - tau) / 0.6), rtol=1e-14)
+    assert below.tau.tolist() == tau.tolist()
+    assert below.mu.tolist() == mu.tolist()
+    assert below.incident_stokes.tolist() == stokes.tolist()
+    assert below.flux_up[0] > 0.01  # light comes up out of the top, none falls on it
+    assert abs(below.flux_down[0]) < 1e-15
+
+
+def test_field_from_below_along_the_nodes() -> None:
+    below = exact.radiance(TWO, 0.6, nodes=4, tau=[0.0, 1.6], illuminate="bottom")
+    again = exact.radiance(TWO, 0.6, mu=below.mu, nodes=4, tau=[0.0, 1.6], illuminate="bottom")
+    assert (below.mu[:4] > 0.0).all()
+    np.testing.assert_allclose(below.stokes, again.stokes, atol=1e-15)
+    assert not below.stokes[0, 4:].any()  # nothing falls on the top
+    assert exact.radiance(TWO, 0.6, mu=[], nodes=4, illuminate="bottom").stokes.shape == (1, 0, 1, 4)
+
+
+def test_what_has_no_light_from_below() -> None:
+    with pytest.raises(SceneError, match="needs a scene without a base"):
+        vrte.brdf(vrte.Scene([UPPER], vrte.Lambertian(0.2)), MU, MU, illuminate="bottom")
+    with pytest.raises(SceneError, match="needs a finite thickness"):
+        vrte.radiance(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.5, np.inf)]), 0.5, illuminate="bottom")
+    with pytest.raises(SceneError, match="illuminate must be 'top', 'bottom', not 'left'"):
+        vrte.brdf(TWO, MU, MU, illuminate="left")
+
+
+def test_plans_and_batches_know_the_side() -> None:
+    made = vrte.plan("brdf", TWO, MU, MU, nodes=4, truncation="none", illuminate="bottom")
+    assert made.problem.albedo.tolist() == [0.7, 0.9]
+    (one,) = vrte.brdfs([TWO], MU, MU, nodes=4, illuminate="bottom")
+    assert (one.mueller == vrte.brdf(TWO, MU, MU, nodes=4, illuminate="bottom").mueller).all()
+
+
+def test_command_line(tmp_path: Path) -> None:
+    scene = tmp_path / "two.toml"
+    layer = '[[layer]]\nphase = "rayleigh"\nalbedo = {}\nthickness = 1.0\n'
+    scene.write_text(f"nodes = 4\n{layer.format(0.9)}{layer.format(0.3)}[brdf]\nmu_i = [0.5]\nmu_o = [0.5]\n")
+    out = tmp_path / "two.nc"
+    assert main(["brdf", str(scene), "-o", str(out), "--illuminate", "bottom"]) == 0
+    layers = [vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.3, 0.9)]
+    found = vrte.load(out)
+    assert isinstance(found, vrte.Brdf)
+    assert found.mueller[0, 0, 0, 0, 0] == vrte.brdf(vrte.Scene(layers), 0.5, 0.5, nodes=4).mueller[0, 0, 0, 0, 0]
+    assert found.diagnostics["illuminate"] == "bottom"
+
+
+# any light
+
+
+def table(scene: vrte.Scene, cosines: int, mu_o: np.ndarray, azimuths: int = 8, **how: object) -> vrte.Brdf:
+    """Of Gauss cosines and azimuths all around."""
+    mu_i = vrte.hemisphere(cosines)[0]
+    return exact.brdf(scene, mu_i, mu_o, np.arange(azimuths) * 360.0 / azimuths, **how)
+
+
+WHITE = {
+    "thin, on white": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.3)], vrte.Lambertian(1.0)),
+    "on white": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 2.0)], vrte.Lambertian(1.0)),
+    "without end": vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, np.inf)]),
+}
+
+
+@pytest.mark.parametrize("name", WHITE)
+def test_white_under_a_white_sky_is_white(name: str) -> None:
+    """On the solver's own nodes to rounding, in any direction."""
+    found = table(WHITE[name], 8, np.concatenate([vrte.hemisphere(8)[0], MU]), nodes=8)
+    np.testing.assert_allclose(found.diffuse_reflectance(), 1.0, rtol=1e-13)
+    assert found.bihemispherical_reflectance() == pytest.approx(1.0, rel=1e-13)
+
+
+def test_a_base_alone_has_its_albedo() -> None:
+    base = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(0.37))
+    mu_i, weights = vrte.hemisphere(5)
+    found = vrte.brdf(base, mu_i, MU, [0.0, 90.0, 180.0, 270.0], nodes=4)
+    np.testing.assert_allclose(found.diffuse_reflectance(weights), 0.37, rtol=1e-13)
+    assert found.bihemispherical_reflectance() == pytest.approx(0.37, rel=1e-13)
+
+
+def test_diffuse_reflectance_is_reciprocal_to_that_of_a_beam() -> None:
+    """A sky seen along mu_o is as bright as the whole sky lit along it: polarized light included."""
+    scene = vrte.Scene([UPPER, LOWER], vrte.Lambertian(0.3))
+    mu = vrte.hemisphere(NODES)[0]
+    found = table(scene, NODES, mu, azimuths=2 * spheroids().terms, nodes=NODES)
+    np.testing.assert_allclose(found.diffuse_reflectance(), found.reflectance, rtol=1e-12)
+
+
+def test_any_light_is_the_sum_of_its_beams() -> None:
+    """Against the sum written out: each incident direction by itself, its azimuth turned."""
+    found = table(TWO, 4, MU, azimuths=2 * spheroids().terms, nodes=NODES, transmission=True)
+    phi, (_, weights) = found.phi, vrte.hemisphere(4)
+
+    def sky(mu_i: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
+        across = np.radians(phi_deg)
+        parts = [
+            1 + mu_i + np.cos(across),
+            0.3 * np.sin(2 * across) + 0 * mu_i,
+            0.1 * np.cos(across) * mu_i,
+            0.05 * mu_i,
+        ]
+        return np.stack(np.broadcast_arrays(*parts), axis=-1)
+
+    light = sky(found.mu_i[:, None], phi[None])
+    for matrices, transmitted in ((found.mueller, False), (found.transmission, True)):
+        assert matrices is not None
+        expected = np.zeros((MU.size, phi.size, 4))
+        for i, q in np.ndindex(light.shape[:2]):
+            turned = np.roll(matrices[i], q, axis=1)
+            expected += weights[i] * found.mu_i[i] * 2 * np.pi / phi.size * turned @ light[i, q]
+        np.testing.assert_allclose(found.under(sky, transmitted=transmitted), expected, atol=1e-13)
+    np.testing.assert_allclose(found.under(light, weights), found.under(sky), atol=1e-15)
+
+
+def test_light_that_is_refused() -> None:
+    found = table(TWO, 2, MU, azimuths=4, nodes=4)
+    with pytest.raises(SceneError, match=r"must have the shape \(2, 4, 4\), not \(3, 4, 4\)"):
+        found.under(np.ones((3, 4, 4)))
+    with pytest.raises(SceneError, match="incident light must be finite"):
+        found.under([np.nan, 0.0, 0.0, 0.0])
+    with pytest.raises(SceneError, match="weights must be 2 numbers"):
+        found.under([1.0, 0.0, 0.0, 0.0], [1.0])
+    with pytest.raises(SceneError, match="no transmission here"):
+        found.under([1.0, 0.0, 0.0, 0.0], transmitted=True)
+    with pytest.raises(SceneError, match="phi all around in equal steps"):
+        vrte.brdf(TWO, vrte.hemisphere(2)[0], MU, [0.0, 90.0], nodes=4).diffuse_reflectance()
+    with pytest.raises(SceneError, match="weights are missing"):
+        vrte.brdf(TWO, [0.3, 0.8], MU, nodes=4).bihemispherical_reflectance()

@@ -1,0 +1,180 @@
+"""The report on methods: errors are what they are called, runs are taken up again, the page needs no network."""
+
+import csv
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vrte import cli
+from vrte.errors import SceneError
+from vrte.report import methods, radiance_factor
+from vrte.report.methods import advice, knobs, measuring, page, records, reference, registry, scenes
+from vrte.report.methods.records import MEASURED, REFUSED, Row
+from vrte.request import METHODS
+
+ROOT = Path(__file__).parents[1]
+CURVE = knobs.Curve("modes", "discrete-ordinates", knobs.over_nodes((2, 8), algorithm="modes"))
+ONCE = measuring.Pace(seconds=0.0, fewest=1, most=1)
+
+
+def silent(done: int, total: int, name: str) -> None:
+    """Nobody listens."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `vrte report --quick` wrote."""
+    made = tmp_path_factory.mktemp("report")
+    assert cli.main(["report", "--quick", "-o", str(made)]) == 0
+    return made
+
+
+@pytest.fixture(scope="module")
+def rows(folder: Path) -> list[Row]:
+    return list(records.read(folder / methods.CSV).values())
+
+
+def run(folder: Path, curve: knobs.Curve = CURVE, **how: bool) -> list[Row]:
+    """One small scene by one curve."""
+    return methods.measure(methods.QUICK[:1], [curve], folder, ONCE, silent, **how)
+
+
+def test_every_method_and_scene_has_its_rows(rows: list[Row], folder: Path) -> None:
+    assert {row.method for row in rows} == set(METHODS)
+    assert {row.scene for row in rows} == set(methods.QUICK)
+    assert all(row.status.startswith((MEASURED, REFUSED)) for row in rows), [row.status for row in rows]
+    with open(folder / methods.CSV, encoding="utf-8", newline="") as file:
+        assert len(list(csv.DictReader(file))) == len(rows) == methods.steps_of(methods.QUICK, methods.curves(True))
+
+
+def test_more_nodes_are_closer(rows: list[Row]) -> None:
+    for name in ("modes", "doubling"):
+        for scene in methods.QUICK:
+            few, many = (row for row in rows if (row.curve, row.scene) == (f"discrete-ordinates, {name}", scene))
+            assert many.worst < few.worst / 20.0
+            assert many.reference_within < 1e-7
+
+
+def test_the_exact_method_keeps_what_is_asked_for_and_loses_no_energy(rows: list[Row]) -> None:
+    for row in rows:
+        if row.curve == "discrete-ordinates, accuracy":
+            assert row.worst <= float(row.setting.split()[1])
+        if row.scene == "Rayleigh, small" and row.method == "discrete-ordinates":
+            assert row.energy < 1e-12
+
+
+def test_the_page_opens_without_a_network(folder: Path) -> None:
+    text = (folder / page.PAGE).read_text(encoding="utf-8")
+    assert not re.search(r"<(script|link|img)[^>]*(src|href)=", text)
+    for name in methods.QUICK:
+        assert f'id="{reference.slug(name)}"' in text
+        assert (folder / f"{reference.slug(name)}.png").stat().st_size > 1000
+    assert "For 1e-03 take" in text
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = run(tmp_path)
+    monkeypatch.setattr(measuring, "timed", lambda *_: pytest.fail("measured again"))
+    monkeypatch.setattr(measuring, "reference", lambda *_: pytest.fail("solved again"))
+    assert run(tmp_path) == first
+
+
+def test_a_torn_line_is_measured_again_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, path = run(tmp_path), tmp_path / methods.CSV
+    text = path.read_text()
+    path.write_text(text[: text.rindex(",") + 4])
+    measured, timed = [], measuring.timed
+    monkeypatch.setattr(measuring, "timed", lambda *given: measured.append(given) or timed(*given))
+    again = run(tmp_path)
+    assert len(measured) == 1
+    assert again[0] == first[0]
+    assert again[1].i_max == first[1].i_max
+
+
+@pytest.mark.parametrize("change", ["version", "setting", "fresh"])
+def test_what_has_changed_is_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str) -> None:
+    run(tmp_path)
+    curve, measured, timed = CURVE, [], measuring.timed
+    if change == "version":
+        monkeypatch.setattr(records, "made_by", lambda: "another version")
+    if change == "setting":
+        curve = replace(CURVE, settings=knobs.over_nodes((2, 8), algorithm="doubling"))
+    monkeypatch.setattr(measuring, "timed", lambda *given: measured.append(given) or timed(*given))
+    assert len(run(tmp_path, curve, fresh=change == "fresh")) == len(measured) == 2
+    assert len(records.read(tmp_path / methods.CSV)) == 2
+
+
+def test_a_slow_curve_ends_early(tmp_path: Path) -> None:
+    first, second = methods.measure(methods.QUICK[:1], [CURVE], tmp_path, replace(ONCE, longest=0.0), silent)
+    assert first.is_measured
+    assert second.status.startswith("left out: 2 nodes took")
+
+
+def test_errors_are_relative_to_the_largest_intensity_of_their_depth() -> None:
+    one = scenes.case("Rayleigh, small")
+    field = reference.ask(one, nodes=8)
+    light = reference.leaving(one, field)
+    largest = reference.largest_of(one, light)
+    right = reference.Reference(reference.answered(one, field, largest), largest, 0.0)
+    assert max(measuring.errors(one, field, right).values()) < 1e-14
+    wrong = field.stokes.copy()
+    wrong[1, :, :, 2] += 0.01 * np.abs(field.stokes[1, field.mu < 0.0, :, 0]).max()
+    found = measuring.errors(one, replace(field, stokes=wrong), right)
+    assert found["u_max"] == pytest.approx(0.01)
+    assert found["u_rms"] == pytest.approx(0.01)
+    assert found["i_max"] == 0.0
+
+
+def test_advice_says_what_is_quickest_and_what_cannot_be_told() -> None:
+    slow = Row("s", "c", "m", "8 nodes", MEASURED, 2.0, i_max=1e-7, q_max=0, u_max=0, v_max=0, reference_within=1e-9)
+    quick = replace(slow, setting="2 nodes", seconds=1.0, q_max=1e-4)
+    text = advice.sentence([slow, quick])
+    assert text.startswith("For 1e-03 take c with 2 nodes (1 s, error 1e-04), for 1e-06 take c with 8 nodes")
+    assert text.endswith("for 1e-10 nothing can be told (the reference is known to 1e-09).")
+    assert "take none of these" in advice.advice([quick], 1e-6)
+
+
+def test_scenes() -> None:
+    assert len(methods.CASES) >= 12
+    with pytest.raises(SceneError, match="--scenes must fit one of"):
+        methods.matching("no such scene")
+
+
+@pytest.mark.slow
+def test_no_two_scenes_are_the_same() -> None:
+    assert len({methods.case(name).fingerprint for name in methods.CASES}) == len(methods.CASES)
+
+
+def test_the_table_of_knobs_names_settings_that_are_there() -> None:
+    assert knobs.unknown_settings() == []
+
+
+def test_the_table_of_methods_is_that_of_the_registry() -> None:
+    text = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
+    assert registry.refreshed(text) == text, "run `python -m vrte.report.methods docs/methods.md`"
+    for name in METHODS:
+        assert f"\n| `{name}` |" in text
+
+
+def test_figure_2_agrees_near_the_beam_and_where_it_is_thin() -> None:
+    lobes = radiance_factor.below(0.01)
+    exact, once = (lobes[name] for name in ("discrete-ordinates", "single-scattering"))
+    near = np.abs(exact.angle - radiance_factor.BEAM) < 10.0
+    np.testing.assert_allclose(once.radiance[near], exact.radiance[near], rtol=0.02)
+
+
+@pytest.mark.slow
+def test_figures_of_the_paper(tmp_path: Path) -> None:
+    assert cli.main(["report", "--figures", "-o", str(tmp_path)]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"radiance_factor_1.png", "radiance_factor_2.png"}
+
+
+@pytest.mark.slow
+def test_inside_a_conservative_slab_light_turns_towards_straight_down() -> None:
+    lobes = radiance_factor.inside()
+    brightest = [abs(lobe.angle[np.argmax(lobe.radiance)]) for lobe in lobes]
+    # at the top the brightest light is that of the long, nearly horizontal ways
+    assert np.all(np.diff(brightest[1:]) < 0.0)
