@@ -108,7 +108,7 @@ def scattered(problem: Problem, pile: Pile, order: int) -> Array:
 METHOD = Method(
     name="two-stream",
     solve=solve,
-    purpose="fluxes of any layer in microseconds; coarse radiance",
+    purpose="fluxes of any layer without a matrix; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="4.1, (2:5)-(2:9) with N = 1",
     polarization=False,
