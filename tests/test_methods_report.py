@@ -137,6 +137,14 @@ def test_advice_says_what_is_quickest_and_what_cannot_be_told() -> None:
     assert "take none of these" in advice.advice([quick], 1e-6)
 
 
+def test_synthetic_iteration_is_held_to_the_exact_method() -> None:
+    exact = Row("s", "e", "discrete-ordinates", "8 nodes", MEASURED, 2.0, i_max=1e-3, q_max=0, u_max=0, v_max=0)
+    other = replace(exact, curve="s", method="synthetic-iteration", seconds=0.1)
+    assert advice.beside_exact([exact, other]).endswith("2 s, 20 times as much.")
+    assert advice.beside_exact([exact, replace(other, i_max=0.1)]).endswith("its least error is 1.0e-01.")
+    assert advice.beside_exact([exact]).endswith("it was not measured.")
+
+
 def test_scenes() -> None:
     assert len(methods.CASES) >= 12
     with pytest.raises(SceneError, match="--scenes must fit one of"):

@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 
 from vrte.report.methods.records import REFUSED, Row
+from vrte.request import EXACT
 
 TARGETS = (1e-3, 1e-6, 1e-10)
+COARSE = 1e-2  # what synthetic iteration is held to
 
 
 def front(rows: Sequence[Row]) -> list[Row]:
@@ -47,6 +49,22 @@ def sentence(rows: Sequence[Row]) -> str:
     """Of a scene, for all targets."""
     text = ", ".join(advice(rows, target) for target in TARGETS)
     return text[0].upper() + text[1:] + "."
+
+
+def beside_exact(rows: Sequence[Row], method: str = "synthetic-iteration", target: float = COARSE) -> str:
+    """How a method stands to the exact one where both are good enough."""
+    exact, other = (quickest([row for row in rows if row.method == name], target) for name in (EXACT, method))
+    if exact is None:
+        return f"At {target:.0e}: {EXACT} was not run."
+    if other is None:
+        best = min((row.worst for row in rows if row.is_measured and row.method == method), default=None)
+        why = "it was not measured" if best is None else f"its least error is {best:.1e}"
+        return f"{method} does not reach {target:.0e}: {why}."
+    return (
+        f"At {target:.0e} {method} ({other.curve}, {other.setting}) takes {time_text(other.seconds)}, {EXACT} "
+        f"({exact.curve}, {exact.setting}) {time_text(exact.seconds)}, "
+        f"{exact.seconds / other.seconds:.2g} times as much."
+    )
 
 
 def refusals(rows: Sequence[Row]) -> dict[str, str]:

@@ -37,11 +37,11 @@ class Pace:
     that builds and fills caches; one that takes longer than ``alone`` counts, and is the only one. A curve ends after a
     run of more than ``longest`` seconds."""
 
-    seconds: float = 0.3
+    seconds: float = 0.2
     fewest: int = 2
     most: int = 9
     alone: float = 1.0
-    longest: float = 2.5
+    longest: float = 2.0
 
 
 FULL, HASTE = Pace(), Pace(seconds=0.005, fewest=1, most=3)

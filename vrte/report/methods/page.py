@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 from vrte.errors import MissingExtraError
 from vrte.formats.atomic import atomic_write
-from vrte.report.methods.advice import TARGETS, advice, front, quickest, refusals, sentence, time_text, within_of
+from vrte.report.methods.advice import (
+    TARGETS,
+    advice,
+    beside_exact,
+    front,
+    quickest,
+    refusals,
+    sentence,
+    time_text,
+    within_of,
+)
 from vrte.report.methods.records import STOKES, Row
 from vrte.report.methods.reference import slug
 from vrte.report.methods.scenes import case
@@ -255,5 +265,5 @@ def as_text(rows: Sequence[Row]) -> str:
     lines = []
     for name, some in by_scene(rows).items():
         lines.append(f"  {name} (reference known to {within_of(some):.0e})")
-        lines += [f"    {advice(some, target)}" for target in TARGETS]
+        lines += [f"    {text}" for text in [*(advice(some, target) for target in TARGETS), beside_exact(some)]]
     return "\n".join(lines)
