@@ -125,6 +125,7 @@ def test_white_under_a_white_sky_is_white(name: str) -> None:
     found = table(WHITE[name], 8, np.concatenate([vrte.hemisphere(8)[0], MU]), nodes=8)
     np.testing.assert_allclose(found.diffuse_reflectance(), 1.0, rtol=1e-13)
     assert found.bihemispherical_reflectance() == pytest.approx(1.0, rel=1e-13)
+    np.testing.assert_allclose(table(WHITE[name], 16, MU, nodes=24).diffuse_reflectance(), 1.0, rtol=1e-7)
 
 
 def test_a_base_alone_has_its_albedo() -> None:

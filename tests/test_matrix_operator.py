@@ -8,7 +8,7 @@ import vrte
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.problem import Problem, Run
-from vrte.methods import divided_differences
+from vrte.methods import divided_differences, operators
 from vrte.methods.matrix_operator import Matter, Slab, matter_of, propagator
 
 from . import exact
@@ -131,3 +131,20 @@ def test_equals_discrete_ordinates(name: str) -> None:
     np.testing.assert_allclose(found.stokes, expected.stokes, atol=1e-11 * np.abs(expected.stokes).max())
     np.testing.assert_allclose(found.flux_up, expected.flux_up, rtol=1e-11, atol=1e-13)
     np.testing.assert_allclose(found.flux_down, expected.flux_down, rtol=1e-11, atol=1e-13)
+
+
+def test_cosines_a_last_place_apart() -> None:
+    """1/mu of neighbours may be the same number."""
+    mu = np.array([0.7, np.nextafter(0.7, 1.0), np.nextafter(0.7, 0.0), 0.3])
+    scene = vrte.Scene([vrte.Layer(spheroids(), 0.9, 2.0)])
+    found = vrte.brdf(scene, mu, mu, nodes=4, method="matrix-operator")
+    expected = exact.brdf(scene, mu, mu, nodes=4)
+    np.testing.assert_allclose(found.mueller, expected.mueller, atol=1e-12 * np.abs(expected.mueller).max())
+
+
+def test_large_tables_go_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, mu = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 2.0)]), np.linspace(0.1, 1.0, 7)
+    whole = vrte.brdf(scene, mu, mu, nodes=4, method="matrix-operator")
+    monkeypatch.setattr(operators, "AT_ONCE", 1000.0)
+    pieces = vrte.brdf(scene, mu, mu, nodes=4, method="matrix-operator")
+    np.testing.assert_allclose(pieces.mueller, whole.mueller, rtol=1e-12, atol=1e-15)

@@ -190,3 +190,17 @@ def test_isotropic_layer_without_end(fine: dict[str, object], albedo: float) -> 
     exact = albedo / (4.0 * np.pi) * h[:, None] * h / (MU[:, None] + MU)
     found = vrte.brdf(scene, MU, MU, **(fine | {"nodes": 24}))
     np.testing.assert_allclose(found.mueller[:, :, 0, 0, 0], exact, rtol=1e-8)
+
+
+def test_light_from_below(method: Method) -> None:
+    """A layer alone has no top: the same from both sides, whatever the method."""
+    phase = vrte.rayleigh() if method.polarization else vrte.henyey_greenstein(0.5, 12)
+    scene, how = vrte.Scene([vrte.Layer(phase, 0.9, 0.7)]), {"nodes": 8, "method": method.name}
+    transmission = method.transmission
+    above, below = (
+        vrte.brdf(scene, MU, MU, PHI, transmission=transmission, illuminate=side, **how) for side in ("top", "bottom")
+    )
+    flip = np.outer([1, 1, -1, -1], [1, 1, -1, -1])
+    np.testing.assert_array_equal(below.mueller, above.mueller * flip)
+    if transmission:
+        np.testing.assert_array_equal(below.transmission, above.transmission * flip)

@@ -14,6 +14,7 @@ from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.solver import Solution
 from vrte.discrete_ordinates.summing import Light, Wanted, fill
+from vrte.discrete_ordinates.truncating import BoolArray
 from vrte.plan import everything
 from vrte.request import Request
 
@@ -44,12 +45,13 @@ def light(orders: Any, kernels: Array, stokes: Sequence[int] = ALL) -> Light:
 
 
 def summed(
-    request: Request, problem: Problem, mu: Array, lights: Sequence[Light], run: Run, spread: bool = False
+    request: Request, problem: Problem, mu: Array, lights: Sequence[Light], run: Run, spread: bool | BoolArray = False
 ) -> list[Array]:
     """The radiance of every part of what is wanted: Fourier orders, single scattering and the beam that the base
-    reflects; ``spread``: one scattering of the beam as it spreads by small angles stands for single scattering."""
+    reflects; ``spread``, True or (n_mu,): there one scattering of the beam as it spreads by small angles stands for
+    single scattering."""
     azimuths = fold(request.phi)
-    spreads = np.full(mu.size, spread)
+    spreads = np.broadcast_to(np.asarray(spread), mu.shape)
     wanted = wanted_of(request, mu)
     return fill(wanted, lights, request.scene, problem, mu, azimuths, run, lambda done: None, spreads)
 

@@ -21,7 +21,6 @@ from vrte.discrete_ordinates.single_scattering import paths_in_layers
 from vrte.discrete_ordinates.small_angle import Ray
 from vrte.discrete_ordinates.solver import Solution
 from vrte.discrete_ordinates.truncating import flux_of_the_peak
-from vrte.methods.common import solution_of
 from vrte.methods.method import Method, Setting, Settings
 from vrte.methods.two_fluxes import (
     Pile,
@@ -32,9 +31,9 @@ from vrte.methods.two_fluxes import (
     cut_to_two,
     direct_beam,
     from_base,
-    kernels_of,
     levels_of,
     piled,
+    result,
 )
 from vrte.request import Request, one_of
 
@@ -58,8 +57,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     orders = field_of(problem, pile, base_albedo, c)
     down, up = (flux[..., None] * problem.columns[:, 0] for flux in fluxes_of(problem, pile, c))
     fluxes = up, down + flux_of_the_peak(problem, request.tau)
-    numbers = np.arange(len(orders), dtype=np.int32)
-    return solution_of(request, problem, mu, numbers, kernels_of(problem, orders), fluxes, run, start)
+    return result(request, problem, mu, orders, fluxes, run, start)
 
 
 def pile_of(problem: Problem, base_albedo: float, c: float) -> Pile:

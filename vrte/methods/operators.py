@@ -1,12 +1,17 @@
 """Matrices that act on the nodes, on the beams that light them and on the directions off the nodes, all at once."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vrte.arrays import Array
 from vrte.methods.divided_differences import ComplexArray, Function, first, second
+
+IntArray = NDArray[np.intp]
+AT_ONCE = 2e6  # divided differences held in memory: some hundred MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +78,14 @@ def empty(r: int, n: int, o: int) -> Operator:
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """The eigenvectors of an operator: nodes' part X diag(lam) X^-1, right = X, left = X^-1; ``of``: the operator."""
+    """Eigenvectors of the nodes' part of an operator ``of``, right diag(lam) left with left = right^-1; ``stokes``: how
+    many rows a direction off the nodes has."""
 
     of: Operator
     lam: ComplexArray
     right: ComplexArray
     left: ComplexArray
+    stokes: int
 
     @cached_property
     def excited(self) -> ComplexArray:
@@ -92,19 +99,25 @@ class Modes:
 
     def function(self, function: Function) -> Operator:
         """f(A), divided differences of f in the blocks off the diagonal: no two values are too close."""
-        lam = self.lam
+        lam, outs = self.lam, self.of.out[:: self.stokes]
         beams, fed = np.unique(self.of.beam, return_inverse=True)
-        outs, off = np.unique(self.of.out, return_inverse=True)
         by_beam = first(function, lam[:, None], beams)[:, fed]
-        by_out = first(function, outs[:, None], lam)[off]
-        three = second(function, outs[:, None, None], lam[None, :, None], beams)[off][..., fed]
-        by_both = np.matmul(self.radiated[:, None], three * self.excited)[:, 0]
-        straight = first(function, outs[:, None], beams)[np.ix_(off, fed)] * self.of.through
+        by_out = np.repeat(first(function, outs[:, None], lam), self.stokes, axis=0)
+        straight = np.repeat(first(function, outs[:, None], beams)[:, fed], self.stokes, axis=0)
+        pieces = max(1, math.ceil(lam.size * outs.size * fed.size / AT_ONCE))
+        through = [self.from_beams(function, part, beams, fed) for part in np.array_split(np.arange(outs.size), pieces)]
         return Operator(
             beam=function(self.of.beam.astype(complex)).real,
             nodes=((self.right * function(lam)) @ self.left).real,
             into=(self.right @ (by_beam * self.excited)).real,
             out=function(self.of.out.astype(complex)).real,
             leaving=((by_out * self.radiated) @ self.left).real,
-            through=(by_both + straight).real,
+            through=(np.concatenate(through) + straight * self.of.through).real,
         )
+
+    def from_beams(self, function: Function, places: IntArray, beams: Array, fed: IntArray) -> ComplexArray:
+        """What goes from each beam by way of the nodes to some directions off them, (stokes * places, r)."""
+        outs = self.of.out[places * self.stokes]
+        three = second(function, outs[:, None, None], self.lam[None, :, None], beams)[..., fed]
+        radiated = self.radiated.reshape(-1, self.stokes, self.lam.size)[places]
+        return np.asarray(np.matmul(radiated, three * self.excited).reshape(-1, fed.size))

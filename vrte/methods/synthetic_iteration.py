@@ -314,7 +314,7 @@ def swept(grid: Grid, mu: Array, source: Array, base_light: Array) -> Array:
 METHOD = Method(
     name=NAME,
     solve=solve,
-    purpose="a second look at a coarse method's field: layers with a strong forward peak",
+    purpose="light near the beam below layers with a strong forward peak; no quicker than discrete ordinates here",
     conserves="fluxes as the regular part does; the radiance does not sum to them",
     source="section 5, (2:4), (2:25)-(2:29)",
     settings={

@@ -21,12 +21,14 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.problem import Problem
+from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.single_scattering import distance
 from vrte.discrete_ordinates.small_angle import Ray, exp_difference
+from vrte.discrete_ordinates.solver import Solution
+from vrte.discrete_ordinates.truncating import BoolArray, Truncation, choose_truncation, spread_towards
 from vrte.errors import SceneError
-from vrte.methods.common import NODES
+from vrte.methods.common import NODES, diagnostics_of, light, summed
 from vrte.request import Request
 from vrte.scene import Lambertian
 
@@ -258,19 +260,27 @@ def levels_of(problem: Problem, pile: Pile) -> tuple[Array, Array]:
 
 
 def cut_to_two(request: Request) -> tuple[Array, Problem]:
-    """The signed cosines of the result, and the scene with two terms of each phase function: delta-M takes the forward
-    peak off longer ones, or they are cut, as ``request.truncation`` says. Raises SceneError for small angles, and for a
-    base that is not Lambertian."""
-    if request.truncation == "small-angle":
-        raise SceneError(f"method {request.method!r} does not separate small angles: ask for truncation 'delta-m'")
+    """The signed cosines of the result, and the scene with two terms of each phase function: longer ones are cut or
+    lose their forward peak, as discrete ordinates with one node would have it. Raises SceneError for a base that is not
+    Lambertian."""
     if request.scene.base is not None and not isinstance(request.scene.base, Lambertian):
         raise SceneError(f"method {request.method!r} takes no base but a Lambertian one: ask for 'discrete-ordinates'")
     points = double_gauss(request.nodes or NODES)[0]
     mu = np.concatenate([points, -points]) if request.mu is None else request.mu
     rank = np.argsort(mu < 0.0, kind="stable")
-    peaks = "none" if request.truncation == "none" else "all"
     given = request.scene, request.mu0, request.columns, mu[rank], request.tau
-    return mu, discretise(*given, CARRIED // 2, peaks)
+    return mu, discretise(*given, CARRIED // 2, truncation_of(request, mu).peaks)
+
+
+def truncation_of(request: Request, mu: Array) -> Truncation:
+    """What discrete ordinates with one node would take."""
+    given = request.scene, request.mu0, request.columns, mu, request.tau
+    return choose_truncation(request.truncation, *given, CARRIED // 2, request.accuracy)
+
+
+def spread_of(request: Request, problem: Problem, mu: Array) -> BoolArray:
+    """Towards which directions, (n_mu,), the beam spreads by small angles before it scatters once."""
+    return spread_towards(truncation_of(request, mu), problem, mu)
 
 
 def asymmetry(problem: Problem) -> Array:
@@ -300,3 +310,20 @@ def kernels_of(problem: Problem, orders: Sequence[Array]) -> Array:
     kernels = np.zeros((*unit.shape, 4))
     kernels[..., 0] = unit
     return kernels
+
+
+def result(
+    request: Request,
+    problem: Problem,
+    mu: Array,
+    orders: Sequence[Array],
+    fluxes: tuple[Array, Array],
+    run: Run,
+    start: float,
+) -> tuple[Array, Solution]:
+    """Of orders (n_tau, n_in, n_out) and fluxes up and down (n_tau, n_in, n_col)."""
+    kernels = light(np.arange(len(orders)), kernels_of(problem, orders))
+    parts = summed(request, problem, mu, [kernels], run, spread_of(request, problem, mu))
+    truncation = truncation_of(request, mu).name
+    diagnostics = diagnostics_of(request, problem, run, start, orders=len(orders), truncation=truncation)
+    return mu, Solution(parts, *fluxes, diagnostics)

@@ -14,7 +14,6 @@ from vrte.discrete_ordinates.small_angle import Ray
 from vrte.discrete_ordinates.solver import Solution
 from vrte.discrete_ordinates.truncating import flux_of_the_peak
 from vrte.errors import SceneError
-from vrte.methods.common import solution_of
 from vrte.methods.method import Method, Settings
 from vrte.methods.two_fluxes import (
     Pile,
@@ -25,9 +24,9 @@ from vrte.methods.two_fluxes import (
     cut_to_two,
     direct_beam,
     from_base,
-    kernels_of,
     levels_of,
     piled,
+    result,
 )
 from vrte.request import Request
 
@@ -43,8 +42,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     orders = field_of(problem, pile, base_albedo)
     down, up = (flux[..., None] * problem.columns[:, 0] for flux in fluxes_of(problem, pile))
     fluxes = up, down + flux_of_the_peak(problem, request.tau)
-    numbers = np.arange(len(orders), dtype=np.int32)
-    return solution_of(request, problem, mu, numbers, kernels_of(problem, orders), fluxes, run, start)
+    return result(request, problem, mu, orders, fluxes, run, start)
 
 
 def pile_of(problem: Problem, base_albedo: float) -> Pile:
@@ -110,7 +108,7 @@ def scattered(problem: Problem, pile: Pile, order: int) -> Array:
 METHOD = Method(
     name="two-stream",
     solve=solve,
-    purpose="fluxes of any layer in microseconds; coarse radiance",
+    purpose="fluxes of any layer without a matrix; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="4.1, (2:5)-(2:9) with N = 1",
     polarization=False,
