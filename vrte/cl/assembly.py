@@ -87,13 +87,6 @@ class Assembled:
     source_d: Stack
 
 
-def is_processor(session: Session) -> bool:
-    """Whether the device is a CPU."""
-    import pyopencl
-
-    return bool(session.queue.device.type & pyopencl.device_type.CPU)
-
-
 def pieces(session: Session, size: int, each: int) -> tuple[int, int, int]:
     """How many pieces of how much, and how many of them make a work-group: on a CPU few, each longer."""
     if session.form == "cpu":

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.arrays import Array
+from vrte.cl.assembly import Assembled
 from vrte.cl.extended import COMPLEMENT, FADE, NOTHING, TANH, Algebra, BoolArray, Extended, Sizes
-from vrte.cl.matrices import STRIP, Stack, product, upload_stack
+from vrte.cl.matrices import STRIP, product, upload_stack
 from vrte.cl.session import Session
 
 NUMERATOR = (135135.0, 17325.0, 378.0, 1.0)  # tanh's continued fraction, its seventh convergent
@@ -64,18 +65,6 @@ class Items:
 
 
 @dataclass(frozen=True, eq=False)
-class Matrices:
-    """What `assemble` leaves on a device, stacks of (order, material) one behind the other."""
-
-    E: Stack
-    F: Stack
-    G_E: Stack
-    G_F: Stack
-    source_s: Stack
-    source_d: Stack
-
-
-@dataclass(frozen=True, eq=False)
 class Slabs:
     """R and T of every item, lost (item, n) and info (item,) on the device; residual (item, 2) and doublings (item,)
     come down as numbers."""
@@ -109,7 +98,7 @@ def turning(frame: Frame) -> tuple[Array, Array]:
 class Doubling:
     """The work on one stack of slabs: its matrices, and what is known of each item on the host."""
 
-    def __init__(self, session: Session, frame: Frame, items: Items, matrices: Matrices) -> None:
+    def __init__(self, session: Session, frame: Frame, items: Items, matrices: Assembled) -> None:
         self.session, self.frame, self.items = session, frame, items
         self.sizes, self.count = frame.sizes, items.thickness.size
         self.algebra = Algebra(session, self.sizes, self.count)
@@ -118,7 +107,6 @@ class Doubling:
         self.rate_OO = upload(np.repeat(1.0 / frame.mu_out, stokes) if self.sizes.o else np.zeros(1))
         self.rate_II = upload(np.repeat(1.0 / frame.mu0, n_col) if self.sizes.r else np.zeros(1))
         self.columns = upload(frame.columns)
-        self.h = session.empty((self.count,))
         self.e, self.f = (self.with_rates(new()) for _ in range(2))
         self.Ze, self.Zo, self.C, self.a, self.b, self.spare = (new() for _ in range(6))
         self.doublings = np.zeros(self.count, np.int32)
@@ -138,7 +126,7 @@ class Doubling:
         """Items as kernels take them."""
         return self.algebra.where(chosen)
 
-    def extend(self, matrices: Matrices) -> None:
+    def extend(self, matrices: Assembled) -> None:
         """E and F with the sources as incident columns and G as outgoing rows."""
         items, s = self.where(self.doubled), self.sizes
         of = self.session.constant(self.items.of)
@@ -180,11 +168,6 @@ class Doubling:
         norms = self.session.download(self.algebra.largest(items, self.a.N, sums=True))
         found: Array = np.maximum(self.frame.steepest, np.sqrt(norms))
         return found
-
-    def put_h(self, h: Array) -> Any:
-        """h (item,) for the kernels that come."""
-        self.h = self.session.constant(h)
-        return self.h
 
     def run(self, stop: NDArray[np.int32]) -> Slabs:
         """R and T of every item."""
@@ -267,7 +250,7 @@ class Doubling:
 
     def straight(self, kind: int, chosen: BoolArray, h: Array, *matrices: Extended) -> None:
         """Their OO and II over h."""
-        uploaded = self.put_h(h)
+        uploaded = self.session.constant(h)
         for matrix in matrices:
             self.algebra.go_straight(self.where(chosen), kind, uploaded, self.with_rates(matrix), matrix)
 
@@ -357,7 +340,7 @@ class Doubling:
         if thin.any():
             algebra.product(self.where(thin), 1.0, self.Zo, self.a, self.b)
             algebra.combine(self.where(thin), 1.0, R, R, 1.0, self.b)
-        algebra.go_straight(doubled, NOTHING, self.h, self.with_rates(R), R)
+        algebra.go_straight(doubled, NOTHING, self.rate_OO, self.with_rates(R), R)
         return R, T
 
     def flux_row(self, chosen: BoolArray, factor: float, R: Extended, lost: Any) -> None:
@@ -508,7 +491,7 @@ def double_slabs(
     items = Items(thick, scattering, forward, of.ravel(), turned.ravel(), (scattering == 0.0) & clear)
     with session.lock:
         stacks = (upload_stack(session, a.reshape(-1, *a.shape[2:])) for a in (E, F, G_E, G_F, source_s, source_d))
-        found = Doubling(session, frame, items, Matrices(*stacks)).run(stop)
+        found = Doubling(session, frame, items, Assembled(*stacks)).run(stop)
         R[:], T[:] = (blocks(session, matrix).reshape(*shape, -1) for matrix in (found.R, found.T))
         lost[:] = session.download(found.lost).reshape(lost.shape)
         info[:] = session.download(found.info).reshape(shape)

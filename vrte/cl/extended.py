@@ -98,7 +98,6 @@ class Algebra:
         self.rest = session.empty((items, PANEL * sizes.n))
         self.pivots = session.empty((items, sizes.n), np.int32)
         self.info = session.zeros((items,), np.int32)
-        self.lists: dict[bytes, Any] = {}
 
     def new(self) -> Extended:
         """Zeros."""
@@ -108,10 +107,7 @@ class Algebra:
 
     def where(self, chosen: BoolArray) -> Any:
         """The items chosen, (item,) of bool, as kernels take them."""
-        key = chosen.tobytes()
-        if key not in self.lists:
-            self.lists[key] = self.session.constant(np.flatnonzero(chosen).astype(np.int32))
-        return self.lists[key]
+        return self.session.constant(np.flatnonzero(chosen).astype(np.int32))
 
     def columns_of(self, items: Any) -> tuple[int, int]:
         """The size of a launch over columns."""

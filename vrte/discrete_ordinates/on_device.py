@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vrte.arrays import Array
 from vrte.cl import assembly, doubling, invariance, joining
 from vrte.cl.device import chosen, device_errors, session
-from vrte.cl.doubling import Frame, Items, Matrices
+from vrte.cl.doubling import Frame, Items
 from vrte.cl.faults import check_room
 from vrte.cl.session import Session
 from vrte.cl.sums import Kernels, dense
@@ -49,7 +49,6 @@ class Light:
     stokes: IntArray
     columns: IntArray
     kernels: Kernels
-    data: Any
     factors: Array
 
 
@@ -211,7 +210,7 @@ def room_for_matrices(opened: Session) -> float:
     """Bytes."""
     device = opened.device
     room = min(SHARE * device.global_mem_size, STACKS * float(device.max_mem_alloc_size))
-    return min(room, CACHED) if assembly.is_processor(opened) else room
+    return min(room, CACHED) if opened.on_host else room
 
 
 def bytes_of(piece: Piece) -> float:
@@ -249,7 +248,7 @@ def note(piece: Piece, name: str, found: Found, items: slice, largest: Array, br
     size = int(np.prod(found.shape[1:]))
     kernels = dense(found.kernels.data, (orders.size, *found.shape[1:]), items.start * size)
     stokes, columns = np.array(block.stokes, np.int32), np.array(block.columns, np.int32)
-    task.lights.append(Light(orders, stokes, columns, kernels, found.kernels, found.factors))
+    task.lights.append(Light(orders, stokes, columns, kernels, found.factors))
     n_tau = task.plan.request.tau.size
     for order, light in zip(orders.tolist(), largest[items], strict=True):
         light = np.broadcast_to(light, (n_tau, light.shape[1]))
@@ -389,7 +388,7 @@ def booked(opened: Session, run: Run, name: str, begin: float) -> float:
     return now
 
 
-def assembled(opened: Session, batch: Batch) -> Matrices:
+def assembled(opened: Session, batch: Batch) -> assembly.Assembled:
     """E, F, G and sources of every pair of (order, material)."""
     problem = batch.problem
     upload, longest = opened.constant, max(pile.problem.coefficients.shape[1] for pile in batch.piles)
@@ -405,7 +404,7 @@ def assembled(opened: Session, batch: Batch) -> Matrices:
             for start, piece, pile in zip(materials, batch.pieces, batch.piles, strict=True)
         ]
     )
-    made = assembly.assemble(
+    return assembly.assemble(
         opened,
         upload(np.arange(order.size, dtype=np.int32)),
         upload(order.astype(np.int32)),
@@ -418,7 +417,6 @@ def assembled(opened: Session, batch: Batch) -> Matrices:
         upload(problem.weights),
         problem.mu_out.size,
     )
-    return Matrices(made.E, made.F, made.G_E, made.G_F, made.source_s, made.source_d)
 
 
 def slab_items(batch: Batch) -> Items:

@@ -58,7 +58,8 @@ def fill_share(
     first, last = incident
     n_level, _, *rest = part.values.shape
     shape = (n_level, last - first, *rest)
-    table = Table(opened.zeros(shape).data, shape)
+    room = opened.zeros(shape)
+    table = Table(room.data, shape)
     begin = time.perf_counter()
     angle: Any = azimuths.angle
     where = upload_azimuths(opened, angle, azimuths.sign, azimuths.distinct.size)
@@ -71,11 +72,7 @@ def fill_share(
     opened.finish()
     run.book("single scattering", time.perf_counter() - begin)
     begin = time.perf_counter()
-    import pyopencl
-
-    found = np.empty(shape)
-    pyopencl.enqueue_copy(opened.queue, found, table.data)
-    part.values[:, first:last] += found
+    part.values[:, first:last] += opened.download(room)
     run.book("from the device", time.perf_counter() - begin)
     if run.stop[0]:
         raise KeyboardInterrupt
@@ -122,7 +119,8 @@ def add_light(
 
 def levels_of(light: Light, part: Part) -> IntArray:
     """Which of the light's levels are the part's: light of the top alone has one."""
-    several = light.data.shape[1] > 1
+    _, per_order, per_level, *_ = light.kernels.strides
+    several = per_order > per_level
     return part.levels if several else np.zeros_like(part.levels)
 
 
