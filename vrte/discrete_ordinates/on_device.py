@@ -348,11 +348,8 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     shape = (piles.slab.shape[0], pile.interface.size, problem.mu0.size, problem.columns.shape[0])
     directions = pieces[0].problem.mu_out.size, len(problem.stokes)
     kernels = leaving(opened, batch, joint, (*shape, *directions))
-    per_item = np.concatenate(
-        [np.full((piece.orders.size, pile.thickness.size), k) for k, (piece, pile) in enumerate_items(batch)], axis=None
-    )
-    worst = worst_of_items(batch, slabs.residual, per_item)
-    singular = worst_of_items(batch, opened.download(slabs.info)[:, None].astype(float), per_item)[:, 0]
+    worst = worst_of_items(batch, slabs.residual)
+    singular = worst_of_items(batch, opened.download(slabs.info)[:, None].astype(float))[:, 0]
     residuals = {
         "residual_of_reflection": worst[:, 0],
         "residual_of_transmission": worst[:, 1],
@@ -364,16 +361,14 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     return Found(kernels, (*shape, *directions), np.ones(directions), flux, residuals, singular)
 
 
-def enumerate_items(batch: Batch) -> Iterator[tuple[int, tuple[Piece, Pile]]]:
-    """Pieces with their places."""
-    return enumerate(zip(batch.pieces, batch.piles, strict=True))
-
-
-def worst_of_items(batch: Batch, values: Array, piece_of: Array) -> Array:
+def worst_of_items(batch: Batch, values: Array) -> Array:
     """The largest over the slabs of each item: values (slab item, k), (item, k)."""
+    starts = batch.starts(lambda piece, pile: piece.orders.size * pile.thickness.size)
     found = [
-        values[piece_of == k].reshape(piece.orders.size, pile.thickness.size, -1).max(axis=1)
-        for k, (piece, pile) in enumerate_items(batch)
+        values[start : start + piece.orders.size * pile.thickness.size]
+        .reshape(piece.orders.size, pile.thickness.size, -1)
+        .max(axis=1)
+        for start, piece, pile in zip(starts, batch.pieces, batch.piles, strict=True)
     ]
     return np.concatenate(found)
 
