@@ -18,6 +18,7 @@ import pytest
 
 import vrte
 from vrte import cli
+from vrte.commands import common, solve
 
 SCENE = """
 nodes = 4
@@ -156,7 +157,7 @@ def test_an_unreached_base_and_doubtful_particles_are_told(tmp_path: Path, capsy
 def test_outputs_are_checked_before_the_work(
     scene: Path, name: str, complaint: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cli, "read_scene", lambda *_: pytest.fail("worked"))
+    monkeypatch.setattr(common, "read_scene", lambda *_: pytest.fail("worked"))
     (scene.parent / "folder.nc").mkdir()
     assert run("brdf", scene, "-o", scene.parent / name) == 2
     assert complaint in one_line(capsys)
@@ -251,7 +252,7 @@ def test_failures(
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr(cli, "brdf", fail)
+    monkeypatch.setattr(solve, "brdf", fail)
     assert run("brdf", scene, "-o", scene.parent / "out.nc") == code
     one_line(capsys)
     assert files(scene.parent) == {"scene.toml"}
@@ -261,9 +262,9 @@ def test_failures(
 def test_a_missing_extra_is_named_before_the_work(
     scene: Path, module: str, extra: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    find = cli.importlib.util.find_spec
-    monkeypatch.setattr(cli.importlib.util, "find_spec", lambda name: None if name == module else find(name))
-    monkeypatch.setattr(cli, "read_scene", lambda *_: pytest.fail("worked"))
+    find = common.importlib.util.find_spec
+    monkeypatch.setattr(common.importlib.util, "find_spec", lambda name: None if name == module else find(name))
+    monkeypatch.setattr(common, "read_scene", lambda *_: pytest.fail("worked"))
     assert run("brdf", scene, "-o", scene.parent / "out.nc", "--plot", scene.parent / "out.png") == 1
     assert f"pip install 'vrte[{extra}]'" in one_line(capsys)
 

@@ -79,24 +79,43 @@ class SceneFile:
         return relocated(message, self.kind, REQUEST_KEYS[self.kind]) if known else message
 
 
-def read_scene(path: str | os.PathLike[str], kind: str | None = None) -> SceneFile:
+def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength_um: float | None = None) -> SceneFile:
     """Reads and checks the scene file ``path`` for the command ``kind``: "brdf" or "field".
 
-    Without ``kind`` the file must have one of the two tables. Raises SceneError naming the dotted key, what
-    was given and what is allowed, OSError where the file cannot be read.
+    Without ``kind`` the file must have one of the two tables; ``wavelength_um`` wins over the file's. Raises SceneError
+    naming the dotted key, what was given and what is allowed, OSError where the file cannot be read.
 
     >>> read_scene("gold_powder.toml").kind
     'brdf'
     """
-    file = Table("", _toml(read_text(path, LARGEST_FILE)), FILE_KEYS)
+    content = read_content(path)
+    if wavelength_um is not None:
+        content["wavelength_um"] = wavelength_um
+    return scene_of(content, kind, Path(path).parent)
+
+
+def read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The keys and tables of a file in TOML, as they are. Raises SceneError where it is none, OSError."""
+    return toml_content(read_text(path, LARGEST_FILE))
+
+
+def scene_of(content: dict[str, Any], kind: str | None = None, folder: Path = Path()) -> SceneFile:
+    """What a scene file with this content would hold; tables of coefficients lie in ``folder``. Errors as `read_scene`.
+
+    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
+    >>> scene_of({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness
+    0.5
+    """
+    file = Table("", content, FILE_KEYS)
     kind = _kind(file, kind)
     request = _request(file, kind)
     options = _options(file)
     particles = _Particles(file, _particle_tables(file))
-    return SceneFile(_scene(file, particles, Path(path).parent), kind, request, options, particles.computed)
+    return SceneFile(_scene(file, particles, folder), kind, request, options, particles.computed)
 
 
-def _toml(text: str) -> dict[str, Any]:
+def toml_content(text: str) -> dict[str, Any]:
+    """TOML, parsed; what would keep the parser busy for minutes is refused first. Raises SceneError."""
     long_key = LONG_KEY.search(text)
     if long_key:
         raise SceneError(f"not a scene: a key of more than 30 parts, {shown(long_key[0])}")

@@ -13,6 +13,7 @@ from vrte.brdf import Brdf
 from vrte.errors import MissingExtraError, SceneError
 from vrte.field import Field
 from vrte.formats.atomic import atomic_write
+from vrte.polarization import degree_of_polarization
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -285,7 +286,10 @@ def _depth_colour(order: int, count: int) -> Any:
 
 def _draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any) -> None:
     """One depth at one azimuth; down and up are separate lines, because the radiance may jump at the horizon."""
-    intensity, polarization = field.stokes[depth, :, azimuth, 0], degree_of_polarization(field)[depth, :, azimuth]
+    intensity, polarization = (
+        field.stokes[depth, :, azimuth, 0],
+        degree_of_polarization(field.stokes)[depth, :, azimuth],
+    )
     label: str | None = f"$\\tau$ = {field.tau[depth]:g}"
     for side in (field.mu < 0.0, field.mu > 0.0):
         order = np.flatnonzero(side)[np.argsort(field.mu[side], kind="stable")]
@@ -294,16 +298,3 @@ def _draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any
             panels[0].plot(field.mu[order], intensity[order], label=label, **style)
             panels[1].plot(field.mu[order], polarization[order], **style)
             label = None
-
-
-def degree_of_polarization(field: Field) -> Array:
-    """sqrt(Q^2 + U^2 + V^2)/I, NaN where there is no light: (tau, mu, phi).
-
-    >>> beam = Field([[[[2.0, 1.0, 0, 0]]]], [1], [0], [0], [0], [1], [0], 0.5, [1, 0, 0, 0], {})
-    >>> degree_of_polarization(beam).item()
-    0.5
-    """
-    intensity = field.stokes[..., 0]
-    polarized = np.sqrt((field.stokes[..., 1:] ** 2).sum(axis=-1))
-    lit = intensity > 0.0
-    return np.where(lit, polarized / np.where(lit, intensity, 1.0), np.nan)
