@@ -49,13 +49,18 @@ START: Content = {
         "mu_o": {"start": 0.05, "stop": 1.0, "count": 20},
         "phi_deg": {"start": 0, "stop": 360, "count": 37},
     },
-    "field": {"mu0": 0.6, "phi_deg": [0, 180]},
+    "field": {"mu0": 0.6, "mu": {"start": -1.0, "stop": 1.0, "count": 120}, "phi_deg": [0, 180]},
 }
 MEDIA = ("particles", "mixture", "isotropic", "rayleigh", "henyey_greenstein", "table")
-SIZE_MODES = {
+SIZE_MODES: dict[str, Content] = {
     "radius": {"radius_um": 0.3},
     "lognormal": {"size": {"lognormal": {"median_um": 0.2, "sigma": 1.4}}},
     "gamma": {"size": {"gamma": {"r_eff_um": 0.2, "v_eff": 0.07}}},
+}
+PHASES: Content = {
+    "isotropic": "isotropic",
+    "rayleigh": {"rayleigh": 0.0},
+    "henyey_greenstein": {"henyey_greenstein": 0.8},
 }
 # what no check objects to, in place of a field that is wrong, so that the next one is heard
 HARMLESS: Content = {
@@ -203,11 +208,7 @@ def set_medium(content: Content, place: int, medium: str) -> None:
         layer.pop("albedo", None)
         layer["particles"] = kinds[0] if medium == "particles" else dict.fromkeys(kinds[:2], 1.0)
         return
-    layer["phase"] = {
-        "isotropic": "isotropic",
-        "rayleigh": {"rayleigh": 0.0},
-        "henyey_greenstein": {"henyey_greenstein": 0.8},
-    }[medium]
+    layer["phase"] = copy.deepcopy(PHASES[medium])
     layer.setdefault("albedo", 0.99)
     set_geometric(layer, False)
 
@@ -292,7 +293,7 @@ def set_base(content: Content, kind: str) -> None:
 
 def wavelengths_of(content: Content) -> list[float]:
     """The wavelengths [um], ascending; one where no particles need any. Raises SceneError for what are none."""
-    value = content.get("wavelength_um")
+    value: Any = content.get("wavelength_um")
     if not isinstance(value, list):
         return [value] if is_number(value) else [math.nan]
     if len(value) > MOST_WAVELENGTHS:
@@ -349,7 +350,7 @@ def check_amount(content: Content) -> None:
         needed = math.prod(sizes) * (len(value) if isinstance(value, list) else 1) * 128.0
         if needed > LARGEST_RESULT:
             raise SceneError(
-                f"brdf: {' x '.join(map(str, sizes))} directions make {needed / 1e9:.3g} GB, and the page takes at most "
+                f"brdf: {' x '.join(map(str, sizes))} directions make {needed / 1e9:.3g} GB; the page takes at most "
                 f"{LARGEST_RESULT / 1e9:g} GB: ask for fewer; `vrte brdf` takes more"
             )
 

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vrte.brdf import Brdf
 from vrte.field import Field
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -26,6 +28,23 @@ class Read:
     data: bytes
     suffix: str
     memory_bytes: float
+
+
+@dataclass(frozen=True)
+class Tensor:
+    """A scene to solve for the directions of Mitsuba's tensor file."""
+
+    content: dict[str, Any]
+    folder: Path
+    memory_bytes: float
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file to be downloaded."""
+
+    name: str
+    data: bytes
 
 
 @dataclass(frozen=True)
@@ -83,7 +102,7 @@ class Outcome:
     def brdf_to_save(self) -> Brdf | Spectrum | None:
         """What goes into a file."""
         if len(self.brdfs) > 1:
-            return Spectrum(self.wavelength_um, self.brdfs)
+            return Spectrum(np.array(self.wavelength_um), self.brdfs)
         return self.brdfs[0] if self.brdfs else None
 
 
@@ -94,5 +113,5 @@ class Failure:
     message: str
 
 
-Task = Solve | Read
-Message = Progress | Planned | Outcome | Failure
+Task = Solve | Read | Tensor
+Message = Progress | Planned | Outcome | Written | Failure

@@ -8,7 +8,7 @@ import threading
 from contextlib import suppress
 from typing import IO, Any
 
-from vrte.app.messages import Failure, Outcome, Planned, Progress, Task
+from vrte.app.messages import Failure, Outcome, Planned, Progress, Task, Written
 from vrte.discrete_ordinates.memory import available_bytes
 
 START = "import sys; sys.path[:] = {path!r}; from vrte.app.worker import main; main()"
@@ -33,7 +33,7 @@ class Job:
     def __init__(self, task: Task) -> None:
         self.share, self.stage = 0.0, "waiting for other solves to end"
         self.plan: Planned | None = None
-        self.outcome: Outcome | None = None
+        self.outcome: Outcome | Written | None = None
         self.message, self.ended = "", False
         self._cancelled = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
@@ -78,7 +78,7 @@ class Job:
                 self.message = last_words(process.returncode, said)
 
     def _started(self, said: IO[bytes]) -> subprocess.Popen[bytes] | None:
-        """The process, of a session of its own: Ctrl-C reaches its parent alone. None where nobody wants it any more."""
+        """The process, of a session of its own: Ctrl-C reaches its parent alone. None where it is cancelled."""
         with self._lock:
             if self._cancelled.is_set():
                 return None

@@ -17,7 +17,8 @@ MOST_BYTES = 2e9  # of all results together; the tabs that were not used for lon
 
 @dataclass
 class Bench:
-    """One tab's: the form's ``content``, the ``job`` that runs, the last ``outcome``, and ``view``, what it looks at."""
+    """A tab's: the form's ``content``, the ``job`` that runs, the last ``outcome``, ``view``, what it looks at,
+    and how many ``pages`` look."""
 
     content: Content
     folder: Path = Path()
@@ -25,6 +26,7 @@ class Bench:
     outcome: Outcome | None = None
     job: Job | None = None
     view: dict[str, Any] = field(default_factory=dict)
+    pages: int = 0
     used: float = field(default_factory=time.monotonic)
 
     @property

@@ -11,21 +11,22 @@ import threading
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from vrte.app.form import at, keywords_of, wavelengths_of
-from vrte.app.messages import Failure, Inside, Message, Outcome, Planned, Progress, Read, Solve, Task
+from vrte.app.form import adopted, at, keywords_of, scene_text, wavelengths_of
+from vrte.app.messages import Failure, Inside, Message, Outcome, Planned, Progress, Read, Solve, Task, Tensor, Written
 from vrte.arrays import in_one_line
 from vrte.brdf import Brdf, brdf
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.field import Field, radiance
 from vrte.formats import load
-from vrte.formats.scene_file import SceneFile, scene_of
+from vrte.formats.scene_file import SceneFile, scene_of, toml_content
 from vrte.formats.toml_table import shown_key
 from vrte.plan_call import plan
 from vrte.request import EXACT
-from vrte.spectrum import Spectrum
+from vrte.spectrum import SCENE, Spectrum, spectrum
 
 Tell = Callable[[Message], None]
 MOST_NAMED = 30  # warnings
@@ -74,20 +75,27 @@ def limit_memory(size: float) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit if hard < 0 else min(limit, hard), hard))
 
 
-def answered(task: Task, tell: Tell) -> Outcome | Failure:
+def answered(task: Task, tell: Tell) -> Outcome | Written | Failure:
     """What comes of a task; any error is a sentence."""
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", UserWarning)
-            found = solved(task, tell) if isinstance(task, Solve) else read(task)
+            found = tensor(task, tell) if isinstance(task, Tensor) else done(task, tell)
     except (SceneError, AccuracyError, DeviceError, MissingExtraError, OSError) as error:
         return Failure(in_one_line(str(error), 1000))
     except MemoryError:
         return Failure("not enough memory for this scene: fewer directions, nodes or wavelengths need less")
     except Exception as error:  # never seen; a page must not wait for ever
         return Failure(in_one_line(f"{type(error).__name__}: {error}", 1000))
+    if isinstance(found, Written):
+        return found
     notes = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, UserWarning))
-    return Outcome(**{**vars(found), "notes": (*found.notes, *list(notes)[:MOST_NAMED])})
+    return replace(found, notes=tuple(notes)[:MOST_NAMED])
+
+
+def done(task: Solve | Read, tell: Tell) -> Outcome:
+    """What there is to see."""
+    return solved(task, tell) if isinstance(task, Solve) else read(task)
 
 
 def solved(task: Solve, tell: Tell) -> Outcome:
@@ -120,8 +128,20 @@ def solved(task: Solve, tell: Tell) -> Outcome:
             known = particles_of(file, content)
             file = scene_of(at(content, wavelength), "field", task.folder, known)
             fields.append(checked(file, lambda call, tick: radiance(call, **tick), part("field inside", which)))
-    known_wavelengths = tuple(wavelengths) if content.get("wavelength_um") is not None else ()
-    return Outcome(content, known_wavelengths, tuple(brdfs), tuple(fields), tuple(inside), planned)
+    text = scene_text(content)
+    return Outcome(
+        content,
+        tuple(wavelengths) if content.get("wavelength_um") is not None else (),
+        tuple(with_scene(one, text) for one in brdfs),
+        tuple(with_scene(one, text) for one in fields),
+        tuple(inside),
+        planned,
+    )
+
+
+def with_scene(result: Any, text: str) -> Any:
+    """A result that says in its diagnostics of what scene it is: files made of it tell, too."""
+    return replace(result, diagnostics={**result.diagnostics, SCENE: text})
 
 
 def checked(file: SceneFile, solve: Callable[[Any, dict[str, Any]], Any], tick: Callable[[int, int], None]) -> Any:
@@ -149,7 +169,7 @@ def filling(layer: dict[str, Any]) -> str:
     >>> filling({"particles": {"gold": 1, "rutile": 2}}), filling({"phase": {"henyey_greenstein": 0.9}})
     ('gold + rutile', 'henyey_greenstein 0.9')
     """
-    held = layer.get("particles", layer.get("phase"))
+    held: Any = layer.get("particles", layer.get("phase"))
     if "particles" in layer:
         return shown_key(held) if isinstance(held, str) else " + ".join(map(shown_key, held))
     return str(held) if isinstance(held, str) else " ".join(f"{key} {value}" for key, value in held.items())
@@ -186,6 +206,49 @@ def read(task: Read) -> Outcome:
             found = load(path)
         except SceneError as error:
             raise SceneError(str(error).replace(str(path), "the file")) from error
+    return outcome_of(found)
+
+
+def outcome_of(found: Brdf | Field | Spectrum) -> Outcome:
+    """A result as something to see."""
     if isinstance(found, Spectrum):
-        return Outcome(None, tuple(found.wavelength_um.tolist()), found.brdfs)
-    return Outcome(None, brdfs=(found,)) if isinstance(found, Brdf) else Outcome(None, fields=(found,))
+        wavelengths = found.wavelength_um.tolist()
+        return Outcome(scene_in(found[0], wavelengths), tuple(wavelengths), found.brdfs)
+    content = scene_in(found)
+    if isinstance(found, Brdf):
+        return Outcome(content, brdfs=(found,))
+    return Outcome(content, fields=(found,))
+
+
+def scene_in(result: Brdf | Field, wavelengths: list[float] | None = None) -> dict[str, Any] | None:
+    """The content of the scene file that a result tells of, where it does and the page can take it."""
+    text = result.diagnostics.get(SCENE)
+    if not isinstance(text, str):
+        return None
+    try:
+        content = toml_content(text)
+        if wavelengths:
+            content["wavelength_um"] = wavelengths
+        return adopted(content)
+    except SceneError:
+        return None
+
+
+def tensor(task: Tensor, tell: Tell) -> Written:
+    """Mitsuba's file, solved for the directions that it needs."""
+    from vrte.formats.measured_polarized import directions, write_mitsuba
+
+    content = task.content
+    wavelengths = wavelengths_of(content)
+    found = spectrum(
+        content,
+        wavelengths,
+        lambda done, total: tell(Progress(0.9 * done / max(total, 1), "BRDF at the directions of the tensor")),
+        task.folder,
+        **directions(),
+    )
+    tell(Progress(0.9, "writing the tensor"))
+    with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
+        path = Path(folder) / "brdf.bsdf"
+        write_mitsuba(found, path)
+        return Written("brdf.bsdf", path.read_bytes())
