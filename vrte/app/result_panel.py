@@ -48,7 +48,7 @@ VIEW = {  # what a new tab looks at
     "light": "unpolarized",
     "stokes": "1, 0, 0, 0",
 }
-LEGEND = {"orientation": "h", "x": 0.5, "xanchor": "center", "y": -0.14, "yanchor": "top"}  # beside, it takes room
+LEGEND = {"orientation": "h", "x": 0.5, "xanchor": "center", "y": -0.12, "yanchor": "top"}  # beside, it takes room
 NOTHING = "Describe a scene on the left and press Solve, or open a result file."
 
 
@@ -319,5 +319,7 @@ def show(place: Any, figure: "Figure") -> None:
     """A figure in its place; links and logos of its toolbar stay away."""
     whole = figure.to_plotly_json()
     whole["layout"] |= {"autosize": True, "legend": LEGEND}
+    if "xaxis" in whole["layout"]:
+        whole["layout"]["margin"] = {"l": 64, "r": 24, "t": 84, "b": 84}
     whole["config"] = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["sendDataToCloud"]}
     place.update_figure(whole)

@@ -40,10 +40,10 @@ def _is_tables(value: Any) -> bool:
 
 
 def _tables(name: str, value: dict[str, Any] | list[dict[str, Any]]) -> list[str]:
-    """The lines of [name] or [[name]]; of a table that holds nothing but tables, those of [name.key]."""
+    """The lines of [name] or [[name]]; of the particles, those of [particles.kind]."""
     if isinstance(value, list):
         return [line for table in value for line in _table(f"[[{name}]]", table)]
-    if value and all(isinstance(inner, dict) for inner in value.values()):
+    if name == "particles" and value and all(isinstance(inner, dict) for inner in value.values()):
         return [line for key, inner in value.items() for line in _table(f"[{name}.{key_text(key)}]", inner)]
     return _table(f"[{name}]", value)
 
