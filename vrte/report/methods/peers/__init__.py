@@ -115,6 +115,14 @@ def missing() -> tuple[str, ...]:
     return tuple(peer.name for peer in PEERS.values() if not peer.is_installed)
 
 
+def statement() -> str:
+    """Which other codes are drawn, in their versions, and which could be."""
+    here = ", ".join(f"{peer.name} {version(peer.name)}" for peer in installed())
+    absent = ", ".join(missing())
+    texts = [f"other codes: {here or 'none'}", f"not installed: {absent} (pip install 'vrte[bench]')" if absent else ""]
+    return "; ".join(text for text in texts if text)
+
+
 @cache
 def sources() -> str:
     """A fingerprint of these files."""
