@@ -63,7 +63,9 @@ MEASURES = (
 LEGEND = (
     "Errors: largest over directions, relative to the largest I at each depth. Energy: what a conservative scene "
     "loses, else the error of reflected and transmitted flux, both relative to the incident flux. The grey band is the "
-    "Pareto front: no run of vrte is both quicker and closer. Broken grey lines are other codes."
+    "Pareto front: no run of vrte is both quicker and closer; the dotted line is what the reference is known to. "
+    "Broken grey lines are other codes on one thread, each over its streams: a call with all that another scene needs "
+    "anew; errors are of what the code finds."
 )
 PEER_COLOURS = ("#222222", "#6a6a6a", "#9a9a9a")
 STYLE = """body{font:16px/1.5 sans-serif;max-width:72em;margin:1em auto;padding:0 1em;color:#222}
@@ -159,12 +161,17 @@ def as_plotly(rows: Sequence[Row], places: dict[str, int]) -> dict[str, Any]:
     lines = [("Pareto front", best), *by_curve(rows).items()]
     data = [trace(name, some, places.get(name)) for name, some in lines]
     buttons = [
-        {"label": label, "method": "restyle", "args": [{"y": [heights(some, field) for _, some in lines]}]}
+        {
+            "label": label,
+            "method": "update",
+            "args": [{"y": [heights(some, field) for _, some in lines]}, {"yaxis.title.text": label}],
+        }
         for label, field in MEASURES
     ]
     layout = {
-        "xaxis": {"type": "log", "title": {"text": "seconds on one thread"}, "exponentformat": "power"},
-        "yaxis": {"type": "log", "title": {"text": "error"}, "exponentformat": "power"},
+        "xaxis": {"type": "log", "title": {"text": "seconds on one thread"}, "exponentformat": "power", "dtick": "D2"},
+        "yaxis": {"type": "log", "title": {"text": MEASURES[0][0]}, "exponentformat": "power"},
+        "shapes": [reference_line(within_of(rows))],
         "updatemenus": [{"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.12, "yanchor": "top"}],
         "hovermode": "closest",
         "margin": {"t": 50, "r": 20},
@@ -172,9 +179,18 @@ def as_plotly(rows: Sequence[Row], places: dict[str, int]) -> dict[str, Any]:
     return {"data": data, "layout": layout}
 
 
-def heights(rows: Sequence[Row], field: str) -> list[float]:
-    """Of one measure."""
-    return [shown(getattr(row, field)) for row in rows]
+def reference_line(within: float) -> dict[str, Any]:
+    """Across the figure, where errors cannot be told from the reference's; none where that is not known."""
+    line = {"color": "black", "width": 1, "dash": "dot"}
+    place = shown(within) if math.isfinite(within) else 1.0
+    ends = {"x0": 0.0, "x1": 1.0, "y0": place, "y1": place}
+    return {"type": "line", "xref": "paper", "line": line, "visible": math.isfinite(within), **ends}
+
+
+def heights(rows: Sequence[Row], field: str) -> list[float | None]:
+    """Of one measure; None where it is not known."""
+    values = [getattr(row, field) for row in rows]
+    return [None if math.isnan(value) else shown(value) for value in values]
 
 
 def trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
