@@ -16,7 +16,7 @@ import numpy as np
 from vrte.discrete_ordinates.problem import Problem
 from vrte.discrete_ordinates.slabs import cut, distinct_materials
 from vrte.field import Field
-from vrte.methods import adding_doubling, imbedding, method_of, successive_orders
+from vrte.methods import adding_doubling, imbedding, matrix_operator, method_of, successive_orders
 from vrte.methods.common import discrete
 from vrte.methods.on_nodes import OnNodes
 from vrte.plan_call import plan, request_of
@@ -117,8 +117,9 @@ def of_invariant_imbedding(
     n, r, c = shape.n, shape.r, shape.c
     both, points = (request.tau > 0.0).any(), imbedding.POINTS
     force = 2.0 * n * n * c + (8.0 if both else 4.0) * r * n * c
-    sweep = points * force + (2.0 if both else 1.0) * 2.0 * points * points * r * c
-    riccati = (said["sweeps"] + said["steps"] + said["steps_repeated"]) * sweep
+    integral = (2.0 if both else 1.0) * 2.0 * points * r * c
+    steps = said["steps"] + said["steps_repeated"]
+    riccati = (said["sweeps"] + steps) * points * force + (said["sweeps"] * points + steps) * integral
     if not math.isinf(request.scene.thickness):
         return float(riccati)
     doubled = SDA_STEP * said["doublings"] + SDA_START
@@ -131,17 +132,22 @@ def of_matrix_operator(
     """Modes of every distinct material, functions of them for every layer, layers and base joined; light at the two
     faces, not inside."""
     n, b, o = shape.n, shape.beams, shape.out
-    product = 2.0 * n * n * (n + b + o) + 2.0 * o * n * b
-    solve = solved_for(n, n + b) + 2.0 * o * n * (n + b)
-    function = COMPLEX * 2.0 * n * n * (n + b + o)
-    modes = product + (EIGENVECTORS + 3.0 * COMPLEX * 2.0) * n**3  # an inverse and two products to check it
+    beams = 2.0 * n * n * b + 2.0 * o * n * b
+    product = 2.0 * n * n * (n + o) + beams
+    solve = solved_for(n, n) + 2.0 * o * n * n + beams
+    function = COMPLEX * product
+    checked = 3.0 * COMPLEX * 2.0 * n**3  # an inverse, and two products to check it
+    modes = product + EIGENVECTORS * n**3 + checked + COMPLEX * 2.0 * n * n * (b + o)
     slabs = sum(
-        function + 3.0 * solve if math.isinf(tau) else 3.0 * (function + product + solve)
+        function + 3.0 * solve
+        if math.isinf(tau)
+        else 3.0 * (function + product + solve) + (solve if tau < matrix_operator.THIN else 0.0)
         for tau in problem.thickness.tolist()
     )
     layers, materials = problem.thickness.size, len(distinct_materials(problem)[0])
+    faces = layers * (product + solved_for(n, b) + 4.0 * beams)
     joined = layers * (3.0 * product + solve) + (layers - 1) * (9.0 * product + 3.0 * solve)
-    return shape.orders * (materials * modes + slabs + joined)
+    return shape.orders * (materials * modes + slabs + faces + joined)
 
 
 def of_successive_orders(

@@ -36,7 +36,7 @@ PAGE = "methods.html"
 SMALLEST = 1e-17  # where an error of 0 is drawn on a logarithmic axis
 COLOURS = (
     *("#1f4e79", "#d98200", "#2a8f5b", "#b3262e", "#7a4fa3", "#00838f", "#8d6e63", "#c2185b", "#5c6b2f", "#455a64"),
-    *("#e65100", "#3949ab", "#00695c", "#ad1457"),
+    *("#e65100", "#3949ab", "#00695c", "#ad1457", "#00a3e0", "#7cb342", "#f06292", "#a1887f", "#9e9d24"),
 )
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")  # matplotlib
 SYMBOLS = (

@@ -32,7 +32,7 @@ def field_of(asked: Asked, streams: int) -> Field:
         NLeg=streams,
         NFourier=min(streams, asked.terms),
         f_arr=moments[:, streams] if is_cut else 0,
-        BDRF_Fourier_modes=[asked.base_albedo / np.pi] if asked.base_albedo else [],
+        BDRF_Fourier_modes=[asked.base_albedo] if asked.base_albedo else [],
     )
     along = interpolate(intensity, NT_cor="eval" if is_cut else None)
     shape = asked.mu.size, asked.tau.size, asked.phi.size  # squeezed there
