@@ -139,7 +139,7 @@ def of_matrix_operator(
     checked = 3.0 * COMPLEX * 2.0 * n**3  # an inverse, and two products to check it
     modes = product + EIGENVECTORS * n**3 + checked + COMPLEX * 2.0 * n * n * (b + o)
     slabs = sum(
-        function + 3.0 * solve
+        function + 2.0 * solve
         if math.isinf(tau)
         else 3.0 * (function + product + solve) + (solve if tau < matrix_operator.THIN else 0.0)
         for tau in problem.thickness.tolist()
