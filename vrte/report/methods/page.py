@@ -63,14 +63,14 @@ MEASURES = (
 LEGEND = (
     "Errors: largest over directions, relative to the largest I at each depth. Energy: what a conservative scene "
     "loses, else the error of reflected and transmitted flux, both relative to the incident flux. The grey band is the "
-    "Pareto front: no run of vrte is both quicker and closer; the dotted line is what the reference is known to. "
-    "Broken grey lines are other codes on one thread, each over its streams: a call with all that another scene needs "
-    "anew; errors are of what the code finds."
+    "Pareto front of the largest error: no run of vrte is both quicker and closer; the dotted line is what the "
+    "reference is known to. Broken grey lines are other codes on one thread, each over its streams: a call with all "
+    "that another scene needs anew; errors are of what the code finds."
 )
 PEER_COLOURS = ("#222222", "#6a6a6a", "#9a9a9a")
 STYLE = """body{font:16px/1.5 sans-serif;max-width:72em;margin:1em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;font-size:14px}td,th{border:1px solid #bbb;padding:.2em .5em;text-align:left}
-.plot{height:36em}details{font-size:14px}"""
+.plot{height:40em}details{font-size:14px}"""
 SCRIPT = """for (const [id, figure] of Object.entries(FIGURES))
   Plotly.newPlot(id, figure.data, figure.layout, {responsive: true, displaylogo: false});"""
 
@@ -174,6 +174,8 @@ def as_plotly(rows: Sequence[Row], places: dict[str, int]) -> dict[str, Any]:
         "shapes": [reference_line(within_of(rows))],
         "updatemenus": [{"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.12, "yanchor": "top"}],
         "hovermode": "closest",
+        "hoverlabel": {"bgcolor": "white", "font": {"color": "#222222"}},
+        "legend": {"font": {"size": 11}},
         "margin": {"t": 50, "r": 20},
     }
     return {"data": data, "layout": layout}
