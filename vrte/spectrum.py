@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
+from vrte.field import Field
 
 if TYPE_CHECKING:
     import xarray
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 MOST_WAVELENGTHS = 10_000
 STEPS = 100  # of progress for the particles, and as many for the solution, at each wavelength
 SCENE = "scene_toml"  # in diagnostics: the text of the scene file
+Found = TypeVar("Found", bound=Brdf | Field)
 ONE_BY_ONE = ("method", "settings", "verify")  # what `vrte.brdfs` has no keyword for
 
 
@@ -229,7 +231,7 @@ def solved_at(
     return Spectrum(wavelengths, tuple(with_scene(one, files[0].text) for one in found))
 
 
-def with_scene(found: Brdf, text: str) -> Brdf:
+def with_scene(found: Found, text: str) -> Found:
     """The same with the text of its scene file in its diagnostics, where there is one."""
     return replace(found, diagnostics=found.diagnostics | {SCENE: text}) if text else found
 

@@ -125,8 +125,8 @@ def restored(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any) -> Resul
     missing."""
     named = {name.removesuffix("_deg"): values for name, values in arrays.items()}
     if kind is FIELD:
-        named["mu0"] = float(named["mu0"])  # type: ignore[assignment]
-        return Field(diagnostics=diagnostics, **named)  # type: ignore[arg-type]
+        mu0 = float(named.pop("mu0").item())
+        return Field(diagnostics=diagnostics, mu0=mu0, **named)
     if kind is BRDF:
         return Brdf(diagnostics=diagnostics, **named)
     directions = {name: named[name] for name in ("mu_i", "mu_o", "phi")}

@@ -146,7 +146,7 @@ def _values(header: list[str]) -> dict[str, Any]:
 def _array(name: str, value: Any) -> Array:
     try:
         return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SceneError(f"the header's {name} must be numbers: {reason(error)}") from error
 
 
