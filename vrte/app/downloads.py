@@ -9,8 +9,7 @@ from vrte.app.messages import Outcome
 from vrte.errors import SceneError
 from vrte.formats import save
 from vrte.formats.contents import Result
-
-TENSOR_WAVELENGTHS = 5
+from vrte.formats.measured_polarized import check_wavelengths
 
 
 def brdf_file(outcome: Outcome | None, suffix: str) -> tuple[str, bytes]:
@@ -47,13 +46,8 @@ def scene_file(content: dict[str, object]) -> tuple[str, bytes]:
 
 
 def check_tensor(content: dict[str, object]) -> None:
-    """Raises SceneError unless Mitsuba's tensor can be made of a scene: its code takes five wavelengths, in nm."""
-    wavelengths = wavelengths_of(content)
-    if len(wavelengths) != TENSOR_WAVELENGTHS:
-        raise SceneError(
-            f"wavelength_um: Mitsuba's tensor holds exactly {TENSOR_WAVELENGTHS} wavelengths, not {len(wavelengths)}; "
-            "for visible light take 0.45, 0.5, 0.55, 0.6, 0.65"
-        )
-    for wavelength in wavelengths:
-        if abs(1000.0 * wavelength - round(1000.0 * wavelength)) > 1e-6:
-            raise SceneError(f"wavelength_um: Mitsuba's tensor holds whole nanometres, not {1000.0 * wavelength:g}")
+    """Raises SceneError unless Mitsuba's tensor can be made of a scene."""
+    try:
+        check_wavelengths(wavelengths_of(content))
+    except SceneError as error:
+        raise SceneError(f"wavelength_um: {error}; for visible light take 0.45, 0.5, 0.55, 0.6, 0.65") from error

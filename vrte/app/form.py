@@ -415,7 +415,9 @@ def place_of(message: str, content: Content) -> Place:
         for place in places(content)
         if message.startswith(key := dotted(place)) and (message[len(key) :] or " ")[0] in " :,.["
     ]
-    return max(fitting, key=lambda place: len(dotted(place)), default=())
+    found = max(fitting, key=lambda place: len(dotted(place)), default=())
+    rest = message[len(dotted(found)) :].removeprefix(": ").split(" ", 1)[0]
+    return (rest,) if found[:1] == ("particles",) and rest in FILE_KEYS else found  # the light's, told of the particles
 
 
 def places(content: Content) -> Iterator[Place]:

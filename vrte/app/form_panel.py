@@ -66,7 +66,7 @@ class FormPanel:
         at_fields: dict[str, str] = {}
         rest = []
         for key, message in found.items():
-            owner = max((known for known in self.fields if key.startswith(known)), key=len, default=None)
+            owner = max((known for known in self.fields if holds(known, key)), key=len, default=None)
             if owner is None:
                 rest.append(message)
             else:
@@ -106,7 +106,11 @@ class FormPanel:
         kind = content["particles"][name]
         with ui.column().classes("vrte-card"):
             with ui.row().classes("w-full items-center no-wrap gap-1"):
-                label = ui.input(value=name).props("dense borderless maxlength=60").classes("vrte-name grow")
+                label = (
+                    ui.input(value=name)
+                    .props('dense borderless maxlength=60 aria-label="name of the kind"')
+                    .classes("vrte-name grow")
+                )
                 label.tooltip("the name of this kind")
                 label.on("change", lambda: self.change(lambda: form.rename_kind(content, name, str(label.value))))
                 icon("close", "remove this kind", lambda: self.change(lambda: form.remove_kind(content, name)))
@@ -123,6 +127,7 @@ class FormPanel:
             with ui.row().classes("w-full no-wrap gap-2"):
                 for below, label_text in SIZE_FIELDS[mode]:
                     self.field((*place, *below), label_text)
+            self.complaint(place)
 
     def _layers(self) -> None:
         content = self.bench.content
@@ -260,6 +265,7 @@ class FormPanel:
 
         found = ui.input(label, value=form.text_of(form.got(self.bench.content, place)), on_change=typed)
         found.props("outlined dense stack-label hide-bottom-space debounce=120 autocomplete=off spellcheck=false")
+        found.without_auto_validation()  # it would wipe out the message that `typed` has brought
         found.props(f"maxlength={form.LONGEST_TEXT}").classes(f"vrte-field {classes}")
         if optional and hint:
             found.props["placeholder"] = hint
@@ -272,11 +278,21 @@ class FormPanel:
         """One of several; the rest of the form may depend on it."""
         found = ui.select(names, value=value, label=label)
         found.on_value_change(lambda event: self.change(lambda: act(event.value)))
+        found.without_auto_validation()
         return found.props("outlined dense options-dense stack-label hide-bottom-space").classes("w-full vrte-field")
 
     def complaint(self, place: Place) -> None:
         """Where messages about a whole table are shown."""
         self.fields[form.dotted(place)] = Complaint()
+
+
+def holds(known: str, key: str) -> bool:
+    """Whether a dotted key is that one or lies below it.
+
+    >>> holds("layer[1]", "layer[1].albedo"), holds("brdf.mu", "brdf.mu_i")
+    (True, False)
+    """
+    return key.startswith(known) and key[len(known) :][:1] in ("", ".", "[")
 
 
 class Complaint:

@@ -96,7 +96,9 @@ class ResultPanel:
                     "width: 210px"
                 )
                 self.stokes = ui.input("I, Q, U, V", value=self.view["stokes"], on_change=self.set_stokes)
-                self.stokes.props("outlined dense stack-label hide-bottom-space debounce=120 maxlength=200")
+                self.stokes.without_auto_validation().props(
+                    "outlined dense stack-label hide-bottom-space debounce=120 maxlength=200"
+                )
                 self.stokes.classes("vrte-fixed").style("width: 150px")
 
     def _lobe(self) -> None:
