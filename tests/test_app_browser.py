@@ -18,6 +18,8 @@ import pytest
 
 import vrte
 from vrte.app import form
+from vrte.formats.measured_polarized import directions, write_mitsuba
+from vrte.formats.mitsuba_tensor import read_tensors
 
 ROOT = Path(__file__).parents[1]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -187,25 +189,44 @@ def test_fill_solve_turn_download_and_compare(chromium: Any, url: str, tmp_path:
     for text in ("BRDF, NetCDF", "BRDF, CSV"):
         found = vrte.load(tab.download(text, tmp_path))
         np.testing.assert_allclose(found.mueller, numbers.mueller, rtol=1e-12, atol=1e-16)
-    assert tab.download("picture of the figure", tmp_path).read_bytes().startswith(b"\x89PNG")
-    for name in ("Cuts", "Inside", "Scattering", "Plan"):
-        tab.page.get_by_role("tab", name=name).click()
-        if name != "Plan":
-            tab.wait_for_figure()
-    tab.page.get_by_text("transmission: not asked for").first.wait_for()
 
     stranger = Tab(chromium, url)
     assert stranger.page.get_by_label("radius [µm]", exact=True).input_value() == "0.6"
     stranger.page.get_by_text("Describe a scene on the left").wait_for()
     stranger.close()
 
-    tab.page.get_by_role("tab", name="Lobe").click()
     tab.page.reload()
     assert tab.wait_for_figure() == third
     assert tab.page.get_by_label("radius [µm]", exact=True).input_value() == "0.05"
     tab.close()
 
 
+@pytest.mark.slow
+def test_every_tab_and_every_download(chromium: Any, url: str, tmp_path: Path) -> None:
+    tab = Tab(chromium, url)
+    fill_a_small_scene(tab)
+    tab.fill("wavelengths in vacuum [µm]", "0.45, 0.5, 0.55, 0.6, 0.65")
+    tab.solve()
+    tab.wait_for_figure()
+    assert tab.download("picture of the figure", tmp_path).read_bytes().startswith(b"\x89PNG")
+    for name in ("Cuts", "Inside", "Scattering", "Plan"):
+        tab.page.get_by_role("tab", name=name).click()
+        if name != "Plan":
+            tab.wait_for_figure()
+    tab.page.get_by_text("transmission: not asked for").first.wait_for()
+    for suffix in ("NetCDF", "CSV"):
+        field = vrte.load(tab.download(f"field inside, {suffix}", tmp_path))
+        assert field.stokes.shape == (5, 120, 2, 4)
+    tensors = read_tensors(tab.download("Mitsuba tensor", tmp_path))
+    assert tensors["wvls"].ravel().tolist() == [450, 500, 550, 600, 650]
+    expected = tomllib.loads(tab.download("scene, TOML", tmp_path).read_text(encoding="utf-8"))
+    five = vrte.spectrum(expected, [0.45, 0.5, 0.55, 0.6, 0.65], **directions())
+    write_mitsuba(five, tmp_path / "expected.bsdf")
+    np.testing.assert_allclose(tensors["M"], read_tensors(tmp_path / "expected.bsdf")["M"], rtol=1e-5, atol=1e-9)
+    tab.close()
+
+
+@pytest.mark.slow
 def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(chromium: Any, url: str, tmp_path: Path) -> None:
     tab = Tab(chromium, url)
     tab.open("Accuracy")
@@ -243,6 +264,7 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(chromium: Any
     tab.close()
 
 
+@pytest.mark.slow
 def test_layers_are_added_and_reordered(chromium: Any, url: str) -> None:
     tab = Tab(chromium, url)
     tab.button("add a layer").click()
@@ -274,6 +296,7 @@ def test_a_taken_port_is_one_sentence() -> None:
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_result_file_is_shown_from_the_start(chromium: Any, tmp_path: Path) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
     vrte.brdf(scene, [0.6, 1.0], np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), nodes=4).save(tmp_path / "r.nc")
