@@ -107,7 +107,7 @@ def run_one(options: argparse.Namespace) -> None:
 def run_spectrum(options: argparse.Namespace) -> None:
     """At several wavelengths."""
     seconds: dict[str, float] = {}
-    with progress() as (phase, tick), named_by(options.scene):
+    with progress() as (phase, tick):
         found = spectrum.solve(options, how(options), seconds, phase, tick)
     spectrum.describe(options.scene, found)
     paths = [written(found.result, options, name, seconds) for name in ("output", "csv") if getattr(options, name)]

@@ -10,7 +10,7 @@ The matrices come from splines through directions that were solved for (between_
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,7 @@ from vrte.formats.between_directions import AZIMUTHS, COSINES, FEWEST, MIRROR, M
 from vrte.formats.contents import described
 from vrte.formats.mitsuba_tensor import write_tensors
 from vrte.illumination import SAME
-from vrte.spectrum import Spectrum, solved_at
+from vrte.spectrum import STEPS, Spectrum, ascending, part_of, scenes_at, solved_at
 
 if TYPE_CHECKING:
     from vrte.formats.scene_file import SceneFile
@@ -57,6 +57,38 @@ class Errors:
             f"off by {self.median:.1e} of I in the median, by less than {self.most:.1e} for 95% of {self.pairs} pairs "
             f"of directions with both cosines above {CHECKED_FROM:g}"
         )
+
+
+def to_mitsuba(
+    scene: str | os.PathLike[str] | Mapping[str, Any],
+    wavelengths_um: Any,
+    path: str | os.PathLike[str],
+    step_deg: float = STEP,
+    progress: Progress | None = None,
+    folder: str | os.PathLike[str] = ".",
+    **asked: Any,
+) -> Errors:
+    """Solves a scene file at five wavelengths and writes a table for Mitsuba 3's BSDF ``measured_polarized``.
+
+    Parameters: ``scene``, ``folder`` and keywords of `vrte.brdf` as for `vrte.spectrum`, but for the directions, which
+    are the table's own; ``wavelengths_um``, five of whole nanometres, ascending; ``path``; ``step_deg`` of its angles
+    theta_d and theta_h, of which phi_d has twice that; ``progress``, called with (steps done, steps). Returns how far
+    the table is off between its angles. Raises what `vrte.spectrum` does, OSError.
+
+    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
+    >>> content = {"nodes": 8, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
+    >>> to_mitsuba(content, [0.45, 0.5, 0.55, 0.6, 0.65], "rayleigh.bsdf", step_deg=15).median < 0.1
+    True
+    """
+    wavelengths = ascending(wavelengths_um)
+    check_wavelengths(wavelengths)
+    angles_of(step_deg)
+    total = 2 * STEPS * wavelengths.size
+    files = scenes_at(scene, wavelengths, folder, part_of(progress, 0, total))
+    table, exact = solved_for_table(files, wavelengths, part_of(progress, total // 2, total), **asked)
+    errors = write_mitsuba(table, path, step_deg, exact)
+    assert errors is not None
+    return errors
 
 
 def solved_for_table(
