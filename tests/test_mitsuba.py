@@ -165,7 +165,11 @@ def evaluated(mitsuba: Any, bsdf: Any, light: Array, view: Array, nanometres: fl
 class TestInMitsuba:
     @pytest.mark.parametrize(
         ("place", "nanometres", "step", "median", "most"),
-        [(0, 450.0, 5.0, 0.013, 0.06), (4, 650.0, 5.0, 0.006, 0.03), (4, 650.0, 2.5, 0.0015, 0.01)],
+        [
+            (0, 450.0, 5.0, 0.013, 0.06),
+            pytest.param(4, 650.0, 5.0, 0.006, 0.03, marks=pytest.mark.slow),
+            pytest.param(4, 650.0, 2.5, 0.0015, 0.01, marks=pytest.mark.slow),
+        ],
     )
     def test_evaluations_are_ours(
         self, place: int, nanometres: float, step: float, median: float, most: float, mitsuba: Any, gold: Spectrum,

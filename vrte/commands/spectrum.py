@@ -114,5 +114,6 @@ def describe(path: Path, found: Found) -> None:
             for layer in file.scene.layers
         )
         print(f"  {wavelength:8.6g}  {one.reflectance[0]:<16.6f}  {layers}")
-    made = found.result[0].diagnostics
-    print(f"  {made['method']}, {made['nodes']} nodes, {made['backend']}")
+    nodes = {one.diagnostics["nodes"] for one in found.result}
+    some = f"{min(nodes)} to {max(nodes)}" if len(nodes) > 1 else f"{min(nodes)}"
+    print(f"  {found.result[0].diagnostics['method']}, {some} nodes")

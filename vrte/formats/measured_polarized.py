@@ -24,6 +24,7 @@ from vrte.formats.between_directions import AZIMUTHS, COSINES, FEWEST, MIRROR, M
 from vrte.formats.contents import described
 from vrte.formats.mitsuba_tensor import write_tensors
 from vrte.illumination import SAME
+from vrte.request import EXACT
 from vrte.spectrum import STEPS, Spectrum, ascending, part_of, scenes_at, solved_at
 
 if TYPE_CHECKING:
@@ -102,9 +103,10 @@ def solved_for_table(
     exact = solved_at(files, wavelengths, None, **asked, mu_i=pairs[0], mu_o=pairs[1], phi=360.0 * sample[2])
     orders = max(one.diagnostics.get("orders", 0) for one in exact)
     nodes = max(one.diagnostics["nodes"] for one in exact)
-    wanted = directions(
-        int(np.clip(nodes, COSINES, MOST_COSINES)), int(np.clip(2 * orders + 1, AZIMUTHS, MOST_AZIMUTHS))
-    )
+    if exact[0].diagnostics["method"] == EXACT:
+        asked["nodes"] = nodes  # left to itself, a solve for cosines of 1e-4 would choose a great many for their sake
+    cosines = int(np.clip(nodes, COSINES, MOST_COSINES))
+    wanted = directions(cosines, int(np.clip(2 * orders + 1, AZIMUTHS, MOST_AZIMUTHS)))
     return solved_at(files, wavelengths, progress, **asked, **wanted), exact
 
 
