@@ -28,7 +28,7 @@ from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.illumination import SIDES
 from vrte.optics.refractive_index import MATERIALS, refractive_index
 from vrte.optics.truncation import CHOICES
-from vrte.request import COARSEST, EXACT, FINEST, METHODS, MOST_NODES
+from vrte.request import AUTO, COARSEST, EXACT, FINEST, METHODS, MOST_NODES
 
 HOW = ("nodes", "accuracy", "truncation")  # options that win over the scene file
 OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
@@ -156,7 +156,12 @@ def _add_solve(commands: Any, kind: str, help_text: str) -> None:
         help="in each hemisphere; this, too, wins over the scene file",
     )
     command.add_argument("--illuminate", choices=SIDES, default="top", help="where the light comes from; default: top")
-    command.add_argument("--method", choices=METHODS, default=EXACT, help=f"default: {EXACT}; others: docs/methods.md")
+    command.add_argument(
+        "--method",
+        choices=(*METHODS, AUTO),
+        default=EXACT,
+        help=f"default: {EXACT}; {AUTO}: by rule, for the accuracy; others: docs/methods.md",
+    )
     command.add_argument(
         "--set",
         metavar="NAME=VALUE",
@@ -443,6 +448,8 @@ def _describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
     orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
     print(f"  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    if "method_rule" in made:
+        print(f"  {made['method_rule']}")
     if made["method"] == EXACT:
         _describe_plan(made)
     if "agreement" in made:
