@@ -109,13 +109,14 @@ def scattered_again_over_accuracy(request: Request) -> float:
     Light scattered inside a layer is scattered again with z = omega p_max L at most, p the phase function with mean 1 and
     L <= 1 - E_2(tau/2) the mean over directions of 1 - e^(-way). All orders but the first together are sources of at most
     omega p_max F/(4 pi) z/(1 - z). The first is at least omega p_min F/(4 pi) e^(-tau/mu0); seen from the top, it passes
-    mu0/(mu0 + mu) of what a source that does not fade would. Mueller matrices add nothing to that under natural light.
+    mu0/(mu0 + mu) of what a source that does not fade would. Under natural light no Q, U, V is more than I; polarized
+    light that polarizing particles scatter once can be arbitrarily faint.
     """
-    scene = request.scene
-    natural = request.kind == "brdf" or not request.columns[:, 1:].any()
-    if len(scene.layers) > 1 or (scene.base is not None and scene.base_is_reached) or not natural:
+    scene, layer = request.scene, request.scene.layers[0]
+    if len(scene.layers) > 1 or (scene.base is not None and scene.base_is_reached):
         return math.inf
-    (layer,) = scene.layers
+    if request.kind == "radiance" and request.columns[:, 1:].any() and not layer.phase_matrix.is_scalar:
+        return math.inf
     least, most = extremes(layer)
     again = layer.albedo * most * caught(layer.thickness)
     if not (least > 0.0 and again < 1.0):
