@@ -18,6 +18,7 @@ import pytest
 
 import vrte
 from vrte import cli
+from vrte.commands import common, solve
 
 SCENE = """
 nodes = 4
@@ -113,6 +114,17 @@ def test_another_method_and_its_settings(scene: Path, capsys: pytest.CaptureFixt
         assert words in capsys.readouterr().err
 
 
+def test_a_method_of_the_file(scene: Path) -> None:
+    out = scene.parent / "out.nc"
+    scene.write_text('method = "successive-orders"\nsettings = { orders = 2 }\n' + SCENE)
+    for arguments, orders in (((), 2), (("--set", "orders=3"), 3)):
+        assert run("brdf", scene, "-o", out, *arguments) == 0
+        expected = vrte.brdf(**one_layer(), method="successive-orders", settings={"orders": orders})
+        np.testing.assert_array_equal(vrte.load(out).mueller, expected.mueller)
+    assert run("brdf", scene, "-o", out, "--method", "single-scattering") == 0
+    assert vrte.load(out).diagnostics["method"] == "single-scattering"
+
+
 def one_layer() -> dict[str, Any]:
     """The scene and the directions of SCENE."""
     layer = vrte.Layer(vrte.rayleigh(), 0.9, 1.0)
@@ -156,7 +168,7 @@ def test_an_unreached_base_and_doubtful_particles_are_told(tmp_path: Path, capsy
 def test_outputs_are_checked_before_the_work(
     scene: Path, name: str, complaint: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cli, "read_scene", lambda *_: pytest.fail("worked"))
+    monkeypatch.setattr(common, "read_scene", lambda *_: pytest.fail("worked"))
     (scene.parent / "folder.nc").mkdir()
     assert run("brdf", scene, "-o", scene.parent / name) == 2
     assert complaint in one_line(capsys)
@@ -251,7 +263,7 @@ def test_failures(
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr(cli, "brdf", fail)
+    monkeypatch.setattr(solve, "brdf", fail)
     assert run("brdf", scene, "-o", scene.parent / "out.nc") == code
     one_line(capsys)
     assert files(scene.parent) == {"scene.toml"}
@@ -261,9 +273,9 @@ def test_failures(
 def test_a_missing_extra_is_named_before_the_work(
     scene: Path, module: str, extra: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    find = cli.importlib.util.find_spec
-    monkeypatch.setattr(cli.importlib.util, "find_spec", lambda name: None if name == module else find(name))
-    monkeypatch.setattr(cli, "read_scene", lambda *_: pytest.fail("worked"))
+    find = common.importlib.util.find_spec
+    monkeypatch.setattr(common.importlib.util, "find_spec", lambda name: None if name == module else find(name))
+    monkeypatch.setattr(common, "read_scene", lambda *_: pytest.fail("worked"))
     assert run("brdf", scene, "-o", scene.parent / "out.nc", "--plot", scene.parent / "out.png") == 1
     assert f"pip install 'vrte[{extra}]'" in one_line(capsys)
 

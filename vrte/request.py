@@ -30,6 +30,7 @@ METHODS = (
     "synthetic-iteration",
     "two-stream",
 )
+METHOD_NAMES = (*METHODS, AUTO)  # that can be asked for
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
 LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
@@ -149,7 +150,7 @@ def solver_options(
 ) -> dict[str, Any]:
     """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of the truncation, the
     backend and the method, the method's settings, and the side that is lit: as fields of a Request."""
-    method = one_of("method", method, (*METHODS, AUTO))
+    method = one_of("method", method, METHOD_NAMES)
     if not (settings is None or (isinstance(settings, Mapping) and all(isinstance(name, str) for name in settings))):
         raise SceneError(f"settings must be a dictionary by names of settings, not {shown(settings)}")
     if settings and method == EXACT:

@@ -1,0 +1,33 @@
+"""`vrte devices`: OpenCL devices, and what they can do."""
+
+import argparse
+from typing import Any
+
+from vrte.commands.common import progress
+from vrte.errors import DeviceError
+
+
+def add(commands: Any) -> None:
+    """`vrte devices`."""
+    devices = commands.add_parser("devices", help="OpenCL platforms and devices, and which one is taken")
+    devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
+    devices.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    from vrte.cl import device
+    from vrte.report import devices
+    from vrte.running import usable_cpus
+
+    found = device.devices()
+    try:
+        taken, reason = device.choose(found, device.wanted())
+    except DeviceError:
+        print(devices.as_text(found, None, "for the reason below"), flush=True)
+        raise
+    print(devices.as_text(found, taken, reason))
+    if options.measure:
+        with device.device_errors(), progress() as (phase, tick):
+            phase("products")
+            rates = devices.measure(device.session(), usable_cpus(), tick)
+        print(f"\n{devices.rates_as_text(rates, usable_cpus())}")

@@ -1,0 +1,48 @@
+"""`vrte report`: error against run time, and the figures of the radiance-factor paper."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from vrte.commands.common import made_folder, progress, say_written, told_as_one
+
+
+def add(commands: Any) -> None:
+    """`vrte report`."""
+    help_text = "error against run time of every method, measured on this machine"
+    command = commands.add_parser("report", help=help_text, description=f"Computes {help_text}.")
+    command.add_argument(
+        "--figures", action="store_true", help="figures 1 and 2 of the radiance-factor paper instead: seconds"
+    )
+    command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("report"), help="made if absent")
+    command.add_argument("--quick", action="store_true", help="three small scenes instead of all: seconds")
+    command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
+    command.add_argument("--scenes", metavar="PATTERN", default="*", help='names, such as "Rayleigh*"; default: all')
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    (radiance_factor_figures if options.figures else report_on_methods)(options)
+
+
+def report_on_methods(options: argparse.Namespace) -> None:
+    from vrte.report import methods
+    from vrte.report.cost import OthersClock
+
+    names, curves = methods.matching(options.scenes, options.quick), methods.curves(options.quick)
+    methods.require_page()
+    folder, pace = made_folder(options.output), methods.HASTE if options.quick else methods.FULL
+    with progress() as (phase, tick):
+        others = OthersClock()
+        rows = methods.measure(names, curves, folder, pace, told_as_one(phase, tick), options.fresh)
+    print(methods.as_text(rows))
+    settings = f"{'quick, ' if options.quick else ''}one thread; {others.statement()}"
+    for path in [folder / methods.CSV, *methods.write_page(rows, folder, settings)]:
+        say_written(path)
+
+
+def radiance_factor_figures(options: argparse.Namespace) -> None:
+    from vrte.report import radiance_factor
+
+    for path in radiance_factor.write_figures(made_folder(options.output)):
+        say_written(path)

@@ -1,0 +1,201 @@
+"""`vrte brdf` and `vrte field`: a scene file in, result files out."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from vrte import __version__, brdf, radiance
+from vrte.backends import BACKENDS
+from vrte.brdf import Brdf
+from vrte.commands.common import (
+    Tick,
+    a_setting,
+    an_accuracy,
+    check_extra,
+    check_output,
+    progress,
+    read_file,
+    say_written,
+    timed,
+    whole_number,
+)
+from vrte.discrete_ordinates.choice import ALGORITHMS
+from vrte.errors import SceneError
+from vrte.field import Field
+from vrte.formats.csv_table import write_csv
+from vrte.formats.scene_file import SceneFile
+from vrte.illumination import SIDES
+from vrte.optics.truncation import CHOICES
+from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
+
+HOW = ("nodes", "accuracy", "truncation", "method", "illuminate")  # options that win over the scene file
+OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
+EXTRAS = (("output", "files", ("xarray", "h5netcdf")), ("plot", "plot", ("matplotlib",)))
+
+
+def add(commands: Any) -> None:
+    """`vrte brdf` and `vrte field`."""
+    add_one(commands, "brdf", "the Mueller BRDF of a scene")
+    add_one(commands, "field", "the Stokes field inside and above a scene")
+
+
+def add_one(commands: Any, kind: str, help_text: str) -> None:
+    command = commands.add_parser(kind, help=help_text, description=f"Computes {help_text}.")
+    command.add_argument("scene", metavar="SCENE.toml", type=Path)
+    command.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True, help="NetCDF")
+    command.add_argument("--csv", metavar="OUT.csv", type=Path, help="one row a direction")
+    command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")
+    command.add_argument(
+        "--threads", metavar="N", type=whole_number(1, 1024), help="default: all CPUs that may be used"
+    )
+    command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
+    command.add_argument("--backend", choices=BACKENDS, default="openmp", help="what computes; default: openmp")
+    command.add_argument(
+        "--truncation", choices=CHOICES, help="of phase matrices with more than 2 N terms; default: auto"
+    )
+    command.add_argument("--accuracy", metavar="A", type=an_accuracy, help="relative to the largest I at each depth")
+    command.add_argument(
+        "--nodes",
+        metavar="N",
+        type=whole_number(1, MOST_NODES),
+        help="in each hemisphere; this, too, wins over the scene file",
+    )
+    command.add_argument("--illuminate", choices=SIDES, help="where the light comes from; default: top")
+    command.add_argument(
+        "--method",
+        choices=METHOD_NAMES,
+        help=f"default: {EXACT}; {AUTO}: by rule, for the accuracy; others: docs/methods.md",
+    )
+    command.add_argument(
+        "--set",
+        metavar="NAME=VALUE",
+        type=a_setting,
+        action="append",
+        default=[],
+        help="a setting of the method, any number of times",
+    )
+    command.add_argument("--verify", action="store_true", help="solve by both algorithms and report their agreement")
+    command.set_defaults(run=run, kind=kind)
+
+
+def run(options: argparse.Namespace) -> None:
+    check_outputs(options)
+    seconds: dict[str, float] = {}
+    with progress() as (phase, tick):
+        phase("particles")
+        with timed(seconds, "particles"):
+            file = read_file(options.scene, options.kind)
+        check_picture(options, file)
+        phase("Fourier orders, then directions")
+        with timed(seconds, "solver"):
+            result = solved(file, options, tick)
+    describe(options.scene, file, result)
+    paths = [written(result, options, name, seconds) for name, _ in OUTPUTS if getattr(options, name)]
+    print_times(seconds, result.diagnostics["stages"])
+    for path in paths:
+        say_written(path)
+
+
+def check_outputs(options: argparse.Namespace) -> None:
+    """Whatever would fail after the work is done, as far as it can be seen before."""
+    for name, suffix in OUTPUTS:
+        if getattr(options, name):
+            check_output(getattr(options, name), suffix)
+    for option, extra, modules in EXTRAS:
+        if getattr(options, option):
+            check_extra(f"writing {getattr(options, option)}", extra, modules)
+
+
+def check_picture(options: argparse.Namespace, file: SceneFile) -> None:
+    if options.plot and file.kind == "brdf":
+        from vrte.over_hemisphere import check_directions
+
+        check_directions(file.request["mu_o"], file.request.get("phi", 0.0))
+
+
+def solved(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
+    solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
+    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
+    of_file = {} if options.method else how.get("settings", {})  # another method has other settings
+    how["settings"] = of_file | dict(options.set)
+    if options.method == AUTO:
+        how.pop("nodes", None)  # of the file, for another method; those of the command line are refused
+    how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
+    try:
+        return solve(file.scene, **file.request, progress=tick, **how)
+    except SceneError as error:
+        raise SceneError(f"{options.scene}: {file.located(str(error))}") from error
+
+
+def written(result: Brdf | Field, options: argparse.Namespace, name: str, seconds: dict[str, float]) -> Path:
+    path: Path = getattr(options, name)
+    with timed(seconds, f"writing {path.suffix}"):
+        if name == "output":
+            result.save(path)
+        elif name == "csv":
+            write_csv(result, path)
+        else:
+            from vrte.report.lobes import save_plot
+
+            save_plot(result, path)
+    return path
+
+
+def describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
+    """What was computed, of what, and how."""
+    print(f"vrte {__version__}: subsurface {'BRDF' if isinstance(result, Brdf) else 'field'} of {path}")
+    for name, particles in file.particles.items():
+        print(f"  {name}: {particles.description}")
+    for place, layer in enumerate(file.scene.layers, 1):
+        matrix = layer.phase_matrix
+        print(
+            f"  layer {place}: optical thickness {layer.thickness:g}, single-scattering albedo {layer.albedo:.6g}, "
+            f"asymmetry {matrix.asymmetry:.4f}, {matrix.terms} terms"
+        )
+    base = "black" if file.scene.base is None else str(file.scene.base)
+    print(f"  base: {base}{'' if file.scene.base_is_reached else ', which no light reaches'}")
+    made = result.diagnostics
+    print(f"  {result!r}")
+    where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
+    orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
+    print(f"  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    if "method_rule" in made:
+        print(f"  {made['method_rule']}")
+    if made["method"] == EXACT:
+        describe_plan(made)
+    if "agreement" in made:
+        print(f"  {agreement(made['agreement'])}")
+    if isinstance(result, Brdf):
+        shown = ", ".join(
+            f"{r:.4f} at mu_i {mu:g}" for r, mu in zip(result.reflectance[:6], result.mu_i[:6], strict=True)
+        )
+        print(f"  directional-hemispherical reflectance: {shown}{', ...' if result.mu_i.size > 6 else ''}")
+
+
+def describe_plan(made: dict[str, Any]) -> None:
+    """How discrete ordinates went about it."""
+    print(f"  by {made['algorithm']} ({made['algorithm_rule']})")
+    print(f"  truncation: {made['truncation']} ({made['truncation_rule']})")
+    if made["orders_repeated"]:
+        print(f"  {len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
+
+
+def agreement(found: dict[str, Any]) -> str:
+    """What `verify` found, in words."""
+    if not found["orders_compared"]:
+        return f"{found['with']} cannot vouch for any order: nothing to compare"
+    flux = "" if found["flux"] is None else f", {found['flux']:.1e} in flux"
+    agreed = f"{found['with']} agrees to {found['radiance']:.1e} in radiance{flux}"
+    return f"{agreed} ({found['orders_compared']} orders compared)"
+
+
+def print_times(seconds: dict[str, float], stages: dict[str, dict[str, float]]) -> None:
+    """A table of wall seconds, and of seconds summed over the threads for the stages of the solver."""
+    print(f"\n  {'stage':22}{'wall s':>9}{'thread s':>10}")
+    for name, wall in seconds.items():
+        print(f"  {name:22}{wall:9.3f}")
+        if name == "solver":
+            for stage, took in stages.items():
+                print(f"    {stage:20}{took['wall_seconds']:9.3f}{took['thread_seconds']:10.3f}")
+    print(f"  {'total':22}{sum(seconds.values()):9.3f}\n")

@@ -1,0 +1,41 @@
+"""`vrte stability`: stiff and extreme scenes, solved and checked."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from vrte.commands.common import made_folder, progress, say_written, told_as_one, whole_number
+from vrte.discrete_ordinates.choice import ALGORITHMS
+
+
+def add(commands: Any) -> None:
+    """`vrte stability`."""
+    help_text = "stiff and extreme scenes, solved and checked, as a table"
+    command = commands.add_parser("stability", help=help_text, description=f"Computes {help_text}.")
+    command.add_argument(
+        "-o", "--output", metavar="FOLDER", type=Path, default=Path("stability"), help="made if absent"
+    )
+    command.add_argument("--quick", action="store_true", help="some forty small scenes instead of all")
+    command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
+    command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
+    command.add_argument("--cases", metavar="PATTERN", default="*", help='names, such as "rayleigh*N=8"; default: all')
+    command.add_argument(
+        "--threads", metavar="N", type=whole_number(1, 1024), help="default: all CPUs that may be used"
+    )
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    from vrte.report import stability
+
+    cases = stability.matching(options.cases, options.quick)
+    folder = made_folder(options.output)
+    how = stability.Options(options.algorithm, options.threads)
+    with progress() as (phase, tick):
+        records = stability.run_cases(cases, folder, how, options.fresh, told_as_one(phase, tick))
+    print(stability.as_text(records))
+    print()
+    settings = f"{'quick, ' if options.quick else ''}cases {options.cases}, algorithm {options.algorithm}"
+    for path in stability.write_tables(records, folder, settings):
+        say_written(path)
+    stability.require_all(records)
