@@ -104,7 +104,7 @@ def nodes_of(request: Request, margin: float) -> int:
 
 def scattered_again_over_accuracy(request: Request) -> float:
     """A bound on what is scattered more than once, over what is scattered once into the same direction, over the
-    accuracy; infinite where there is none.
+    accuracy; infinite where there is none, and any number above 1 where it is above 1.
 
     Light scattered inside a layer is scattered again with z = omega p_max L at most, p the phase function with mean 1 and
     L <= 1 - E_2(tau/2) the mean over directions of 1 - e^(-way). All orders but the first together are sources of at most
@@ -117,8 +117,11 @@ def scattered_again_over_accuracy(request: Request) -> float:
         return math.inf
     if request.kind == "radiance" and request.columns[:, 1:].any() and not layer.phase_matrix.is_scalar:
         return math.inf
+    again = layer.albedo * caught(layer.thickness)
+    if again > request.accuracy:  # too much already, whatever the phase function: p_max >= 1 >= p_min
+        return again / request.accuracy
     least, most = extremes(layer)
-    again = layer.albedo * most * caught(layer.thickness)
+    again *= most
     if not (least > 0.0 and again < 1.0):
         return math.inf
     beam = float(request.mu0.min())

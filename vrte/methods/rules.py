@@ -42,7 +42,7 @@ RULES = (
         # below a fading of 20 estimates were found wrong, up to 100 times; cubes: where the margin costs what the check does
         at_most={"special wishes": 0, "fading": 3.0, "cubes": 3e6},
         at_least={"accuracy": 1e-6, "lowest cosine": 0.02},
-        margin=3.0,
+        margin=2.0,
         evidence=(
             ("Rayleigh, thin", f"{EXACT}, modes", "16 nodes", 1e-3),
             ("isotropic", f"{EXACT}, modes", "32 nodes", 1e-6),

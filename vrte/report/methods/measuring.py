@@ -136,6 +136,7 @@ def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, 
         return replace(blank, status=f"{FAILED}: {error}")
     return replace(
         blank,
+        method=str(field.diagnostics["method"]),  # that auto took
         status=MEASURED,
         seconds=float(np.median(seconds)),
         least=min(seconds),
