@@ -24,8 +24,9 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
 
     Parameters: ``kind``, "brdf" or "radiance"; all else as that function takes it. ``print(plan)`` shows the Fourier
     orders and what each block of them costs, what is left out and why, the predicted operations and memory;
-    ``plan.as_dict()`` has the same for programs. With method="auto" it says which method the rules take. Without ``nodes`` they are chosen, by a small solve. Raises
-    SceneError for bad input, TypeError for a keyword that the function does not have.
+    ``plan.as_dict()`` has the same for programs. With method="auto" it says which method the rules take. Without
+    ``nodes`` they are chosen, by a small solve. Raises SceneError for bad input, TypeError for a keyword that the
+    function does not have.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])

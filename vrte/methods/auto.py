@@ -44,8 +44,8 @@ def holds(rule: Rule, request: Request) -> bool:
 
 
 def special_wishes(request: Request) -> float:
-    """How many things are asked for besides a scene, directions and an accuracy, or lie beyond what rules were tried on:
-    the nodes as directions, a base that is no Lambertian one, an algorithm, a truncation, a check, a device."""
+    """How many things are asked for besides a scene, directions and an accuracy, or lie beyond what rules were tried
+    on: the nodes as directions, a base that is no Lambertian one, an algorithm, a truncation, a check, a device."""
     base = request.scene.base if request.scene.base_is_reached else None
     return float(
         (request.mu is None)
@@ -60,6 +60,11 @@ def special_wishes(request: Request) -> float:
 def terms(request: Request) -> float:
     """The most of any layer's phase matrix."""
     return float(max(layer.phase_matrix.terms for layer in request.scene.layers))
+
+
+def layers(request: Request) -> float:
+    """How many."""
+    return float(len(request.scene.layers))
 
 
 def lowest_cosine(request: Request) -> float:
@@ -106,11 +111,11 @@ def scattered_again_over_accuracy(request: Request) -> float:
     """A bound on what is scattered more than once, over what is scattered once into the same direction, over the
     accuracy; infinite where there is none, and any number above 1 where it is above 1.
 
-    Light scattered inside a layer is scattered again with z = omega p_max L at most, p the phase function with mean 1 and
-    L <= 1 - E_2(tau/2) the mean over directions of 1 - e^(-way). All orders but the first together are sources of at most
-    omega p_max F/(4 pi) z/(1 - z). The first is at least omega p_min F/(4 pi) e^(-tau/mu0); seen from the top, it passes
-    mu0/(mu0 + mu) of what a source that does not fade would. Under natural light no Q, U, V is more than I; polarized
-    light that polarizing particles scatter once can be arbitrarily faint.
+    Light scattered inside a layer is scattered again with z = omega p_max L at most, p the phase function with mean 1
+    and L <= 1 - E_2(tau/2) the mean over directions of 1 - e^(-way). All orders but the first together are sources of
+    at most omega p_max F/(4 pi) z/(1 - z). The first is at least omega p_min F/(4 pi) e^(-tau/mu0); seen from the top,
+    it passes mu0/(mu0 + mu) of what a source that does not fade would. Under natural light no Q, U, V is more than I;
+    polarized light that polarizing particles scatter once can be arbitrarily faint.
     """
     scene, layer = request.scene, request.scene.layers[0]
     if len(scene.layers) > 1 or (scene.base is not None and scene.base_is_reached):
@@ -149,6 +154,7 @@ def caught(thickness: float) -> float:
 QUANTITIES: Mapping[str, Callable[[Request], float]] = {
     "accuracy": lambda request: request.accuracy,
     "special wishes": special_wishes,
+    "layers": layers,
     "terms": terms,
     "lowest cosine": lowest_cosine,
     "fading": fading,

@@ -14,8 +14,8 @@ from vrte.request import EXACT
 class Rule:
     """A row: the method taken, on nodes estimated for the accuracy over ``margin`` and not checked (None: nodes as the
     method finds them), where all quantities keep to their limits. ``why``, for ``diagnostics["method_rule"]``;
-    ``evidence``: (scene, curve, setting, accuracy): runs of the report that were good enough for the accuracy, and quicker
-    there than the exact method that looks for its nodes itself."""
+    ``evidence``: (scene, curve, setting, accuracy): runs of the report that were good enough for the accuracy, and
+    quicker than the exact method that looks for its nodes itself."""
 
     name: str
     method: str
@@ -38,9 +38,10 @@ RULES = (
     Rule(
         name="nodes unchecked",
         method=EXACT,
-        why="a small problem, solved in the time that a check of its nodes would take: nodes are estimated with a margin",
-        # below a fading of 20 estimates were found wrong, up to 100 times; cubes: where the margin costs what the check does
-        at_most={"special wishes": 0, "fading": 3.0, "cubes": 3e6},
+        why="a small problem, solved in the time that a check of its nodes takes: nodes are estimated with a margin",
+        # estimates were found wrong beyond a fading of 20, up to 100 times; layers and terms: as many as were tried;
+        # cubes: where the margin costs what the check does
+        at_most={"special wishes": 0, "layers": 3, "terms": 300, "fading": 8.0, "cubes": 3e6},
         at_least={"accuracy": 1e-6, "lowest cosine": 0.02},
         margin=2.0,
         evidence=(

@@ -48,7 +48,9 @@ def disagreements(rows: Sequence[Row]) -> list[str]:
     """All of them, in words; none where the table is right."""
     named = (text for rule in RULES for each in rule.evidence for text in against_evidence(rows, rule, *each))
     scenes = [name for name in CASES if any(row.scene == name for row in rows)]
-    on_scenes = (text for name in scenes for text in against_scene([row for row in rows if row.scene == name], case(name)))
+    on_scenes = (
+        text for name in scenes for text in against_scene([row for row in rows if row.scene == name], case(name))
+    )
     return [*named, *on_scenes]
 
 
@@ -76,7 +78,9 @@ def against_scene(rows: Sequence[Row], one: Case) -> list[str]:
     found = []
     for accuracy in (float(f"1e-{exponent}") for exponent in EXPONENTS):
         request = asked(one, accuracy)
-        more = [row for row in rows if row.curve == BY_HAND and row.is_measured and row.nodes >= (request.nodes or 4096)]
+        more = [
+            row for row in rows if row.curve == BY_HAND and row.is_measured and row.nodes >= (request.nodes or 4096)
+        ]
         if within_of(rows) <= accuracy and more and request.method == EXACT and more[0].worst > accuracy:
             found.append(f"{one.name} at {accuracy:.0e}: {request.nodes} nodes, but {more[0].nodes} were too few")
         best = quickest([row for row in rows if row.method in METHODS], accuracy)

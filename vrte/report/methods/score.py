@@ -22,8 +22,8 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Choice:
-    """Of one scene: whether the run of auto was good enough, whether the quickest of the others that were is of the same
-    method, and the run's time over that one's."""
+    """Of one scene: whether the run of auto was good enough, whether the quickest of the others that were is of the
+    same method, and the run's time over that one's."""
 
     scene: str
     is_adequate: bool
@@ -59,7 +59,7 @@ def choices(rows: Sequence[Row], target: float) -> list[Choice]:
 
 def score_rows(rows: Sequence[Row]) -> list[tuple[str, ...]]:
     """A line of the table for each accuracy that auto was asked for, nothing without any."""
-    lines = []
+    lines = list[tuple[str, ...]]()
     for exponent in EXPONENTS:
         found = choices(rows, float(f"1e-{exponent}"))
         if found:
