@@ -11,6 +11,7 @@ import vrte
 from tests.random_scenes import Asked, asked, faint, scene
 from vrte.cli import main
 from vrte.errors import SceneError
+from vrte.formats.scene_file import SceneFile
 from vrte.methods.auto import QUANTITIES, RULES, caught, fading, scattered_again_over_accuracy, special_wishes, taken
 from vrte.plan_call import request_of
 from vrte.report.methods.records import Row
@@ -243,6 +244,13 @@ def test_score() -> None:
     others = [each for each in rows if each.curve != "auto"]
     assert score_rows(others) == []
     assert score_html(others) == ""
+
+
+def test_nodes_of_a_scene_file_are_left_out() -> None:
+    file = SceneFile(MIDDLE, "field", {"mu0": 0.6}, {"nodes": 4, "accuracy": 1e-3}, {})
+    assert file.keywords({"method": "auto"}) == {"mu0": 0.6, "accuracy": 1e-3, "method": "auto"}
+    assert file.keywords({"method": "auto", "nodes": 8})["nodes"] == 8  # asked for at once: refused by the solver
+    assert file.keywords({})["nodes"] == 4
 
 
 def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -26,6 +26,7 @@ from vrte.report.methods.records import (
 )
 from vrte.report.methods.reference import Reference, answered, ask, reference
 from vrte.report.methods.scenes import Case, case
+from vrte.request import AUTO
 
 CSV = "methods.csv"
 Told = Callable[[int, int, str], None]
@@ -136,7 +137,7 @@ def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, 
         return replace(blank, status=f"{FAILED}: {error}")
     return replace(
         blank,
-        method=str(field.diagnostics["method"]),  # that auto took
+        method=field.diagnostics["method"] if method == AUTO else method,
         status=MEASURED,
         seconds=float(np.median(seconds)),
         least=min(seconds),
