@@ -8,7 +8,7 @@ import pytest
 from scipy.special import expn
 
 import vrte
-from tests.random_scenes import Asked, asked, faint, scene
+from tests.random_scenes import Asked, asked, faint
 from vrte.cli import main
 from vrte.errors import SceneError
 from vrte.formats.scene_file import SceneFile
@@ -172,8 +172,8 @@ def check_promise(one: Asked, accuracies: tuple[float, ...]) -> list[int]:
         if place == 2:
             continue
         found = one.solved(accuracy=accuracy, method="auto")
-        if accuracy < 1e-5 and 2 * found.made["nodes"] > nodes:
-            continue  # the reference below is no better
+        if 1.5 * found.made["nodes"] > nodes:
+            continue  # the reference below is hardly better
         right = right or one.solved(nodes=nodes, accuracy=1e-13, truncation="none")
         assert found.error(right) <= accuracy, (one, accuracy)
         places.append(place)
@@ -186,12 +186,17 @@ def test_random_scenes_get_the_accuracy_asked_for() -> None:
 
 
 @pytest.mark.slow
-def test_many_random_scenes_get_the_accuracy_asked_for() -> None:
+@pytest.mark.parametrize("first", [0, 30, 60])
+def test_many_random_scenes_get_the_accuracy_asked_for(first: int) -> None:
     accuracies = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6)
-    places = [place for seed in range(150) for place in check_promise(asked(seed, scene), accuracies)]
-    places += [place for seed in range(200) for place in check_promise(asked(seed, faint), (1e-1, 1e-2, 1e-3))]
-    assert places.count(0) > 50
-    assert places.count(1) > 300
+    places = [place for seed in range(first, first + 30) for place in check_promise(asked(seed), accuracies)]
+    assert places.count(1) > 60
+
+
+@pytest.mark.slow
+def test_many_thin_and_dark_scenes_get_the_accuracy_asked_for() -> None:
+    places = [place for seed in range(40) for place in check_promise(asked(seed, faint), (1e-1, 1e-2, 1e-3))]
+    assert places.count(0) > 20
 
 
 @pytest.fixture(scope="module")
