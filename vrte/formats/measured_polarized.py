@@ -103,7 +103,7 @@ def solved_for_table(
     exact = solved_at(files, wavelengths, None, **asked, mu_i=pairs[0], mu_o=pairs[1], phi=360.0 * sample[2])
     orders = max(one.diagnostics.get("orders", 0) for one in exact)
     nodes = max(one.diagnostics["nodes"] for one in exact)
-    if exact[0].diagnostics["method"] == EXACT:
+    if files[0].keywords(asked).get("method", EXACT) == EXACT:
         asked["nodes"] = nodes  # left to itself, a solve for cosines of 1e-4 would choose a great many for their sake
     cosines = int(np.clip(nodes, COSINES, MOST_COSINES))
     wanted = directions(cosines, int(np.clip(2 * orders + 1, AZIMUTHS, MOST_AZIMUTHS)))
