@@ -1,6 +1,7 @@
 """Spectra, and files that others read: names by CF, headers of CSV, and what becomes of damaged ones."""
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -125,6 +126,19 @@ class TestSpectrum:
         found = vrte.spectrum(PAINT, WAVELENGTHS, backend="opencl")
         assert "device" in found[0].diagnostics
         np.testing.assert_allclose(found.mueller, paint.mueller, rtol=0, atol=1e-13)
+
+
+def test_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "exports.md").read_text(encoding="utf-8")
+    (block, *_) = re.findall(r"^```python\n(import vrte.*?)^```", page, re.MULTILINE | re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(compile(block, "exports.md", "exec"), names)
+    assert len(vrte.load("gold.nc")) == 3
+    names["s"].save("gold.csv")
+    shown = re.search(r"^0\.45,0\.6,0\.2,0\.0,([\d.]+)", page, re.MULTILINE)
+    assert shown
+    assert vrte.load("gold.csv").mueller[0, 0, 0, 0, 0, 0] == pytest.approx(float(shown[1]), rel=1e-6)
 
 
 class TestNetcdf:
