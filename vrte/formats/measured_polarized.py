@@ -261,7 +261,7 @@ def to_meridian_planes(matrices: Array, into: Array, out: Array) -> Array:
     return found
 
 
-def in_scattering_plane(splines: "Splines", into: Array, out: Array, across: Array, lowest: float) -> Array:
+def in_scattering_plane(splines: Splines, into: Array, out: Array, across: Array, lowest: float) -> Array:
     """The BRDF (pairs, 4, 4) in Mitsuba's axes: one is ``across``, perpendicular to the plane of both directions."""
     found = np.empty((len(into), 4, 4))
     for start in range(0, len(into), CHUNK):
