@@ -29,7 +29,7 @@ from vrte.illumination import SIDES
 from vrte.optics.truncation import CHOICES
 from vrte.request import EXACT, METHODS, MOST_NODES
 
-HOW = ("nodes", "accuracy", "truncation")  # options that win over the scene file
+HOW = ("nodes", "accuracy", "truncation", "method", "illuminate")  # options that win over the scene file
 OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
 EXTRAS = (("output", "files", ("xarray", "h5netcdf")), ("plot", "plot", ("matplotlib",)))
 
@@ -61,8 +61,8 @@ def add_one(commands: Any, kind: str, help_text: str) -> None:
         type=whole_number(1, MOST_NODES),
         help="in each hemisphere; this, too, wins over the scene file",
     )
-    command.add_argument("--illuminate", choices=SIDES, default="top", help="where the light comes from; default: top")
-    command.add_argument("--method", choices=METHODS, default=EXACT, help=f"default: {EXACT}; others: docs/methods.md")
+    command.add_argument("--illuminate", choices=SIDES, help="where the light comes from; default: top")
+    command.add_argument("--method", choices=METHODS, help=f"default: {EXACT}; others: docs/methods.md")
     command.add_argument(
         "--set",
         metavar="NAME=VALUE",
@@ -112,10 +112,9 @@ def check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 
 def solved(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    how = file.options | {
-        name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend", "method", "illuminate")
-    }
-    how["settings"] = dict(options.set)
+    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
+    of_file = {} if options.method else how.get("settings", {})  # another method has other settings
+    how["settings"] = of_file | dict(options.set)
     how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     try:
         return solve(file.scene, **file.request, progress=tick, **how)
