@@ -9,7 +9,6 @@ from vrte.app.style import (
     FAINT,
     INCIDENT,
     UNPOLARIZED,
-    evenly,
     incidence,
     labelled,
     plain,
@@ -23,6 +22,7 @@ from vrte.brdf import Brdf
 from vrte.errors import SceneError
 from vrte.field import Field
 from vrte.quantities import ANGLES, FIELD_QUANTITIES, check_name, of_stokes, unit_of
+from vrte.report.lobes import spread
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -70,7 +70,7 @@ def field_polar(field: Field, quantity: str = "I") -> "Figure":
     go = plotly()
     check_name(quantity, FIELD_QUANTITIES)
     angle, values = in_the_plane(field, quantity)
-    depths = evenly(field.tau.size, MOST_DEPTHS)
+    depths = spread(field.tau.size, MOST_DEPTHS)
     low, high = span(values[depths], quantity)
     figure = go.Figure([zero_line(go, -180.0, 180.0)] if low < 0.0 else [])
     for place, colour in zip(depths, depth_colours(len(depths)), strict=True):
