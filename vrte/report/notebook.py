@@ -89,11 +89,11 @@ def phase_matrix_html(phase_matrix: PhaseMatrix) -> str:
     def facts() -> dict[str, str]:
         kind = "scalar phase function" if phase_matrix.is_scalar else "polarizing"
         head = {"terms": f"{phase_matrix.terms}, {kind}", "asymmetry g": f"{phase_matrix.asymmetry:.6g}"}
-        more = " …" if phase_matrix.terms > DEGREES_SHOWN else ""
+        more = ", …" if phase_matrix.terms > DEGREES_SHOWN else ""
         first = phase_matrix.coefficients[:DEGREES_SHOWN].T
         names = ("a1", "a2", "a3", "a4", "b1", "b2")
         return head | {
-            name: "  ".join(f"{value:.5g}" for value in values) + more
+            name: ", ".join(f"{value:.5g}" for value in values) + more
             for name, values in zip(names, first, strict=True)
         }
 

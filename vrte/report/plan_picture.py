@@ -43,7 +43,7 @@ def draw_orders(panel: Any, plan: Plan) -> None:
         base += heights
     last = max(int(plan.problem.terms.max()), plan.orders)
     if last > plan.orders:
-        label = f"left out: {last - plan.orders} of {last}"
+        label = f"left out of multiple scattering: {last - plan.orders} of {last}"
         panel.axvspan(plan.orders - 0.5, last - 0.5, facecolor="#eeeeee", edgecolor=FAINT, hatch="//", label=label)
     panel.set_xlim(-0.5, last - 0.5)
     panel.set_ylabel("operations", fontsize=9)
