@@ -141,6 +141,16 @@ def test_polar_diagrams_of_the_field(field: vrte.Field, name: str) -> None:
     assert curves["where the beam goes"].theta[1] == pytest.approx(180.0 - np.degrees(np.arccos(0.6)))
 
 
+def test_a_button_draws_each_depth_over_its_largest(field: vrte.Field) -> None:
+    figure = figures.field_polar(field)
+    one, each = figure.layout.updatemenus[0].buttons
+    for trace, same, share in zip(figure.data, one.args[0]["r"], each.args[0]["r"], strict=True):
+        drawn = np.asarray(trace.r, float)
+        np.testing.assert_allclose(np.array(same, float), drawn, rtol=1e-4)
+        np.testing.assert_allclose(np.array(share, float), drawn / np.nanmax(drawn), rtol=1e-4)
+    assert not figures.field_polar(field, "Q").layout.updatemenus
+
+
 def test_a_beam_from_below_goes_up(scene: vrte.Scene) -> None:
     lit = vrte.radiance(scene, 0.6, mu=[-0.5, 0.5], phi=0.0, nodes=4, threads=1, illuminate="bottom")
     assert named(figures.field_polar(lit))["where the beam goes"].theta[1] == pytest.approx(np.degrees(np.arccos(0.6)))

@@ -85,4 +85,10 @@ def scattering_matrix(phase_matrix: PhaseMatrix) -> "Figure":
 
 
 def axis(title: str) -> dict[str, Any]:
-    return {"title": {"text": title}, "gridcolor": FAINT, "linecolor": FAINT, "zerolinecolor": FAINT}
+    return {
+        "title": {"text": title, "standoff": 8},
+        "automargin": True,
+        "gridcolor": FAINT,
+        "linecolor": FAINT,
+        "zerolinecolor": FAINT,
+    }
