@@ -11,7 +11,7 @@ import pytest
 from vrte import cli
 from vrte.errors import SceneError
 from vrte.report import methods, radiance_factor
-from vrte.report.methods import advice, knobs, measuring, page, records, reference, registry, scenes
+from vrte.report.methods import advice, knobs, measuring, page, peers, records, reference, registry, scenes
 from vrte.report.methods.records import MEASURED, REFUSED, Row
 from vrte.request import METHODS
 
@@ -43,7 +43,7 @@ def run(folder: Path, curve: knobs.Curve = CURVE, **how: bool) -> list[Row]:
 
 
 def test_every_method_and_scene_has_its_rows(rows: list[Row], folder: Path) -> None:
-    assert {row.method for row in rows} == set(METHODS)
+    assert {row.method for row in rows} == set(METHODS) | {peer.name for peer in peers.installed()}
     assert {row.scene for row in rows} == set(methods.QUICK)
     assert all(row.status.startswith((MEASURED, REFUSED)) for row in rows), [row.status for row in rows]
     with open(folder / methods.CSV, encoding="utf-8", newline="") as file:
