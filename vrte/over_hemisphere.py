@@ -56,8 +56,7 @@ def _smooth_around(phi: Array, matrices: Array, incident: Array) -> tuple[Array,
     azimuth: smooth at the pole, where meridian planes are not.
     """
     azimuths, columns = _all_around(phi)
-    both = np.concatenate([matrices, matrices * np.outer(FLIP, FLIP)], axis=1)[:, columns]
-    light = both @ incident
+    light = np.concatenate([matrices @ incident, matrices @ (FLIP * incident) * FLIP], axis=1)[:, columns]
     polarized = (light[..., 1] + 1j * light[..., 2]) * np.exp(-2j * np.radians(azimuths))
     smooth = np.stack([light[..., 0] + 0j, polarized, light[..., 3] + 0j], axis=-1)
     return np.append(azimuths, azimuths[0] + 360.0), np.append(smooth, smooth[:, :1], axis=1)

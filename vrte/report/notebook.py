@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 WIDTH, HEIGHT = 7.2, 2.5  # of a picture [inches]
 MOST_LINES = 4  # incident directions or depths in it
-MOST_TERMS_DRAWN = 5000  # more take longer than anyone waits for a glance
+MOST_TERMS_DRAWN = 5000  # more take longer than anyone waits for a glance, and so do
+MOST_DIRECTIONS_DRAWN = 300_000  # incident ones of the picture times outgoing ones
 MOST_BYTES = 400_000  # of a plan's text
 DEGREES_SHOWN = 6  # of an expansion
 CELL = 'style="text-align:left;vertical-align:top;padding:1px 10px 1px 0"'
@@ -174,13 +175,15 @@ def field_picture(field: Field) -> "Figure | None":
     return figure
 
 
-def brdf_picture(brdf: Brdf) -> "Figure":
+def brdf_picture(brdf: Brdf) -> "Figure | None":
     """f00 and the degree of linear polarization in the plane of incidence. SceneError for too few directions."""
     check_directions(brdf.mu_o, brdf.phi)
+    places = spread(brdf.mu_i.size, MOST_LINES)
+    if len(places) * brdf.mu_o.size * brdf.phi.size > MOST_DIRECTIONS_DRAWN:
+        return None
     figure = new_figure(WIDTH, HEIGHT)
     panels: Any = figure.subplots(1, 2)
     theta = np.linspace(0.0, float(np.degrees(np.arccos(brdf.mu_o.min()))), 61)
-    places = spread(brdf.mu_i.size, MOST_LINES)
     for order, place in enumerate(places):
         forward, back = stokes_over_hemisphere(brdf, place, theta, np.array([0.0, 180.0])).swapaxes(0, 1)
         angle, light = np.concatenate([-theta[::-1], theta]), np.concatenate([back[::-1], forward])

@@ -33,14 +33,15 @@ def plan_figure(plan: Plan, width: float = 9.6, height: float = 3.2) -> "Figure"
 
 
 def draw_orders(panel: Any, plan: Plan) -> None:
-    """One bar an order, blocks of the same order on top of each other; what is left out is hatched."""
+    """A step an order, blocks of the same order on top of each other; what is left out is hatched."""
+    edges = np.arange(plan.orders + 1) - 0.5
     costs = operations_by_order(plan.as_dict())
     base = np.zeros(plan.orders)
     for algorithm, values in costs.items():
         heights = np.array([values.get(order, 0.0) for order in range(plan.orders)])
         colour = COLOURS.get(algorithm, "#7a4fa3")
-        panel.bar(np.arange(plan.orders), heights, bottom=base, label=algorithm, color=colour, width=0.8)
-        base += heights
+        panel.stairs(base + heights, edges, baseline=base, fill=True, label=algorithm, color=colour)
+        base = base + heights
     last = max(int(plan.problem.terms.max()), plan.orders)
     if last > plan.orders:
         label = f"left out of multiple scattering: {last - plan.orders} of {last}"
