@@ -198,6 +198,9 @@ def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
         figures.field_polar(vrte.radiance(scene, 0.6, nodes=4), "f00")
     with pytest.raises(vrte.SceneError, match="at least 2 different mu_o"):
         figures.cuts(vrte.brdf(scene, 0.6, 0.5, PHI, nodes=4), 0)
+    gaps = vrte.Brdf(np.full_like(brdf.mueller, np.nan), brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
+    with pytest.raises(vrte.SceneError, match="finite Mueller matrices"):
+        figures.lobe(gaps, 0)
     for mu, phi in (([0.5], 90.0), ([], 0.0)):
         with pytest.raises(vrte.SceneError, match="at phi_deg 0 or 180"):
             figures.field_polar(vrte.radiance(scene, 0.6, mu=mu, phi=phi, nodes=4))
