@@ -68,8 +68,11 @@ def test_inside_the_layer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_which_method_when(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run("which_method_when.py", tmp_path, monkeypatch)
-    names, values = numbers(tmp_path / "new" / "which_method_when.csv", 2)
-    error = {(float(thickness), method.strip()): row[0] for (thickness, method), row in zip(names, values, strict=True)}
-    assert len(error) == 15
-    assert all(error[thickness, "discrete-ordinates"] < 1e-5 for thickness in (0.01, 1.0, 50.0))
-    assert error[0.01, "single-scattering"] < error[1.0, "single-scattering"] < error[50.0, "single-scattering"]
+    names, values = numbers(tmp_path / "new" / "which_method_when.csv", 3)
+    error = {(float(names[0]), names[1].strip()): row[0] for names, row in zip(names, values, strict=True)}
+    taken = {(float(thickness), asked.strip()): found.strip() for thickness, asked, found in names}
+    thick = (1e-4, 1.0, 50.0)
+    assert len(error) == 18
+    assert all(error[thickness, method] < 1e-2 for thickness in thick for method in ("discrete-ordinates", "auto"))
+    assert error[1e-4, "single-scattering"] < 1e-2 < error[1.0, "single-scattering"] < error[50.0, "single-scattering"]
+    assert all(asked in ("auto", found) for (_, asked), found in taken.items())

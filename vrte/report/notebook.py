@@ -33,7 +33,16 @@ MOST_DIRECTIONS_DRAWN = 300_000  # incident ones of the picture times outgoing o
 MOST_BYTES = 400_000  # of a plan's text
 DEGREES_SHOWN = 6  # of an expansion
 CELL = 'style="text-align:left;vertical-align:top;padding:1px 10px 1px 0"'
-MADE = ("method", "algorithm", "backend", "nodes", "accuracy", "truncation", "base")  # of diagnostics, where there
+MADE = (
+    "method",
+    "method_rule",
+    "algorithm",
+    "backend",
+    "nodes",
+    "accuracy",
+    "truncation",
+    "base",
+)  # of diagnostics, where there
 
 
 def field_html(field: Field) -> str:
