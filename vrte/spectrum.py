@@ -18,6 +18,7 @@ from vrte.request import EXACT
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
     from vrte.formats.scene_file import SceneFile
 
@@ -123,6 +124,17 @@ class Spectrum:
         from vrte.formats import save
 
         save(self, path)
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import spectrum_html
+
+        return spectrum_html(self)
+
+    def plot(self) -> "Figure":
+        """Reflectance against wavelength. MissingExtraError without the extra "plot"."""
+        from vrte.report.notebook import spectrum_figure
+
+        return spectrum_figure(self)
 
     def at(self, wavelengths_um: Any) -> "Spectrum":
         """The spectrum at some of its own wavelengths, to 1e-9 um. Raises SceneError for one that it has not."""
