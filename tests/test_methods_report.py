@@ -50,6 +50,16 @@ def test_every_method_and_scene_has_its_rows(rows: list[Row], folder: Path) -> N
         assert len(list(csv.DictReader(file))) == len(rows) == methods.steps_of(methods.QUICK, methods.curves(True))
 
 
+def test_rows_of_auto_say_what_it_took(rows: list[Row], folder: Path) -> None:
+    found = [row for row in rows if row.curve == "auto"]
+    assert len(found) == 3 * len(methods.QUICK)
+    for row in found:
+        assert row.method == "discrete-ordinates"
+        assert row.worst <= float(row.setting.split()[1])
+        assert row.operations > 0.0
+    assert 'How well method="auto" chose' in (folder / page.PAGE).read_text(encoding="utf-8")
+
+
 def test_more_nodes_are_closer(rows: list[Row]) -> None:
     for name in ("modes", "doubling"):
         for scene in methods.QUICK:

@@ -14,9 +14,11 @@ from vrte.brdf import Brdf, brdf
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
 from vrte.field import Field
+from vrte.request import EXACT
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
     from vrte.formats.scene_file import SceneFile
 
@@ -24,7 +26,7 @@ MOST_WAVELENGTHS = 10_000
 STEPS = 100  # of progress for the particles, and as many for the solution, at each wavelength
 SCENE = "scene_toml"  # in diagnostics: the text of the scene file
 Found = TypeVar("Found", bound=Brdf | Field)
-ONE_BY_ONE = ("method", "settings", "verify")  # what `vrte.brdfs` has no keyword for
+PLAIN: dict[str, Any] = {"method": EXACT, "settings": {}, "verify": False}  # what `vrte.brdfs` has no keywords for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,6 +125,17 @@ class Spectrum:
 
         save(self, path)
 
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import spectrum_html
+
+        return spectrum_html(self)
+
+    def plot(self) -> "Figure":
+        """Reflectance against wavelength. MissingExtraError without the extra "plot"."""
+        from vrte.report.notebook import spectrum_figure
+
+        return spectrum_figure(self)
+
     def at(self, wavelengths_um: Any) -> "Spectrum":
         """The spectrum at some of its own wavelengths, to 1e-9 um. Raises SceneError for one that it has not."""
         wanted = ascending(wavelengths_um)
@@ -219,8 +232,10 @@ def solved_at(
     """The spectrum of what `scenes_at` made; ``asked`` as for `spectrum`."""
     calls = [file.keywords(asked) for file in files]
     try:
-        if calls[0].get("backend") == "opencl" and not any(name in calls[0] for name in ONE_BY_ONE):
-            found = brdfs([file.scene for file in files], progress=progress, **calls[0])
+        asks_for_more = PLAIN | calls[0] != calls[0] | PLAIN
+        if not asks_for_more and calls[0].get("backend") == "opencl":
+            common = {name: value for name, value in calls[0].items() if name not in PLAIN}
+            found = brdfs([file.scene for file in files], progress=progress, **common)
         else:
             found = [
                 brdf(file.scene, progress=hundredths(progress, place, len(files)), **call)

@@ -96,19 +96,27 @@ def say_written(path: Path) -> None:
 
 def read_file(path: Path, kind: str) -> SceneFile:
     """A scene file, complained about by its name."""
-    with named_by(path):
+    with reading(path):
         return read_scene(path, kind)
 
 
 @contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Complaints about a scene file, or that it cannot be read, with its name in front."""
+    with named_by(path):
+        try:
+            yield
+        except OSError as error:
+            raise SceneError(error.strerror or str(error)) from error
+
+
+@contextmanager
 def named_by(path: Path) -> Iterator[None]:
-    """Complaints about a scene file, with its name in front."""
+    """Complaints about what a scene file asks for, with its name in front."""
     try:
         yield
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error
-    except OSError as error:
-        raise SceneError(f"{path}: {error.strerror or error}") from error
 
 
 @contextmanager

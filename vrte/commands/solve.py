@@ -30,7 +30,7 @@ from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile
 from vrte.illumination import SIDES
 from vrte.optics.truncation import CHOICES
-from vrte.request import EXACT, METHODS, MOST_NODES
+from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
 from vrte.spectrum import Spectrum, with_scene
 
 HOW = ("nodes", "accuracy", "truncation", "method", "illuminate")  # options that win over the scene file
@@ -67,7 +67,11 @@ def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser
         help="in each hemisphere; this, too, wins over the scene file",
     )
     command.add_argument("--illuminate", choices=SIDES, help="where the light comes from; default: top")
-    command.add_argument("--method", choices=METHODS, help=f"default: {EXACT}; others: docs/methods.md")
+    command.add_argument(
+        "--method",
+        choices=METHOD_NAMES,
+        help=f"default: {EXACT}; {AUTO}: by rule, for the accuracy; others: docs/methods.md",
+    )
     command.add_argument(
         "--set",
         metavar="NAME=VALUE",
@@ -107,7 +111,7 @@ def run_one(options: argparse.Namespace) -> None:
 def run_spectrum(options: argparse.Namespace) -> None:
     """At several wavelengths."""
     seconds: dict[str, float] = {}
-    with progress() as (phase, tick), named_by(options.scene):
+    with progress() as (phase, tick):
         found = spectrum.solve(options, how(options), seconds, phase, tick)
     spectrum.describe(options.scene, found)
     paths = [written(found.result, options, name, seconds) for name in ("output", "csv") if getattr(options, name)]
@@ -187,6 +191,8 @@ def describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
     orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
     print(f"  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    if "method_rule" in made:
+        print(f"  {made['method_rule']}")
     if made["method"] == EXACT:
         describe_plan(made)
     if "agreement" in made:

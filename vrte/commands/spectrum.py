@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vrte import __version__
-from vrte.commands.common import Tick, check_output, timed, wavelengths
+from vrte.commands.common import Tick, check_output, named_by, reading, timed, wavelengths
 from vrte.errors import SceneError
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats.scene_file import SceneFile
@@ -71,15 +71,15 @@ def solve(
     """All that was asked for at the wavelengths."""
     at = np.array(options.wavelengths_um)
     phase("particles")
-    with timed(seconds, "particles"):
+    with timed(seconds, "particles"), reading(options.scene):
         files = scenes_at(options.scene, at, progress=tick)
     phase("wavelengths")
-    with timed(seconds, "solver"):
+    with timed(seconds, "solver"), named_by(options.scene):
         result = solved_at(files, at, tick, **asked)
     if not options.mitsuba:
         return Found(files, result, None)
     phase("directions of the table")
-    with timed(seconds, "solver for Mitsuba"):
+    with timed(seconds, "solver for Mitsuba"), named_by(options.scene):
         return Found(files, result, mitsuba.solved_for_table(files, at, tick, **asked))
 
 
@@ -114,5 +114,6 @@ def describe(path: Path, found: Found) -> None:
             for layer in file.scene.layers
         )
         print(f"  {wavelength:8.6g}  {one.reflectance[0]:<16.6f}  {layers}")
-    made = found.result[0].diagnostics
-    print(f"  {made['method']}, {made['nodes']} nodes, {made['backend']}")
+    nodes = {one.diagnostics["nodes"] for one in found.result}
+    some = f"{min(nodes)} to {max(nodes)}" if len(nodes) > 1 else f"{min(nodes)}"
+    print(f"  {found.result[0].diagnostics['method']}, {some} nodes")

@@ -17,7 +17,7 @@ from vrte.request import SMALLEST_COSINE
 COSINES, AZIMUTHS = 48, 73  # to solve for, by default
 FEWEST, MOST = 8, 1024
 ORDER: Literal[3] = 3  # of the splines
-MARGIN = 12  # samples beyond each end, where splines no longer notice that they end
+MARGIN = 8  # samples beyond each end, where splines no longer notice that they end
 MIRROR = np.outer([1.0, 1.0, -1.0, -1.0], [1.0, 1.0, -1.0, -1.0])  # f(-phi) = f(phi) times this
 
 
@@ -46,10 +46,12 @@ class Splines:
         margins = tuple(min(MARGIN, count - 1) for count in weighted.shape[:3])
         beyond = around(over_pole(over_pole(weighted, 0, margins[0]), 1, margins[1]), margins[2])
         self.counts, self.margins = weighted.shape[:3], margins
-        # (4, 4, mu_i, mu_o, phi), one spline an element
-        self.coefficients = np.empty((4, 4, *beyond.shape[:3]))
-        for row, column in itertools.product(range(4), range(4)):
-            self.coefficients[row, column] = spline_filter(beyond[..., row, column], ORDER)
+        # one (mu_i, mu_o, phi) an element, but for those that are zero throughout
+        self.coefficients = {
+            element: spline_filter(beyond[..., *element], ORDER)
+            for element in itertools.product(range(4), range(4))
+            if weighted[..., *element].any()
+        }
 
     def __call__(self, into: Array, out: Array, lowest: float = SMALLEST_COSINE) -> Array:
         """The BRDF (pairs, 4, 4) in meridian planes [sr-1], directions (pairs, 3) away from the surface; cosines
@@ -68,11 +70,9 @@ class Splines:
                 np.abs(phi) / np.pi * (azimuths - 1) + self.margins[2],
             ]
         )
-        found = np.empty((len(into), 4, 4))
-        for row, column in itertools.product(range(4), range(4)):
-            found[:, row, column] = map_coordinates(
-                self.coefficients[row, column], places, order=ORDER, prefilter=False
-            )
+        found = np.zeros((len(into), 4, 4))
+        for element, coefficients in self.coefficients.items():
+            found[:, *element] = map_coordinates(coefficients, places, order=ORDER, prefilter=False)
         found[phi < 0.0] *= MIRROR
         return found / (mu_i + mu_o)[:, None, None]
 

@@ -53,7 +53,7 @@ class Kind:
 PAIRS = ("mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in")
 BRDF = Kind(
     "brdf",
-    "subsurface BRDF",
+    "subsurface BRDF of a particulate layer",
     {
         "mu_i": Described(("mu_i",), "1", "cosine of the angle of incidence"),
         "mu_o": Described(("mu_o",), "1", "cosine of the angle of exit"),
@@ -73,7 +73,7 @@ BRDF = Kind(
 WAVELENGTH = Described(("wavelength_um",), "um", "wavelength in vacuum", "radiation_wavelength")
 SPECTRUM = Kind(
     "spectrum",
-    "subsurface BRDF at several wavelengths",
+    "subsurface BRDF of a particulate layer at several wavelengths",
     {"wavelength_um": WAVELENGTH, **BRDF.coordinates},
     {
         name: Described(("wavelength_um", *variable.dims), variable.units, variable.long_name)
@@ -82,7 +82,7 @@ SPECTRUM = Kind(
 )
 FIELD = Kind(
     "field",
-    "subsurface radiance field",
+    "subsurface radiance field of a particulate layer",
     {
         "tau": Described(("tau",), "1", "optical depth, growing downward from the top"),
         "mu": Described(("mu",), "1", "cosine of the direction of travel with the upward normal: > 0 up, < 0 down"),
@@ -148,7 +148,7 @@ def described(result: Result) -> dict[str, str]:
     every = diagnostics if isinstance(diagnostics, list) else [diagnostics]
     scene = every[0].get(SCENE)
     told = {
-        "title": f"Polarized {kind_of(result).title} of a particulate layer",
+        "title": f"Polarized {kind_of(result).title}",
         "source": f"vrte {__version__}, vector radiative transfer",
         "comment": CONVENTIONS,
         "kind": kind_of(result).name,

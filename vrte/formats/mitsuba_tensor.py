@@ -34,7 +34,7 @@ def write_tensors(fields: Mapping[str, NDArray[Any]], path: str | os.PathLike[st
     >>> read_tensors("angles.bsdf")["theta"].shape
     (1, 3)
     """
-    arrays = {name: np.ascontiguousarray(values) for name, values in fields.items()}
+    arrays = {name: np.asarray(values, order="C") for name, values in fields.items()}
     names = {name: name.encode("utf-8") for name in arrays}
     place = len(MAGIC) + 6 + sum(13 + len(names[name]) + 8 * array.ndim for name, array in arrays.items())
     head, starts = [MAGIC, struct.pack("<BBI", *VERSION, len(arrays))], []

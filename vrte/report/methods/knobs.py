@@ -8,7 +8,8 @@ from typing import Any
 from vrte.errors import DeviceError
 from vrte.methods import method_of
 from vrte.report.methods import peers
-from vrte.request import EXACT, METHODS
+from vrte.report.methods.score import EXPONENTS, EXPONENTS_QUICK
+from vrte.request import AUTO, EXACT, METHODS
 
 Options = Mapping[str, Any]  # keywords of vrte.radiance
 
@@ -150,7 +151,12 @@ def curves(quick: bool = False) -> tuple[Curve, ...]:
     >>> [curve.name for curve in curves(quick=True)][0]
     'discrete-ordinates, modes'
     """
-    return (*exact_curves(quick), *other_curves(quick), *peer_curves(quick))
+    return (*exact_curves(quick), *other_curves(quick), auto_curve(quick), *peer_curves(quick))
+
+
+def auto_curve(quick: bool) -> Curve:
+    """Whatever the rules take, over the accuracy asked for; its rows say which method that was."""
+    return Curve(AUTO, AUTO, over_accuracies(EXPONENTS_QUICK if quick else EXPONENTS))
 
 
 def device_name() -> str | None:

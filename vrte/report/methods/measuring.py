@@ -30,6 +30,7 @@ from vrte.report.methods.records import (
 )
 from vrte.report.methods.reference import Reference, answered, ask, reference
 from vrte.report.methods.scenes import Case, case
+from vrte.request import AUTO
 
 CSV = "methods.csv"
 Told = Callable[[int, int, str], None]
@@ -137,8 +138,10 @@ def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, 
         return replace(blank, status=f"{REFUSED}: {error}")
     except (AccuracyError, ArithmeticError, peers.PeerError) as error:
         return replace(blank, status=f"{FAILED}: {error}")
+    taken = field.diagnostics["method"] if method == AUTO else method
     return replace(
         blank,
+        method=taken,
         status=MEASURED,
         seconds=float(np.median(seconds)),
         least=min(seconds),
@@ -146,7 +149,7 @@ def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, 
         rounds=len(seconds),
         nodes=int(field.diagnostics.get("nodes", 0)),
         orders=int(field.diagnostics.get("orders", 0)),
-        operations=operations(one, method, setting.options, field),
+        operations=operations(one, taken, {"method": method, **setting.options}, field),
         reference_within=right.within,
         **errors(one, field, right, blank.is_peer),
     )

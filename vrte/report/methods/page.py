@@ -26,6 +26,7 @@ from vrte.report.methods.advice import (
 from vrte.report.methods.records import STOKES, Row
 from vrte.report.methods.reference import slug
 from vrte.report.methods.scenes import case
+from vrte.report.methods.score import score_html, score_text
 from vrte.report.pages import made_with
 from vrte.report.pictures import FAINT, require_pictures, save
 
@@ -233,6 +234,7 @@ def as_html(rows: Sequence[Row], settings: str) -> str:
             f"<style>{STYLE}</style></head>\n<body><h1>Error against run time</h1>\n<ul>{facts}</ul>",
             f"<p>{LEGEND}</p>",
             f"<h2>What to take</h2>\n{summary(scenes)}",
+            score_html(rows),
             *(section(name, some) for name, some in scenes.items()),
             f"<script>{plotly_script()}</script>\n<script>const FIGURES = {data};\n{SCRIPT}</script>\n</body></html>\n",
         ]
@@ -307,7 +309,7 @@ def as_text(rows: Sequence[Row]) -> str:
         lines.append(f"  {name} (reference known to {within_of(some):.0e})")
         told = [advice(some, target) for target in TARGETS] + [beside_exact(some), *beside(some)]
         lines += [f"    {text}" for text in told]
-    return "\n".join([*lines, f"  {peers.statement()}"])
+    return "\n".join(filter(None, [*lines, score_text(rows), f"  {peers.statement()}"]))
 
 
 def beside(rows: Sequence[Row]) -> list[str]:
