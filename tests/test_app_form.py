@@ -142,6 +142,10 @@ def test_a_check_takes_milliseconds() -> None:
         {"particles": {f"p{k}": {"index": "gold", "radius_um": 0.1} for k in range(1000)}},
         {"brdf": {"mu_i": 0.5, "mu_o": {"start": 0.1, "stop": 1.0, "count": 10**6}, "phi_deg": [0.0] * 1000}},
         {"brdf": {"mu_i": 0.5, "mu_o": {"start": 0.1, "stop": 1.0, "count": 10**300}}},
+        {"field": {"mu0": 0.5, "tau": {"start": 0.0, "stop": 1.0, "count": 10**6}}},
+        {"field": {"mu0": 0.5, "mu": [0.5] * 10_000, "phi_deg": [0.0] * 10_000}},
+        {"layer": [{"phase": {"henyey_greenstein": 0.9999}, "albedo": 0.5, "thickness": 1.0}] * 30},
+        {"layer": [{"phase": {"henyey_greenstein": 0.9, "terms": 10**6}, "albedo": 0.5, "thickness": 1.0}]},
         {"layer": 5},
         {"layer": []},
         {"layer": [5]},
@@ -168,6 +172,13 @@ def test_no_file_of_the_machine_is_read(tmp_path: Path) -> None:
         assert "reads no files" in form.problems(content, tmp_path)["layer[1].phase"]
     content = fresh(layer=[{"phase": "rayleigh.csv", "albedo": 0.5, "thickness": 1.0}])
     assert form.problems(content, tmp_path, frozenset({"rayleigh.csv"})) == {}  # the one that vrte view began with
+
+
+def test_thirty_peaked_layers_are_checked_in_milliseconds() -> None:
+    layer = {"phase": {"henyey_greenstein": 0.999}, "albedo": 0.5, "thickness": 1.0}  # 54810 terms, a second each
+    start = time.process_time()
+    assert form.problems(fresh(layer=[layer] * 30)) == {}
+    assert time.process_time() - start < 1.0
 
 
 def test_depths_are_checked_only_where_the_thickness_is_known() -> None:

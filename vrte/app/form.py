@@ -20,10 +20,12 @@ from vrte.formats.scene_file import (
     PARTICLE_KEYS,
     REQUEST_KEYS,
     SceneFile,
+    henyey_greenstein_terms,
     scene_of,
 )
 from vrte.formats.scene_writer import toml_text
 from vrte.formats.toml_table import RANGE_KEYS, is_number, shown, shown_key
+from vrte.optics.phase_matrix import MOST_TERMS
 from vrte.optics.spheres import check_spheres
 from vrte.plan_call import request_of
 from vrte.spectrum import ascending
@@ -32,6 +34,7 @@ Content = dict[str, Any]
 Place = tuple[str | int, ...]
 
 MOST_LAYERS, MOST_KINDS, MOST_WAVELENGTHS = 30, 12, 40  # that a page shows
+MOST_DIRECTIONS, HUGE = 10_000, 10**9
 LARGEST_RESULT = 2e8  # bytes
 LONGEST_TEXT = 4000  # characters of a field
 MOST_ROUNDS = 40  # fields that are wrong at once
@@ -325,6 +328,7 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
     check_amount(content)
     wavelengths = wavelengths_of(content)
     check_tables(content, tables)
+    content = lightened(content)
     for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):  # tables are ranges: the ends will do
         for kind in ("brdf", "field") if "field" in content else ("brdf",):
             file = scene_of(at(content, wavelength), kind, folder, check_spheres)
@@ -337,22 +341,56 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
                 raise SceneError(file.located(str(error))) from error
 
 
+def lightened(content: Content) -> Content:
+    """The content with isotropic layers in place of Henyey-Greenstein's where nothing is wrong with them: to add up
+    their expansion, with up to 1e5 terms, takes up to two seconds."""
+    layers = content.get("layer")
+    if not isinstance(layers, list):
+        return content
+    return {**content, "layer": [{**layer, "phase": "isotropic"} if is_fine(layer) else layer for layer in layers]}
+
+
+def is_fine(layer: Any) -> bool:
+    """Whether a layer has a Henyey-Greenstein phase function that no check objects to.
+
+    >>> is_fine({"phase": {"henyey_greenstein": 0.9}}), is_fine({"phase": {"henyey_greenstein": 1.0}})
+    (True, False)
+    """
+    phase = layer.get("phase") if isinstance(layer, dict) else None
+    if not isinstance(phase, dict) or not {"henyey_greenstein"} <= set(phase) <= {"henyey_greenstein", "terms"}:
+        return False
+    g, terms = phase["henyey_greenstein"], phase.get("terms", 1)
+    if not is_number(g) or not -1.0 < g < 1.0 or not isinstance(terms, int) or isinstance(terms, bool):
+        return False
+    return 1 <= terms <= MOST_TERMS and ("terms" in phase or henyey_greenstein_terms(g) <= MOST_TERMS)
+
+
 def check_amount(content: Content) -> None:
     """Whether a page can show it."""
     for key, most, word in (("layer", MOST_LAYERS, "layers"), ("particles", MOST_KINDS, "kinds of particles")):
         count = len(content[key]) if isinstance(content.get(key), (list, dict)) else 0
         if count > most:
             raise SceneError(f"{key}: the page shows at most {most} {word}, not {count}; `vrte brdf` takes more")
-    table = content.get("brdf")
-    if isinstance(table, dict):
-        sizes = [count_of(table.get(key, 0.0)) for key in ("mu_i", "mu_o", "phi_deg")]
-        value = content.get("wavelength_um")
-        needed = math.prod(sizes) * (len(value) if isinstance(value, list) else 1) * 128.0
-        if needed > LARGEST_RESULT:
-            raise SceneError(
-                f"brdf: {' x '.join(map(str, sizes))} directions make {needed / 1e9:.3g} GB; the page takes at most "
-                f"{LARGEST_RESULT / 1e9:g} GB: ask for fewer; `vrte brdf` takes more"
-            )
+    value = content.get("wavelength_um")
+    wavelengths = len(value) if isinstance(value, list) else 1
+    for kind, keys, size in (("brdf", ("mu_i", "mu_o", "phi_deg"), 128.0), ("field", ("tau", "mu", "phi_deg"), 32.0)):
+        table = content.get(kind)
+        if isinstance(table, dict):
+            check_directions(kind, {key: count_of(table.get(key, 0.0)) for key in keys}, size * wavelengths)
+
+
+def check_directions(kind: str, counts: dict[str, int], size: float) -> None:
+    """Whether so many directions, of ``size`` bytes each, are no more than a page can show."""
+    for key, count in counts.items():
+        if count > MOST_DIRECTIONS:
+            raise SceneError(f"{kind}.{key}: the page takes at most {MOST_DIRECTIONS} of them, not {count:.3g}")
+    needed = math.prod(counts.values()) * size
+    if needed > LARGEST_RESULT:
+        product = " x ".join(map(str, counts.values()))
+        raise SceneError(
+            f"{kind}: {product} directions make {needed / 1e9:.3g} GB; the page takes at most "
+            f"{LARGEST_RESULT / 1e9:g} GB: ask for fewer; `vrte {kind}` takes more"
+        )
 
 
 def count_of(value: Any) -> int:
@@ -360,7 +398,7 @@ def count_of(value: Any) -> int:
     if isinstance(value, list):
         return max(1, len(value))
     count = value.get("count") if isinstance(value, dict) else 1
-    return count if isinstance(count, int) and count > 0 else 1
+    return min(count, HUGE) if isinstance(count, int) and count > 0 else 1
 
 
 def check_tables(content: Content, tables: frozenset[str]) -> None:
@@ -457,6 +495,8 @@ def mend(content: Content, place: Place) -> None:
         put(content, place, "isotropic")
     elif place == ("brdf",):
         content["brdf"] = {"mu_i": 0.5, "mu_o": 0.5}
+    elif place == ("field",):
+        content["field"] = {"mu0": 0.5}
     elif place[0] == "layer" and place[-1] == "particles":
         put(content, place, next(iter(content.get("particles") or {}), ""))
     else:

@@ -77,7 +77,8 @@ class Inside:
 @dataclass(frozen=True)
 class Outcome:
     """Everything there is to see. ``content`` is the scene as solved, None where a result file was read; ``brdfs`` and
-    ``fields`` are one a wavelength, either may be empty; ``inside`` too; ``wavelength_um`` is empty where unknown."""
+    ``fields`` are one a wavelength, either may be empty; ``inside`` too; ``wavelength_um`` is empty where unknown;
+    ``opened``: from a file."""
 
     content: dict[str, Any] | None
     wavelength_um: tuple[float, ...] = ()
@@ -86,6 +87,7 @@ class Outcome:
     inside: tuple[Inside, ...] = ()
     plan: Planned | None = None
     notes: tuple[str, ...] = ()
+    opened: bool = False
 
     @property
     def count(self) -> int:

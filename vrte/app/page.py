@@ -2,6 +2,7 @@
 
 import asyncio
 import copy
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +20,29 @@ from vrte.formats.scene_file import toml_content
 
 LARGEST_UPLOAD = 300_000_000  # bytes
 STYLE = Path(__file__).with_name("page.css")
+LARGEST_SCENE = 1_000_000
 SUFFIXES = (".toml", ".nc", ".csv")
+TOO_LARGE = (
+    f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {LARGEST_SCENE / 1e6:g} MB, "
+    f"a result {LARGEST_UPLOAD / 1e6:g} MB"
+)
+
+
+def adopted(data: bytes, folder: Path, tables: frozenset[str]) -> form.Content:
+    """The content of a scene file for the form. Raises SceneError."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
+    return form.adopted(toml_content(text), folder, tables)
 
 
 class Page:
     """One tab's page over its bench."""
 
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
-        self.fine = True
-        self.job_seen: Any = None
+    def __init__(self, bench: Bench, tidy: Callable[[], Any]) -> None:
+        """``tidy`` is called after a new result: old ones of others may have to go."""
+        self.bench, self.tidy, self.fine = bench, tidy, True
         ui.add_css(STYLE)
         ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e")
         self._header()
@@ -128,11 +142,13 @@ class Page:
             self.bar.set_value(round(job.share, 3))
             self.stage.set_text(job.stage)
             self.failure.set_visibility(False)
-        elif job is not None and job is not self.job_seen:
-            self.job_seen = job
+        elif job is not None and not busy and job is not self.bench.taken:
+            self.bench.taken = job
             self.failure.set_text(job.message)
-            self.failure.set_visibility(bool(job.message))
             self.take(job.outcome)
+            job.outcome = None  # the bench has it, or the browser
+        if not busy:
+            self.failure.set_visibility(bool(self.failure.text))
         self._mark()
 
     def take(self, outcome: Outcome | Written | None) -> None:
@@ -140,9 +156,9 @@ class Page:
         if isinstance(outcome, Written):
             ui.download.content(outcome.data, outcome.name)
         elif isinstance(outcome, Outcome):
-            opened = self.bench.outcome is not outcome and outcome.plan is None and outcome.content is not None
             self.bench.outcome = outcome
-            if opened and outcome.content is not None:
+            self.tidy()
+            if outcome.opened and outcome.content is not None:
                 self.bench.content = form.adopted(outcome.content)
                 self._draw_form()
             if not outcome.brdfs and self.bench.view["tab"] in ("lobe", "cuts"):
@@ -151,12 +167,17 @@ class Page:
 
     async def opened(self, event: Any) -> None:
         """A file that somebody chose: a scene fills the form, a result is shown."""
-        name, data = str(event.file.name), await event.file.read()
-        self.upload.reset()
+        name, size = str(event.file.name), int(event.file.size())
         suffix = Path(name).suffix.lower()
+        self.upload.reset()
         try:
+            if size > (LARGEST_SCENE if suffix == ".toml" else LARGEST_UPLOAD):
+                raise SceneError(TOO_LARGE)
+            data = await event.file.read()
             if suffix == ".toml":
-                self.adopt(data)
+                bench = self.bench
+                bench.content = await asyncio.to_thread(adopted, data, bench.folder, bench.tables)
+                self._draw_form()
             elif suffix in SUFFIXES:
                 self.bench.start(Read(data, suffix, memory_of_one()))
             else:
@@ -164,17 +185,9 @@ class Page:
         except SceneError as error:
             self.complain(str(error))
 
-    def adopt(self, data: bytes) -> None:
-        """A scene file into the form. Raises SceneError."""
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
-        self.bench.content = form.adopted(toml_content(text), self.bench.folder, self.bench.tables)
-        self._draw_form()
-
     def rejected(self) -> None:
-        self.complain(f"a file must be at most {LARGEST_UPLOAD / 1e6:g} MB, and end in {', '.join(SUFFIXES)}")
+        """By the browser itself."""
+        self.complain(TOO_LARGE)
 
     def complain(self, text: str) -> None:
         """Where it is seen."""

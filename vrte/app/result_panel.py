@@ -65,6 +65,7 @@ class ResultPanel:
         self.areas: dict[str, Any] = {}
         self._tabs()
         with ui.column().classes("w-full grow no-wrap gap-0 px-4 relative overflow-auto"):
+            self.notes = ui.label().classes("vrte-warning w-full mt-2")
             self._controls()
             self.message = ui.label(NOTHING).classes("vrte-empty")
             for name in TABS:
@@ -92,9 +93,8 @@ class ResultPanel:
                 self.wavelength_text = ui.label().classes("vrte-note")
                 self.wavelength_slider = slider(lambda value: self.set("wavelength", value), "wavelength")
             with ui.row().classes("gap-2 no-wrap items-start") as self.light:
-                select(list(LIGHTS), self.view["light"], "incident light", self.set_light).classes("vrte-fixed").style(
-                    "width: 210px"
-                )
+                self.named = select(list(LIGHTS), self.view["light"], "incident light", self.set_light)
+                self.named.classes("vrte-fixed").style("width: 210px")
                 self.stokes = ui.input("I, Q, U, V", value=self.view["stokes"], on_change=self.set_stokes)
                 self.stokes.without_auto_validation().props(
                     "outlined dense stack-label hide-bottom-space debounce=120 maxlength=200"
@@ -154,6 +154,8 @@ class ResultPanel:
     def set_stokes(self, event: Any) -> None:
         """Any other light, checked as it is typed."""
         self.view["stokes"] = str(event.value or "")
+        if self.view["stokes"] != LIGHTS[self.view["light"]]:
+            self.named.set_value("other")
         try:
             self._stokes()
             self.stokes.error = None
@@ -209,6 +211,8 @@ class ResultPanel:
     def _tell(self, outcome: Outcome | None) -> None:
         """Beside the sliders, and which of them there are."""
         tab = self.view["tab"]
+        self.notes.set_text("; ".join(outcome.notes) if outcome else "")
+        self.notes.set_visibility(bool(self.notes.text))
         with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts")
         self.incidence.set_visibility(with_angle)
         self.light.set_visibility(with_angle)
@@ -260,8 +264,6 @@ class ResultPanel:
         self.plan.clear()
         result = (outcome.brdfs or outcome.fields)[self.view["wavelength"]]
         with self.plan:
-            for note in outcome.notes:
-                ui.label(note).classes("vrte-warning")
             if outcome.plan is None:
                 ui.label("No plan here: a result file has none, nor have methods other than discrete ordinates.")
             else:

@@ -70,7 +70,7 @@ async def build(benches: Benches) -> None:
     bench = benches.of(tab)
     bench.pages += 1
     client.on_delete(lambda: left(bench))
-    Page(bench)
+    Page(bench, lambda: benches.of(tab))
 
 
 def left(bench: Any) -> None:

@@ -18,7 +18,8 @@ MOST_BYTES = 2e9  # of all results together; the tabs that were not used for lon
 @dataclass
 class Bench:
     """A tab's: the form's ``content``, the ``job`` that runs, the last ``outcome``, ``view``, what it looks at,
-    and how many ``pages`` look."""
+    and how many ``pages`` look;
+    ``taken`` is the job whose outcome it has."""
 
     content: Content
     folder: Path = Path()
@@ -27,6 +28,7 @@ class Bench:
     job: Job | None = None
     view: dict[str, Any] = field(default_factory=dict)
     pages: int = 0
+    taken: Job | None = None
     used: float = field(default_factory=time.monotonic)
 
     @property

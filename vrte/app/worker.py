@@ -178,7 +178,7 @@ def filling(layer: dict[str, Any]) -> str:
 def planned_of(file: SceneFile, tell: Tell) -> Planned | None:
     """The plan of the BRDF, told before it is carried out; only discrete ordinates have one."""
     keywords = keywords_of(file)
-    if keywords.get("method", EXACT) != EXACT:
+    if keywords.get("method", EXACT) not in (EXACT, "auto"):
         return None
     try:
         made = plan("brdf", file.scene, **keywords)
@@ -213,11 +213,11 @@ def outcome_of(found: Brdf | Field | Spectrum) -> Outcome:
     """A result as something to see."""
     if isinstance(found, Spectrum):
         wavelengths = found.wavelength_um.tolist()
-        return Outcome(scene_in(found[0], wavelengths), tuple(wavelengths), found.brdfs)
+        return Outcome(scene_in(found[0], wavelengths), tuple(wavelengths), found.brdfs, opened=True)
     content = scene_in(found)
     if isinstance(found, Brdf):
-        return Outcome(content, brdfs=(found,))
-    return Outcome(content, fields=(found,))
+        return Outcome(content, brdfs=(found,), opened=True)
+    return Outcome(content, fields=(found,), opened=True)
 
 
 def scene_in(result: Brdf | Field, wavelengths: list[float] | None = None) -> dict[str, Any] | None:
