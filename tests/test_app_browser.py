@@ -1,15 +1,9 @@
 """The viewer in a real browser: Debian's Chromium, or the one that VRTE_CHROMIUM names."""
 
 import os
-import re
 import shutil
-import signal
-import socket
-import subprocess
-import sys
 import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +11,7 @@ import numpy as np
 import pytest
 
 import vrte
+from tests.viewer_server import viewer
 from vrte.app import form
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors
@@ -35,31 +30,6 @@ PATIENCE = 30_000  # milliseconds
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason=f"no browser here: none of {', '.join(NAMES)} is installed, VRTE_CHROMIUM names none"
 )
-
-
-@contextmanager
-def viewer(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    """A server on a free port; it must end by itself when it is interrupted."""
-    environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        env=environment,
-    )
-    assert process.stdout is not None
-    try:
-        found = re.search(r"http://127\.0\.0\.1:\d+", process.stdout.readline())
-        assert found, process.communicate()[1]
-        yield found[0], process
-        process.send_signal(signal.SIGINT)
-        said, complained = process.communicate(timeout=20)
-        assert (process.returncode, said, complained) == (0, "vrte view: ended\n", "")
-    finally:
-        process.kill()
-        process.communicate()
 
 
 @pytest.fixture(scope="module")
@@ -280,22 +250,6 @@ def test_layers_are_added_and_reordered(chromium: Any, url: str) -> None:
     tab.close()
 
 
-def test_a_taken_port_is_one_sentence() -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        done = subprocess.run(
-            [sys.executable, "-m", "vrte.cli", "view", "--no-browser", "--port", str(port)],
-            capture_output=True,
-            text=True,
-            cwd=ROOT,
-        )
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"vrte: error: the viewer cannot listen on port {port} of 127.0.0.1 (")
-    assert done.stderr.count("\n") == 1
-
-
 @pytest.mark.slow
 def test_a_result_file_is_shown_from_the_start(chromium: Any, tmp_path: Path) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
@@ -304,16 +258,3 @@ def test_a_result_file_is_shown_from_the_start(chromium: Any, tmp_path: Path) ->
         tab = Tab(chromium, address)
         assert "Subsurface BRDF" in tab.wait_for_figure()["title"]
         tab.close()
-
-
-def test_only_its_own_names_are_answered(url: str) -> None:
-    import urllib.error
-    import urllib.request
-
-    answer = urllib.request.urlopen(urllib.request.Request(url))
-    with answer:
-        assert "default-src 'self'" in answer.headers["content-security-policy"]
-    with pytest.raises(urllib.error.HTTPError) as refused:  # another site's name that leads here
-        urllib.request.urlopen(urllib.request.Request(url, headers={"Host": "elsewhere.example"}))
-    refused.value.close()
-    assert refused.value.code == 400

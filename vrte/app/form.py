@@ -415,7 +415,8 @@ def check_tables(content: Content, tables: frozenset[str]) -> None:
 
 def tables_of(content: Content) -> frozenset[str]:
     """The tables of coefficients that a scene names."""
-    phases = [layer.get("phase") for layer in content.get("layer", []) if isinstance(layer, dict)]
+    layers = content.get("layer")
+    phases = [layer.get("phase") for layer in layers if isinstance(layer, dict)] if isinstance(layers, list) else []
     return frozenset(phase for phase in phases if isinstance(phase, str) and phase.endswith(".csv"))
 
 

@@ -1,5 +1,6 @@
 """The server of the viewer: one page, its own files, nothing from elsewhere."""
 
+import asyncio
 import socket
 from collections.abc import Callable
 from typing import Any
@@ -8,6 +9,7 @@ from vrte.app.state import Benches
 from vrte.errors import SceneError
 
 RECONNECT = 60.0  # seconds that a page without a connection is kept
+HINT = "Ctrl-C ends it"
 STOPPING = 2  # seconds that open connections get at the end
 POLICY = "; ".join(  # for the browser: whatever a page tries to load, it comes from here or not at all
     (
@@ -35,7 +37,8 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
     port = free_port(host, port)
     address = f"http://{f'[{host}]' if ':' in host else host}:{port}"
     protect(app, host)
-    app.on_startup(lambda: say(f"vrte view: {address} (Ctrl-C ends it)"))
+    tasks: list[asyncio.Task[None]] = []  # a task that nobody holds may be forgotten
+    app.on_startup(lambda: tasks.append(asyncio.create_task(announce(lambda: say(f"vrte view: {address} ({HINT})")))))
     app.on_shutdown(benches.close)
 
     @ui.page("/")
@@ -54,6 +57,15 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
         uvicorn_logging_level="error",
         timeout_graceful_shutdown=STOPPING,
     )
+
+
+async def announce(say: Callable[[], None]) -> None:
+    """Says so once the server listens: whoever reads the address may go there at once."""
+    from nicegui.server import Server
+
+    while not Server.instance.started:
+        await asyncio.sleep(0.02)
+    say()
 
 
 async def build(benches: Benches) -> None:
