@@ -238,12 +238,16 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(chromium: Any
 def test_layers_are_added_and_reordered(chromium: Any, url: str) -> None:
     tab = Tab(chromium, url)
     tab.button("add a layer").click()
+    tab.open("Inside the layers")
+    tab.fill("optical depths τ", "150")
+    tab.open("Inside the layers")  # closed again
     thickness = tab.page.get_by_label("optical thickness", exact=True)
     thickness.nth(1).wait_for()
     thickness.nth(1).fill("3")
     tab.page.get_by_role("button", name="down", exact=True).first.click()
     tab.page.wait_for_function("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
         .map(i => i.value).join() == '3,100'""")
+    tab.page.get_by_text("field.tau must lie between 0 and the total optical thickness 103").wait_for()
     tab.page.get_by_role("button", name="remove this layer").first.click()
     tab.page.wait_for_function("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
         .map(i => i.value).join() == '100'""")

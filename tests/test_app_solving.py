@@ -16,6 +16,7 @@ import pytest
 import vrte
 from vrte.app import downloads, form
 from vrte.app.messages import Outcome, Read, Solve
+from vrte.app.server import left
 from vrte.app.solving import Job
 from vrte.app.state import MOST_TABS, Benches
 from vrte.app.worker import outcome_of
@@ -187,6 +188,18 @@ def test_tabs_do_not_see_each_other_and_keep_their_own() -> None:
     assert other.view == {}
     assert benches.of("one") is one  # a reload
     assert "nodes" not in form.START
+
+
+def test_nobody_waits_for_what_a_closed_page_solves() -> None:
+    bench = Benches().of("tab")
+    bench.content = copy.deepcopy(LONG)
+    bench.pages = 2
+    bench.solve()
+    left(bench)
+    assert bench.busy
+    left(bench)
+    assert bench.job is not None
+    assert ended(bench.job).message == "cancelled"
 
 
 def test_the_tabs_not_used_for_longest_are_forgotten_first() -> None:

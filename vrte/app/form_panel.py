@@ -41,6 +41,8 @@ class FormPanel:
     def __init__(self, bench: Bench, changed: Callable[[bool], None]) -> None:
         self.bench, self.changed = bench, changed
         self.fields: dict[str, Any] = {}  # by dotted key
+        self.sections: dict[str, Any] = {}  # of each field
+        self.section_now: Any = None
         self.body = ui.column().classes("w-full gap-0 no-wrap")
         self.general = ui.label().classes("vrte-error px-4 pb-1")
         self.draw()
@@ -73,6 +75,8 @@ class FormPanel:
                 at_fields.setdefault(owner, message)
         for key, field in self.fields.items():
             field.error = at_fields.get(key)
+            if key in at_fields:
+                self.sections[key].set_value(True)  # a message must be seen
         self.general.set_text("; ".join(rest))
         self.general.set_visibility(bool(rest))
         self.changed(not found)
@@ -163,7 +167,7 @@ class FormPanel:
             chosen = self.choice(
                 {name: name for name in kinds}, value, "kind", lambda new: form.put(layer, ("particles",), new)
             )
-            self.fields[form.dotted(("layer", place, "particles"))] = chosen
+            self.enter(("layer", place, "particles"), chosen)
         elif medium == "mixture":
             with ui.row().classes("w-full gap-2"):
                 for name in kinds:
@@ -248,6 +252,7 @@ class FormPanel:
         view = self.bench.view
         part = ui.expansion(title, icon=symbol, value=view.get(title, opened)).props("dense dense-toggle")
         part.classes("vrte-section w-full").on_value_change(lambda event: view.update({title: bool(event.value)}))
+        self.section_now = part
         with part, ui.column().classes("w-full gap-2 px-1 pb-2"):
             yield
 
@@ -271,7 +276,7 @@ class FormPanel:
             found.props["placeholder"] = hint
         elif hint:
             found.props["hint"] = hint
-        self.fields[form.dotted(place)] = found
+        self.enter(place, found)
         return found
 
     def choice(self, names: dict[str, str], value: Any, label: str, act: Callable[[Any], None]) -> Any:
@@ -283,7 +288,12 @@ class FormPanel:
 
     def complaint(self, place: Place) -> None:
         """Where messages about a whole table are shown."""
-        self.fields[form.dotted(place)] = Complaint()
+        self.enter(place, Complaint())
+
+    def enter(self, place: Place, field: Any) -> None:
+        """A field, or what stands for one, where messages about it find it."""
+        key = form.dotted(place)
+        self.fields[key], self.sections[key] = field, self.section_now
 
 
 def holds(known: str, key: str) -> bool:
