@@ -13,6 +13,7 @@ from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.plan import Plan
 from vrte.plan_call import plan
 from vrte.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
+from vrte.spectrum import Spectrum, spectrum
 
 __version__ = "0.1.0"
 
@@ -34,6 +35,7 @@ __all__ = [
     "Plan",
     "Scene",
     "SceneError",
+    "Spectrum",
     "brdf",
     "brdfs",
     "hemisphere",
@@ -46,5 +48,6 @@ __all__ = [
     "radiance",
     "rayleigh",
     "refractive_index",
+    "spectrum",
     "spheres",
 ]

@@ -105,7 +105,7 @@ def check_outputs(options: argparse.Namespace) -> None:
 
 def check_picture(options: argparse.Namespace, file: SceneFile) -> None:
     if options.plot and file.kind == "brdf":
-        from vrte.report.lobes import check_directions
+        from vrte.over_hemisphere import check_directions
 
         check_directions(file.request["mu_o"], file.request.get("phi", 0.0))
 

@@ -8,7 +8,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,6 +70,20 @@ class SceneFile:
     request: dict[str, Any]
     options: dict[str, Any]
     particles: dict[str, Particles]
+
+    def keywords(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """All keywords of ``vrte.brdf`` or ``vrte.radiance`` but the scene, those ``asked`` in place of the file's.
+
+        Settings by other names stay, but not those of another method.
+
+        >>> SceneFile(None, "brdf", {"mu_i": [0.5]}, {"nodes": 4}, {}).keywords({"nodes": 8})
+        {'mu_i': [0.5], 'nodes': 8}
+        """
+        found = self.request | self.options | dict(asked)
+        if "settings" in self.options:
+            of_file = {} if "method" in asked else self.options["settings"]
+            found["settings"] = of_file | asked.get("settings", {})
+        return found
 
     def located(self, message: str) -> str:
         """The library's complaint about the request, with the dotted key of the file in front.

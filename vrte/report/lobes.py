@@ -10,9 +10,10 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.brdf import Brdf
-from vrte.errors import MissingExtraError, SceneError
+from vrte.errors import MissingExtraError
 from vrte.field import Field
 from vrte.formats.atomic import atomic_write
+from vrte.over_hemisphere import check_directions, stokes_over_hemisphere
 from vrte.polarization import degree_of_polarization
 
 if TYPE_CHECKING:
@@ -70,15 +71,11 @@ def brdf_figure(brdf: Brdf) -> "Figure":
 def hemisphere(brdf: Brdf, place: int) -> tuple[Array, Array]:
     """f00 and the degree of linear polarization on a fine grid, (theta, phi) of FINE_THETA and FINE_PHI.
 
-    Unpolarized light falls in at ``mu_i[place]``. Splines run through the given directions: periodic in azimuth,
-    and over the pole along great circles, so that the lobe has no dent there. Nearer to the horizon than the last
-    mu_o there is nothing to show: the edge value is kept.
+    Unpolarized light falls in at ``mu_i[place]``; between the given directions as `stokes_over_hemisphere` says.
     """
-    intensity, q, u = np.moveaxis(brdf.mueller[place, :, :, :3, 0], -1, 0)
-    # Q and U of axes that do not turn with the azimuth: smooth at the pole, where meridian planes are not
-    polarized = (q + 1j * u) * np.exp(-2j * np.radians(brdf.phi))
-    radius = np.maximum(_on_fine_grid(brdf, intensity).real, 0.0)
-    colour = np.abs(_on_fine_grid(brdf, polarized)) / np.where(radius > 0.0, radius, np.inf)
+    stokes = stokes_over_hemisphere(brdf, place, FINE_THETA, FINE_PHI)
+    radius = np.maximum(stokes[..., 0], 0.0)
+    colour = np.hypot(stokes[..., 1], stokes[..., 2]) / np.where(radius > 0.0, radius, np.inf)
     return radius, np.clip(colour, 0.0, 1.0)
 
 
@@ -89,56 +86,6 @@ def spread(size: int, most: int) -> list[int]:
     ([0, 4, 8], [0, 1])
     """
     return sorted({round(place) for place in np.linspace(0, size - 1, min(size, most)).tolist()})
-
-
-def _on_fine_grid(brdf: Brdf, values: Any) -> Any:
-    """``values`` (mu_o, phi) on the fine grid, completed by mirror symmetry where azimuths are missing."""
-    from scipy.interpolate import CubicSpline
-
-    azimuths, around = _full_circle(brdf.phi, values)
-    theta, rows = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
-    around = CubicSpline(azimuths, around[rows], axis=1, bc_type="periodic")(_wrapped(azimuths[0]))
-    return _over_the_pole(theta, around)
-
-
-def check_directions(mu_o: Any, phi: Any) -> None:
-    """Raises SceneError where there are too few directions for a picture of the lobes.
-
-    >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
-    """
-    azimuths, _ = _full_circle(np.atleast_1d(phi), np.zeros((1, np.size(phi))))
-    if azimuths.size < 5 or np.unique(mu_o).size < 2:
-        raise SceneError(
-            "a picture of the lobes needs at least 2 different mu_o and 3 different phi_deg from 0 to 180 (of the "
-            "others, the mirror images are taken)"
-        )
-
-
-def _full_circle(phi: Array, values: Any) -> tuple[Array, Any]:
-    """Ascending azimuths over one turn, both ends included, and the values there (complex ones: Q + iU).
-
-    Mirror symmetry, f(-phi) = D f(phi) D, makes I and Q even in phi and U odd.
-    """
-    azimuths, columns = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
-    both = np.concatenate([values, np.conj(values)], axis=1)[:, columns]
-    return np.append(azimuths, azimuths[0] + 360.0), np.append(both, both[:, :1], axis=1)
-
-
-def _wrapped(first: float) -> Array:
-    """The fine azimuths within the turn that starts at ``first``."""
-    return first + (FINE_PHI - first) % 360.0
-
-
-def _over_the_pole(theta: Array, around: Any) -> Any:
-    """(theta, phi) from ``around`` (theta given, phi), splined along great circles: half a turn away is negative."""
-    from scipy.interpolate import CubicSpline
-
-    half = FINE_PHI.size // 2
-    opposite = np.concatenate([around[:, half:-1], around[:, : half + 1]], axis=1)
-    behind = theta > 1e-6  # the pole itself counts once
-    ordinates = np.concatenate([opposite[behind][::-1], around])
-    circle = CubicSpline(np.concatenate([-theta[behind][::-1], theta]), ordinates, axis=0)
-    return circle(np.minimum(FINE_THETA, theta[-1]))
 
 
 def _figure(width: float, height: float) -> "Figure":
