@@ -85,13 +85,12 @@ def encoded(linear: Array) -> Array:
     return found
 
 
-def film(white_xyz: Array, brightest: float, stops: float = 0.0) -> Film:
-    """Film for light whose white is ``white_xyz`` (3,), so exposed that Y = ``brightest`` is the largest that a screen
-    shows; ``stops`` doubles or halves that."""
+def film(white_xyz: Array, stops: float = 0.0) -> Film:
+    """Film for light whose white is ``white_xyz`` (3,): Y = 1 becomes the largest that a screen shows, each of
+    ``stops`` doubles that."""
     from colour.adaptation import matrix_chromatic_adaptation_VonKries
 
     colour = science()
-    screen = colour.RGB_COLOURSPACES["sRGB"]
-    target = colour.xy_to_XYZ(screen.whitepoint)
+    target = colour.xy_to_XYZ(colour.RGB_COLOURSPACES["sRGB"].whitepoint)
     balance = matrix_chromatic_adaptation_VonKries(white_xyz / white_xyz[1], target, transform="CAT02")
-    return Film(balance, 2.0**stops / brightest)
+    return Film(balance, 2.0**stops)

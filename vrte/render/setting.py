@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 
 from vrte.arrays import Array
+from vrte.brdf import Brdf
+from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
-from vrte.formats.scene_file import FILE_KEYS, SceneFile, read_content, scene_of
+from vrte.formats.scene_file import FILE_KEYS, read_content
 from vrte.formats.toml_table import Table
 from vrte.render.colour import FEWEST, MOST, wavelengths
 from vrte.render.sky import KINDS
+from vrte.render.spheres import Resolution
+from vrte.spectrum import spectrum
 
+ACCURACY = 1e-4  # of a BRDF, where the file asks for none
 SMALLEST_SIZE, LARGEST_SIZE = 16, 2048
 OWN = ("title", "wavelengths", "wavelengths_um")  # of each sphere; all else is common to a picture
 LONGEST_TITLE = 60
@@ -52,19 +57,18 @@ class Material:
     content: dict[str, Any]
     wavelengths_um: Array
 
-    def scene(self, wavelength_um: float) -> SceneFile:
-        """Its scene at a wavelength. Raises SceneError, with the file's name."""
-        content = {"brdf": {"mu_i": 1.0, "mu_o": 1.0}} | self.content | {"wavelength_um": wavelength_um}
+    def brdfs(self, resolution: Resolution, progress: Progress | None = None) -> list[Brdf]:
+        """Its BRDF at each wavelength, for the directions of a sphere. Raises SceneError, which names the file."""
+        content = {"accuracy": ACCURACY, "brdf": {"mu_i": 1.0, "mu_o": 1.0}} | self.content
+        asked = {"mu_i": resolution.mu, "mu_o": resolution.mu, "phi": resolution.phi, "transmission": False}
+        coloured = "particles" in self.content  # otherwise nothing in it depends on the wavelength
+        chosen = self.wavelengths_um if coloured else self.wavelengths_um[:1]
         try:
-            return scene_of(content, "brdf", self.path.parent)
+            found = list(spectrum(content, chosen, progress, self.path.parent, **asked))
         except SceneError as error:
             hint = "; [render] wavelengths_um can name others" if "wavelength" in str(error) else ""
             raise SceneError(f"{self.path}: {error}{hint}") from error
-
-    @property
-    def coloured(self) -> bool:
-        """Whether anything in it depends on the wavelength."""
-        return "particles" in self.content
+        return found if coloured else found * self.wavelengths_um.size
 
 
 def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material], Setting]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.brdf import Brdf
+from vrte.discrete_ordinates.problem import Progress
 from vrte.render.geometry import UP, Camera, normals, polar, turn, turned
 from vrte.render.sky import Sky, angles_to_the_horizon
 from vrte.render.splines import coefficients, rows, wrapped, wrapped_grid
@@ -249,6 +250,35 @@ def _gauss(low: Array, high: Array, count: int) -> tuple[Array, Array]:
     return (0.5 * (high + low))[:, None] + half * points, half * weights
 
 
-def spheres(view: View, brdfs: Sequence[Brdf]) -> Array:
-    """Stokes radiance (wavelength, pixel, 4) of one sphere, from its BRDF at each wavelength."""
-    return np.stack([view.stokes(table_of(brdf), place) for place, brdf in enumerate(brdfs)])
+def irradiance(sky: Sky, normal: Array, resolution: Resolution = Resolution()) -> Array:  # noqa: B008 (frozen)
+    """Irradiance (wavelength, n) [W m-2] on surfaces with these normals (n, 3), sun included.
+
+    >>> from vrte.render.sky import sky_of
+    >>> irradiance(sky_of("uniform", [0.5], 30.0, 0.0), np.array([[0.0, 0.6, 0.8]])).round(6).tolist()
+    [[3.141593]]
+    """
+    travel, weights, from_sky = incoming(normal, resolution, ground=True)
+    heading = np.arctan2(travel[..., 1], travel[..., 0])[from_sky]
+    above = rows((sky.theta,), (np.arccos(-travel[..., 2][from_sky]),))
+    weights = weights * -np.einsum("nkc,nc->nk", travel, normal)
+    found = np.zeros((sky.sun.size, len(normal)))
+    for place in range(sky.sun.size):
+        seen = np.full(weights.shape, sky.ground[place])
+        seen[from_sky] = sky.stokes(place, above, heading)[:, 0]
+        found[place] = (weights * seen).sum(axis=1) + sky.sun[place] * np.maximum(-normal @ sky.beam, 0.0)
+    return found
+
+
+def sphere(view: View, brdfs: Sequence[Brdf], progress: Progress | None = None) -> Array:
+    """Stokes radiance (wavelength, pixel, 4) of one sphere, from its BRDF at each wavelength.
+
+    Pixels are those of ``view.pixels``; the BRDFs have the directions of its resolution.
+    """
+    found, table = [], None
+    for place, brdf in enumerate(brdfs):
+        if table is None or brdf is not brdfs[place - 1]:
+            table = table_of(brdf)
+        found.append(view.stokes(table, place).astype(np.float32))
+        if progress is not None:
+            progress(place + 1, len(brdfs))
+    return np.stack(found)
