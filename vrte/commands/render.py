@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> None:
     materials, setting = read(options.scenes, options.wavelengths)
     if options.size:
         setting = replace(setting, size_px=options.size)
-    from vrte.render import picture
+    from vrte.render import gallery, picture
     from vrte.render.rendering import rendered
 
     with progress() as (phase, tick):
@@ -47,6 +47,18 @@ def run(options: argparse.Namespace) -> None:
         phase("picture")
         if options.colour_only:
             picture.save_colours(spheres, options.output)
+        elif options.sheet:
+            gallery.save(spheres, setting, options.output, told_as_one(phase, tick))
         else:
             picture.save(spheres, setting, options.output)
+    for sphere in spheres:
+        print(f"  {sphere.material.title}: {in_words(sphere)}")
     say_written(options.output)
+
+
+def in_words(sphere: Any) -> str:
+    """At which wavelengths, and how well its BRDF is known between directions."""
+    from vrte.render.picture import wavelengths_in_words
+
+    wavelengths = wavelengths_in_words(sphere.material.wavelengths_um.tolist())
+    return f"{wavelengths}; BRDF between the directions solved for good to {sphere.error:.0e} of its largest"

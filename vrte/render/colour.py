@@ -56,9 +56,9 @@ def weights(wavelengths_um: Array) -> Array:
 
 def sunlight(wavelengths_um: Array) -> Array:
     """Spectral irradiance of the sun outside the atmosphere [W m-2 nm-1], of ASTM G173."""
-    from colour.plotting.datasets import SD_ASTMG173_ETR as spectrum
+    from colour.plotting.datasets import SD_ASTMG173_ETR
 
-    return np.interp(wavelengths_um * 1e3, spectrum.wavelengths, spectrum.values)
+    return np.interp(wavelengths_um * 1e3, SD_ASTMG173_ETR.wavelengths, SD_ASTMG173_ETR.values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,4 +93,4 @@ def film(white_xyz: Array, stops: float = 0.0) -> Film:
     colour = science()
     target = colour.xy_to_XYZ(colour.RGB_COLOURSPACES["sRGB"].whitepoint)
     balance = matrix_chromatic_adaptation_VonKries(white_xyz / white_xyz[1], target, transform="CAT02")
-    return Film(balance, 2.0**stops)
+    return Film(np.asarray(balance, dtype=float), 2.0**stops)

@@ -1,8 +1,8 @@
 """Where things are: camera, sun and sky in one frame, and how Stokes axes turn between them.
 
-World frame: z up, azimuths counter-clockwise seen from above. Every Stokes vector refers to axes (l, r) across its direction
-of travel k with r = l x k (docs/conventions.md); l is the polar unit vector of that direction about the normal in
-question, here the vertical for the sky, the surface normal for the BRDF, and the upright of the picture for the camera.
+World frame: z up, azimuths counter-clockwise seen from above. Every Stokes vector refers to axes (l, r) across its
+direction of travel k with r = l x k (docs/conventions.md); l is the polar unit vector of that direction about the
+normal in question: the vertical for the sky, the surface's for the BRDF. For the camera l is the picture's upright.
 """
 
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ def camera_at(elevation_deg: float, azimuth_deg: float) -> Camera:
 
 
 def normals(camera: Camera, theta: Array, psi: Array) -> tuple[Array, Array]:
-    """Surface normals seen at the angle theta from the line of sight, psi from right to up; and the axis x' of the facet.
+    """Surface normals seen at the angle theta from the line of sight, psi from right to up; and the facet's axis x'.
 
     theta, psi of one shape (...) [rad] -> two arrays (..., 3). x' lies in the surface and heads for the camera; in the
     frame x', n x x', n light leaves for the camera at azimuth 0.

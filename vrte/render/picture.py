@@ -194,7 +194,7 @@ class Sheet:
         """One line at the bottom, from the left."""
         self.text(self.left, self.height - 0.4 * self.gap, text, 0.95, ha="left", va="bottom")
 
-    def bar(self, column: int, colours: str, low: float, high: float) -> None:
+    def bar(self, column: int, colours: Any, low: float, high: float, label: str = "") -> None:
         """A legend of colours below a column."""
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
@@ -205,6 +205,7 @@ class Sheet:
         bar = self.figure.colorbar(shown, cax=axes, orientation="horizontal")
         bar.ax.tick_params(labelsize=0.95 * self.letters, length=0.2 * self.letters, colors=INK)
         bar.ax.xaxis.set_major_locator(_few_ticks())
+        bar.set_label(label, size=self.letters, color=INK)
 
     def wheel(self, column: int) -> None:
         """The legend of angles: at each place around, light that swings along the line from there to the middle."""

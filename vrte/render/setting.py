@@ -9,13 +9,11 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.brdf import Brdf
-from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
 from vrte.formats.scene_file import FILE_KEYS, read_content
 from vrte.formats.toml_table import Table
 from vrte.render.colour import FEWEST, MOST, wavelengths
 from vrte.render.sky import KINDS
-from vrte.render.spheres import Resolution
 from vrte.spectrum import spectrum
 
 ACCURACY = 1e-4  # of a BRDF, where the file asks for none
@@ -57,18 +55,20 @@ class Material:
     content: dict[str, Any]
     wavelengths_um: Array
 
-    def brdfs(self, resolution: Resolution, progress: Progress | None = None) -> list[Brdf]:
-        """Its BRDF at each wavelength, for the directions of a sphere. Raises SceneError, which names the file."""
+    def brdf(self, wavelength_um: float, mu_i: Array, mu_o: Array, phi: Array) -> Brdf:
+        """Its BRDF at one wavelength. Raises SceneError, which names the file, and what `vrte.brdf` raises."""
         content = {"accuracy": ACCURACY, "brdf": {"mu_i": 1.0, "mu_o": 1.0}} | self.content
-        asked = {"mu_i": resolution.mu, "mu_o": resolution.mu, "phi": resolution.phi, "transmission": False}
-        coloured = "particles" in self.content  # otherwise nothing in it depends on the wavelength
-        chosen = self.wavelengths_um if coloured else self.wavelengths_um[:1]
+        asked: dict[str, Any] = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi, "transmission": False}
         try:
-            found = list(spectrum(content, chosen, progress, self.path.parent, **asked))
+            return spectrum(content, wavelength_um, folder=self.path.parent, **asked)[0]
         except SceneError as error:
             hint = "; [render] wavelengths_um can name others" if "wavelength" in str(error) else ""
             raise SceneError(f"{self.path}: {error}{hint}") from error
-        return found if coloured else found * self.wavelengths_um.size
+
+    @property
+    def coloured(self) -> bool:
+        """Whether anything in it depends on the wavelength."""
+        return "particles" in self.content
 
 
 def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material], Setting]:
@@ -77,7 +77,8 @@ def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material
     Raises SceneError naming file, dotted key, what was given and what is allowed; two files that disagree in what a
     picture has once only are an error. OSError.
     """
-    materials, given = [], {}
+    materials: list[Material] = []
+    given: dict[str, tuple[Any, Path]] = {}
     for path in paths:
         try:
             content = read_content(path)

@@ -13,7 +13,7 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.field import radiance
 from vrte.optics.phase_matrix import rayleigh
-from vrte.render.splines import coefficients, rows
+from vrte.render.splines import coefficients
 from vrte.scene import Lambertian, Layer, Scene
 
 KINDS = ("rayleigh", "uniform", "sun")

@@ -9,8 +9,7 @@ f the BRDF (4x4), R turns of Stokes axes. The sky's part is smooth over the sphe
 around the line of sight and splined; the sun's ends at a sharp edge: it is computed for each pixel.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +17,7 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.brdf import Brdf
-from vrte.discrete_ordinates.problem import Progress
+from vrte.discrete_ordinates.problem import FLIP
 from vrte.render.geometry import UP, Camera, normals, polar, turn, turned
 from vrte.render.sky import Sky, angles_to_the_horizon
 from vrte.render.splines import coefficients, rows, wrapped, wrapped_grid
@@ -54,20 +53,48 @@ class Resolution:
     @property
     def phi(self) -> Array:
         """Azimuths [deg] of the table: half a turn, the other half is its mirror image."""
-        return np.arange(self.azimuths // 2 + 1) * (360.0 / self.azimuths)
+        found: Array = np.arange(self.azimuths // 2 + 1) * (360.0 / self.azimuths)
+        return found
 
 
-def table_of(brdf: Brdf) -> Array:
-    """Spline coefficients (theta_i, theta_o, phi, 16) of (mu_i + mu_o) f, phi over a turn with its wraps.
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A BRDF over `Resolution.theta` twice and azimuths all around: ``splines`` (theta_i, theta_o, phi, 16).
 
-    ``brdf`` has the directions of a `Resolution`. The factor takes out the BRDF's steepness where both graze.
+    What is splined is f over what a slab of this optical ``thickness`` sends back of single scattering,
+    (1 - exp(-thickness (1/mu_i + 1/mu_o)))/(mu_i + mu_o): that is steep where light grazes, and most of it.
     """
-    half = brdf.mueller * (brdf.mu_i[:, None] + brdf.mu_o)[:, :, None, None, None]
-    flip = np.outer([1.0, 1.0, -1.0, -1.0], [1.0, 1.0, -1.0, -1.0])  # f(-phi) = D f(phi) D
-    full = np.concatenate([half, half[:, :, -2:0:-1] * flip], axis=2)
+
+    splines: Array
+    thickness: float
+    resolution: Resolution
+
+    def slab(self, mu_i: Array, mu_o: Array) -> Array:
+        """That factor; 1/(mu_i + mu_o) for a bare base."""
+        share = -np.expm1(-self.thickness * (1.0 / mu_i + 1.0 / mu_o)) if self.thickness else 1.0
+        return np.asarray(share / (mu_i + mu_o))
+
+    def rows(self, mu_i: Array, mu_o: Array, phi: Array) -> Any:
+        """The matrix from the flat splines to directions (n,), phi in radians."""
+        grids = self.resolution.theta, self.resolution.theta, wrapped_grid(self.resolution.azimuths)
+        return rows(grids, (np.arccos(mu_i), np.arccos(mu_o), phi % (2.0 * np.pi)))
+
+    def mueller(self, mu_i: Array, mu_o: Array, phi: Array) -> Array:
+        """f (n, 4, 4) [1/sr] in directions (n,), phi in radians."""
+        found: Array = self.rows(mu_i, mu_o, phi) @ self.splines.reshape(-1, 16)
+        return (found * self.slab(mu_i, mu_o)[:, None]).reshape(-1, 4, 4)
+
+
+def table_of(brdf: Brdf, resolution: Resolution) -> Table:
+    """The table of a BRDF for the directions of ``resolution``."""
+    assert brdf.direct_transmittance is not None
+    thickness = float(-np.log(brdf.direct_transmittance[0])) if brdf.direct_transmittance[0] else np.inf
+    plain = Table(np.empty(0), thickness, resolution)
+    half = brdf.mueller / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
+    full = np.concatenate([half, half[:, :, -2:0:-1] * np.outer(FLIP, FLIP)], axis=2)  # f(-phi) = D f(phi) D
     values = wrapped(full.reshape(*full.shape[:3], 16), axis=2)
-    grids = np.arccos(brdf.mu_i), np.arccos(brdf.mu_o), wrapped_grid(full.shape[2])
-    return coefficients(grids, values)
+    grids = resolution.theta, resolution.theta, wrapped_grid(resolution.azimuths)
+    return replace(plain, splines=coefficients(grids, values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +110,7 @@ class View:
     resolution: Resolution
 
     @cached_property
-    def pixels(self) -> tuple[Array, Array, Array]:
+    def pixels(self) -> tuple[Any, Array, Array]:
         """Of the pixels that the sphere touches: place in the flat picture, angle from the line of sight, and psi."""
         radius = 0.5 * MARGIN * self.size
         across = np.arange(self.size) + 0.5 - 0.5 * self.size
@@ -102,7 +129,7 @@ class View:
 
     @cached_property
     def lit(self) -> tuple[Any, Any, Array, Array]:
-        """Of the pixels that the sun reaches: which they are, the matrix to the BRDF's table, mu_i and mu_i + mu_o."""
+        """Of the pixels that the sun reaches: which they are, the matrix to the BRDF's table, mu_i and mu_o."""
         _, theta, psi = self.pixels
         normal, x = normals(self.camera, theta, psi)
         mu_i = -(normal @ self.sky.beam)
@@ -111,7 +138,7 @@ class View:
         grid = wrapped_grid(self.resolution.azimuths)
         points = np.arccos(-cosine), theta[lit], -azimuth % (2.0 * np.pi)
         matrix = rows((self.resolution.theta, self.resolution.theta, grid), points)
-        return lit, matrix, mu_i[lit], np.maximum(mu_i[lit], STEEPEST) + np.cos(theta[lit])
+        return lit, matrix, mu_i[lit], np.cos(theta[lit])
 
     @cached_property
     def rings(self) -> "list[Ring]":
@@ -125,35 +152,37 @@ class View:
         grid = wrapped_grid(self.resolution.around)
         return rows((self.resolution.theta, grid), (theta, psi % (2.0 * np.pi)))
 
-    def stokes(self, table: Array, place: int) -> Array:
+    def stokes(self, table: Table, place: int) -> Array:
         """Stokes radiance (pixel, 4) to the camera at the wavelength ``place``, of a material with this table."""
         _, _, psi = self.pixels
         found = self.from_the_sky(table, place)
-        lit, matrix, mu_i, factor = self.lit
-        column = np.ascontiguousarray(table.reshape(-1, 4, 4)[:, :, 0])
-        sunlight = (matrix @ column) * (self.sky.sun[place] * mu_i / factor)[:, None]
+        lit, matrix, mu_i, mu_o = self.lit
+        column = np.ascontiguousarray(table.splines.reshape(-1, 4, 4)[:, :, 0])
+        strength = self.sky.sun[place] * mu_i * table.slab(np.maximum(mu_i, STEEPEST), mu_o)
+        sunlight = (matrix @ column) * strength[:, None]
         found[lit] += turned(sunlight, psi[lit] - 0.5 * np.pi)
         return found
 
-    def from_the_sky(self, table: Array, place: int) -> Array:
+    def from_the_sky(self, table: Table, place: int) -> Array:
         """The sky's part of it: (pixel, 4)."""
         around = self.resolution.around
         values = np.zeros((len(self.rings), around, 4))
         if self.sky.splines[place].any() or self.sky.ground[place]:
-            # the coefficients along theta_o hold values where the rings are
-            on_rings = table_on_rings(table, self.resolution.theta)
+            on_rings = splines_on_rings(table)
             for ring, here in enumerate(self.rings):
-                values[ring] = here.stokes(on_rings[ring], self.sky, place)
+                slab = table.slab(here.mu_i, self.resolution.mu[ring])
+                values[ring] = here.stokes(on_rings[ring], slab, self.sky, place)
         grid = wrapped_grid(around)
         smooth = coefficients((self.resolution.theta, grid), wrapped(values, axis=1))
         found: Array = self.to_pixels @ smooth.reshape(-1, 4)
         return found
 
 
-def table_on_rings(table: Array, theta: Array) -> Array:
-    """The table at its own outgoing angles: (theta_o, theta_i, phi, 16)."""
+def splines_on_rings(table: Table) -> Array:
+    """The splines at their own outgoing angles, where the rings are: (theta_o, theta_i, phi, 16)."""
+    theta = table.resolution.theta
     back = rows((theta,), (theta,)).toarray()
-    return np.ascontiguousarray(np.einsum("no,iopc->nipc", back, table, optimize=True))
+    return np.ascontiguousarray(np.einsum("no,iopc->nipc", back, table.splines, optimize=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +191,8 @@ class Ring:
 
     Directions (n,) of all normals follow each other. ``to_table``: matrix to the BRDF's spline coefficients at this
     outgoing angle; ``above``: to the sky's; ``azimuth`` [rad] in the world; ``facet``: turn of Stokes axes from sky to
-    surface; ``weights`` of the quadrature times mu_i, over mu_i + mu_o; ``from_sky``: whether sky is there, or ground.
-    ``psi`` (normal,) is where the normals are.
+    surface; ``weights`` of the quadrature times mu_i; ``mu_i``, none below STEEPEST; ``from_sky``: whether it is sky
+    that is there, or ground. ``psi`` (normal,) is where the normals are.
     """
 
     psi: Array
@@ -172,12 +201,13 @@ class Ring:
     azimuth: Array
     facet: Array
     weights: Array
+    mu_i: Array
     from_sky: Any
 
     @classmethod
     def at(cls, view: View, theta: float) -> "Ring":
         resolution = view.resolution
-        psi = np.arange(resolution.around) * (2.0 * np.pi / resolution.around)
+        psi: Array = np.arange(resolution.around) * (2.0 * np.pi / resolution.around)
         normal, x = normals(view.camera, np.full(psi.shape, theta), psi)
         travel, weights, from_sky = incoming(normal, resolution, ground=bool(view.sky.ground.any()))
         n_each = travel.shape[1]
@@ -192,17 +222,19 @@ class Ring:
             rows((view.sky.theta,), (np.arccos(-height[from_sky]),)),
             heading,
             turn(travel, in_world, on_facet),
-            weights * -cosine / (np.maximum(-cosine, STEEPEST) + np.cos(theta)),
+            weights * -cosine,
+            np.maximum(-cosine, STEEPEST),
             from_sky,
         )
 
-    def stokes(self, table: Array, sky: Sky, place: int) -> Array:
-        """Stokes radiance (normal, 4) to the camera, from the table (theta_i, phi, 16) at this angle."""
+    def stokes(self, splines: Array, slab: Array, sky: Sky, place: int) -> Array:
+        """Stokes radiance (normal, 4) to the camera, from a table's splines (theta_i, phi, 16) at this angle, and its
+        factor ``slab`` (n,)."""
         falls_in = np.zeros((self.azimuth.size, 4))
         falls_in[self.from_sky] = sky.stokes(place, self.above, self.azimuth[self.from_sky])
         falls_in[~self.from_sky, 0] = sky.ground[place]
-        falls_in = turned(falls_in, self.facet) * self.weights[:, None]
-        matrices = (self.to_table @ table.reshape(-1, 16)).reshape(-1, 4, 4)
+        falls_in = turned(falls_in, self.facet) * (self.weights * slab)[:, None]
+        matrices = (self.to_table @ splines.reshape(-1, 16)).reshape(-1, 4, 4)
         leaves = (matrices @ falls_in[:, :, None]).reshape(self.psi.size, -1, 4).sum(axis=1)
         return turned(leaves, self.psi - 0.5 * np.pi)
 
@@ -224,7 +256,9 @@ def incoming(normal: Array, resolution: Resolution, ground: bool) -> tuple[Array
     for low, high, from_sky in lunes:
         around, around_weights = _gauss(low, high, resolution.across)  # (normal, across)
         equator = np.cos(around)[..., None] * normal[:, None] + np.sin(around)[..., None] * across[:, None]
-        toward = np.sin(pole[0])[:, None, None] * equator[:, None] + np.cos(pole[0])[:, None, None] * axis[:, None, None]
+        toward = (
+            np.sin(pole[0])[:, None, None] * equator[:, None] + np.cos(pole[0])[:, None, None] * axis[:, None, None]
+        )
         weights = (np.sin(pole[0]) * pole_weights[0])[:, None] * around_weights[:, None, :]
         parts.append((-toward.reshape(len(normal), -1, 3), weights.reshape(len(normal), -1), from_sky))
     travel, weights = (np.concatenate([part[which] for part in parts], axis=1) for which in (0, 1))
@@ -250,7 +284,7 @@ def _gauss(low: Array, high: Array, count: int) -> tuple[Array, Array]:
     return (0.5 * (high + low))[:, None] + half * points, half * weights
 
 
-def irradiance(sky: Sky, normal: Array, resolution: Resolution = Resolution()) -> Array:  # noqa: B008 (frozen)
+def irradiance(sky: Sky, normal: Array, resolution: Resolution = Resolution()) -> Array:
     """Irradiance (wavelength, n) [W m-2] on surfaces with these normals (n, 3), sun included.
 
     >>> from vrte.render.sky import sky_of
@@ -267,18 +301,3 @@ def irradiance(sky: Sky, normal: Array, resolution: Resolution = Resolution()) -
         seen[from_sky] = sky.stokes(place, above, heading)[:, 0]
         found[place] = (weights * seen).sum(axis=1) + sky.sun[place] * np.maximum(-normal @ sky.beam, 0.0)
     return found
-
-
-def sphere(view: View, brdfs: Sequence[Brdf], progress: Progress | None = None) -> Array:
-    """Stokes radiance (wavelength, pixel, 4) of one sphere, from its BRDF at each wavelength.
-
-    Pixels are those of ``view.pixels``; the BRDFs have the directions of its resolution.
-    """
-    found, table = [], None
-    for place, brdf in enumerate(brdfs):
-        if table is None or brdf is not brdfs[place - 1]:
-            table = table_of(brdf)
-        found.append(view.stokes(table, place).astype(np.float32))
-        if progress is not None:
-            progress(place + 1, len(brdfs))
-    return np.stack(found)

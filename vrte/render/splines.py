@@ -10,7 +10,7 @@ WRAPPED = 10  # points of a period that are repeated at each end: what the ends 
 
 
 def coefficients(grids: tuple[Array, ...], values: Array) -> Array:
-    """B-spline coefficients of ``values`` (n_1, n_2, ..., more) on ascending grids (n_1,), (n_2,), ...: the same shape."""
+    """B-spline coefficients of ``values`` (n_1, n_2, ..., more) on ascending grids (n_1,), (n_2,), ...: as many."""
     from scipy.interpolate import make_interp_spline
 
     for axis, grid in enumerate(grids):
@@ -44,7 +44,8 @@ def wrapped_grid(count: int) -> Array:
     >>> wrapped_grid(36).size
     56
     """
-    return np.arange(-WRAPPED, count + WRAPPED) * (2.0 * np.pi / count)
+    found: Array = np.arange(-WRAPPED, count + WRAPPED) * (2.0 * np.pi / count)
+    return found
 
 
 def wrapped(values: Array, axis: int) -> Array:

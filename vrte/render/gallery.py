@@ -1,0 +1,94 @@
+"""The GPU paper's figure 10: a row a material, with its lobes for two incident directions and its sphere."""
+
+import os
+from collections.abc import Callable, Sequence
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.brdf import Brdf
+from vrte.formats.atomic import atomic_write
+from vrte.render.picture import DPI, Sheet, light_in_words, over_grey
+from vrte.render.rendering import Sphere
+from vrte.render.setting import Material, Setting
+from vrte.report.lobes import FINE_PHI, FINE_THETA, draw_lobe, hemisphere, lobe_colours
+from vrte.report.pictures import require_pictures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LOBE_MU_I = np.array([0.6, 1.0])
+LOBE_UM = 0.64
+LOBE_MU_O = np.cos(np.radians(np.linspace(0.0, 89.0, 46)))
+LOBE_PHI = np.arange(0.0, 181.0, 3.0)
+CIRCLE = 0.5  # sr-1: what the outer circle below a lobe stands for at scale 1
+STEPS = (1.0, 2.0, 5.0)
+MOST_COLOURED = 0.5  # degree of linear polarization of the last colour
+
+
+def lobes_of(material: Material) -> Brdf:
+    """The BRDF for a sheet's lobes."""
+    return material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
+
+
+def save(
+    spheres: Sequence[Sphere],
+    setting: Setting,
+    path: str | os.PathLike[str],
+    progress: Callable[[int, int, str], None] | None = None,
+) -> None:
+    """Writes the sheet as a PNG, all of it or nothing. Raises SceneError, MissingExtraError, OSError."""
+    from PIL import Image
+
+    drawn = BytesIO()
+    sheet(spheres, setting, progress).savefig(drawn, format="png", dpi=DPI)
+    with atomic_write(path) as part, Image.open(drawn) as image:
+        image.convert("RGB").save(part, format="PNG", optimize=True)
+
+
+def sheet(
+    spheres: Sequence[Sphere], setting: Setting, progress: Callable[[int, int, str], None] | None = None
+) -> "Figure":
+    """The sheet as a figure; ``progress`` is called with (rows done, rows, title)."""
+    require_pictures()
+    drawing = Sheet(setting.size_px, len(spheres), 3, foot=0.24)
+    colours = lobe_colours(MOST_COLOURED)
+    for row, sphere in enumerate(spheres):
+        drawing.title(row, sphere.material.title)
+        brdf = lobes_of(sphere.material)
+        for column in range(LOBE_MU_I.size):
+            _draw(drawing, row, column, hemisphere(brdf, column), colours)
+        drawing.show(row, 2, over_grey(sphere.rgba))
+        if progress is not None:
+            progress(row + 1, len(spheres), sphere.material.title)
+    for column, mu_i in enumerate(LOBE_MU_I):
+        drawing.heading(column, f"lobe at {1e3 * LOBE_UM:.0f} nm, $\\mu_i$ = {mu_i:g}")
+    drawing.heading(2, "sphere under sun and sky")
+    drawing.bar(0, colours.cmap, 0.0, MOST_COLOURED, "lobes: degree of linear polarization (unpolarized light)")
+    circles = f"Outer circles: $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
+    drawing.note(f"{circles}. Spheres: {light_in_words(setting, spheres)}")
+    return drawing.figure
+
+
+def _draw(drawing: Sheet, row: int, column: int, lobe: tuple[Array, Array], colours: Any) -> None:
+    """One lobe in its panel, and by how much it is scaled."""
+    radius, polarized = lobe
+    factor = scale(float(radius.max()) / CIRCLE)
+    left, top = drawing.corner(row, column)
+    axes = drawing.axes(left, top - 0.04 * drawing.size, drawing.size, drawing.size, projection="3d")
+    draw_lobe(axes, factor * radius / CIRCLE, colours.to_rgba(polarized), float(LOBE_MU_I[column]))
+    drawing.text(left + 0.5 * drawing.size, top + 0.94 * drawing.size, f"scale {factor:g}")
+
+
+def scale(largest: float) -> float:
+    """1, 2 or 5 times a power of ten: the largest by which a lobe still stays within 1.
+
+    >>> scale(0.09), scale(1.0), scale(3.1)
+    (10.0, 1.0, 0.2)
+    """
+    if largest <= 0.0:
+        return 1.0
+    power = 10.0 ** np.floor(-np.log10(largest))
+    return float(f"{max(step for step in STEPS if step * power * largest <= 1.0 + 1e-9) * power:.6g}")
