@@ -13,7 +13,7 @@ from vrte.formats.atomic import atomic_write
 from vrte.render.picture import DPI, Sheet, light_in_words, over_grey
 from vrte.render.rendering import Sphere
 from vrte.render.setting import Material, Setting
-from vrte.report.lobes import FINE_PHI, FINE_THETA, draw_lobe, hemisphere, lobe_colours
+from vrte.report.lobes import draw_lobe, hemisphere, lobe_colours
 from vrte.report.pictures import require_pictures
 
 if TYPE_CHECKING:
@@ -24,6 +24,9 @@ LOBE_UM = 0.64
 LOBE_MU_O = np.cos(np.radians(np.linspace(0.0, 89.0, 46)))
 LOBE_PHI = np.arange(0.0, 181.0, 3.0)
 CIRCLE = 0.5  # sr-1: what the outer circle below a lobe stands for at scale 1
+TALLEST = 4  # rows, before a sheet has two materials beside each other
+HEADINGS = (*(f"lobe, {1e3 * LOBE_UM:.0f} nm, $\\mu_i$ = {mu_i:g}" for mu_i in LOBE_MU_I), "sphere under sun and sky")
+COLUMNS = len(HEADINGS)
 STEPS = (1.0, 2.0, 5.0)
 MOST_COLOURED = 0.5  # degree of linear polarization of the last colour
 
@@ -53,30 +56,38 @@ def sheet(
 ) -> "Figure":
     """The sheet as a figure; ``progress`` is called with (rows done, rows, title)."""
     require_pictures()
-    drawing = Sheet(setting.size_px, len(spheres), 3, foot=0.24)
+    blocks = 2 if len(spheres) > TALLEST else 1
+    drawing = Sheet(setting.size_px, -(-len(spheres) // blocks), COLUMNS * blocks, foot=0.30)
     colours = lobe_colours(MOST_COLOURED)
-    for row, sphere in enumerate(spheres):
-        drawing.title(row, sphere.material.title)
-        brdf = lobes_of(sphere.material)
-        for column in range(LOBE_MU_I.size):
-            _draw(drawing, row, column, hemisphere(brdf, column), colours)
-        drawing.show(row, 2, over_grey(sphere.rgba))
+    for place, sphere in enumerate(spheres):
+        row, block = divmod(place, blocks)
+        _draw_row(drawing, row, COLUMNS * block, sphere, colours)
         if progress is not None:
-            progress(row + 1, len(spheres), sphere.material.title)
-    for column, mu_i in enumerate(LOBE_MU_I):
-        drawing.heading(column, f"lobe at {1e3 * LOBE_UM:.0f} nm, $\\mu_i$ = {mu_i:g}")
-    drawing.heading(2, "sphere under sun and sky")
-    drawing.bar(0, colours.cmap, 0.0, MOST_COLOURED, "lobes: degree of linear polarization (unpolarized light)")
-    circles = f"Outer circles: $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
+            progress(place + 1, len(spheres), sphere.material.title)
+    for block in range(blocks):
+        for column, heading in enumerate(HEADINGS):
+            drawing.heading(COLUMNS * block + column, heading)
+    drawing.bar(0, colours.cmap, 0.0, MOST_COLOURED, "lobes: degree of linear polarization")
+    circles = f"Lobes: unpolarized light, outer circles $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
     drawing.note(f"{circles}. Spheres: {light_in_words(setting, spheres)}")
     return drawing.figure
 
 
-def _draw(drawing: Sheet, row: int, column: int, lobe: tuple[Array, Array], colours: Any) -> None:
+def _draw_row(drawing: Sheet, row: int, first: int, sphere: Sphere, colours: Any) -> None:
+    """A material's panels, from the column ``first``."""
+    left, top = drawing.corner(row, first)
+    drawing.text(left + 0.03 * drawing.size, top + 0.03 * drawing.size, sphere.material.title, 1.25, ha="left")
+    brdf = lobes_of(sphere.material)
+    for column in range(LOBE_MU_I.size):
+        _draw(drawing, row, first, column, hemisphere(brdf, column), colours)
+    drawing.show(row, first + LOBE_MU_I.size, over_grey(sphere.rgba))
+
+
+def _draw(drawing: Sheet, row: int, first: int, column: int, lobe: tuple[Array, Array], colours: Any) -> None:
     """One lobe in its panel, and by how much it is scaled."""
     radius, polarized = lobe
     factor = scale(float(radius.max()) / CIRCLE)
-    left, top = drawing.corner(row, column)
+    left, top = drawing.corner(row, first + column)
     axes = drawing.axes(left, top - 0.04 * drawing.size, drawing.size, drawing.size, projection="3d")
     draw_lobe(axes, factor * radius / CIRCLE, colours.to_rgba(polarized), float(LOBE_MU_I[column]))
     drawing.text(left + 0.5 * drawing.size, top + 0.94 * drawing.size, f"scale {factor:g}")

@@ -89,8 +89,17 @@ def light_in_words(setting: Setting, spheres: Sequence[Sphere]) -> str:
         "sun": f"{sun}, black sky",
         "uniform": "unpolarized light, the same from all sides",
     }[setting.sky]
-    sets = {tuple(sphere.material.wavelengths_um.tolist()) for sphere in spheres}
-    return f"{light}; {'; '.join(wavelengths_in_words(one) for one in sorted(sets))}"
+    return f"{light}; {wavelengths_of(spheres)}"
+
+
+def wavelengths_of(spheres: Sequence[Sphere]) -> str:
+    """The wavelengths of all spheres, and in brackets those that have others than the first."""
+    sets: dict[str, list[str]] = {}
+    for sphere in spheres:
+        words = wavelengths_in_words(sphere.material.wavelengths_um.tolist())
+        sets.setdefault(words, []).append(sphere.material.title)
+    first, *others = sets
+    return "; ".join([first, *(f"{words} ({', '.join(sets[words])})" for words in others)])
 
 
 def wavelengths_in_words(chosen: Sequence[float]) -> str:
@@ -192,7 +201,7 @@ class Sheet:
 
     def note(self, text: str) -> None:
         """One line at the bottom, from the left."""
-        self.text(self.left, self.height - 0.4 * self.gap, text, 0.95, ha="left", va="bottom")
+        self.text(self.left, self.height - 0.6 * self.gap, text, 0.95, ha="left", va="bottom")
 
     def bar(self, column: int, colours: Any, low: float, high: float, label: str = "") -> None:
         """A legend of colours below a column."""
@@ -217,6 +226,7 @@ class Sheet:
         stokes = np.stack([np.ones_like(swing), np.cos(swing), np.sin(swing), np.zeros_like(swing)], axis=-1)
         ring = np.clip(np.minimum(1.0 - distance, distance - 0.5) * 0.5 * side + 0.5, 0.0, 1.0)
         left, top = self.corner(self.rows, column)
+        top += 0.03 * self.size
         axes = self.axes(left + 0.5 * (self.size - side), top, side, side)
         axes.imshow(angle_colours(stokes, ring), interpolation="none", extent=(-1.0, 1.0, -1.0, 1.0))
         for degrees in range(0, 180, 45):
@@ -225,9 +235,10 @@ class Sheet:
             axes.plot([-line[0], line[0]], [-line[1], line[1]], color=INK, linewidth=0.08 * self.letters)
         axes.set_xlim(-1.0, 1.0), axes.set_ylim(-1.0, 1.0)
         axes.set_axis_off()
-        for degrees, dx, dy in ((0, 0.0, -0.0), (45, 0.6, 0.1), (90, 0.68, 0.5), (135, 0.6, 0.9)):
-            if degrees:
-                self.text(left + (0.5 + 0.32 * dx) * self.size, top + side * dy, f"{degrees}°", 0.95)
+        for degrees in range(0, 180, 45):
+            angle = np.radians(degrees)
+            x, y = 0.5 + 0.64 * np.sin(angle), 0.5 - 0.56 * np.cos(angle)
+            self.text(left + 0.5 * (self.size - side) + x * side, top + y * side, f"{degrees}°", 0.95)
 
 
 def _few_ticks() -> Any:

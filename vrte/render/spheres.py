@@ -37,8 +37,8 @@ class Resolution:
     angles: int = 32
     azimuths: int = 120
     around: int = 48
-    along: int = 20
-    across: int = 14
+    along: int = 24
+    across: int = 16
 
     @property
     def theta(self) -> Array:
