@@ -16,7 +16,7 @@ from vrte.illumination import check_azimuths, incident_light, mirrored_mueller, 
 from vrte.request import Request, brdf_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
-from vrte.solving import run_of, solved
+from vrte.solving import chosen, run_of, solved
 
 if TYPE_CHECKING:
     import xarray
@@ -151,6 +151,7 @@ def brdf(
     """
     options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate)
     request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
+    request = chosen(request)
     run = run_of(request, threads)
     _, solution = interruptible(run, lambda: solved(request, run, progress))
     return as_brdf(request, solution, transmission)

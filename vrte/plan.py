@@ -17,7 +17,7 @@ from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.discrete_ordinates.truncating import Truncation, choose_truncation, has_scalar_among_polarizing
 from vrte.plan_table import facts_of, text_of
-from vrte.request import Request
+from vrte.request import EXACT, Request
 from vrte.scene import MuellerBase, Scene
 
 UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
@@ -80,8 +80,10 @@ class Plan:
         longest = max(layer.phase_matrix.terms for layer in self.request.scene.layers)
         nodes = self.problem.nodes.size
         names = {block.choice.name: block.choice.reason for block in self.blocks}
+        ruled = {"method_rule": self.request.method_rule} if self.request.method_rule else {}
         return {
-            "method": "discrete-ordinates",
+            "method": EXACT,
+            **ruled,
             "backend": self.request.backend.label,
             "algorithm": " and ".join(sorted(names)),
             "algorithm_rule": "; ".join(dict.fromkeys(names.values())),
@@ -196,7 +198,8 @@ def worth_stages(problem: Problem, orders: int) -> bool:
 def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
     """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
     if request.nodes is not None:
-        return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
+        share = DISCRETE if request.method_rule else 1.0
+        return NodeChoice(request.nodes, request.nodes_rule, ()), share * request.accuracy
     asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
     peaks = "none" if request.truncation == "none" else "all"

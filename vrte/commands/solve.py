@@ -27,7 +27,7 @@ from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile
 from vrte.illumination import SIDES
 from vrte.optics.truncation import CHOICES
-from vrte.request import EXACT, METHODS, MOST_NODES
+from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
 
 HOW = ("nodes", "accuracy", "truncation", "method", "illuminate")  # options that win over the scene file
 OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
@@ -62,7 +62,11 @@ def add_one(commands: Any, kind: str, help_text: str) -> None:
         help="in each hemisphere; this, too, wins over the scene file",
     )
     command.add_argument("--illuminate", choices=SIDES, help="where the light comes from; default: top")
-    command.add_argument("--method", choices=METHODS, help=f"default: {EXACT}; others: docs/methods.md")
+    command.add_argument(
+        "--method",
+        choices=METHOD_NAMES,
+        help=f"default: {EXACT}; {AUTO}: by rule, for the accuracy; others: docs/methods.md",
+    )
     command.add_argument(
         "--set",
         metavar="NAME=VALUE",
@@ -115,6 +119,8 @@ def solved(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | F
     how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
     of_file = {} if options.method else how.get("settings", {})  # another method has other settings
     how["settings"] = of_file | dict(options.set)
+    if options.method == AUTO:
+        how.pop("nodes", None)  # of the file, for another method; those of the command line are refused
     how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     try:
         return solve(file.scene, **file.request, progress=tick, **how)
@@ -154,6 +160,8 @@ def describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
     orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
     print(f"  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    if "method_rule" in made:
+        print(f"  {made['method_rule']}")
     if made["method"] == EXACT:
         describe_plan(made)
     if "agreement" in made:

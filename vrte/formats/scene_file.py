@@ -23,14 +23,14 @@ from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix, henyey_greenstein,
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.optics.truncation import CHOICES
-from vrte.request import COARSEST, FINEST, METHODS, MOST_NODES
+from vrte.request import AUTO, COARSEST, FINEST, METHOD_NAMES, MOST_NODES
 from vrte.scene import MOST_LAYERS, Lambertian, Layer, Scene
 
 LARGEST_FILE = 10_000_000  # bytes
 # a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
 LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 KINDS = ("brdf", "field")
-NAMED = {"truncation": CHOICES, "method": METHODS, "illuminate": SIDES}
+NAMED = {"truncation": CHOICES, "method": METHOD_NAMES, "illuminate": SIDES}
 OPTION_KEYS = ("nodes", "accuracy", *NAMED, "settings")
 FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", "render", *KINDS)
 PARTICLE_KEYS = ("index", "radius_um", "size")
@@ -74,12 +74,14 @@ class SceneFile:
     def keywords(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         """All keywords of ``vrte.brdf`` or ``vrte.radiance`` but the scene, those ``asked`` in place of the file's.
 
-        Settings by other names stay, but not those of another method.
+        Settings by other names stay, but not those of another method, nor nodes where "auto" is to choose.
 
         >>> SceneFile(None, "brdf", {"mu_i": [0.5]}, {"nodes": 4}, {}).keywords({"nodes": 8})
         {'mu_i': [0.5], 'nodes': 8}
         """
         found = self.request | self.options | dict(asked)
+        if asked.get("method") == AUTO and "nodes" not in asked:
+            found.pop("nodes", None)
         if "settings" in self.options:
             of_file = {} if "method" in asked else self.options["settings"]
             found["settings"] = of_file | asked.get("settings", {})
