@@ -19,8 +19,8 @@ from vrte.render.picture import Sheet, angle_colours
 from vrte.render.rendering import interpolation_error, rendered
 from vrte.render.setting import Setting, read
 from vrte.render.sky import Sky, optical_thickness, sky_of
+from vrte.render.spheres import MARGIN, Resolution, Table, View, irradiance, table_of
 from vrte.render.splines import rows
-from vrte.render.spheres import Resolution, Table, View, irradiance, table_of
 
 pytest.importorskip("colour")
 
@@ -88,13 +88,13 @@ def test_a_sphere_that_absorbs_nothing_sends_back_all_that_falls_on_it() -> None
     """Radiance over the disc, added up over all directions of a camera around the sun's axis."""
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 1.5)], vrte.Lambertian(1.0))
     here, sky = table(scene), sky_of("sun", [0.5], 90.0, 0.0)
-    points, weights = np.polynomial.legendre.leggauss(10)
+    points, weights = np.polynomial.legendre.leggauss(8)
     out = 0.0
     for cosine, weight in zip(points, weights, strict=True):
-        seen = view(sky, 64, camera_at(float(np.degrees(np.arcsin(cosine))), 0.0))
+        seen = view(sky, 56, camera_at(float(np.degrees(np.arcsin(cosine))), 0.0))
         inside = seen.pixels[0]
         out += 2.0 * np.pi * weight * float(seen.stokes(here, 0)[:, 0] @ seen.cover.ravel()[inside])
-    radius = 0.5 * 0.94 * 64
+    radius = 0.5 * MARGIN * 56
     assert out == pytest.approx(np.pi * radius**2, rel=3e-3)
 
 
@@ -153,9 +153,9 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
     sky = replace(sky, sun=np.zeros(1))
     seen = view(sky, camera=camera_at(20.0, 130.0), resolution=replace(COARSE, along=20, across=16))
     found, normal = seen.stokes(table(thin_layer(), seen.resolution), 0), normals_of(seen)
-    points, weights = np.polynomial.legendre.leggauss(28)
+    points, weights = np.polynomial.legendre.leggauss(20)
     theta, theta_weights = 0.25 * np.pi * (points + 1.0), 0.25 * np.pi * weights
-    around = np.arange(120) * (2.0 * np.pi / 120)
+    around = np.arange(72) * (2.0 * np.pi / 72)
     total = [np.zeros((3, 3)) for _ in range(3)]
     pixels = [int(np.argmax(normal @ direction)) for direction in np.eye(3)[[2, 0]]]
     pixels.append(int(np.argmax(normal @ (seen.camera.toward + 0.5 * seen.camera.right))))
@@ -236,6 +236,20 @@ def test_nine_wavelengths_do_for_smooth_spectra() -> None:
     np.testing.assert_allclose(xyz[0], xyz[1], rtol=5e-3)
 
 
+@pytest.mark.slow
+def test_what_the_resolution_is_good_for() -> None:
+    """Against twice as many of everything, as docs/render.md says; coarse gold at 0.4 um is a hard case."""
+    gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
+    scene, sky = vrte.Scene([vrte.Layer.of(gold, thickness=np.inf)]), sky_of("rayleigh", [0.4], 40.0, 0.2)
+    pictures = []
+    for chosen in (Resolution(), Resolution(56, 180, 96, 40, 28)):
+        here = table(scene, chosen, nodes=None, accuracy=1e-4)
+        pictures.append(view(sky, 96, camera_at(10.0, 50.0), chosen).stokes(here, 0))
+    gap = np.abs(pictures[0] - pictures[1]) / pictures[1][:, 0].max()
+    assert gap.max() < 5e-3
+    assert np.sqrt((gap**2).mean(axis=0)).max() < 3e-4
+
+
 def write(path: Path, text: str) -> Path:
     path.write_text(text)
     return path
@@ -261,7 +275,7 @@ def size_of(path: Path) -> tuple[int, int]:
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command with few directions."""
-    monkeypatch.setattr(rendering, "rendered", partial(rendered, resolutions=[COARSE]))
+    monkeypatch.setattr(rendering, "rendered", partial(rendered, resolutions=[Resolution(12, 24, 16, 8, 6)]))
 
 
 @pytest.mark.usefixtures("coarse")
@@ -275,6 +289,22 @@ def test_render_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert re.search(r"wrote .*out\.png", told.out)
     sheet = Sheet(48, 2, 4, 0.44)
     assert size_of(tmp_path / "out.png") == (sheet.width, sheet.height)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("coarse")
+def test_sheet_has_a_row_a_scene(tmp_path: Path) -> None:
+    scene = write(tmp_path / "one.toml", PLAIN + SMALL)
+    assert run("render", scene, "-o", tmp_path / "out.png", "--sheet") == 0
+    sheet = Sheet(48, 1, 3, 0.30)
+    assert size_of(tmp_path / "out.png") == (sheet.width, sheet.height)
+
+
+@pytest.mark.parametrize("name", ["gold", "rutile", "mixture_on_black"])
+def test_scenes_of_the_gallery_can_be_read(name: str) -> None:
+    (material,), _ = read([Path(__file__).parents[1] / "examples" / "gallery" / f"{name}.toml"])
+    ends = [material.brdf(wavelength, *(np.array([1.0]),) * 3) for wavelength in material.wavelengths_um[[0, -1]]]
+    assert all(0.0 < end.reflectance[0] < 1.0 for end in ends)
 
 
 @pytest.mark.usefixtures("coarse")

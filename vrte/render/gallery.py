@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.arrays import Array
-from vrte.brdf import Brdf
 from vrte.formats.atomic import atomic_write
 from vrte.render.picture import DPI, Sheet, light_in_words, over_grey
 from vrte.render.rendering import Sphere
 from vrte.render.setting import Material, Setting
-from vrte.report.lobes import draw_lobe, hemisphere, lobe_colours
+from vrte.report.lobes import COLOURED_TO, FINE_THETA, draw_lobe, hemisphere, lobe_colours
 from vrte.report.pictures import require_pictures
 
 if TYPE_CHECKING:
@@ -28,12 +27,12 @@ TALLEST = 4  # rows, before a sheet has two materials beside each other
 HEADINGS = (*(f"lobe, {1e3 * LOBE_UM:.0f} nm, $\\mu_i$ = {mu_i:g}" for mu_i in LOBE_MU_I), "sphere under sun and sky")
 COLUMNS = len(HEADINGS)
 STEPS = (1.0, 2.0, 5.0)
-MOST_COLOURED = 0.5  # degree of linear polarization of the last colour
 
 
-def lobes_of(material: Material) -> Brdf:
-    """The BRDF for a sheet's lobes."""
-    return material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
+def _lobes_of(material: Material) -> list[tuple[Array, Array]]:
+    """f00 and degree of linear polarization for each of LOBE_MU_I."""
+    brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
+    return [hemisphere(brdf, place) for place in range(LOBE_MU_I.size)]
 
 
 def save(
@@ -58,28 +57,31 @@ def sheet(
     require_pictures()
     blocks = 2 if len(spheres) > TALLEST else 1
     drawing = Sheet(setting.size_px, -(-len(spheres) // blocks), COLUMNS * blocks, foot=0.30)
-    colours = lobe_colours(MOST_COLOURED)
-    for place, sphere in enumerate(spheres):
+    lobes = [_lobes_of(sphere.material) for sphere in spheres]
+    most = max(float(polarized[FINE_THETA <= COLOURED_TO].max()) for both in lobes for _, polarized in both)
+    colours = lobe_colours(most)
+    for place, (sphere, both) in enumerate(zip(spheres, lobes, strict=True)):
         row, block = divmod(place, blocks)
-        _draw_row(drawing, row, COLUMNS * block, sphere, colours)
+        _draw_row(drawing, row, COLUMNS * block, sphere, both, colours)
         if progress is not None:
             progress(place + 1, len(spheres), sphere.material.title)
     for block in range(blocks):
         for column, heading in enumerate(HEADINGS):
             drawing.heading(COLUMNS * block + column, heading)
-    drawing.bar(0, colours.cmap, 0.0, MOST_COLOURED, "lobes: degree of linear polarization")
+    drawing.bar(0, colours.cmap, 0.0, most, "lobes: degree of linear polarization")
     circles = f"Lobes: unpolarized light, outer circles $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
     drawing.note(f"{circles}. Spheres: {light_in_words(setting, spheres)}")
     return drawing.figure
 
 
-def _draw_row(drawing: Sheet, row: int, first: int, sphere: Sphere, colours: Any) -> None:
+def _draw_row(
+    drawing: Sheet, row: int, first: int, sphere: Sphere, lobes: list[tuple[Array, Array]], colours: Any
+) -> None:
     """A material's panels, from the column ``first``."""
     left, top = drawing.corner(row, first)
     drawing.text(left + 0.03 * drawing.size, top + 0.03 * drawing.size, sphere.material.title, 1.25, ha="left")
-    brdf = lobes_of(sphere.material)
-    for column in range(LOBE_MU_I.size):
-        _draw(drawing, row, first, column, hemisphere(brdf, column), colours)
+    for column, lobe in enumerate(lobes):
+        _draw(drawing, row, first, column, lobe, colours)
     drawing.show(row, first + LOBE_MU_I.size, over_grey(sphere.rgba))
 
 

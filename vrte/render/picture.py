@@ -226,7 +226,7 @@ class Sheet:
         stokes = np.stack([np.ones_like(swing), np.cos(swing), np.sin(swing), np.zeros_like(swing)], axis=-1)
         ring = np.clip(np.minimum(1.0 - distance, distance - 0.5) * 0.5 * side + 0.5, 0.0, 1.0)
         left, top = self.corner(self.rows, column)
-        top += 0.03 * self.size
+        top += round(0.03 * self.size)
         axes = self.axes(left + 0.5 * (self.size - side), top, side, side)
         axes.imshow(angle_colours(stokes, ring), interpolation="none", extent=(-1.0, 1.0, -1.0, 1.0))
         for degrees in range(0, 180, 45):

@@ -53,8 +53,7 @@ class Resolution:
     @property
     def phi(self) -> Array:
         """Azimuths [deg] of the table: half a turn, the other half is its mirror image."""
-        found: Array = np.arange(self.azimuths // 2 + 1) * (360.0 / self.azimuths)
-        return found
+        return np.asarray(np.arange(self.azimuths // 2 + 1) * (360.0 / self.azimuths), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +206,7 @@ class Ring:
     @classmethod
     def at(cls, view: View, theta: float) -> "Ring":
         resolution = view.resolution
-        psi: Array = np.arange(resolution.around) * (2.0 * np.pi / resolution.around)
+        psi = np.linspace(0.0, 2.0 * np.pi, resolution.around, endpoint=False)
         normal, x = normals(view.camera, np.full(psi.shape, theta), psi)
         travel, weights, from_sky = incoming(normal, resolution, ground=bool(view.sky.ground.any()))
         n_each = travel.shape[1]

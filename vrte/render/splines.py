@@ -44,8 +44,7 @@ def wrapped_grid(count: int) -> Array:
     >>> wrapped_grid(36).size
     56
     """
-    found: Array = np.arange(-WRAPPED, count + WRAPPED) * (2.0 * np.pi / count)
-    return found
+    return np.asarray(np.arange(-WRAPPED, count + WRAPPED) * (2.0 * np.pi / count), dtype=np.float64)
 
 
 def wrapped(values: Array, axis: int) -> Array:
