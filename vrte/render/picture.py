@@ -28,6 +28,7 @@ INK = "#222222"
 BEHIND = 0.42  # sRGB grey behind spheres in colour, about the eye's middle
 DEGREE_COLOURS, CIRCULAR_COLOURS, ANGLE_COLOURS = "inferno", "RdBu_r", "hsv"
 FAINT_DEGREE = 0.005  # below, the angle of polarization fades to grey
+ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 HEADINGS = (
     "colour",
     "degree of linear polarization",
@@ -139,19 +140,19 @@ def angle_colours(stokes: Array, cover: Array) -> Array:
 
 def _largest(pictures: Sequence[Array]) -> float:
     """The largest size of all but the outermost few pixels, of all spheres."""
-    return max(float(np.nanpercentile(np.abs(picture), 99.5)) for picture in pictures)
+    return max(float(np.nanpercentile(np.abs(picture), 99.0)) for picture in pictures)
 
 
 def _round_up(value: float) -> float:
-    """To 1, 2 or 5 times a power of ten; a scale for what is zero.
+    """To a step of ROUND times a power of ten; a scale for what is zero.
 
     >>> _round_up(0.013), _round_up(0.0)
-    (0.02, 1e-06)
+    (0.015, 1e-06)
     """
     if value <= 1e-6:
         return 1e-6
     power = 10.0 ** np.floor(np.log10(value))
-    return float(f"{next(step for step in (1, 2, 5, 10) if step * power >= value) * power:.6g}")
+    return float(f"{next(step for step in ROUND if step * power >= value) * power:.6g}")
 
 
 class Sheet:
@@ -237,7 +238,7 @@ class Sheet:
         axes.set_axis_off()
         for degrees in range(0, 180, 45):
             angle = np.radians(degrees)
-            x, y = 0.5 + 0.64 * np.sin(angle), 0.5 - 0.56 * np.cos(angle)
+            x, y = 0.5 + 0.68 * np.sin(angle), 0.5 - 0.58 * np.cos(angle)
             self.text(left + 0.5 * (self.size - side) + x * side, top + y * side, f"{degrees}°", 0.95)
 
 
