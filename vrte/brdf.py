@@ -20,6 +20,7 @@ from vrte.solving import chosen, run_of, solved
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,6 +101,18 @@ class Brdf:
         """Flux out over flux in under such a sky, from ``reflectance``; any ``phi`` will do. ``weights`` as for
         `under`."""
         return float(2.0 * (weights_of(self.mu_i, weights) * self.mu_i) @ self.reflectance)
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import brdf_html
+
+        return brdf_html(self)
+
+    def plot(self) -> "Figure":
+        """Lobes of f00 and polar cuts. Raises SceneError where there are too few directions, MissingExtraError without
+        the extra "plot"."""
+        from vrte.report.lobes import brdf_figure
+
+        return brdf_figure(self)
 
     def to_xarray(self) -> "xarray.Dataset":
         """An xarray.Dataset: ``mueller`` with dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in).

@@ -18,6 +18,7 @@ from vrte.solving import chosen, run_of, solved
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,6 +68,18 @@ class Field:
             f"Field({self.tau.size} tau, {self.mu.size} mu, {self.phi.size} phi, mu0={self.mu0:g}, "
             f"incident_stokes={self.incident_stokes.tolist()})"
         )
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import field_html
+
+        return field_html(self)
+
+    def plot(self) -> "Figure":
+        """I and the degree of polarization against mu, at some depths and azimuths. Raises SceneError for a field of
+        fluxes alone, MissingExtraError without the extra "plot"."""
+        from vrte.report.lobes import field_figure
+
+        return field_figure(self)
 
     def to_xarray(self) -> "xarray.Dataset":
         """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes). MissingExtraError without xarray."""

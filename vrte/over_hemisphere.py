@@ -16,7 +16,7 @@ def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, inc
     Light of the Stokes vector ``incident`` (4,) falls in at ``mu_i[place]``. Splines run through the given directions:
     periodic in azimuth, and over the pole along great circles, so that intensity and degrees of polarization have no
     dent there. Nearer to the horizon than the last mu_o nothing is known: the edge value is kept. At the pole itself
-    the meridian plane, and with it Q and U, is that of each phi.
+    the meridian plane, and with it Q and U, is that of each phi. Raises SceneError for a BRDF that is not finite.
 
     >>> import vrte
     >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
@@ -56,8 +56,9 @@ def _smooth_around(phi: Array, matrices: Array, incident: Array) -> tuple[Array,
     azimuth: smooth at the pole, where meridian planes are not.
     """
     azimuths, columns = _all_around(phi)
-    both = np.concatenate([matrices, matrices * np.outer(FLIP, FLIP)], axis=1)[:, columns]
-    light = both @ incident
+    light = np.concatenate([matrices @ incident, matrices @ (FLIP * incident) * FLIP], axis=1)[:, columns]
+    if not np.isfinite(light).all():
+        raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
     polarized = (light[..., 1] + 1j * light[..., 2]) * np.exp(-2j * np.radians(azimuths))
     smooth = np.stack([light[..., 0] + 0j, polarized, light[..., 3] + 0j], axis=-1)
     return np.append(azimuths, azimuths[0] + 360.0), np.append(smooth, smooth[:, :1], axis=1)

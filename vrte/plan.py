@@ -2,7 +2,7 @@
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from vrte.discrete_ordinates.truncating import Truncation, choose_truncation, ha
 from vrte.plan_table import facts_of, text_of
 from vrte.request import EXACT, Request
 from vrte.scene import MuellerBase, Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
 WORTH_STAGES = 5e6  # cubes of unknowns: about a millisecond
@@ -55,6 +58,17 @@ class Plan:
 
     def __repr__(self) -> str:
         return f"Plan({self.request.kind}, {self.orders} orders at most, {len(self.blocks)} blocks)"
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import plan_html
+
+        return plan_html(self)
+
+    def plot(self) -> "Figure":
+        """Operations of each Fourier order, and the orders left out. MissingExtraError without the extra "plot"."""
+        from vrte.report.plan_picture import plan_figure
+
+        return plan_figure(self)
 
     def as_dict(self) -> dict[str, Any]:
         """The printed table as numbers and strings: blocks, what is left out and shared, operations, bytes."""

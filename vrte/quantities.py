@@ -107,5 +107,5 @@ def of_light(light: Array, name: str) -> Array:
 
 def check_name(name: Any, allowed: tuple[str, ...]) -> None:
     """Raises SceneError unless ``name`` is one of those."""
-    if name not in allowed:
+    if not isinstance(name, str) or name not in allowed:
         raise SceneError(f"a quantity must be one of {', '.join(dict.fromkeys(allowed))}, not {shown(name)}")

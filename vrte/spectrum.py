@@ -15,6 +15,8 @@ from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from vrte.formats.scene_file import SceneFile
 
 MOST_WAVELENGTHS = 10_000
@@ -99,6 +101,17 @@ class Spectrum:
     def direct_transmittance(self) -> Array | None:
         """The share of the beam that gets through unscattered (wavelength, mu_i), or None."""
         return stacked([one.direct_transmittance for one in self.brdfs])
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import spectrum_html
+
+        return spectrum_html(self)
+
+    def plot(self) -> "Figure":
+        """Reflectance against wavelength. MissingExtraError without the extra "plot"."""
+        from vrte.report.notebook import spectrum_figure
+
+        return spectrum_figure(self)
 
     def at(self, wavelengths_um: Any) -> "Spectrum":
         """The spectrum at some of its own wavelengths, to 1e-9 um. Raises SceneError for one that it has not."""

@@ -45,7 +45,7 @@ def lobe(
     the given directions splines run; the body ends at the last mu_o. Raises SceneError for an unknown quantity or
     place, or too few directions, MissingExtraError without Plotly.
 
-    >>> lobe(brdf, 0, height="f00", colour="f10").show()  # doctest: +SKIP
+    >>> lobe(brdf, 0, height="f00", colour="f10").write_html("lobe.html")
     """
     go = plotly()
     theta, phi = polar_angles(brdf, place, RINGS), np.linspace(0.0, 360.0, SPOKES, endpoint=False)

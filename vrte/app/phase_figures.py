@@ -5,23 +5,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.app.style import FAINT, plain, plotly
-from vrte.arrays import Array
 from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.report.phase_pictures import ANGLES_DEG, f11_and_ratios
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 MOST_DEGREES = 2000  # beyond, a line on the screen is a smear
-ANGLES_DEG = np.linspace(0.0, 180.0, 361)
 SEQUENCES = ("a1", "a2", "a3", "a4", "b1", "b2")
 COLOURS = ("#222222", "#1f4e79", "#2a8f5b", "#7a4fa3", "#d98200", "#b3262e")
-RATIOS = (  # an element of F, its sign, over F11
-    ("F22/F11", (1, 1), 1.0),
-    ("F33/F11", (2, 2), 1.0),
-    ("F44/F11", (3, 3), 1.0),
-    ("−F12/F11", (0, 1), -1.0),
-    ("F34/F11", (2, 3), 1.0),
-)
 
 
 def coefficients(phase_matrix: PhaseMatrix) -> "Figure":
@@ -92,12 +84,11 @@ def scattering_matrix(phase_matrix: PhaseMatrix) -> "Figure":
     return figure
 
 
-def f11_and_ratios(phase_matrix: PhaseMatrix) -> tuple[Array, dict[str, Array]]:
-    """F11 and the ratios of RATIOS at ANGLES_DEG, NaN where F11 is not above 0."""
-    matrix = phase_matrix.scattering_matrix(ANGLES_DEG)
-    f11 = np.where(matrix[:, 0, 0] > 0.0, matrix[:, 0, 0], np.nan)
-    return f11, {name: sign * matrix[:, row, column] / f11 for name, (row, column), sign in RATIOS}
-
-
 def axis(title: str) -> dict[str, Any]:
-    return {"title": {"text": title}, "gridcolor": FAINT, "linecolor": FAINT, "zerolinecolor": FAINT}
+    return {
+        "title": {"text": title, "standoff": 8},
+        "automargin": True,
+        "gridcolor": FAINT,
+        "linecolor": FAINT,
+        "zerolinecolor": FAINT,
+    }

@@ -9,7 +9,6 @@ from vrte.app.style import (
     FAINT,
     INCIDENT,
     UNPOLARIZED,
-    evenly,
     incidence,
     labelled,
     plain,
@@ -23,6 +22,7 @@ from vrte.brdf import Brdf
 from vrte.errors import SceneError
 from vrte.field import Field
 from vrte.quantities import ANGLES, FIELD_QUANTITIES, check_name, of_stokes, unit_of
+from vrte.report.lobes import spread
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -70,7 +70,7 @@ def field_polar(field: Field, quantity: str = "I") -> "Figure":
     go = plotly()
     check_name(quantity, FIELD_QUANTITIES)
     angle, values = in_the_plane(field, quantity)
-    depths = evenly(field.tau.size, MOST_DEPTHS)
+    depths = spread(field.tau.size, MOST_DEPTHS)
     low, high = span(values[depths], quantity)
     figure = go.Figure([zero_line(go, -180.0, 180.0)] if low < 0.0 else [])
     for place, colour in zip(depths, depth_colours(len(depths)), strict=True):
@@ -81,6 +81,8 @@ def field_polar(field: Field, quantity: str = "I") -> "Figure":
     title = f"Subsurface radiance, diffuse light: {labelled(quantity)}"
     under = f"μ<sub>0</sub> = {field.mu0:.4g}; above: going up; {SIDES}{shown}"
     figure.update_layout(**plain(f"{title}<br><sup>{under}</sup>", polar=axes(low, high), legend=LEGEND))
+    if quantity == "I":
+        figure.update_layout(updatemenus=[scales(figure, high)])
     return figure
 
 
@@ -104,6 +106,31 @@ def in_the_plane(field: Field, quantity: str) -> tuple[Array, Array]:
         angles += [turned[order], [np.nan]]
         values += [value[:, order], np.full((field.tau.size, 1), np.nan)]
     return np.concatenate(angles), np.concatenate(values, axis=1)
+
+
+def scales(figure: Any, high: float) -> dict[str, Any]:
+    """Two buttons: all curves on one scale, or each over its largest value, since light fades with depth."""
+    radii = [np.asarray(trace.r, float) for trace in figure.data]
+    shares = [values / (float(np.nanmax(np.abs(values))) or 1.0) for values in radii]
+    choices = (("one scale", radii, high), ("each over its largest", shares, 1.0))
+    buttons = [
+        {
+            "label": label,
+            "method": "update",
+            "args": [{"r": [in_json(values) for values in some]}, {"polar.radialaxis.range": [0.0, 1.05 * top]}],
+        }
+        for label, some, top in choices
+    ]
+    return {"type": "buttons", "buttons": buttons, "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "top"}
+
+
+def in_json(values: Array) -> list[float | None]:
+    """Five digits of each, None for a gap: a button cannot send an array.
+
+    >>> in_json(np.array([0.123456789, np.nan]))
+    [0.12346, None]
+    """
+    return [None if np.isnan(value) else float(f"{value:.5g}") for value in values.tolist()]
 
 
 def beam_angle(field: Field) -> float:
@@ -150,14 +177,15 @@ def arrow(go: Any, angle: Sequence[float], distance: Sequence[float], name: str)
 
 def axes(low: float, high: float, sector: Sequence[float] = (0.0, 360.0)) -> dict[str, Any]:
     """Angles clockwise from straight up; the sector is Plotly's, counter-clockwise from the right."""
+    marked = range(-90, 91, 30) if sector[1] == 180.0 else range(0, 360, 30)
     return {
         "sector": list(sector),
         "bgcolor": "white",
         "angularaxis": {
             "rotation": 90,
             "direction": "clockwise",
-            "tickvals": list(range(-150, 181, 30)),
-            "ticktext": [f"{abs(angle)}°" for angle in range(-150, 181, 30)],
+            "tickvals": list(marked),
+            "ticktext": [f"{min(abs(angle), 360 - angle)}°" for angle in marked],
             "gridcolor": FAINT,
             "linecolor": FAINT,
         },

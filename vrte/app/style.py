@@ -78,12 +78,3 @@ def incidence(brdf: Brdf, place: int) -> str:
     """Where the light comes from, in words."""
     mu = float(brdf.mu_i[place])
     return f"μ<sub>i</sub> = {mu:.4g}, {np.degrees(np.arccos(mu)):.0f}° from the normal"
-
-
-def evenly(size: int, most: int) -> list[int]:
-    """At most so many indices, evenly over all.
-
-    >>> evenly(9, 3), evenly(2, 4)
-    ([0, 4, 8], [0, 1])
-    """
-    return sorted({round(place) for place in np.linspace(0, size - 1, min(size, most)).tolist()})

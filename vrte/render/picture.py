@@ -17,7 +17,7 @@ from vrte.polarization import (
 )
 from vrte.render.rendering import Sphere
 from vrte.render.setting import Setting
-from vrte.report.pictures import require_pictures
+from vrte.report.pictures import new_figure, require_pictures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -159,16 +159,12 @@ class Sheet:
     """A figure of square panels, pixel by pixel, with room for headings, titles at the left, and legends below."""
 
     def __init__(self, size: int, rows: int, columns: int, foot: float) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
         self.size, self.rows, self.columns = size, rows, columns
         self.gap = round(GAP * size)
         self.left, self.head, self.foot = round(0.10 * size), round(0.12 * size), round(foot * size)
         self.width = self.left + columns * (size + self.gap)
         self.height = self.head + rows * (size + self.gap) + self.foot
-        self.figure = Figure(figsize=(self.width / DPI, self.height / DPI), dpi=DPI, facecolor="white")
-        FigureCanvasAgg(self.figure)
+        self.figure = new_figure(self.width / DPI, self.height / DPI)
         self.letters = 0.034 * size * 72.0 / DPI  # [points]
 
     def axes(self, left: float, top: float, width: float, height: float, **how: Any) -> Any:

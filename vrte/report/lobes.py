@@ -10,11 +10,12 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.brdf import Brdf
-from vrte.errors import MissingExtraError
+from vrte.errors import SceneError
 from vrte.field import Field
 from vrte.formats.atomic import atomic_write
 from vrte.over_hemisphere import check_directions, stokes_over_hemisphere
 from vrte.polarization import degree_of_polarization
+from vrte.report.pictures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,7 +56,7 @@ def brdf_figure(brdf: Brdf) -> "Figure":
     chosen = spread(brdf.mu_i.size, MOST_LOBES)
     lobes = [hemisphere(brdf, place) for place in chosen]
     scale = max(float(radius.max()) for radius, _ in lobes) or 1.0  # a dark scene is drawn as a point
-    figure = _figure(width=max(4.6 * len(chosen), 6.4), height=8.2)
+    figure = new_figure(width=max(4.6 * len(chosen), 6.4), height=8.2)
     colours = lobe_colours(max(float(polarized[FINE_THETA <= COLOURED_TO].max()) for _, polarized in lobes))
     for column, (place, (radius, polarized)) in enumerate(zip(chosen, lobes, strict=True)):
         axes: Any = figure.add_axes(_slot(column, len(chosen), 0.36, 0.56), projection="3d")
@@ -88,17 +89,6 @@ def spread(size: int, most: int) -> list[int]:
     return sorted({round(place) for place in np.linspace(0, size - 1, min(size, most)).tolist()})
 
 
-def _figure(width: float, height: float) -> "Figure":
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("a picture", "plot") from error
-    figure = Figure(figsize=(width, height), facecolor="white")
-    FigureCanvasAgg(figure)
-    return figure
-
-
 def _slot(
     column: int, columns: int, bottom: float, height: float, margin: float = 0.0
 ) -> tuple[float, float, float, float]:
@@ -108,6 +98,7 @@ def _slot(
 
 
 def lobe_colours(largest: float) -> Any:
+    """The colours of degrees of polarization from 0 to ``largest``."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -203,14 +194,16 @@ def _colour_bar(figure: Any, colours: Any) -> None:
 def field_figure(field: Field) -> "Figure":
     """I and the degree of polarization against mu: a column an azimuth, a line a depth.
 
-    Raises MissingExtraError.
+    Raises SceneError for a field of fluxes alone, MissingExtraError without matplotlib.
     """
+    if not field.mu.size:
+        raise SceneError("a picture of a field needs directions mu: this one holds fluxes alone")
     azimuths, depths = spread(field.phi.size, MOST_AZIMUTHS), spread(field.tau.size, MOST_DEPTHS)
-    figure = _figure(width=max(4.4 * len(azimuths), 6.4), height=6.6)
+    figure = new_figure(width=max(4.4 * len(azimuths), 6.4), height=6.6)
     panels: Any = figure.subplots(2, len(azimuths), sharex=True, sharey="row", squeeze=False)
     for column, azimuth in zip(panels.T, azimuths, strict=True):
         for order, depth in enumerate(depths):
-            _draw_depth(column, field, depth, azimuth, _depth_colour(order, len(depths)))
+            draw_depth(column, field, depth, azimuth, depth_colour(order, len(depths)))
         column[0].set_title(f"$\\phi$ = {field.phi[azimuth]:g}°", fontsize=11)
         column[1].set_xlabel("$\\mu$  (< 0 down, > 0 up)", fontsize=10)
     panels[0, 0].set_ylabel("I  [W m$^{-2}$ sr$^{-1}$]", fontsize=10)
@@ -225,18 +218,16 @@ def field_figure(field: Field) -> "Figure":
     return figure
 
 
-def _depth_colour(order: int, count: int) -> Any:
+def depth_colour(order: int, count: int) -> Any:
     from matplotlib import colormaps
 
     return colormaps[COLOURS](0.9 * order / max(count - 1, 1))
 
 
-def _draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any) -> None:
+def draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any) -> None:
     """One depth at one azimuth; down and up are separate lines, because the radiance may jump at the horizon."""
-    intensity, polarization = (
-        field.stokes[depth, :, azimuth, 0],
-        degree_of_polarization(field.stokes)[depth, :, azimuth],
-    )
+    stokes = field.stokes[depth, :, azimuth]
+    intensity, polarization = stokes[:, 0], degree_of_polarization(stokes)
     label: str | None = f"$\\tau$ = {field.tau[depth]:g}"
     for side in (field.mu < 0.0, field.mu > 0.0):
         order = np.flatnonzero(side)[np.argsort(field.mu[side], kind="stable")]

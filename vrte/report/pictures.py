@@ -30,6 +30,14 @@ def require_pictures() -> None:
         raise MissingExtraError("a picture", "plot") from error
 
 
+def new_figure(width: float, height: float) -> "Figure":
+    """An empty white figure [inches] that a notebook shows by itself. Raises MissingExtraError without matplotlib."""
+    require_pictures()
+    from vrte.report.shown_figure import ShownFigure
+
+    return ShownFigure(figsize=(width, height), facecolor="white")
+
+
 def save(figure: "Figure", path: str | os.PathLike[str]) -> None:
     """Writes a small PNG, all of it or nothing. Raises OSError."""
     from PIL import Image  # matplotlib needs it too
