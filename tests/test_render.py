@@ -1,6 +1,8 @@
 """Spheres under a sky: closed forms, energy, frames against light worked out in three dimensions, and files."""
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -21,8 +23,6 @@ from vrte.render.setting import Setting, read
 from vrte.render.sky import Sky, optical_thickness, sky_of
 from vrte.render.spheres import MARGIN, Resolution, Table, View, irradiance, table_of
 from vrte.render.splines import rows
-
-pytest.importorskip("colour")
 
 COARSE = Resolution(angles=20, azimuths=36, around=32, along=12, across=8)
 WHITE = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(1.0))
@@ -206,27 +206,31 @@ def test_the_sky_is_polarized_as_molecules_do_it() -> None:
 
 
 def test_optical_thickness_of_the_atmosphere() -> None:
-    import colour as science
-
     for wavelength in (0.4, 0.55, 0.7):
-        expected = science.phenomena.rayleigh_optical_depth(wavelength * 1e-4, latitude=45.0)
+        expected = colour.science().phenomena.rayleigh_optical_depth(wavelength * 1e-4, latitude=45.0)
         assert optical_thickness(wavelength) == pytest.approx(float(np.squeeze(expected)), rel=0.01)
 
 
 def test_colours_of_white_are_white() -> None:
-    import colour as science
-
     chosen = colour.wavelengths(9)
     weights = colour.weights(chosen)
     assert weights[1].sum() == pytest.approx(1.0)
     white = weights.sum(axis=1)
-    observer = science.MSDS_CMFS[colour.OBSERVER]
+    observer = colour.science().MSDS_CMFS[colour.OBSERVER]
     lit = observer.values * colour.sunlight(observer.wavelengths * 1e-3)[:, None]
     np.testing.assert_allclose(white, lit.sum(axis=0) / lit[:, 1].sum(), rtol=1e-12)
     film = colour.film(white)
     np.testing.assert_allclose(film(white), 1.0, atol=2e-3)
     np.testing.assert_allclose(film.linear(0.5 * white), 0.5, atol=1e-3)
     np.testing.assert_allclose(colour.film(white, -1.0).linear(white), 0.5, atol=1e-3)
+
+
+def test_colour_science_leaves_the_way_arrays_are_printed_alone() -> None:
+    code = (
+        "import numpy; from vrte.render.colour import sunlight; sunlight(numpy.ones(1)); print(repr(numpy.float64(1)))"
+    )
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert printed.stdout == "np.float64(1.0)\n"
 
 
 def test_nine_wavelengths_do_for_smooth_spectra() -> None:

@@ -29,7 +29,8 @@ def wavelengths(count: int) -> Array:
 def science() -> Any:
     """The package colour-science. Raises MissingExtraError."""
     try:
-        import colour
+        with np.printoptions():  # its import changes how all arrays are printed
+            import colour
     except ImportError as error:
         raise MissingExtraError("a picture in colour", "render") from error
     return colour
@@ -56,6 +57,7 @@ def weights(wavelengths_um: Array) -> Array:
 
 def sunlight(wavelengths_um: Array) -> Array:
     """Spectral irradiance of the sun outside the atmosphere [W m-2 nm-1], of ASTM G173."""
+    science()
     from colour.plotting.datasets import SD_ASTMG173_ETR
 
     return np.interp(wavelengths_um * 1e3, SD_ASTMG173_ETR.wavelengths, SD_ASTMG173_ETR.values)
@@ -88,9 +90,9 @@ def encoded(linear: Array) -> Array:
 def film(white_xyz: Array, stops: float = 0.0) -> Film:
     """Film for light whose white is ``white_xyz`` (3,): Y = 1 becomes the largest that a screen shows, each of
     ``stops`` doubles that."""
+    colour = science()
     from colour.adaptation import matrix_chromatic_adaptation_VonKries
 
-    colour = science()
     target = colour.xy_to_XYZ(colour.RGB_COLOURSPACES["sRGB"].whitepoint)
     balance = matrix_chromatic_adaptation_VonKries(white_xyz / white_xyz[1], target, transform="CAT02")
     return Film(np.asarray(balance, dtype=float), 2.0**stops)
