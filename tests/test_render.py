@@ -349,7 +349,7 @@ def test_finer_where_needed(tmp_path: Path) -> None:
         ("[render]\nwavelengths = 3", "render.wavelengths = 3: must be a whole number from 9 to 31"),
         ("[render]\nwavelengths_um = [0.5, 0.4]", "render.wavelengths_um = [0.5, 0.4]: must be 1 to 31 ascending"),
         ("[render]\nwavelengths = 9\nwavelengths_um = [0.5]", "at most one of wavelengths and wavelengths_um"),
-        ("[render]\nsize_px = 1.5", "render.size_px = 1.5: must be a whole number from 16 to 2048"),
+        ("[render]\nsize_px = 1.5", "render.size_px = 1.5: must be a whole number from 16 to 1024"),
         ("[render]\ntitle = 3", "render.title = 3: must be a text"),
     ],
 )
@@ -359,6 +359,11 @@ def test_bad_tables_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert message in told
     assert told.count("\n") == 1
     assert not (tmp_path / "out.png").exists()
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("render", tmp_path / "absent.toml", "-o", tmp_path / "out.png") == 2
+    assert "absent.toml: No such file" in capsys.readouterr().err
 
 
 def test_one_picture_has_one_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,8 +9,6 @@ from vrte.commands.common import check_extra, check_output, progress, say_writte
 from vrte.render.colour import FEWEST, MOST
 from vrte.render.setting import LARGEST_SIZE, SMALLEST_SIZE, read
 
-MOST_SCENES = 24
-
 
 def add(commands: Any) -> None:
     """`vrte render`."""

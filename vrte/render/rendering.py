@@ -53,7 +53,7 @@ def rendered(
     colour-science, SceneError, and what `vrte.brdf` raises.
     """
     colour.science()
-    views: dict[tuple[Any, ...], View] = {}
+    views: dict[tuple[Any, ...], View] = {}  # the last one: a view takes some hundred megabytes
     steps, done = sum(material.wavelengths_um.size for material in materials), 0
     spheres = []
     for material in materials:
@@ -61,6 +61,7 @@ def rendered(
         table, error = first_table(material, resolutions)
         key = (table.resolution, *material.wavelengths_um.tolist())
         if key not in views:
+            views.clear()
             views[key] = view_of(setting, material.wavelengths_um, table.resolution)
         seen = []
         for place, wavelength in enumerate(material.wavelengths_um.tolist()):

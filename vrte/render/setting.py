@@ -17,7 +17,7 @@ from vrte.render.sky import KINDS
 from vrte.spectrum import spectrum
 
 ACCURACY = 1e-4  # of a BRDF, where the file asks for none
-SMALLEST_SIZE, LARGEST_SIZE = 16, 2048
+SMALLEST_SIZE, LARGEST_SIZE = 16, 1024
 OWN = ("title", "wavelengths", "wavelengths_um")  # of each sphere; all else is common to a picture
 LONGEST_TITLE = 60
 RANGES = {  # key: lowest, highest, in words
@@ -75,7 +75,7 @@ def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material
     """The materials of scene files, and the one setting of their picture; ``count`` wavelengths win over the files'.
 
     Raises SceneError naming file, dotted key, what was given and what is allowed; two files that disagree in what a
-    picture has once only are an error. OSError.
+    picture has once only are an error, and so is a file that cannot be read.
     """
     materials: list[Material] = []
     given: dict[str, tuple[Any, Path]] = {}
@@ -87,6 +87,8 @@ def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material
             materials.append(_material(path, content, table, count))
         except SceneError as error:
             raise SceneError(f"{path}: {error}") from error
+        except OSError as error:
+            raise SceneError(f"{path}: {error.strerror or error}") from error
         for key, value in ours.items():
             other = given.setdefault(key, (value, path))
             if other[0] != value:

@@ -26,16 +26,18 @@ def rows(grids: tuple[Array, ...], points: tuple[Array, ...]) -> Any:
     from scipy.interpolate import BSpline, make_interp_spline
     from scipy.sparse import csr_array
 
-    columns, weights = np.zeros((points[0].size, 1), dtype=np.int64), np.ones((points[0].size, 1))
+    columns, weights = np.zeros((points[0].size, 1), dtype=np.int32), np.ones((points[0].size, 1))
     for grid, point in zip(grids, points, strict=True):
         knots = make_interp_spline(grid, np.zeros(grid.size), k=3).t
         one = BSpline.design_matrix(np.clip(point, grid[0], grid[-1]), knots, 3)
-        place, share = one.indices.reshape(-1, 4), one.data.reshape(-1, 4)
-        columns = (columns[:, :, None] * grid.size + place[:, None, :]).reshape(len(point), -1)
+        place, share = one.indices.astype(np.int32).reshape(-1, 4), one.data.reshape(-1, 4)
+        columns = (columns[:, :, None] * np.int32(grid.size) + place[:, None, :]).reshape(len(point), -1)
         weights = (weights[:, :, None] * share[:, None, :]).reshape(len(point), -1)
     count, each = columns.shape
     shape = count, int(np.prod([grid.size for grid in grids]))
-    return csr_array((weights.ravel(), columns.ravel(), np.arange(0, count * each + 1, each)), shape=shape)
+    return csr_array(
+        (weights.ravel(), columns.ravel(), np.arange(0, count * each + 1, each, dtype=np.int32)), shape=shape
+    )
 
 
 def wrapped_grid(count: int) -> Array:
