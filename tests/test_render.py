@@ -24,7 +24,7 @@ from vrte.render.sky import Sky, optical_thickness, sky_of
 from vrte.render.spheres import MARGIN, Resolution, Table, View, irradiance, table_of
 from vrte.render.splines import rows
 
-COARSE = Resolution(angles=20, azimuths=36, around=32, along=12, across=8)
+COARSE = Resolution(angles=20, azimuths=36, around=24, along=12, across=8)
 WHITE = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(1.0))
 PLAIN = '[[layer]]\nphase = "rayleigh"\nalbedo = 1.0\nthickness = 2.0\n'
 
@@ -88,13 +88,13 @@ def test_a_sphere_that_absorbs_nothing_sends_back_all_that_falls_on_it() -> None
     """Radiance over the disc, added up over all directions of a camera around the sun's axis."""
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 1.5)], vrte.Lambertian(1.0))
     here, sky = table(scene), sky_of("sun", [0.5], 90.0, 0.0)
-    points, weights = np.polynomial.legendre.leggauss(8)
+    points, weights = np.polynomial.legendre.leggauss(6)
     out = 0.0
     for cosine, weight in zip(points, weights, strict=True):
-        seen = view(sky, 56, camera_at(float(np.degrees(np.arcsin(cosine))), 0.0))
+        seen = view(sky, 48, camera_at(float(np.degrees(np.arcsin(cosine))), 0.0))
         inside = seen.pixels[0]
         out += 2.0 * np.pi * weight * float(seen.stokes(here, 0)[:, 0] @ seen.cover.ravel()[inside])
-    radius = 0.5 * MARGIN * 56
+    radius = 0.5 * MARGIN * 48
     assert out == pytest.approx(np.pi * radius**2, rel=3e-3)
 
 
@@ -151,7 +151,7 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
     """A thin layer under the polarized sky, three pixels, against a sum over the sky of dipoles in space."""
     sky = sky_of("rayleigh", [0.45], 25.0, 0.0)
     sky = replace(sky, sun=np.zeros(1))
-    seen = view(sky, camera=camera_at(20.0, 130.0), resolution=replace(COARSE, along=20, across=16))
+    seen = view(sky, camera=camera_at(20.0, 130.0), resolution=replace(COARSE, around=32, along=20, across=16))
     found, normal = seen.stokes(table(thin_layer(), seen.resolution), 0), normals_of(seen)
     points, weights = np.polynomial.legendre.leggauss(20)
     theta, theta_weights = 0.25 * np.pi * (points + 1.0), 0.25 * np.pi * weights
@@ -225,6 +225,7 @@ def test_colours_of_white_are_white() -> None:
     np.testing.assert_allclose(colour.film(white, -1.0).linear(white), 0.5, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_colour_science_leaves_the_way_arrays_are_printed_alone() -> None:
     code = (
         "import numpy; from vrte.render.colour import sunlight; sunlight(numpy.ones(1)); print(repr(numpy.float64(1)))"
@@ -304,7 +305,7 @@ def test_sheet_has_a_row_a_scene(tmp_path: Path) -> None:
     assert size_of(tmp_path / "out.png") == (sheet.width, sheet.height)
 
 
-@pytest.mark.parametrize("name", ["gold", "rutile", "mixture_on_black"])
+@pytest.mark.parametrize("name", ["rutile", "mixture_on_black"])
 def test_scenes_of_the_gallery_can_be_read(name: str) -> None:
     (material,), _ = read([Path(__file__).parents[1] / "examples" / "gallery" / f"{name}.toml"])
     ends = [material.brdf(wavelength, *(np.array([1.0]),) * 3) for wavelength in material.wavelengths_um[[0, -1]]]
@@ -335,7 +336,7 @@ def test_a_brdf_between_its_directions(tmp_path: Path) -> None:
 def test_finer_where_needed(tmp_path: Path) -> None:
     peaked = "[[layer]]\nphase = { henyey_greenstein = 0.9 }\nalbedo = 0.9\nthickness = 1.0\n"
     materials, setting = read([write(tmp_path / "one.toml", peaked + SMALL)])
-    coarse, fine = Resolution(10, 12, 12, 6, 4), Resolution(20, 24, 12, 6, 4)
+    coarse, fine = Resolution(8, 12, 8, 4, 4), Resolution(16, 24, 8, 4, 4)
     errors = [rendered(materials, setting, resolutions=some)[0].error for some in ([coarse], [coarse, fine])]
     assert errors[1] < errors[0]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from vrte.arrays import Array
 
-WRAPPED = 10  # points of a period that are repeated at each end: what the ends spoil has faded to 1e-6 there
+WRAPPED = 16  # points of a period that are repeated at each end: what the ends spoil has faded to 1e-9 there
 
 
 def coefficients(grids: tuple[Array, ...], values: Array) -> Array:
@@ -44,7 +44,7 @@ def wrapped_grid(count: int) -> Array:
     """Equal steps of one turn [rad] from 0, and WRAPPED more at each end.
 
     >>> wrapped_grid(36).size
-    56
+    68
     """
     return np.asarray(np.arange(-WRAPPED, count + WRAPPED) * (2.0 * np.pi / count), dtype=np.float64)
 
