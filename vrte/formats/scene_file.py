@@ -32,7 +32,7 @@ LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 KINDS = ("brdf", "field")
 NAMED = {"truncation": CHOICES, "method": METHOD_NAMES, "illuminate": SIDES}
 OPTION_KEYS = ("nodes", "accuracy", *NAMED, "settings")
-FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", *KINDS)
+FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", "render", *KINDS)
 PARTICLE_KEYS = ("index", "radius_um", "size")
 LAYER_KEYS = ("particles", "phase", "albedo", "thickness", "thickness_um", "volume_fraction")
 THICKNESS_KEYS = LAYER_KEYS[3:]
