@@ -106,6 +106,10 @@ class Tab:
             self.page.wait_for_timeout(100)
         raise AssertionError("no figure came")
 
+    def choose(self, label: str, option: str) -> None:
+        self.page.get_by_label(label, exact=True).click()
+        self.page.locator(".q-menu .q-item").get_by_text(option, exact=True).click()
+
     def download(self, text: str, folder: Path) -> Path:
         with self.page.expect_download() as waiting:
             self.button("Download").click()
@@ -177,7 +181,17 @@ def test_every_tab_and_every_download(chromium: Any, url: str, tmp_path: Path) -
     fill_a_small_scene(tab)
     tab.fill("wavelengths in vacuum [µm]", "0.45, 0.5, 0.55, 0.6, 0.65")
     tab.solve()
-    tab.wait_for_figure()
+    first = tab.wait_for_figure()
+    tab.choose("distance from the centre", "Mueller element f11")
+    second = tab.wait_for_figure(different=first)
+    assert "|f11|" in second["title"]
+    tab.choose("distance from the centre", "reflectance factor")
+    third = tab.wait_for_figure(different=second)
+    tab.fill("I, Q, U, V", "0, 1, 0, 0")
+    tab.page.get_by_text("stokes must have an intensity I above 0, not 0").first.wait_for()
+    tab.fill("I, Q, U, V", "2, 1.5, 0, 1")
+    tab.wait_for_figure(different=third)
+    assert tab.page.get_by_label("incident light", exact=True).input_value() == "other"
     assert tab.download("picture of the figure", tmp_path).read_bytes().startswith(b"\x89PNG")
     for name in ("Cuts", "Inside", "Scattering", "Plan"):
         tab.page.get_by_role("tab", name=name).click()
