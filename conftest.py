@@ -42,5 +42,6 @@ def folder_of_the_examples(
     Path("rayleigh.csv").write_text(
         "l,a1,a2,a3,a4,b1,b2\n0,1,0,0,0,0,0\n1,0,0,0,1.5,0,0\n2,0.5,3,0,0,1.224744871391589,0\n"
     )
+    doctest_namespace.pop("brdf", None)  # one dictionary for all of them
     if any(package in request.node.name for package in ("vrte.formats", "vrte.report", "vrte.app")):
         doctest_namespace["brdf"] = request.getfixturevalue("small_brdf")

@@ -73,7 +73,10 @@ def test_a_dark_scene_can_be_drawn(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"brdf.png", "field.png"}
 
 
-def test_the_global_state_of_the_plotting_library_is_left_alone(brdf: vrte.Brdf) -> None:
+def test_the_global_state_of_the_plotting_library_is_left_alone(
+    brdf: vrte.Brdf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)  # loaded by other tests
     lobes.brdf_figure(brdf)
     assert "matplotlib.pyplot" not in sys.modules
 
