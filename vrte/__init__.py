@@ -2,7 +2,7 @@
 
 from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
-from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
+from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.field import Field, radiance
 from vrte.formats import load
 from vrte.illumination import hemisphere
@@ -13,6 +13,7 @@ from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.plan import Plan
 from vrte.plan_call import plan
 from vrte.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
+from vrte.sweep import sweep
 
 __version__ = "0.1.0"
 
@@ -34,6 +35,7 @@ __all__ = [
     "Plan",
     "Scene",
     "SceneError",
+    "SweepError",
     "brdf",
     "brdfs",
     "hemisphere",
@@ -47,4 +49,5 @@ __all__ = [
     "rayleigh",
     "refractive_index",
     "spheres",
+    "sweep",
 ]

@@ -99,8 +99,15 @@ def read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     return toml_content(read_text(path, LARGEST_FILE))
 
 
-def scene_of(content: dict[str, Any], kind: str | None = None, folder: Path = Path()) -> SceneFile:
+def scene_of(
+    content: dict[str, Any],
+    kind: str | None = None,
+    folder: Path = Path(),
+    spheres_of: Callable[..., Particles] = spheres,
+) -> SceneFile:
     """What a scene file with this content would hold; tables of coefficients lie in ``folder``. Errors as `read_scene`.
+
+    ``spheres_of`` is called like `vrte.spheres` for each kind of particle: who reads many files can remember its answers.
 
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
     >>> scene_of({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness
@@ -110,7 +117,7 @@ def scene_of(content: dict[str, Any], kind: str | None = None, folder: Path = Pa
     kind = _kind(file, kind)
     request = _request(file, kind)
     options = _options(file)
-    particles = _Particles(file, _particle_tables(file))
+    particles = _Particles(file, _particle_tables(file), spheres_of)
     return SceneFile(_scene(file, particles, folder), kind, request, options, particles.computed)
 
 
@@ -271,8 +278,8 @@ def _known(layer: Table, name: str, kinds: dict[str, Table]) -> None:
 class _Particles:
     """The particles of a file, each kind computed once, when a layer first asks for it."""
 
-    def __init__(self, file: Table, kinds: dict[str, Table]) -> None:
-        self.file, self.kinds = file, kinds
+    def __init__(self, file: Table, kinds: dict[str, Table], spheres_of: Callable[..., Particles]) -> None:
+        self.file, self.kinds, self.spheres_of = file, kinds, spheres_of
         self.computed: dict[str, Particles] = {}
 
     def __call__(self, layer: Table) -> Particles:
@@ -292,7 +299,7 @@ class _Particles:
         host = self.file.number("host_index") if "host_index" in self.file else 1.0
         index, size = _index(table), _size(table)
         with located(table.name, PARTICLE_KEYS):
-            return spheres(index, wavelength_um=wavelength, host_index=host, **size)
+            return self.spheres_of(index, wavelength_um=wavelength, host_index=host, **size)
 
 
 def _index(table: Table) -> str | tuple[float, float]:

@@ -1,0 +1,5 @@
+"""Many scenes: a template and axes in, one labelled table out."""
+
+from vrte.sweep.run import sweep
+
+__all__ = ["sweep"]

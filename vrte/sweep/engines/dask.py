@@ -1,0 +1,118 @@
+"""A Dask cluster: tasks go to its workers, who write what they find; little comes back."""
+
+import logging
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from itertools import islice
+from typing import Any
+
+from vrte.errors import MissingExtraError, SweepError
+from vrte.sweep.chunks import Task, in_turn, never_stopped, perform, work_of_folder
+from vrte.sweep.store import Work
+
+AHEAD = 2  # tasks for each thread of the cluster that are sent before they can begin
+PATIENCE = 60.0  # seconds that a cluster gets for a worker to appear
+KILLS = 10  # of a worker of ours under one task: then it is the task's doing
+
+
+def perform_there(folder: str, stamp: str, task: Task) -> int:
+    """What a worker is told to do: everything else it finds in the folder."""
+    return perform(work_of_folder(folder, stamp), task, in_turn(lambda: 1, never_stopped()))
+
+
+def each(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, workers: int) -> Iterator[int]:
+    """Does the tasks, one stage after another, on the cluster at that address or on one of so many processes."""
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise MissingExtraError("engine 'dask'", "dask") from error
+    with ExitStack() as stack:
+        if scheduler is None:
+            stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": KILLS}))
+            stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": PATIENCE}))
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                local_directory=str(work.folder / "dask"),
+                memory_limit=None,
+                silence_logs=logging.CRITICAL,
+            )
+            client = stack.enter_context(Client(stack.enter_context(cluster)))
+        else:
+            client = stack.enter_context(client_of(scheduler))
+        threads = threads_of(client)
+        for stage in stages:
+            yield from stream(client, work, stage, AHEAD * threads)
+
+
+def client_of(scheduler: str) -> Any:
+    """A connection to a cluster. Raises SweepError."""
+    from distributed import Client
+
+    try:
+        return Client(scheduler, timeout=PATIENCE)
+    except (OSError, ValueError) as error:
+        raise SweepError(f"no Dask scheduler answers at {scheduler}: {type(error).__name__}") from error
+
+
+def threads_of(client: Any) -> int:
+    """How many there are on all workers, once there is one."""
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError as error:
+        raise SweepError(f"the Dask scheduler had no worker for {PATIENCE:g} seconds") from error
+    return max(1, sum(client.nthreads().values()))
+
+
+def stream(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterator[int]:
+    """Does the tasks, no more than ``most`` of them known to the cluster at a time."""
+    from distributed import wait
+
+    waiting, lost = iter(tasks), []
+    known: dict[Any, Task] = {}
+    while True:
+        for task in islice(waiting, most - len(known)):
+            known[client.submit(perform_there, str(work.folder), work.stamp, task, pure=False)] = task
+        if not known:
+            break
+        try:
+            finished = wait(list(known), timeout=1.0, return_when="FIRST_COMPLETED").done
+        except TimeoutError:
+            check_alive(client)
+            continue
+        for future in finished:
+            task = known.pop(future)
+            found = outcome(future)
+            if found is None:
+                lost.append(task)
+            else:
+                yield found
+    if lost:
+        raise SweepError(
+            f"{len(lost)} tasks brought their workers down again and again, the first of them {lost[0]}; all others "
+            "are done"
+        )
+
+
+def outcome(future: Any) -> int | None:
+    """What a task brought; None where it was given up because its workers died."""
+    from distributed import KilledWorker
+
+    if future.status == "finished":
+        found: int = future.result()
+        return found
+    error = future.exception() if future.status == "error" else None
+    if isinstance(error, KilledWorker):
+        return None
+    if error is None:
+        raise SweepError("the Dask cluster was lost")
+    raise error
+
+
+def check_alive(client: Any) -> None:
+    """Whether the scheduler still answers. Raises SweepError."""
+    if client.status not in ("running", "connecting"):
+        raise SweepError("the Dask cluster was lost")
