@@ -107,7 +107,7 @@ def scene_of(
 ) -> SceneFile:
     """What a scene file with this content would hold; tables of coefficients lie in ``folder``. Errors as `read_scene`.
 
-    ``spheres_of`` is called like `vrte.spheres` for each kind of particle: who reads many files can remember its answers.
+    ``spheres_of`` is called like `vrte.spheres` for each kind of particle: who reads many files can remember them.
 
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
     >>> scene_of({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness

@@ -18,6 +18,7 @@ from vrte.blas import single_threaded
 from vrte.brdf import Brdf, as_brdf
 from vrte.discrete_ordinates.problem import Run
 from vrte.errors import DeviceError, MissingExtraError, SceneError, SweepError
+from vrte.formats.scene_file import scene_of
 from vrte.request import Request
 from vrte.running import interruptible
 from vrte.solving import run_of, solved
@@ -61,11 +62,9 @@ def work_of_folder(folder: str, stamp: str) -> Work:
 def prepare(work: Work, task: Task) -> None:
     """Computes one kind of particle and keeps it; what is wrong with it each of its scenes will say."""
     content = work.sweep.content(task.place)
-    alone = {key: content[key] for key in ("wavelength_um", "host_index", "brdf") if key in content}
+    alone: dict[str, Any] = {key: content[key] for key in ("wavelength_um", "host_index", "brdf") if key in content}
     alone["particles"] = {task.particles: content["particles"][task.particles]}
     alone["layer"] = [{"particles": task.particles, "thickness": 1.0}]
-    from vrte.formats.scene_file import scene_of
-
     with suppress(SceneError), collected({}):
         scene_of(alone, "brdf", work.sweep.folder, work.optics.keep)
 
@@ -160,7 +159,7 @@ _outside: list[Any] = []
 def collected(told: dict[str, Any]) -> Iterator[None]:
     """Puts this thread's warnings into ``told``: for each kind how often, and what the first one said.
 
-    Python has one way of showing warnings for all threads; the first to enter changes it, the last to leave restores it.
+    Python has one way of showing warnings for all threads: the first to enter changes it, the last to leave restores.
     """
     thread = threading.get_ident()
     with _lock:

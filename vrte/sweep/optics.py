@@ -82,7 +82,8 @@ def read(path: Path) -> Particles:
     """What `write` wrote, every digit as it was."""
     with np.load(path, allow_pickle=False) as file:
         matrix = PhaseMatrix(**{name: file[name] for name in SEQUENCES})
-        return Particles(matrix, *(float(file[name]) for name in NUMBERS), str(file["description"]))
+        numbers = {name: float(file[name]) for name in NUMBERS}
+        return Particles(matrix, **numbers, description=str(file["description"]))
 
 
 @contextmanager

@@ -4,7 +4,7 @@ import os
 import shutil
 import tempfile
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,9 +46,9 @@ def sweep(
 
     Parameters: ``source``, a sweep file or its content as a dictionary: a scene for `vrte brdf` with a table [axes]
     (docs/sweeps.md); ``output``, a path that ends in .zarr (for large tables) or .nc, without it the table is made in
-    memory; ``engine`` "threads", "dask" (on the cluster at the address ``scheduler``, or one of its own on this machine)
-    or "opencl"; ``workers``, cores or worker processes, all there are by default; ``chunk``, how many scenes are
-    computed, written and kept in memory together; ``progress``, called with (scenes done, scenes).
+    memory; ``engine`` "threads", "dask" (on the cluster at the address ``scheduler``, or one of its own on this
+    machine) or "opencl"; ``workers``, cores or worker processes, all there are by default; ``chunk``, how many scenes
+    are computed, written and kept in memory together; ``progress``, called with (scenes done, scenes).
 
     Returns an xarray.Dataset with the axes as coordinates and the variables of `vrte.Brdf.to_xarray`; ``error`` says of
     a scene without result, whose numbers are NaN, what was wrong with it. With ``output`` the data are read from there
@@ -170,7 +170,7 @@ def compute(work: Work, engine: str, scheduler: str | None, workers: int, progre
                 report(progress, scenes, work.sweep.count)
 
 
-def labour(work: Work, engine: str, scheduler: str | None, workers: int, done: set[int]) -> Iterator[int]:
+def labour(work: Work, engine: str, scheduler: str | None, workers: int, done: set[int]) -> Generator[int, None, None]:
     """How many scenes each task was, as they are finished."""
     chunks = (Task(chunk=chunk) for chunk in range(work.layout.grid.chunks) if chunk not in done)
     left = work.layout.grid.chunks - len(done)
@@ -198,7 +198,8 @@ def report(progress: Progress | None, done: int, total: int) -> None:
 def tell(work: Work) -> None:
     """One warning for each kind of warning, and one for all that failed."""
     failures: list[str] = []
-    failed, kinds = 0, {}
+    failed = 0
+    kinds: dict[str, tuple[int, str]] = {}
     for _, said in work.marks():
         failed += len(said["failed"])
         failures = failures or list(said["failed"].values())[:1]

@@ -18,6 +18,7 @@ import shutil
 import socket
 import time
 import uuid
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -313,11 +314,19 @@ def finish(work: Work, output: Path) -> None:
                 words[int(place)] = message
             errors[work.layout.grid.slices(chunk)] = words.reshape(extent)
     if output.suffix == ".zarr":
+        consolidate(table)
         os.rename(table, output)
     else:
         with atomic_write(output) as part:
             as_netcdf(work, part)
     clear(work.folder)
+
+
+def consolidate(table: Path) -> None:
+    """All metadata in one place, where xarray looks for them first."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
+        zarr().consolidate_metadata(table)
 
 
 def clear(folder: Path) -> None:
@@ -360,7 +369,7 @@ def open_table(path: str | os.PathLike[str]) -> "xarray.Dataset":
     try:
         if path.suffix == ".zarr":
             zarr()
-            dataset = xarray.open_zarr(path, chunks=None, consolidated=False)
+            dataset = xarray.open_zarr(path, chunks=None, consolidated=True)
         else:
             dataset = xarray.open_dataset(path, engine="h5netcdf")
     except (ValueError, KeyError, OSError) as error:
@@ -368,4 +377,4 @@ def open_table(path: str | os.PathLike[str]) -> "xarray.Dataset":
     if "sweep" not in dataset.attrs:
         dataset.close()
         raise SceneError(f"{path} is no table of a sweep")
-    return dataset
+    return dataset[[name for name in (*BRDF_VARIABLES, "error") if name in dataset]]

@@ -35,6 +35,7 @@ STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a ke
 MOST_AXES = 16
 MOST_SCENES = 10**9
 CHECKED = 1000  # values of an axis that are looked at before anything is computed
+ALGORITHM = {"openmp": "modes", "opencl": "doubling"}  # by backend; both are exact
 FIXED = ("brdf", "field", "axes")  # the same for all scenes of a table
 VALUES = "a list of numbers, or { start, stop, count }"
 
@@ -43,8 +44,8 @@ Place = str | int
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """One number of the scene that changes: ``key`` its dotted path, ``places`` the same as keys of tables and places in
-    lists, ``values`` (n,), ``dimension`` the name of what it changes along."""
+    """One number of the scene that changes: ``key`` its dotted path, ``places`` the same as keys of tables and places
+    in lists, ``values`` (n,), ``dimension`` the name of what it changes along."""
 
     name: str
     key: str
@@ -112,7 +113,7 @@ def sweep_of(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path | 
     {'layer[1].thickness': 3}
     """
     if isinstance(source, Mapping):
-        content = copy.deepcopy(dict(source))
+        content = plainly(source)
     else:
         content, folder = read_content(source), folder or Path(source).parent
     table = content.pop("axes", None)
@@ -124,6 +125,19 @@ def sweep_of(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path | 
     sweep = Sweep(content, axes, (folder or Path()).absolute())
     check(sweep)
     return sweep
+
+
+def plainly(value: Any) -> Any:
+    """Content as a file would give it: arrays and tuples are lists there.
+
+    >>> plainly({"values": np.array([1.0, 2.0]), "index": (1.5, 0.0)})
+    {'values': [1.0, 2.0], 'index': [1.5, 0.0]}
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plainly(item) for key, item in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    return [plainly(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def axis_of(name: str, value: Any) -> Axis:
@@ -237,9 +251,9 @@ def check_dimensions(sweep: Sweep) -> None:
 def check_field(template: dict[str, Any], axis: Axis) -> None:
     """Whether the template has such a number, or a table where it may be put."""
     try:
-        parent = parent_of(template, axis.places)
+        parent: Any = parent_of(template, axis.places)
         last = axis.places[-1]
-        there = parent[last] if isinstance(parent, list) else parent.get(last, 0.0)
+        there = parent.get(last, 0.0) if isinstance(parent, dict) else parent[last]
     except (LookupError, TypeError, AttributeError):
         raise SceneError(f"axes.{axis.name}: the scene has no {axis.key}") from None
     if not is_number(there):
@@ -272,9 +286,10 @@ def scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile
 
 
 def request_of(file: SceneFile, backend: str = "openmp") -> Request:
-    """What is asked of a scene. Raises SceneError."""
+    """What is asked of a scene: by an algorithm without a tolerance, so that no engine's numbers differ. Raises
+    SceneError."""
     how = {"nodes": None, "accuracy": None, "truncation": "auto"} | file.options
-    options = solver_options(how["nodes"], how["accuracy"], "auto", False, how["truncation"], backend)
+    options = solver_options(how["nodes"], how["accuracy"], ALGORITHM[backend], False, how["truncation"], backend)
     asked = {"phi": 0.0, "transmission": False} | file.request
     try:
         return brdf_request(file.scene, asked["mu_i"], asked["mu_o"], asked["phi"], asked["transmission"], options)[0]

@@ -30,7 +30,7 @@ class Cores:
 
 
 def each(work: Work, tasks: Iterable[Task], count: int, cores: int) -> Iterator[int]:
-    """Does ``count`` tasks on so many cores. An interrupt stops the compiled loops; what they were at is not written."""
+    """Does ``count`` tasks on so many cores. An interrupt stops the compiled loops; unfinished chunks are lost."""
     workers = max(1, min(cores, count))
     stop = np.zeros(1, np.int32)
     shared = Cores(cores, workers)
