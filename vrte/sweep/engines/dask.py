@@ -35,7 +35,7 @@ def each(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, wo
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
-                dashboard_address=None,
+                dashboard_address=":0",
                 local_directory=str(work.folder / "dask"),
                 memory_limit=None,
                 silence_logs=logging.CRITICAL,
