@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vrte.arrays import whole
+from vrte.blas import single_threaded
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
 from vrte.formats.text_file import file_name
@@ -163,7 +164,8 @@ def compute(work: Work, engine: str, scheduler: str | None, workers: int, progre
         return
     scenes = sum(1 for chunk in done for _ in work.layout.grid.places(chunk))
     report(progress, scenes, work.sweep.count)
-    with closing(labour(work, engine, scheduler, workers, done)) as finished:
+    # once for all chunks: BLAS threads that come and go between them keep the cores busy with waiting
+    with single_threaded(), closing(labour(work, engine, scheduler, workers, done)) as finished:
         for count in finished:
             scenes += count
             if count:
