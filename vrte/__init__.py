@@ -13,7 +13,7 @@ from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.plan import Plan
 from vrte.plan_call import plan
 from vrte.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
-from vrte.sweep import sweep
+from vrte.sweep import interpolate, sweep
 
 __version__ = "0.1.0"
 
@@ -40,6 +40,7 @@ __all__ = [
     "brdfs",
     "hemisphere",
     "henyey_greenstein",
+    "interpolate",
     "isotropic",
     "load",
     "mix",
