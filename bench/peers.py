@@ -6,7 +6,6 @@
 
 import argparse
 import functools
-import importlib.util
 import inspect
 import statistics
 import sys
@@ -23,6 +22,8 @@ import vrte
 from vrte.arrays import Array
 from vrte.errors import MissingExtraError
 from vrte.formats.atomic import atomic_write
+from vrte.report.methods.peers import imported, nanodisort, sasktran2
+from vrte.report.methods.peers.asked import Asked
 from vrte.report.tables.problems import SIEWERT_IIA
 
 Solve = Callable[[], Array]  # radiances (tau, mu, phi, Stokes compared)
@@ -58,6 +59,14 @@ class Problem:
     phi: Array
     tau: Array
     stokes: int
+
+    @property
+    def asked(self) -> Asked:
+        """The same for any code."""
+        matrix = vrte.PhaseMatrix(*self.coefficients.T)
+        scene = vrte.Scene([vrte.Layer(matrix, self.albedo, self.thickness)])
+        beam = np.array([self.flux, 0.0, 0.0, 0.0])
+        return Asked(scene, self.mu0, beam, self.mu, self.phi, self.tau)
 
 
 Prepare = Callable[[Problem, int], Solve]  # set-up, for so many streams
@@ -135,13 +144,11 @@ SIEWERT_QUOTED = {
 
 def with_vrte(problem: Problem, streams: int, **keywords: Any) -> Solve:
     """vrte, which carries all four Stokes parameters wherever Q or U can arise."""
-    matrix = vrte.PhaseMatrix(*problem.coefficients.T)
-    scene = vrte.Scene([vrte.Layer(matrix, problem.albedo, problem.thickness)])
-    beam = (problem.flux, 0.0, 0.0, 0.0)
+    asked = problem.asked
     keywords = {"nodes": streams // 2, "threads": 1, **keywords}
 
     def solve() -> Array:
-        field = vrte.radiance(scene, problem.mu0, beam, problem.mu, problem.phi, problem.tau, **keywords)
+        field = vrte.radiance(asked.scene, asked.mu0, asked.stokes, asked.mu, asked.phi, asked.tau, **keywords)
         return field.stokes[..., : problem.stokes]
 
     return solve
@@ -154,77 +161,18 @@ def wanted_keywords() -> dict[str, Any]:
 
 
 def with_nanodisort(problem: Problem, streams: int, accuracy: float = ACCURACY) -> Solve:
-    """nanodisort (cdisort): scalar, delta-M, and Nakajima and Tanaka's correction, its "old" one, for the peak."""
-    nanodisort = imported("nanodisort")
-    state = nanodisort.DisortState()
-    moments = np.zeros(max(len(problem.coefficients), streams + 1))
-    degrees = np.arange(len(problem.coefficients))
-    moments[degrees] = problem.coefficients[:, 0] / (2 * degrees + 1)
-    state.nstr, state.nlyr, state.nmom = streams, 1, len(moments) - 1
-    state.ntau, state.numu, state.nphi = problem.tau.size, problem.mu.size, problem.phi.size
-    state.usrtau = state.usrang = state.lamber = state.quiet = True
-    state.planck = state.onlyfl = state.spher = False
-    state.intensity_correction = state.old_intensity_correction = True
-    state.fbeam, state.umu0, state.phi0, state.albedo, state.accur = problem.flux, problem.mu0, 0.0, 0.0, accuracy
-    state.allocate()
-    state.dtauc, state.ssalb, state.pmom = np.array([problem.thickness]), np.array([problem.albedo]), moments[:, None]
-    state.umu, state.phi, state.utau = problem.mu, problem.phi, problem.tau
-
-    def solve() -> Array:
-        state.solve()
-        # (mu, tau, phi)
-        return np.asarray(state.uu).swapaxes(0, 1)[..., None]
-
-    return solve
+    """nanodisort (cdisort), its arrays made beforehand."""
+    asked = problem.asked
+    state = nanodisort.state_of(asked, streams, accuracy)
+    return lambda: nanodisort.field_of(asked, state).stokes[..., : problem.stokes]
 
 
 def with_sasktran2(problem: Problem, streams: int, orders: int | None = None) -> Solve:
-    """sasktran2: plane-parallel, discrete ordinates, 3 Stokes parameters, light leaving the top.
-
-    ``orders`` fixes its number of azimuthal orders, which it finds itself otherwise. Single scattering is left to
-    the discrete ordinates too: with these few terms that is exact, and faster and more accurate than its source
-    "Exact", which sums along the line of sight (one layer: off by 0.18 of the largest I). Its b1, Q and U have the
-    signs of vrte and its relative azimuth is phi.
-    """
-    sasktran2 = imported("sasktran2")
-    config = sasktran2.Config()
-    config.num_stokes, config.num_streams, config.num_threads = problem.stokes, streams, 1
-    config.num_singlescatter_moments = max(streams, len(problem.coefficients))
-    config.multiple_scatter_source = sasktran2.MultipleScatterSource.DiscreteOrdinates
-    config.single_scatter_source = sasktran2.SingleScatterSource.DiscreteOrdinates
-    if orders is not None:
-        config.num_forced_azimuth = orders
-    layer_m = np.array([0.0, 1.0])
-    geometry = sasktran2.Geometry1D(
-        problem.mu0,
-        0.0,
-        6.371e6,
-        layer_m,
-        sasktran2.InterpolationMethod.LinearInterpolation,
-        sasktran2.GeometryType.PlaneParallel,
-    )
-    views = sasktran2.ViewingGeometry()
-    for mu in problem.mu:
-        for phi in np.radians(problem.phi):
-            views.add_ray(sasktran2.GroundViewingSolar(problem.mu0, phi, mu, 10.0))
-    engine = sasktran2.Engine(config, geometry, views)
-    atmosphere = sasktran2.Atmosphere(geometry, config, numwavel=1, calculate_derivatives=False)
-    atmosphere.storage.total_extinction[:] = problem.thickness / np.ptp(layer_m)
-    atmosphere.storage.ssa[:] = problem.albedo
-    atmosphere.storage.solar_irradiance[:] = problem.flux
-    for place, name in enumerate(("a1", "a2", "a3", None, "b1")):
-        if name is not None:
-            # (degree, altitude, wavelength)
-            getattr(atmosphere.leg_coeff, name)[: len(problem.coefficients), :, 0] = problem.coefficients[:, [place]]
-    shape = (1, problem.mu.size, problem.phi.size, problem.stokes)
-    return lambda: engine.calculate_radiance(atmosphere)["radiance"].values.reshape(shape)
-
-
-def imported(name: str) -> Any:
-    """The module of a peer; MissingExtraError where it is not installed."""
-    if importlib.util.find_spec(name) is None:
-        raise MissingExtraError(f"the comparison with {name}", "bench")
-    return importlib.import_module(name)
+    """sasktran2, engine and atmosphere made beforehand; ``orders`` fixes its number of azimuthal orders."""
+    asked = problem.asked
+    engine, geometry, config = sasktran2.engine_of(asked, streams, orders)
+    atmosphere = sasktran2.atmosphere_of(asked, geometry, config)
+    return lambda: sasktran2.field_of(asked, engine, atmosphere).stokes[..., : problem.stokes]
 
 
 # by the peer a problem is for, then by the name in the table

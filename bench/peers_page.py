@@ -32,10 +32,11 @@ METHOD = f"""## What is compared
   down (0.1 to 1), 5 azimuths. nanodisort does delta-M and its Nakajima-Tanaka correction; its sum over azimuthal
   orders may stop at {ACCURACY:g} (`accur`).
 - Siewert's problem IIA: I, Q, U leaving the top, 10 cosines (0.1 to 1), azimuths 0, 90 and 180; vrte carries V as well.
-  sasktran2 is plane-parallel with one layer and makes no derivatives. Its single scattering comes from its discrete
-  ordinates: its "exact" source sums along the line of sight and with one layer is off by 0.18 of the largest I. Its
-  b1, Q and U have the signs of vrte and its relative azimuth is phi: no sign is changed. The row "12 orders" tells it
-  how many azimuthal orders there are (`num_forced_azimuth`), which it does not see by itself; that row has no target.
+  sasktran2 is plane-parallel with one layer and makes no derivatives; it finds the flux up at the top, too. Its single
+  scattering comes from its discrete ordinates: its "exact" source sums along the line of sight and with one layer is
+  off by 0.18 of the largest I. Its b1, Q and U have the signs of vrte and its relative azimuth is phi: no sign is
+  changed. The row "12 orders" tells it how many azimuthal orders there are (`num_forced_azimuth`), which it does not
+  see by itself; that row has no target.
 - Times are CPU times of the process. Set-up, the median of {SETUPS}, is what can be kept for another solve of the same
   kind: the scene, nanodisort's arrays, sasktran2's engine and atmosphere. Solve is the median of {ROUNDS[0]} to
   {ROUNDS[1]} calls, the codes in turn.

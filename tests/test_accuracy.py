@@ -157,6 +157,17 @@ def test_directions_are_the_nodes_that_were_chosen() -> None:
     assert field.diagnostics["promised"]
 
 
+@pytest.mark.parametrize("mu", [[], [0.5]])
+def test_no_light_along_the_directions_is_no_reason_for_more_nodes(mu: list[float]) -> None:
+    """Fluxes alone, or light going up at the bottom: relative to 0, nothing is ever good enough."""
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 30), 0.9, 2.0)])
+    found = vrte.radiance(scene, 0.6, mu=mu, tau=[0.0, 2.0], accuracy=1e-3)
+    right = exact.radiance(scene, 0.6, mu=mu, tau=[0.0, 2.0], nodes=64)
+    assert found.diagnostics["nodes"] < 16
+    for flux, other in ((found.flux_up, right.flux_up), (found.flux_down, right.flux_down)):
+        assert np.abs(flux - other).max() < 1e-3 * right.flux_down[1]
+
+
 def test_nothing_is_lowered_before_two_orders_are_known() -> None:
     found = {0: np.full((1, 1), 1e-9), 1: np.full((1, 1), 1e-9)}
     bounds = 0.1 ** np.arange(5.0)[:, None, None]

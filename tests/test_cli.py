@@ -114,6 +114,17 @@ def test_another_method_and_its_settings(scene: Path, capsys: pytest.CaptureFixt
         assert words in capsys.readouterr().err
 
 
+def test_a_method_of_the_file(scene: Path) -> None:
+    out = scene.parent / "out.nc"
+    scene.write_text('method = "successive-orders"\nsettings = { orders = 2 }\n' + SCENE)
+    for arguments, orders in (((), 2), (("--set", "orders=3"), 3)):
+        assert run("brdf", scene, "-o", out, *arguments) == 0
+        expected = vrte.brdf(**one_layer(), method="successive-orders", settings={"orders": orders})
+        np.testing.assert_array_equal(vrte.load(out).mueller, expected.mueller)
+    assert run("brdf", scene, "-o", out, "--method", "single-scattering") == 0
+    assert vrte.load(out).diagnostics["method"] == "single-scattering"
+
+
 def one_layer() -> dict[str, Any]:
     """The scene and the directions of SCENE."""
     layer = vrte.Layer(vrte.rayleigh(), 0.9, 1.0)

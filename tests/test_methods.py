@@ -204,3 +204,27 @@ def test_light_from_below(method: Method) -> None:
     np.testing.assert_array_equal(below.mueller, above.mueller * flip)
     if transmission:
         np.testing.assert_array_equal(below.transmission, above.transmission * flip)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("adding-doubling", {}),
+        ("invariant-imbedding", {}),
+        ("matrix-operator", {}),
+        ("successive-orders", {}),
+        ("synthetic-iteration", {"iterations": 3}),
+    ],
+)
+def test_an_interrupt_ends_what_takes_long(name: str, settings: dict[str, object]) -> None:
+    told = []
+
+    def interrupted(done: int, total: int) -> None:
+        told.append((done, total))
+        raise KeyboardInterrupt
+
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 12), 0.9, 1.0)])
+    with pytest.raises(KeyboardInterrupt):
+        vrte.brdf(scene, MU, MU, PHI, nodes=6, method=name, settings=settings, progress=interrupted)
+    assert len(told) == 1
+    assert told[0][0] < told[0][1]

@@ -11,7 +11,7 @@ import pytest
 from vrte import cli
 from vrte.errors import SceneError
 from vrte.report import methods, radiance_factor
-from vrte.report.methods import advice, knobs, measuring, page, records, reference, registry, scenes
+from vrte.report.methods import advice, knobs, measuring, page, peers, records, reference, registry, scenes
 from vrte.report.methods.records import MEASURED, REFUSED, Row
 from vrte.request import METHODS
 
@@ -43,11 +43,21 @@ def run(folder: Path, curve: knobs.Curve = CURVE, **how: bool) -> list[Row]:
 
 
 def test_every_method_and_scene_has_its_rows(rows: list[Row], folder: Path) -> None:
-    assert {row.method for row in rows} == set(METHODS)
+    assert {row.method for row in rows} == set(METHODS) | {peer.name for peer in peers.installed()}
     assert {row.scene for row in rows} == set(methods.QUICK)
     assert all(row.status.startswith((MEASURED, REFUSED)) for row in rows), [row.status for row in rows]
     with open(folder / methods.CSV, encoding="utf-8", newline="") as file:
         assert len(list(csv.DictReader(file))) == len(rows) == methods.steps_of(methods.QUICK, methods.curves(True))
+
+
+def test_rows_of_auto_say_what_it_took(rows: list[Row], folder: Path) -> None:
+    found = [row for row in rows if row.curve == "auto"]
+    assert len(found) == 3 * len(methods.QUICK)
+    for row in found:
+        assert row.method == "discrete-ordinates"
+        assert row.worst <= float(row.setting.split()[1])
+        assert row.operations > 0.0
+    assert 'How well method="auto" chose' in (folder / page.PAGE).read_text(encoding="utf-8")
 
 
 def test_more_nodes_are_closer(rows: list[Row]) -> None:

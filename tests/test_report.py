@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.over_hemisphere import check_directions
 from vrte.report import lobes
 
 MU_O = np.linspace(0.05, 1.0, 20)
@@ -51,7 +52,7 @@ def test_mirror_symmetry_gives_the_azimuths_left_out(brdf: vrte.Brdf, scene: vrt
 )
 def test_too_few_directions(mu_o: list[float], phi: list[float]) -> None:
     with pytest.raises(vrte.SceneError, match="at least 2 different mu_o and 3 different phi_deg"):
-        lobes.check_directions(mu_o, phi)
+        check_directions(mu_o, phi)
 
 
 def test_pictures_say_what_they_show(brdf: vrte.Brdf, scene: vrte.Scene) -> None:

@@ -68,6 +68,10 @@ def test_defaults(read: Reader) -> None:
 def test_how_to_solve(read: Reader) -> None:
     file = read(SCENE, ("nodes = 12\n", 'accuracy = 1e-4\ntruncation = "delta-m"\n'))
     assert file.options == {"accuracy": 1e-4, "truncation": "delta-m"}
+    file = read(
+        SCENE, ("nodes = 12\n", 'method = "successive-orders"\nsettings = { orders = 3 }\nilluminate = "bottom"\n')
+    )
+    assert file.options == {"method": "successive-orders", "settings": {"orders": 3}, "illuminate": "bottom"}
 
 
 def test_a_field_is_asked_for_by_its_own_table(read: Reader) -> None:
@@ -199,6 +203,8 @@ def test_broken_tables_of_coefficients(read: Reader, tmp_path: Path, rows: str, 
         ("12", "0", "nodes = 0: must be a whole number from 1 to "),
         ("nodes = 12", "accuracy = 0.2", "accuracy = 0.2: must be a number between 1e-15 and 0.1"),
         ("nodes = 12", "accuracy = nan", "accuracy = nan: must be a number between 1e-15 and 0.1"),
+        ("nodes = 12", 'method = "two-streams"', 'method = "two-streams": must be '),
+        ("nodes = 12", "settings = 3", "settings = 3: must be a table of the method's settings by name"),
         ("nodes = 12", 'truncation = "delta"', 'truncation = "delta": must be "auto" or "none" or "delta-m" or '),
         ("0.64", '"0.64"', 'wavelength_um = "0.64": must be the wavelength in micrometres'),
         ("2.0", "nan", "layer[1].thickness = nan: must be a number >= 0"),

@@ -13,6 +13,7 @@ from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.plan import Plan
 from vrte.plan_call import plan
 from vrte.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
+from vrte.spectrum import Spectrum, spectrum
 from vrte.sweep import interpolate, sweep
 
 __version__ = "0.1.0"
@@ -35,6 +36,7 @@ __all__ = [
     "Plan",
     "Scene",
     "SceneError",
+    "Spectrum",
     "SweepError",
     "brdf",
     "brdfs",
@@ -49,6 +51,7 @@ __all__ = [
     "radiance",
     "rayleigh",
     "refractive_index",
+    "spectrum",
     "spheres",
     "sweep",
 ]

@@ -16,10 +16,11 @@ from vrte.illumination import check_azimuths, incident_light, mirrored_mueller, 
 from vrte.request import Request, brdf_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
-from vrte.solving import run_of, solved
+from vrte.solving import chosen, run_of, solved
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,6 +102,18 @@ class Brdf:
         `under`."""
         return float(2.0 * (weights_of(self.mu_i, weights) * self.mu_i) @ self.reflectance)
 
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import brdf_html
+
+        return brdf_html(self)
+
+    def plot(self) -> "Figure":
+        """Lobes of f00 and polar cuts. Raises SceneError where there are too few directions, MissingExtraError without
+        the extra "plot"."""
+        from vrte.report.lobes import brdf_figure
+
+        return brdf_figure(self)
+
     def to_xarray(self) -> "xarray.Dataset":
         """An xarray.Dataset: ``mueller`` with dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in).
 
@@ -151,6 +164,7 @@ def brdf(
     """
     options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate)
     request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
+    request = chosen(request)
     run = run_of(request, threads)
     _, solution = interruptible(run, lambda: solved(request, run, progress))
     return as_brdf(request, solution, transmission)

@@ -14,10 +14,11 @@ from vrte.illumination import mirrored_stokes
 from vrte.request import radiance_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
-from vrte.solving import run_of, solved
+from vrte.solving import chosen, run_of, solved
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,6 +68,18 @@ class Field:
             f"Field({self.tau.size} tau, {self.mu.size} mu, {self.phi.size} phi, mu0={self.mu0:g}, "
             f"incident_stokes={self.incident_stokes.tolist()})"
         )
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import field_html
+
+        return field_html(self)
+
+    def plot(self) -> "Figure":
+        """I and the degree of polarization against mu, at some depths and azimuths. Raises SceneError for a field of
+        fluxes alone, MissingExtraError without the extra "plot"."""
+        from vrte.report.lobes import field_figure
+
+        return field_figure(self)
 
     def to_xarray(self) -> "xarray.Dataset":
         """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes). MissingExtraError without xarray."""
@@ -129,7 +142,8 @@ def radiance(
     counts their forward peak as light that was not scattered, "small-angle" does so too and spreads that light, "auto"
     takes one by rule (docs/truncation.md); ``backend``, what computes: "openmp", the compiled core on ``threads``,
     "sequential", the same on one, "opencl", an OpenCL device, or one of the mixtures in docs/opencl.md; ``method``,
-    "discrete-ordinates" (exact) or another of docs/methods.md, with its own ``settings`` by name; ``illuminate``,
+    "discrete-ordinates" (exact), another of docs/methods.md, with its own ``settings`` by name, or "auto", which takes
+    one for the ``accuracy`` by rule, without nodes and settings (``diagnostics["method_rule"]``); ``illuminate``,
     where the beam comes from: "top", or "bottom", for scenes without a base and with a finite thickness. Raises
     SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError where a device
     is missing or fails. Source: Collin, Pattanaik, Bouatouch, section 2.
@@ -141,6 +155,7 @@ def radiance(
     """
     options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate)
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
+    request = chosen(request)
     run = run_of(request, threads)
     directions, solution = interruptible(run, lambda: solved(request, run, progress))
     seen = settled(solution.parts[0])[:, 0, ..., 0]

@@ -2,7 +2,7 @@
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,8 +17,11 @@ from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.discrete_ordinates.truncating import Truncation, choose_truncation, has_scalar_among_polarizing
 from vrte.plan_table import facts_of, text_of
-from vrte.request import Request
+from vrte.request import EXACT, Request
 from vrte.scene import MuellerBase, Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
 WORTH_STAGES = 5e6  # cubes of unknowns: about a millisecond
@@ -56,6 +59,17 @@ class Plan:
     def __repr__(self) -> str:
         return f"Plan({self.request.kind}, {self.orders} orders at most, {len(self.blocks)} blocks)"
 
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import plan_html
+
+        return plan_html(self)
+
+    def plot(self) -> "Figure":
+        """Operations of each Fourier order, and the orders left out. MissingExtraError without the extra "plot"."""
+        from vrte.report.plan_picture import plan_figure
+
+        return plan_figure(self)
+
     def as_dict(self) -> dict[str, Any]:
         """The printed table as numbers and strings: blocks, what is left out and shared, operations, bytes."""
         return facts_of(self)
@@ -80,8 +94,10 @@ class Plan:
         longest = max(layer.phase_matrix.terms for layer in self.request.scene.layers)
         nodes = self.problem.nodes.size
         names = {block.choice.name: block.choice.reason for block in self.blocks}
+        ruled = {"method_rule": self.request.method_rule} if self.request.method_rule else {}
         return {
-            "method": "discrete-ordinates",
+            "method": EXACT,
+            **ruled,
             "backend": self.request.backend.label,
             "algorithm": " and ".join(sorted(names)),
             "algorithm_rule": "; ".join(dict.fromkeys(names.values())),
@@ -196,7 +212,8 @@ def worth_stages(problem: Problem, orders: int) -> bool:
 def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
     """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
     if request.nodes is not None:
-        return NodeChoice(request.nodes, "as asked for", ()), request.accuracy
+        share = DISCRETE if request.method_rule else 1.0
+        return NodeChoice(request.nodes, request.nodes_rule, ()), share * request.accuracy
     asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
     peaks = "none" if request.truncation == "none" else "all"

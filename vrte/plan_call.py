@@ -1,6 +1,7 @@
 """The plan of a call of `vrte.brdf` or `vrte.radiance`, from the same arguments."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from inspect import signature
 from typing import Any
 
@@ -9,9 +10,10 @@ from vrte.brdf import brdf
 from vrte.errors import SceneError
 from vrte.field import radiance
 from vrte.plan import Plan, plan_of
-from vrte.request import Request, brdf_request, radiance_request, solver_options
+from vrte.request import EXACT, Request, brdf_request, radiance_request, solver_options
 from vrte.running import interruptible, new_run
 from vrte.scene import Scene
+from vrte.solving import chosen
 
 OPTIONS = ("nodes", "accuracy", "algorithm", "verify", "truncation", "backend", "method", "settings", "illuminate")
 DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi", "transmission"), "radiance": ("mu0", "stokes", "mu", "phi", "tau")}
@@ -22,8 +24,9 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
 
     Parameters: ``kind``, "brdf" or "radiance"; all else as that function takes it. ``print(plan)`` shows the Fourier
     orders and what each block of them costs, what is left out and why, the predicted operations and memory;
-    ``plan.as_dict()`` has the same for programs. Without ``nodes`` they are chosen, by a small solve. Raises
-    SceneError for bad input, TypeError for a keyword that the function does not have.
+    ``plan.as_dict()`` has the same for programs. With method="auto" it says which method the rules take. Without
+    ``nodes`` they are chosen, by a small solve. Raises SceneError for bad input, TypeError for a keyword that the
+    function does not have.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])
@@ -32,7 +35,9 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     """
     request, threads = request_of(kind, scene, arguments, keywords)
     run = new_run(threads)
-    return interruptible(run, lambda: plan_of(request, run))
+    found = interruptible(run, lambda: plan_of(request, run))
+    # what the rules gave to another method has no Fourier order to solve
+    return replace(found, blocks=(), orders=0) if request.method_rule and request.method != EXACT else found
 
 
 def request_of(kind: Any, scene: Any, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> tuple[Request, Any]:
@@ -45,4 +50,4 @@ def request_of(kind: Any, scene: Any, arguments: tuple[Any, ...], keywords: dict
     options = solver_options(*(values[name] for name in OPTIONS))
     make: Callable[..., tuple[Request, Array]] = brdf_request if kind == "brdf" else radiance_request
     request, _ = make(scene, *(values[name] for name in DIRECTIONS[kind]), options)
-    return request, values["threads"]
+    return chosen(request), values["threads"]

@@ -16,6 +16,7 @@ from vrte.discrete_ordinates.operations import operations_of_block, operations_o
 from vrte.discrete_ordinates.problem import ALL, Problem
 from vrte.discrete_ordinates.routes import OTHER, is_quick
 from vrte.discrete_ordinates.slabs import cut, distinct_materials
+from vrte.request import EXACT
 
 if TYPE_CHECKING:
     from vrte.plan import Plan
@@ -31,6 +32,8 @@ def text_of(plan: "Plan") -> str:
     if plan.parts:
         texts = (f"Light that comes in {kind}, by itself:\n{text_of(part)}" for kind, part in named_parts(plan))
         return "\n\n".join(texts)
+    if is_another_method(plan):
+        return "\n".join([*head(plan), "", wrapped(f"{plan.request.method}: {plan.request.method_rule}")])
     facts = plan.as_dict()
     rows = [row_of(block) for block in facts["blocks"]]
     lines = [*head(plan), "", *aligned([HEADER, *rows]), ""]
@@ -47,6 +50,9 @@ def facts_of(plan: "Plan") -> dict[str, Any]:
     if plan.parts:
         parts = {kind: facts_of(part) for kind, part in named_parts(plan)}
         return {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads, "parts": parts}
+    if is_another_method(plan):
+        asked = {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads}
+        return asked | {"method": plan.request.method, "method_rule": plan.request.method_rule}
     request, problem, azimuths = plan.request, plan.problem, fold(plan.request.phi, plan.problem.leave_out.azimuths)
     blocks = [facts_of_block(plan, block) for block in plan.blocks]
     result = plan.wanted.doubles(request.phi.size)
@@ -58,6 +64,8 @@ def facts_of(plan: "Plan") -> dict[str, Any]:
         "nodes": int(problem.nodes.size),
         "nodes_rule": plan.choice.rule,
         "threads": plan.threads,
+        "method": EXACT,
+        "method_rule": request.method_rule,
         "truncation": plan.truncation.name,
         "orders": sorted({order for block in blocks for order in block["orders"]}),
         "orders_counted_again": plan.counts_again,
@@ -68,6 +76,11 @@ def facts_of(plan: "Plan") -> dict[str, Any]:
         "operations": sums + sum(block["operations"] for block in blocks),
         "memory_bytes": BYTES * doubles,
     }
+
+
+def is_another_method(plan: "Plan") -> bool:
+    """Whether the rules of "auto" took a method that has no such plan."""
+    return bool(plan.request.method_rule) and plan.request.method != EXACT
 
 
 def named_parts(plan: "Plan") -> list[tuple[str, "Plan"]]:
@@ -125,7 +138,10 @@ def reasons_of(blocks: Sequence[dict[str, Any]]) -> list[str]:
 
 def remarks(plan: "Plan") -> list[str]:
     """What may happen besides."""
-    found = [*plan.notes] if plan.request.nodes is not None else [f"nodes: {plan.choice.rule}", *plan.notes]
+    request = plan.request
+    chosen = request.nodes is None or bool(request.method_rule)
+    found = [request.method_rule] if request.method_rule else []
+    found += [f"nodes: {plan.choice.rule}", *plan.notes] if chosen else [*plan.notes]
     if plan.truncation.name != "none":
         found.append(f"Truncation: {plan.truncation.name} ({plan.truncation.reason})")
     if plan.counts_again and plan.orders > 1:

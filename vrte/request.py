@@ -17,6 +17,7 @@ from vrte.optics.truncation import CHOICES
 from vrte.scene import MuellerBase, Scene
 
 EXACT = "discrete-ordinates"
+AUTO = "auto"  # one of the methods, by the rules of vrte/methods/rules.py
 METHODS = (
     EXACT,
     "adding-doubling",
@@ -29,6 +30,7 @@ METHODS = (
     "synthetic-iteration",
     "two-stream",
 )
+METHOD_NAMES = (*METHODS, AUTO)  # that can be asked for
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
 LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
@@ -43,7 +45,8 @@ class Request:
     mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,), and how: nodes (None: chosen by the plan), accuracy relative to
     the largest I at each depth, algorithm, verify, truncation, backend, method and its settings. ``wanted`` (None:
     everything) says what becomes of the solution. ``fluxes_only``: mu is there for form's sake. ``illuminate``: where
-    the light comes from; "bottom" is asked of a scene upside down, all in a horizontal mirror."""
+    the light comes from; "bottom" is asked of a scene upside down, all in a horizontal mirror. ``method_rule`` and
+    ``nodes_rule``: why the method and the nodes are these; the former is empty where the method was asked for."""
 
     kind: str
     scene: Scene
@@ -63,6 +66,8 @@ class Request:
     method: str = EXACT
     settings: Mapping[str, Any] = field(default_factory=dict)
     illuminate: str = "top"
+    method_rule: str = ""
+    nodes_rule: str = "as asked for"
 
 
 def operations_of(request: Request) -> float:
@@ -145,11 +150,14 @@ def solver_options(
 ) -> dict[str, Any]:
     """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of the truncation, the
     backend and the method, the method's settings, and the side that is lit: as fields of a Request."""
-    method = one_of("method", method, METHODS)
+    method = one_of("method", method, METHOD_NAMES)
     if not (settings is None or (isinstance(settings, Mapping) and all(isinstance(name, str) for name in settings))):
         raise SceneError(f"settings must be a dictionary by names of settings, not {shown(settings)}")
     if settings and method == EXACT:
         raise SceneError(f"method {EXACT!r} has no settings: it is told by nodes, accuracy, algorithm and truncation")
+    if method == AUTO and (settings or nodes is not None):
+        name = "settings" if settings else "nodes"
+        raise SceneError(f"method {AUTO!r} takes no {name}: it goes by accuracy; for {name} name the method")
     if accuracy is None:
         accuracy = WITHOUT_NODES if nodes is None else WITH_NODES
     found = backend_of(one_of("backend", backend, BACKENDS))

@@ -13,8 +13,17 @@ from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import NO_LIGHT, Solution, sized, solve, steps
 from vrte.errors import SceneError
 from vrte.plan import Plan, plan_of
-from vrte.request import EXACT, Request, operations_of
+from vrte.request import AUTO, EXACT, Request, operations_of
 from vrte.running import new_run
+
+
+def chosen(request: Request) -> Request:
+    """The request with its method named: for "auto", the one that the rules take."""
+    if request.method != AUTO:
+        return request
+    from vrte.methods.auto import by_rule
+
+    return by_rule(request)
 
 
 def run_of(request: Request, threads: Any) -> Run:

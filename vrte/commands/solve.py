@@ -27,9 +27,9 @@ from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile
 from vrte.illumination import SIDES
 from vrte.optics.truncation import CHOICES
-from vrte.request import EXACT, METHODS, MOST_NODES
+from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
 
-HOW = ("nodes", "accuracy", "truncation")  # options that win over the scene file
+HOW = ("nodes", "accuracy", "truncation", "method", "illuminate")  # options that win over the scene file
 OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
 EXTRAS = (("output", "files", ("xarray", "h5netcdf")), ("plot", "plot", ("matplotlib",)))
 
@@ -61,8 +61,12 @@ def add_one(commands: Any, kind: str, help_text: str) -> None:
         type=whole_number(1, MOST_NODES),
         help="in each hemisphere; this, too, wins over the scene file",
     )
-    command.add_argument("--illuminate", choices=SIDES, default="top", help="where the light comes from; default: top")
-    command.add_argument("--method", choices=METHODS, default=EXACT, help=f"default: {EXACT}; others: docs/methods.md")
+    command.add_argument("--illuminate", choices=SIDES, help="where the light comes from; default: top")
+    command.add_argument(
+        "--method",
+        choices=METHOD_NAMES,
+        help=f"default: {EXACT}; {AUTO}: by rule, for the accuracy; others: docs/methods.md",
+    )
     command.add_argument(
         "--set",
         metavar="NAME=VALUE",
@@ -105,17 +109,18 @@ def check_outputs(options: argparse.Namespace) -> None:
 
 def check_picture(options: argparse.Namespace, file: SceneFile) -> None:
     if options.plot and file.kind == "brdf":
-        from vrte.report.lobes import check_directions
+        from vrte.over_hemisphere import check_directions
 
         check_directions(file.request["mu_o"], file.request.get("phi", 0.0))
 
 
 def solved(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    how = file.options | {
-        name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend", "method", "illuminate")
-    }
-    how["settings"] = dict(options.set)
+    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
+    of_file = {} if options.method else how.get("settings", {})  # another method has other settings
+    how["settings"] = of_file | dict(options.set)
+    if options.method == AUTO:
+        how.pop("nodes", None)  # of the file, for another method; those of the command line are refused
     how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     try:
         return solve(file.scene, **file.request, progress=tick, **how)
@@ -155,6 +160,8 @@ def describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
     where = f"OpenCL device {made['device']}" if "device" in made else f"{made['threads']} threads"
     orders = f", {made['orders']} Fourier orders" if "orders" in made else ""
     print(f"  {made['method']}, {made['nodes']} nodes{orders}, {where}")
+    if "method_rule" in made:
+        print(f"  {made['method_rule']}")
     if made["method"] == EXACT:
         describe_plan(made)
     if "agreement" in made:

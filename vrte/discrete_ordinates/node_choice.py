@@ -133,8 +133,9 @@ def lengths(scene: Scene, tau: Array) -> list[float]:
 def indicator(scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: Run, peaks: str = "none") -> Indicator:
     """What solves the mean over azimuth of I, without polarization, for a few of the beams, directions and depths.
 
-    N -> radiance and flux/pi, (n_tau, n_in, ...), relative to the largest I there. With a base that mixes Stokes
-    parameters they are all kept. Where peaks are taken off, light scattered once differs with N as well.
+    N -> radiance and flux/pi, (n_tau, n_in, ...), relative to the largest I there, or to flux/pi where no light comes
+    along the directions. With a base that mixes Stokes parameters they are all kept. Where peaks are taken off, light
+    scattered once differs with N as well.
     """
     beams = few(mu0, BEAMS)
     directions = np.concatenate([few(mu[mu > 0.0], DIRECTIONS), few(mu[mu < 0.0], DIRECTIONS)])
@@ -159,6 +160,7 @@ def indicator(scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: 
             radiance = radiance + scattered_once(scene, whole, directions)
         down = result.flux_down + flux_of_the_peak(problem, depths)
         flux = np.concatenate([result.flux_up, down], axis=2) / np.pi
+        size = np.where(size > 0.0, size, np.abs(flux).max(axis=2, keepdims=True))
         return np.concatenate([radiance, flux], axis=2), np.maximum(size, NO_LIGHT)
 
     return solve

@@ -8,7 +8,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,18 +18,21 @@ from vrte.errors import SceneError
 from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import Table, is_number, located, nearest, relocated, shortened, shown, shown_key
+from vrte.illumination import SIDES
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.optics.truncation import CHOICES
-from vrte.request import COARSEST, FINEST, MOST_NODES
+from vrte.request import AUTO, COARSEST, FINEST, METHOD_NAMES, MOST_NODES
 from vrte.scene import MOST_LAYERS, Lambertian, Layer, Scene
 
 LARGEST_FILE = 10_000_000  # bytes
 # a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
 LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 KINDS = ("brdf", "field")
-FILE_KEYS = ("wavelength_um", "host_index", "nodes", "accuracy", "truncation", "particles", "layer", "base", *KINDS)
+NAMED = {"truncation": CHOICES, "method": METHOD_NAMES, "illuminate": SIDES}
+OPTION_KEYS = ("nodes", "accuracy", *NAMED, "settings")
+FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", *KINDS)
 PARTICLE_KEYS = ("index", "radius_um", "size")
 LAYER_KEYS = ("particles", "phase", "albedo", "thickness", "thickness_um", "volume_fraction")
 THICKNESS_KEYS = LAYER_KEYS[3:]
@@ -58,7 +61,7 @@ class SceneFile:
     """What a scene file holds.
 
     ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``, ``options``
-    those of them that say how to solve: ``nodes``, ``accuracy`` and ``truncation``, as far as they are given;
+    those of them that say how to solve, OPTION_KEYS, as far as they are given;
     ``particles`` the kinds that the layers hold, by name.
     """
 
@@ -67,6 +70,22 @@ class SceneFile:
     request: dict[str, Any]
     options: dict[str, Any]
     particles: dict[str, Particles]
+
+    def keywords(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """All keywords of ``vrte.brdf`` or ``vrte.radiance`` but the scene, those ``asked`` in place of the file's.
+
+        Settings by other names stay, but not those of another method, nor nodes where "auto" is to choose.
+
+        >>> SceneFile(None, "brdf", {"mu_i": [0.5]}, {"nodes": 4}, {}).keywords({"nodes": 8})
+        {'mu_i': [0.5], 'nodes': 8}
+        """
+        found = self.request | self.options | dict(asked)
+        if asked.get("method") == AUTO and "nodes" not in asked:
+            found.pop("nodes", None)
+        if "settings" in self.options:
+            of_file = {} if "method" in asked else self.options["settings"]
+            found["settings"] = of_file | asked.get("settings", {})
+        return found
 
     def located(self, message: str) -> str:
         """The library's complaint about the request, with the dotted key of the file in front.
@@ -165,8 +184,11 @@ def _options(file: Table) -> dict[str, Any]:
         options["accuracy"] = file.number("accuracy", allowed)
         if not FINEST <= options["accuracy"] <= COARSEST:
             raise file.wrong("accuracy", f"must be {allowed}")
-    if "truncation" in file:
-        options["truncation"] = file.choice("truncation", CHOICES)
+    options |= {name: file.choice(name, choices) for name, choices in NAMED.items() if name in file}
+    if "settings" in file:
+        if not isinstance(file.content["settings"], dict):
+            raise file.wrong("settings", "must be a table of the method's settings by name")
+        options["settings"] = dict(file.content["settings"])
     return options
 
 

@@ -1,5 +1,6 @@
 """Other methods for the same scenes, behind the same call: one a file, found by name."""
 
+from dataclasses import replace
 from importlib import import_module
 
 from vrte.arrays import Array
@@ -26,4 +27,8 @@ def solve(request: Request, run: Run, progress: Progress | None = None) -> tuple
     where it does not take the scene or what is asked for."""
     method = method_of(request.method)
     settings = method.checked(request)
-    return method.solve(request, settings, run, progress)
+    mu, found = method.solve(request, settings, run, progress)
+    if request.method_rule:
+        ruled = {"method_rule": request.method_rule, "accuracy": request.accuracy, "promised": True, "notes": []}
+        found = replace(found, diagnostics=found.diagnostics | ruled)
+    return mu, found

@@ -32,6 +32,7 @@ from vrte.scene import MuellerBase, Scene
 
 LARGEST_RESIDUAL = 1e-8  # of the eigenvectors
 ROUNDING = 1e-13  # of the largest eigenvalue: below zero by no more
+THIN = 1.0  # optical thickness
 LARGEST_CONDITION = 1e8  # of T_minus, for the propagator
 Field = tuple[Operator, Operator]  # light going up and down that a beam makes
 
@@ -86,7 +87,7 @@ class Matter:
         even, odd = Ze.plus_one().solve(Ze.times(0.0).plus_one()), Zo.plus_one()
         T = odd.solve(self.modes.function(Fading(thickness, 0.0).through)) @ even
         # both are R: the first keeps the digits of a thin slab, the second of a thick one, whose Zo is large
-        R = odd.solve(Zo - Ze) @ even if thickness < 1.0 else Ze.plus_one(-1.0) @ even - T
+        R = odd.solve(Zo - Ze) @ even if thickness < THIN else Ze.plus_one(-1.0) @ even - T
         return Slab(R, T, R, T)
 
     def inside(self, thickness: float, depth: float, down: Operator, up: Operator) -> Field:

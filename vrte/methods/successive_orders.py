@@ -147,11 +147,13 @@ class Light:
 
 @dataclass(eq=False)
 class Convergence:
-    """Orders of scattering summed, at most, over all Fourier orders; what the last one added, relative to the largest
-    light of Fourier order 0, and what those left out would add as a geometric series; whether that is little enough."""
+    """Orders of scattering summed, at most of any Fourier order and of all together; what the last one added, relative
+    to the largest light of Fourier order 0, and what those left out would add as a geometric series; whether that is
+    little enough."""
 
     largest: float = 0.0
     used: int = 1
+    total: int = 0
     last: float = 0.0
     remainder: float = 0.0
     converged: bool = True
@@ -167,6 +169,7 @@ class Convergence:
             self.largest = total.largest
         remainder = self.remainder_of(added, total, order)
         self.used = max(self.used, len(added))
+        self.total += len(added)
         self.last = max(self.last, added[-1] / self.largest if self.largest > 0.0 else 0.0)
         self.remainder = max(self.remainder, remainder)
         self.converged = self.converged and remainder <= tolerance
@@ -175,6 +178,7 @@ class Convergence:
         """In words and numbers."""
         found: dict[str, Any] = {
             "scattering_orders": self.used,
+            "scatterings": self.total,
             "last_ratio": self.last,
             "remainder": self.remainder,
             "converged": self.converged,

@@ -24,6 +24,7 @@ from vrte.errors import SceneError
 from vrte.methods import diffusion, two_stream
 from vrte.methods.common import diagnostics_of, light, summed
 from vrte.methods.method import Method, Setting, Settings
+from vrte.methods.on_nodes import tell
 from vrte.methods.small_angle import expansions
 from vrte.methods.two_fluxes import base_albedo_of, cut_to_two, kernels_of
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -71,7 +72,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
             given = request.scene, request.mu0, request.columns, mu[rank], request.tau
             problem = discretise(*given, request.nodes or NODES, "all")
         with single_threaded():
-            kernels = iterated(request, problem, regular, iterations, settings["depths"], run)
+            kernels = iterated(request, problem, regular, iterations, settings["depths"], run, progress)
     orders = np.arange(len(kernels), dtype=np.int32)
     parts = summed(request, problem, mu, [light(orders, kernels)], run, bool(problem.fraction.any()))
     I = request.columns[:, 0]
@@ -165,7 +166,15 @@ def grid_of(request: Request, problem: Problem, depths: int) -> Grid:
     return Grid(layer, tau, depth, np.array(asked))
 
 
-def iterated(request: Request, problem: Problem, regular: str, iterations: int, depths: int, run: Run) -> Array:
+def iterated(
+    request: Request,
+    problem: Problem,
+    regular: str,
+    iterations: int,
+    depths: int,
+    run: Run,
+    progress: Progress | None = None,
+) -> Array:
     """Multiply scattered light of the problem's orders as `light` takes it, (order, n_tau, n_in, n_col, n_out, 4)."""
     if not np.isfinite(request.scene.thickness):
         raise SceneError(
@@ -186,10 +195,12 @@ def iterated(request: Request, problem: Problem, regular: str, iterations: int, 
     source = np.array([guess(problem, grid, moments, tables, m, first, members) for m in orders])
     beam = np.array([once(problem, grid, m, nodes, members) for m in orders]) if iterations > 1 else source
     for step in range(iterations - 1):
+        tell(run, progress, step, iterations)
         field = swept(grid, nodes, source + beam, base_light + direct)
         source = scattered(grid, towards if step == iterations - 2 else on_nodes, field)
         flux = field[0, :, :, -1, : problem.nodes.size, 0] @ (problem.weights * problem.nodes)
         base_light = 2.0 * albedo * flux
+    tell(run, progress, iterations, iterations)
     found = swept(grid, out, source, base_light)[:, :, :, grid.asked]
     kernels = np.zeros((*found.shape[:-1], 4))
     kernels[..., members] = found

@@ -26,7 +26,13 @@ from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.single_scattering import distance
 from vrte.discrete_ordinates.small_angle import Ray, exp_difference
 from vrte.discrete_ordinates.solver import Solution
-from vrte.discrete_ordinates.truncating import BoolArray, Truncation, choose_truncation, spread_towards
+from vrte.discrete_ordinates.truncating import (
+    BoolArray,
+    Truncation,
+    choose_truncation,
+    flux_of_the_peak,
+    spread_towards,
+)
 from vrte.errors import SceneError
 from vrte.methods.common import NODES, diagnostics_of, light, summed
 from vrte.request import Request
@@ -321,9 +327,10 @@ def result(
     run: Run,
     start: float,
 ) -> tuple[Array, Solution]:
-    """Of orders (n_tau, n_in, n_out) and fluxes up and down (n_tau, n_in, n_col)."""
+    """Of orders (n_tau, n_in, n_out) and fluxes down and up (n_tau, n_in) of the layers as they were cut."""
     kernels = light(np.arange(len(orders)), kernels_of(problem, orders))
     parts = summed(request, problem, mu, [kernels], run, spread_of(request, problem, mu))
     truncation = truncation_of(request, mu).name
     diagnostics = diagnostics_of(request, problem, run, start, orders=len(orders), truncation=truncation)
-    return mu, Solution(parts, *fluxes, diagnostics)
+    down, up = (flux[..., None] * problem.columns[:, 0] for flux in fluxes)
+    return mu, Solution(parts, up, down + flux_of_the_peak(problem, request.tau), diagnostics)

@@ -12,7 +12,6 @@ from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import Problem, Progress, Run
 from vrte.discrete_ordinates.small_angle import Ray
 from vrte.discrete_ordinates.solver import Solution
-from vrte.discrete_ordinates.truncating import flux_of_the_peak
 from vrte.errors import SceneError
 from vrte.methods.method import Method, Settings
 from vrte.methods.two_fluxes import (
@@ -40,9 +39,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     base_albedo = base_albedo_of(request)
     pile = pile_of(problem, base_albedo)
     orders = field_of(problem, pile, base_albedo)
-    down, up = (flux[..., None] * problem.columns[:, 0] for flux in fluxes_of(problem, pile))
-    fluxes = up, down + flux_of_the_peak(problem, request.tau)
-    return result(request, problem, mu, orders, fluxes, run, start)
+    return result(request, problem, mu, orders, fluxes_of(problem, pile), run, start)
 
 
 def pile_of(problem: Problem, base_albedo: float) -> Pile:

@@ -8,13 +8,16 @@ P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.arrays import Array, frozen, length, listed, number, numbers, settled, shown, vector, whole
 from vrte.errors import SceneError
 from vrte.optics.spherical_functions import wigner_functions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)  # cosine ascending
 MOST_TERMS = 100_000  # more than any particle has that can be computed; as many take seconds to check
@@ -104,6 +107,17 @@ class PhaseMatrix:
         for row, column in np.ndindex(4, 4):
             matrix[ascending, row, column] = elements[row][column]
         return matrix.reshape(*angles.shape, 4, 4)
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import phase_matrix_html
+
+        return phase_matrix_html(self)
+
+    def plot(self) -> "Figure":
+        """F11 and the other elements over it against the scattering angle. MissingExtraError without "plot"."""
+        from vrte.report.phase_pictures import phase_matrix_figure
+
+        return phase_matrix_figure(self)
 
     def _elements(self, cosine: Array) -> Array:
         """a1, a2, a3, a4, b1, b2 as functions of the scattering angle's cosine (n,), ascending: (6, n)."""

@@ -10,10 +10,12 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.brdf import Brdf
-from vrte.errors import MissingExtraError, SceneError
+from vrte.errors import SceneError
 from vrte.field import Field
 from vrte.formats.atomic import atomic_write
+from vrte.over_hemisphere import check_directions, stokes_over_hemisphere
 from vrte.polarization import degree_of_polarization
+from vrte.report.pictures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,7 +56,7 @@ def brdf_figure(brdf: Brdf) -> "Figure":
     chosen = spread(brdf.mu_i.size, MOST_LOBES)
     lobes = [hemisphere(brdf, place) for place in chosen]
     scale = max(float(radius.max()) for radius, _ in lobes) or 1.0  # a dark scene is drawn as a point
-    figure = _figure(width=max(4.6 * len(chosen), 6.4), height=8.2)
+    figure = new_figure(width=max(4.6 * len(chosen), 6.4), height=8.2)
     colours = _colours(max(float(polarized[FINE_THETA <= COLOURED_TO].max()) for _, polarized in lobes))
     for column, (place, (radius, polarized)) in enumerate(zip(chosen, lobes, strict=True)):
         axes: Any = figure.add_axes(_slot(column, len(chosen), 0.36, 0.56), projection="3d")
@@ -70,15 +72,11 @@ def brdf_figure(brdf: Brdf) -> "Figure":
 def hemisphere(brdf: Brdf, place: int) -> tuple[Array, Array]:
     """f00 and the degree of linear polarization on a fine grid, (theta, phi) of FINE_THETA and FINE_PHI.
 
-    Unpolarized light falls in at ``mu_i[place]``. Splines run through the given directions: periodic in azimuth,
-    and over the pole along great circles, so that the lobe has no dent there. Nearer to the horizon than the last
-    mu_o there is nothing to show: the edge value is kept.
+    Unpolarized light falls in at ``mu_i[place]``; between the given directions as `stokes_over_hemisphere` says.
     """
-    intensity, q, u = np.moveaxis(brdf.mueller[place, :, :, :3, 0], -1, 0)
-    # Q and U of axes that do not turn with the azimuth: smooth at the pole, where meridian planes are not
-    polarized = (q + 1j * u) * np.exp(-2j * np.radians(brdf.phi))
-    radius = np.maximum(_on_fine_grid(brdf, intensity).real, 0.0)
-    colour = np.abs(_on_fine_grid(brdf, polarized)) / np.where(radius > 0.0, radius, np.inf)
+    stokes = stokes_over_hemisphere(brdf, place, FINE_THETA, FINE_PHI)
+    radius = np.maximum(stokes[..., 0], 0.0)
+    colour = np.hypot(stokes[..., 1], stokes[..., 2]) / np.where(radius > 0.0, radius, np.inf)
     return radius, np.clip(colour, 0.0, 1.0)
 
 
@@ -89,67 +87,6 @@ def spread(size: int, most: int) -> list[int]:
     ([0, 4, 8], [0, 1])
     """
     return sorted({round(place) for place in np.linspace(0, size - 1, min(size, most)).tolist()})
-
-
-def _on_fine_grid(brdf: Brdf, values: Any) -> Any:
-    """``values`` (mu_o, phi) on the fine grid, completed by mirror symmetry where azimuths are missing."""
-    from scipy.interpolate import CubicSpline
-
-    azimuths, around = _full_circle(brdf.phi, values)
-    theta, rows = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
-    around = CubicSpline(azimuths, around[rows], axis=1, bc_type="periodic")(_wrapped(azimuths[0]))
-    return _over_the_pole(theta, around)
-
-
-def check_directions(mu_o: Any, phi: Any) -> None:
-    """Raises SceneError where there are too few directions for a picture of the lobes.
-
-    >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
-    """
-    azimuths, _ = _full_circle(np.atleast_1d(phi), np.zeros((1, np.size(phi))))
-    if azimuths.size < 5 or np.unique(mu_o).size < 2:
-        raise SceneError(
-            "a picture of the lobes needs at least 2 different mu_o and 3 different phi_deg from 0 to 180 (of the "
-            "others, the mirror images are taken)"
-        )
-
-
-def _full_circle(phi: Array, values: Any) -> tuple[Array, Any]:
-    """Ascending azimuths over one turn, both ends included, and the values there (complex ones: Q + iU).
-
-    Mirror symmetry, f(-phi) = D f(phi) D, makes I and Q even in phi and U odd.
-    """
-    azimuths, columns = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
-    both = np.concatenate([values, np.conj(values)], axis=1)[:, columns]
-    return np.append(azimuths, azimuths[0] + 360.0), np.append(both, both[:, :1], axis=1)
-
-
-def _wrapped(first: float) -> Array:
-    """The fine azimuths within the turn that starts at ``first``."""
-    return first + (FINE_PHI - first) % 360.0
-
-
-def _over_the_pole(theta: Array, around: Any) -> Any:
-    """(theta, phi) from ``around`` (theta given, phi), splined along great circles: half a turn away is negative."""
-    from scipy.interpolate import CubicSpline
-
-    half = FINE_PHI.size // 2
-    opposite = np.concatenate([around[:, half:-1], around[:, : half + 1]], axis=1)
-    behind = theta > 1e-6  # the pole itself counts once
-    ordinates = np.concatenate([opposite[behind][::-1], around])
-    circle = CubicSpline(np.concatenate([-theta[behind][::-1], theta]), ordinates, axis=0)
-    return circle(np.minimum(FINE_THETA, theta[-1]))
-
-
-def _figure(width: float, height: float) -> "Figure":
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("a picture", "plot") from error
-    figure = Figure(figsize=(width, height), facecolor="white")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def _slot(
@@ -256,14 +193,16 @@ def _colour_bar(figure: Any, colours: Any) -> None:
 def field_figure(field: Field) -> "Figure":
     """I and the degree of polarization against mu: a column an azimuth, a line a depth.
 
-    Raises MissingExtraError.
+    Raises SceneError for a field of fluxes alone, MissingExtraError without matplotlib.
     """
+    if not field.mu.size:
+        raise SceneError("a picture of a field needs directions mu: this one holds fluxes alone")
     azimuths, depths = spread(field.phi.size, MOST_AZIMUTHS), spread(field.tau.size, MOST_DEPTHS)
-    figure = _figure(width=max(4.4 * len(azimuths), 6.4), height=6.6)
+    figure = new_figure(width=max(4.4 * len(azimuths), 6.4), height=6.6)
     panels: Any = figure.subplots(2, len(azimuths), sharex=True, sharey="row", squeeze=False)
     for column, azimuth in zip(panels.T, azimuths, strict=True):
         for order, depth in enumerate(depths):
-            _draw_depth(column, field, depth, azimuth, _depth_colour(order, len(depths)))
+            draw_depth(column, field, depth, azimuth, depth_colour(order, len(depths)))
         column[0].set_title(f"$\\phi$ = {field.phi[azimuth]:g}°", fontsize=11)
         column[1].set_xlabel("$\\mu$  (< 0 down, > 0 up)", fontsize=10)
     panels[0, 0].set_ylabel("I  [W m$^{-2}$ sr$^{-1}$]", fontsize=10)
@@ -278,18 +217,16 @@ def field_figure(field: Field) -> "Figure":
     return figure
 
 
-def _depth_colour(order: int, count: int) -> Any:
+def depth_colour(order: int, count: int) -> Any:
     from matplotlib import colormaps
 
     return colormaps[COLOURS](0.9 * order / max(count - 1, 1))
 
 
-def _draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any) -> None:
+def draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any) -> None:
     """One depth at one azimuth; down and up are separate lines, because the radiance may jump at the horizon."""
-    intensity, polarization = (
-        field.stokes[depth, :, azimuth, 0],
-        degree_of_polarization(field.stokes)[depth, :, azimuth],
-    )
+    stokes = field.stokes[depth, :, azimuth]
+    intensity, polarization = stokes[:, 0], degree_of_polarization(stokes)
     label: str | None = f"$\\tau$ = {field.tau[depth]:g}"
     for side in (field.mu < 0.0, field.mu > 0.0):
         order = np.flatnonzero(side)[np.argsort(field.mu[side], kind="stable")]

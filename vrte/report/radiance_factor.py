@@ -96,6 +96,9 @@ def figure_1() -> "Figure":
     figure = Figure(figsize=(6.4, 6.4), layout="constrained")
     panel: Any = figure.add_subplot(projection="polar")
     panel.set_theta_zero_location("S")  # straight down
+    marks = range(0, 360, 45)
+    panel.set_thetagrids(marks, [f"{angle if angle <= 180 else angle - 360}°" for angle in marks])
+    panel.set_rlabel_position(157.5)  # where little light goes
     for lobe, share, colour in zip(inside(), SHARES, LINES, strict=True):
         closed = [*range(lobe.angle.size), 0]
         size = lobe.radiance[closed] / lobe.radiance.max()
@@ -117,6 +120,7 @@ def figure_2() -> "Figure":
             panel.semilogy(lobe.angle, positive(lobe.radiance), color=COMPARED[method], linewidth=1.2, label=method)
         panel.set_title(f"g = {ASYMMETRY:g}, albedo {ALBEDO:g}, thickness {thickness:g}", fontsize=10)
         panel.set_xlabel("angle from straight down [degrees]")
+        panel.set_xticks(range(-90, 91, 30))
         panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)
     panels[0].set_ylabel("radiance for a flux of 1 across the beam [1/sr]")
     panels[0].legend(fontsize=8, frameon=False)

@@ -1,9 +1,9 @@
 """Between the scenes of a table: piecewise cubic, in variables in which light is smooth, and how far that is wrong.
 
-Along an axis that is positive and spans a decade or more the logarithm counts, along others the value itself: particles of
-0.1 and 1 um differ as those of 1 and 10 um do, wavelengths within the visible are as good as evenly spaced. Of a Mueller
-matrix the logarithm of f_00, which then stays positive, and the others over f_00, which hardly change where the brightness
-does; of a transmittance the logarithm, which is linear in the depth.
+Along an axis that is positive and spans a decade or more the logarithm counts, along others the value itself: particles
+of 0.1 and 1 um differ as those of 1 and 10 um do, wavelengths within the visible are as good as evenly spaced. Of a
+Mueller matrix the logarithm of f_00, which then stays positive, and the others over f_00, which hardly change where the
+brightness does; of a transmittance the logarithm, which is linear in the depth.
 """
 
 import json
@@ -135,10 +135,16 @@ def between(near: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.Data
         brightness = near[..., :1, :1]
         if bool((brightness > 0.0).all()):
             ratios = summed(near / brightness.values, weights)
-            return (ratios * np.exp(summed(np.log(brightness), weights)).values).transpose(*dims)
+            return (ratios * exponential(brightness, weights).values).transpose(*dims)
     elif bool((near > 0.0).all()):
-        return np.exp(summed(np.log(near), weights)).transpose(*dims)
+        return exponential(near, weights).transpose(*dims)
     return summed(near, weights).transpose(*dims)
+
+
+def exponential(values: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
+    """Of the sum of logarithms."""
+    total = summed(values.copy(data=np.log(values.values)), weights)
+    return total.copy(data=np.exp(total.values))
 
 
 def summed(values: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":

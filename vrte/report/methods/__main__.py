@@ -1,4 +1,4 @@
-"""`python -m vrte.report.methods docs/methods.md` brings the table of methods there up to date."""
+"""`python -m vrte.report.methods docs/methods.md` brings the tables of methods and rules there up to date."""
 
 import sys
 

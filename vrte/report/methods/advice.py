@@ -1,4 +1,4 @@
-"""What to take for how much: the Pareto front of a scene, and a sentence a scene."""
+"""What to take for how much: the Pareto front of a scene, and a sentence a scene; of vrte, its peers beside it."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ COARSE = 1e-2  # what synthetic iteration is held to
 
 
 def front(rows: Sequence[Row]) -> list[Row]:
-    """The runs that no other one beats in both time and error, slowest last.
+    """The runs of vrte that no other one beats in both time and error, slowest last.
 
     >>> some = [Row("s", "c", "m", str(k), "measured", t, i_max=e, q_max=0.0, u_max=0.0, v_max=0.0)
     ...         for k, (t, e) in enumerate([(1.0, 1e-3), (2.0, 1e-6), (3.0, 1e-5)])]
@@ -19,15 +19,25 @@ def front(rows: Sequence[Row]) -> list[Row]:
     ['0', '1']
     """
     found: list[Row] = []
-    for row in sorted((row for row in rows if row.is_measured), key=lambda row: (row.seconds, row.worst)):
+    for row in sorted(candidates(rows), key=lambda row: (row.seconds, row.worst)):
         if row.worst < (found[-1].worst if found else math.inf):  # NaN is no better than anything
             found.append(row)
     return found
 
 
+def candidates(rows: Sequence[Row]) -> list[Row]:
+    """What can be advised: runs of vrte that were measured."""
+    return [row for row in rows if row.is_measured and not row.is_peer]
+
+
 def quickest(rows: Sequence[Row], target: float) -> Row | None:
-    """The run of least time whose error of every Stokes parameter is at most the target; None without one."""
-    good = [row for row in rows if row.is_measured and row.worst <= target]
+    """The run of vrte of least time whose error of every Stokes parameter is at most the target; None without one."""
+    return least(candidates(rows), target)
+
+
+def least(rows: Sequence[Row], target: float) -> Row | None:
+    """The one of least time that reaches the target."""
+    good = [row for row in rows if row.worst <= target]
     return min(good, key=lambda row: row.seconds, default=None)
 
 
@@ -66,6 +76,17 @@ def beside_exact(rows: Sequence[Row], method: str = "synthetic-iteration", targe
         f"({exact.curve}, {exact.setting}) {time_text(exact.seconds)}, "
         f"{exact.seconds / other.seconds:.2g} times as much."
     )
+
+
+def beside_peers(rows: Sequence[Row], target: float) -> str:
+    """How each peer that reaches the target stands to what would be advised; empty where none does."""
+    ours, texts = quickest(rows, target), []
+    for name in dict.fromkeys(row.curve for row in rows if row.is_peer):
+        found = least([row for row in rows if row.curve == name and row.is_measured], target)
+        if found is not None and within_of(rows) <= target:
+            beside = f", {found.seconds / ours.seconds:.2g} times as long" if ours else ""
+            texts.append(f"{name} with {found.setting} takes {time_text(found.seconds)}{beside}")
+    return f"Beside vrte, for {target:.0e}: {'; '.join(texts)}." if texts else ""
 
 
 def refusals(rows: Sequence[Row]) -> dict[str, str]:

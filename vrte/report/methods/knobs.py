@@ -7,7 +7,9 @@ from typing import Any
 
 from vrte.errors import DeviceError
 from vrte.methods import method_of
-from vrte.request import EXACT, METHODS
+from vrte.report.methods import peers
+from vrte.report.methods.score import EXPONENTS, EXPONENTS_QUICK
+from vrte.request import AUTO, EXACT, METHODS
 
 Options = Mapping[str, Any]  # keywords of vrte.radiance
 
@@ -22,15 +24,16 @@ class Setting:
 
 @dataclass(frozen=True)
 class Curve:
-    """A method over its knob."""
+    """A method, or a peer, over its knob; ``made_by``: a peer's version."""
 
     name: str
     method: str
     settings: tuple[Setting, ...]
+    made_by: str = ""
 
     def key(self, setting: Setting) -> str:
         """Of one point, whatever the order of its keywords."""
-        return json.dumps([self.name, self.method, setting.label, setting.options], sort_keys=True)
+        return json.dumps([self.name, self.method, setting.label, setting.options, self.made_by], sort_keys=True)
 
 
 def over_nodes(counts: tuple[int, ...], **options: Any) -> tuple[Setting, ...]:
@@ -122,8 +125,23 @@ def other_curves(quick: bool) -> tuple[Curve, ...]:
         if method == EXACT:
             continue
         for name, settings in KNOBS.get(method, ((method, over_nodes(NODES)),)):
-            half = len(settings) // 2
-            found.append(Curve(name, method, settings[: half + 1 : max(1, half)] if quick else settings))
+            found.append(Curve(name, method, coarse_and_middle(settings) if quick else settings))
+    return tuple(found)
+
+
+def coarse_and_middle(settings: tuple[Setting, ...]) -> tuple[Setting, ...]:
+    """The first setting and the one halfway."""
+    half = len(settings) // 2
+    return settings[: half + 1 : max(1, half)]
+
+
+def peer_curves(quick: bool) -> tuple[Curve, ...]:
+    """Of every peer that is installed, over its streams, two for a node of a hemisphere."""
+    found = []
+    for peer in peers.installed():
+        settings = tuple(Setting(f"{streams} streams", {"streams": streams}) for streams in peer.streams)
+        settings = coarse_and_middle(settings) if quick else settings
+        found.append(Curve(f"{peer.name}{peer.lacks}", peer.name, settings, peer.made_by))
     return tuple(found)
 
 
@@ -133,7 +151,12 @@ def curves(quick: bool = False) -> tuple[Curve, ...]:
     >>> [curve.name for curve in curves(quick=True)][0]
     'discrete-ordinates, modes'
     """
-    return (*exact_curves(quick), *other_curves(quick))
+    return (*exact_curves(quick), *other_curves(quick), auto_curve(quick), *peer_curves(quick))
+
+
+def auto_curve(quick: bool) -> Curve:
+    """Whatever the rules take, over the accuracy asked for; its rows say which method that was."""
+    return Curve(AUTO, AUTO, over_accuracies(EXPONENTS_QUICK if quick else EXPONENTS))
 
 
 def device_name() -> str | None:

@@ -3,15 +3,19 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from vrte.arrays import Array
 from vrte.errors import AccuracyError, SceneError
 from vrte.field import Field
-from vrte.report.methods.knobs import Curve, Setting
+from vrte.report.methods import peers
+from vrte.report.methods.knobs import Curve, Options, Setting
+from vrte.report.methods.operations import operations
 from vrte.report.methods.records import (
     FAILED,
     LEFT_OUT,
@@ -26,6 +30,7 @@ from vrte.report.methods.records import (
 )
 from vrte.report.methods.reference import Reference, answered, ask, reference
 from vrte.report.methods.scenes import Case, case
+from vrte.request import AUTO
 
 CSV = "methods.csv"
 Told = Callable[[int, int, str], None]
@@ -126,16 +131,17 @@ def along(one: Case, curve: Curve, right: Reference, pace: Pace, known: dict[str
 
 def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, blank: Row) -> Row:
     """A run: refused, failed, or its seconds and errors."""
-    options: dict[str, Any] = {"method": method, "threads": 1, **setting.options}
     try:
         with threadpool_limits(1):
-            field, seconds = timed(one, options, pace)
+            field, seconds = timed(solver(one, method, setting.options), pace)
     except SceneError as error:
         return replace(blank, status=f"{REFUSED}: {error}")
-    except (AccuracyError, ArithmeticError) as error:
+    except (AccuracyError, ArithmeticError, peers.PeerError) as error:
         return replace(blank, status=f"{FAILED}: {error}")
+    taken = field.diagnostics["method"] if method == AUTO else method
     return replace(
         blank,
+        method=taken,
         status=MEASURED,
         seconds=float(np.median(seconds)),
         least=min(seconds),
@@ -143,33 +149,51 @@ def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, 
         rounds=len(seconds),
         nodes=int(field.diagnostics.get("nodes", 0)),
         orders=int(field.diagnostics.get("orders", 0)),
+        operations=operations(one, taken, {"method": method, **setting.options}, field),
         reference_within=right.within,
-        **errors(one, field, right),
+        **errors(one, field, right, blank.is_peer),
     )
 
 
-def timed(one: Case, options: dict[str, Any], pace: Pace) -> tuple[Field, list[float]]:
+def solver(one: Case, method: str, options: Options) -> Callable[[], Field]:
+    """What is timed. Raises SceneError, PeerError where a peer does not get that far."""
+    if method in peers.PEERS:
+        return peers.solver(method, one.asked, **options)
+    return partial(ask, one, method=method, threads=1, **options)
+
+
+def timed(solve: Callable[[], Field], pace: Pace) -> tuple[Field, list[float]]:
     """The field, and the seconds of each round."""
     seconds, rounds = list[float](), 1
     while len(seconds) < rounds:
         start = time.perf_counter()
-        field = ask(one, **options)
+        field = solve()
         seconds.append(time.perf_counter() - start)
         if len(seconds) == 1 and seconds[0] < pace.alone:
             rounds = 1 + min(pace.most, max(pace.fewest, int(pace.seconds / seconds[0])))
     return field, seconds[1:] or seconds
 
 
-def errors(one: Case, field: Field, right: Reference) -> dict[str, Any]:
-    """Of I, Q, U, V, largest and root mean square over directions (the larger of the depths), and of energy."""
+def errors(one: Case, field: Field, right: Reference, is_partial: bool = False) -> dict[str, Any]:
+    """Of I, Q, U, V, largest and root mean square over directions (the larger of the depths), and of energy.
+
+    ``is_partial``: what is NaN was not to be found and does not count; otherwise it makes the error NaN.
+    """
     found = answered(one, field, right.largest)
     gaps = np.abs(found.light - right.answer.light)
     level = np.nonzero(one.outgoing)[0]
-    by_depth = [gaps[level == place] for place in range(len(one.tau))]
     result = {}
     for place, letter in enumerate(STOKES):
-        result[f"{letter}_max"] = float(gaps[..., place].max())
-        result[f"{letter}_rms"] = float(max(np.sqrt(np.mean(part[..., place] ** 2)) for part in by_depth))
-    if one.is_conservative:
+        by_depth = [told(gaps[level == depth, :, place], is_partial) for depth in range(len(one.tau))]
+        by_depth = [part for part in by_depth if part.size] or [np.array([np.nan])]
+        result[f"{letter}_max"] = float(max(part.max() for part in by_depth))
+        result[f"{letter}_rms"] = float(max(np.sqrt(np.mean(part**2)) for part in by_depth))
+    lost = told(found.shares - right.answer.shares, is_partial)
+    if one.is_conservative and lost.size == found.shares.size:
         return result | {"energy": float(abs(1.0 - found.shares.sum()))}
-    return result | {"energy": float(np.abs(found.shares - right.answer.shares).max())}
+    return result | {"energy": float(np.abs(lost).max())}
+
+
+def told(values: Array, is_partial: bool) -> Array:
+    """The values, (any,), without those that are NaN where that is no error."""
+    return values[~np.isnan(values)] if is_partial else values.ravel()

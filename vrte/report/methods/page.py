@@ -2,6 +2,7 @@
 
 import html
 import json
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from vrte.errors import MissingExtraError
 from vrte.formats.atomic import atomic_write
+from vrte.report.methods import peers
 from vrte.report.methods.advice import (
     TARGETS,
     advice,
     beside_exact,
+    beside_peers,
     front,
     quickest,
     refusals,
@@ -23,6 +26,7 @@ from vrte.report.methods.advice import (
 from vrte.report.methods.records import STOKES, Row
 from vrte.report.methods.reference import slug
 from vrte.report.methods.scenes import case
+from vrte.report.methods.score import score_html, score_text
 from vrte.report.pages import made_with
 from vrte.report.pictures import FAINT, require_pictures, save
 
@@ -33,7 +37,7 @@ PAGE = "methods.html"
 SMALLEST = 1e-17  # where an error of 0 is drawn on a logarithmic axis
 COLOURS = (
     *("#1f4e79", "#d98200", "#2a8f5b", "#b3262e", "#7a4fa3", "#00838f", "#8d6e63", "#c2185b", "#5c6b2f", "#455a64"),
-    *("#e65100", "#3949ab", "#00695c", "#ad1457"),
+    *("#e65100", "#3949ab", "#00695c", "#ad1457", "#00a3e0", "#7cb342", "#f06292", "#a1887f", "#9e9d24"),
 )
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")  # matplotlib
 SYMBOLS = (
@@ -60,11 +64,14 @@ MEASURES = (
 LEGEND = (
     "Errors: largest over directions, relative to the largest I at each depth. Energy: what a conservative scene "
     "loses, else the error of reflected and transmitted flux, both relative to the incident flux. The grey band is the "
-    "Pareto front: no run is both quicker and closer."
+    "Pareto front of the largest error: no run of vrte is both quicker and closer; the dotted line is what the "
+    "reference is known to. Broken grey lines are other codes on one thread, each over its streams: a call with all "
+    "that another scene needs anew; errors are of what the code finds."
 )
+PEER_COLOURS = ("#222222", "#6a6a6a", "#9a9a9a")
 STYLE = """body{font:16px/1.5 sans-serif;max-width:72em;margin:1em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;font-size:14px}td,th{border:1px solid #bbb;padding:.2em .5em;text-align:left}
-.plot{height:36em}details{font-size:14px}"""
+.plot{height:40em}details{font-size:14px}"""
 SCRIPT = """for (const [id, figure] of Object.entries(FIGURES))
   Plotly.newPlot(id, figure.data, figure.layout, {responsive: true, displaylogo: false});"""
 
@@ -118,18 +125,34 @@ def styles(rows: Sequence[Row]) -> dict[str, int]:
     return {name: place for place, name in enumerate(dict.fromkeys(row.curve for row in rows))}
 
 
+def colour_of(rows: Sequence[Row], place: int) -> str:
+    """Of a curve; peers are grey."""
+    peer = rows[0].method if rows[0].is_peer else None
+    return PEER_COLOURS[list(peers.PEERS).index(peer)] if peer else COLOURS[place % len(COLOURS)]
+
+
 def shown(error: float) -> float:
     """Where an error is drawn."""
     return max(error, SMALLEST)
 
 
+def or_dash(value: float) -> str:
+    """Two digits, a dash for NaN.
+
+    >>> or_dash(0.00123), or_dash(math.nan)
+    ('1.2e-03', '-')
+    """
+    return "-" if math.isnan(value) else f"{value:.1e}"
+
+
 def hover(row: Row) -> str:
     """What a point tells."""
-    errors = ", ".join(f"{letter.upper()} {getattr(row, f'{letter}_max'):.1e}" for letter in STOKES)
+    errors = ", ".join(f"{letter.upper()} {or_dash(getattr(row, f'{letter}_max'))}" for letter in STOKES)
     spread = f"{time_text(row.least)} to {time_text(row.greatest)}, {row.rounds} rounds"
     return (
         f"<b>{html.escape(row.curve)}</b><br>{html.escape(row.setting)}<br>{time_text(row.seconds)} ({spread})<br>"
-        f"largest errors: {errors}<br>root mean square of I {row.i_rms:.1e}, energy {row.energy:.1e}"
+        f"largest errors: {errors}<br>root mean square of I {or_dash(row.i_rms)}, energy {or_dash(row.energy)}<br>"
+        f"operations: {or_dash(row.operations)}"
     )
 
 
@@ -139,22 +162,38 @@ def as_plotly(rows: Sequence[Row], places: dict[str, int]) -> dict[str, Any]:
     lines = [("Pareto front", best), *by_curve(rows).items()]
     data = [trace(name, some, places.get(name)) for name, some in lines]
     buttons = [
-        {"label": label, "method": "restyle", "args": [{"y": [heights(some, field) for _, some in lines]}]}
+        {
+            "label": label,
+            "method": "update",
+            "args": [{"y": [heights(some, field) for _, some in lines]}, {"yaxis.title.text": label}],
+        }
         for label, field in MEASURES
     ]
     layout = {
-        "xaxis": {"type": "log", "title": {"text": "seconds on one thread"}, "exponentformat": "power"},
-        "yaxis": {"type": "log", "title": {"text": "error"}, "exponentformat": "power"},
+        "xaxis": {"type": "log", "title": {"text": "seconds on one thread"}, "exponentformat": "power", "dtick": "D2"},
+        "yaxis": {"type": "log", "title": {"text": MEASURES[0][0]}, "exponentformat": "power"},
+        "shapes": [reference_line(within_of(rows))],
         "updatemenus": [{"buttons": buttons, "x": 0.0, "xanchor": "left", "y": 1.12, "yanchor": "top"}],
         "hovermode": "closest",
+        "hoverlabel": {"bgcolor": "white", "font": {"color": "#222222"}},
+        "legend": {"font": {"size": 11}},
         "margin": {"t": 50, "r": 20},
     }
     return {"data": data, "layout": layout}
 
 
-def heights(rows: Sequence[Row], field: str) -> list[float]:
-    """Of one measure."""
-    return [shown(getattr(row, field)) for row in rows]
+def reference_line(within: float) -> dict[str, Any]:
+    """Across the figure, where errors cannot be told from the reference's; none where that is not known."""
+    line = {"color": "black", "width": 1, "dash": "dot"}
+    place = shown(within) if math.isfinite(within) else 1.0
+    ends = {"x0": 0.0, "x1": 1.0, "y0": place, "y1": place}
+    return {"type": "line", "xref": "paper", "line": line, "visible": math.isfinite(within), **ends}
+
+
+def heights(rows: Sequence[Row], field: str) -> list[float | None]:
+    """Of one measure; None where it is not known."""
+    values = [getattr(row, field) for row in rows]
+    return [None if math.isnan(value) else shown(value) for value in values]
 
 
 def trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
@@ -164,7 +203,7 @@ def trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
     if place is None:
         line = {"color": FAINT, "width": 9, "shape": "hv"}
         return found | {"mode": "lines", "line": line, "hoverinfo": "skip"}
-    colour = COLOURS[place % len(COLOURS)]
+    colour = colour_of(rows, place)
     spread = {
         "type": "data",
         "symmetric": False,
@@ -175,7 +214,7 @@ def trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
     }
     return found | {
         "mode": "lines+markers",
-        "line": {"color": colour, "width": 1.2},
+        "line": {"color": colour, "width": 1.2, "dash": "dash" if rows[0].is_peer else "solid"},
         "marker": {"color": colour, "symbol": SYMBOLS[place % len(SYMBOLS)], "size": 9},
         "error_x": spread,
         "text": [hover(row) for row in rows],
@@ -188,13 +227,14 @@ def as_html(rows: Sequence[Row], settings: str) -> str:
     scenes, places = by_scene(rows), styles(rows)
     figures = {slug(name): as_plotly(some, places) for name, some in scenes.items()}
     data = json.dumps(figures).replace("</", "<\\/")
-    facts = "".join(f"<li>{html.escape(fact)}</li>" for fact in made_with(settings))
+    facts = "".join(f"<li>{html.escape(fact)}</li>" for fact in [*made_with(settings), peers.statement()])
     return "\n".join(
         [
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>vrte: error against run time</title>',
             f"<style>{STYLE}</style></head>\n<body><h1>Error against run time</h1>\n<ul>{facts}</ul>",
             f"<p>{LEGEND}</p>",
             f"<h2>What to take</h2>\n{summary(scenes)}",
+            score_html(rows),
             *(section(name, some) for name, some in scenes.items()),
             f"<script>{plotly_script()}</script>\n<script>const FIGURES = {data};\n{SCRIPT}</script>\n</body></html>\n",
         ]
@@ -228,6 +268,7 @@ def section(name: str, rows: Sequence[Row]) -> str:
     return (
         f'<h2 id="s-{slug(name)}">{html.escape(name)}</h2>\n<p>{html.escape(case(name).words)}; reference known to '
         f"{within_of(rows):.0e}.</p>\n<p><b>{html.escape(sentence(rows))}</b></p>\n"
+        f"<p>{html.escape(' '.join(beside(rows)))}</p>\n"
         f'<div class="plot" id="{slug(name)}"></div>\n{more}'
     )
 
@@ -243,7 +284,8 @@ def as_figure(name: str, rows: Sequence[Row], places: dict[str, int]) -> "Figure
     panel.step(x, y, where="post", color=FAINT, linewidth=7, label="Pareto front", alpha=0.7)
     for curve, some in by_curve(rows).items():
         place = places[curve]
-        style = {"color": COLOURS[place % len(COLOURS)], "marker": MARKERS[place % len(MARKERS)]}
+        style = {"color": colour_of(some, place), "marker": MARKERS[place % len(MARKERS)]}
+        style["linestyle"] = "--" if some[0].is_peer else "-"
         times = [row.seconds for row in some]
         spread = [[row.seconds - row.least for row in some], [row.greatest - row.seconds for row in some]]
         heights_ = [shown(row.worst) for row in some]
@@ -265,5 +307,11 @@ def as_text(rows: Sequence[Row]) -> str:
     lines = []
     for name, some in by_scene(rows).items():
         lines.append(f"  {name} (reference known to {within_of(some):.0e})")
-        lines += [f"    {text}" for text in [*(advice(some, target) for target in TARGETS), beside_exact(some)]]
-    return "\n".join(lines)
+        told = [advice(some, target) for target in TARGETS] + [beside_exact(some), *beside(some)]
+        lines += [f"    {text}" for text in told]
+    return "\n".join(filter(None, [*lines, score_text(rows), f"  {peers.statement()}"]))
+
+
+def beside(rows: Sequence[Row]) -> list[str]:
+    """What peers take, for each target that any reaches."""
+    return [text for text in (beside_peers(rows, target) for target in TARGETS) if text]

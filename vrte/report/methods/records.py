@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 
 import vrte
+from vrte.report.methods.peers import PEERS
 from vrte.report.pages import processor, write_rows
 
 MEASURED, REFUSED, FAILED, LEFT_OUT = "measured", "does not take", "failed", "left out"
@@ -23,7 +24,8 @@ STOKES = "iquv"
 class Row:
     """A run: median, least and greatest seconds of its rounds; errors of I, Q, U, V, largest and root mean square over
     directions, relative to the largest I at each depth, and of energy, relative to the incident flux; what the
-    reference is uncertain by. NaN where there is nothing to tell; ``status`` says why."""
+    reference is uncertain by; floating-point operations as far as they can be counted. NaN where there is nothing to
+    tell; ``status`` says why."""
 
     scene: str
     curve: str
@@ -46,6 +48,7 @@ class Row:
     reference_within: float = np.nan
     nodes: int = 0
     orders: int = 0
+    operations: float = np.nan
     fingerprint: str = ""
 
     @property
@@ -54,9 +57,15 @@ class Row:
         return self.status == MEASURED
 
     @property
+    def is_peer(self) -> bool:
+        """Whether this is another code, not a method of vrte."""
+        return self.method in PEERS
+
+    @property
     def worst(self) -> float:
-        """The largest error of any Stokes parameter."""
-        return float(np.max([self.i_max, self.q_max, self.u_max, self.v_max]))
+        """The largest error of any Stokes parameter; of a peer, of those that it finds."""
+        each = [self.i_max, self.q_max, self.u_max, self.v_max]
+        return float(np.nanmax(each)) if self.is_peer and self.is_measured else float(np.max(each))
 
 
 NAMES = tuple(item.name for item in fields(Row))

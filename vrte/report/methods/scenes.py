@@ -15,6 +15,7 @@ from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, 
 from vrte.optics.size_distribution import Gamma
 from vrte.optics.spheres import Particles, spheres
 from vrte.report.accuracy.scenes import POLARIZED, glass, one_layer, smooth, spheroids
+from vrte.report.methods.peers.asked import Asked
 from vrte.report.stability.phases import haze_l
 from vrte.scene import Lambertian, Layer, Scene
 
@@ -46,6 +47,11 @@ class Case:
     def signed_mu(self) -> Array:
         """The cosines up and, where the bottom is looked at, down, (n_mu,)."""
         return np.array([*self.cosines, *(() if self.top_only else (-mu for mu in self.cosines))])
+
+    @property
+    def asked(self) -> Asked:
+        """For other codes."""
+        return Asked(self.scene, self.mu0, np.array(self.stokes), self.signed_mu, np.array(PHI), np.array(self.tau))
 
     @property
     def is_conservative(self) -> bool:

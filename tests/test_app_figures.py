@@ -1,0 +1,212 @@
+"""The viewer's figures: what they are drawn from is right, they say what they show, and they are small."""
+
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.app import figures
+from vrte.app.lobe_figure import angle_of_facets
+from vrte.quantities import FIELD_QUANTITIES, QUANTITIES
+
+MU_O, PHI = np.linspace(0.05, 1.0, 20), np.arange(0, 361, 15)
+LIGHT = (1.0, 0.2, -0.5, 0.6)
+ANGLE = "angle of linear polarization"
+
+
+@pytest.fixture(scope="module")
+def scene() -> vrte.Scene:
+    return vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.95, thickness=1.0)])
+
+
+@pytest.fixture(scope="module")
+def brdf(scene: vrte.Scene) -> vrte.Brdf:
+    return vrte.brdf(scene, [0.6, 1.0], MU_O, PHI, nodes=8, threads=1)
+
+
+@pytest.fixture(scope="module")
+def field(scene: vrte.Scene) -> vrte.Field:
+    mu = np.concatenate([np.linspace(-1.0, -0.05, 20), np.linspace(0.05, 1.0, 20)])
+    return vrte.radiance(scene, 0.6, mu=mu, phi=[0, 90, 180], tau=[0.0, 0.5, 1.0], nodes=8, threads=1)
+
+
+def body(figure: Any) -> Any:
+    """The lobe: the mesh that tells something."""
+    (mesh,) = [trace for trace in figure.data if trace.type == "mesh3d" and trace.customdata is not None]
+    return mesh
+
+
+def named(figure: Any) -> dict[str, Any]:
+    return {trace.name: trace for trace in figure.data}
+
+
+def test_a_lobe_is_where_the_solver_says(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
+    figure = figures.lobe(brdf, 0, "f00", "f10")
+    mesh = body(figure)
+    some = np.array([100, 1234, 3000, 4000])
+    place = np.stack([mesh.x, mesh.y, mesh.z], axis=-1)[some].astype(float)
+    radius = np.linalg.norm(place, axis=-1)
+    told = np.asarray(mesh.customdata, float)[some]
+    largest = float(mesh.customdata[:, 2].max())
+    for position, size, (mu, phi, height, colour) in zip(place, radius, told, strict=True):
+        exact = vrte.brdf(scene, 0.6, mu, phi, nodes=8, threads=1).mueller[0, 0, 0]
+        assert position[2] / size == pytest.approx(mu, abs=1e-6)
+        assert np.degrees(np.arctan2(position[1], position[0])) % 360.0 == pytest.approx(phi, abs=1e-3)
+        assert size * largest == pytest.approx(exact[0, 0], rel=2e-3)
+        assert (height, colour) == pytest.approx((exact[0, 0], exact[1, 0]), abs=2e-3 * largest)
+    assert np.linalg.norm(np.stack([mesh.x, mesh.y, mesh.z]).astype(float), axis=0).max() == pytest.approx(
+        1.0, abs=1e-6
+    )
+    assert f"{largest:.3g} sr" in figure.layout.title.text
+    assert "Subsurface" in figure.layout.title.text
+
+
+def test_the_sign_is_in_the_colour(brdf: vrte.Brdf) -> None:
+    figure = figures.lobe(brdf, 0, "f10", "f10")
+    mesh = body(figure)
+    assert "|f10|" in figure.layout.title.text
+    assert "absolute value" in mesh.hovertemplate
+    assert mesh.intensity.min() < 0.0 < mesh.intensity.max()
+    assert mesh.cmin == -mesh.cmax
+    np.testing.assert_array_equal(mesh.intensity, mesh.customdata[:, 2])
+
+
+def test_the_mesh_is_closed_around_the_normal(brdf: vrte.Brdf) -> None:
+    mesh = body(figures.lobe(brdf, 0))
+    edges = np.sort(
+        np.concatenate([np.stack(pair, axis=-1) for pair in ((mesh.i, mesh.j), (mesh.j, mesh.k), (mesh.k, mesh.i))])
+    )
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    assert set(count) == {1, 2}
+    assert (count == 1).sum() == 2 * 90  # the pole and the edge at the horizon, nowhere else
+
+
+def test_angles_are_coloured_without_a_seam(brdf: vrte.Brdf) -> None:
+    mesh = body(figures.lobe(brdf, 0, colour=ANGLE, stokes=LIGHT))
+    assert (mesh.intensitymode, mesh.cmin, mesh.cmax) == ("cell", 0.0, 180.0)
+    corners = np.asarray(mesh.customdata)[np.stack([mesh.i, mesh.j, mesh.k], axis=-1), 3]
+    across = np.ptp(corners, axis=1) > 170.0
+    assert across.any()
+    assert (np.abs(mesh.intensity[across] - 90.0) > 70.0).all()  # near 0 or 180, not the colours between
+    assert angle_of_facets(np.array([179.0, 1.0, 3.0, 177.0]), np.array([[0, 1, 2, 3]]))[0] % 180.0 == pytest.approx(
+        0.0
+    )
+
+
+def test_the_incident_light_comes_down_along_phi_0(brdf: vrte.Brdf) -> None:
+    for place, mu_i in enumerate(brdf.mu_i):
+        (cone,) = [trace for trace in figures.lobe(brdf, place).data if trace.type == "cone"]
+        np.testing.assert_allclose([cone.u[0], cone.v[0], cone.w[0]], [np.sqrt(1 - mu_i**2), 0.0, -mu_i], atol=1e-12)
+
+
+def test_quantities_of_each_kind_can_be_drawn_and_are_small(brdf: vrte.Brdf, field: vrte.Field) -> None:
+    for name in ("f00", "f32", *QUANTITIES[-4:]):
+        assert len(figures.lobe(brdf, 0, name, name, LIGHT).to_json()) < 310_000
+        assert len(figures.cuts(brdf, 0, name, LIGHT).to_json()) < 20_000
+    for name in FIELD_QUANTITIES:
+        assert len(figures.field_polar(field, name).to_json()) < 40_000
+
+
+def test_cuts_are_the_matrix_in_both_planes(brdf: vrte.Brdf) -> None:
+    curves = named(figures.cuts(brdf, 0, "f22"))
+    theta = np.degrees(np.arccos(MU_O))
+    for name, azimuth in (("in the plane of incidence", 0), ("across it", 90)):
+        for side, phi in ((1.0, azimuth), (-1.0, azimuth + 180)):
+            at_given = np.interp(side * theta, curves[name].theta, curves[name].r)
+            np.testing.assert_allclose(at_given, brdf.mueller[0, :, phi == PHI, 2, 2][0], atol=2e-4)
+    assert curves["incident light"].theta[0] == pytest.approx(-np.degrees(np.arccos(0.6)))
+
+
+def test_angles_in_a_cut_are_parted_where_they_turn_over(brdf: vrte.Brdf) -> None:
+    for curve in figures.cuts(brdf, 0, ANGLE, LIGHT).data:
+        if curve.mode == "lines":
+            assert not (np.abs(np.diff(np.asarray(curve.r, float))) > 90.0).any()
+
+
+@pytest.mark.parametrize("name", ["I", "Q"])
+def test_polar_diagrams_of_the_field(field: vrte.Field, name: str) -> None:
+    curves = named(figures.field_polar(field, name))
+    for depth, tau in enumerate(field.tau):
+        curve = curves[f"τ = {tau:g}"]
+        for phi, side in ((0, 1.0), (2, -1.0)):
+            for mu, value in zip(field.mu, field.stokes[depth, :, phi, "IQUV".index(name)], strict=True):
+                angle = side * np.degrees(np.arccos(mu))
+                near = np.abs((np.asarray(curve.theta, float) - angle + 180.0) % 360.0 - 180.0) < 1e-3
+                assert np.isclose(curve.r[near], value, rtol=1e-5, atol=1e-9).any()
+    assert ("0" in curves) == (name == "Q")
+    # from the zenith clockwise: the beam goes down, along phi = 0
+    assert curves["where the beam goes"].theta[1] == pytest.approx(180.0 - np.degrees(np.arccos(0.6)))
+
+
+def test_a_button_draws_each_depth_over_its_largest(field: vrte.Field) -> None:
+    figure = figures.field_polar(field)
+    one, each = figure.layout.updatemenus[0].buttons
+    for trace, same, share in zip(figure.data, one.args[0]["r"], each.args[0]["r"], strict=True):
+        drawn = np.asarray(trace.r, float)
+        np.testing.assert_allclose(np.array(same, float), drawn, rtol=1e-4)
+        np.testing.assert_allclose(np.array(share, float), drawn / np.nanmax(drawn), rtol=1e-4)
+    assert not figures.field_polar(field, "Q").layout.updatemenus
+
+
+def test_a_beam_from_below_goes_up(scene: vrte.Scene) -> None:
+    lit = vrte.radiance(scene, 0.6, mu=[-0.5, 0.5], phi=0.0, nodes=4, threads=1, illuminate="bottom")
+    assert named(figures.field_polar(lit))["where the beam goes"].theta[1] == pytest.approx(np.degrees(np.arccos(0.6)))
+
+
+def test_of_many_depths_some_are_shown(scene: vrte.Scene) -> None:
+    field = vrte.radiance(scene, 0.6, mu=[-0.5, 0.5], phi=0.0, tau=np.linspace(0, 1, 40), nodes=4, threads=1)
+    figure = figures.field_polar(field)
+    assert "12 of 40 depths" in figure.layout.title.text
+    assert len(figure.data) == 13
+
+
+def test_coefficients_are_drawn_as_they_are() -> None:
+    curves = figures.coefficients(vrte.rayleigh()).data
+    np.testing.assert_allclose(curves[0].y, [1.0, 0.0, 0.5])
+    np.testing.assert_allclose(curves[1].y, [0.0, 0.0, 3.0])
+    assert [curve.name for curve in curves] == ["a1", "a2", "a3 = 0", "a4", "b1", "b2 = 0"]
+    many = figures.coefficients(vrte.henyey_greenstein(0.99, 4000))
+    assert "the first 2000 of 4000 degrees" in many.layout.title.text
+
+
+def test_the_scattering_matrix_of_a_dipole() -> None:
+    curves = named(figures.scattering_matrix(vrte.rayleigh()))
+    cosine = np.cos(np.radians(np.asarray(curves["F11"].x, float)))
+    np.testing.assert_allclose(curves["F11"].y, 0.75 * (1 + cosine**2), rtol=1e-6)
+    np.testing.assert_allclose(curves["−F12/F11"].y, (1 - cosine**2) / (1 + cosine**2), atol=1e-6)
+    np.testing.assert_allclose(curves["F33/F11"].y, 2 * cosine / (1 + cosine**2), atol=1e-6)
+
+
+def test_a_dark_scene_can_be_drawn() -> None:
+    dark = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.0, thickness=1.0)])
+    brdf = vrte.brdf(dark, 0.6, MU_O, [0, 90, 180], nodes=4, threads=1)
+    for name in ("f00", ANGLE):
+        assert not np.asarray(body(figures.lobe(brdf, 0, name)).z).any()
+        figures.cuts(brdf, 0, name)
+    figures.field_polar(vrte.radiance(dark, 0.6, phi=0.0, nodes=4, threads=1))
+
+
+def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
+    for wrong in (2, -1, 0.5):
+        with pytest.raises(vrte.SceneError, match="place must be a whole number from 0 to 1"):
+            figures.lobe(brdf, wrong)  # type: ignore[arg-type]
+    with pytest.raises(vrte.SceneError, match="a quantity must be one of"):
+        figures.lobe(brdf, 0, height="<b>")
+    with pytest.raises(vrte.SceneError, match="a quantity must be one of I"):
+        figures.field_polar(vrte.radiance(scene, 0.6, nodes=4), "f00")
+    with pytest.raises(vrte.SceneError, match="at least 2 different mu_o"):
+        figures.cuts(vrte.brdf(scene, 0.6, 0.5, PHI, nodes=4), 0)
+    gaps = vrte.Brdf(np.full_like(brdf.mueller, np.nan), brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
+    with pytest.raises(vrte.SceneError, match="finite Mueller matrices"):
+        figures.lobe(gaps, 0)
+    for mu, phi in (([0.5], 90.0), ([], 0.0)):
+        with pytest.raises(vrte.SceneError, match="at phi_deg 0 or 180"):
+            figures.field_polar(vrte.radiance(scene, 0.6, mu=mu, phi=phi, nodes=4))
+
+
+def test_without_plotly_it_says_what_to_install(brdf: vrte.Brdf, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
+    with pytest.raises(vrte.MissingExtraError, match="extra 'app'"):
+        figures.lobe(brdf, 0)

@@ -1,0 +1,271 @@
+"""method="auto": its rules, what they promise, and whether they agree with the report."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import expn
+
+import vrte
+from tests.random_scenes import Asked, asked, faint
+from vrte.cli import main
+from vrte.errors import SceneError
+from vrte.formats.scene_file import SceneFile
+from vrte.methods.auto import QUANTITIES, RULES, caught, fading, scattered_again_over_accuracy, special_wishes, taken
+from vrte.plan_call import request_of
+from vrte.report.methods.records import Row
+from vrte.report.methods.rules import disagreements, rows_of
+from vrte.report.methods.score import score_html, score_markdown, score_rows, score_text
+from vrte.request import EXACT, METHODS, Request
+
+REPORT = Path(__file__).parents[1] / "docs" / "methods" / "methods.csv"
+THIN = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 1e-3)])
+MIDDLE = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 30), 0.99, 1.0)])
+DEEP = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 100.0)])
+KEYS = {"mu0": 0.6, "mu": [0.3, 0.9, -0.3, -0.9], "phi": [0.0, 90.0], "threads": 1}
+
+
+def request(scene: vrte.Scene, **keywords: object) -> Request:
+    """Of a field, by the exact method."""
+    return request_of("radiance", scene, (), KEYS | keywords)[0]
+
+
+@pytest.mark.parametrize(
+    ("scene", "accuracy", "place"), [(THIN, 1e-2, 0), (MIDDLE, 1e-2, 1), (DEEP, 1e-2, 2), (MIDDLE, 1e-9, 2)]
+)
+def test_it_says_what_it_took(scene: vrte.Scene, accuracy: float, place: int) -> None:
+    rule = RULES[place]
+    made = vrte.radiance(scene, **KEYS, tau=[0.0, scene.thickness], accuracy=accuracy, method="auto").diagnostics
+    assert made["method"] == rule.method
+    assert made["method_rule"] == f"auto, rule {place + 1} ({rule.name}): {rule.why}"
+    assert made["accuracy"] == accuracy
+    assert made["promised"]
+    assert made["notes"] == []
+    if place == 1:
+        assert made["nodes_rule"] == f"estimate {made['nodes']} for the accuracy over 2, not checked"
+    exact = vrte.radiance(scene, **KEYS, accuracy=accuracy).diagnostics
+    assert "method_rule" not in exact
+
+
+def test_it_solves_as_the_method_does_that_it_took() -> None:
+    by_hand = {0: {"method": "single-scattering"}, 1: {"nodes": 6, "accuracy": 5e-3}, 2: {"accuracy": 1e-2}}
+    for place, where in enumerate((THIN, MIDDLE, DEEP)):
+        keys = KEYS | {"tau": [0.0, where.thickness]}
+        found = vrte.radiance(where, **keys, accuracy=1e-2, method="auto")
+        expected = vrte.radiance(where, **keys, **by_hand[place])
+        assert found.diagnostics["nodes"] == expected.diagnostics["nodes"]
+        np.testing.assert_array_equal(found.stokes, expected.stokes)
+        np.testing.assert_array_equal(found.flux_up, expected.flux_up)
+
+
+@pytest.mark.parametrize("told", [{"nodes": 8}, {"settings": {"orders": 3}}])
+def test_what_it_does_not_take(told: dict[str, object]) -> None:
+    (name,) = told
+    with pytest.raises(SceneError, match=f"method 'auto' takes no {name}: it goes by accuracy"):
+        vrte.radiance(MIDDLE, **KEYS, method="auto", **told)
+
+
+def test_the_plan_shows_it() -> None:
+    for place, where in enumerate((THIN, MIDDLE, DEEP)):
+        keys = KEYS | {"tau": [0.0, where.thickness]}
+        plan = vrte.plan("radiance", where, **keys, accuracy=1e-2, method="auto")
+        rule = RULES[place]
+        told = f"auto, rule {place + 1} ({rule.name}): {rule.why}"
+        assert told in " ".join(str(plan).split())
+        assert plan.as_dict()["method"] == rule.method
+        assert plan.as_dict()["method_rule"] == told
+        assert bool(plan.blocks) == (rule.method == EXACT)
+        assert ("not checked" in str(plan)) == (place == 1)
+        assert max(map(len, str(plan).splitlines())) <= 120
+    assert "auto, rule" not in str(vrte.plan("radiance", MIDDLE, **KEYS))
+
+
+def test_brdf_and_light_from_below() -> None:
+    found = vrte.brdf(MIDDLE, [0.4, 0.8], [0.3, 0.9], 30.0, accuracy=1e-3, method="auto", illuminate="bottom")
+    right = vrte.brdf(MIDDLE, [0.4, 0.8], [0.3, 0.9], 30.0, accuracy=1e-8, illuminate="bottom")
+    assert "rule 2" in found.diagnostics["method_rule"]
+    largest = right.mueller[..., 0, 0].max(axis=(1, 2))[:, None, None, None, None]
+    assert (np.abs(found.mueller - right.mueller) / largest).max() < 1e-3
+
+
+def test_the_table() -> None:
+    *others, last = RULES
+    assert not last.at_most
+    assert not last.at_least
+    assert last.method == EXACT
+    assert len({rule.name for rule in RULES}) == len(RULES)
+    for rule in RULES:
+        assert rule.method in METHODS
+        assert {*rule.at_most, *rule.at_least} <= QUANTITIES.keys()
+    for rule in others:
+        assert rule.evidence
+
+
+@pytest.mark.parametrize(
+    "wish",
+    [
+        {"mu": None},
+        {"algorithm": "doubling"},
+        {"truncation": "none"},
+        {"verify": True},
+        {"backend": "opencl"},
+    ],
+)
+def test_special_wishes_go_to_the_exact_method_by_accuracy(wish: dict[str, object]) -> None:
+    assert taken(request(MIDDLE, accuracy=1e-2))[0] == 1
+    found = request(MIDDLE, accuracy=1e-2, **wish)
+    assert special_wishes(found) == 1.0
+    assert taken(found)[0] == 2
+
+
+def test_a_mueller_base_goes_there_too() -> None:
+    mirror = vrte.MuellerBase(
+        lambda mu_in, mu_out, phi: np.zeros(
+            (*np.broadcast_shapes(np.shape(mu_in), np.shape(mu_out), np.shape(phi)), 4, 4)
+        )
+    )
+    based = vrte.Scene(MIDDLE.layers, mirror)
+    assert taken(request(based, accuracy=1e-2))[0] == 2
+
+
+def test_fading_is_the_diffusion_exponent_down_to_the_lowest_depth() -> None:
+    pile = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.75, 2.0), vrte.Layer(vrte.isotropic(), 1.0, 5.0)])
+    exponent = np.sqrt(0.75)
+    for tau, expected in ((0.0, 0.0), (1.0, exponent), (7.0, 2.0 * exponent)):
+        assert fading(request(pile, tau=tau)) == pytest.approx(expected)
+
+
+def test_light_caught_again_is_bounded_closely() -> None:
+    thickness = np.geomspace(1e-8, 1.0, 30)
+    bound, right = np.array([caught(each) for each in thickness]), 1.0 - expn(2, 0.5 * thickness)
+    assert (bound >= right * (1.0 - 1e-9)).all()
+    assert (bound[thickness < 0.5] <= 1.1 * right[thickness < 0.5]).all()
+    assert caught(np.inf) == 1.0
+    assert caught(0.0) == 0.0
+
+
+def error_of_single_scattering(one: Asked) -> tuple[float, float]:
+    """What light scattered again adds, and the bound on it."""
+    wanted, _ = request_of(one.kind, one.scene, (), one.keywords | {"accuracy": 1e-15})
+    bound = 0.1 * scattered_again_over_accuracy(replace(wanted, accuracy=0.1))
+    right = one.solved(nodes=32, accuracy=1e-12)
+    return one.solved(method="single-scattering").error(right), bound
+
+
+def test_light_scattered_again_is_less_than_its_bound() -> None:
+    found = np.array([error_of_single_scattering(asked(seed, faint)) for seed in range(10, 25)])
+    error, bound = found[np.isfinite(found[:, 1])].T
+    assert bound.size > 5
+    assert (error <= bound).all()
+    assert (error > 0.2 * bound).sum() >= 3  # it is not an empty one
+
+
+def check_promise(one: Asked, accuracies: tuple[float, ...]) -> list[int]:
+    """Every answer of auto is as good as asked for; the rules taken, of those that do not look for nodes themselves."""
+    scalar = all(layer.phase_matrix.is_scalar for layer in one.scene.layers)
+    nodes = (112 if scalar else 64) if one.lowest > 0.05 else (160 if scalar else 104)
+    right, places = None, []
+    for accuracy in accuracies:
+        wanted, _ = request_of(one.kind, one.scene, (), one.keywords | {"accuracy": accuracy})
+        place = taken(wanted)[0]
+        if place == 2:
+            continue
+        found = one.solved(accuracy=accuracy, method="auto")
+        if 1.5 * found.made["nodes"] > nodes:
+            continue  # the reference below is hardly better
+        right = right or one.solved(nodes=nodes, accuracy=1e-13, truncation="none")
+        assert found.error(right) <= accuracy, (one, accuracy)
+        places.append(place)
+    return places
+
+
+def test_random_scenes_get_the_accuracy_asked_for() -> None:
+    places = [place for seed in range(9000, 9003) for place in check_promise(asked(seed), (1e-1, 1e-3))]
+    assert places.count(1) >= 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [0, 30, 60])
+def test_many_random_scenes_get_the_accuracy_asked_for(first: int) -> None:
+    accuracies = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6)
+    places = [place for seed in range(first, first + 30) for place in check_promise(asked(seed), accuracies)]
+    assert places.count(1) > 60
+
+
+@pytest.mark.slow
+def test_many_thin_and_dark_scenes_get_the_accuracy_asked_for() -> None:
+    places = [place for seed in range(40) for place in check_promise(asked(seed, faint), (1e-1, 1e-2, 1e-3))]
+    assert places.count(0) > 20
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Row]:
+    """Of the committed report."""
+    return rows_of(REPORT)
+
+
+def test_the_table_agrees_with_the_report(rows: list[Row]) -> None:
+    assert len({row.scene for row in rows}) == 15
+    assert disagreements(rows) == []
+
+
+def test_disagreements_are_found(rows: list[Row]) -> None:
+    run = next(row for row in rows if (row.scene, row.curve, row.setting) == RULES[1].evidence[0][:3])
+    worse = [replace(row, i_max=0.5) if row == run else row for row in rows]
+    slower = [replace(row, seconds=5.0) if row == run else row for row in rows]
+    missing = [row for row in rows if row != run]
+    other = [replace(row, seconds=1e-9) if row.method == "matrix-operator" else row for row in rows]
+    for changed, words in (
+        (worse, "has an error of 5e-01"),
+        (slower, "takes no less time"),
+        (missing, "is not in the report"),
+        (other, "matrix-operator is the quickest"),
+    ):
+        assert any(words in text for text in disagreements(changed)), words
+
+
+def test_score() -> None:
+    def row(scene: str, curve: str, method: str, setting: str, seconds: float, error: float) -> Row:
+        return Row(
+            scene, curve, method, setting, "measured", seconds, i_max=error, q_max=0.0, u_max=0.0, v_max=0.0,
+            reference_within=1e-9,
+        )  # fmt: skip
+
+    rows = [
+        row("a", "auto", EXACT, "accuracy 1e-3", 2.0, 1e-4),
+        row("a", "x", EXACT, "8 nodes", 1.0, 9e-4),
+        row("a", "y", "two-stream", "no knob", 0.5, 9e-2),  # quicker, and not good enough
+        row("b", "auto", EXACT, "accuracy 1e-3", 3.0, 2e-3),
+        row("b", "y", "two-stream", "no knob", 1.0, 1e-4),
+        row("c", "auto", EXACT, "accuracy 1e-3", 4.0, 1e-4),
+        row("c", "peer", "somebody else's", "8 nodes", 1.0, 1e-4),  # no method of this package
+        row("c", "x", EXACT, "8 nodes", 5.0, 1e-4),
+    ]
+    assert score_rows(rows) == [("1e-3", "3", "2", "2", "2", "3 (b)")]
+    assert "| 1e-3 | 3 | 2 | 2 | 2 | 3 (b) |" in score_markdown(rows)
+    assert "<td>3 (b)</td>" in score_html(rows)
+    assert "good enough in 2 of 3 scenes" in score_text(rows)
+    others = [each for each in rows if each.curve != "auto"]
+    assert score_rows(others) == []
+    assert score_html(others) == ""
+
+
+def test_nodes_of_a_scene_file_are_left_out() -> None:
+    file = SceneFile(MIDDLE, "field", {"mu0": 0.6}, {"nodes": 4, "accuracy": 1e-3}, {})
+    assert file.keywords({"method": "auto"}) == {"mu0": 0.6, "accuracy": 1e-3, "method": "auto"}
+    assert file.keywords({"method": "auto", "nodes": 8})["nodes"] == 8  # asked for at once: refused by the solver
+    assert file.keywords({})["nodes"] == 4
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        'nodes = 6\n[[layer]]\nphase = "isotropic"\nalbedo = 0.9\nthickness = 1.0\n[field]\nmu0 = 0.6\nmu = [0.5]\n',
+        encoding="utf-8",
+    )
+    command = ["field", str(file), "-o", str(tmp_path / "out.nc"), "--method", "auto", "--threads", "1"]
+    assert main([*command, "--accuracy", "1e-3"]) == 0
+    assert "auto, rule 2 (nodes unchecked)" in capsys.readouterr().out
+    assert main([*command, "--nodes", "8"]) == 2
+    assert "method 'auto' takes no nodes" in capsys.readouterr().err

@@ -1,0 +1,167 @@
+"""What a notebook shows of results: a picture that decodes, a table, and never an error."""
+
+import base64
+import io
+import pickle
+import re
+import sys
+import time
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+import vrte
+from vrte.report.plan_picture import operations_by_order
+from vrte.spectrum import Spectrum
+
+MU_O, PHI = np.linspace(0.1, 1.0, 10), np.arange(0, 360, 30)
+HOSTILE = "<script>alert('x')</script>"
+
+
+def made() -> dict[str, Any]:
+    """One of each, small."""
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)], vrte.Lambertian(0.2))
+    brdf = vrte.brdf(scene, [0.5], MU_O, PHI, nodes=6, threads=1)
+    return {
+        "field": vrte.radiance(scene, 0.6, phi=[0, 90], tau=[0.0, 1.0], nodes=6, threads=1),
+        "brdf": brdf,
+        "phase matrix": vrte.rayleigh(),
+        "plan": vrte.plan("brdf", scene, mu_i=0.5, mu_o=MU_O, phi=PHI, nodes=6, threads=1),
+        "spectrum": Spectrum([0.5, 0.6], [brdf, brdf]),
+    }
+
+
+THINGS = made()
+
+
+def picture(text: str) -> np.ndarray:
+    (encoded,) = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
+    pixels: np.ndarray = matplotlib.image.imread(io.BytesIO(base64.b64decode(encoded)), format="png")
+    return pixels
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_a_picture_and_a_table(name: str) -> None:
+    text = THINGS[name]._repr_html_()
+    pixels = picture(text)
+    assert 100 < pixels.shape[0] < 400
+    assert np.ptp(pixels[..., :3]) > 0.5  # something is drawn
+    assert ("<pre>" if name == "plan" else "<table>") in text
+    assert len(text) < 150_000
+
+
+def test_the_tables_tell_what_is_there() -> None:
+    cells = {name: re.sub("<[^>]+>", "|", thing._repr_html_()) for name, thing in THINGS.items()}
+    assert f"|{THINGS['brdf'].reflectance[0]:.6g}|" in cells["brdf"]
+    assert "|10 from 0.1 to 1|" in cells["brdf"]
+    assert "μ0 = 0.6; I, Q, U, V = 1, 0, 0, 0" in cells["field"]
+    assert f"|{THINGS['field'].flux_up[0]:.6g}, {THINGS['field'].flux_up[1]:.6g}|" in cells["field"]
+    assert "|0, 0, 1.2247|" in cells["phase matrix"]
+    assert "right-hand sides" in cells["plan"]
+    assert "|0.5, 0.6|" in cells["spectrum"]
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_plot_gives_a_figure_that_a_notebook_shows(name: str) -> None:
+    figure = THINGS[name].plot()
+    assert figure.axes
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    assert "matplotlib.pyplot" not in sys.modules
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_it_is_quick(name: str) -> None:
+    spent = []
+    for _ in range(2):  # of two, the machine disturbs one
+        begin = time.process_time()
+        THINGS[name]._repr_html_()
+        spent.append(time.process_time() - begin)
+    assert min(spent) < 0.5
+
+
+@pytest.mark.parametrize("name", THINGS)
+def test_without_matplotlib_the_table_is_there(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    text = THINGS[name]._repr_html_()
+    assert "<img" not in text
+    assert "</table>" in text or "</pre>" in text
+    with pytest.raises(vrte.MissingExtraError, match="extra 'plot'"):
+        THINGS[name].plot()
+
+
+def test_names_are_escaped() -> None:
+    brdf, field = THINGS["brdf"], THINGS["field"]
+    hostile = {"method": HOSTILE, "notes": [HOSTILE], "base": 10_000 * "&", "algorithm": "two\nlines"}
+    for thing in (
+        vrte.Brdf(brdf.mueller, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, hostile),
+        vrte.Field(*(getattr(field, name) for name in list(field.__dataclass_fields__)[:-1]), hostile),
+    ):
+        text = thing._repr_html_()
+        assert "<script" not in text
+        assert text.count("&lt;script&gt;") == 2
+        assert len(text) < 150_000
+
+
+class Nasty:
+    def __str__(self) -> str:
+        raise RuntimeError("no")
+
+
+def test_it_never_raises() -> None:
+    brdf = THINGS["brdf"]
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=1.0)])
+    few = vrte.brdf(scene, 0.5, 0.5, nodes=4)  # no picture of one direction
+    fluxes = vrte.radiance(scene, 0.5, mu=[], nodes=4)
+    nothing = vrte.Brdf(np.full_like(brdf.mueller, np.nan), brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
+    nasty = vrte.Brdf(brdf.mueller, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {"method": Nasty()})
+    for thing in (few, fluxes, nothing):
+        assert "</table>" in thing._repr_html_()
+        assert "<img" not in thing._repr_html_()
+    assert "<pre>&lt;vrte.brdf.Brdf object" in nasty._repr_html_()
+    finer = vrte.Brdf(np.ones((1, 500, 721, 4, 4)), [0.5], [0.5], np.linspace(0.01, 1.0, 500), np.arange(721) / 2.0, {})
+    assert "<img" not in finer._repr_html_()  # would take too long for a glance
+    many = vrte.henyey_greenstein(0.5, 6000)
+    assert "<img" not in many._repr_html_()
+    assert "|6000, scalar" in re.sub("<[^>]+>", "|", many._repr_html_())
+    with pytest.raises(vrte.SceneError, match="holds fluxes alone"):
+        fluxes.plot()
+    with pytest.raises(vrte.SceneError, match="at least 2 different mu_o"):
+        few.plot()
+
+
+def test_the_plan_draws_its_operations() -> None:
+    facts = THINGS["plan"].as_dict()
+    (panel,) = THINGS["plan"].plot().axes
+    drawn = sum((steps.get_data().values - steps.get_data().baseline).sum() for steps in panel.patches)
+    assert drawn == pytest.approx(sum(block["operations"] for block in facts["blocks"]))
+    assert set(operations_by_order(facts)) == {block["algorithm"] for block in facts["blocks"]}
+
+
+def test_a_plan_in_two_parts_has_two_panels() -> None:
+    peaked = vrte.henyey_greenstein(0.9, 300)
+    scene = vrte.Scene(
+        [vrte.Layer(peaked, albedo=0.9, thickness=1.0), vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)]
+    )
+    plan = vrte.plan("brdf", scene, mu_i=0.5, mu_o=0.5, nodes=8, threads=1)
+    assert len(plan.parts) == 2
+    assert [panel.get_title() for panel in plan.plot().axes] == [
+        "Plan of brdf: unpolarized light",
+        "Plan of brdf: polarized light",
+    ]
+
+
+def test_the_plan_draws_what_is_left_out() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 40), albedo=0.9, thickness=1.0)])
+    plan = vrte.plan("radiance", scene, mu0=0.5, mu=[0.5], nodes=20, threads=1)
+    (panel,) = plan.plot().axes
+    assert plan.orders < 40
+    assert panel.get_xlim() == (-0.5, 39.5)
+    texts = [text.get_text() for text in panel.get_legend().get_texts()]
+    assert f"left out of multiple scattering: {40 - plan.orders} of 40" in texts
+
+
+def test_a_figure_survives_the_way_to_another_process() -> None:
+    figure = pickle.loads(pickle.dumps(THINGS["phase matrix"].plot()))
+    assert figure._repr_png_().startswith(b"\x89PNG")

@@ -1,0 +1,102 @@
+"""What is shown of a BRDF, by name, and the light between the given directions."""
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.over_hemisphere import stokes_over_hemisphere
+from vrte.quantities import FIELD_QUANTITIES, QUANTITIES, SIGNED, of_brdf, of_stokes, unit_of
+
+MU_O, PHI = np.linspace(0.1, 1.0, 12), np.arange(0, 360, 15)
+LIGHT = (2.0, 0.5, -1.0, 1.2)
+
+
+@pytest.fixture(scope="module")
+def scene() -> vrte.Scene:
+    return vrte.Scene([vrte.Layer(vrte.rayleigh(0.1), albedo=0.95, thickness=1.0)], vrte.Lambertian(0.2))
+
+
+@pytest.fixture(scope="module")
+def brdf(scene: vrte.Scene) -> vrte.Brdf:
+    return vrte.brdf(scene, [0.4, 0.8], MU_O, PHI, nodes=6, threads=1, transmission=True)
+
+
+@pytest.mark.parametrize("transmitted", [False, True])
+def test_elements_are_those_of_the_matrix(brdf: vrte.Brdf, transmitted: bool) -> None:
+    matrices = brdf.transmission if transmitted else brdf.mueller
+    for row, column in np.ndindex(4, 4):
+        found = of_brdf(brdf, f"f{row}{column}", LIGHT, transmitted)
+        assert np.array_equal(found, matrices[..., row, column])
+
+
+def test_the_light_that_leaves_by_hand(brdf: vrte.Brdf) -> None:
+    i, q, u, v = np.moveaxis(sum(part * brdf.mueller[..., column] for column, part in enumerate(LIGHT)), -1, 0)
+    expected = {
+        "degree of linear polarization": np.hypot(q, u) / i,
+        "degree of circular polarization": v / i,
+        "reflectance factor": np.pi * i / LIGHT[0],
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(of_brdf(brdf, name, LIGHT), values, rtol=1e-12, atol=1e-15)
+    turned = np.radians(2.0 * of_brdf(brdf, "angle of linear polarization", LIGHT))
+    np.testing.assert_allclose(np.hypot(q, u) * np.cos(turned), q, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(np.hypot(q, u) * np.sin(turned), u, rtol=1e-9, atol=1e-12)
+
+
+def test_a_lambertian_base_has_its_albedo_as_reflectance_factor() -> None:
+    bare = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.3))
+    found = of_brdf(vrte.brdf(bare, [0.2, 1.0], MU_O, [0.0, 90.0], nodes=4), "reflectance factor", LIGHT)
+    np.testing.assert_allclose(found, 0.3, rtol=1e-13)
+
+
+def test_without_light_there_is_no_polarization() -> None:
+    assert np.isnan(of_stokes(np.zeros((3, 4)), "degree of polarization")).all()
+    assert np.isnan(of_stokes([1.0, 0.0, 0.0, 0.5], "angle of linear polarization"))
+
+
+def test_every_name_has_a_unit_and_what_is_not_signed_is_never_negative(brdf: vrte.Brdf) -> None:
+    assert len(QUANTITIES) == 20
+    for name in QUANTITIES:
+        assert unit_of(name) in {"", "°", "sr⁻¹"}
+        assert name in SIGNED or of_brdf(brdf, name, LIGHT).min() >= 0.0
+    assert [unit_of(name) for name in FIELD_QUANTITIES[:4]] == ["W m⁻² sr⁻¹"] * 4
+
+
+def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
+    for name in ("f44", "I", None, ["f00"], np.zeros(3)):
+        with pytest.raises(vrte.SceneError, match="a quantity must be one of f00, "):
+            of_brdf(brdf, name)  # type: ignore[arg-type]
+    with pytest.raises(vrte.SceneError, match="a quantity must be one of I, Q, U, V"):
+        of_stokes(np.ones(4), "f00")
+    with pytest.raises(vrte.SceneError, match="along its last axis"):
+        of_stokes(np.ones(3), "I")
+    with pytest.raises(vrte.SceneError, match="intensity I above 0, not 0"):
+        of_brdf(brdf, "reflectance factor", (0, 1, 0, 0))
+    with pytest.raises(vrte.SceneError, match="no transmission here"):
+        of_brdf(vrte.brdf(scene, 0.5, MU_O, PHI, nodes=4), "f00", transmitted=True)
+
+
+@pytest.mark.parametrize("light", [(1, 0, 0, 0), LIGHT, (0, 0, 0, 1)])
+@pytest.mark.parametrize("azimuths", [PHI, np.arange(0, 181, 15)])
+def test_between_the_directions_is_what_the_solver_finds(
+    brdf: vrte.Brdf, scene: vrte.Scene, light: tuple[float, ...], azimuths: np.ndarray
+) -> None:
+    given = vrte.brdf(scene, [0.4, 0.8], MU_O, azimuths, nodes=6, threads=1)
+    theta, phi = np.array([7.0, 31.0, 62.0, 80.0]), np.array([3.0, 101.0, 197.0, 352.0])
+    exact = vrte.brdf(scene, 0.8, np.cos(np.radians(theta)), phi, nodes=6, threads=1).mueller[0] @ np.array(
+        light, float
+    )
+    found = stokes_over_hemisphere(given, 1, theta, phi, light)
+    assert np.abs(found - exact).max() < 2e-3 * np.abs(exact).max()
+    # at the given directions, to rounding; mirror images included
+    at_given = stokes_over_hemisphere(given, 1, np.degrees(np.arccos(MU_O)), PHI, light)
+    np.testing.assert_allclose(at_given, brdf.mueller[1] @ np.array(light, float), rtol=0, atol=1e-13)
+
+
+def test_at_the_pole_only_the_meridian_plane_turns(brdf: vrte.Brdf) -> None:
+    phi = np.array([0.0, 20.0, 145.0])
+    pole = stokes_over_hemisphere(brdf, 0, np.array([0.0]), phi, LIGHT)[0]
+    np.testing.assert_allclose(pole[:, [0, 3]], pole[:1, [0, 3]].repeat(3, axis=0), atol=1e-13)
+    plane = (pole[:, 1] + 1j * pole[:, 2]) * np.exp(-2j * np.radians(phi))
+    np.testing.assert_allclose(plane, plane[0], atol=1e-13)
+    assert abs(plane[0]) > 1e-3

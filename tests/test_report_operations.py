@@ -1,0 +1,120 @@
+"""Operations of the methods: what is counted from shapes is what products and factorisations of a run add up to."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.methods import imbedding, matrix_operator, on_nodes, operators, successive_orders
+from vrte.report.methods import operations, reference, scenes
+
+TALLY = [0.0]
+LAYERS = [vrte.Layer(vrte.henyey_greenstein(0.5, 12), 0.9, 0.5), vrte.Layer(vrte.rayleigh(), 0.8, 1.0)]
+TWO = scenes.Case("two layers", "over a base", vrte.Scene(LAYERS, vrte.Lambertian(0.3)), (32, 24))
+
+
+class Tallied(np.ndarray):  # type: ignore[type-arg]
+    """An array whose products and factorisations are added up, real ones 2 a b c."""
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **keywords: Any) -> Any:
+        plain = [np.asarray(item) for item in inputs]
+        keywords.pop("out", None)
+        found = getattr(ufunc, method)(*plain, **keywords)
+        if ufunc is np.matmul:
+            TALLY[0] += (8.0 if np.iscomplexobj(found) else 2.0) * found.size * plain[0].shape[-1]
+        return found.view(Tallied) if isinstance(found, np.ndarray) else found
+
+    def __array_function__(self, function: Any, types: Any, arguments: Any, keywords: Any) -> Any:
+        if function is np.linalg.solve:
+            matrix, right = (np.asarray(item) for item in arguments)
+            TALLY[0] += matrix[..., 0, 0].size * operations.solved_for(matrix.shape[-1], right.shape[-1])
+        if function is np.linalg.inv:
+            TALLY[0] += 2.0 * float(arguments[0].shape[-1]) ** 3
+        if function is np.einsum:
+            TALLY[0] += 2.0 * extents(*arguments)
+        found = super().__array_function__(function, types, arguments, keywords)
+        return found.view(Tallied) if isinstance(found, np.ndarray) else found
+
+
+def extents(labels: str, *arrays: Any) -> float:
+    """How many products a sum over indices takes; sums over any axes ("...") are of results, and few."""
+    if "..." in labels:
+        return 0.0
+    sizes = {
+        letter: size
+        for part, array in zip(labels.split("->")[0].split(","), arrays, strict=True)
+        for letter, size in zip(part, array.shape, strict=True)
+    }
+    return float(np.prod(list(sizes.values())))
+
+
+def seen(operator: operators.Operator) -> operators.Operator:
+    """With its matrices watched."""
+    matrices = {name: getattr(operator, name).view(Tallied) for name in ("nodes", "into", "leaving", "through")}
+    return replace(operator, **matrices)
+
+
+@pytest.fixture
+def tally(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What is added up from now on, of all that comes from what layers scatter, and from weights of steps."""
+    scattered, weights = on_nodes.OnNodes.scattered, imbedding.step_weights
+    modes_of, extended = matrix_operator.modes_of, matrix_operator.extended
+
+    def watched(self: on_nodes.OnNodes, order: int, layer: int) -> on_nodes.Scattered:
+        return on_nodes.Scattered(*(matrix.view(Tallied) for matrix in scattered(self, order, layer)))
+
+    def weighed(*given: Any) -> tuple[Any, Any]:
+        ways, fades = weights(*given)
+        return ways.view(Tallied), fades
+
+    def eigenvectors(*given: Any) -> operators.Modes:
+        modes = modes_of(*given)
+        TALLY[0] += (operations.EIGENVECTORS + 16.0) * modes.lam.size**3  # with an inverse and a product to check it
+        return replace(modes, right=modes.right.view(Tallied), left=modes.left.view(Tallied))
+
+    monkeypatch.setattr(matrix_operator, "modes_of", eigenvectors)
+    monkeypatch.setattr(matrix_operator, "extended", lambda *given: seen(extended(*given)))
+    monkeypatch.setattr(on_nodes.OnNodes, "scattered", watched)
+    monkeypatch.setattr(imbedding, "step_weights", weighed)
+    for name in ("downward", "upward"):
+        plain = getattr(successive_orders, name)
+        monkeypatch.setattr(successive_orders, name, lambda *given, plain=plain: plain(*given).view(Tallied))
+    TALLY[0] = 0.0
+    return TALLY
+
+
+@pytest.mark.parametrize(
+    ("method", "scene"),
+    [
+        ("adding-doubling", "Rayleigh, small"),
+        ("adding-doubling", "without end, small"),
+        ("adding-doubling", "two layers"),
+        ("invariant-imbedding", "Rayleigh, small"),
+        ("invariant-imbedding", "without end, small"),
+        ("invariant-imbedding", "two layers"),
+        ("matrix-operator", "Rayleigh, small"),
+        ("matrix-operator", "without end, small"),
+        ("matrix-operator", "two layers"),
+        ("successive-orders", "Rayleigh, small"),
+        ("successive-orders", "two layers"),
+    ],
+)
+def test_what_is_counted_is_what_is_done(tally: list[float], method: str, scene: str) -> None:
+    case = TWO if scene == "two layers" else scenes.case(scene)
+    field = reference.ask(case, method=method, nodes=6, threads=1)
+    done = tally[0]
+    found = operations.operations(case, method, {"nodes": 6}, field)
+    # doublings of a layer without end are the most that any order took
+    assert 0.98 * done < found < (1.2 if "without end" in scene else 1.02) * done
+
+
+def test_the_exact_method_has_its_plan_and_closed_forms_nothing() -> None:
+    case = scenes.case("Rayleigh, small")
+    found = operations.operations(case, "discrete-ordinates", {"nodes": 6}, reference.ask(case, nodes=6))
+    arguments = case.scene, case.mu0, case.stokes, case.signed_mu, scenes.PHI, case.tau
+    assert found == vrte.plan("radiance", *arguments, nodes=6).as_dict()["operations"] > 0.0
+    parts = {"parts": {"unpolarized": {"operations": 1.0}, "polarized": {"operations": 2.0}}}
+    assert operations.planned(parts) == 3.0
+    assert np.isnan(operations.operations(case, "small-angle", {}, reference.ask(case, method="small-angle")))

@@ -1,0 +1,1 @@
+"""The viewer: a local web page, and the figures that it shows."""

@@ -1,0 +1,163 @@
+"""method="auto": the first rule of vrte/methods/rules.py that a request meets, by what is known before any solve."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.discrete_ordinates.node_choice import LOWEST, estimated_nodes
+from vrte.methods.common import NODES
+from vrte.methods.rules import RULES, Rule
+from vrte.request import EXACT, Request
+from vrte.scene import Layer, MuellerBase
+
+EULER = 0.5772156649015329
+ANGLES_A_TERM = 8  # at which a phase function's extremes are looked for
+
+
+def by_rule(request: Request) -> Request:
+    """The request with the method that the table takes, its nodes where the rule finds them, and the rule in words."""
+    place, rule = taken(request)
+    told = f"auto, rule {place + 1} ({rule.name}): {rule.why}"
+    if rule.method != EXACT:
+        nodes_rule = "of the quadrature of fluxes"
+        return replace(request, method=rule.method, method_rule=told, nodes=NODES, nodes_rule=nodes_rule)
+    if rule.margin is None:
+        return replace(request, method=rule.method, method_rule=told)
+    nodes = nodes_of(request, rule.margin)
+    nodes_rule = f"estimate {nodes} for the accuracy over {rule.margin:g}, not checked"
+    return replace(request, method=rule.method, method_rule=told, nodes=nodes, nodes_rule=nodes_rule)
+
+
+def taken(request: Request) -> tuple[int, Rule]:
+    """The place and the rule; the last one takes everything."""
+    return next((place, rule) for place, rule in enumerate(RULES) if holds(rule, request))
+
+
+def holds(rule: Rule, request: Request) -> bool:
+    """Whether all quantities of the rule keep to their limits; what it does not name is not worked out."""
+    return all(QUANTITIES[name](request) <= most for name, most in rule.at_most.items()) and all(
+        QUANTITIES[name](request) >= least for name, least in rule.at_least.items()
+    )
+
+
+def special_wishes(request: Request) -> float:
+    """How many things are asked for besides a scene, directions and an accuracy, or lie beyond what rules were tried
+    on: the nodes as directions, a base that is no Lambertian one, an algorithm, a truncation, a check, a device."""
+    base = request.scene.base if request.scene.base_is_reached else None
+    return float(
+        (request.mu is None)
+        + isinstance(base, MuellerBase)
+        + (request.algorithm != "auto")
+        + (request.truncation != "auto")
+        + request.verify
+        + request.backend.needs_device
+    )
+
+
+def terms(request: Request) -> float:
+    """The most of any layer's phase matrix."""
+    return float(max(layer.phase_matrix.terms for layer in request.scene.layers))
+
+
+def layers(request: Request) -> float:
+    """How many."""
+    return float(len(request.scene.layers))
+
+
+def lowest_cosine(request: Request) -> float:
+    """Of the beams and of the directions asked for."""
+    return min(float(request.mu0.min()), float(np.abs(directions(request)).min()))
+
+
+def directions(request: Request) -> Array:
+    """The signed cosines asked for; a rule that looks at them has none of `special_wishes`."""
+    return np.array([LOWEST, 1.0]) if request.mu is None else request.mu
+
+
+def fading(request: Request) -> float:
+    """Diffusion exponents times thickness, down to the lowest depth: deep light falls as e^-fading. Its relative error
+    grows with that, which an estimate of nodes does not know."""
+    deepest, top, total = float(request.tau.max()), 0.0, 0.0
+    for layer in request.scene.layers:
+        way = min(max(deepest - top, 0.0), layer.thickness)
+        top += layer.thickness
+        total += way * diffusion_exponent(layer)
+    return total
+
+
+def diffusion_exponent(layer: Layer) -> float:
+    """sqrt(3 (1 - omega) (1 - omega g)), of two streams."""
+    albedo = layer.albedo
+    return math.sqrt(3.0 * (1.0 - albedo) * max(1.0 - albedo * layer.phase_matrix.asymmetry, 0.0))
+
+
+def cubes(request: Request) -> float:
+    """Cubes of the unknowns of all Fourier orders and layers, on the nodes that an estimate without margin takes."""
+    nodes = nodes_of(request, 1.0)
+    scene = request.scene
+    unknowns = float(nodes if all(layer.phase_matrix.is_scalar for layer in scene.layers) else 4 * nodes)
+    return len(scene.layers) * min(terms(request), 2.0 * nodes) * unknowns**3
+
+
+def nodes_of(request: Request, margin: float) -> int:
+    """The estimate for the accuracy over a margin."""
+    return estimated_nodes(request.scene, request.mu0, directions(request), request.tau, request.accuracy / margin)
+
+
+def scattered_again_over_accuracy(request: Request) -> float:
+    """A bound on what is scattered more than once, over what is scattered once into the same direction, over the
+    accuracy; infinite where there is none, and any number above 1 where it is above 1.
+
+    Light scattered inside a layer is scattered again with z = omega p_max L at most, p the phase function with mean 1
+    and L <= 1 - E_2(tau/2) the mean over directions of 1 - e^(-way). All orders but the first together are sources of
+    at most omega p_max F/(4 pi) z/(1 - z). The first is at least omega p_min F/(4 pi) e^(-tau/mu0); seen from the top,
+    it passes mu0/(mu0 + mu) of what a source that does not fade would. Under natural light no Q, U, V is more than I;
+    polarized light that polarizing particles scatter once can be arbitrarily faint.
+    """
+    scene, layer = request.scene, request.scene.layers[0]
+    if len(scene.layers) > 1 or (scene.base is not None and scene.base_is_reached):
+        return math.inf
+    if request.kind == "radiance" and request.columns[:, 1:].any() and not layer.phase_matrix.is_scalar:
+        return math.inf
+    again = layer.albedo * caught(layer.thickness)
+    if again > request.accuracy:  # too much already, whatever the phase function: p_max >= 1 >= p_min
+        return again / request.accuracy
+    least, most = extremes(layer)
+    again *= most
+    if not (least > 0.0 and again < 1.0):
+        return math.inf
+    beam = float(request.mu0.min())
+    fade = math.exp(min(layer.thickness / beam, 700.0))
+    if not request.tau.any():
+        fade = min(fade, 1.0 + float(directions(request).max()) / beam)
+    return most / least * fade * again / (1.0 - again) / request.accuracy
+
+
+def extremes(layer: Layer) -> tuple[float, float]:
+    """The least and the greatest of the phase function, to about a percent."""
+    a1 = layer.phase_matrix.a1
+    cosine = np.cos(np.linspace(0.0, np.pi, ANGLES_A_TERM * a1.size + 1))
+    values = np.polynomial.legendre.legval(cosine, a1)
+    return float(values.min()), float(values.max())
+
+
+def caught(thickness: float) -> float:
+    """A bound on 1 - E_2(tau/2), the chance that light from within a layer meets a particle before it leaves:
+    E_2(x) = e^-x - x E_1(x), and E_1(x) <= x - ln x - 0.577."""
+    x = 0.5 * thickness
+    return min(1.0, x * (1.0 - EULER - math.log(x) + x)) if x > 0.0 else 0.0
+
+
+QUANTITIES: Mapping[str, Callable[[Request], float]] = {
+    "accuracy": lambda request: request.accuracy,
+    "special wishes": special_wishes,
+    "layers": layers,
+    "terms": terms,
+    "lowest cosine": lowest_cosine,
+    "fading": fading,
+    "cubes": cubes,
+    "scattered again over accuracy": scattered_again_over_accuracy,
+}

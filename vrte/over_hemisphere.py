@@ -1,0 +1,77 @@
+"""The light that leaves, in any direction of the hemisphere: splines through the given directions of a BRDF."""
+
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.brdf import Brdf
+from vrte.discrete_ordinates.problem import FLIP
+from vrte.errors import SceneError
+
+
+def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
+    """Stokes vectors (theta, phi, 4) [sr-1] of the light that leaves at ``theta``, ``phi`` [degrees].
+
+    Light of the Stokes vector ``incident`` (4,) falls in at ``mu_i[place]``. Splines run through the given directions:
+    periodic in azimuth, and over the pole along great circles, so that intensity and degrees of polarization have no
+    dent there. Nearer to the horizon than the last mu_o nothing is known: the edge value is kept. At the pole itself
+    the meridian plane, and with it Q and U, is that of each phi. Raises SceneError for a BRDF that is not finite.
+
+    >>> import vrte
+    >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
+    >>> f = vrte.brdf(base, 0.5, mu_o=[0.5, 1.0], phi=[0, 90, 180], nodes=4)
+    >>> (stokes_over_hemisphere(f, 0, np.array([10.0]), np.array([33.0]))[0, 0] * np.pi).round(12).tolist()
+    [1.0, 0.0, 0.0, 0.0]
+    """
+    azimuths, smooth = _smooth_around(brdf.phi, brdf.mueller[place], np.asarray(incident, float))
+    given, rows = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
+    found = _over_the_pole(given, azimuths, smooth[rows], theta, phi)
+    polarized = found[..., 1] * np.exp(2j * np.radians(phi))
+    return np.stack([found[..., 0].real, polarized.real, polarized.imag, found[..., 2].real], axis=-1)
+
+
+def check_directions(mu_o: Any, phi: Any) -> None:
+    """Raises SceneError where there are too few directions for a picture of the lobes.
+
+    >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
+    """
+    if _all_around(np.atleast_1d(phi))[0].size < 4 or np.unique(mu_o).size < 2:
+        raise SceneError(
+            "a picture of the lobes needs at least 2 different mu_o and 3 different phi_deg from 0 to 180 (of the "
+            "others, the mirror images are taken)"
+        )
+
+
+def _all_around(phi: Array) -> tuple[Array, Any]:
+    """Ascending azimuths of phi and its mirror images, below 360, and where they are in the two one after the other."""
+    found: tuple[Array, Any] = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
+    return found
+
+
+def _smooth_around(phi: Array, matrices: Array, incident: Array) -> tuple[Array, Any]:
+    """Azimuths over one turn, both ends included, and I, (Q + iU) exp(-2i phi), V there: (mu_o, azimuth, 3), complex.
+
+    Missing azimuths are mirror images, f(-phi) = D f(phi) D. Q and U are those of axes that do not turn with the
+    azimuth: smooth at the pole, where meridian planes are not.
+    """
+    azimuths, columns = _all_around(phi)
+    light = np.concatenate([matrices @ incident, matrices @ (FLIP * incident) * FLIP], axis=1)[:, columns]
+    if not np.isfinite(light).all():
+        raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
+    polarized = (light[..., 1] + 1j * light[..., 2]) * np.exp(-2j * np.radians(azimuths))
+    smooth = np.stack([light[..., 0] + 0j, polarized, light[..., 3] + 0j], axis=-1)
+    return np.append(azimuths, azimuths[0] + 360.0), np.append(smooth, smooth[:, :1], axis=1)
+
+
+def _over_the_pole(given: Array, azimuths: Array, values: Any, theta: Array, phi: Array) -> Any:
+    """(theta, phi, ...) from values (given, azimuths, ...), along great circles: half a turn away theta is negative."""
+    from scipy.interpolate import CubicSpline
+
+    around = CubicSpline(azimuths, values, axis=1, bc_type="periodic")
+    here, opposite = (around(azimuths[0] + (turned - azimuths[0]) % 360.0) for turned in (phi, phi + 180.0))
+    behind = given > 1e-6  # the pole itself counts once
+    circle = CubicSpline(
+        np.concatenate([-given[behind][::-1], given]), np.concatenate([opposite[behind][::-1], here]), axis=0
+    )
+    return circle(np.minimum(theta, given[-1]))
