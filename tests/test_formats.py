@@ -5,13 +5,15 @@ import json
 import pickle
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from vrte import Brdf, Field, MissingExtraError, SceneError, load
+from vrte import Brdf, Field, MissingExtraError, SceneError, Spectrum, load
 from vrte.formats.atomic import atomic_write
+from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
 from vrte.formats.netcdf import to_xarray
 
@@ -53,16 +55,27 @@ def field() -> Field:
     )
 
 
-@pytest.fixture(params=["brdf", "field"])
-def result(request: pytest.FixtureRequest) -> Brdf | Field:
+@pytest.fixture
+def spectrum(brdf: Brdf) -> Spectrum:
+    """Two wavelengths of seventeen digits, each with diagnostics of its own."""
+    other = replace(brdf, mueller=brdf.mueller * np.pi, diagnostics={"nodes": 8, "accuracy": AWKWARD})
+    return Spectrum([AWKWARD, AWKWARD + 0.1], (brdf, other))
+
+
+@pytest.fixture(params=["brdf", "field", "spectrum"])
+def result(request: pytest.FixtureRequest) -> Result:
     return request.getfixturevalue(request.param)
 
 
-def assert_same(first: Brdf | Field, second: Brdf | Field) -> None:
+def assert_same(first: Result, second: Result) -> None:
     assert type(first) is type(second)
     for name, value in vars(first).items():
         other = getattr(second, name)
-        if isinstance(value, np.ndarray):
+        if name == "brdfs":
+            assert len(value) == len(other)
+            for one, another in zip(value, other, strict=True):
+                assert_same(one, another)
+        elif isinstance(value, np.ndarray):
             assert value.tobytes() == other.tobytes(), name
             assert value.shape == other.shape
             assert not other.flags.writeable
@@ -70,19 +83,21 @@ def assert_same(first: Brdf | Field, second: Brdf | Field) -> None:
             assert value == other, name
 
 
-def test_netcdf_brings_back_every_bit(result: Brdf | Field, tmp_path: Path) -> None:
-    result.save(tmp_path / "result.nc")
-    assert_same(result, load(tmp_path / "result.nc"))
-    assert [file.name for file in tmp_path.iterdir()] == ["result.nc"]
+@pytest.mark.parametrize("name", ["result.nc", "result.csv", "RESULT.CSV"])
+def test_a_file_brings_back_every_bit(name: str, result: Result, tmp_path: Path) -> None:
+    result.save(tmp_path / name)
+    assert_same(result, load(tmp_path / name))
+    assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
-def test_a_brdf_without_transmission_comes_back_without(brdf: Brdf, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["bare.nc", "bare.csv"])
+def test_a_brdf_without_transmission_comes_back_without(name: str, brdf: Brdf, tmp_path: Path) -> None:
     bare = Brdf(brdf.mueller, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
-    bare.save(tmp_path / "bare.nc")
-    assert_same(bare, load(tmp_path / "bare.nc"))
+    bare.save(tmp_path / name)
+    assert_same(bare, load(tmp_path / name))
 
 
-def test_pickle_keeps_arrays_read_only(result: Brdf | Field) -> None:
+def test_pickle_keeps_arrays_read_only(result: Result) -> None:
     assert_same(result, pickle.loads(pickle.dumps(result)))
 
 
@@ -125,8 +140,9 @@ def test_a_data_set_is_a_copy(brdf: Brdf) -> None:
 
 
 def read_csv(path: Path) -> tuple[list[str], np.ndarray]:
+    """The names and numbers below the lines that start with #, as any reader of CSV takes them."""
     with open(path, newline="") as file:
-        header, *rows = csv.reader(file)
+        header, *rows = csv.reader(line for line in file if not line.startswith("#"))
     return header, np.array(rows, dtype=float)
 
 
@@ -173,7 +189,7 @@ def test_writing_through_a_link_keeps_the_link(field: Field, tmp_path: Path) -> 
     link.symlink_to(target)
     write_csv(field, link)
     assert link.is_symlink()
-    assert target.read_text().startswith("tau,")
+    assert target.read_text().startswith("# vrte result")
 
 
 def test_loading_something_else_says_so(tmp_path: Path) -> None:
@@ -185,7 +201,7 @@ def test_loading_something_else_says_so(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"text\.nc is not a NetCDF file"):
         load(tmp_path / "text.nc")
     xarray.Dataset({"mueller": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
-    with pytest.raises(SceneError, match=r"other\.nc holds no BRDF or field"):
+    with pytest.raises(SceneError, match=r"other\.nc holds no BRDF, field or spectrum"):
         load(tmp_path / "other.nc")
 
 

@@ -5,6 +5,7 @@ from vrte.brdf import Brdf, brdf
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.field import Field, radiance
 from vrte.formats import load
+from vrte.formats.measured_polarized import to_mitsuba
 from vrte.illumination import hemisphere
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
 from vrte.optics.refractive_index import refractive_index
@@ -54,4 +55,5 @@ __all__ = [
     "spectrum",
     "spheres",
     "sweep",
+    "to_mitsuba",
 ]

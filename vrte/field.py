@@ -88,8 +88,11 @@ class Field:
         return to_xarray(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes NetCDF, all of it or nothing. Raises MissingExtraError without the extra "files", or OSError."""
-        from vrte.formats.netcdf import save
+        """Writes CSV where the name ends in .csv, otherwise NetCDF, all of it or nothing; `vrte.load` reads it back.
+
+        Raises OSError, for NetCDF MissingExtraError without the extra "files".
+        """
+        from vrte.formats import save
 
         save(self, path)
 

@@ -2,9 +2,9 @@
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -13,15 +13,20 @@ from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
+from vrte.field import Field
+from vrte.request import EXACT
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.figure import Figure
 
     from vrte.formats.scene_file import SceneFile
 
 MOST_WAVELENGTHS = 10_000
 STEPS = 100  # of progress for the particles, and as many for the solution, at each wavelength
-ONE_BY_ONE = ("method", "settings", "verify")  # what `vrte.brdfs` has no keyword for
+SCENE = "scene_toml"  # in diagnostics: the text of the scene file
+Found = TypeVar("Found", bound=Brdf | Field)
+PLAIN: dict[str, Any] = {"method": EXACT, "settings": {}, "verify": False}  # what `vrte.brdfs` has no keywords for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,6 +106,24 @@ class Spectrum:
     def direct_transmittance(self) -> Array | None:
         """The share of the beam that gets through unscattered (wavelength, mu_i), or None."""
         return stacked([one.direct_transmittance for one in self.brdfs])
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """An xarray.Dataset: ``mueller`` with dims (wavelength_um, mu_i, mu_o, phi_deg, stokes_out, stokes_in).
+
+        Raises MissingExtraError without xarray.
+        """
+        from vrte.formats.netcdf import to_xarray
+
+        return to_xarray(self)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes CSV where the name ends in .csv, otherwise NetCDF, all of it or nothing; `vrte.load` reads it back.
+
+        Raises OSError, for NetCDF MissingExtraError without the extra "files".
+        """
+        from vrte.formats import save
+
+        save(self, path)
 
     def _repr_html_(self) -> str:
         from vrte.report.notebook import spectrum_html
@@ -187,15 +210,15 @@ def scenes_at(
     progress: Progress | None = None,
 ) -> list["SceneFile"]:
     """The scene at each wavelength, its particles worked out. ``progress`` counts in steps of a hundredth of one."""
-    from vrte.formats.scene_file import read_content, scene_of
+    from vrte.formats.scene_file import read_scene, scene_of
 
-    if not isinstance(scene, Mapping):
-        folder = Path(scene).parent
-        scene = read_content(scene)
     files = []
     for place, wavelength in enumerate(wavelengths.tolist()):
         try:
-            files.append(scene_of({**scene, "wavelength_um": wavelength}, "brdf", Path(folder)))
+            if isinstance(scene, Mapping):
+                files.append(scene_of({**scene, "wavelength_um": wavelength}, "brdf", Path(folder)))
+            else:
+                files.append(read_scene(scene, "brdf", wavelength))
         except SceneError as error:
             raise SceneError(f"at {wavelength:g} um: {error}") from error
         if progress is not None:
@@ -209,14 +232,23 @@ def solved_at(
     """The spectrum of what `scenes_at` made; ``asked`` as for `spectrum`."""
     calls = [file.keywords(asked) for file in files]
     try:
-        if calls[0].get("backend") == "opencl" and not any(name in calls[0] for name in ONE_BY_ONE):
-            return Spectrum(wavelengths, tuple(brdfs([file.scene for file in files], progress=progress, **calls[0])))
-        found = []
-        for place, (file, call) in enumerate(zip(files, calls, strict=True)):
-            found.append(brdf(file.scene, progress=hundredths(progress, place, len(files)), **call))
+        asks_for_more = PLAIN | calls[0] != calls[0] | PLAIN
+        if not asks_for_more and calls[0].get("backend") == "opencl":
+            common = {name: value for name, value in calls[0].items() if name not in PLAIN}
+            found = brdfs([file.scene for file in files], progress=progress, **common)
+        else:
+            found = [
+                brdf(file.scene, progress=hundredths(progress, place, len(files)), **call)
+                for place, (file, call) in enumerate(zip(files, calls, strict=True))
+            ]
     except SceneError as error:
         raise SceneError(files[0].located(str(error))) from error
-    return Spectrum(wavelengths, tuple(found))
+    return Spectrum(wavelengths, tuple(with_scene(one, files[0].text) for one in found))
+
+
+def with_scene(found: Found, text: str) -> Found:
+    """The same with the text of its scene file in its diagnostics, where there is one."""
+    return replace(found, diagnostics=found.diagnostics | {SCENE: text}) if text else found
 
 
 def hundredths(progress: Progress | None, place: int, count: int) -> Progress | None:

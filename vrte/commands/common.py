@@ -14,6 +14,7 @@ from typing import Any
 from vrte.errors import MissingExtraError, SceneError
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.request import COARSEST, FINEST
+from vrte.spectrum import ascending
 
 Tick = Callable[[int, int], None]
 
@@ -53,6 +54,15 @@ def an_accuracy(text: str) -> float:
     return value
 
 
+def wavelengths(text: str) -> list[float]:
+    """What reads ascending wavelengths, with commas between them."""
+    try:
+        found: list[float] = ascending([float(item) for item in text.split(",")]).tolist()
+    except ValueError:  # a SceneError is one
+        raise argparse.ArgumentTypeError(f"must be ascending wavelengths such as 0.45,0.55, not {text!r}") from None
+    return found
+
+
 def made_folder(folder: Path) -> Path:
     """A folder to write in, made if absent."""
     if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
@@ -86,12 +96,27 @@ def say_written(path: Path) -> None:
 
 def read_file(path: Path, kind: str) -> SceneFile:
     """A scene file, complained about by its name."""
-    try:
+    with reading(path):
         return read_scene(path, kind)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Complaints about a scene file, or that it cannot be read, with its name in front."""
+    with named_by(path):
+        try:
+            yield
+        except OSError as error:
+            raise SceneError(error.strerror or str(error)) from error
+
+
+@contextmanager
+def named_by(path: Path) -> Iterator[None]:
+    """Complaints about what a scene file asks for, with its name in front."""
+    try:
+        yield
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error
-    except OSError as error:
-        raise SceneError(f"{path}: {error.strerror or error}") from error
 
 
 @contextmanager

@@ -8,12 +8,14 @@ from typing import Any
 from vrte import __version__, brdf, radiance
 from vrte.backends import BACKENDS
 from vrte.brdf import Brdf
+from vrte.commands import spectrum
 from vrte.commands.common import (
     Tick,
     a_setting,
     an_accuracy,
     check_extra,
     check_output,
+    named_by,
     progress,
     read_file,
     say_written,
@@ -23,11 +25,13 @@ from vrte.commands.common import (
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.errors import SceneError
 from vrte.field import Field
+from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
 from vrte.formats.scene_file import SceneFile
 from vrte.illumination import SIDES
 from vrte.optics.truncation import CHOICES
 from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
+from vrte.spectrum import Spectrum, with_scene
 
 HOW = ("nodes", "accuracy", "truncation", "method", "illuminate")  # options that win over the scene file
 OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
@@ -36,11 +40,12 @@ EXTRAS = (("output", "files", ("xarray", "h5netcdf")), ("plot", "plot", ("matplo
 
 def add(commands: Any) -> None:
     """`vrte brdf` and `vrte field`."""
-    add_one(commands, "brdf", "the Mueller BRDF of a scene")
+    of_brdf = add_one(commands, "brdf", "the Mueller BRDF of a scene, at one wavelength or several")
+    spectrum.add_options(of_brdf)
     add_one(commands, "field", "the Stokes field inside and above a scene")
 
 
-def add_one(commands: Any, kind: str, help_text: str) -> None:
+def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser:
     command = commands.add_parser(kind, help=help_text, description=f"Computes {help_text}.")
     command.add_argument("scene", metavar="SCENE.toml", type=Path)
     command.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True, help="NetCDF")
@@ -76,11 +81,17 @@ def add_one(commands: Any, kind: str, help_text: str) -> None:
         help="a setting of the method, any number of times",
     )
     command.add_argument("--verify", action="store_true", help="solve by both algorithms and report their agreement")
-    command.set_defaults(run=run, kind=kind)
+    command.set_defaults(run=run, kind=kind, wavelengths_um=None, mitsuba=None)
+    return command
 
 
 def run(options: argparse.Namespace) -> None:
     check_outputs(options)
+    (run_spectrum if options.wavelengths_um else run_one)(options)
+
+
+def run_one(options: argparse.Namespace) -> None:
+    """At the wavelength of the scene file."""
     seconds: dict[str, float] = {}
     with progress() as (phase, tick):
         phase("particles")
@@ -97,11 +108,27 @@ def run(options: argparse.Namespace) -> None:
         say_written(path)
 
 
+def run_spectrum(options: argparse.Namespace) -> None:
+    """At several wavelengths."""
+    seconds: dict[str, float] = {}
+    with progress() as (phase, tick):
+        found = spectrum.solve(options, how(options), seconds, phase, tick)
+    spectrum.describe(options.scene, found)
+    paths = [written(found.result, options, name, seconds) for name in ("output", "csv") if getattr(options, name)]
+    if found.table:
+        paths.append(spectrum.write_table(found.table, options, seconds))
+    print_times(seconds, spectrum.stages(found.result))
+    for path in paths:
+        say_written(path)
+
+
 def check_outputs(options: argparse.Namespace) -> None:
     """Whatever would fail after the work is done, as far as it can be seen before."""
     for name, suffix in OUTPUTS:
         if getattr(options, name):
             check_output(getattr(options, name), suffix)
+    if options.kind == "brdf":
+        spectrum.check_options(options)
     for option, extra, modules in EXTRAS:
         if getattr(options, option):
             check_extra(f"writing {getattr(options, option)}", extra, modules)
@@ -114,21 +141,24 @@ def check_picture(options: argparse.Namespace, file: SceneFile) -> None:
         check_directions(file.request["mu_o"], file.request.get("phi", 0.0))
 
 
+def how(options: argparse.Namespace) -> dict[str, Any]:
+    """The keywords that the command line wins with over the scene file."""
+    found = {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
+    found |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
+    return found | ({"settings": dict(options.set)} if options.set else {})
+
+
 def solved(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    how = file.options | {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
-    of_file = {} if options.method else how.get("settings", {})  # another method has other settings
-    how["settings"] = of_file | dict(options.set)
-    if options.method == AUTO:
-        how.pop("nodes", None)  # of the file, for another method; those of the command line are refused
-    how |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
-    try:
-        return solve(file.scene, **file.request, progress=tick, **how)
-    except SceneError as error:
-        raise SceneError(f"{options.scene}: {file.located(str(error))}") from error
+    with named_by(options.scene):
+        try:
+            found = solve(file.scene, progress=tick, **file.keywords(how(options)))
+        except SceneError as error:
+            raise SceneError(file.located(str(error))) from error
+    return with_scene(found, file.text)
 
 
-def written(result: Brdf | Field, options: argparse.Namespace, name: str, seconds: dict[str, float]) -> Path:
+def written(result: Result, options: argparse.Namespace, name: str, seconds: dict[str, float]) -> Path:
     path: Path = getattr(options, name)
     with timed(seconds, f"writing {path.suffix}"):
         if name == "output":
@@ -138,6 +168,7 @@ def written(result: Brdf | Field, options: argparse.Namespace, name: str, second
         else:
             from vrte.report.lobes import save_plot
 
+            assert not isinstance(result, Spectrum)  # refused by check_options
             save_plot(result, path)
     return path
 

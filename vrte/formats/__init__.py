@@ -1,5 +1,5 @@
-"""What goes in and out as files: scene TOML in, NetCDF and CSV out."""
+"""What goes in and out as files: scene TOML in; NetCDF, CSV and Mitsuba's tensor file out."""
 
-from vrte.formats.netcdf import load
+from vrte.formats.result_file import load, save
 
-__all__ = ["load"]
+__all__ = ["load", "save"]

@@ -9,7 +9,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +62,7 @@ class SceneFile:
 
     ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``, ``options``
     those of them that say how to solve, OPTION_KEYS, as far as they are given;
-    ``particles`` the kinds that the layers hold, by name.
+    ``particles`` the kinds that the layers hold, by name; ``text`` the file as it is, "" where there was none.
     """
 
     scene: Scene
@@ -70,6 +70,7 @@ class SceneFile:
     request: dict[str, Any]
     options: dict[str, Any]
     particles: dict[str, Particles]
+    text: str = ""
 
     def keywords(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         """All keywords of ``vrte.brdf`` or ``vrte.radiance`` but the scene, those ``asked`` in place of the file's.
@@ -107,10 +108,9 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength
     >>> read_scene("gold_powder.toml").kind
     'brdf'
     """
-    content = read_content(path)
-    if wavelength_um is not None:
-        content["wavelength_um"] = wavelength_um
-    return scene_of(content, kind, Path(path).parent)
+    text = read_text(path, LARGEST_FILE)
+    changed = {} if wavelength_um is None else {"wavelength_um": wavelength_um}
+    return replace(scene_of(toml_content(text) | changed, kind, Path(path).parent), text=text)
 
 
 def read_content(path: str | os.PathLike[str]) -> dict[str, Any]:

@@ -31,10 +31,11 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.errors import MissingExtraError, SceneError, SweepError
 from vrte.formats.atomic import atomic_write
-from vrte.formats.netcdf import BRDF_COORDINATES, BRDF_VARIABLES, CONVENTIONS, STOKES
+from vrte.formats.contents import BRDF, CONVENTIONS, WAVELENGTH
+from vrte.formats.netcdf import STOKES
 from vrte.sweep.grid import Grid
 from vrte.sweep.optics import Optics
-from vrte.sweep.template import Sweep, request_of, scene_at, sweep_of, unseen
+from vrte.sweep.template import Axis, Sweep, request_of, scene_at, sweep_of, unseen
 
 if TYPE_CHECKING:
     import xarray
@@ -71,9 +72,10 @@ def directions_of(sweep: Sweep) -> tuple[dict[str, Array], bool]:
 def variables_of(coordinates: dict[str, Array], transmission: bool) -> dict[str, tuple[tuple[str, ...], Any]]:
     """What each scene brings: dimensions and shape."""
     lengths = {name: values.size for name, values in coordinates.items()} | dict.fromkeys(STOKES_DIMS, 4)
-    names = [name for name in BRDF_VARIABLES if name != "transmission" or transmission]
     return {
-        name: (tuple(BRDF_VARIABLES[name][0]), tuple(lengths[dim] for dim in BRDF_VARIABLES[name][0])) for name in names
+        name: (about.dims, tuple(lengths[dim] for dim in about.dims))
+        for name, about in BRDF.variables.items()
+        if name != "transmission" or transmission
     }
 
 
@@ -250,15 +252,12 @@ def create_table(work: Work) -> None:
     group = zarr().open_group(work.folder / "table", mode="w", zarr_format=3)
     group.attrs.update(attributes(sweep))
     for axis in sweep.axes:
-        units = "um" if axis.key.endswith("_um") else "1"
-        put_array(group, axis.name, (axis.dimension,), axis.values, {"units": units, "long_name": axis.key})
+        put_array(group, axis.name, (axis.dimension,), axis.values, attributes_of(axis))
     for name, values in layout.coordinates.items():
-        units, long_name = BRDF_COORDINATES[name]
-        put_array(group, name, (name,), values, {"units": units, "long_name": long_name})
+        put_array(group, name, (name,), values, BRDF.coordinates[name].attributes)
     for name in STOKES_DIMS:
         put_array(group, name, (name,), np.array(STOKES, object), {"long_name": "Stokes parameter"})
     for name, (dims, shape) in layout.variables.items():
-        _, units, long_name = BRDF_VARIABLES[name]
         group.create_array(
             name,
             shape=(*layout.grid.shape, *shape),
@@ -266,7 +265,7 @@ def create_table(work: Work) -> None:
             dtype="float64",
             fill_value=math.nan,
             dimension_names=(*layout.dimensions, *dims),
-            attributes={"units": units, "long_name": long_name},
+            attributes=BRDF.variables[name].attributes,
         )
     group.create_array(
         "error",
@@ -277,6 +276,13 @@ def create_table(work: Work) -> None:
         dimension_names=layout.dimensions,
         attributes={"long_name": "why a scene has no result, empty where it has one"},
     )
+
+
+def attributes_of(axis: Axis) -> dict[str, str]:
+    """What is said of the values of an axis."""
+    if axis.key == "wavelength_um":
+        return WAVELENGTH.attributes
+    return {"units": "um" if axis.key.endswith("_um") else "1", "long_name": axis.key}
 
 
 def put_array(group: Any, name: str, dims: tuple[str, ...], values: Any, attrs: dict[str, str]) -> None:
@@ -377,4 +383,4 @@ def open_table(path: str | os.PathLike[str]) -> "xarray.Dataset":
     if "sweep" not in dataset.attrs:
         dataset.close()
         raise SceneError(f"{path} is no table of a sweep")
-    return dataset[[name for name in (*BRDF_VARIABLES, "error") if name in dataset]]
+    return dataset[[name for name in (*BRDF.variables, "error") if name in dataset]]

@@ -1,0 +1,119 @@
+"""Several wavelengths on the command line, and the table for Mitsuba that is made of five of them."""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte import __version__
+from vrte.commands.common import Tick, check_output, named_by, reading, timed, wavelengths
+from vrte.errors import SceneError
+from vrte.formats import measured_polarized as mitsuba
+from vrte.formats.scene_file import SceneFile
+from vrte.spectrum import Spectrum, scenes_at, solved_at
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """What `vrte brdf` takes for several wavelengths."""
+    command.add_argument(
+        "--wavelengths-um",
+        metavar="UM,UM,...",
+        type=wavelengths,
+        help="ascending; they win over the scene file, and particles are worked out anew at each",
+    )
+    command.add_argument(
+        "--mitsuba",
+        metavar="OUT.bsdf",
+        type=Path,
+        help="a table for Mitsuba 3, measured_polarized, of exactly five wavelengths",
+    )
+    command.add_argument(
+        "--mitsuba-step-deg",
+        metavar="DEG",
+        type=float,
+        default=mitsuba.STEP,
+        help=f"step of its angles theta; default: {mitsuba.STEP:g}",
+    )
+
+
+def check_options(options: argparse.Namespace) -> None:
+    """Whether they go together, before the work is done. Raises SceneError."""
+    if options.wavelengths_um and options.plot:
+        raise SceneError("--plot shows one wavelength: leave --wavelengths-um out, or --plot")
+    if options.mitsuba:
+        check_output(options.mitsuba, ".bsdf")
+        mitsuba.angles_of(options.mitsuba_step_deg)
+        if not options.wavelengths_um:
+            raise SceneError(f"--mitsuba needs --wavelengths-um with {mitsuba.WAVELENGTHS} wavelengths")
+        mitsuba.check_wavelengths(options.wavelengths_um)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The scene at each wavelength, its spectrum, and two more where they are asked for: of Mitsuba's table and of its
+    check."""
+
+    files: list[SceneFile]
+    result: Spectrum
+    table: tuple[Spectrum, Spectrum] | None
+
+
+def solve(
+    options: argparse.Namespace,
+    asked: dict[str, Any],
+    seconds: dict[str, float],
+    phase: Callable[[str], None],
+    tick: Tick,
+) -> Found:
+    """All that was asked for at the wavelengths."""
+    at = np.array(options.wavelengths_um)
+    phase("particles")
+    with timed(seconds, "particles"), reading(options.scene):
+        files = scenes_at(options.scene, at, progress=tick)
+    phase("wavelengths")
+    with timed(seconds, "solver"), named_by(options.scene):
+        result = solved_at(files, at, tick, **asked)
+    if not options.mitsuba:
+        return Found(files, result, None)
+    phase("directions of the table")
+    with timed(seconds, "solver for Mitsuba"), named_by(options.scene):
+        return Found(files, result, mitsuba.solved_for_table(files, at, tick, **asked))
+
+
+def write_table(table: tuple[Spectrum, Spectrum], options: argparse.Namespace, seconds: dict[str, float]) -> Path:
+    """The file for Mitsuba."""
+    with timed(seconds, "writing .bsdf"):
+        errors = mitsuba.write_mitsuba(table[0], options.mitsuba, options.mitsuba_step_deg, table[1])
+    print(f"  Mitsuba's table: {errors}")
+    path: Path = options.mitsuba
+    return path
+
+
+def stages(result: Spectrum) -> dict[str, dict[str, float]]:
+    """Seconds of each stage, those of all wavelengths added up."""
+    found: dict[str, dict[str, float]] = {}
+    for one in result:
+        for stage, took in one.diagnostics["stages"].items():
+            before = found.setdefault(stage, dict.fromkeys(took, 0.0))
+            found[stage] = {name: before[name] + value for name, value in took.items()}
+    return found
+
+
+def describe(path: Path, found: Found) -> None:
+    """What was computed, of what, and how: one line a wavelength."""
+    print(f"vrte {__version__}: subsurface BRDF of {path}")
+    print(f"  {found.result!r}")
+    mu_i = found.result.mu_i[0]
+    print(f"  {'um':>8}  R at mu_i {mu_i:<6g}  layers: optical thickness, albedo, asymmetry")
+    for wavelength, file, one in zip(found.result.wavelength_um, found.files, found.result, strict=True):
+        layers = "; ".join(
+            f"{layer.thickness:.5g}, {layer.albedo:.6f}, {layer.phase_matrix.asymmetry:.4f}"
+            for layer in file.scene.layers
+        )
+        print(f"  {wavelength:8.6g}  {one.reflectance[0]:<16.6f}  {layers}")
+    nodes = {one.diagnostics["nodes"] for one in found.result}
+    some = f"{min(nodes)} to {max(nodes)}" if len(nodes) > 1 else f"{min(nodes)}"
+    print(f"  {found.result[0].diagnostics['method']}, {some} nodes")

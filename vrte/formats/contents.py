@@ -1,0 +1,178 @@
+"""What the result files hold, whatever their format: names, dimensions, units, meanings; and the result from it."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from vrte.arrays import Array, in_one_line
+from vrte.brdf import Brdf
+from vrte.errors import SceneError
+from vrte.field import Field
+from vrte.spectrum import SCENE, Spectrum
+
+Result = Brdf | Field | Spectrum
+
+RADIANCE = "W m-2 sr-1"
+IRRADIANCE = "W m-2"
+CONVENTIONS = (
+    "phi_deg is outgoing minus incident azimuth, both along the direction of travel (0 forward, 180 back), growing "
+    "counter-clockwise seen from above; Stokes vectors I, Q, U, V refer to the local meridian plane, "
+    "Q = I_parallel - I_perpendicular, U and V in the signs of Hovenier and van der Mee; the light is inside the host "
+    "medium, nothing is refracted or reflected at its surface"
+)
+
+
+@dataclass(frozen=True)
+class Described:
+    """One array of a file: its dimensions, its unit as UDUNITS writes it, what it means, and its name in CF's table of
+    standard names where it has one."""
+
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+    standard_name: str | None = None
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """As CF names them."""
+        standard = {"standard_name": self.standard_name} if self.standard_name else {}
+        return {"units": self.units, "long_name": self.long_name} | standard
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of result: its name, what it is called, its coordinates and its variables."""
+
+    name: str
+    title: str
+    coordinates: dict[str, Described]
+    variables: dict[str, Described]
+
+
+PAIRS = ("mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in")
+BRDF = Kind(
+    "brdf",
+    "subsurface BRDF of a particulate layer",
+    {
+        "mu_i": Described(("mu_i",), "1", "cosine of the angle of incidence"),
+        "mu_o": Described(("mu_o",), "1", "cosine of the angle of exit"),
+        "phi_deg": Described(
+            ("phi_deg",), "degree", "azimuth, outgoing minus incident, both along the direction of travel"
+        ),
+    },
+    {
+        "mueller": Described(PAIRS, "sr-1", "subsurface BRDF, Mueller matrix: radiance out per irradiance in"),
+        "reflectance": Described(("mu_i",), "1", "directional-hemispherical subsurface reflectance, unpolarized light"),
+        "transmission": Described(
+            PAIRS, "sr-1", "subsurface BTDF, Mueller matrix: diffuse radiance out of the other face per irradiance in"
+        ),
+        "direct_transmittance": Described(("mu_i",), "1", "share of the beam that reaches the other face unscattered"),
+    },
+)
+WAVELENGTH = Described(("wavelength_um",), "um", "wavelength in vacuum", "radiation_wavelength")
+SPECTRUM = Kind(
+    "spectrum",
+    "subsurface BRDF of a particulate layer at several wavelengths",
+    {"wavelength_um": WAVELENGTH, **BRDF.coordinates},
+    {
+        name: Described(("wavelength_um", *variable.dims), variable.units, variable.long_name)
+        for name, variable in BRDF.variables.items()
+    },
+)
+FIELD = Kind(
+    "field",
+    "subsurface radiance field of a particulate layer",
+    {
+        "tau": Described(("tau",), "1", "optical depth, growing downward from the top"),
+        "mu": Described(("mu",), "1", "cosine of the direction of travel with the upward normal: > 0 up, < 0 down"),
+        "phi_deg": Described(("phi_deg",), "degree", "azimuth relative to the beam, along the directions of travel"),
+    },
+    {
+        "stokes": Described(
+            ("tau", "mu", "phi_deg", "stokes"), RADIANCE, "subsurface radiance I, Q, U, V, diffuse light only"
+        ),
+        "flux_up": Described(("tau",), IRRADIANCE, "diffuse subsurface flux going up through a horizontal plane"),
+        "flux_down": Described(("tau",), IRRADIANCE, "diffuse subsurface flux going down through a horizontal plane"),
+        "direct": Described(("tau",), IRRADIANCE, "flux of the direct beam through a horizontal plane"),
+        "mu0": Described((), "1", "cosine of the beam's angle of incidence"),
+        "incident_stokes": Described(
+            ("stokes",), IRRADIANCE, "the beam's I, Q, U, V as flux through a plane perpendicular to it"
+        ),
+    },
+)
+KINDS = {kind.name: kind for kind in (BRDF, FIELD, SPECTRUM)}
+CLASSES: dict[type, Kind] = {Brdf: BRDF, Field: FIELD, Spectrum: SPECTRUM}
+
+
+def kind_of(result: Result) -> Kind:
+    """The kind of a result."""
+    try:
+        return CLASSES[type(result)]
+    except KeyError:
+        raise SceneError(f"a result must be a Brdf, a Field or a Spectrum, not {type(result).__name__}") from None
+
+
+def arrays_of(result: Result) -> dict[str, Any]:
+    """All coordinates and variables that a result has, by their names in files."""
+    kind = kind_of(result)
+    found = {name: getattr(result, name.removesuffix("_deg")) for name in (*kind.coordinates, *kind.variables)}
+    return {name: values for name, values in found.items() if values is not None}
+
+
+def restored(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any) -> Result:
+    """The result that has these arrays. Raises SceneError where they do not fit together, KeyError where one is
+    missing."""
+    named = {name.removesuffix("_deg"): values for name, values in arrays.items()}
+    if kind is FIELD:
+        mu0 = float(named.pop("mu0").item())
+        return Field(diagnostics=diagnostics, mu0=mu0, **named)
+    if kind is BRDF:
+        return Brdf(diagnostics=diagnostics, **named)
+    directions = {name: named[name] for name in ("mu_i", "mu_o", "phi")}
+    found = {name: named[name] for name in kind.variables if name in named}
+    if len(diagnostics) != len(named["wavelength_um"]):
+        raise SceneError("there must be diagnostics for each wavelength")
+    brdfs = (
+        Brdf(diagnostics=one, **directions, **{name: values[place] for name, values in found.items()})
+        for place, one in enumerate(diagnostics)
+    )
+    return Spectrum(named["wavelength_um"], tuple(brdfs))
+
+
+def described(result: Result) -> dict[str, str]:
+    """What else a file says: title, source, comment, ``diagnostics`` as JSON, and the scene file where it is known."""
+    from vrte import __version__
+
+    diagnostics = [one.diagnostics for one in result] if isinstance(result, Spectrum) else result.diagnostics
+    every = diagnostics if isinstance(diagnostics, list) else [diagnostics]
+    scene = every[0].get(SCENE)
+    told = {
+        "title": f"Polarized {kind_of(result).title}",
+        "source": f"vrte {__version__}, vector radiative transfer",
+        "comment": CONVENTIONS,
+        "kind": kind_of(result).name,
+    }
+    if isinstance(scene, str) and all(one.get(SCENE) == scene for one in every):
+        told[SCENE] = scene
+        every = [{name: value for name, value in one.items() if name != SCENE} for one in every]
+    return told | {"diagnostics": as_json(every if isinstance(diagnostics, list) else every[0])}
+
+
+def undescribed(diagnostics: Any, scene: str | None) -> Any:
+    """The diagnostics that `described` put away, parsed: of one result, or a list of them, each with its scene."""
+    also = {} if scene is None else {SCENE: scene}
+    return [one | also for one in diagnostics] if isinstance(diagnostics, list) else diagnostics | also
+
+
+def as_json(value: Any) -> str:
+    """JSON in one line of ASCII, every digit of every number. Raises SceneError for what has no place in it."""
+    try:
+        return json.dumps(value)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise SceneError(f"diagnostics must be what JSON can hold: {reason(error)}") from error
+
+
+def reason(error: Exception) -> str:
+    """What another library says, in one line and not too long."""
+    return in_one_line(f"{type(error).__name__}: {error}", 200)

@@ -1,0 +1,289 @@
+"""A spectrum as Mitsuba's ``measured_polarized`` BSDF takes it: Mueller matrices over Rusinkiewicz angles.
+
+The file's half vector has the angle theta_h with the normal, the light's direction i the angle theta_d with the half
+vector, and phi_d is the azimuth of i about it, 0 where the half vector leans to. i and the view's direction o both
+point away from the surface. Its Stokes axes are perpendicular to the plane of i and o and in it; ours are meridian
+planes, so that each matrix is turned by two rotations.
+
+The matrices come from splines through directions that were solved for (between_directions.py).
+"""
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.arrays import Array, number
+from vrte.discrete_ordinates.problem import Progress
+from vrte.errors import SceneError
+from vrte.formats.between_directions import AZIMUTHS, COSINES, FEWEST, MIRROR, MOST, Splines, directions
+from vrte.formats.contents import described
+from vrte.formats.mitsuba_tensor import write_tensors
+from vrte.illumination import SAME
+from vrte.request import EXACT
+from vrte.spectrum import STEPS, Spectrum, ascending, part_of, scenes_at, solved_at
+
+if TYPE_CHECKING:
+    from vrte.formats.scene_file import SceneFile
+
+WAVELENGTHS = 5  # in Mitsuba's code
+MOST_COSINES, MOST_AZIMUTHS = 128, 361  # to solve for, where nodes and Fourier orders are many
+CHECKED, CHECKED_FROM = 8, 0.1  # cosines and azimuths to check a table with; the smallest of those cosines
+NOTE = (
+    "M is the BRDF in sr-1 without the cosine, axes (phi_d, theta_d, theta_h, wavelength, out, in); its Stokes axes "
+    "are perpendicular to the plane of the light's and the view's directions, not meridian planes; description is UTF-8"
+)
+STEP = 2.5  # degrees between the file's theta_d and theta_h by default; phi_d has twice that
+FINEST, COARSEST = 0.5, 15.0
+AXES = np.array([1.0, -1.0, 1.0, 1.0])  # from parallel minus perpendicular to perpendicular minus parallel
+FLOOR = 0.25  # of the step: smallest cosine in the table, for at the horizon f itself may have no bound
+CHUNK = 1 << 17  # pairs of directions at a time
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a table is off between its angles, as Mitsuba interpolates: the largest difference of an element over I,
+    half of the pairs of directions being better than ``median``, 95 of 100 better than ``most``; ``pairs`` of them."""
+
+    median: float
+    most: float
+    pairs: int
+
+    def __str__(self) -> str:
+        return (
+            f"off by {self.median:.1e} of I in the median, by less than {self.most:.1e} for 95% of {self.pairs} pairs "
+            f"of directions with both cosines above {CHECKED_FROM:g}"
+        )
+
+
+def to_mitsuba(
+    scene: str | os.PathLike[str] | Mapping[str, Any],
+    wavelengths_um: Any,
+    path: str | os.PathLike[str],
+    step_deg: float = STEP,
+    progress: Progress | None = None,
+    folder: str | os.PathLike[str] = ".",
+    **asked: Any,
+) -> Errors:
+    """Solves a scene file at five wavelengths and writes a table for Mitsuba 3's BSDF ``measured_polarized``.
+
+    Parameters: ``scene``, ``folder`` and keywords of `vrte.brdf` as for `vrte.spectrum`, but for the directions, which
+    are the table's own; ``wavelengths_um``, five of whole nanometres, ascending; ``path``; ``step_deg`` of its angles
+    theta_d and theta_h, of which phi_d has twice that; ``progress``, called with (steps done, steps). Returns how far
+    the table is off between its angles. Raises what `vrte.spectrum` does, OSError.
+
+    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
+    >>> content = {"nodes": 8, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
+    >>> to_mitsuba(content, [0.45, 0.5, 0.55, 0.6, 0.65], "rayleigh.bsdf", step_deg=15).median < 0.1
+    True
+    """
+    wavelengths = ascending(wavelengths_um)
+    check_wavelengths(wavelengths)
+    angles_of(step_deg)
+    total = 2 * STEPS * wavelengths.size
+    files = scenes_at(scene, wavelengths, folder, part_of(progress, 0, total))
+    table, exact = solved_for_table(files, wavelengths, part_of(progress, total // 2, total), **asked)
+    errors = write_mitsuba(table, path, step_deg, exact)
+    assert errors is not None
+    return errors
+
+
+def solved_for_table(
+    files: Sequence["SceneFile"], wavelengths: Array, progress: Progress | None = None, **asked: Any
+) -> tuple[Spectrum, Spectrum]:
+    """The spectrum that a table is made of, and one at other directions to check it with: as many cosines and azimuths
+    as the scene's BRDF wants. Parameters and errors as for `vrte.spectrum.solved_at`."""
+    asked |= {"transmission": False}
+    sample = np.random.default_rng(0).uniform(size=(3, CHECKED))
+    pairs = CHECKED_FROM + (1.0 - CHECKED_FROM) * sample[:2]
+    exact = solved_at(files, wavelengths, None, **asked, mu_i=pairs[0], mu_o=pairs[1], phi=360.0 * sample[2])
+    orders = max(one.diagnostics.get("orders", 0) for one in exact)
+    nodes = max(one.diagnostics["nodes"] for one in exact)
+    if files[0].keywords(asked).get("method", EXACT) == EXACT:
+        asked["nodes"] = nodes  # left to itself, a solve for cosines of 1e-4 would choose a great many for their sake
+    cosines = int(np.clip(nodes, COSINES, MOST_COSINES))
+    wanted = directions(cosines, int(np.clip(2 * orders + 1, AZIMUTHS, MOST_AZIMUTHS)))
+    return solved_at(files, wavelengths, progress, **asked, **wanted), exact
+
+
+def write_mitsuba(
+    spectrum: Spectrum, path: str | os.PathLike[str], step_deg: float = STEP, exact: Spectrum | None = None
+) -> Errors | None:
+    """Writes the BRDFs of five wavelengths to ``path`` for Mitsuba's BSDF ``measured_polarized``, all or nothing.
+
+    ``spectrum`` must hold five wavelengths of whole nanometres, at the `directions` of this module; ``step_deg`` is the
+    step of the file's theta_d and theta_h, phi_d has twice that. Mitsuba interpolates linearly between them;
+    ``exact``, the same spectrum at any other directions, is what the table is then compared with, and the errors found
+    are returned. A field ``description``, which Mitsuba leaves alone, says what made the file. Raises SceneError,
+    OSError.
+
+    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
+    >>> content = {"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
+    >>> import vrte
+    >>> five = vrte.spectrum(content, [0.45, 0.5, 0.55, 0.6, 0.65], **directions(8, 9))
+    >>> write_mitsuba(five, "rayleigh.bsdf", step_deg=15)
+    """
+    angles, nanometres = angles_of(step_deg), check_wavelengths(spectrum.wavelength_um)
+    check_directions(spectrum)
+    table = tabulated(spectrum, angles)
+    errors = None if exact is None else errors_of(table, angles, exact)
+    told = described(spectrum) | {"note": NOTE} | ({} if errors is None else {"interpolation": str(errors)})
+    text = "\n".join(f"{name}: {value}" for name, value in told.items())
+    fields: dict[str, NDArray[Any]] = {
+        name: getattr(angles, name)[None].astype(np.float32) for name in ("phi_d", "theta_d", "theta_h")
+    }
+    fields |= {"wvls": nanometres, "M": table, "description": np.frombuffer(text.encode("utf-8"), np.uint8)}
+    write_tensors(fields, path)
+    return errors
+
+
+@dataclass(frozen=True, eq=False)
+class Angles:
+    """The axes of a table [rad]: phi_d from -pi to pi, theta_d and theta_h from 0 to pi/2, all with both ends."""
+
+    phi_d: Array
+    theta_d: Array
+    theta_h: Array
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of the table."""
+        return self.phi_d.size, self.theta_d.size, self.theta_h.size
+
+
+def angles_of(step_deg: float) -> Angles:
+    """Axes with that step in theta, or the next smaller one that divides 90 degrees."""
+    step = number("step_deg", step_deg, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g} degrees")
+    count = math.ceil(90.0 / step - 1e-9)
+    theta = np.linspace(0.0, 0.5 * np.pi, count + 1)
+    return Angles(np.linspace(-np.pi, np.pi, 2 * count + 1), theta, theta)
+
+
+def check_wavelengths(wavelengths_um: Sequence[float] | Array) -> NDArray[np.uint16]:
+    """The wavelengths in nanometres, if they are five whole ones. Raises SceneError."""
+    if len(wavelengths_um) != WAVELENGTHS:
+        raise SceneError(
+            f"Mitsuba's measured_polarized takes exactly {WAVELENGTHS} wavelengths, not {len(wavelengths_um)}"
+        )
+    nanometres = 1e3 * np.asarray(wavelengths_um)
+    if np.abs(nanometres - nanometres.round()).max() > 1e-6 or nanometres[-1] > np.iinfo(np.uint16).max:
+        raise SceneError("Mitsuba's measured_polarized takes wavelengths of whole nanometres, up to 65535")
+    return nanometres.round().astype(np.uint16)
+
+
+def check_directions(spectrum: Spectrum) -> None:
+    """Whether the spectrum is for the directions that splines want. Raises SceneError."""
+    counts = spectrum.mu_i.size, spectrum.phi.size
+    if all(FEWEST <= count <= MOST for count in counts):
+        wanted = directions(*counts)
+        given = {"mu_i": spectrum.mu_i, "mu_o": spectrum.mu_o, "phi": spectrum.phi}
+        if all(
+            one.shape == wanted[name].shape and np.allclose(one, wanted[name], 0.0, SAME) for name, one in given.items()
+        ):
+            return
+    raise SceneError(
+        "a table for Mitsuba must be solved for its own directions: "
+        "vrte.spectrum(..., **vrte.formats.measured_polarized.directions())"
+    )
+
+
+def tabulated(spectrum: Spectrum, angles: Angles) -> NDArray[np.float32]:
+    """The field M (phi_d, theta_d, theta_h, wavelength, 4, 4) [sr-1]: mirror symmetry gives the half with phi_d < 0."""
+    half = angles.phi_d.size // 2
+    positive = Angles(angles.phi_d[half:], angles.theta_d, angles.theta_h)
+    into, out, across = pairs_of(positive)
+    lowest = FLOOR * math.sin(angles.theta_h[1])
+    found = np.empty((angles.phi_d.size, *angles.shape[1:], len(spectrum), 4, 4), np.float32)
+    for place, one in enumerate(spectrum):
+        matrices = in_scattering_plane(Splines(one), into, out, across, lowest).reshape(*positive.shape, 4, 4)
+        found[half:, :, :, place] = matrices
+        found[:half, :, :, place] = (matrices * MIRROR)[:0:-1]
+    return found
+
+
+def pairs_of(angles: Angles) -> tuple[Array, Array, Array]:
+    """The light's and the view's directions, both away from the surface, and the normal of the plane of both, each
+    (pairs, 3), z upward. The half vector lies in the plane y = 0; across is half vector x difference vector, which
+    stays what it is where both directions are one."""
+    phi, spread, half = (
+        axis.ravel() for axis in np.meshgrid(angles.phi_d, angles.theta_d, angles.theta_h, indexing="ij")
+    )
+    middle = np.stack([np.sin(half), 0.0 * half, np.cos(half)], axis=1)
+    tangent = np.stack([np.cos(half), 0.0 * half, -np.sin(half)], axis=1)
+    aside = np.cos(phi)[:, None] * tangent + np.sin(phi)[:, None] * np.array([0.0, 1.0, 0.0])
+    along, sideways = np.cos(spread)[:, None] * middle, np.sin(spread)[:, None] * aside
+    return along + sideways, along - sideways, np.cross(middle, aside)
+
+
+def errors_of(table: NDArray[np.float32], angles: Angles, exact: Spectrum) -> Errors:
+    """How far the table is off at the directions of another spectrum."""
+    mu_i, mu_o, phi = (axis.ravel() for axis in np.meshgrid(exact.mu_i, exact.mu_o, exact.phi, indexing="ij"))
+    into = direction(mu_i, np.full_like(mu_i, np.pi))  # light that travels along the azimuth 0
+    out = direction(mu_o, np.radians(phi))
+    found = to_meridian_planes(interpolated(table, angles, into, out), into, out)
+    wanted = exact.mueller.reshape(len(exact), -1, 4, 4).swapaxes(0, 1)
+    off = np.abs(found - wanted).max(axis=(2, 3)) / wanted[:, :, 0, 0]
+    return Errors(float(np.median(off)), float(np.quantile(off, 0.95)), len(off))
+
+
+def direction(mu: Array, azimuth: Array) -> Array:
+    """Unit vectors (n, 3)."""
+    across = np.sqrt(1.0 - mu**2)
+    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), mu], axis=1)
+
+
+def interpolated(table: NDArray[np.float32], angles: Angles, into: Array, out: Array) -> Array:
+    """What Mitsuba makes of the table M at pairs of directions (n, 3), in the table's axes: (n, wavelength, 4, 4)."""
+    from scipy.interpolate import RegularGridInterpolator
+
+    middle = into + out
+    middle /= np.linalg.norm(middle, axis=1)[:, None]
+    sideways = np.cross([0.0, 0.0, 1.0], middle)
+    sideways /= np.linalg.norm(sideways, axis=1)[:, None]
+    phi = np.arctan2((sideways * into).sum(axis=1), (np.cross(sideways, middle) * into).sum(axis=1))
+    spread = np.arccos(np.clip((middle * into).sum(axis=1), -1.0, 1.0))
+    axes = angles.phi_d, angles.theta_d, angles.theta_h
+    places = np.stack([phi, spread, np.arccos(np.clip(middle[:, 2], -1.0, 1.0))], axis=1)
+    found: Array = RegularGridInterpolator(axes, table)(places)
+    return found
+
+
+def to_meridian_planes(matrices: Array, into: Array, out: Array) -> Array:
+    """Matrices (n, wavelength, 4, 4) in the table's axes as the package has them."""
+    across = np.cross(into, out)
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    from_light, to_view = turn(-into, across)[:, None], turn(out, across)[:, None]
+    found: Array = to_view.swapaxes(2, 3) @ (matrices * np.outer(AXES, AXES)) @ from_light
+    return found
+
+
+def in_scattering_plane(splines: Splines, into: Array, out: Array, across: Array, lowest: float) -> Array:
+    """The BRDF (pairs, 4, 4) in Mitsuba's axes: one is ``across``, perpendicular to the plane of both directions."""
+    found = np.empty((len(into), 4, 4))
+    for start in range(0, len(into), CHUNK):
+        part = slice(start, start + CHUNK)
+        from_light, to_view = turn(-into[part], across[part]), turn(out[part], across[part])
+        found[part] = to_view @ splines(into[part], out[part], lowest) @ from_light.swapaxes(1, 2)
+    return found * np.outer(AXES, AXES)
+
+
+def turn(travel: Array, across: Array) -> Array:
+    """The rotation (pairs, 4, 4) of Stokes vectors from the meridian plane of a direction of travel to the plane
+    perpendicular to ``across``."""
+    azimuth = np.arctan2(travel[:, 1], travel[:, 0])
+    horizontal = np.hypot(travel[:, 0], travel[:, 1])
+    # theta-hat, along which l lies, and r with r x l along the direction of travel: minus phi-hat
+    meridian = np.stack([travel[:, 2] * np.cos(azimuth), travel[:, 2] * np.sin(azimuth), -horizontal], axis=1)
+    beside = np.stack([np.sin(azimuth), -np.cos(azimuth), 0.0 * azimuth], axis=1)
+    inside = np.cross(travel, across)  # l of the other plane, or its opposite, which is the same axis
+    cosine, sine = (meridian * inside).sum(axis=1), (beside * inside).sum(axis=1)
+    found = np.zeros((len(travel), 4, 4))
+    found[:, 0, 0] = found[:, 3, 3] = 1.0
+    found[:, 1, 1] = found[:, 2, 2] = cosine**2 - sine**2
+    found[:, 1, 2] = 2.0 * sine * cosine
+    found[:, 2, 1] = -found[:, 1, 2]
+    return found

@@ -1,0 +1,102 @@
+"""Mitsuba's container of named arrays, a tensor file: a head that lists them, then their bytes, all little-endian.
+
+The head: "tensor_file" and a zero byte, the version as two bytes (1, 0), the number of fields (uint32); then for each
+field the length of its name (uint16), the name, its number of dimensions (uint16), its type (uint8), where its bytes
+begin in the file (uint64) and its shape (uint64 each).
+"""
+
+import math
+import os
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.errors import SceneError
+from vrte.formats.atomic import atomic_write
+from vrte.formats.text_file import file_name
+
+MAGIC, VERSION = b"tensor_file\0", (1, 0)
+TYPES = dict(
+    enumerate(("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f2", "f4", "f8"), 1)
+)  # by number, as NumPy spells them
+NUMBERS = {name: number for number, name in TYPES.items()}
+ALIGNMENT = 8  # bytes
+MOST_FIELDS, MOST_DIMENSIONS = 1000, 16
+
+
+def write_tensors(fields: Mapping[str, NDArray[Any]], path: str | os.PathLike[str]) -> None:
+    """Writes arrays by their names to ``path``, all of it or nothing. Raises OSError, SceneError for another type.
+
+    >>> write_tensors({"theta": np.zeros((1, 3), np.float32)}, "angles.bsdf")
+    >>> read_tensors("angles.bsdf")["theta"].shape
+    (1, 3)
+    """
+    arrays = {name: np.asarray(values, order="C") for name, values in fields.items()}
+    names = {name: name.encode("utf-8") for name in arrays}
+    place = len(MAGIC) + 6 + sum(13 + len(names[name]) + 8 * array.ndim for name, array in arrays.items())
+    head, starts = [MAGIC, struct.pack("<BBI", *VERSION, len(arrays))], []
+    for name, array in arrays.items():
+        place += -place % ALIGNMENT
+        head.append(struct.pack("<H", len(names[name])) + names[name])
+        head.append(struct.pack(f"<HBQ{array.ndim}Q", array.ndim, _number(name, array), place, *array.shape))
+        starts.append(place)
+        place += array.nbytes
+    with atomic_write(path) as part, open(part, "wb") as file:
+        file.write(b"".join(head))
+        for start, array in zip(starts, arrays.values(), strict=True):
+            file.write(b"\0" * (start - file.tell()))
+            file.write(array.astype(array.dtype.newbyteorder("<"), copy=False).data)
+
+
+def _number(name: str, array: NDArray[Any]) -> int:
+    kind = array.dtype.str[1:]
+    if kind not in NUMBERS:
+        raise SceneError(f"{name} must be real numbers of a plain type, not {array.dtype}")
+    return NUMBERS[kind]
+
+
+def read_tensors(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
+    """The arrays of a tensor file by their names. Raises SceneError for a file that is none or is cut off, OSError.
+
+    >>> write_tensors({"wvls": np.array([450, 650], np.uint16)}, "nm.bsdf")
+    >>> read_tensors("nm.bsdf")["wvls"].tolist()
+    [450, 650]
+    """
+    name = file_name(path)
+    with open(name, "rb") as file:
+        content = file.read()
+    try:
+        return _fields(content)
+    except (struct.error, UnicodeDecodeError) as error:
+        raise SceneError(f"{name} is no tensor file, or it is cut off") from error
+    except SceneError as error:
+        raise SceneError(f"{name}: {error}") from error
+
+
+def _fields(content: bytes) -> dict[str, NDArray[Any]]:
+    if not content.startswith(MAGIC):
+        raise SceneError("not a tensor file")
+    major, minor, count = struct.unpack_from("<BBI", content, len(MAGIC))
+    if (major, minor) != VERSION or count > MOST_FIELDS:
+        raise SceneError(f"not a tensor file of version 1.0 with at most {MOST_FIELDS} fields")
+    place, found = len(MAGIC) + 6, {}
+    for _ in range(count):
+        (length,) = struct.unpack_from("<H", content, place)
+        (label,) = struct.unpack_from(f"<{length}s", content, place + 2)
+        dimensions, number, start = struct.unpack_from("<HBQ", content, place + 2 + length)
+        if dimensions > MOST_DIMENSIONS or number not in TYPES:
+            raise SceneError(f"a field has {dimensions} dimensions and is of type {number}, which is no tensor")
+        shape = struct.unpack_from(f"<{dimensions}Q", content, place + 13 + length)
+        place += 13 + length + 8 * dimensions
+        found[label.decode("utf-8")] = _array(content, f"<{TYPES[number]}", start, shape)
+    return found
+
+
+def _array(content: bytes, kind: str, start: int, shape: tuple[int, ...]) -> NDArray[Any]:
+    size = math.prod(shape)
+    if start + size * np.dtype(kind).itemsize > len(content):
+        raise SceneError("the file is cut off: it ends before its fields do")
+    return np.frombuffer(content, kind, size, start).reshape(shape)

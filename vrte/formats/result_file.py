@@ -1,0 +1,37 @@
+"""Results to files and back, in the format that the file's name asks for."""
+
+import os
+from pathlib import Path
+
+from vrte.formats.contents import Result
+from vrte.formats.csv_table import load_csv, write_csv
+from vrte.formats.netcdf import load_netcdf, save_netcdf
+from vrte.formats.text_file import file_name
+
+
+def save(result: Result, path: str | os.PathLike[str]) -> None:
+    """Writes ``result`` to the file ``path``, all of it or nothing: CSV where the name ends in .csv, otherwise NetCDF.
+
+    Raises OSError, for NetCDF MissingExtraError without the extra "files".
+
+    >>> save(brdf, "result.csv")
+    """
+    (write_csv if is_table(path) else save_netcdf)(result, path)
+
+
+def load(path: str | os.PathLike[str]) -> Result:
+    """The BRDF, field or spectrum in the file ``path``, every digit as it was saved.
+
+    A name that ends in .csv is a table, any other a NetCDF file. Raises FileNotFoundError, SceneError for a file that
+    holds no result of this package, for NetCDF MissingExtraError without the extra "files".
+
+    >>> save(brdf, "result.nc")
+    >>> load("result.nc").mueller.shape
+    (2, 20, 37, 4, 4)
+    """
+    return load_csv(path) if is_table(path) else load_netcdf(path)
+
+
+def is_table(path: str | os.PathLike[str]) -> bool:
+    """Whether a name is that of a CSV file."""
+    return Path(file_name(path)).suffix.lower() == ".csv"
