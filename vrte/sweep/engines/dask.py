@@ -12,6 +12,7 @@ from vrte.sweep.store import Work
 
 AHEAD = 2  # tasks for each thread of the cluster that are sent before they can begin
 PATIENCE = 60.0  # seconds that a cluster gets for a worker to appear
+WAITING = ("pending", "lost")  # a worker died with a result before it was fetched: the task is sent again
 KILLS = 10  # of a worker of ours under one task: then it is the task's doing
 
 
@@ -84,6 +85,8 @@ def stream(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterato
             check_alive(client)
             continue
         for future in finished:
+            if future.status in WAITING:
+                continue
             task = known.pop(future)
             found = outcome(future)
             if found is None:
