@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -40,7 +40,7 @@ class Table:
 
     folder: Path
     scenes: int
-    log: list[str] = field(default_factory=list)
+    started: "list[subprocess.Popen[str]]" = field(default_factory=list)
 
     def __post_init__(self) -> None:
         depths = self.scenes // 4
@@ -56,10 +56,18 @@ class Table:
         """The command, in a process group of its own; its log stays when the folder goes."""
         command = [sys.executable, "-m", "vrte.cli", "sweep", str(self.file), "-o", str(self.output), "--chunk", "2"]
         process = subprocess.Popen([*command, *more], stderr=subprocess.PIPE, text=True, cwd=ROOT)
+        self.started.append(process)
         if not self.kept.exists():
             wait_until(lambda: (self.partial / "log.txt").exists(), process)
             os.link(self.partial / "log.txt", self.kept)
         return process
+
+    def end(self) -> None:
+        """Nothing goes on when a test has failed."""
+        for process in self.started:
+            if process.poll() is None:
+                process.kill()
+                process.communicate()
 
     def done(self) -> set[int]:
         """Chunks that nobody may compute again."""
@@ -155,24 +163,41 @@ def worker_killed_again_and_again(table: Table, kills: int, seed: int) -> None:
     table.check_same_as_undisturbed()
 
 
-def test_process_killed_twice(tmp_path: Path) -> None:
-    killed_again_and_again(Table(tmp_path, 80), 2, random.randrange(10**6))
+@pytest.fixture
+def table(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Table]:
+    """A sweep of as many scenes as the test asks for."""
+    found = Table(tmp_path, request.param)
+    yield found
+    found.end()
 
 
-def test_dask_worker_killed_twice(tmp_path: Path) -> None:
-    worker_killed_again_and_again(Table(tmp_path, 80), 2, random.randrange(10**6))
+def by_chance() -> int:
+    return random.randrange(10**6)
+
+
+@pytest.mark.parametrize("table", [80], indirect=True)
+def test_process_killed_twice(table: Table) -> None:
+    killed_again_and_again(table, 2, by_chance())
+
+
+@pytest.mark.parametrize("table", [80], indirect=True)
+def test_dask_worker_killed_twice(table: Table) -> None:
+    worker_killed_again_and_again(table, 2, by_chance())
 
 
 @pytest.mark.slow
-def test_process_killed_ten_times(tmp_path: Path) -> None:
-    killed_again_and_again(Table(tmp_path, 400), 10, random.randrange(10**6))
+@pytest.mark.parametrize("table", [400], indirect=True)
+def test_process_killed_ten_times(table: Table) -> None:
+    killed_again_and_again(table, 10, by_chance())
 
 
 @pytest.mark.slow
-def test_dask_worker_killed_ten_times(tmp_path: Path) -> None:
-    worker_killed_again_and_again(Table(tmp_path, 1200), 10, random.randrange(10**6))
+@pytest.mark.parametrize("table", [1200], indirect=True)
+def test_dask_worker_killed_ten_times(table: Table) -> None:
+    worker_killed_again_and_again(table, 10, by_chance())
 
 
 @pytest.mark.slow
-def test_process_with_its_dask_cluster_killed_ten_times(tmp_path: Path) -> None:
-    killed_again_and_again(Table(tmp_path, 400), 10, random.randrange(10**6), "--engine", "dask", "--workers", "2")
+@pytest.mark.parametrize("table", [400], indirect=True)
+def test_process_with_its_dask_cluster_killed_ten_times(table: Table) -> None:
+    killed_again_and_again(table, 10, by_chance(), "--engine", "dask", "--workers", "2")

@@ -1,6 +1,7 @@
 """A Dask cluster: tasks go to its workers, who write what they find; little comes back."""
 
 import logging
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from itertools import islice
@@ -13,7 +14,13 @@ from vrte.sweep.store import Work
 AHEAD = 2  # tasks for each thread of the cluster that are sent before they can begin
 PATIENCE = 60.0  # seconds that a cluster gets for a worker to appear
 WAITING = ("pending", "lost")  # a worker died with a result before it was fetched: the task is sent again
-KILLS = 10  # of a worker of ours under one task: then it is the task's doing
+WITHOUT_WORKERS = 300.0  # seconds that a cluster may be without any before it is given up
+OURS = {  # how a cluster of our own is to behave
+    "distributed.scheduler.allowed-failures": 10,  # workers killed under one task: then it is the task's doing
+    # a worker killed twice in so much time would otherwise not be started again
+    "distributed.deploy.lost-worker-timeout": "365 days",
+    "distributed.comm.timeouts.connect": PATIENCE,
+}
 
 
 def perform_there(folder: str, stamp: str, task: Task) -> int:
@@ -30,8 +37,7 @@ def each(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, wo
         raise MissingExtraError("engine 'dask'", "dask") from error
     with ExitStack() as stack:
         if scheduler is None:
-            stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": KILLS}))
-            stack.enter_context(dask.config.set({"distributed.comm.timeouts.connect": PATIENCE}))
+            stack.enter_context(dask.config.set(OURS))
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -74,6 +80,7 @@ def stream(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterato
 
     waiting, lost = iter(tasks), []
     known: dict[Any, Task] = {}
+    seen = time.monotonic()
     while True:
         for task in islice(waiting, most - len(known)):
             known[client.submit(perform_there, str(work.folder), work.stamp, task, pure=False)] = task
@@ -82,8 +89,9 @@ def stream(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterato
         try:
             finished = wait(list(known), timeout=1.0, return_when="FIRST_COMPLETED").done
         except TimeoutError:
-            check_alive(client)
+            seen = last_seen(client, seen)
             continue
+        seen = time.monotonic()
         for future in finished:
             if future.status in WAITING:
                 continue
@@ -111,11 +119,16 @@ def outcome(future: Any) -> int | None:
     if isinstance(error, KilledWorker):
         return None
     if error is None:
-        raise SweepError("the Dask cluster was lost")
+        raise SweepError("the Dask cluster was lost; started again, the sweep goes on")
     raise error
 
 
-def check_alive(client: Any) -> None:
-    """Whether the scheduler still answers. Raises SweepError."""
+def last_seen(client: Any, before: float) -> float:
+    """When there was a worker for the last time. Raises SweepError where that is long ago, or the scheduler gone."""
     if client.status not in ("running", "connecting"):
-        raise SweepError("the Dask cluster was lost")
+        raise SweepError("the Dask cluster was lost; started again, the sweep goes on")
+    if client.status == "running" and client.nthreads():
+        return time.monotonic()
+    if time.monotonic() - before > WITHOUT_WORKERS:
+        raise SweepError("the Dask cluster has no workers any more; started again, the sweep goes on")
+    return before
