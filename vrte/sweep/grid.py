@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 LARGEST_CHUNK = 32e6  # bytes of results that a chunk holds, unless asked for
-MOST_AT_ONCE, PIECES = 64, 50  # scenes of a chunk, and chunks of a sweep that workers can share
+MOST_AT_ONCE, PIECES = 64, 32  # scenes of a chunk, and chunks of a sweep that workers can share
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def scenes_of_a_chunk(count: int, bytes_of_a_scene: int) -> int:
     """How many are good: enough chunks to share, none too large, and not a file for each of very many scenes.
 
     >>> scenes_of_a_chunk(200, 1000), scenes_of_a_chunk(1_000_000, 1000), scenes_of_a_chunk(1_000_000, 20_000_000)
-    (4, 64, 1)
+    (7, 64, 1)
     """
     by_memory = int(LARGEST_CHUNK // bytes_of_a_scene)
     return max(1, min(MOST_AT_ONCE, -(-count // PIECES), by_memory))
