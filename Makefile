@@ -6,11 +6,12 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
 
-.PHONY: help env demo tables report test test-all lint bench bench-save bench-compare bench-peers clean
+.PHONY: help env demo gallery tables report test test-all lint bench bench-save bench-compare bench-peers clean
 .NOTPARALLEL:
 
 help:
 	@echo "make demo         the BRDF of a gold powder: out/gold_powder.nc, .csv and .png"
+	@echo "make gallery      lobes and spheres of powders and paints, spheres under a polarized sky: out/gallery"
 	@echo "make test         style, types and the quick tests"
 	@echo "make test-all     style, types and every test"
 	@echo "make lint         style and types only"
@@ -39,6 +40,11 @@ $(VENV)/demo.stamp: $(VENV)/core.stamp
 	@$(PIP) install 'vrte[files,plot]'
 	@touch $@
 
+$(VENV)/gallery.stamp: $(VENV)/core.stamp
+	@echo "Installing what the gallery needs"
+	@$(PIP) install 'vrte[render]'
+	@touch $@
+
 $(VENV)/tables.stamp: $(VENV)/core.stamp
 	@echo "Installing what the tables need"
 	@$(PIP) install 'vrte[opencl,plot]'
@@ -64,6 +70,14 @@ env: $(VENV)/test.stamp
 demo: $(VENV)/demo.stamp
 	@mkdir -p out
 	$(BIN)/vrte brdf examples/gold_powder.toml -o out/gold_powder.nc --csv out/gold_powder.csv --plot out/gold_powder.png
+
+# The paper's figure 10, and how polarized the light of three of its spheres is; docs/images has copies.
+IN_GALLERY = gold gold_coarse copper hematite rutile alumina mixture_on_black mixture_on_white
+gallery: $(VENV)/gallery.stamp
+	@mkdir -p out/gallery
+	$(BIN)/vrte render $(IN_GALLERY:%=examples/gallery/%.toml) --sheet --size 300 -o out/gallery/gallery.png
+	$(BIN)/vrte render examples/gallery/gold.toml examples/gallery/mixture_on_black.toml examples/gallery/rutile.toml \
+		--size 320 -o out/gallery/gallery_polarization.png
 
 tables: $(VENV)/tables.stamp
 	@mkdir -p out

@@ -175,12 +175,12 @@ def by_chance() -> int:
     return random.randrange(10**6)
 
 
-@pytest.mark.parametrize("table", [60], indirect=True)
+@pytest.mark.parametrize("table", [64], indirect=True)
 def test_process_killed_twice(table: Table) -> None:
     killed_again_and_again(table, 2, by_chance())
 
 
-@pytest.mark.parametrize("table", [60], indirect=True)
+@pytest.mark.parametrize("table", [64], indirect=True)
 def test_dask_worker_killed_twice(table: Table) -> None:
     worker_killed_again_and_again(table, 2, by_chance())
 

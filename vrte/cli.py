@@ -14,10 +14,10 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from vrte import __version__
-from vrte.commands import devices, material, report, solve, stability, sweep, tables
+from vrte.commands import devices, material, render, report, solve, stability, sweep, tables, view
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 
-COMMANDS = (solve, sweep, material, stability, tables, report, devices)  # as --help lists them
+COMMANDS = (solve, sweep, view, render, material, stability, tables, report, devices)  # as --help lists them
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -32,7 +32,7 @@ LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 KINDS = ("brdf", "field")
 NAMED = {"truncation": CHOICES, "method": METHOD_NAMES, "illuminate": SIDES}
 OPTION_KEYS = ("nodes", "accuracy", *NAMED, "settings")
-FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", *KINDS)
+FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", "render", *KINDS)
 PARTICLE_KEYS = ("index", "radius_um", "size")
 LAYER_KEYS = ("particles", "phase", "albedo", "thickness", "thickness_um", "volume_fraction")
 THICKNESS_KEYS = LAYER_KEYS[3:]
@@ -126,7 +126,8 @@ def scene_of(
 ) -> SceneFile:
     """What a scene file with this content would hold; tables of coefficients lie in ``folder``. Errors as `read_scene`.
 
-    ``spheres_of`` is called like `vrte.spheres` for each kind of particle: who reads many files can remember them.
+    ``spheres_of`` is called like `vrte.spheres` for each kind of particle: who reads many files can remember its
+    answers, and who only checks one can do without them (`check_spheres`).
 
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
     >>> scene_of({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness

@@ -9,13 +9,14 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vrte.arrays import Array, number, vector
 from vrte.errors import SceneError
-from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, mix, pairs_of_mixture
+from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, mix, pairs_of_mixture, rayleigh
 from vrte.optics.refractive_index import Material, RefractiveIndex, refractive_index
 from vrte.optics.size_distribution import Monodisperse, SizeDistribution
 from vrte.optics.spherical_functions import gauss_legendre, wigner_functions
@@ -110,14 +111,8 @@ def spheres(
     >>> glass.albedo, glass.phase_matrix.a1[0]
     (1.0, np.float64(1.0))
     """
-    index = refractive_index(material, wavelength_um)
-    host = number("host_index", host_index, 1e-3, 1e3, "a real refractive index from 0.001 to 1000")
-    relative = index.value / host
-    if abs(relative - 1.0) < SAME_INDEX:
-        raise SceneError(
-            f"spheres: the particles have the refractive index of their host, {host:g}, so they scatter nothing"
-        )
-    distribution = _distribution(radius_um, size)
+    index, host = refractive_index(material, wavelength_um), _host(host_index)
+    relative, distribution = _relative(index, host), _distribution(radius_um, size)
     wavelength = number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
     wavenumber = 2.0 * math.pi * host / wavelength
     population, changes = _settled(relative, wavenumber, distribution)
@@ -125,6 +120,43 @@ def spheres(
     if changes[:2].max() > DOUBTFUL:
         warnings.warn(f"spheres: not settled; {description}", SizeAverageWarning, stacklevel=2)
     return _average(population, wavenumber, absorbing=relative.imag > 0.0, description=description)
+
+
+def check_spheres(
+    material: Material,
+    *,
+    wavelength_um: float,
+    radius_um: float | None = None,
+    size: SizeDistribution | None = None,
+    host_index: float = 1.0,
+) -> Particles:
+    """All that `spheres` checks, without its work: parameters and errors as there.
+
+    What comes back are no such particles, but Rayleigh's, of extinction and volume 1: something to go on with.
+
+    >>> check_spheres(1.5, radius_um=-1.0, wavelength_um=0.5)
+    Traceback (most recent call last):
+    vrte.errors.SceneError: radius_um must be a length from 1e-06 to 1e+06 um, not -1.0
+    """
+    index, host = refractive_index(material, wavelength_um), _host(host_index)
+    relative, distribution = _relative(index, host), _distribution(radius_um, size)
+    radii, _ = _quadrature(distribution, FEWEST_RADII, 6)
+    _check_sizes(relative, 2.0 * math.pi * host / wavelength_um, radii)
+    return Particles(rayleigh(), 1.0, 0.0, extinction_um2=1.0, scattering_um2=1.0, volume_um3=1.0)
+
+
+def _host(host_index: Any) -> float:
+    return number("host_index", host_index, 1e-3, 1e3, "a real refractive index from 0.001 to 1000")
+
+
+def _relative(index: RefractiveIndex, host: float) -> complex:
+    """The index relative to the host's, which it must not equal."""
+    relative = index.value / host
+    if abs(relative - 1.0) < SAME_INDEX:
+        raise SceneError(
+            f"spheres: the particles have the refractive index of their host, {host:g}, so they scatter nothing"
+        )
+    return relative
 
 
 def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
@@ -239,6 +271,20 @@ def _population(
 ) -> _Population:
     """Mie coefficients at all the radii, padded with zeros; those not ``known`` are worked out and kept there."""
     radii, weights = quadrature
+    sizes = _check_sizes(relative_index, wavenumber, radii)
+    for size in sizes:
+        if size not in known:
+            known[size] = mie_coefficients(relative_index, size)
+    orders = max(known[size][0].size for size in sizes)
+    a, b = np.zeros((2, sizes.size, orders), dtype=np.complex128)
+    for row, size in enumerate(sizes):
+        found = known[size]
+        a[row, : found[0].size], b[row, : found[1].size] = found
+    return _Population(sizes, weights, a, b)
+
+
+def _check_sizes(relative_index: complex, wavenumber: float, radii: Array) -> Array:
+    """The size parameters of ascending radii, or a SceneError where the largest is too large."""
     sizes = wavenumber * radii
     if sizes[-1] > LARGEST_SIZE:
         raise SceneError(
@@ -250,15 +296,7 @@ def _population(
             f"spheres: the index relative to the host times the size parameter must be at most {LARGEST_PHASE:g}, "
             f"not {relative_index.real * sizes[-1]:.4g} (a radius of {radii[-1]:.4g} um)"
         )
-    for size in sizes:
-        if size not in known:
-            known[size] = mie_coefficients(relative_index, size)
-    orders = max(known[size][0].size for size in sizes)
-    a, b = np.zeros((2, sizes.size, orders), dtype=np.complex128)
-    for row, size in enumerate(sizes):
-        found = known[size]
-        a[row, : found[0].size], b[row, : found[1].size] = found
-    return _Population(sizes, weights, a, b)
+    return sizes
 
 
 def _bulk_sums(population: _Population) -> Array:

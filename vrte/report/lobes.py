@@ -57,10 +57,10 @@ def brdf_figure(brdf: Brdf) -> "Figure":
     lobes = [hemisphere(brdf, place) for place in chosen]
     scale = max(float(radius.max()) for radius, _ in lobes) or 1.0  # a dark scene is drawn as a point
     figure = new_figure(width=max(4.6 * len(chosen), 6.4), height=8.2)
-    colours = _colours(max(float(polarized[FINE_THETA <= COLOURED_TO].max()) for _, polarized in lobes))
+    colours = lobe_colours(max(float(polarized[FINE_THETA <= COLOURED_TO].max()) for _, polarized in lobes))
     for column, (place, (radius, polarized)) in enumerate(zip(chosen, lobes, strict=True)):
         axes: Any = figure.add_axes(_slot(column, len(chosen), 0.36, 0.56), projection="3d")
-        _draw_lobe(axes, radius / scale, colours.to_rgba(polarized), brdf.mu_i[place])
+        draw_lobe(axes, radius / scale, colours.to_rgba(polarized), brdf.mu_i[place])
         _lobe_title(axes, brdf.mu_i[place], float(radius.max()))
         below: Any = figure.add_axes(_slot(column, len(chosen), 0.05, 0.34, 0.06), projection="polar")
         _draw_cuts(below, radius, scale, brdf.mu_i[place], legend=column == 0)
@@ -97,14 +97,15 @@ def _slot(
     return (0.01 + width * (column + margin / 2.0), bottom, width * (1.0 - margin), height)
 
 
-def _colours(largest: float) -> Any:
+def lobe_colours(largest: float) -> Any:
+    """The colours of degrees of polarization from 0 to ``largest``."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     return ScalarMappable(Normalize(0.0, max(largest, 1e-3)), COLOURS)
 
 
-def _draw_lobe(axes: Any, radius: Array, colours: Array, mu_i: float) -> None:
+def draw_lobe(axes: Any, radius: Array, colours: Array, mu_i: float) -> None:
     """A lobe of radius 0 to 1 above the surface, and the ray that comes in along phi = 0."""
     theta, phi = np.meshgrid(np.radians(FINE_THETA), np.radians(FINE_PHI), indexing="ij")
     x, y, z = (radius * part for part in (np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)))

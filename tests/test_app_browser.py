@@ -1,0 +1,278 @@
+"""The viewer in a real browser: Debian's Chromium, or the one that VRTE_CHROMIUM names."""
+
+import os
+import shutil
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from tests.viewer_server import viewer
+from vrte.app import form
+from vrte.formats.measured_polarized import directions, write_mitsuba
+from vrte.formats.mitsuba_tensor import read_tensors
+
+ROOT = Path(__file__).parents[1]
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM = os.environ.get("VRTE_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
+FLAGS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+]
+PATIENCE = 30_000  # milliseconds
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason=f"no browser here: none of {', '.join(NAMES)} is installed, VRTE_CHROMIUM names none"
+)
+
+
+@pytest.fixture(scope="module")
+def url() -> Iterator[str]:
+    with viewer() as (address, _):
+        yield address
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        found = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield found
+        found.close()
+
+
+class Tab:
+    """A tab of somebody's own; what it asks of other machines, and what goes wrong in it, is written down."""
+
+    def __init__(self, browser: Any, url: str) -> None:
+        self.url, self.wrong = url, []
+        self.context = browser.new_context(viewport={"width": 1280, "height": 800})
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(PATIENCE)
+        self.page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
+        self.page.on("request", lambda request: self.check(request.url))
+        self.page.on("websocket", lambda channel: self.check(channel.url.replace("ws:", "http:")))
+        self.page.goto(url)
+        self.button("Solve").wait_for()
+
+    def check(self, address: str) -> None:
+        if not address.startswith((f"{self.url}/", "data:", "blob:")):
+            self.wrong.append(f"asked for {address}")
+
+    def button(self, name: str) -> Any:
+        return self.page.get_by_role("button", name=name, exact=True)
+
+    def fill(self, label: str, text: str) -> None:
+        self.page.get_by_label(label, exact=True).fill(text)
+
+    def open(self, section: str) -> None:
+        self.page.locator(".vrte-section", has_text=section).locator(".q-item").first.click()
+
+    def solve(self) -> None:
+        self.page.wait_for_function("!document.querySelector('.vrte-solve button').disabled")
+        self.button("Solve").click()
+        self.button("Cancel").wait_for()
+        self.button("Cancel").wait_for(state="hidden")
+
+    def slide(self, name: str, share: float) -> None:
+        box = self.page.get_by_role("slider", name=name).bounding_box()
+        self.page.mouse.click(box["x"] + share * (box["width"] - 4) + 2, box["y"] + box["height"] / 2)
+
+    def figure(self, place: int = 0) -> Any:
+        """The points of the visible figure's largest trace, and its title."""
+        return self.page.evaluate(
+            """place => { const plots = [...document.querySelectorAll('.js-plotly-plot')].filter(p => p.offsetParent);
+            const plot = plots[place]; if (!plot || !plot._fullData) return null;
+            const traces = plot._fullData.map(trace => Array.from(trace.x || trace.r || []));
+            traces.sort((a, b) => b.length - a.length);
+            return {title: (plot.layout.title || {}).text || '', points: traces[0] || []}; }""",
+            place,
+        )
+
+    def wait_for_figure(self, different: Any = None) -> Any:
+        """The figure, once it is there and another than that."""
+        for _ in range(PATIENCE // 100):
+            found = self.figure()
+            if found and found["points"] and (different is None or found["points"] != different["points"]):
+                return found
+            self.page.wait_for_timeout(100)
+        raise AssertionError("no figure came")
+
+    def choose(self, label: str, option: str) -> None:
+        self.page.get_by_label(label, exact=True).click()
+        self.page.locator(".q-menu .q-item").get_by_text(option, exact=True).click()
+
+    def download(self, text: str, folder: Path) -> Path:
+        with self.page.expect_download() as waiting:
+            self.button("Download").click()
+            self.page.locator(".q-menu .q-item", has_text=text).click()
+        path = folder / waiting.value.suggested_filename
+        waiting.value.save_as(path)
+        return path
+
+    def close(self) -> None:
+        self.context.close()
+        assert self.wrong == []
+
+
+def fill_a_small_scene(tab: Tab) -> None:
+    """Little to solve: absorbing dust at two wavelengths over a grey base."""
+    tab.fill("wavelengths in vacuum [µm]", "0.5, 0.6")
+    tab.fill("substance", "1.5, 0.01")
+    tab.fill("radius [µm]", "0.05")
+    tab.fill("optical thickness", "1")
+    tab.open("Accuracy")
+    tab.fill("nodes a hemisphere", "6")
+    tab.open("Directions of the BRDF")
+    tab.fill("cosines of incidence µ_i", "0.3, 0.6, 1")
+
+
+def test_fill_solve_turn_download_and_compare(chromium: Any, url: str, tmp_path: Path) -> None:
+    tab = Tab(chromium, url)
+    tab.fill("optical thickness", "-1")
+    tab.page.get_by_text("layer[1].thickness must be an optical thickness >= 0").wait_for()
+    assert tab.button("Solve").is_disabled()
+    fill_a_small_scene(tab)
+    tab.solve()
+    first = tab.wait_for_figure()
+    assert "0.6" in first["title"]
+
+    tab.slide("incident angle", 1.0)
+    second = tab.wait_for_figure(different=first)
+    assert "μ<sub>i</sub> = 1," in second["title"]
+    tab.slide("wavelength", 1.0)
+    third = tab.wait_for_figure(different=second)
+    tab.page.get_by_text("wavelength 600 nm").wait_for()
+    assert third["title"] != ""
+
+    content = tomllib.loads(tab.download("scene, TOML", tmp_path).read_text(encoding="utf-8"))
+    expected = {**form.START, "wavelength_um": 0.5, "nodes": 6}
+    expected["particles"] = {"gold": {"index": [1.5, 0.01], "radius_um": 0.05}}
+    expected["layer"] = [{"particles": "gold", "thickness": 1}]
+    expected["brdf"] = expected["brdf"] | {"mu_i": [0.3, 0.6, 1]}
+    assert content == expected
+    numbers = vrte.spectrum(content, [0.5, 0.6])
+    for text in ("BRDF, NetCDF", "BRDF, CSV"):
+        found = vrte.load(tab.download(text, tmp_path))
+        np.testing.assert_allclose(found.mueller, numbers.mueller, rtol=1e-12, atol=1e-16)
+
+    stranger = Tab(chromium, url)
+    assert stranger.page.get_by_label("radius [µm]", exact=True).input_value() == "0.6"
+    stranger.page.get_by_text("Describe a scene on the left").wait_for()
+    stranger.close()
+
+    tab.page.reload()
+    assert tab.wait_for_figure() == third
+    assert tab.page.get_by_label("radius [µm]", exact=True).input_value() == "0.05"
+    tab.close()
+
+
+@pytest.mark.slow
+def test_every_tab_and_every_download(chromium: Any, url: str, tmp_path: Path) -> None:
+    tab = Tab(chromium, url)
+    fill_a_small_scene(tab)
+    tab.fill("wavelengths in vacuum [µm]", "0.45, 0.5, 0.55, 0.6, 0.65")
+    tab.solve()
+    first = tab.wait_for_figure()
+    tab.choose("distance from the centre", "Mueller element f11")
+    second = tab.wait_for_figure(different=first)
+    assert "|f11|" in second["title"]
+    tab.choose("distance from the centre", "reflectance factor")
+    third = tab.wait_for_figure(different=second)
+    tab.fill("I, Q, U, V", "0, 1, 0, 0")
+    tab.page.get_by_text("stokes must have an intensity I above 0, not 0").first.wait_for()
+    tab.fill("I, Q, U, V", "2, 1.5, 0, 1")
+    tab.wait_for_figure(different=third)
+    assert tab.page.get_by_label("incident light", exact=True).input_value() == "other"
+    assert tab.download("picture of the figure", tmp_path).read_bytes().startswith(b"\x89PNG")
+    for name in ("Cuts", "Inside", "Scattering", "Plan"):
+        tab.page.get_by_role("tab", name=name).click()
+        if name != "Plan":
+            tab.wait_for_figure()
+    tab.page.get_by_text("transmission: not asked for").first.wait_for()
+    for suffix in ("NetCDF", "CSV"):
+        field = vrte.load(tab.download(f"field inside, {suffix}", tmp_path))
+        assert field.stokes.shape == (5, 120, 2, 4)
+    tensors = read_tensors(tab.download("Mitsuba tensor", tmp_path))
+    assert tensors["wvls"].ravel().tolist() == [450, 500, 550, 600, 650]
+    expected = tomllib.loads(tab.download("scene, TOML", tmp_path).read_text(encoding="utf-8"))
+    five = vrte.spectrum(expected, [0.45, 0.5, 0.55, 0.6, 0.65], **directions())
+    write_mitsuba(five, tmp_path / "expected.bsdf")
+    np.testing.assert_allclose(tensors["M"], read_tensors(tmp_path / "expected.bsdf")["M"], rtol=1e-5, atol=1e-9)
+    tab.close()
+
+
+@pytest.mark.slow
+def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(chromium: Any, url: str, tmp_path: Path) -> None:
+    tab = Tab(chromium, url)
+    tab.open("Accuracy")
+    tab.fill("nodes a hemisphere", "1000000")
+    tab.page.get_by_text("nodes = 1000000: must be a whole number from 1 to 4096").wait_for()
+    tab.fill("nodes a hemisphere", "900")
+    tab.fill("substance", "../../../etc/passwd")
+    tab.page.get_by_text("is neither a known name").wait_for()
+    tab.fill("substance", "<img src=x onerror=alert(1)>")
+    tab.page.get_by_text("'<img src=x onerror=alert(1)>' is neither a known name").wait_for()
+    tab.fill("substance", "gold")
+    name = '<script>alert(1)</script><img src="http://192.0.2.1/x" onerror="alert(2)">'[:60]
+    tab.page.get_by_label("name of the kind", exact=True).fill(name)
+    tab.page.keyboard.press("Tab")
+    tab.page.locator(".vrte-field", has_text=name).wait_for()  # the layer holds it by that name, as text
+
+    tab.page.wait_for_function("!document.querySelector('.vrte-solve button').disabled")
+    tab.button("Solve").click()
+    tab.button("Cancel").click()
+    tab.page.get_by_text("cancelled", exact=True).wait_for()
+
+    chooser = tab.page.locator("input[type=file]")
+    for file, words in (
+        ("bad.toml", "not valid TOML"),
+        ("bad.nc", "the file is not a NetCDF file"),
+        ("table.toml", "reads no files of the machine"),
+    ):
+        (tmp_path / file).write_text(
+            '[[layer]]\nphase = "/etc/x.csv"\nalbedo = 1\nthickness = 1\n' if file == "table.toml" else "[[["
+        )
+        chooser.set_input_files(tmp_path / file)
+        tab.page.get_by_text(words).first.wait_for()
+    chooser.set_input_files(ROOT / "examples" / "gold_powder.toml")
+    tab.page.wait_for_function("""() => [...document.querySelectorAll('input')].some(i => i.value == '40')""")
+    tab.close()
+
+
+@pytest.mark.slow
+def test_layers_are_added_and_reordered(chromium: Any, url: str) -> None:
+    tab = Tab(chromium, url)
+    tab.button("add a layer").click()
+    tab.open("Inside the layers")
+    tab.fill("optical depths τ", "150")
+    tab.open("Inside the layers")  # closed again
+    thickness = tab.page.get_by_label("optical thickness", exact=True)
+    thickness.nth(1).wait_for()
+    thickness.nth(1).fill("3")
+    tab.page.get_by_role("button", name="down", exact=True).first.click()
+    tab.page.wait_for_function("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
+        .map(i => i.value).join() == '3,100'""")
+    tab.page.get_by_text("field.tau must lie between 0 and the total optical thickness 103").wait_for()
+    tab.page.get_by_role("button", name="remove this layer").first.click()
+    tab.page.wait_for_function("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
+        .map(i => i.value).join() == '100'""")
+    tab.close()
+
+
+@pytest.mark.slow
+def test_a_result_file_is_shown_from_the_start(chromium: Any, tmp_path: Path) -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
+    vrte.brdf(scene, [0.6, 1.0], np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), nodes=4).save(tmp_path / "r.nc")
+    with viewer(str(tmp_path / "r.nc")) as (address, _):
+        tab = Tab(chromium, address)
+        assert "Subsurface BRDF" in tab.wait_for_figure()["title"]
+        tab.close()

@@ -1,0 +1,217 @@
+"""The processes that solve for the viewer: their numbers, their end, and what they cannot do to the server."""
+
+import copy
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.app import downloads, form
+from vrte.app.messages import Outcome, Read, Solve
+from vrte.app.server import left
+from vrte.app.solving import Job
+from vrte.app.state import MOST_TABS, Benches
+from vrte.app.worker import outcome_of
+
+SMALL: form.Content = {
+    "wavelength_um": [0.5, 0.6],
+    "nodes": 6,
+    "particles": {"dust": {"index": [1.5, 0.01], "radius_um": 0.05}},
+    "layer": [{"particles": "dust", "thickness": 1.0}, {"phase": "rayleigh", "albedo": 0.9, "thickness": 0.5}],
+    "base": {"kind": "lambertian", "albedo": 0.3},
+    "brdf": {"mu_i": [0.4, 0.8], "mu_o": [0.3, 0.7, 1.0], "phi_deg": [0, 90, 180, 270]},
+    "field": {"mu0": 0.6, "mu": [0.5, -0.5], "phi_deg": [0, 180]},
+}
+LONG: form.Content = {
+    "nodes": 300,
+    "layer": [{"phase": {"henyey_greenstein": 0.97}, "albedo": 0.999, "thickness": 50.0}],
+    "brdf": {"mu_i": {"start": 0.1, "stop": 1.0, "count": 40}, "mu_o": 0.5},
+}
+ENOUGH = 4e9  # bytes
+
+
+def until(happened: Callable[[], Any], seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end, "it took too long"
+        time.sleep(0.01)
+
+
+def ended(job: Job) -> Job:
+    until(lambda: job.ended)
+    return job
+
+
+@pytest.fixture(scope="module")
+def outcome() -> Outcome:
+    shares = []
+    job = Job(Solve(copy.deepcopy(SMALL), Path(), ENOUGH))
+    while not job.ended:
+        shares.append(job.share)
+        time.sleep(0.001)
+    assert job.message == ""
+    assert isinstance(job.outcome, Outcome)
+    assert shares == sorted(shares)  # the bar never goes back
+    assert len(set(shares)) > 2
+    return job.outcome
+
+
+def test_the_numbers_are_those_of_the_library(outcome: Outcome) -> None:
+    for place, wavelength in enumerate(SMALL["wavelength_um"]):
+        dust = vrte.spheres((1.5, 0.01), radius_um=0.05, wavelength_um=wavelength)
+        layers = [vrte.Layer.of(dust, 1.0), vrte.Layer(vrte.rayleigh(), 0.9, 0.5)]
+        scene = vrte.Scene(layers, vrte.Lambertian(0.3))
+        expected = vrte.brdf(scene, [0.4, 0.8], [0.3, 0.7, 1.0], [0, 90, 180, 270], nodes=6)
+        np.testing.assert_allclose(outcome.brdfs[place].mueller, expected.mueller, rtol=1e-12, atol=1e-16)
+        tau = [1.5 * step / 4 for step in range(5)]
+        field = vrte.radiance(scene, 0.6, mu=[0.5, -0.5], phi=[0, 180], tau=tau, nodes=6)
+        np.testing.assert_allclose(outcome.fields[place].stokes, field.stokes, rtol=1e-12, atol=1e-16)
+        np.testing.assert_array_equal(
+            outcome.inside[place].phase_matrices[0].coefficients, dust.phase_matrix.coefficients
+        )
+    assert outcome.inside[0].names == ("layer 1: dust", "layer 2: rayleigh")
+    assert outcome.plan is not None
+    assert any("transmission: not asked for" in line for line in outcome.plan.left_out)
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".csv"])
+def test_what_is_downloaded_opens_again_with_its_scene(outcome: Outcome, suffix: str, tmp_path: Path) -> None:
+    name, data = downloads.brdf_file(outcome, suffix)
+    (tmp_path / name).write_bytes(data)
+    found = vrte.load(tmp_path / name)
+    assert isinstance(found, vrte.Spectrum)
+    np.testing.assert_array_equal(found.mueller, np.stack([one.mueller for one in outcome.brdfs]))
+    again = outcome_of(found)
+    assert again.wavelength_um == (0.5, 0.6)
+    assert again.content == form.adopted(SMALL)
+    name, data = downloads.field_file(outcome, 1, suffix)
+    (tmp_path / name).write_bytes(data)
+    np.testing.assert_array_equal(vrte.load(tmp_path / name).stokes, outcome.fields[1].stokes)
+
+
+def test_a_result_file_is_read_in_a_process_of_its_own(outcome: Outcome) -> None:
+    job = ended(Job(Read(downloads.field_file(outcome, 0, ".nc")[1], ".nc", ENOUGH)))
+    assert isinstance(job.outcome, Outcome)
+    np.testing.assert_array_equal(job.outcome.fields[0].stokes, outcome.fields[0].stokes)
+    job = ended(Job(Read(b"\x89HDF\r\n\x1a\n" + bytes(1000), ".nc", ENOUGH)))
+    assert job.outcome is None
+    assert job.message.startswith("the file is not a NetCDF file")
+
+
+def test_there_is_nothing_to_download_before_a_solve() -> None:
+    for make in (lambda: downloads.brdf_file(None, ".nc"), lambda: downloads.field_file(None, 0, ".nc")):
+        with pytest.raises(vrte.SceneError, match="there is no"):
+            make()
+    with pytest.raises(vrte.SceneError, match="exactly 5 wavelengths, not 2"):
+        downloads.check_tensor(SMALL)
+    downloads.check_tensor({"wavelength_um": [0.45, 0.5, 0.55, 0.6, 0.65]})
+
+
+def test_a_cancelled_solve_ends_at_once() -> None:
+    job = Job(Solve(LONG, Path(), ENOUGH))
+    until(lambda: "Fourier" in job.stage or job.ended)
+    assert not job.ended, job.message
+    start = time.monotonic()
+    job.cancel()
+    ended(job)
+    assert time.monotonic() - start < 2.0
+    assert (job.outcome, job.message) == (None, "cancelled")
+
+
+def test_a_process_that_dies_is_a_sentence() -> None:
+    job = Job(Solve(LONG, Path(), ENOUGH))
+    until(lambda: job._process is not None)
+    assert job._process is not None
+    os.kill(job._process.pid, signal.SIGKILL)
+    assert "ended by the system" in ended(job).message
+
+
+def test_memory_beyond_the_limit_is_refused_in_a_sentence() -> None:
+    greedy = copy.deepcopy(SMALL) | {"nodes": 800, "wavelength_um": 0.5}
+    job = ended(Job(Solve(greedy, Path(), 3e8)))
+    assert job.outcome is None
+    assert "memory" in job.message
+
+
+def test_bad_input_that_shows_only_in_the_solve_is_told_by_its_key() -> None:
+    content = copy.deepcopy(SMALL) | {"wavelength_um": 0.5}
+    content["field"]["tau"] = [9.0]
+    assert ended(Job(Solve(content, Path(), ENOUGH))).message.startswith("field.tau must lie between 0 and")
+
+
+def test_no_process_is_left_when_the_server_is_killed(tmp_path: Path) -> None:
+    code = (
+        "import sys, time; sys.path[:] = {path!r}\n"
+        "from tests.test_app_solving import *\n"
+        "job = Job(Solve(LONG, Path(), ENOUGH))\n"
+        "until(lambda: 'Fourier' in job.stage)\n"
+        "print(job._process.pid, flush=True); time.sleep(60)"
+    )
+    root = Path(__file__).parents[1]
+    server = subprocess.Popen(
+        [sys.executable, "-c", code.format(path=[str(root), *sys.path])], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert server.stdout is not None
+        child = int(server.stdout.readline())
+        assert is_there(child)
+    finally:
+        server.kill()
+        server.wait()
+        server.stdout.close()
+    until(lambda: not is_there(child), 10.0)
+
+
+def is_there(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_tabs_do_not_see_each_other_and_keep_their_own() -> None:
+    benches = Benches()
+    one, other = benches.of("one"), benches.of("other")
+    one.content["nodes"] = 5
+    one.content["layer"][0]["thickness"] = 7.0
+    one.view["place"] = 3
+    assert "nodes" not in other.content
+    assert other.content["layer"][0]["thickness"] == 100.0
+    assert other.view == {}
+    assert benches.of("one") is one  # a reload
+    assert "nodes" not in form.START
+
+
+def test_nobody_waits_for_what_a_closed_page_solves() -> None:
+    bench = Benches().of("tab")
+    bench.content = copy.deepcopy(LONG)
+    bench.pages = 2
+    bench.solve()
+    left(bench)
+    assert bench.busy
+    left(bench)
+    assert bench.job is not None
+    assert ended(bench.job).message == "cancelled"
+
+
+def test_the_tabs_not_used_for_longest_are_forgotten_first() -> None:
+    benches = Benches()
+    first = benches.of("first")
+    for k in range(MOST_TABS - 1):
+        benches.of(f"tab {k}")
+    assert benches.of("first") is first
+    second = benches.of("tab 1")
+    for k in range(MOST_TABS - 3):
+        benches.of(f"new {k}")
+    assert benches.of("first") is first
+    assert benches.of("tab 1") is second
+    benches.of("one more")
+    assert len(benches._benches) == MOST_TABS

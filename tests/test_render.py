@@ -1,0 +1,407 @@
+"""Spheres under a sky: closed forms, energy, frames against light worked out in three dimensions, and files."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import cli
+from vrte.arrays import Array
+from vrte.render import colour, rendering
+from vrte.render.geometry import Camera, camera_at, normals
+from vrte.render.picture import Sheet, angle_colours
+from vrte.render.rendering import interpolation_error, rendered
+from vrte.render.setting import Setting, read
+from vrte.render.sky import Sky, optical_thickness, sky_of
+from vrte.render.spheres import MARGIN, Resolution, Table, View, irradiance, table_of
+from vrte.render.splines import rows
+
+COARSE = Resolution(angles=20, azimuths=36, around=24, along=12, across=8)
+WHITE = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(1.0))
+PLAIN = '[[layer]]\nphase = "rayleigh"\nalbedo = 1.0\nthickness = 2.0\n'
+
+
+def table(scene: vrte.Scene, resolution: Resolution = COARSE, **how: Any) -> Table:
+    how = {"nodes": 12} | how
+    return table_of(vrte.brdf(scene, resolution.mu, resolution.mu, resolution.phi, **how), resolution)
+
+
+def view(sky: Sky, size: int = 40, camera: Camera | None = None, resolution: Resolution = COARSE) -> View:
+    return View(camera or camera_at(15.0, 50.0), sky, size, resolution)
+
+
+def normals_of(seen: View) -> Array:
+    _, theta, psi = seen.pixels
+    return normals(seen.camera, theta, psi)[0]
+
+
+def test_lambertian_sphere_under_a_uniform_sky_is_flat() -> None:
+    half = vrte.Scene(WHITE.layers, vrte.Lambertian(0.4))
+    found = view(sky_of("uniform", [0.5], 30.0, 0.0)).stokes(table(half), 0)
+    np.testing.assert_allclose(found[:, 0], 0.4, rtol=2e-6)
+    assert np.abs(found[:, 1:]).max() < 1e-15
+
+
+def test_lambertian_sphere_in_the_sun_obeys_lambert() -> None:
+    seen = view(sky_of("sun", [0.5], 35.0, 0.0))
+    expected = np.maximum(-(normals_of(seen) @ seen.sky.beam), 0.0) / np.pi
+    np.testing.assert_allclose(seen.stokes(table(WHITE), 0)[:, 0], expected, atol=1e-6)
+
+
+def test_lambertian_sphere_under_the_rayleigh_sky_sends_back_its_irradiance() -> None:
+    """The quadrature of the sky, facet by facet, against an adaptive one in the sky's own angles."""
+    sky = sky_of("rayleigh", [0.45], 35.0, 0.3)
+    seen = view(sky, resolution=replace(COARSE, along=20, across=14))
+    found = seen.stokes(table(WHITE, seen.resolution), 0)[:, 0]
+    some = np.arange(0, found.size, 97)
+    expected = irradiance(sky, normals_of(seen)[some], Resolution(along=60, across=60))[0] / np.pi
+    np.testing.assert_allclose(found[some], expected, rtol=2e-4)
+
+
+def test_irradiance_on_level_ground_is_that_of_the_field() -> None:
+    sky, mu0 = sky_of("rayleigh", [0.45], 35.0, 0.3), np.sin(np.radians(35.0))
+    air = vrte.Layer(vrte.rayleigh(0.0279), 1.0, float(optical_thickness(0.45)))
+    field = vrte.radiance(vrte.Scene([air], vrte.Lambertian(0.3)), mu0, mu=[], tau=air.thickness)
+    expected = field.flux_down[0] + field.direct[0]
+    level = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    np.testing.assert_allclose(irradiance(sky, level)[0], [expected, 0.3 * expected], rtol=2e-5)
+
+
+def test_nothing_absorbs_so_nothing_shows_in_a_furnace() -> None:
+    """Light the same from all sides, no absorption: no sphere can be told from its surroundings."""
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 24), 1.0, 3.0)], vrte.Lambertian(1.0))
+    polarizing = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.2)], vrte.Lambertian(1.0))
+    for one in (scene, polarizing):
+        found = view(sky_of("uniform", [0.5], 30.0, 0.0)).stokes(table(one), 0)
+        assert np.abs(found - [1.0, 0.0, 0.0, 0.0]).max() < 2e-3
+
+
+def test_a_sphere_that_absorbs_nothing_sends_back_all_that_falls_on_it() -> None:
+    """Radiance over the disc, added up over all directions of a camera around the sun's axis."""
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 1.5)], vrte.Lambertian(1.0))
+    here, sky = table(scene), sky_of("sun", [0.5], 90.0, 0.0)
+    points, weights = np.polynomial.legendre.leggauss(6)
+    out = 0.0
+    for cosine, weight in zip(points, weights, strict=True):
+        seen = view(sky, 48, camera_at(float(np.degrees(np.arcsin(cosine))), 0.0))
+        inside = seen.pixels[0]
+        out += 2.0 * np.pi * weight * float(seen.stokes(here, 0)[:, 0] @ seen.cover.ravel()[inside])
+    radius = 0.5 * MARGIN * 48
+    assert out == pytest.approx(np.pi * radius**2, rel=3e-3)
+
+
+def dipoles(light: Array, toward: Array) -> Array:
+    """Coherency (3, 3) that dipoles scatter along ``toward``, k: (1 - kk) C (1 - kk), mean 1 over the sphere."""
+    across = np.eye(3) - np.outer(toward, toward)
+    return 1.5 * across @ light @ across
+
+
+def stokes_of(coherency: Array, camera: Camera) -> Array:
+    """On the upright and the right of the picture."""
+    up, right = camera.up, camera.right
+    uu, rr, ur = up @ coherency @ up, right @ coherency @ right, up @ coherency @ right
+    return np.array([uu + rr, uu - rr, 2.0 * ur, 0.0])
+
+
+THIN = 1e-5
+
+
+def thin_layer() -> vrte.Scene:
+    """So thin that light is scattered once: dipoles, without depolarization."""
+    return vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, THIN)])
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 50.0, 200.0])
+def test_frames_of_sunlight_are_those_of_dipoles_in_space(azimuth: float) -> None:
+    """Every pixel of a thin layer in the sun shows the same polarization, that of dipoles, without any frame."""
+    sky = sky_of("sun", [0.5], 35.0, 0.0)
+    seen = view(sky, camera=camera_at(20.0, azimuth))
+    found = seen.stokes(table(thin_layer()), 0)
+    unpolarized = 0.5 * (np.eye(3) - np.outer(sky.beam, sky.beam))
+    scattered = stokes_of(dipoles(unpolarized, seen.camera.toward), seen.camera)
+    normal = normals_of(seen)
+    mu_i, mu_o = -(normal @ sky.beam), normal @ seen.camera.toward
+    clear = (mu_i > 0.1) & (mu_o > 0.1)
+    # (1/4 pi) F tau/mu_o, times the irradiance 1
+    expected = THIN / (4.0 * np.pi * mu_o[clear, None]) * scattered
+    assert clear.sum() > 50
+    np.testing.assert_allclose(found[clear], expected, atol=1e-3 * expected[:, 0].max())
+
+
+def sky_coherency(sky: Sky, travel: Array) -> Array:
+    """Coherency (3, 3) of the sky's light along ``travel``; axes worked out anew from the vertical."""
+    right = np.cross(travel, [0.0, 0.0, 1.0])  # r = l x k with l the polar unit vector, up to a common sign
+    right /= np.linalg.norm(right)
+    along = np.cross(travel, right)
+    above = rows((sky.theta,), (np.array([np.arccos(-travel[2])]),))
+    i, q, u, _ = sky.stokes(0, above, np.array([np.arctan2(travel[1], travel[0])]))[0]
+    both = np.outer(along, right)
+    return 0.5 * ((i + q) * np.outer(along, along) + (i - q) * np.outer(right, right) + u * (both + both.T))
+
+
+def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
+    """A thin layer under the polarized sky, three pixels, against a sum over the sky of dipoles in space."""
+    sky = sky_of("rayleigh", [0.45], 25.0, 0.0)
+    sky = replace(sky, sun=np.zeros(1))
+    seen = view(sky, camera=camera_at(20.0, 130.0), resolution=replace(COARSE, around=32, along=20, across=16))
+    found, normal = seen.stokes(table(thin_layer(), seen.resolution), 0), normals_of(seen)
+    points, weights = np.polynomial.legendre.leggauss(20)
+    theta, theta_weights = 0.25 * np.pi * (points + 1.0), 0.25 * np.pi * weights
+    around = np.arange(72) * (2.0 * np.pi / 72)
+    total = [np.zeros((3, 3)) for _ in range(3)]
+    pixels = [int(np.argmax(normal @ direction)) for direction in np.eye(3)[[2, 0]]]
+    pixels.append(int(np.argmax(normal @ (seen.camera.toward + 0.5 * seen.camera.right))))
+    for angle, weight in zip(theta, theta_weights, strict=True):
+        for azimuth in around:
+            source = np.array([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
+            light = sky_coherency(sky, -source) * weight * np.sin(angle) * (2.0 * np.pi / around.size)
+            for which, pixel in enumerate(pixels):
+                if normal[pixel] @ source > 0.0:
+                    total[which] += light
+    for which, pixel in enumerate(pixels):
+        mu_o = float(normal[pixel] @ seen.camera.toward)
+        scattered = stokes_of(dipoles(total[which], seen.camera.toward), seen.camera)
+        expected = THIN / (4.0 * np.pi * mu_o) * scattered
+        np.testing.assert_allclose(found[pixel], expected, atol=0.02 * expected[0])
+        assert np.abs(expected[1:3]).max() > 0.1 * expected[0]  # polarized enough to tell
+
+
+def test_all_turned_about_the_vertical_is_the_same_picture() -> None:
+    here = table(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]))
+    pictures = [
+        view(sky_of("rayleigh", [0.45], 25.0, 0.2, turned), camera=camera_at(20.0, 75.0 + turned)).stokes(here, 0)
+        for turned in (0.0, 123.0)
+    ]
+    np.testing.assert_allclose(*pictures, atol=1e-12)
+
+
+def test_mirrored_camera_sees_the_mirrored_picture() -> None:
+    here, sky = table(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])), sky_of("rayleigh", [0.45], 25.0, 0.2)
+    squares = []
+    for azimuth in (60.0, -60.0):
+        seen = view(sky, camera=camera_at(20.0, azimuth))
+        flat = np.zeros((seen.size**2, 4))
+        flat[seen.pixels[0]] = seen.stokes(here, 0)
+        squares.append(flat.reshape(seen.size, seen.size, 4))
+    mirrored = squares[1][:, ::-1] * [1.0, 1.0, -1.0, -1.0]
+    np.testing.assert_allclose(squares[0], mirrored, atol=1e-12)
+    assert np.abs(squares[0][..., 2]).max() > 1e-3
+
+
+def test_the_sky_is_polarized_as_molecules_do_it() -> None:
+    """At right angles to the sun, across the plane of scattering."""
+    sky = sky_of("rayleigh", [0.55], 20.0, 0.1)
+    beyond_the_zenith = rows((sky.theta,), (np.radians([20.0]),))  # the sun is 70 degrees on this side
+    stokes = sky.stokes(0, beyond_the_zenith, np.zeros(1))[0]
+    assert 0.75 < -stokes[1] / stokes[0] < 0.95
+    assert abs(stokes[2]) < 1e-9 * stokes[0]
+
+
+def test_optical_thickness_of_the_atmosphere() -> None:
+    for wavelength in (0.4, 0.55, 0.7):
+        expected = colour.science().phenomena.rayleigh_optical_depth(wavelength * 1e-4, latitude=45.0)
+        assert optical_thickness(wavelength) == pytest.approx(float(np.squeeze(expected)), rel=0.01)
+
+
+def test_colours_of_white_are_white() -> None:
+    chosen = colour.wavelengths(9)
+    weights = colour.weights(chosen)
+    assert weights[1].sum() == pytest.approx(1.0)
+    white = weights.sum(axis=1)
+    observer = colour.science().MSDS_CMFS[colour.OBSERVER]
+    lit = observer.values * colour.sunlight(observer.wavelengths * 1e-3)[:, None]
+    np.testing.assert_allclose(white, lit.sum(axis=0) / lit[:, 1].sum(), rtol=1e-12)
+    film = colour.film(white)
+    np.testing.assert_allclose(film(white), 1.0, atol=2e-3)
+    np.testing.assert_allclose(film.linear(0.5 * white), 0.5, atol=1e-3)
+    np.testing.assert_allclose(colour.film(white, -1.0).linear(white), 0.5, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_colour_science_leaves_the_way_arrays_are_printed_alone() -> None:
+    code = (
+        "import numpy; from vrte.render.colour import sunlight; sunlight(numpy.ones(1)); print(repr(numpy.float64(1)))"
+    )
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert printed.stdout == "np.float64(1.0)\n"
+
+
+def test_nine_wavelengths_do_for_smooth_spectra() -> None:
+    few, many = (colour.wavelengths(count) for count in (9, 31))
+    smooth: Callable[[Array], Array] = lambda wavelength: 0.3 + 0.5 / (1.0 + np.exp((0.55 - wavelength) / 0.03))  # noqa: E731
+    xyz = [colour.weights(chosen) @ smooth(chosen) for chosen in (few, many)]
+    np.testing.assert_allclose(xyz[0], xyz[1], rtol=5e-3)
+
+
+@pytest.mark.slow
+def test_what_the_resolution_is_good_for() -> None:
+    """Against twice as many of everything, as docs/render.md says; coarse gold at 0.4 um is a hard case."""
+    gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
+    scene, sky = vrte.Scene([vrte.Layer.of(gold, thickness=np.inf)]), sky_of("rayleigh", [0.4], 40.0, 0.2)
+    pictures = []
+    for chosen in (Resolution(), Resolution(56, 180, 96, 40, 28)):
+        here = table(scene, chosen, nodes=None, accuracy=1e-4)
+        pictures.append(view(sky, 96, camera_at(10.0, 50.0), chosen).stokes(here, 0))
+    gap = np.abs(pictures[0] - pictures[1]) / pictures[1][:, 0].max()
+    assert gap.max() < 3e-3
+    assert np.sqrt((gap**2).mean(axis=0)).max() < 3e-4
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+SMALL = "[render]\nsize_px = 48\nwavelengths_um = [0.45, 0.55, 0.65]\n"
+
+
+def run(*arguments: str | Path) -> int:
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as leaving:
+        return leaving.code  # type: ignore[return-value]
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return image.size
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command with few directions."""
+    monkeypatch.setattr(rendering, "rendered", partial(rendered, resolutions=[Resolution(12, 24, 16, 8, 6)]))
+
+
+@pytest.mark.usefixtures("coarse")
+def test_render_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scenes = [write(tmp_path / "one.toml", PLAIN), write(tmp_path / "two.toml", PLAIN + SMALL)]
+    assert run("render", *scenes, "-o", tmp_path / "out.png") == 0
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert "one: 9 wavelengths, 0.4 to 0.7 µm" in told.out
+    assert "two: 3 wavelengths, 0.45 to 0.65 µm" in told.out
+    assert re.search(r"wrote .*out\.png", told.out)
+    sheet = Sheet(48, 2, 4, 0.44)
+    assert size_of(tmp_path / "out.png") == (sheet.width, sheet.height)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("coarse")
+def test_sheet_has_a_row_a_scene(tmp_path: Path) -> None:
+    scene = write(tmp_path / "one.toml", PLAIN + SMALL)
+    assert run("render", scene, "-o", tmp_path / "out.png", "--sheet") == 0
+    sheet = Sheet(48, 1, 3, 0.30)
+    assert size_of(tmp_path / "out.png") == (sheet.width, sheet.height)
+
+
+@pytest.mark.parametrize("name", ["rutile", "mixture_on_black"])
+def test_scenes_of_the_gallery_can_be_read(name: str) -> None:
+    (material,), _ = read([Path(__file__).parents[1] / "examples" / "gallery" / f"{name}.toml"])
+    ends = [material.brdf(wavelength, *(np.array([1.0]),) * 3) for wavelength in material.wavelengths_um[[0, -1]]]
+    assert all(0.0 < end.reflectance[0] < 1.0 for end in ends)
+
+
+@pytest.mark.usefixtures("coarse")
+def test_colour_only_is_transparent_around_the_spheres(tmp_path: Path) -> None:
+    from PIL import Image
+
+    scene = write(tmp_path / "one.toml", PLAIN + SMALL)
+    assert run("render", scene, scene, "-o", tmp_path / "out.png", "--colour-only", "--size", "32") == 0
+    with Image.open(tmp_path / "out.png") as image:
+        pixels = np.asarray(image)
+    assert pixels.shape == (32, 64, 4)
+    assert pixels[0, 0, 3] == 0
+    assert pixels[16, 16, 3] == 255
+    # a layer that absorbs nothing is no coloured one: lit from the left above, it is nearly as neutral as the light
+    assert pixels[10, 10, :3].min() > 100
+
+
+def test_a_brdf_between_its_directions(tmp_path: Path) -> None:
+    materials, _ = read([write(tmp_path / "one.toml", PLAIN)])
+    brdf = materials[0].brdf(0.5, COARSE.mu, COARSE.mu, COARSE.phi)
+    assert interpolation_error(materials[0], 0.5, table_of(brdf, COARSE)) < 1e-3
+
+
+def test_finer_where_needed(tmp_path: Path) -> None:
+    peaked = "[[layer]]\nphase = { henyey_greenstein = 0.9 }\nalbedo = 0.9\nthickness = 1.0\n"
+    materials, setting = read([write(tmp_path / "one.toml", peaked + SMALL)])
+    coarse, fine = Resolution(8, 12, 8, 4, 4), Resolution(16, 24, 8, 4, 4)
+    errors = [rendered(materials, setting, resolutions=some)[0].error for some in ([coarse], [coarse, fine])]
+    assert errors[1] < errors[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[render]\nsky = 'blue'", 'render.sky = "blue": must be "rayleigh" or "uniform" or "sun"'),
+        ("[render]\nsun_elevation_deg = 0", "render.sun_elevation_deg = 0: must be degrees from 1 to 90"),
+        ("[render]\nexposur = 1", "render.exposur = 1: unknown key; did you mean 'exposure'?"),
+        ("[render]\nwavelengths = 3", "render.wavelengths = 3: must be a whole number from 9 to 31"),
+        ("[render]\nwavelengths_um = [0.5, 0.4]", "render.wavelengths_um = [0.5, 0.4]: must be 1 to 31 ascending"),
+        ("[render]\nwavelengths = 9\nwavelengths_um = [0.5]", "at most one of wavelengths and wavelengths_um"),
+        ("[render]\nsize_px = 1.5", "render.size_px = 1.5: must be a whole number from 16 to 1024"),
+        ("[render]\ntitle = 3", "render.title = 3: must be a text"),
+    ],
+)
+def test_bad_tables_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str) -> None:
+    assert run("render", write(tmp_path / "a.toml", PLAIN + text), "-o", tmp_path / "out.png") == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("render", tmp_path / "absent.toml", "-o", tmp_path / "out.png") == 2
+    assert "absent.toml: No such file" in capsys.readouterr().err
+
+
+def test_one_picture_has_one_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scenes = [write(tmp_path / f"{name}.toml", PLAIN + f"[render]\nexposure = {name}") for name in (1, 2)]
+    assert run("render", *scenes, "-o", tmp_path / "out.png") == 2
+    assert "render.exposure = 2.0: " in capsys.readouterr().err
+
+
+def test_a_substance_that_is_not_known_there_is_never_extrapolated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = '[particles.white]\nindex = "rutile"\nradius_um = 0.1\n[[layer]]\nparticles = "white"\nthickness = 9.0\n'
+    assert run("render", write(tmp_path / "a.toml", text), "-o", tmp_path / "out.png") == 2
+    told = capsys.readouterr().err
+    assert "goes from 0.43 to 1.53 um" in told
+    assert "[render] wavelengths_um can name others" in told
+
+
+def test_other_commands_leave_the_table_alone(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.toml", PLAIN + SMALL + "[brdf]\nmu_i = 0.5\nmu_o = 0.5\n")
+    assert vrte.spectrum(path, [0.5])[0].mu_i.size == 1
+
+
+def test_angles_have_the_colours_of_the_wheel() -> None:
+    """Upright light is red, and so is what the legend shows above its middle; unpolarized light is grey."""
+    swing = np.radians([0.0, 90.0, 180.0])
+    stokes = np.stack([np.ones(3), np.cos(2.0 * swing), np.sin(2.0 * swing), np.zeros(3)], axis=-1)
+    found = angle_colours(stokes, np.ones(3))
+    np.testing.assert_allclose(found[0], [1.0, 0.0, 0.0, 1.0], atol=0.05)
+    np.testing.assert_allclose(found[1], [0.0, 1.0, 1.0, 1.0], atol=0.05)
+    np.testing.assert_allclose(found[2], found[0], atol=0.05)
+    grey = angle_colours(np.array([[1.0, 0.0, 0.0, 0.5]]), np.ones(1))
+    np.testing.assert_allclose(grey, [[0.6, 0.6, 0.6, 1.0]])
+
+
+def test_setting_has_its_defaults(tmp_path: Path) -> None:
+    materials, setting = read([write(tmp_path / "white_paint.toml", PLAIN)])
+    assert setting == Setting()
+    assert materials[0].title == "white paint"
+    np.testing.assert_array_equal(materials[0].wavelengths_um, colour.wavelengths(9))

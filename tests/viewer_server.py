@@ -1,0 +1,37 @@
+"""A viewer's server for tests: started, and ended as Ctrl-C ends it."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+@contextmanager
+def viewer(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
+    """A server on a free port; it must end by itself when it is interrupted."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env=environment,
+    )
+    assert process.stdout is not None
+    try:
+        found = re.search(r"http://127\.0\.0\.1:\d+", process.stdout.readline())
+        assert found, process.communicate()[1]
+        yield found[0], process
+        process.send_signal(signal.SIGINT)
+        said, complained = process.communicate(timeout=20)
+        assert (process.returncode, said, complained) == (0, "vrte view: ended\n", "")
+    finally:
+        process.kill()
+        process.communicate()

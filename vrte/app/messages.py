@@ -1,0 +1,119 @@
+"""What the viewer and the process that solves for it tell each other, one pickle after another."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.brdf import Brdf
+from vrte.field import Field
+from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.spectrum import Spectrum
+
+
+@dataclass(frozen=True)
+class Solve:
+    """A scene to solve: the form's content, where its tables of coefficients lie, and how much memory it may take."""
+
+    content: dict[str, Any]
+    folder: Path
+    memory_bytes: float
+
+
+@dataclass(frozen=True)
+class Read:
+    """A result file to read, its bytes: whatever is in them harms that process alone."""
+
+    data: bytes
+    suffix: str
+    memory_bytes: float
+
+
+@dataclass(frozen=True)
+class Tensor:
+    """A scene to solve for the directions of Mitsuba's tensor file."""
+
+    content: dict[str, Any]
+    folder: Path
+    memory_bytes: float
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file to be downloaded."""
+
+    name: str
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far it is, from 0 to 1, and with what."""
+
+    share: float
+    stage: str
+
+
+@dataclass(frozen=True)
+class Planned:
+    """The plan of the BRDF at the first wavelength: its table, and what is left out and shared, line by line."""
+
+    text: str
+    left_out: tuple[str, ...] = ()
+    shared: tuple[str, ...] = ()
+    memory_bytes: float = 0.0
+    operations: float = 0.0
+
+
+@dataclass(frozen=True)
+class Inside:
+    """What the layers are made of, at one wavelength."""
+
+    names: tuple[str, ...]
+    phase_matrices: tuple[PhaseMatrix, ...]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Everything there is to see. ``content`` is the scene as solved, None where a result file was read; ``brdfs`` and
+    ``fields`` are one a wavelength, either may be empty; ``inside`` too; ``wavelength_um`` is empty where unknown;
+    ``opened``: from a file."""
+
+    content: dict[str, Any] | None
+    wavelength_um: tuple[float, ...] = ()
+    brdfs: tuple[Brdf, ...] = ()
+    fields: tuple[Field, ...] = ()
+    inside: tuple[Inside, ...] = ()
+    plan: Planned | None = None
+    notes: tuple[str, ...] = ()
+    opened: bool = False
+
+    @property
+    def count(self) -> int:
+        """How many wavelengths there are."""
+        return max(len(self.brdfs), len(self.fields))
+
+    @property
+    def size(self) -> int:
+        """Bytes of its arrays, the small ones left out."""
+        return sum(one.mueller.nbytes * (1 if one.transmission is None else 2) for one in self.brdfs) + sum(
+            field.stokes.nbytes for field in self.fields
+        )
+
+    def brdf_to_save(self) -> Brdf | Spectrum | None:
+        """What goes into a file."""
+        if len(self.brdfs) > 1:
+            return Spectrum(np.array(self.wavelength_um), self.brdfs)
+        return self.brdfs[0] if self.brdfs else None
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why there is nothing to see, in one sentence."""
+
+    message: str
+
+
+Task = Solve | Read | Tensor
+Message = Progress | Planned | Outcome | Written | Failure

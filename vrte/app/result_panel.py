@@ -1,0 +1,329 @@
+"""The right side of the page: what came out, to be turned, cut and read."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from nicegui import ui
+
+from vrte.app import figures
+from vrte.app.form import value_of
+from vrte.app.messages import Outcome
+from vrte.app.state import Bench
+from vrte.brdf import Brdf
+from vrte.errors import SceneError
+from vrte.quantities import DEGREE_LINEAR, FIELD_QUANTITIES, MUELLER, QUANTITIES
+from vrte.request import stokes_vector
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+TABS = {
+    "lobe": ("Lobe", "blur_on"),
+    "cuts": ("Cuts", "pie_chart_outline"),
+    "inside": ("Inside", "vertical_align_center"),
+    "scattering": ("Scattering", "grain"),
+    "plan": ("Plan", "rule"),
+}
+LIGHTS = {
+    "unpolarized": "1, 0, 0, 0",
+    "linear in the plane (Q)": "1, 1, 0, 0",
+    "linear across it (−Q)": "1, -1, 0, 0",
+    "linear at 45° (U)": "1, 0, 1, 0",
+    "linear at −45° (−U)": "1, 0, -1, 0",
+    "circular (V)": "1, 0, 0, 1",
+    "circular (−V)": "1, 0, 0, -1",
+    "other": "",
+}
+NAMES = {name: f"Mueller element {name}" if name in MUELLER else name for name in (*QUANTITIES, *FIELD_QUANTITIES)}
+VIEW = {  # what a new tab looks at
+    "tab": "lobe",
+    "place": 0,
+    "wavelength": 0,
+    "layer": 0,
+    "height": "f00",
+    "colour": DEGREE_LINEAR,
+    "cut": "f00",
+    "inside": "I",
+    "light": "unpolarized",
+    "stokes": "1, 0, 0, 0",
+}
+LEGEND = {"orientation": "h", "x": 0.5, "xanchor": "center", "y": -0.12, "yanchor": "top"}  # beside, it takes room
+NOTHING = "Describe a scene on the left and press Solve, or open a result file."
+
+
+class ResultPanel:
+    """Figures of a bench's outcome; the one of the open tab is drawn, the others when they are looked at."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+        self.view = bench.view
+        self.fresh = "place" not in bench.view
+        for key, value in VIEW.items():
+            self.view.setdefault(key, value)
+        self.plots: dict[str, Any] = {}
+        self.areas: dict[str, Any] = {}
+        self._tabs()
+        with ui.column().classes("w-full grow no-wrap gap-0 px-4 relative overflow-auto"):
+            self.notes = ui.label().classes("vrte-warning w-full mt-2")
+            self._controls()
+            self.message = ui.label(NOTHING).classes("vrte-empty")
+            for name in TABS:
+                self.areas[name] = ui.column().classes("w-full grow gap-0 no-wrap")
+                with self.areas[name]:
+                    getattr(self, f"_{name}")()
+        self.refresh()
+
+    # layout
+
+    def _tabs(self) -> None:
+        with ui.tabs(value=self.view["tab"], on_change=lambda event: self.set("tab", event.value)) as tabs:
+            for name, (title, symbol) in TABS.items():
+                ui.tab(name, title, icon=symbol)
+        tabs.props("dense no-caps inline-label align=left active-color=primary").classes("w-full vrte-tabs")
+        self.tabs = tabs
+
+    def _controls(self) -> None:
+        """What all tabs share: incidence, wavelength, incident light."""
+        with ui.row().classes("w-full items-center gap-x-6 gap-y-1 pt-3") as self.controls:
+            with ui.column().classes("gap-0 grow").style("min-width: 220px") as self.incidence:
+                self.incidence_text = ui.label().classes("vrte-note")
+                self.incidence_slider = slider(lambda value: self.set("place", value), "incident angle")
+            with ui.column().classes("gap-0 grow").style("min-width: 180px") as self.wavelength:
+                self.wavelength_text = ui.label().classes("vrte-note")
+                self.wavelength_slider = slider(lambda value: self.set("wavelength", value), "wavelength")
+            with ui.row().classes("gap-2 no-wrap items-start") as self.light:
+                self.named = select(list(LIGHTS), self.view["light"], "incident light", self.set_light)
+                self.named.classes("vrte-fixed").style("width: 210px")
+                self.stokes = ui.input("I, Q, U, V", value=self.view["stokes"], on_change=self.set_stokes)
+                self.stokes.without_auto_validation().props(
+                    "outlined dense stack-label hide-bottom-space debounce=120 maxlength=200"
+                )
+                self.stokes.classes("vrte-fixed").style("width: 150px")
+
+    def _lobe(self) -> None:
+        with ui.row().classes("w-full gap-2 pt-2"):
+            self._quantity("height", "distance from the centre", QUANTITIES)
+            self._quantity("colour", "colour", QUANTITIES)
+        self.plots["lobe"] = plot()
+
+    def _cuts(self) -> None:
+        with ui.row().classes("w-full pt-2"):
+            self._quantity("cut", "quantity", QUANTITIES)
+        self.plots["cuts"] = plot()
+
+    def _inside(self) -> None:
+        with ui.row().classes("w-full pt-2"):
+            self._quantity("inside", "quantity", FIELD_QUANTITIES)
+        self.plots["inside"] = plot()
+
+    def _scattering(self) -> None:
+        with ui.row().classes("w-full pt-2"):
+            self.layer = (
+                select([], None, "layer", lambda value: self.set("layer", value))
+                .classes("vrte-fixed")
+                .style("width: 260px")
+            )
+        with ui.row().classes("w-full no-wrap gap-4"):
+            self.plots["scattering"], self.plots["coefficients"] = plot(), plot()
+
+    def _plan(self) -> None:
+        self.plan = ui.column().classes("w-full gap-2 py-3")
+
+    def _quantity(self, key: str, label: str, names: tuple[str, ...]) -> None:
+        chosen = {name: NAMES[name] for name in names}
+        select(chosen, self.view[key], label, lambda value: self.set(key, value)).classes("vrte-fixed").style(
+            "width: 260px"
+        )
+
+    # what is looked at
+
+    def set(self, key: str, value: Any) -> None:
+        """A choice, and the figure that follows from it."""
+        if value != self.view.get(key):
+            self.view[key] = value
+            self.draw()
+
+    def set_light(self, name: str) -> None:
+        """One of LIGHTS."""
+        self.view["light"] = name
+        if LIGHTS[name]:
+            self.stokes.set_value(LIGHTS[name])
+        self.draw()
+
+    def set_stokes(self, event: Any) -> None:
+        """Any other light, checked as it is typed."""
+        self.view["stokes"] = str(event.value or "")
+        if self.view["stokes"] != LIGHTS[self.view["light"]]:
+            self.named.set_value("other")
+        try:
+            self._stokes()
+            self.stokes.error = None
+        except SceneError as error:
+            self.stokes.error = str(error)
+            return
+        self.draw()
+
+    def _stokes(self) -> Any:
+        found = value_of(self.view["stokes"])
+        if isinstance(found, str):
+            raise SceneError("stokes must be four numbers I, Q, U, V")
+        light = stokes_vector(found)
+        if not light[0] > 0.0:
+            raise SceneError(f"stokes must have an intensity I above 0, not {light[0]:g}")
+        return light
+
+    # drawing
+
+    def refresh(self) -> None:
+        """After a new outcome: the sliders' ends, then the figure."""
+        outcome = self.bench.outcome
+        angles = outcome.brdfs[0].mu_i.size if outcome and outcome.brdfs else 0
+        count = outcome.count if outcome else 0
+        if self.fresh and angles:
+            self.view["place"], self.fresh = angles // 2, False
+        for key, size, bar in (("place", angles, self.incidence_slider), ("wavelength", count, self.wavelength_slider)):
+            self.view[key] = min(self.view[key], max(size - 1, 0))
+            bar.props(f"max={max(size - 1, 1)}").set_enabled(size > 1)
+            bar.set_value(self.view[key])
+        inside = outcome.inside[0].names if outcome and outcome.inside else ()
+        self.view["layer"] = min(self.view["layer"], max(len(inside) - 1, 0))
+        self.layer.set_options(dict(enumerate(inside)), value=self.view["layer"] if inside else None)
+        self.draw()
+
+    def draw(self) -> None:
+        """The open tab."""
+        tab, outcome = self.view["tab"], self.bench.outcome
+        for name, area in self.areas.items():
+            area.set_visibility(name == tab and outcome is not None)
+        self._tell(outcome)
+        try:
+            self._show(tab, outcome)
+            self._say("" if outcome else NOTHING)
+        except (SceneError, IndexError) as error:
+            self.areas[tab].set_visibility(False)
+            self._say(str(error))
+
+    def _say(self, text: str) -> None:
+        self.message.set_text(text)
+        self.message.set_visibility(bool(text))
+
+    def _tell(self, outcome: Outcome | None) -> None:
+        """Beside the sliders, and which of them there are."""
+        tab = self.view["tab"]
+        self.notes.set_text("; ".join(outcome.notes) if outcome else "")
+        self.notes.set_visibility(bool(self.notes.text))
+        with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts")
+        self.incidence.set_visibility(with_angle)
+        self.light.set_visibility(with_angle)
+        self.wavelength.set_visibility(bool(outcome and outcome.count > 1))
+        self.controls.set_visibility(with_angle or bool(outcome and outcome.count > 1))
+        if outcome and outcome.brdfs:
+            mu = float(outcome.brdfs[0].mu_i[self.view["place"]])
+            self.incidence_text.set_text(f"light from {np.degrees(np.arccos(mu)):.1f}° off the normal (µ_i = {mu:.4g})")
+        if outcome and outcome.wavelength_um:
+            self.wavelength_text.set_text(
+                f"wavelength {1000.0 * outcome.wavelength_um[self.view['wavelength']]:.5g} nm"
+            )
+
+    def _show(self, tab: str, outcome: Outcome | None) -> None:
+        if outcome is None:
+            return
+        if tab == "plan":
+            self._write_plan(outcome)
+        elif tab == "scattering":
+            matrix = self._phase_matrix(outcome)
+            show(self.plots["scattering"], figures.scattering_matrix(matrix))
+            show(self.plots["coefficients"], figures.coefficients(matrix))
+        else:
+            show(self.plots[tab], self._figure(tab, outcome))
+
+    def _figure(self, tab: str, outcome: Outcome) -> "Figure":
+        view, which = self.view, self.view["wavelength"]
+        if tab == "inside":
+            if not outcome.fields:
+                raise SceneError('No radiance field here: turn on "Inside the layers" in the form and solve.')
+            return figures.field_polar(outcome.fields[which], view["inside"])
+        brdf = self._brdf(outcome)
+        if tab == "lobe":
+            return figures.lobe(brdf, view["place"], view["height"], view["colour"], self._stokes())
+        return figures.cuts(brdf, view["place"], view["cut"], self._stokes())
+
+    def _brdf(self, outcome: Outcome) -> Brdf:
+        if not outcome.brdfs:
+            raise SceneError("No BRDF here: the file that was opened holds a radiance field; see Inside.")
+        return outcome.brdfs[self.view["wavelength"]]
+
+    def _phase_matrix(self, outcome: Outcome) -> Any:
+        if not outcome.inside:
+            raise SceneError("A result file holds no phase matrices: solve its scene to see them.")
+        return outcome.inside[self.view["wavelength"]].phase_matrices[self.view["layer"]]
+
+    def _write_plan(self, outcome: Outcome) -> None:
+        """What was left out, what was shared, the table, and how it was made."""
+        self.plan.clear()
+        result = (outcome.brdfs or outcome.fields)[self.view["wavelength"]]
+        with self.plan:
+            if outcome.plan is None:
+                ui.label("No plan here: a result file has none, nor have methods other than discrete ordinates.")
+            else:
+                bullets("Left out, and why", outcome.plan.left_out)
+                bullets("Done once for many", outcome.plan.shared)
+                heading("The plan in full")
+                ui.label(outcome.plan.text).classes("vrte-text")
+            heading("How it was made")
+            ui.label(made(result.diagnostics)).classes("vrte-text")
+
+
+def made(diagnostics: dict[str, Any]) -> str:
+    """The diagnostics that people read, a line each."""
+    stages = diagnostics.get("stages", {})
+    lines = [
+        f"{name}: {value}"
+        for name, value in diagnostics.items()
+        if isinstance(value, (str, int, float)) and name != "scene_toml"
+    ]
+    lines += [f"{name}: {clock['wall_seconds']:.4f} s" for name, clock in stages.items() if "wall_seconds" in clock]
+    return "\n".join(lines)
+
+
+def heading(text: str) -> None:
+    ui.label(text).classes("vrte-heading")
+
+
+def bullets(title: str, lines: tuple[str, ...]) -> None:
+    """A heading and its lines, nothing without any."""
+    if lines:
+        heading(title)
+        with ui.element("ul").classes("vrte-list"):
+            for line in lines:
+                with ui.element("li"):
+                    ui.label(line)
+
+
+def slider(act: Callable[[int], None], label: str) -> Any:
+    """Over places of a list; what it says comes at most six times a second, the last always."""
+    bar = ui.slider(min=0, max=1, step=1, value=0).props(f'dense snap aria-label="{label}"').classes("w-full")
+    bar.on("update:model-value", lambda event: act(int(event.args)), throttle=0.15, leading_events=False)
+    return bar
+
+
+def select(options: Any, value: Any, label: str, act: Callable[[Any], None]) -> Any:
+    """One of several."""
+    found = ui.select(options, value=value, label=label, on_change=lambda event: act(event.value))
+    return found.props("outlined dense options-dense stack-label").classes("vrte-field")
+
+
+def plot() -> Any:
+    """An empty figure."""
+    return ui.plotly({"data": [], "layout": {}}).classes("vrte-plot")
+
+
+def show(place: Any, figure: "Figure") -> None:
+    """A figure in its place; links and logos of its toolbar stay away."""
+    whole = figure.to_plotly_json()
+    whole["layout"] |= {"autosize": True, "legend": LEGEND}
+    if "xaxis" in whole["layout"]:
+        whole["layout"]["margin"] = {"l": 64, "r": 24, "t": 84, "b": 84}
+    whole["config"] = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["sendDataToCloud"]}
+    place.update_figure(whole)

@@ -1,0 +1,89 @@
+"""What the viewer keeps for each browser tab: its scene, its result, what it looks at; nobody sees another's."""
+
+import copy
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from vrte.app.form import START, Content, tables_of
+from vrte.app.messages import Outcome, Solve
+from vrte.app.solving import Job, memory_of_one
+
+MOST_TABS = 100
+MOST_BYTES = 2e9  # of all results together; the tabs that were not used for longest lose theirs first
+
+
+@dataclass
+class Bench:
+    """A tab's: the form's ``content``, the ``job`` that runs, the last ``outcome``, ``view``, what it looks at,
+    and how many ``pages`` look;
+    ``taken`` is the job whose outcome it has."""
+
+    content: Content
+    folder: Path = Path()
+    tables: frozenset[str] = frozenset()
+    outcome: Outcome | None = None
+    job: Job | None = None
+    view: dict[str, Any] = field(default_factory=dict)
+    pages: int = 0
+    taken: Job | None = None
+    used: float = field(default_factory=time.monotonic)
+
+    @property
+    def busy(self) -> bool:
+        """Whether something runs."""
+        return self.job is not None and not self.job.ended
+
+    def solve(self) -> None:
+        """Starts to solve what the form says now."""
+        self.start(Solve(copy.deepcopy(self.content), self.folder, memory_of_one()))
+
+    def start(self, task: Any) -> None:
+        """A task in place of the one that runs."""
+        self.cancel()
+        self.job = Job(task)
+
+    def cancel(self) -> None:
+        if self.job is not None:
+            self.job.cancel()
+
+
+class Benches:
+    """All tabs. ``content`` and ``outcome`` are what a new one begins with; tables lie in ``folder``."""
+
+    def __init__(self, content: Content | None = None, folder: Path = Path(), outcome: Outcome | None = None) -> None:
+        self._first = content or START
+        self._folder, self._outcome = folder, outcome
+        self._tables = tables_of(self._first)
+        self._benches: dict[str, Bench] = {}
+        self._lock = threading.Lock()
+
+    def of(self, tab: str) -> Bench:
+        """The bench of a tab, a new one where there is none."""
+        with self._lock:
+            bench = self._benches.pop(tab, None) or Bench(
+                copy.deepcopy(self._first), self._folder, self._tables, self._outcome
+            )
+            bench.used = time.monotonic()
+            self._benches[tab] = bench  # the last used is the last
+            self._forget(bench)
+            return bench
+
+    def _forget(self, kept: Bench) -> None:
+        """Drops the tabs not used for longest, where there are too many or their results too large."""
+        while len(self._benches) > MOST_TABS or self._bytes() > MOST_BYTES:
+            tab = next(iter(self._benches))
+            if self._benches[tab] is kept:
+                return
+            self._benches.pop(tab).cancel()
+
+    def _bytes(self) -> float:
+        return sum(bench.outcome.size for bench in self._benches.values() if bench.outcome is not None)
+
+    def close(self) -> None:
+        """Ends whatever runs."""
+        with self._lock:
+            for bench in self._benches.values():
+                bench.cancel()

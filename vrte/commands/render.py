@@ -1,0 +1,62 @@
+"""`vrte render`: pictures of spheres with the BRDFs of scene files, under a polarized sky."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from vrte.commands.common import check_extra, check_output, progress, say_written, told_as_one, whole_number
+from vrte.render.colour import FEWEST, MOST
+from vrte.render.setting import LARGEST_SIZE, SMALLEST_SIZE, read
+
+
+def add(commands: Any) -> None:
+    """`vrte render`."""
+    help_text = "spheres with the BRDFs of scenes, under a polarized sky"
+    command = commands.add_parser("render", help=help_text, description=f"Draws {help_text} (docs/render.md).")
+    command.add_argument("scenes", metavar="SCENE.toml", type=Path, nargs="+", help="a sphere each")
+    command.add_argument("-o", "--output", metavar="OUT.png", type=Path, required=True)
+    command.add_argument(
+        "--size", metavar="PIXELS", type=whole_number(SMALLEST_SIZE, LARGEST_SIZE), help="of a sphere's side"
+    )
+    command.add_argument(
+        "--wavelengths", metavar="N", type=whole_number(FEWEST, MOST), help=f"from 0.4 to 0.7 um; default: {FEWEST}"
+    )
+    kind = command.add_mutually_exclusive_group()
+    kind.add_argument("--colour-only", action="store_true", help="no polarization, no text, transparent background")
+    kind.add_argument(
+        "--sheet", action="store_true", help="beside each sphere its lobes at mu_i = 0.6 and 1, at 0.64 um"
+    )
+    command.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> None:
+    check_output(options.output, ".png")
+    check_extra("vrte render", "render", ("colour", "matplotlib"))
+    materials, setting = read(options.scenes, options.wavelengths)
+    if options.size:
+        setting = replace(setting, size_px=options.size)
+    from vrte.render import gallery, picture
+    from vrte.render.rendering import rendered
+
+    with progress() as (phase, tick):
+        phase("colours")
+        spheres = rendered(materials, setting, told_as_one(phase, tick))
+        phase("picture")
+        if options.colour_only:
+            picture.save_colours(spheres, options.output)
+        elif options.sheet:
+            gallery.save(spheres, setting, options.output, told_as_one(phase, tick))
+        else:
+            picture.save(spheres, setting, options.output)
+    for sphere in spheres:
+        print(f"  {sphere.material.title}: {in_words(sphere)}")
+    say_written(options.output)
+
+
+def in_words(sphere: Any) -> str:
+    """At which wavelengths, and how well its BRDF is known between directions."""
+    from vrte.render.picture import wavelengths_in_words
+
+    wavelengths = wavelengths_in_words(sphere.material.wavelengths_um.tolist())
+    return f"{wavelengths}; BRDF between the directions solved for good to {sphere.error:.0e} of its largest"

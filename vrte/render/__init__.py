@@ -1,0 +1,1 @@
+"""Spheres with a computed BRDF under a polarized sky, and pictures of them."""

@@ -1,0 +1,107 @@
+"""The GPU paper's figure 10: a row a material, with its lobes for two incident directions and its sphere."""
+
+import os
+from collections.abc import Callable, Sequence
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.formats.atomic import atomic_write
+from vrte.render.picture import DPI, Sheet, light_in_words, over_grey
+from vrte.render.rendering import Sphere
+from vrte.render.setting import Material, Setting
+from vrte.report.lobes import COLOURED_TO, FINE_THETA, draw_lobe, hemisphere, lobe_colours
+from vrte.report.pictures import require_pictures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LOBE_MU_I = np.array([0.6, 1.0])
+LOBE_UM = 0.64
+LOBE_MU_O = np.cos(np.radians(np.linspace(0.0, 89.0, 46)))
+LOBE_PHI = np.arange(0.0, 181.0, 3.0)
+CIRCLE = 0.5  # sr-1: what the outer circle below a lobe stands for at scale 1
+TALLEST = 4  # rows, before a sheet has two materials beside each other
+HEADINGS = (*(f"lobe, {1e3 * LOBE_UM:.0f} nm, $\\mu_i$ = {mu_i:g}" for mu_i in LOBE_MU_I), "sphere under sun and sky")
+COLUMNS = len(HEADINGS)
+STEPS = (1.0, 2.0, 5.0)
+
+
+def _lobes_of(material: Material) -> list[tuple[Array, Array]]:
+    """f00 and degree of linear polarization for each of LOBE_MU_I."""
+    brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
+    return [hemisphere(brdf, place) for place in range(LOBE_MU_I.size)]
+
+
+def save(
+    spheres: Sequence[Sphere],
+    setting: Setting,
+    path: str | os.PathLike[str],
+    progress: Callable[[int, int, str], None] | None = None,
+) -> None:
+    """Writes the sheet as a PNG, all of it or nothing. Raises SceneError, MissingExtraError, OSError."""
+    from PIL import Image
+
+    drawn = BytesIO()
+    sheet(spheres, setting, progress).savefig(drawn, format="png", dpi=DPI)
+    with atomic_write(path) as part, Image.open(drawn) as image:
+        image.convert("RGB").save(part, format="PNG", optimize=True)
+
+
+def sheet(
+    spheres: Sequence[Sphere], setting: Setting, progress: Callable[[int, int, str], None] | None = None
+) -> "Figure":
+    """The sheet as a figure; ``progress`` is called with (rows done, rows, title)."""
+    require_pictures()
+    blocks = 2 if len(spheres) > TALLEST else 1
+    drawing = Sheet(setting.size_px, -(-len(spheres) // blocks), COLUMNS * blocks, foot=0.30)
+    lobes = [_lobes_of(sphere.material) for sphere in spheres]
+    most = max(float(polarized[FINE_THETA <= COLOURED_TO].max()) for both in lobes for _, polarized in both)
+    colours = lobe_colours(most)
+    for place, (sphere, both) in enumerate(zip(spheres, lobes, strict=True)):
+        row, block = divmod(place, blocks)
+        _draw_row(drawing, row, COLUMNS * block, sphere, both, colours)
+        if progress is not None:
+            progress(place + 1, len(spheres), sphere.material.title)
+    for block in range(blocks):
+        for column, heading in enumerate(HEADINGS):
+            drawing.heading(COLUMNS * block + column, heading)
+    drawing.bar(0, colours.cmap, 0.0, most, "lobes: degree of linear polarization")
+    circles = f"Lobes: unpolarized light, outer circles $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
+    drawing.note(f"{circles}. Spheres: {light_in_words(setting, spheres)}")
+    return drawing.figure
+
+
+def _draw_row(
+    drawing: Sheet, row: int, first: int, sphere: Sphere, lobes: list[tuple[Array, Array]], colours: Any
+) -> None:
+    """A material's panels, from the column ``first``."""
+    left, top = drawing.corner(row, first)
+    drawing.text(left + 0.03 * drawing.size, top + 0.03 * drawing.size, sphere.material.title, 1.25, ha="left")
+    for column, lobe in enumerate(lobes):
+        _draw(drawing, row, first, column, lobe, colours)
+    drawing.show(row, first + LOBE_MU_I.size, over_grey(sphere.rgba))
+
+
+def _draw(drawing: Sheet, row: int, first: int, column: int, lobe: tuple[Array, Array], colours: Any) -> None:
+    """One lobe in its panel, and by how much it is scaled."""
+    radius, polarized = lobe
+    factor = scale(float(radius.max()) / CIRCLE)
+    left, top = drawing.corner(row, first + column)
+    axes = drawing.axes(left, top - 0.04 * drawing.size, drawing.size, drawing.size, projection="3d")
+    draw_lobe(axes, factor * radius / CIRCLE, colours.to_rgba(polarized), float(LOBE_MU_I[column]))
+    drawing.text(left + 0.5 * drawing.size, top + 0.94 * drawing.size, f"scale {factor:g}")
+
+
+def scale(largest: float) -> float:
+    """1, 2 or 5 times a power of ten: the largest by which a lobe still stays within 1.
+
+    >>> scale(0.09), scale(1.0), scale(3.1)
+    (10.0, 1.0, 0.2)
+    """
+    if largest <= 0.0:
+        return 1.0
+    power = 10.0 ** np.floor(-np.log10(largest))
+    return float(f"{max(step for step in STEPS if step * power * largest <= 1.0 + 1e-9) * power:.6g}")

@@ -1,0 +1,244 @@
+"""Spheres as a PNG: a row each, in colour, and how polarized their light is; or in colour alone."""
+
+import os
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.formats.atomic import atomic_write
+from vrte.polarization import (
+    angle_of_linear_polarization,
+    degree_of_circular_polarization,
+    degree_of_linear_polarization,
+)
+from vrte.render.rendering import Sphere
+from vrte.render.setting import Setting
+from vrte.report.pictures import new_figure, require_pictures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DPI = 100
+GAP = 0.05  # of a sphere's size
+INK = "#222222"
+BEHIND = 0.42  # sRGB grey behind spheres in colour, about the eye's middle
+DEGREE_COLOURS, CIRCULAR_COLOURS, ANGLE_COLOURS = "inferno", "RdBu_r", "hsv"
+FAINT_DEGREE = 0.005  # below, the angle of polarization fades to grey
+ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+HEADINGS = (
+    "colour",
+    "degree of linear polarization",
+    "angle of linear polarization",
+    "degree of circular polarization",
+)
+
+
+def save(spheres: Sequence[Sphere], setting: Setting, path: str | os.PathLike[str]) -> None:
+    """Writes the PNG, all of it or nothing. Raises MissingExtraError without matplotlib, OSError."""
+    drawn = BytesIO()
+    figure(spheres, setting).savefig(drawn, format="png", dpi=DPI)
+    _write(drawn, path)
+
+
+def save_colours(spheres: Sequence[Sphere], path: str | os.PathLike[str]) -> None:
+    """The spheres in colour beside each other, without any text; transparent around them. Errors as `save`."""
+    require_pictures()
+    from PIL import Image
+
+    pixels = np.concatenate([sphere.rgba for sphere in spheres], axis=1)
+    drawn = BytesIO()
+    Image.fromarray((255.0 * pixels + 0.5).astype(np.uint8), "RGBA").save(drawn, format="PNG", optimize=True)
+    _write(drawn, path)
+
+
+def _write(drawn: BytesIO, path: str | os.PathLike[str]) -> None:
+    with atomic_write(path) as part:
+        Path(part).write_bytes(drawn.getvalue())
+
+
+def figure(spheres: Sequence[Sphere], setting: Setting) -> "Figure":
+    """A row a sphere, a column each for colour, degree and angle of linear and degree of circular polarization."""
+    require_pictures()
+    sheet = Sheet(setting.size_px, len(spheres), len(HEADINGS), foot=0.44)
+    linear = [degree_of_linear_polarization(sphere.stokes) for sphere in spheres]
+    circular = [degree_of_circular_polarization(sphere.stokes) for sphere in spheres]
+    most_linear, most_circular = _round_up(_largest(linear)), _round_up(_largest(circular))
+    for row, sphere in enumerate(spheres):
+        sheet.title(row, sphere.material.title)
+        sheet.show(row, 0, over_grey(sphere.rgba))
+        sheet.show(row, 1, coloured(linear[row], DEGREE_COLOURS, 0.0, most_linear, sphere.cover))
+        sheet.show(row, 2, angle_colours(sphere.stokes, sphere.cover))
+        sheet.show(row, 3, coloured(circular[row], CIRCULAR_COLOURS, -most_circular, most_circular, sphere.cover))
+    for column, heading in enumerate(HEADINGS):
+        sheet.heading(column, heading)
+    sheet.bar(1, DEGREE_COLOURS, 0.0, most_linear)
+    sheet.bar(3, CIRCULAR_COLOURS, -most_circular, most_circular)
+    sheet.wheel(2)
+    sheet.note(light_in_words(setting, spheres))
+    return sheet.figure
+
+
+def light_in_words(setting: Setting, spheres: Sequence[Sphere]) -> str:
+    """Under which light a picture was made, and at which wavelengths."""
+    sun = f"sun {setting.sun_elevation_deg:g}° high"
+    light = {
+        "rayleigh": f"{sun}, Rayleigh sky over ground of albedo {setting.ground_albedo:g}",
+        "sun": f"{sun}, black sky",
+        "uniform": "unpolarized light, the same from all sides",
+    }[setting.sky]
+    return f"{light}; {wavelengths_of(spheres)}"
+
+
+def wavelengths_of(spheres: Sequence[Sphere]) -> str:
+    """The wavelengths of all spheres, and in brackets those that have others than the first."""
+    sets: dict[str, list[str]] = {}
+    for sphere in spheres:
+        words = wavelengths_in_words(sphere.material.wavelengths_um.tolist())
+        sets.setdefault(words, []).append(sphere.material.title)
+    first, *others = sets
+    return "; ".join([first, *(f"{words} ({', '.join(sets[words])})" for words in others)])
+
+
+def wavelengths_in_words(chosen: Sequence[float]) -> str:
+    """
+    >>> wavelengths_in_words([0.4, 0.55, 0.7]), wavelengths_in_words([0.64])
+    ('3 wavelengths, 0.4 to 0.7 µm', '0.64 µm')
+    """
+    return f"{chosen[0]:g} µm" if len(chosen) == 1 else f"{len(chosen)} wavelengths, {chosen[0]:g} to {chosen[-1]:g} µm"
+
+
+def over_grey(rgba: Array) -> Array:
+    """A picture (..., 4) over the grey background, (..., 3)."""
+    found: Array = rgba[..., 3:] * rgba[..., :3] + (1.0 - rgba[..., 3:]) * BEHIND
+    return found
+
+
+def coloured(values: Array, colours: str, low: float, high: float, cover: Array) -> Array:
+    """Colours (size, size, 4) of values (size, size), transparent around the sphere."""
+    from matplotlib import colormaps
+
+    found = colormaps[colours]((np.nan_to_num(values) - low) / (high - low))
+    found[..., 3] = cover
+    return np.asarray(found)
+
+
+def angle_colours(stokes: Array, cover: Array) -> Array:
+    """Hues (size, size, 4) of the angle of polarization, grey where hardly anything is polarized."""
+    from matplotlib import colormaps
+
+    hues = colormaps[ANGLE_COLOURS](np.nan_to_num(angle_of_linear_polarization(stokes)) / 180.0)
+    degree = np.nan_to_num(degree_of_linear_polarization(stokes))
+    share = np.clip(degree / FAINT_DEGREE, 0.0, 1.0)[..., None]
+    hues[..., :3] = share * hues[..., :3] + (1.0 - share) * 0.6
+    hues[..., 3] = cover
+    return np.asarray(hues)
+
+
+def _largest(pictures: Sequence[Array]) -> float:
+    """The largest size of all but the outermost few pixels, of all spheres."""
+    return max(float(np.nanpercentile(np.abs(picture), 99.0)) for picture in pictures)
+
+
+def _round_up(value: float) -> float:
+    """To a step of ROUND times a power of ten; a scale for what is zero.
+
+    >>> _round_up(0.013), _round_up(0.0)
+    (0.015, 1e-06)
+    """
+    if value <= 1e-6:
+        return 1e-6
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(f"{next(step for step in ROUND if step * power >= value) * power:.6g}")
+
+
+class Sheet:
+    """A figure of square panels, pixel by pixel, with room for headings, titles at the left, and legends below."""
+
+    def __init__(self, size: int, rows: int, columns: int, foot: float) -> None:
+        self.size, self.rows, self.columns = size, rows, columns
+        self.gap = round(GAP * size)
+        self.left, self.head, self.foot = round(0.10 * size), round(0.12 * size), round(foot * size)
+        self.width = self.left + columns * (size + self.gap)
+        self.height = self.head + rows * (size + self.gap) + self.foot
+        self.figure = new_figure(self.width / DPI, self.height / DPI)
+        self.letters = 0.034 * size * 72.0 / DPI  # [points]
+
+    def axes(self, left: float, top: float, width: float, height: float, **how: Any) -> Any:
+        """Axes at a place in pixels from the upper left corner."""
+        bottom = self.height - top - height
+        place = (left / self.width, bottom / self.height, width / self.width, height / self.height)
+        return self.figure.add_axes(place, **how)
+
+    def corner(self, row: int, column: int) -> tuple[int, int]:
+        """Left and top of a panel [pixels]."""
+        return self.left + column * (self.size + self.gap), self.head + row * (self.size + self.gap)
+
+    def show(self, row: int, column: int, pixels: Array) -> None:
+        """A picture (size, size, 3 or 4), pixel for pixel."""
+        axes = self.axes(*self.corner(row, column), self.size, self.size)
+        axes.imshow(np.clip(pixels, 0.0, 1.0), interpolation="none")
+        axes.set_axis_off()
+
+    def text(self, left: float, top: float, text: str, size: float = 1.0, **how: Any) -> None:
+        """Text, its middle at a place in pixels."""
+        how = {"ha": "center", "va": "center", "color": INK} | how
+        self.figure.text(left / self.width, 1.0 - top / self.height, text, fontsize=size * self.letters, **how)
+
+    def heading(self, column: int, text: str) -> None:
+        left, _ = self.corner(0, column)
+        self.text(left + 0.5 * self.size, 0.5 * self.head, text, 1.15)
+
+    def title(self, row: int, text: str) -> None:
+        _, top = self.corner(row, 0)
+        self.text(0.5 * self.left, top + 0.5 * self.size, text, 1.25, rotation=90)
+
+    def note(self, text: str) -> None:
+        """One line at the bottom, from the left."""
+        self.text(self.left, self.height - 0.6 * self.gap, text, 0.95, ha="left", va="bottom")
+
+    def bar(self, column: int, colours: Any, low: float, high: float, label: str = "") -> None:
+        """A legend of colours below a column."""
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        left, top = self.corner(self.rows, column)
+        axes = self.axes(left + 0.1 * self.size, top + 0.02 * self.size, 0.8 * self.size, 0.05 * self.size)
+        shown = ScalarMappable(Normalize(low, high), colours)
+        bar = self.figure.colorbar(shown, cax=axes, orientation="horizontal")
+        bar.ax.tick_params(labelsize=0.95 * self.letters, length=0.2 * self.letters, colors=INK)
+        bar.ax.xaxis.set_major_locator(_few_ticks())
+        bar.set_label(label, size=self.letters, color=INK)
+
+    def wheel(self, column: int) -> None:
+        """The legend of angles: at each place around, light that swings along the line from there to the middle."""
+        side = round(0.32 * self.size)
+        across = (np.arange(side) + 0.5) / side * 2.0 - 1.0
+        x, y = across[None, :], -across[:, None]
+        distance = np.hypot(x, y)
+        swing = 2.0 * np.arctan2(x, y)  # clockwise from the upright
+        stokes = np.stack([np.ones_like(swing), np.cos(swing), np.sin(swing), np.zeros_like(swing)], axis=-1)
+        ring = np.clip(np.minimum(1.0 - distance, distance - 0.5) * 0.5 * side + 0.5, 0.0, 1.0)
+        left, top = self.corner(self.rows, column)
+        top += round(0.03 * self.size)
+        axes = self.axes(left + 0.5 * (self.size - side), top, side, side)
+        axes.imshow(angle_colours(stokes, ring), interpolation="none", extent=(-1.0, 1.0, -1.0, 1.0))
+        for degrees in range(0, 180, 45):
+            angle = np.radians(degrees)
+            line = 0.42 * np.array([np.sin(angle), np.cos(angle)])
+            axes.plot([-line[0], line[0]], [-line[1], line[1]], color=INK, linewidth=0.08 * self.letters)
+        axes.set_xlim(-1.0, 1.0), axes.set_ylim(-1.0, 1.0)
+        axes.set_axis_off()
+        for degrees in range(0, 180, 45):
+            angle = np.radians(degrees)
+            x, y = 0.5 + 0.68 * np.sin(angle), 0.5 - 0.58 * np.cos(angle)
+            self.text(left + 0.5 * (self.size - side) + x * side, top + y * side, f"{degrees}°", 0.95)
+
+
+def _few_ticks() -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(5, steps=[1, 2, 2.5, 5, 10])

@@ -1,0 +1,137 @@
+"""From scene files to what a picture shows: colours and luminance-weighted Stokes vectors of each sphere."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.render import colour
+from vrte.render.geometry import UP, camera_at
+from vrte.render.setting import Material, Setting
+from vrte.render.sky import sky_of
+from vrte.render.spheres import Resolution, Table, View, irradiance, table_of
+
+RESOLUTIONS = (Resolution(), Resolution(48, 180), Resolution(64, 240))
+FINE_ENOUGH = 3e-3  # error of a BRDF between the directions of its table
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """One sphere, ready to be shown.
+
+    ``xyz`` (size, size, 3), CIE XYZ, and ``stokes`` (size, size, 4), weighted by luminance; Y and I are 1 for a white
+    Lambertian surface that faces the sun in the same light. NaN around the sphere. Stokes axes: l upright, r to the
+    right, so that angles of polarization run clockwise from the upright. ``film`` makes colours of ``xyz``, and
+    ``cover`` (size, size) is the sphere's share of each pixel. ``error`` is that of the BRDF between the directions of
+    its table, as `interpolation_error` found it.
+    """
+
+    material: Material
+    xyz: Array
+    stokes: Array
+    cover: Array
+    film: colour.Film
+    error: float
+
+    @property
+    def rgba(self) -> Array:
+        """The sphere in colour, (size, size, 4) from 0 to 1, transparent around it."""
+        return np.concatenate([self.film(np.nan_to_num(self.xyz)), self.cover[..., None]], axis=-1)
+
+
+def rendered(
+    materials: Sequence[Material],
+    setting: Setting,
+    progress: Callable[[int, int, str], None] | None = None,
+    resolutions: Sequence[Resolution] = RESOLUTIONS,
+) -> list[Sphere]:
+    """The spheres of one picture; ``progress`` is called with (steps done, steps, what begins).
+
+    The first of ``resolutions`` that is fine enough is taken, or the last. Raises MissingExtraError without
+    colour-science, SceneError, and what `vrte.brdf` raises.
+    """
+    colour.science()
+    views: dict[tuple[Any, ...], View] = {}  # the last one: a view takes some hundred megabytes
+    steps, done = sum(material.wavelengths_um.size for material in materials), 0
+    spheres = []
+    for material in materials:
+        _tell(progress, done, steps, material.title)
+        table, error = first_table(material, resolutions)
+        key = (table.resolution, *material.wavelengths_um.tolist())
+        if key not in views:
+            views.clear()
+            views[key] = view_of(setting, material.wavelengths_um, table.resolution)
+        seen = []
+        for place, wavelength in enumerate(material.wavelengths_um.tolist()):
+            if place and material.coloured:
+                table = _table(material, wavelength, table.resolution)
+            seen.append(views[key].stokes(table, place).astype(np.float32))
+            done += 1
+            _tell(progress, done, steps, material.title)
+        spheres.append(_developed(material, views[key], np.stack(seen), setting.exposure, error))
+    return spheres
+
+
+def first_table(material: Material, resolutions: Sequence[Resolution]) -> tuple[Table, float]:
+    """The table at the first, shortest wavelength, where BRDFs vary most, fine enough; and its error."""
+    wavelength = float(material.wavelengths_um[0])
+    for resolution in resolutions:
+        table = _table(material, wavelength, resolution)
+        error = interpolation_error(material, wavelength, table)
+        if error <= FINE_ENOUGH:
+            break
+    return table, error
+
+
+def _table(material: Material, wavelength_um: float, resolution: Resolution) -> Table:
+    return table_of(material.brdf(wavelength_um, resolution.mu, resolution.mu, resolution.phi), resolution)
+
+
+def interpolation_error(material: Material, wavelength_um: float, table: Table) -> float:
+    """The largest error of any element of the BRDF times mu_i in 512 directions off the table's grid, all cosines above
+    0.05, over the largest such value."""
+    draw = np.random.default_rng(0)
+    mu_i, mu_o = draw.uniform(0.05, 1.0, (2, 8))
+    phi = draw.uniform(0.0, 180.0, 8)
+    exact = material.brdf(wavelength_um, mu_i, mu_o, phi).mueller * mu_i[:, None, None, None, None]
+    points = [part.ravel() for part in np.meshgrid(mu_i, mu_o, np.radians(phi), indexing="ij")]
+    found = table.mueller(*points).reshape(exact.shape) * mu_i[:, None, None, None, None]
+    largest = float(np.abs(exact).max())
+    return float(np.abs(found - exact).max()) / largest if largest else 0.0
+
+
+def view_of(setting: Setting, wavelengths_um: Array, resolution: Resolution) -> View:
+    """Camera and light of a setting; the sun stands at azimuth 0."""
+    sky = sky_of(setting.sky, wavelengths_um.tolist(), setting.sun_elevation_deg, setting.ground_albedo)
+    # the sun is to the right of a camera that stands clockwise of it
+    camera = camera_at(setting.camera_elevation_deg, -setting.sun_azimuth_deg)
+    return View(camera, sky, setting.size_px, resolution)
+
+
+def _developed(material: Material, view: View, stokes: Array, stops: float, error: float) -> Sphere:
+    """Colours and luminance-weighted Stokes vectors, from Stokes vectors (wavelength, pixel, 4)."""
+    observer = colour.weights(material.wavelengths_um)
+    light = observer @ irradiance(view.sky, np.stack([-view.sky.beam, UP])) / np.pi
+    unit, level = light[1, 0], light[:, 1]
+    return Sphere(
+        material,
+        _in_picture(view, np.einsum("cw,wp->pc", observer, stokes[..., 0]) / unit),
+        _in_picture(view, np.einsum("w,wps->ps", observer[1], stokes) / unit),
+        view.cover,
+        colour.film(level, stops),
+        error,
+    )
+
+
+def _in_picture(view: View, values: Array) -> Array:
+    """Values (pixel, c) where they belong, (size, size, c); NaN elsewhere."""
+    flat = np.full((view.size**2, values.shape[1]), np.nan)
+    flat[view.pixels[0]] = values
+    return flat.reshape(view.size, view.size, -1)
+
+
+def _tell(progress: Callable[[int, int, str], None] | None, done: int, steps: int, name: str) -> None:
+    if progress is not None:
+        progress(done, steps, name)

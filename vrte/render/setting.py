@@ -1,0 +1,141 @@
+"""The table [render] of a scene file: light, camera, wavelengths, exposure, and how the sphere is called."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.brdf import Brdf
+from vrte.errors import SceneError
+from vrte.formats.scene_file import FILE_KEYS, read_content
+from vrte.formats.toml_table import Table
+from vrte.render.colour import FEWEST, MOST, wavelengths
+from vrte.render.sky import KINDS
+from vrte.spectrum import spectrum
+
+ACCURACY = 1e-4  # of a BRDF, where the file asks for none
+SMALLEST_SIZE, LARGEST_SIZE = 16, 1024
+OWN = ("title", "wavelengths", "wavelengths_um")  # of each sphere; all else is common to a picture
+LONGEST_TITLE = 60
+RANGES = {  # key: lowest, highest, in words
+    "sun_elevation_deg": (1.0, 90.0, "degrees from 1 to 90"),
+    "sun_azimuth_deg": (-360.0, 360.0, "degrees from -360 to 360; 0 is behind the camera, 90 at its right"),
+    "ground_albedo": (0.0, 1.0, "a number from 0 to 1"),
+    "camera_elevation_deg": (-90.0, 90.0, "degrees from -90 to 90"),
+    "exposure": (-20.0, 20.0, "stops from -20 to 20; each doubles the brightness"),
+}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a picture's spheres have in common.
+
+    Angles in degrees: the sun's azimuth from behind the camera to its right. ``sky`` is one of `vrte.render.sky.KINDS`,
+    ``exposure`` in stops from where a white sphere's brightest point is just white, ``size_px`` a sphere's picture.
+    """
+
+    sky: str = "rayleigh"
+    sun_elevation_deg: float = 40.0
+    sun_azimuth_deg: float = -50.0
+    ground_albedo: float = 0.2
+    camera_elevation_deg: float = 10.0
+    exposure: float = 0.0
+    size_px: int = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A scene file as the surface of a sphere: its ``title``, ``content`` and ``folder``, and the wavelengths [um]."""
+
+    path: Path
+    title: str
+    content: dict[str, Any]
+    wavelengths_um: Array
+
+    def brdf(self, wavelength_um: float, mu_i: Array, mu_o: Array, phi: Array) -> Brdf:
+        """Its BRDF at one wavelength. Raises SceneError, which names the file, and what `vrte.brdf` raises."""
+        content = {"accuracy": ACCURACY, "brdf": {"mu_i": 1.0, "mu_o": 1.0}} | self.content
+        asked: dict[str, Any] = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi, "transmission": False}
+        try:
+            return spectrum(content, wavelength_um, folder=self.path.parent, **asked)[0]
+        except SceneError as error:
+            hint = "; [render] wavelengths_um can name others" if "wavelength" in str(error) else ""
+            raise SceneError(f"{self.path}: {error}{hint}") from error
+
+    @property
+    def coloured(self) -> bool:
+        """Whether anything in it depends on the wavelength."""
+        return "particles" in self.content
+
+
+def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material], Setting]:
+    """The materials of scene files, and the one setting of their picture; ``count`` wavelengths win over the files'.
+
+    Raises SceneError naming file, dotted key, what was given and what is allowed; two files that disagree in what a
+    picture has once only are an error, and so is a file that cannot be read.
+    """
+    materials: list[Material] = []
+    given: dict[str, tuple[Any, Path]] = {}
+    for path in paths:
+        try:
+            content = read_content(path)
+            table = _table(content)
+            ours = _common(table)
+            materials.append(_material(path, content, table, count))
+        except SceneError as error:
+            raise SceneError(f"{path}: {error}") from error
+        except OSError as error:
+            raise SceneError(f"{path}: {error.strerror or error}") from error
+        for key, value in ours.items():
+            other = given.setdefault(key, (value, path))
+            if other[0] != value:
+                raise SceneError(
+                    f"{path}: render.{key} = {value!r}: {other[1]} says {other[0]!r}, and a picture has one"
+                )
+    return materials, replace(Setting(), **{key: value for key, (value, _) in given.items()})
+
+
+def _table(content: dict[str, Any]) -> Table:
+    file = Table("", content, FILE_KEYS)
+    keys = (*OWN, *(field.name for field in fields(Setting)))
+    return file.table("render", keys) if "render" in file else Table("render", {}, keys)
+
+
+def _common(table: Table) -> dict[str, Any]:
+    """The setting's keys that are there."""
+    found: dict[str, Any] = {}
+    if "sky" in table:
+        found["sky"] = table.choice("sky", KINDS)
+    if "size_px" in table:
+        found["size_px"] = table.whole("size_px", SMALLEST_SIZE, LARGEST_SIZE)
+    for key, (low, high, allowed) in RANGES.items():
+        if key in table:
+            found[key] = table.number(key, allowed)
+            if not low <= found[key] <= high:
+                raise table.wrong(key, f"must be {allowed}")
+    return found
+
+
+def _material(path: Path, content: dict[str, Any], table: Table, count: int | None) -> Material:
+    chosen = _wavelengths(table)
+    title = table.content.get("title", path.stem.replace("_", " "))
+    if not isinstance(title, str) or not title.isprintable() or not 0 < len(title) <= LONGEST_TITLE:
+        raise table.wrong("title", f"must be a text of 1 to {LONGEST_TITLE} characters in one line")
+    if count is not None:
+        chosen = wavelengths(count)
+    without = {key: value for key, value in content.items() if key != "render"}
+    return Material(path, title, without, chosen)
+
+
+def _wavelengths(table: Table) -> Array:
+    if "wavelengths" in table and "wavelengths_um" in table:
+        raise SceneError(f"{table.name}: at most one of wavelengths and wavelengths_um")
+    if "wavelengths_um" not in table:
+        return wavelengths(table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST)
+    found = np.array(table.numbers("wavelengths_um"))
+    if not (0 < found.size <= MOST and found[0] > 0.0 and (np.diff(found) > 0.0).all()):
+        raise table.wrong("wavelengths_um", f"must be 1 to {MOST} ascending wavelengths in micrometres")
+    return found

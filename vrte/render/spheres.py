@@ -1,0 +1,302 @@
+"""The light that a sphere sends to the camera: for each normal, an integral over all directions light comes from.
+
+A sphere is convex, and nothing stands in its light: what leaves a point depends on its normal alone,
+
+    L(n) = integral over k with -k.n > 0 of  R_camera f(mu_i, mu_o, phi) R_facet L_sky(k) (-k.n) dk
+           + R_camera f(sun) (1, 0, 0, 0) E_sun (-k_sun.n),
+
+f the BRDF (4x4), R turns of Stokes axes. The sky's part is smooth over the sphere: it is computed on rings of normals
+around the line of sight and splined; the sun's ends at a sharp edge: it is computed for each pixel.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.brdf import Brdf
+from vrte.discrete_ordinates.problem import FLIP
+from vrte.render.geometry import UP, Camera, normals, polar, turn, turned
+from vrte.render.sky import Sky, angles_to_the_horizon
+from vrte.render.splines import coefficients, rows, wrapped, wrapped_grid
+
+STEEPEST = 1e-3  # smallest cosine of a BRDF's table; light that grazes even more is given the value there
+MARGIN = 0.94  # of a square picture's half side: the sphere's radius
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely things are known, for an error of about 1e-3 of a picture's largest value (docs/render.md).
+
+    ``angles`` and ``azimuths``: the BRDF's table. ``around``: normals on a ring, there is a ring for each ``angles``.
+    ``along``, ``across``: nodes of the quadrature over a lune of the sky, and over one of the ground.
+    """
+
+    angles: int = 32
+    azimuths: int = 120
+    around: int = 48
+    along: int = 24
+    across: int = 16
+
+    @property
+    def theta(self) -> Array:
+        """Angles [rad] from the normal of the BRDF's table, incoming and outgoing."""
+        return angles_to_the_horizon(self.angles, STEEPEST)
+
+    @property
+    def mu(self) -> Array:
+        """Their cosines."""
+        return np.clip(np.cos(self.theta), STEEPEST, 1.0)
+
+    @property
+    def phi(self) -> Array:
+        """Azimuths [deg] of the table: half a turn, the other half is its mirror image."""
+        return np.asarray(np.arange(self.azimuths // 2 + 1) * (360.0 / self.azimuths), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A BRDF over `Resolution.theta` twice and azimuths all around: ``splines`` (theta_i, theta_o, phi, 16).
+
+    What is splined is f over what a slab of this optical ``thickness`` sends back of single scattering,
+    (1 - exp(-thickness (1/mu_i + 1/mu_o)))/(mu_i + mu_o): that is steep where light grazes, and most of it.
+    """
+
+    splines: Array
+    thickness: float
+    resolution: Resolution
+
+    def slab(self, mu_i: Array, mu_o: Array) -> Array:
+        """That factor; 1/(mu_i + mu_o) for a bare base."""
+        share = -np.expm1(-self.thickness * (1.0 / mu_i + 1.0 / mu_o)) if self.thickness else 1.0
+        return np.asarray(share / (mu_i + mu_o))
+
+    def rows(self, mu_i: Array, mu_o: Array, phi: Array) -> Any:
+        """The matrix from the flat splines to directions (n,), phi in radians."""
+        grids = self.resolution.theta, self.resolution.theta, wrapped_grid(self.resolution.azimuths)
+        return rows(grids, (np.arccos(mu_i), np.arccos(mu_o), phi % (2.0 * np.pi)))
+
+    def mueller(self, mu_i: Array, mu_o: Array, phi: Array) -> Array:
+        """f (n, 4, 4) [1/sr] in directions (n,), phi in radians."""
+        found: Array = self.rows(mu_i, mu_o, phi) @ self.splines.reshape(-1, 16)
+        return (found * self.slab(mu_i, mu_o)[:, None]).reshape(-1, 4, 4)
+
+
+def table_of(brdf: Brdf, resolution: Resolution) -> Table:
+    """The table of a BRDF for the directions of ``resolution``."""
+    assert brdf.direct_transmittance is not None
+    thickness = float(-np.log(brdf.direct_transmittance[0])) if brdf.direct_transmittance[0] else np.inf
+    plain = Table(np.empty(0), thickness, resolution)
+    half = brdf.mueller / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
+    full = np.concatenate([half, half[:, :, -2:0:-1] * np.outer(FLIP, FLIP)], axis=2)  # f(-phi) = D f(phi) D
+    values = wrapped(full.reshape(*full.shape[:3], 16), axis=2)
+    grids = resolution.theta, resolution.theta, wrapped_grid(resolution.azimuths)
+    return replace(plain, splines=coefficients(grids, values))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What pictures of spheres have in common, whatever the wavelength and the material: directions.
+
+    ``size`` is the side of the square picture [pixels].
+    """
+
+    camera: Camera
+    sky: Sky
+    size: int
+    resolution: Resolution
+
+    @cached_property
+    def pixels(self) -> tuple[Any, Array, Array]:
+        """Of the pixels that the sphere touches: place in the flat picture, angle from the line of sight, and psi."""
+        radius = 0.5 * MARGIN * self.size
+        across = np.arange(self.size) + 0.5 - 0.5 * self.size
+        x, y = across[None, :] + 0.0 * across[:, None], -across[:, None] + 0.0 * across
+        distance = np.hypot(x, y)
+        inside = np.flatnonzero(distance.ravel() < radius + 0.5)
+        # a pixel on the rim shows the sphere's edge
+        sine = np.minimum(distance.ravel()[inside] / radius, np.sin(self.resolution.theta[-1]))
+        return inside, np.arcsin(sine), np.arctan2(y, x).ravel()[inside]
+
+    @cached_property
+    def cover(self) -> Array:
+        """The share (size, size) of each pixel that the sphere covers."""
+        across = np.arange(self.size) + 0.5 - 0.5 * self.size
+        return np.clip(0.5 * MARGIN * self.size - np.hypot(across, across[:, None]) + 0.5, 0.0, 1.0)
+
+    @cached_property
+    def lit(self) -> tuple[Any, Any, Array, Array]:
+        """Of the pixels that the sun reaches: which they are, the matrix to the BRDF's table, mu_i and mu_o."""
+        _, theta, psi = self.pixels
+        normal, x = normals(self.camera, theta, psi)
+        mu_i = -(normal @ self.sky.beam)
+        lit = np.flatnonzero(mu_i > 0.0)
+        cosine, azimuth, _ = polar(self.sky.beam, x[lit], np.cross(normal[lit], x[lit]), normal[lit])
+        grid = wrapped_grid(self.resolution.azimuths)
+        points = np.arccos(-cosine), theta[lit], -azimuth % (2.0 * np.pi)
+        matrix = rows((self.resolution.theta, self.resolution.theta, grid), points)
+        return lit, matrix, mu_i[lit], np.cos(theta[lit])
+
+    @cached_property
+    def rings(self) -> "list[Ring]":
+        """The normals for the sky's part: a ring for each outgoing angle of the table."""
+        return [Ring.at(self, float(theta)) for theta in self.resolution.theta]
+
+    @cached_property
+    def to_pixels(self) -> Any:
+        """The matrix from spline coefficients on all rings to the pixels."""
+        _, theta, psi = self.pixels
+        grid = wrapped_grid(self.resolution.around)
+        return rows((self.resolution.theta, grid), (theta, psi % (2.0 * np.pi)))
+
+    def stokes(self, table: Table, place: int) -> Array:
+        """Stokes radiance (pixel, 4) to the camera at the wavelength ``place``, of a material with this table."""
+        _, _, psi = self.pixels
+        found = self.from_the_sky(table, place)
+        lit, matrix, mu_i, mu_o = self.lit
+        column = np.ascontiguousarray(table.splines.reshape(-1, 4, 4)[:, :, 0])
+        strength = self.sky.sun[place] * mu_i * table.slab(np.maximum(mu_i, STEEPEST), mu_o)
+        sunlight = (matrix @ column) * strength[:, None]
+        found[lit] += turned(sunlight, psi[lit] - 0.5 * np.pi)
+        return found
+
+    def from_the_sky(self, table: Table, place: int) -> Array:
+        """The sky's part of it: (pixel, 4)."""
+        around = self.resolution.around
+        values = np.zeros((len(self.rings), around, 4))
+        if self.sky.splines[place].any() or self.sky.ground[place]:
+            on_rings = splines_on_rings(table)
+            for ring, here in enumerate(self.rings):
+                slab = table.slab(here.mu_i, self.resolution.mu[ring])
+                values[ring] = here.stokes(on_rings[ring], slab, self.sky, place)
+        grid = wrapped_grid(around)
+        smooth = coefficients((self.resolution.theta, grid), wrapped(values, axis=1))
+        found: Array = self.to_pixels @ smooth.reshape(-1, 4)
+        return found
+
+
+def splines_on_rings(table: Table) -> Array:
+    """The splines at their own outgoing angles, where the rings are: (theta_o, theta_i, phi, 16)."""
+    theta = table.resolution.theta
+    back = rows((theta,), (theta,)).toarray()
+    return np.ascontiguousarray(np.einsum("no,iopc->nipc", back, table.splines, optimize=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Ring:
+    """The normals at one angle from the line of sight, and the directions that light falls on them from.
+
+    Directions (n,) of all normals follow each other. ``to_table``: matrix to the BRDF's spline coefficients at this
+    outgoing angle; ``above``: to the sky's; ``azimuth`` [rad] in the world; ``facet``: turn of Stokes axes from sky to
+    surface; ``weights`` of the quadrature times mu_i; ``mu_i``, none below STEEPEST; ``from_sky``: whether it is sky
+    that is there, or ground. ``psi`` (normal,) is where the normals are.
+    """
+
+    psi: Array
+    to_table: Any
+    above: Any
+    azimuth: Array
+    facet: Array
+    weights: Array
+    mu_i: Array
+    from_sky: Any
+
+    @classmethod
+    def at(cls, view: View, theta: float) -> "Ring":
+        resolution = view.resolution
+        psi = np.linspace(0.0, 2.0 * np.pi, resolution.around, endpoint=False)
+        normal, x = normals(view.camera, np.full(psi.shape, theta), psi)
+        travel, weights, from_sky = incoming(normal, resolution, ground=bool(view.sky.ground.any()))
+        n_each = travel.shape[1]
+        normal, x = (np.repeat(part, n_each, axis=0) for part in (normal, x))
+        travel, weights, from_sky = travel.reshape(-1, 3), weights.ravel(), from_sky.ravel()
+        cosine, azimuth, on_facet = polar(travel, x, np.cross(normal, x), normal)
+        height, heading, in_world = polar(travel, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), UP)
+        points = np.arccos(-cosine), -azimuth % (2.0 * np.pi)
+        return cls(
+            psi,
+            rows((resolution.theta, wrapped_grid(resolution.azimuths)), points),
+            rows((view.sky.theta,), (np.arccos(-height[from_sky]),)),
+            heading,
+            turn(travel, in_world, on_facet),
+            weights * -cosine,
+            np.maximum(-cosine, STEEPEST),
+            from_sky,
+        )
+
+    def stokes(self, splines: Array, slab: Array, sky: Sky, place: int) -> Array:
+        """Stokes radiance (normal, 4) to the camera, from a table's splines (theta_i, phi, 16) at this angle, and its
+        factor ``slab`` (n,)."""
+        falls_in = np.zeros((self.azimuth.size, 4))
+        falls_in[self.from_sky] = sky.stokes(place, self.above, self.azimuth[self.from_sky])
+        falls_in[~self.from_sky, 0] = sky.ground[place]
+        falls_in = turned(falls_in, self.facet) * (self.weights * slab)[:, None]
+        matrices = (self.to_table @ splines.reshape(-1, 16)).reshape(-1, 4, 4)
+        leaves = (matrices @ falls_in[:, :, None]).reshape(self.psi.size, -1, 4).sum(axis=1)
+        return turned(leaves, self.psi - 0.5 * np.pi)
+
+
+def incoming(normal: Array, resolution: Resolution, ground: bool) -> tuple[Array, Array, Any]:
+    """Directions of travel (normal, n, 3) of light from above the tangent planes, weights (normal, n) [sr], and which
+    come from the sky, not from the ground.
+
+    Tangent plane and horizon cut the sphere of directions into lunes, which share the axis where both planes meet.
+    Gauss quadrature takes each lune by itself, from pole to pole and across: no edge of the sky lies within one.
+    """
+    axis, across, tilt = _lune_frame(normal)
+    quarter = 0.5 * np.pi
+    lunes = [(tilt - quarter, np.full_like(tilt, quarter), True)]
+    if ground:
+        lunes.append((np.full_like(tilt, -quarter), tilt - quarter, False))
+    pole, pole_weights = _gauss(np.zeros(1), np.full(1, np.pi), resolution.along)
+    parts = []
+    for low, high, from_sky in lunes:
+        around, around_weights = _gauss(low, high, resolution.across)  # (normal, across)
+        equator = np.cos(around)[..., None] * normal[:, None] + np.sin(around)[..., None] * across[:, None]
+        toward = (
+            np.sin(pole[0])[:, None, None] * equator[:, None] + np.cos(pole[0])[:, None, None] * axis[:, None, None]
+        )
+        weights = (np.sin(pole[0]) * pole_weights[0])[:, None] * around_weights[:, None, :]
+        parts.append((-toward.reshape(len(normal), -1, 3), weights.reshape(len(normal), -1), from_sky))
+    travel, weights = (np.concatenate([part[which] for part in parts], axis=1) for which in (0, 1))
+    above = np.concatenate([np.full(part[1].shape, part[2]) for part in parts], axis=1)
+    return travel, weights, above
+
+
+def _lune_frame(normal: Array) -> tuple[Array, Array, Array]:
+    """The line (normal, 3) where tangent plane and horizon meet, the direction across it in the tangent plane that
+    leads to the zenith, and the angle (normal,) from the normal to the zenith; any line where they coincide."""
+    axis = np.cross(normal, UP)
+    length = np.linalg.norm(axis, axis=-1, keepdims=True)
+    level = length < 1e-9
+    axis = np.where(level, np.array([0.0, -1.0, 0.0]), axis / np.where(level, 1.0, length))
+    across = np.cross(axis, normal)
+    return axis, across, np.arctan2(across @ UP, normal @ UP)
+
+
+def _gauss(low: Array, high: Array, count: int) -> tuple[Array, Array]:
+    """Gauss nodes and weights (n, count) between low and high (n,)."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    half = 0.5 * (high - low)[:, None]
+    return (0.5 * (high + low))[:, None] + half * points, half * weights
+
+
+def irradiance(sky: Sky, normal: Array, resolution: Resolution = Resolution()) -> Array:
+    """Irradiance (wavelength, n) [W m-2] on surfaces with these normals (n, 3), sun included.
+
+    >>> from vrte.render.sky import sky_of
+    >>> irradiance(sky_of("uniform", [0.5], 30.0, 0.0), np.array([[0.0, 0.6, 0.8]])).round(6).tolist()
+    [[3.141593]]
+    """
+    travel, weights, from_sky = incoming(normal, resolution, ground=True)
+    heading = np.arctan2(travel[..., 1], travel[..., 0])[from_sky]
+    above = rows((sky.theta,), (np.arccos(-travel[..., 2][from_sky]),))
+    weights = weights * -np.einsum("nkc,nc->nk", travel, normal)
+    found = np.zeros((sky.sun.size, len(normal)))
+    for place in range(sky.sun.size):
+        seen = np.full(weights.shape, sky.ground[place])
+        seen[from_sky] = sky.stokes(place, above, heading)[:, 0]
+        found[place] = (weights * seen).sum(axis=1) + sky.sun[place] * np.maximum(-normal @ sky.beam, 0.0)
+    return found
