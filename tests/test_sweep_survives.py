@@ -52,10 +52,12 @@ class Table:
             f'"layer[1].thickness" = {{ start = 0.1, stop = 10, count = {depths} }}\n'
         )
 
-    def start(self, *more: str) -> "subprocess.Popen[str]":
-        """The command, in a process group of its own; its log stays when the folder goes."""
+    def start(self, *more: str, own_group: bool = False) -> "subprocess.Popen[str]":
+        """The command; its log stays when the folder goes."""
         command = [sys.executable, "-m", "vrte.cli", "sweep", str(self.file), "-o", str(self.output), "--chunk", "2"]
-        process = subprocess.Popen([*command, *more], stderr=subprocess.PIPE, text=True, cwd=ROOT)
+        process = subprocess.Popen(
+            [*command, *more], stderr=subprocess.PIPE, text=True, cwd=ROOT, start_new_session=own_group
+        )
         self.started.append(process)
         if not self.kept.exists():
             wait_until(lambda: (self.partial / "log.txt").exists(), process)
@@ -201,3 +203,16 @@ def test_dask_worker_killed_ten_times(table: Table) -> None:
 @pytest.mark.parametrize("table", [400], indirect=True)
 def test_process_with_its_dask_cluster_killed_ten_times(table: Table) -> None:
     killed_again_and_again(table, 10, by_chance(), "--engine", "dask", "--workers", "2")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("table", [1200], indirect=True)
+def test_interrupted_with_its_dask_workers_it_says_one_line(table: Table) -> None:
+    # as a terminal does: the interrupt goes to the whole group of processes
+    process = table.start("--engine", "dask", "--workers", "2", own_group=True)
+    wait_until(lambda: len(table.done()) > 2, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, complaint = process.communicate(timeout=30)
+    assert (process.returncode, complaint) == (130, "vrte: error: interrupted\n")
+    assert not table.output.exists()
+    assert len(table.done()) > 2

@@ -15,6 +15,8 @@ AHEAD = 2  # tasks for each thread of the cluster that are sent before they can 
 PATIENCE = 60.0  # seconds that a cluster gets for a worker to appear
 WAITING = ("pending", "lost")  # a worker died with a result before it was fetched: the task is sent again
 WITHOUT_WORKERS = 300.0  # seconds that a cluster may be without any before it is given up
+# what each worker process of ours runs first: Ctrl-C is for the one that waits, which ends them
+DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 OURS = {  # how a cluster of our own is to behave
     "distributed.scheduler.allowed-failures": 10,  # workers killed under one task: then it is the task's doing
     # a worker killed twice in so much time would otherwise not be started again
@@ -46,6 +48,7 @@ def each(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, wo
                 local_directory=str(work.folder / "dask"),
                 memory_limit=None,
                 silence_logs=logging.CRITICAL,
+                preload=[DEAF],
             )
             client = stack.enter_context(Client(stack.enter_context(cluster)))
         else:
