@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.sweep.template import sweep_of
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MOST_LINES = 30
@@ -30,8 +31,10 @@ def test_they_are_short_and_all_of_them_are_run_here() -> None:
     scripts = sorted(EXAMPLES.glob("*.py"))
     assert [script.name for script in scripts] == [
         "first_brdf.py",
+        "gold_table.py",
         "inside_the_layer.py",
         "layered_paint.py",
+        "rutile_spectrum.py",
         "which_method_when.py",
     ]
     for script in scripts:
@@ -76,3 +79,32 @@ def test_which_method_when(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert all(error[thickness, method] < 1e-2 for thickness in thick for method in ("discrete-ordinates", "auto"))
     assert error[1e-4, "single-scattering"] < 1e-2 < error[1.0, "single-scattering"] < error[50.0, "single-scattering"]
     assert all(asked in ("auto", found) for (_, asked), found in taken.items())
+
+
+@pytest.mark.parametrize(("name", "lengths"), [("gold_table", [21, 28]), ("rutile_spectrum", [55])])
+def test_the_sweeps_are_read(name: str, lengths: list[int]) -> None:
+    sweep = sweep_of(EXAMPLES / f"{name}.toml")
+    assert list(sweep.shape) == lengths
+    axis = next(axis for axis in sweep.axes if axis.name == "wavelength_um")
+    assert (axis.values[0], axis.values[-1]) == (0.43, 0.70)
+
+
+@pytest.mark.slow
+def test_rutile_spectrum(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    run("rutile_spectrum.py", tmp_path, monkeypatch)
+    _, values = numbers(tmp_path / "new" / "rutile_spectrum.csv")
+    assert values.shape == (55, 3)
+    np.testing.assert_allclose(np.diff(values[:, 0]), 0.005, atol=1e-9)  # steps of 5 nm
+    assert ((values[:, 1:] > 0.9) & (values[:, 1:] < 1.0)).all()  # white, thick
+    assert "reflected at normal incidence: 9" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_gold_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = run("gold_table.py", tmp_path, monkeypatch)
+    _, values = numbers(tmp_path / "new" / "gold_colours.csv")
+    assert not (made["table"].error != "").any()
+    for radius, wavelength, reflectance in values:
+        gold = vrte.spheres("gold", radius_um=radius, wavelength_um=wavelength)
+        solved = vrte.brdf(vrte.Scene([vrte.Layer.of(gold, 100.0)]), 1.0, 0.5, nodes=24)
+        assert abs(reflectance - solved.reflectance[0]) < 0.01 * solved.reflectance[0]

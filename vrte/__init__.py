@@ -2,7 +2,7 @@
 
 from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
-from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
+from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.field import Field, radiance
 from vrte.formats import load
 from vrte.formats.measured_polarized import to_mitsuba
@@ -15,6 +15,7 @@ from vrte.plan import Plan
 from vrte.plan_call import plan
 from vrte.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
 from vrte.spectrum import Spectrum, spectrum
+from vrte.sweep import interpolate, sweep
 
 __version__ = "0.1.0"
 
@@ -37,10 +38,12 @@ __all__ = [
     "Scene",
     "SceneError",
     "Spectrum",
+    "SweepError",
     "brdf",
     "brdfs",
     "hemisphere",
     "henyey_greenstein",
+    "interpolate",
     "isotropic",
     "load",
     "mix",
@@ -51,5 +54,6 @@ __all__ = [
     "refractive_index",
     "spectrum",
     "spheres",
+    "sweep",
     "to_mitsuba",
 ]

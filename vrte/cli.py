@@ -14,10 +14,10 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from vrte import __version__
-from vrte.commands import devices, material, render, report, solve, stability, tables, view
-from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
+from vrte.commands import devices, material, render, report, solve, stability, sweep, tables, view
+from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 
-COMMANDS = (solve, view, render, material, stability, tables, report, devices)  # as --help lists them
+COMMANDS = (solve, sweep, view, render, material, stability, tables, report, devices)  # as --help lists them
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except SceneError as error:
         return _complain(str(error), 2)
-    except (AccuracyError, DeviceError, MissingExtraError, OSError) as error:
+    except (AccuracyError, DeviceError, MissingExtraError, SweepError, OSError) as error:
         return _complain(str(error), 1)
     except MemoryError:
         return _complain("not enough memory for this scene: fewer directions or nodes need less", 1)

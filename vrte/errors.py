@@ -23,3 +23,7 @@ class MissingExtraError(ImportError):
 
 class DeviceError(RuntimeError):
     """No OpenCL device is there, the one there is cannot do it, or it was lost on the way."""
+
+
+class SweepError(RuntimeError):
+    """A sweep cannot go on: another process is at it, its cluster is lost, or a chunk brings its workers down."""

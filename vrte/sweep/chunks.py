@@ -1,0 +1,190 @@
+"""What a worker does: the particles that scenes share, and chunk after chunk of scenes."""
+
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import in_one_line
+from vrte.batch import solved_together
+from vrte.blas import single_threaded
+from vrte.brdf import Brdf, as_brdf
+from vrte.discrete_ordinates.problem import Run
+from vrte.errors import DeviceError, MissingExtraError, SceneError, SweepError
+from vrte.formats.scene_file import scene_of
+from vrte.request import Request
+from vrte.running import interruptible
+from vrte.solving import run_of, solved
+from vrte.sweep.store import Work, work_in
+from vrte.sweep.template import request_of, scene_at
+
+FATAL = (DeviceError, MissingExtraError, OSError, SweepError)  # not one scene's fault: the sweep ends
+LONGEST_MESSAGE = 500
+
+Outcome = Brdf | Exception
+Solve = Callable[[Sequence[Request], bool], list[Outcome]]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A chunk of scenes, or one kind of particle that scenes share, at a place where it is found."""
+
+    chunk: int = -1
+    particles: str = ""
+    place: tuple[int, ...] = ()
+
+
+def perform(work: Work, task: Task, solve: Solve, backend: str = "openmp") -> int:
+    """Does a task; how many scenes it was."""
+    with single_threaded():
+        if task.particles:
+            prepare(work, task)
+            return 0
+        return compute(work, task.chunk, solve, backend)
+
+
+@lru_cache(maxsize=4)
+def work_of_folder(folder: str, stamp: str) -> Work:
+    """A worker process's view of a sweep; ``stamp`` tells it from another that was begun in the same folder."""
+    work = work_in(Path(folder))
+    if work.stamp != stamp:
+        raise SweepError(f"{folder} has been begun anew")
+    return work
+
+
+def prepare(work: Work, task: Task) -> None:
+    """Computes one kind of particle and keeps it; what is wrong with it each of its scenes will say."""
+    content = work.sweep.content(task.place)
+    alone: dict[str, Any] = {key: content[key] for key in ("wavelength_um", "host_index", "brdf") if key in content}
+    alone["particles"] = {task.particles: content["particles"][task.particles]}
+    alone["layer"] = [{"particles": task.particles, "thickness": 1.0}]
+    with suppress(SceneError), collected({}):
+        scene_of(alone, "brdf", work.sweep.folder, work.optics.keep)
+
+
+def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
+    """Computes a chunk, writes it and marks it done, in this order; nothing where it is done already."""
+    places = list(work.layout.grid.places(chunk))
+    if work.is_done(chunk):
+        return len(places)
+    work.log("begin", chunk)
+    start = time.perf_counter()
+    told: dict[str, Any] = {}
+    with collected(told):
+        outcomes = results(work, places, solve, backend)
+    arrays = work.layout.empty(chunk)
+    failed = {}
+    for row, outcome in enumerate(outcomes):
+        if isinstance(outcome, Exception):
+            failed[str(row)] = message_of(outcome)
+            continue
+        for name, values in arrays.items():
+            values[row] = getattr(outcome, name)
+    work.write(chunk, arrays)
+    work.mark(chunk, {"failed": failed, "warnings": told, "seconds": time.perf_counter() - start})
+    work.log("end", chunk)
+    return len(places)
+
+
+def results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
+    """The BRDF of each scene, or why there is none."""
+    found: list[Outcome | None] = [None] * len(places)
+    requests: list[Request] = []
+    rows: list[int] = []
+    for row, place in enumerate(places):
+        try:
+            requests.append(request_of(scene_at(work.sweep, place, work.optics), backend))
+            rows.append(row)
+        except FATAL:
+            raise
+        except Exception as error:
+            found[row] = error
+    if requests:
+        for row, outcome in zip(rows, solve(requests, "transmission" in work.layout.variables), strict=True):
+            found[row] = outcome
+    return [outcome for outcome in found if outcome is not None]
+
+
+def message_of(error: Exception) -> str:
+    """What is recorded of a failure."""
+    kind = "" if isinstance(error, SceneError) else f"{type(error).__name__}: "
+    return kind + in_one_line(str(error), LONGEST_MESSAGE)
+
+
+def in_turn(threads: Callable[[], int], stop: Any) -> Solve:
+    """Scenes one after another on the processor, each on as many threads as there are to spare then."""
+
+    def solve(requests: Sequence[Request], transmission: bool) -> list[Outcome]:
+        return [one(request, transmission) for request in requests]
+
+    def one(request: Request, transmission: bool) -> Outcome:
+        try:
+            run = run_of(request, threads())
+            run.stop = stop
+            return as_brdf(request, solved(request, run)[1], transmission)
+        except FATAL:
+            raise
+        except Exception as error:
+            return error
+
+    return solve
+
+
+def together(requests: Sequence[Request], transmission: bool) -> list[Outcome]:
+    """All scenes of a chunk at once on a device; one by one where one of them fails."""
+    run = Run(1)
+    try:
+        return list(interruptible(run, lambda: solved_together(requests, run, transmission, None)))
+    except FATAL:
+        raise
+    except Exception as error:
+        if len(requests) == 1:
+            return [error]
+        return [outcome for request in requests for outcome in together([request], transmission)]
+
+
+_lock = threading.Lock()
+_listening: dict[int, dict[str, Any]] = {}  # by thread: what it warned of
+_outside: list[Any] = []
+
+
+@contextmanager
+def collected(told: dict[str, Any]) -> Iterator[None]:
+    """Puts this thread's warnings into ``told``: for each kind how often, and what the first one said.
+
+    Python has one way of showing warnings for all threads: the first to enter changes it, the last to leave restores.
+    """
+    thread = threading.get_ident()
+    with _lock:
+        if not _listening:
+            _outside.append(warnings.catch_warnings())
+            _outside[-1].__enter__()
+            warnings.simplefilter("always", UserWarning)
+            warnings.showwarning = _note
+        _listening[thread] = told
+    try:
+        yield
+    finally:
+        with _lock:
+            del _listening[thread]
+            if not _listening:
+                _outside.pop().__exit__(None, None, None)
+
+
+def _note(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    told = _listening.get(threading.get_ident())
+    if told is not None:
+        entry = told.setdefault(category.__name__, [0, in_one_line(str(message), LONGEST_MESSAGE)])
+        entry[0] += 1
+
+
+def never_stopped() -> Any:
+    """The flag of a worker that ends with its process."""
+    return np.zeros(1, np.int32)

@@ -1,0 +1,137 @@
+"""A Dask cluster: tasks go to its workers, who write what they find; little comes back."""
+
+import logging
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from itertools import islice
+from typing import Any
+
+from vrte.errors import MissingExtraError, SweepError
+from vrte.sweep.chunks import Task, in_turn, never_stopped, perform, work_of_folder
+from vrte.sweep.store import Work
+
+AHEAD = 2  # tasks for each thread of the cluster that are sent before they can begin
+PATIENCE = 60.0  # seconds that a cluster gets for a worker to appear
+WAITING = ("pending", "lost")  # a worker died with a result before it was fetched: the task is sent again
+WITHOUT_WORKERS = 300.0  # seconds that a cluster may be without any before it is given up
+# what each worker process of ours runs first: Ctrl-C is for the one that waits, which ends them
+DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+OURS = {  # how a cluster of our own is to behave
+    "distributed.scheduler.allowed-failures": 10,  # workers killed under one task: then it is the task's doing
+    # a worker killed twice in so much time would otherwise not be started again
+    "distributed.deploy.lost-worker-timeout": "365 days",
+    "distributed.comm.timeouts.connect": PATIENCE,
+}
+
+
+def perform_there(folder: str, stamp: str, task: Task) -> int:
+    """What a worker is told to do: everything else it finds in the folder."""
+    return perform(work_of_folder(folder, stamp), task, in_turn(lambda: 1, never_stopped()))
+
+
+def each(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, workers: int) -> Iterator[int]:
+    """Does the tasks, one stage after another, on the cluster at that address or on one of so many processes."""
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise MissingExtraError("engine 'dask'", "dask") from error
+    with ExitStack() as stack:
+        if scheduler is None:
+            stack.enter_context(dask.config.set(OURS))
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=":0",
+                local_directory=str(work.folder / "dask"),
+                memory_limit=None,
+                silence_logs=logging.CRITICAL,
+                preload=[DEAF],
+            )
+            client = stack.enter_context(Client(stack.enter_context(cluster)))
+        else:
+            client = stack.enter_context(client_of(scheduler))
+        threads = threads_of(client)
+        for stage in stages:
+            yield from stream(client, work, stage, AHEAD * threads)
+
+
+def client_of(scheduler: str) -> Any:
+    """A connection to a cluster. Raises SweepError."""
+    from distributed import Client
+
+    try:
+        return Client(scheduler, timeout=PATIENCE)
+    except (OSError, ValueError) as error:
+        raise SweepError(f"no Dask scheduler answers at {scheduler}: {type(error).__name__}") from error
+
+
+def threads_of(client: Any) -> int:
+    """How many there are on all workers, once there is one."""
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError as error:
+        raise SweepError(f"the Dask scheduler had no worker for {PATIENCE:g} seconds") from error
+    return max(1, sum(client.nthreads().values()))
+
+
+def stream(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterator[int]:
+    """Does the tasks, no more than ``most`` of them known to the cluster at a time."""
+    from distributed import wait
+
+    waiting, lost = iter(tasks), []
+    known: dict[Any, Task] = {}
+    seen = time.monotonic()
+    while True:
+        for task in islice(waiting, most - len(known)):
+            known[client.submit(perform_there, str(work.folder), work.stamp, task, pure=False)] = task
+        if not known:
+            break
+        try:
+            finished = wait(list(known), timeout=1.0, return_when="FIRST_COMPLETED").done
+        except TimeoutError:
+            seen = last_seen(client, seen)
+            continue
+        seen = time.monotonic()
+        for future in finished:
+            if future.status in WAITING:
+                continue
+            task = known.pop(future)
+            found = outcome(future)
+            if found is None:
+                lost.append(task)
+            else:
+                yield found
+    if lost:
+        raise SweepError(
+            f"{len(lost)} tasks brought their workers down again and again, the first of them {lost[0]}; all others "
+            "are done"
+        )
+
+
+def outcome(future: Any) -> int | None:
+    """What a task brought; None where it was given up because its workers died."""
+    from distributed import KilledWorker
+
+    if future.status == "finished":
+        found: int = future.result()
+        return found
+    error = future.exception() if future.status == "error" else None
+    if isinstance(error, KilledWorker):
+        return None
+    if error is None:
+        raise SweepError("the Dask cluster was lost; started again, the sweep goes on")
+    raise error
+
+
+def last_seen(client: Any, before: float) -> float:
+    """When there was a worker for the last time. Raises SweepError where that is long ago, or the scheduler gone."""
+    if client.status not in ("running", "connecting"):
+        raise SweepError("the Dask cluster was lost; started again, the sweep goes on")
+    if client.status == "running" and client.nthreads():
+        return time.monotonic()
+    if time.monotonic() - before > WITHOUT_WORKERS:
+        raise SweepError("the Dask cluster has no workers any more; started again, the sweep goes on")
+    return before

@@ -1,0 +1,86 @@
+"""How a grid of scenes is cut into chunks: boxes of neighbours, each a chunk of the table on disk."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+LARGEST_CHUNK = 32e6  # bytes of results that a chunk holds, unless asked for
+MOST_AT_ONCE, PIECES = 64, 32  # scenes of a chunk, and chunks of a sweep that workers can share
+
+
+@dataclass(frozen=True)
+class Grid:
+    """``shape`` of the sweep and of a ``box``: a chunk, smaller where the shape ends."""
+
+    shape: tuple[int, ...]
+    box: tuple[int, ...]
+
+    @property
+    def boxes(self) -> tuple[int, ...]:
+        """How many there are along each dimension."""
+        return tuple(-(-length // side) for length, side in zip(self.shape, self.box, strict=True))
+
+    @property
+    def chunks(self) -> int:
+        return math.prod(self.boxes)
+
+    def corner(self, chunk: int) -> tuple[int, ...]:
+        """The first scene of a chunk."""
+        found = []
+        for count, side in zip(reversed(self.boxes), reversed(self.box), strict=True):
+            chunk, place = divmod(chunk, count)
+            found.append(place * side)
+        return tuple(reversed(found))
+
+    def slices(self, chunk: int) -> tuple[slice, ...]:
+        """Where in the table a chunk lies.
+
+        >>> Grid((2, 5), (1, 3)).slices(3)
+        (slice(1, 2, None), slice(3, 5, None))
+        """
+        ends = zip(self.corner(chunk), self.box, self.shape, strict=True)
+        return tuple(slice(start, min(start + side, length)) for start, side, length in ends)
+
+    def extent(self, chunk: int) -> tuple[int, ...]:
+        """The shape of a chunk."""
+        return tuple(part.stop - part.start for part in self.slices(chunk))
+
+    def places(self, chunk: int) -> Iterator[tuple[int, ...]]:
+        """Its scenes, the last dimension fastest."""
+        corner = self.corner(chunk)
+        for offset in _offsets(self.extent(chunk)):
+            yield tuple(start + step for start, step in zip(corner, offset, strict=True))
+
+
+def _offsets(extent: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    if not extent:
+        yield ()
+        return
+    for first in range(extent[0]):
+        for rest in _offsets(extent[1:]):
+            yield (first, *rest)
+
+
+def grid_of(shape: tuple[int, ...], most: int) -> Grid:
+    """Boxes of at most ``most`` scenes, whole along the last dimensions, evenly cut along the one before.
+
+    >>> grid_of((3, 10), 4).box, grid_of((3, 10), 20).box
+    ((1, 4), (2, 10))
+    """
+    box = [1] * len(shape)
+    room = most
+    for place in reversed(range(len(shape))):
+        pieces = -(-shape[place] // max(1, room))
+        box[place] = -(-shape[place] // pieces)
+        room //= shape[place]
+    return Grid(shape, tuple(box))
+
+
+def scenes_of_a_chunk(count: int, bytes_of_a_scene: int) -> int:
+    """How many are good: enough chunks to share, none too large, and not a file for each of very many scenes.
+
+    >>> scenes_of_a_chunk(200, 1000), scenes_of_a_chunk(1_000_000, 1000), scenes_of_a_chunk(1_000_000, 20_000_000)
+    (7, 64, 1)
+    """
+    by_memory = int(LARGEST_CHUNK // bytes_of_a_scene)
+    return max(1, min(MOST_AT_ONCE, -(-count // PIECES), by_memory))

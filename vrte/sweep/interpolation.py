@@ -1,0 +1,203 @@
+"""Between the scenes of a table: piecewise cubic, in variables in which light is smooth, and how far that is wrong.
+
+Along an axis that is positive and spans a decade or more the logarithm counts, along others the value itself: particles
+of 0.1 and 1 um differ as those of 1 and 10 um do, wavelengths within the visible are as good as evenly spaced. Of a
+Mueller matrix the logarithm of f_00, which then stays positive, and the others over f_00, which hardly change where the
+brightness does; of a transmittance the logarithm, which is linear in the depth.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.arrays import Array, number, whole
+from vrte.errors import SceneError
+from vrte.formats.scene_file import scene_of
+from vrte.sweep.chunks import in_turn, never_stopped
+from vrte.sweep.template import Sweep, places_of, plain, put, request_of, sweep_of
+
+if TYPE_CHECKING:
+    import xarray
+
+DEGREE = 3
+DECADE = 10.0
+DIRECTIONS = ("mu_i", "mu_o", "phi_deg")
+MATRICES = ("mueller", "transmission")
+STOKES = ("stokes_out", "stokes_in")
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """Scenes between those of a table, solved and interpolated: ``points`` by axis (n,), ``errors`` (n,): the largest
+    difference of a Mueller element over the scene's largest."""
+
+    points: dict[str, Array]
+    errors: Array
+
+    @property
+    def median(self) -> float:
+        return float(np.median(self.errors))
+
+    @property
+    def largest(self) -> float:
+        return float(self.errors.max())
+
+
+def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.Dataset":
+    """The BRDF at a point between the scenes of a table of `vrte.sweep`.
+
+    ``point`` holds a value for any of the axes, and of mu_i, mu_o and phi_deg; dimensions that it leaves out stay as
+    they are. Piecewise polynomials, cubic where an axis has four values or more: along a decade or more in the axis's
+    logarithm, of f_00 as its logarithm and of other Mueller elements over f_00. Only the scenes around the point are
+    read. How far it is wrong, `held_out` of vrte.sweep.interpolation measures (docs/sweeps.md). Raises SceneError for a
+    point outside, an unknown axis, axes that are no grid, and where a scene nearby has no result.
+
+    >>> from vrte.sweep import sweep
+    >>> layer = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
+    >>> axes = {"depth": {"key": "layer[1].thickness", "values": [0.5, 1.0, 1.5, 2.0]}}
+    >>> table = sweep({"nodes": 8, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}, workers=1)
+    >>> found = interpolate(table, {"depth": 1.25}).direct_transmittance.item()
+    >>> bool(abs(found - np.exp(-2.5)) < 1e-12)
+    True
+    """
+    import xarray
+
+    if not isinstance(point, Mapping):
+        raise SceneError(f"point must be a dictionary of values by axis, not {type(point).__name__}")
+    near, weights = table, {}
+    for name, value in point.items():
+        places, weights[str(name)] = around(table, str(name), value)
+        near = near.isel({name: places})
+    check_results(near)
+    found = {name: between(near[name].load(), weights) for name in table.data_vars if name != "error"}
+    here = {name: float(value) for name, value in point.items()}
+    kept = {name: table[name] for name in table.coords if not set(table[name].dims) & set(point)}
+    return xarray.Dataset(found, kept | here, table.attrs)
+
+
+def around(table: "xarray.Dataset", name: str, value: float) -> tuple[list[int], Array]:
+    """Places of the values next to a point along an axis, and the weight of each."""
+    if name not in table.dims or name not in table.coords:
+        kind = "is one of several along a list, not a grid" if name in table.coords else "is no axis of the table"
+        axes = [str(dim) for dim in table.dims if dim in table.coords and dim not in STOKES]
+        raise SceneError(f"point: {name!r} {kind}; there are {', '.join(axes)}")
+    values = np.asarray(table[name].values, np.float64)
+    wanted = number(f"point: {name}", value, -math.inf, math.inf, "a number")
+    if (values == wanted).any():
+        return [int(np.flatnonzero(values == wanted)[0])], np.ones(1)
+    finite = np.flatnonzero(np.isfinite(values))
+    order = finite[np.argsort(values[finite], kind="stable")]
+    ascending = values[order]
+    if not ascending.size or not ascending[0] <= wanted <= ascending[-1]:
+        raise SceneError(f"point: {name} must lie between {ascending.min()} and {ascending.max()}, not {wanted}")
+    if (np.diff(ascending) == 0.0).any():
+        raise SceneError(f"point: {name} has the same value twice")
+    first = int(np.searchsorted(ascending, wanted)) - (DEGREE + 1) // 2
+    start = max(0, min(first, ascending.size - (DEGREE + 1)))
+    here = slice(start, start + DEGREE + 1)
+    scale = np.log if is_logarithmic(ascending) else np.positive
+    return order[here].tolist(), weights_at(scale(ascending[here]), float(scale(wanted)))
+
+
+def is_logarithmic(values: Array) -> bool:
+    """Whether an axis counts in decades.
+
+    >>> is_logarithmic(np.array([0.1, 2.0])), is_logarithmic(np.array([0.4, 0.7])), is_logarithmic(np.array([0.0, 9.0]))
+    (True, False, False)
+    """
+    return bool(values[0] > 0.0 and values[-1] / values[0] >= DECADE)
+
+
+def weights_at(values: Array, wanted: float) -> Array:
+    """Of each of a few values in the polynomial through all of them."""
+    from scipy.interpolate import make_interp_spline
+
+    found: Array = make_interp_spline(values, np.eye(values.size), k=values.size - 1)(wanted)
+    return found
+
+
+def check_results(near: "xarray.Dataset") -> None:
+    """Whether all scenes that are asked have an answer."""
+    errors = near["error"].values if "error" in near else np.array([""])  # a table that was interpolated has none
+    if (errors != "").any():
+        raise SceneError(f"a scene near the point has no result: {errors[errors != ''][0]}")
+
+
+def between(near: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
+    """One variable, summed over the scenes nearby in variables in which it is smooth."""
+    dims = [dim for dim in near.dims if dim not in weights]
+    if near.name in MATRICES:
+        brightness = near[..., :1, :1]
+        if bool((brightness > 0.0).all()):
+            ratios = summed(near / brightness.values, weights)
+            return (ratios * exponential(brightness, weights).values).transpose(*dims)
+    elif bool((near > 0.0).all()):
+        return exponential(near, weights).transpose(*dims)
+    return summed(near, weights).transpose(*dims)
+
+
+def exponential(values: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
+    """Of the sum of logarithms."""
+    total = summed(values.copy(data=np.log(values.values)), weights)
+    return total.copy(data=np.exp(total.values))
+
+
+def summed(values: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
+    """Over each axis of the point, with its weights."""
+    for name, shares in weights.items():
+        if name in values.dims:
+            values = values.drop_vars(name).dot(_shares(name, shares), dim=name)
+    return values
+
+
+def _shares(name: str, shares: Array) -> "xarray.DataArray":
+    import xarray
+
+    return xarray.DataArray(shares, dims=[name])
+
+
+def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: Path | None = None) -> HeldOut:
+    """Solves scenes at random points between those of a table and interpolates there.
+
+    ``folder``: where the sweep file's tables of coefficients are. Raises SceneError, AccuracyError.
+    """
+    sweep = sweep_of(json.loads(table.attrs["sweep"]), folder)
+    whole("points", points, 1, 10**6)
+    chance = np.random.default_rng(seed)
+    drawn = {axis.name: between_values(axis.values, points, chance) for axis in sweep.axes}
+    errors = [
+        error_at(table, sweep, {name: float(values[place]) for name, values in drawn.items()})
+        for place in range(points)
+    ]
+    return HeldOut(drawn, np.array(errors))
+
+
+def between_values(values: Array, count: int, chance: np.random.Generator) -> Array:
+    """Random places in the range of an axis, even in its own variable."""
+    finite = np.sort(values[np.isfinite(values)])
+    if is_logarithmic(finite):
+        return np.exp(chance.uniform(np.log(finite[0]), np.log(finite[-1]), count))
+    return chance.uniform(finite[0], finite[-1], count)
+
+
+def error_at(table: "xarray.Dataset", sweep: Sweep, point: dict[str, float]) -> float:
+    """The largest difference of a Mueller element, of the scene's largest."""
+    solved = solved_at(sweep, point)
+    found = interpolate(table, point).mueller.values
+    return float(np.abs(found - solved.mueller).max() / np.abs(solved.mueller).max())
+
+
+def solved_at(sweep: Sweep, point: dict[str, float]) -> Any:
+    """The BRDF of the scene at a point."""
+    content = sweep.content((0,) * len(sweep.shape))
+    for axis in sweep.axes:
+        put(content, places_of(axis.key), plain(point[axis.name]))
+    (found,) = in_turn(lambda: 1, never_stopped())([request_of(scene_of(content, "brdf", sweep.folder))], False)
+    if isinstance(found, Exception):
+        raise found
+    return found

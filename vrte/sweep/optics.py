@@ -1,0 +1,96 @@
+"""Optics of particles, computed once for each index, size, host and wavelength, and kept on disk for all workers."""
+
+import dataclasses
+import hashlib
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.formats.atomic import atomic_write
+from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.optics.spheres import Particles, spheres
+
+IN_MEMORY = 256  # kinds of particle that a process remembers, some 10 kB each
+SEQUENCES = ("a1", "a2", "a3", "a4", "b1", "b2")
+NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um3")
+
+
+class Optics:
+    """Called like `vrte.spheres`, but looks for the answer first in memory, then in ``folder``."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._remembered: OrderedDict[str, Particles] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __call__(self, material: Any, **how: Any) -> Particles:
+        name = name_of(material, how)
+        found = self._remember(name)
+        if found is None:
+            path = self._path(name)
+            found = read(path) if path.is_file() else spheres(material, **how)
+            self._remember(name, found)
+        return found
+
+    def keep(self, material: Any, **how: Any) -> Particles:
+        """The same, put on disk where it was not; of several that ask at once, one computes."""
+        path = self._path(name_of(material, how))
+        if not path.is_file():
+            with alone(path.with_suffix(".lock")):
+                if not path.is_file():
+                    write(spheres(material, **how), path)
+        return self(material, **how)
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.npz"
+
+    def _remember(self, name: str, found: Particles | None = None) -> Particles | None:
+        """What is remembered; what was not asked for the longest is forgotten."""
+        with self._lock:
+            if found is not None:
+                self._remembered[name] = found
+            if name in self._remembered:
+                self._remembered.move_to_end(name)
+            while len(self._remembered) > IN_MEMORY:
+                self._remembered.popitem(last=False)
+            return self._remembered.get(name)
+
+
+def name_of(material: Any, how: dict[str, Any]) -> str:
+    """A file's name that stands for the values, all digits of them."""
+    size = how.get("size")
+    given = [material, how["wavelength_um"], how.get("host_index", 1.0), how.get("radius_um")]
+    given += [] if size is None else [type(size).__name__, dataclasses.astuple(size)]
+    return hashlib.sha256(repr(given).encode()).hexdigest()[:40]
+
+
+def write(particles: Particles, path: Path) -> None:
+    """One kind of particle, all of it or nothing."""
+    matrix = particles.phase_matrix
+    sequences = {name: getattr(matrix, name) for name in SEQUENCES}
+    numbers = {name: getattr(particles, name) for name in NUMBERS}
+    with atomic_write(path) as part, open(part, "wb") as file:
+        np.savez(file, allow_pickle=False, description=particles.description, **sequences, **numbers)
+
+
+def read(path: Path) -> Particles:
+    """What `write` wrote, every digit as it was."""
+    with np.load(path, allow_pickle=False) as file:
+        matrix = PhaseMatrix(**{name: file[name] for name in SEQUENCES})
+        numbers = {name: float(file[name]) for name in NUMBERS}
+        return Particles(matrix, **numbers, description=str(file["description"]))
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Waits until no other thread or process is in here with the same file; a killed one leaves."""
+    import fcntl
+
+    with open(path, "a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield

@@ -1,0 +1,217 @@
+"""A sweep from its file to its table: begun or taken up, computed by an engine, finished."""
+
+import os
+import shutil
+import tempfile
+import warnings
+from collections.abc import Generator, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vrte.arrays import whole
+from vrte.blas import single_threaded
+from vrte.discrete_ordinates.problem import Progress
+from vrte.errors import SceneError
+from vrte.formats.text_file import file_name
+from vrte.request import one_of
+from vrte.running import usable_cpus
+from vrte.sweep import store
+from vrte.sweep.chunks import Task
+from vrte.sweep.engines import ENGINES
+from vrte.sweep.grid import Grid, grid_of, scenes_of_a_chunk
+from vrte.sweep.store import SUFFIXES, Work
+from vrte.sweep.template import Sweep, particle_places, sweep_of
+
+if TYPE_CHECKING:
+    import xarray
+
+MOST_WORKERS = 4096
+LARGEST_ZARR_CHUNK = 2e9  # bytes: beyond, its codecs refuse
+
+
+class SweepWarning(UserWarning):
+    """What the scenes of a sweep warned of, and those that failed: one of each kind stands for all."""
+
+
+def sweep(
+    source: str | os.PathLike[str] | Mapping[str, Any],
+    output: str | os.PathLike[str] | None = None,
+    engine: str = "threads",
+    scheduler: str | None = None,
+    workers: int | None = None,
+    chunk: int | None = None,
+    progress: Progress | None = None,
+) -> "xarray.Dataset":
+    """The Mueller BRDFs of many scenes, as one labelled table.
+
+    Parameters: ``source``, a sweep file or its content as a dictionary: a scene for `vrte brdf` with a table [axes]
+    (docs/sweeps.md); ``output``, a path that ends in .zarr (for large tables) or .nc, without it the table is made in
+    memory; ``engine`` "threads", "dask" (on the cluster at the address ``scheduler``, or one of its own on this
+    machine) or "opencl"; ``workers``, cores or worker processes, all there are by default; ``chunk``, how many scenes
+    are computed, written and kept in memory together; ``progress``, called with (scenes done, scenes).
+
+    Returns an xarray.Dataset with the axes as coordinates and the variables of `vrte.Brdf.to_xarray`; ``error`` says of
+    a scene without result, whose numbers are NaN, what was wrong with it. With ``output`` the data are read from there
+    when they are asked for. Called again after whatever stopped it, it goes on with the chunks that are left; a
+    complete table is opened and nothing computed. Warns (SweepWarning) where scenes failed or warned.
+
+    Raises SceneError for bad input, or another sweep than the output was begun with; SweepError where another process
+    is at the same output, or the cluster is lost; DeviceError, MissingExtraError, OSError.
+
+    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 1.0}
+    >>> axes = {"depth": {"key": "layer[1].thickness", "values": [0.1, 1.0]}, "base.albedo": [0.0, 1.0]}
+    >>> base = {"kind": "lambertian", "albedo": 0.0}
+    >>> scene = {"nodes": 4, "layer": [layer], "base": base, "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
+    >>> table = sweep({**scene, "axes": axes}, workers=1)
+    >>> dict(table.reflectance.sizes), bool(abs(table.reflectance.sel({"base.albedo": 1.0}) - 1.0).max() < 1e-12)
+    ({'depth': 2, 'base.albedo': 2, 'mu_i': 1}, True)
+    """
+    one_of("engine", engine, ENGINES)
+    if scheduler is not None and engine != "dask":
+        raise SceneError("scheduler goes with engine 'dask' only")
+    if scheduler is not None and workers is not None:
+        raise SceneError("workers are those of the scheduler: leave one of the two out")
+    count = usable_cpus() if workers is None else whole("workers", workers, 1, MOST_WORKERS)
+    given = sweep_of(source)
+    if output is not None:
+        return made(given, output_path(output), engine, scheduler, count, chunk, progress)
+    with tempfile.TemporaryDirectory(prefix="vrte-sweep-") as folder:
+        table = made(given, Path(folder) / "table.zarr", engine, scheduler, count, chunk, progress)
+        return table.load()
+
+
+def output_path(output: str | os.PathLike[str]) -> Path:
+    """Where the table goes. Raises SceneError."""
+    path = Path(file_name(output)).absolute()
+    if path.suffix not in SUFFIXES:
+        raise SceneError(f"the output {path.name} must end in {' or '.join(SUFFIXES)}")
+    if not path.parent.is_dir():
+        raise SceneError(f"the output {path} lies in a folder that does not exist: {path.parent}")
+    return path
+
+
+def made(
+    given: Sweep,
+    output: Path,
+    engine: str,
+    scheduler: str | None,
+    workers: int,
+    chunk: int | None,
+    progress: Progress | None,
+) -> "xarray.Dataset":
+    """The table at ``output``, computed as far as it is not there."""
+    store.zarr()
+    with store.alone_at(output) as folder:
+        if os.path.lexists(output):
+            try:
+                return complete(given, output)
+            finally:
+                store.clear(folder)
+        try:
+            grid = grid_for(given, output, chunk)
+            work = store.begun(folder, given, grid, output)
+            check_chunk(work, grid, chunk)
+        except BaseException:
+            if not (folder / "sweep.json").is_file():
+                store.clear(folder)
+            raise
+        compute(work, engine, scheduler, workers, progress)
+        tell(work)
+        store.finish(work, output)
+    return store.open_table(output)
+
+
+def complete(given: Sweep, output: Path) -> "xarray.Dataset":
+    """A table that is there already, if it is that of this sweep."""
+    import json
+
+    table = store.open_table(output)
+    said = {"content": json.loads(table.attrs["sweep"]), "tables": json.loads(table.attrs["tables"])}
+    try:
+        store.check_same(given, said | {"fingerprint": table.attrs["fingerprint"]}, f"{output} was made")
+    except SceneError:
+        table.close()
+        raise
+    return table
+
+
+def grid_for(given: Sweep, output: Path, chunk: int | None) -> Grid:
+    """How the sweep is cut. Raises SceneError where a chunk or the whole is too large."""
+    size = store.bytes_of_a_scene(store.variables_of(*store.directions_of(given)))
+    scenes = scenes_of_a_chunk(given.count, size) if chunk is None else whole("chunk", chunk, 1, given.count)
+    if scenes * size > LARGEST_ZARR_CHUNK:
+        raise SceneError(f"a chunk of {scenes} scenes holds {scenes * size / 1e9:.1f} GB, at most 2 GB are allowed")
+    free = shutil.disk_usage(output.parent).free
+    if given.count * size > free:
+        raise SceneError(
+            f"{given.count} scenes of {size / 1e6:.3g} MB make a table of {given.count * size / 1e9:.3g} GB, "
+            f"and {output.parent} has room for {free / 1e9:.3g} GB"
+        )
+    return grid_of(given.shape, scenes)
+
+
+def check_chunk(work: Work, grid: Grid, chunk: int | None) -> None:
+    """A table is cut once and for all."""
+    if chunk is not None and work.layout.grid.box != grid.box:
+        raise SceneError("chunk must be left as it was: the table was begun with chunks of another size")
+
+
+def compute(work: Work, engine: str, scheduler: str | None, workers: int, progress: Progress | None) -> None:
+    """All chunks that are not done yet; the particles that scenes share before."""
+    done = work.done()
+    if len(done) == work.layout.grid.chunks:
+        return
+    scenes = sum(1 for chunk in done for _ in work.layout.grid.places(chunk))
+    report(progress, scenes, work.sweep.count)
+    # once for all chunks: BLAS threads that come and go between them keep the cores busy with waiting
+    with single_threaded(), closing(labour(work, engine, scheduler, workers, done)) as finished:
+        for count in finished:
+            scenes += count
+            if count:
+                report(progress, scenes, work.sweep.count)
+
+
+def labour(work: Work, engine: str, scheduler: str | None, workers: int, done: set[int]) -> Generator[int, None, None]:
+    """How many scenes each task was, as they are finished."""
+    chunks = (Task(chunk=chunk) for chunk in range(work.layout.grid.chunks) if chunk not in done)
+    left = work.layout.grid.chunks - len(done)
+    particles = (Task(particles=name, place=place) for name, place in particle_places(work.sweep))
+    if engine == "dask":
+        from vrte.sweep.engines import dask
+
+        yield from dask.each(work, (particles, chunks), scheduler, workers)
+        return
+    from vrte.sweep.engines import opencl, threads
+
+    yield from threads.each(work, particles, workers, workers)
+    if engine == "opencl":
+        yield from opencl.each(work, chunks)
+    else:
+        yield from threads.each(work, chunks, left, workers)
+
+
+def report(progress: Progress | None, done: int, total: int) -> None:
+    """Calls it if it is there."""
+    if progress is not None:
+        progress(done, total)
+
+
+def tell(work: Work) -> None:
+    """One warning for each kind of warning, and one for all that failed."""
+    failures: list[str] = []
+    failed = 0
+    kinds: dict[str, tuple[int, str]] = {}
+    for _, said in work.marks():
+        failed += len(said["failed"])
+        failures = failures or list(said["failed"].values())[:1]
+        for kind, (count, message) in said["warnings"].items():
+            before = kinds.get(kind, (0, message))
+            kinds[kind] = (before[0] + count, before[1])
+    for count, message in kinds.values():
+        more = f" (and {count - 1} more like it)" if count > 1 else ""
+        warnings.warn(f"{message}{more}", SweepWarning, stacklevel=4)
+    if failed:
+        warnings.warn(
+            f"{failed} of {work.sweep.count} scenes failed; the first said: {failures[0]}", SweepWarning, stacklevel=4
+        )

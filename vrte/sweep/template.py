@@ -1,0 +1,311 @@
+"""A sweep: the content of a scene file, and axes along which some of its numbers change.
+
+    [axes]
+    wavelength_um = { start = 0.43, stop = 0.70, count = 55 }              # the name is the key
+    radius = { key = "particles.gold.radius_um", values = [0.1, 0.2] }     # or a name of its own
+    depth = { key = "layer[1].thickness", start = 0.1, stop = 100, count = 4, spacing = "log" }
+
+Axes span a grid. Axes with the same ``along = "NAME"`` go together, value by value: a list of scenes.
+"""
+
+import copy
+import hashlib
+import json
+import math
+import os
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.arrays import Array
+from vrte.errors import SceneError
+from vrte.formats.scene_file import SceneFile, read_content, scene_of
+from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, shown
+from vrte.optics.phase_matrix import isotropic
+from vrte.optics.spheres import Particles
+from vrte.request import Request, brdf_request, solver_options
+
+AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
+STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a key, and a place in its list
+MOST_AXES = 16
+MOST_SCENES = 10**9
+CHECKED = 1000  # values of an axis that are looked at before anything is computed
+ALGORITHM = {"openmp": "modes", "opencl": "doubling"}  # by backend; both are exact
+FIXED = ("brdf", "field", "axes")  # the same for all scenes of a table
+VALUES = "a list of numbers, or { start, stop, count }"
+
+Place = str | int
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """One number of the scene that changes: ``key`` its dotted path, ``places`` the same as keys of tables and places
+    in lists, ``values`` (n,), ``dimension`` the name of what it changes along."""
+
+    name: str
+    key: str
+    places: tuple[Place, ...]
+    values: Array
+    dimension: str
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A template, the content of a scene file for `vrte brdf` in ``folder``, and its axes."""
+
+    template: dict[str, Any]
+    axes: tuple[Axis, ...]
+    folder: Path
+
+    @property
+    def dimensions(self) -> dict[str, int]:
+        """Names and lengths, in the order of the axes."""
+        return {axis.dimension: axis.values.size for axis in self.axes}
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(self.dimensions.values())
+
+    @property
+    def count(self) -> int:
+        """How many scenes there are."""
+        return math.prod(self.shape)
+
+    def content(self, place: tuple[int, ...]) -> dict[str, Any]:
+        """The scene file's content at a place of the grid."""
+        found = copy.deepcopy(self.template)
+        where = dict(zip(self.dimensions, place, strict=True))
+        for axis in self.axes:
+            put(found, axis.places, plain(axis.values[where[axis.dimension]]))
+        return found
+
+    def fingerprint(self) -> str:
+        """Of all that decides about the numbers: template, axes, tables of coefficients, and the version of vrte."""
+        from vrte import __version__
+
+        said = json.dumps([__version__, self.described(), self.tables()], sort_keys=True, default=str)
+        return hashlib.sha256(said.encode()).hexdigest()
+
+    def described(self) -> dict[str, Any]:
+        """Template and axes as JSON can hold them."""
+        axes = {a.name: {"key": a.key, "values": a.values.tolist(), "along": a.dimension} for a in self.axes}
+        return {**self.template, "axes": axes}
+
+    def tables(self) -> dict[str, str]:
+        """The tables of coefficients that the layers name, and what is in them."""
+        layers = self.template.get("layer", [])
+        names = {layer.get("phase") for layer in layers if isinstance(layer.get("phase"), str)}
+        files = [self.folder / name for name in sorted(names) if name.endswith(".csv")]
+        return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+
+
+def sweep_of(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path | None = None) -> Sweep:
+    """A sweep file, or its content, read and checked; nothing is computed. Raises SceneError, OSError.
+
+    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 1.0}
+    >>> axes = {"layer[1].thickness": [0.1, 1.0, 10.0]}
+    >>> sweep_of({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}).dimensions
+    {'layer[1].thickness': 3}
+    """
+    if isinstance(source, Mapping):
+        content = plainly(source)
+    else:
+        content, folder = read_content(source), folder or Path(source).parent
+    table = content.pop("axes", None)
+    if not isinstance(table, dict) or not table:
+        raise SceneError("axes is missing: a sweep needs a table [axes] with at least one axis")
+    if len(table) > MOST_AXES:
+        raise SceneError(f"axes: there must be at most {MOST_AXES} of them, not {len(table)}")
+    axes = tuple(axis_of(name, value) for name, value in table.items())
+    sweep = Sweep(content, axes, (folder or Path()).absolute())
+    check(sweep)
+    return sweep
+
+
+def plainly(value: Any) -> Any:
+    """Content as a file would give it: arrays and tuples are lists there.
+
+    >>> plainly({"values": np.array([1.0, 2.0]), "index": (1.5, 0.0)})
+    {'values': [1.0, 2.0], 'index': [1.5, 0.0]}
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plainly(item) for key, item in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    return [plainly(item) for item in value] if isinstance(value, (list, tuple)) else value
+
+
+def axis_of(name: str, value: Any) -> Axis:
+    """One entry of [axes]."""
+    values = Table("axes", {name: value}, (name,))
+    table = Table(values.dotted(name), value if isinstance(value, dict) else {"values": value}, AXIS_KEYS)
+    key, dimension = table.content.get("key", name), table.content.get("along", name)
+    for word, given in (("key", key), ("along", dimension)):
+        if not isinstance(given, str) or not given:
+            raise table.wrong(word, "must be a name")
+    try:
+        places = places_of(key)
+    except SceneError as error:
+        raise SceneError(f"{table.name}: {error}") from error
+    return Axis(name, key, places, values_of(table), dimension)
+
+
+def places_of(key: str) -> tuple[Place, ...]:
+    """A dotted key as keys of tables (text) and places in lists (numbers from 0).
+
+    >>> places_of("layer[1].particles.gold")
+    ('layer', 0, 'particles', 'gold')
+    """
+    places: list[Place] = []
+    position = 0
+    while match := STEP.match(key, position):
+        places.append(match[1].strip("\"'"))
+        if match[2] is not None:
+            places.append(int(match[2]) - 1)
+        position = match.end()
+        if key[position : position + 1] != ".":
+            break
+        position += 1
+    if position != len(key) or not places or -1 in places:
+        raise SceneError(f"{shown(key)} is no key of a scene, such as layer[1].thickness or particles.gold.radius_um")
+    if places[0] in FIXED:
+        raise SceneError(f"{shown(key)} is the same for all scenes of a table")
+    return tuple(places)
+
+
+def values_of(table: Table) -> Array:
+    """The values of an axis: a list, or a range in equal steps or equal ratios."""
+    if ("values" in table) == any(key in table for key in RANGE_KEYS):
+        raise SceneError(f"{table.name}: needs either values or start, stop and count")
+    if "values" in table:
+        given = table.content["values"]
+        if not isinstance(given, list) or not given or not all(is_number(item) and item == item for item in given):
+            raise table.wrong("values", f"must be {VALUES}")
+        if "spacing" in table:
+            raise table.wrong("spacing", "goes with start, stop and count")
+        return np.array(given, np.float64)
+    steps = {key: table.required(key, "a number") for key in RANGE_KEYS}
+    found = np.array(Table("axes", {table.name: steps}, (table.name,)).numbers(table.name))
+    if "spacing" not in table or table.choice("spacing", ("linear", "log")) == "linear":
+        return found
+    if min(found[0], found[-1]) <= 0.0:
+        raise table.wrong("spacing", "needs start and stop above 0")
+    return np.geomspace(found[0], found[-1], found.size)
+
+
+def plain(value: float) -> float | int:
+    """A number as a file would give it: what counts something is a whole one."""
+    return int(value) if float(value).is_integer() else float(value)
+
+
+def parent_of(content: Any, places: tuple[Place, ...]) -> Any:
+    """The table or list that holds the last place; KeyError, IndexError or TypeError where there is none."""
+    for place in places[:-1]:
+        content = content[place]
+    return content
+
+
+def put(content: dict[str, Any], places: tuple[Place, ...], value: float | int) -> None:
+    """Sets one number."""
+    parent_of(content, places)[places[-1]] = value
+
+
+def check(sweep: Sweep) -> None:
+    """All that can be said before anything is computed."""
+    check_dimensions(sweep)
+    for axis in sweep.axes:
+        check_field(sweep.template, axis)
+    keys = [axis.places for axis in sweep.axes]
+    if len(set(keys)) != len(keys):
+        raise SceneError("axes: two of them change the same number")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # each scene will say it
+        first = scene_at(sweep, (0,) * len(sweep.shape), unseen)
+        request_of(first)
+        for axis in sweep.axes:
+            check_values(sweep, axis)
+
+
+def check_dimensions(sweep: Sweep) -> None:
+    """Names that do not clash, lengths that agree, and not too many scenes."""
+    reserved = {"mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in", "error"}
+    reserved |= {"mueller", "reflectance", "transmission", "direct_transmittance"}
+    for axis in sweep.axes:
+        for name in (axis.name, axis.dimension):
+            if name in reserved:
+                raise SceneError(f"axes.{name}: this name is taken by the table itself")
+        if "/" in axis.name + axis.dimension or axis.name.startswith(".") or axis.dimension.startswith("."):
+            raise SceneError(f"axes: {shown(axis.name)} cannot be the name of a coordinate: no / and no leading dot")
+        length = sweep.dimensions[axis.dimension]
+        if axis.values.size != length:
+            raise SceneError(f"axes: those along {shown(axis.dimension)} must have the same number of values")
+    if sweep.count > MOST_SCENES:
+        raise SceneError(f"axes: {sweep.count} scenes are too many, at most {MOST_SCENES} are allowed")
+
+
+def check_field(template: dict[str, Any], axis: Axis) -> None:
+    """Whether the template has such a number, or a table where it may be put."""
+    try:
+        parent: Any = parent_of(template, axis.places)
+        last = axis.places[-1]
+        there = parent.get(last, 0.0) if isinstance(parent, dict) else parent[last]
+    except (LookupError, TypeError, AttributeError):
+        raise SceneError(f"axes.{axis.name}: the scene has no {axis.key}") from None
+    if not is_number(there):
+        raise SceneError(f"axes.{axis.name}: {axis.key} is {shown(there)}, and only a number can be changed")
+
+
+def check_values(sweep: Sweep, axis: Axis) -> None:
+    """Whether the values of an axis are allowed in the first scene, as far as its form goes."""
+    dimension = list(sweep.dimensions).index(axis.dimension)
+    n = axis.values.size
+    looked_at = np.unique(np.linspace(0, n - 1, min(n, CHECKED)).astype(int))
+    ends = [int(np.argmin(axis.values)), int(np.argmax(axis.values))]
+    for value in sorted({*looked_at.tolist(), *ends}):
+        place = [0] * len(sweep.shape)
+        place[dimension] = value
+        try:
+            scene_at(sweep, tuple(place), unseen)
+        except SceneError as error:
+            raise SceneError(f"axes.{axis.name}, value {value + 1}: {error}") from error
+
+
+def unseen(*_: Any, **__: Any) -> Particles:
+    """What stands for particles while only the form of a file is looked at."""
+    return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0)
+
+
+def scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile:
+    """The scene at a place of the grid. Raises SceneError."""
+    return scene_of(sweep.content(place), "brdf", sweep.folder, spheres_of)
+
+
+def request_of(file: SceneFile, backend: str = "openmp") -> Request:
+    """What is asked of a scene: by an algorithm without a tolerance, so that no engine's numbers differ. Raises
+    SceneError."""
+    how = {"nodes": None, "accuracy": None, "truncation": "auto"} | file.options
+    options = solver_options(how["nodes"], how["accuracy"], ALGORITHM[backend], False, how["truncation"], backend)
+    asked = {"phi": 0.0, "transmission": False} | file.request
+    try:
+        return brdf_request(file.scene, asked["mu_i"], asked["mu_o"], asked["phi"], asked["transmission"], options)[0]
+    except SceneError as error:
+        raise SceneError(file.located(str(error))) from error
+
+
+def particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Each kind of particle that several scenes share, at one place of the grid for each different one of it."""
+    for name in sweep.template.get("particles", {}):
+        moved_by = {
+            axis.dimension
+            for axis in sweep.axes
+            if axis.places in (("wavelength_um",), ("host_index",)) or axis.places[:2] == ("particles", name)
+        }
+        lengths = tuple(length if name in moved_by else 1 for name, length in sweep.dimensions.items())
+        if math.prod(lengths) < sweep.count:
+            for place in np.ndindex(*lengths):
+                yield name, place
