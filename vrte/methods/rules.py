@@ -53,7 +53,6 @@ RULES = (
             ("white, without end", f"{EXACT}, modes", "16 nodes", 1e-4),
             ("normal incidence", f"{EXACT}, modes", "32 nodes", 1e-6),
             ("two layers over a base", f"{EXACT}, modes", "4 nodes", 1e-2),
-            ("grazing incidence", f"{EXACT}, modes", "8 nodes", 1e-3),
         ),
     ),
     Rule(
