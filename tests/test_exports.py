@@ -335,12 +335,25 @@ class TestCommandLine:
         np.testing.assert_array_equal(loaded.mueller, paint.mueller)
         assert loaded[0].diagnostics["scene_toml"] == TOML
 
+    def test_wavelengths_that_the_file_lists(self, scene: Path, paint: Spectrum, tmp_path: Path) -> None:
+        from tests.test_cli import run
+
+        listed, out = tmp_path / "listed.toml", tmp_path / "out.nc"
+        listed.write_text("wavelength_um = [0.45, 0.6]\n" + TOML, encoding="utf-8")
+        assert run("brdf", listed, "-o", out) == 0
+        np.testing.assert_array_equal(vrte.load(out).mueller, paint.mueller)
+        np.testing.assert_array_equal(vrte.spectrum(listed, transmission=True).mueller, paint.mueller)
+        with pytest.raises(SceneError, match="wavelengths_um are missing"):
+            vrte.spectrum(scene)
+        listed.write_text("wavelength_um = [0.6, 0.45]\n" + TOML, encoding="utf-8")
+        assert run("brdf", listed, "-o", out) == 2
+
     @pytest.mark.parametrize(
         ("options", "words"),
         [
             (["--wavelengths-um", "0.6,0.5"], "must be ascending wavelengths such as 0.45,0.55, not '0.6,0.5'"),
             (["--wavelengths-um", "0.5", "--plot", "a.png"], "--plot shows one wavelength"),
-            (["--mitsuba", "a.bsdf"], "--mitsuba needs --wavelengths-um with 5 wavelengths"),
+            (["--mitsuba", "a.bsdf"], "--mitsuba needs 5 wavelengths, by --wavelengths-um or in the scene file"),
             (["--mitsuba", "a.bsdf", "--wavelengths-um", "0.5,0.6"], "takes exactly 5 wavelengths, not 2"),
             (["--wavelengths-um", "0.5,99"], "paint.toml: at 99 um: particles.gold.index: "),
         ],

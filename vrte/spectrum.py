@@ -178,14 +178,15 @@ def stacked(arrays: Sequence[Array | None]) -> Array | None:
 
 def spectrum(
     scene: str | os.PathLike[str] | Mapping[str, Any],
-    wavelengths_um: Any,
+    wavelengths_um: Any = None,
     progress: Progress | None = None,
     folder: str | os.PathLike[str] = ".",
     **asked: Any,
 ) -> Spectrum:
     """The Mueller BRDFs of a scene file at several wavelengths, particles worked out anew at each.
 
-    Parameters: ``scene``, a TOML file or its content, parsed; ``wavelengths_um``, ascending, in place of the file's;
+    Parameters: ``scene``, a TOML file or its content, parsed; ``wavelengths_um``, ascending, in place of the file's,
+    which lists them in ``wavelength_um`` where they are left out;
     ``progress``, called with (steps done, steps); ``folder``, where the tables of coefficients of a parsed content lie;
     all keywords of `vrte.brdf` but its scene, which win over the file's, ``mu_i``, ``mu_o`` and ``phi`` included. An
     optical ``thickness`` stays what it is at every wavelength, a ``thickness_um`` does not. With ``backend="opencl"``
@@ -197,10 +198,20 @@ def spectrum(
     >>> spectrum(content, [0.45, 0.65])
     Spectrum(2 wavelengths from 0.45 to 0.65 um, Brdf(1 mu_i, 1 mu_o, 1 phi) at each)
     """
-    wavelengths = ascending(wavelengths_um)
+    wavelengths = ascending(listed(scene) if wavelengths_um is None else wavelengths_um)
     total = 2 * STEPS * wavelengths.size
     files = scenes_at(scene, wavelengths, folder, part_of(progress, 0, total))
     return solved_at(files, wavelengths, part_of(progress, total // 2, total), **asked)
+
+
+def listed(scene: str | os.PathLike[str] | Mapping[str, Any]) -> list[float]:
+    """The wavelengths that a scene file lists. Raises SceneError where it lists none."""
+    from vrte.formats.scene_file import listed_wavelengths, read_content
+
+    found = listed_wavelengths(dict(scene) if isinstance(scene, Mapping) else read_content(scene))
+    if found is None:
+        raise SceneError("wavelengths_um are missing: say which, or list them as wavelength_um in the scene")
+    return found
 
 
 def scenes_at(

@@ -521,9 +521,6 @@ def adopted(content: Content, folder: Path = Path(), tables: frozenset[str] = fr
 
 
 def scene_text(content: Content) -> str:
-    """A scene file; of several wavelengths it holds the first, and says so in a comment. Raises SceneError."""
-    wavelengths = wavelengths_of(content)
-    text = toml_text(at(content, wavelengths[0]))
-    if len(wavelengths) == 1:
-        return text
-    return f"# shown at several wavelengths: --wavelengths-um {','.join(map(text_of, wavelengths))}\n{text}"
+    """A scene file. Raises SceneError."""
+    wavelengths_of(content)
+    return toml_text(content)

@@ -128,6 +128,7 @@ def check_outputs(options: argparse.Namespace) -> None:
         if getattr(options, name):
             check_output(getattr(options, name), suffix)
     if options.kind == "brdf":
+        options.wavelengths_um = options.wavelengths_um or spectrum.wavelengths_of_file(options.scene)
         spectrum.check_options(options)
     for option, extra, modules in EXTRAS:
         if getattr(options, option):

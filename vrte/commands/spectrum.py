@@ -12,8 +12,8 @@ from vrte import __version__
 from vrte.commands.common import Tick, check_output, named_by, reading, timed, wavelengths
 from vrte.errors import SceneError
 from vrte.formats import measured_polarized as mitsuba
-from vrte.formats.scene_file import SceneFile
-from vrte.spectrum import Spectrum, scenes_at, solved_at
+from vrte.formats.scene_file import SceneFile, listed_wavelengths, read_content
+from vrte.spectrum import Spectrum, ascending, scenes_at, solved_at
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -39,15 +39,24 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
 
 
+def wavelengths_of_file(path: Path) -> list[float] | None:
+    """The scene file's wavelengths, ascending, where it lists several. Raises SceneError, OSError."""
+    with reading(path):
+        listed = listed_wavelengths(read_content(path))
+        return listed and ascending(listed).tolist()
+
+
 def check_options(options: argparse.Namespace) -> None:
     """Whether they go together, before the work is done. Raises SceneError."""
     if options.wavelengths_um and options.plot:
-        raise SceneError("--plot shows one wavelength: leave --wavelengths-um out, or --plot")
+        raise SceneError("--plot shows one wavelength: ask for no more, or leave --plot out")
     if options.mitsuba:
         check_output(options.mitsuba, ".bsdf")
         mitsuba.angles_of(options.mitsuba_step_deg)
         if not options.wavelengths_um:
-            raise SceneError(f"--mitsuba needs --wavelengths-um with {mitsuba.WAVELENGTHS} wavelengths")
+            raise SceneError(
+                f"--mitsuba needs {mitsuba.WAVELENGTHS} wavelengths, by --wavelengths-um or in the scene file"
+            )
         mitsuba.check_wavelengths(options.wavelengths_um)
 
 

@@ -53,6 +53,7 @@ PHASES = (
 )
 INDEX = 'the name of a material, a path in the database such as "main/Au/Johnson", or [n, k]'
 SHARE = "a number fraction >= 0"
+ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
 LEFT_OUT = 1e-12  # of a Henyey-Greenstein phase function, in the terms beyond the last
 
 
@@ -116,6 +117,19 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength
 def read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The keys and tables of a file in TOML, as they are. Raises SceneError where it is none, OSError."""
     return toml_content(read_text(path, LARGEST_FILE))
+
+
+def listed_wavelengths(content: dict[str, Any]) -> list[float] | None:
+    """``wavelength_um`` where it is a list or a range, for a spectrum; None where it is one number, or not there.
+
+    Raises SceneError.
+
+    >>> listed_wavelengths({"wavelength_um": {"start": 0.4, "stop": 0.5, "count": 2}})
+    [0.4, 0.5]
+    """
+    if not isinstance(content.get("wavelength_um"), (list, dict)):
+        return None
+    return Table("", content, FILE_KEYS).numbers("wavelength_um")
 
 
 def scene_of(
@@ -318,7 +332,7 @@ class _Particles:
         return self.computed[name]
 
     def _compute(self, table: Table) -> Particles:
-        wavelength = self.file.number("wavelength_um", "the wavelength in micrometres")
+        wavelength = self.file.number("wavelength_um", ONE_WAVELENGTH)
         host = self.file.number("host_index") if "host_index" in self.file else 1.0
         index, size = _index(table), _size(table)
         with located(table.name, PARTICLE_KEYS):
