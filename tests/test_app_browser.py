@@ -154,12 +154,12 @@ def test_fill_solve_turn_download_and_compare(chromium: Any, url: str, tmp_path:
     assert third["title"] != ""
 
     content = tomllib.loads(tab.download("scene, TOML", tmp_path).read_text(encoding="utf-8"))
-    expected = {**form.START, "wavelength_um": 0.5, "nodes": 6}
+    expected = {**form.START, "wavelength_um": [0.5, 0.6], "nodes": 6}
     expected["particles"] = {"gold": {"index": [1.5, 0.01], "radius_um": 0.05}}
     expected["layer"] = [{"particles": "gold", "thickness": 1}]
     expected["brdf"] = expected["brdf"] | {"mu_i": [0.3, 0.6, 1]}
     assert content == expected
-    numbers = vrte.spectrum(content, [0.5, 0.6])
+    numbers = vrte.spectrum(content)
     for text in ("BRDF, NetCDF", "BRDF, CSV"):
         found = vrte.load(tab.download(text, tmp_path))
         np.testing.assert_allclose(found.mueller, numbers.mueller, rtol=1e-12, atol=1e-16)

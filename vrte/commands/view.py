@@ -32,9 +32,10 @@ def run(options: argparse.Namespace) -> None:
     try:
         serve(benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
     except KeyboardInterrupt:
-        print("vrte view: ended")
+        pass  # not raised where whoever started this process has it ignore Ctrl-C: the server ends all the same
     finally:
         benches.close()
+    print("vrte view: ended")
 
 
 def first_benches(path: Path | None) -> Any:
