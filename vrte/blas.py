@@ -1,12 +1,14 @@
 """BLAS has one thread inside a solve: the parallel loops are ours."""
 
+import ctypes
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 _lock = threading.Lock()
-_state: dict[str, Any] = {"libraries": None, "before": [], "inside": 0}
+_state: dict[str, Any] = {"libraries": None, "setters": [], "before": [], "inside": 0}
+SETTERS = [f"{one}openblas_set_num_threads{end}" for one in ("scipy_", "") for end in ("64_", "_64", "")]
 
 
 @contextmanager
@@ -14,12 +16,13 @@ def single_threaded() -> Iterator[None]:
     """Limits every BLAS of this process to one thread; the last to leave restores what the first one found."""
     with _lock:
         if _state["libraries"] is None:
-            _state["libraries"] = blas_libraries()
+            libraries = blas_libraries()
+            _state.update(libraries=libraries, setters=[setter_of(library) for library in libraries])
         if _state["inside"] == 0:
             _state["before"] = [library.get_num_threads() for library in _state["libraries"]]
-            for library, threads in zip(_state["libraries"], _state["before"], strict=True):
+            for set_threads, threads in zip(_state["setters"], _state["before"], strict=True):
                 if threads != 1:
-                    library.set_num_threads(1)
+                    set_threads(1)
         _state["inside"] += 1
     try:
         yield
@@ -27,9 +30,25 @@ def single_threaded() -> Iterator[None]:
         with _lock:
             _state["inside"] -= 1
             if _state["inside"] == 0:
-                for library, threads in zip(_state["libraries"], _state["before"], strict=True):
+                for set_threads, threads in zip(_state["setters"], _state["before"], strict=True):
                     if threads is not None and threads != 1:
-                        library.set_num_threads(threads)
+                        set_threads(threads)
+
+
+def setter_of(library: Any) -> Callable[[int], Any]:
+    """What sets the number of threads of a BLAS, whichever thread calls it.
+
+    threadpoolctl from 3.6 on leaves OpenBLAS to the first thread that has set it, for as long as that one lives, and
+    does nothing for others. A solve has a thread of its own, and this module's lock keeps threads apart.
+    """
+    if library.internal_api == "openblas":
+        loaded = ctypes.CDLL(library.filepath)
+        for name in SETTERS:
+            if hasattr(loaded, name):
+                function: Callable[[int], Any] = getattr(loaded, name)
+                return function
+    found: Callable[[int], Any] = library.set_num_threads
+    return found
 
 
 def blas_libraries() -> list[Any]:
