@@ -1,8 +1,6 @@
 """The viewer's server: what it answers, and how it begins and ends."""
 
-import signal
 import socket
-import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -24,13 +22,6 @@ def test_only_its_own_names_are_answered() -> None:
             urllib.request.urlopen(elsewhere)
         refused.value.close()
         assert refused.value.code == 400
-
-
-def test_an_impatient_second_interrupt_leaves_no_trace() -> None:
-    with viewer() as (url, process):
-        urllib.request.urlopen(url).close()
-        process.send_signal(signal.SIGINT)
-        time.sleep(0.05)
 
 
 def test_a_taken_port_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:

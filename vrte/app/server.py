@@ -1,7 +1,6 @@
 """The server of the viewer: one page, its own files, nothing from elsewhere."""
 
 import asyncio
-import logging
 import socket
 from collections.abc import Callable
 from typing import Any
@@ -38,7 +37,6 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
     port = free_port(host, port)
     address = f"http://{f'[{host}]' if ':' in host else host}:{port}"
     protect(app, host)
-    logging.getLogger("uvicorn.error").addFilter(is_no_interrupt)
     tasks: list[asyncio.Task[None]] = []  # a task that nobody holds may be forgotten
     app.on_startup(lambda: tasks.append(asyncio.create_task(announce(lambda: say(f"vrte view: {address} ({HINT})")))))
     app.on_shutdown(benches.close)
@@ -59,15 +57,6 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
         uvicorn_logging_level="error",
         timeout_graceful_shutdown=STOPPING,
     )
-
-
-def is_no_interrupt(record: logging.LogRecord) -> bool:
-    """Whether a message is worth showing: the trace of an impatient second Ctrl-C is not.
-
-    >>> is_no_interrupt(logging.makeLogRecord({"msg": "Traceback ...: KeyboardInterrupt ..."}))
-    False
-    """
-    return "KeyboardInterrupt" not in record.getMessage()
 
 
 async def announce(say: Callable[[], None]) -> None:

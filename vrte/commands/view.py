@@ -1,8 +1,6 @@
 """`vrte view`: a local web page to describe a scene, solve it and look at it."""
 
 import argparse
-import signal
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +30,9 @@ def run(options: argparse.Namespace) -> None:
 
     benches = first_benches(options.file)
     try:
-        # not raised where whoever started this process has it ignore Ctrl-C: the server ends all the same
-        with suppress(KeyboardInterrupt):
-            serve(benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends already: another Ctrl-C would only leave a trace
+        serve(benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
+    except KeyboardInterrupt:
+        pass  # not raised where whoever started this process has it ignore Ctrl-C: the server ends all the same
     finally:
         benches.close()
     print("vrte view: ended")
