@@ -205,6 +205,17 @@ def test_options_that_do_not_fit() -> None:
             vrte.sweep(given, **how)  # type: ignore[arg-type]
 
 
+def test_the_lit_side_of_the_file_is_kept_and_other_methods_are_refused() -> None:
+    layers = [{"phase": "rayleigh", "albedo": albedo, "thickness": 1.0} for albedo in (0.9, 0.5)]
+    content = {"nodes": 6, "layer": layers, "brdf": {"mu_i": 0.5, "mu_o": 0.3}, "axes": {"layer[1].thickness": [1.0]}}
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, 1.0) for albedo in (0.9, 0.5)])
+    below = vrte.brdf(scene, 0.5, 0.3, nodes=6, illuminate="bottom", algorithm="modes")
+    table = vrte.sweep({**content, "illuminate": "bottom"})
+    np.testing.assert_array_equal(table.mueller.values[0], below.mueller)
+    with pytest.raises(SceneError, match="a sweep is made by 'discrete-ordinates' alone"):
+        vrte.sweep({**content, "method": "two-stream"})
+
+
 def test_a_sweep_that_does_not_fit_on_the_disk_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: types.SimpleNamespace(free=10**9))
     given = simple({"layer[1].albedo": {"start": 0.0, "stop": 1.0, "count": 300}})

@@ -28,7 +28,7 @@ from vrte.formats.scene_file import SceneFile, read_content, scene_of
 from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, shown
 from vrte.optics.phase_matrix import isotropic
 from vrte.optics.spheres import Particles
-from vrte.request import Request, brdf_request, solver_options
+from vrte.request import EXACT, Request, brdf_request, solver_options
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
 STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a key, and a place in its list
@@ -288,8 +288,10 @@ def scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile
 def request_of(file: SceneFile, backend: str = "openmp") -> Request:
     """What is asked of a scene: by an algorithm without a tolerance, so that no engine's numbers differ. Raises
     SceneError."""
-    how = {"nodes": None, "accuracy": None, "truncation": "auto"} | file.options
-    options = solver_options(how["nodes"], how["accuracy"], ALGORITHM[backend], False, how["truncation"], backend)
+    how = {"algorithm": ALGORITHM[backend], "verify": False, "backend": backend} | file.options
+    if how.get("method", EXACT) != EXACT:
+        raise SceneError(f"method = {shown(how['method'])}: a sweep is made by {EXACT!r} alone")
+    options = solver_options(how.pop("nodes", None), how.pop("accuracy", None), **how)
     asked = {"phi": 0.0, "transmission": False} | file.request
     try:
         return brdf_request(file.scene, asked["mu_i"], asked["mu_o"], asked["phi"], asked["transmission"], options)[0]
