@@ -12,13 +12,14 @@ import numpy as np
 
 from vrte.arrays import Array, whole
 from vrte.brdf import Brdf
+from vrte.discrete_ordinates.problem import FLIP
 from vrte.request import SMALLEST_COSINE
 
 COSINES, AZIMUTHS = 48, 73  # to solve for, by default
 FEWEST, MOST = 8, 1024
 ORDER: Literal[3] = 3  # of the splines
 MARGIN = 8  # samples beyond each end, where splines no longer notice that they end
-MIRROR = np.outer([1.0, 1.0, -1.0, -1.0], [1.0, 1.0, -1.0, -1.0])  # f(-phi) = f(phi) times this
+MIRROR = np.outer(FLIP, FLIP)  # f(-phi) = f(phi) times this
 
 
 def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Array]:

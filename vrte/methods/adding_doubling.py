@@ -14,7 +14,7 @@ from vrte.methods.adding import Slab, doubled, ground, inside
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.in_depth import POINTS
 from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes, Scattered, tell
+from vrte.methods.on_nodes import OnNodes, Scattered, in_turn
 from vrte.methods.thin_layer import thin_slab
 from vrte.request import Request
 
@@ -30,19 +30,15 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     mu, problem = discrete(request)
     pile = cut(problem)
     on_nodes = OnNodes(pile.problem, request.scene.base)
-    beams = problem.mu0.size, problem.columns.shape[0]
-    shape = (on_nodes.n_order, problem.level.size, *beams, problem.mu_out.size, 4)
-    kernels, fluxes = np.empty(shape), (np.zeros(shape[1:4]), np.zeros(shape[1:4]))
     doublings: list[int] = []
+
+    def field(order: int, base: Array) -> tuple[Array, Array]:
+        up, down, most = field_of(pile, on_nodes, order, base, settings)
+        doublings.append(most)
+        return up, down
+
     with single_threaded():
-        base = on_nodes.ground()
-        for order in range(on_nodes.n_order):
-            up, down, most = field_of(pile, on_nodes, order, base[order], settings)
-            doublings.append(most)
-            kernels[order] = on_nodes.kernels(up, down, pile.out, problem.n_up)
-            if order == 0:
-                fluxes = on_nodes.flux(up), on_nodes.flux(down)
-            tell(run, progress, order + 1, on_nodes.n_order)
+        kernels, fluxes = in_turn(on_nodes, problem, pile.out, field, run, progress)
     orders = np.arange(on_nodes.n_order, dtype=np.int32)
     return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, doublings=max(doublings))
 

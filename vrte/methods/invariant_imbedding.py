@@ -14,7 +14,7 @@ from vrte.methods.common import discrete, solution_of
 from vrte.methods.endless import reflection
 from vrte.methods.imbedding import Count, State, grow
 from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes, tell
+from vrte.methods.on_nodes import OnNodes, in_turn
 from vrte.request import Request
 
 
@@ -32,19 +32,15 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     mu, problem = discrete(request)
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
     on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.base)
-    beams = problem.mu0.size, problem.columns.shape[0]
-    shape = (on_nodes.n_order, problem.level.size, *beams, problem.mu_out.size, 4)
-    kernels, fluxes = np.empty(shape), (np.zeros(shape[1:4]), np.zeros(shape[1:4]))
     work, at_bottom = Work(), request.tau > 0.0
+
+    def field_of(order: int, base: Array) -> tuple[Array, Array]:
+        light = faces(on_nodes, order, base, bool(at_bottom.any()), settings["rtol"], work)
+        up, down = (pair[at_bottom.astype(int), :, on_nodes.n :] for pair in light)
+        return up, down
+
     with single_threaded():
-        bases = on_nodes.ground()
-        for order in range(on_nodes.n_order):
-            light = faces(on_nodes, order, bases[order], bool(at_bottom.any()), settings["rtol"], work)
-            up, down = (pair[at_bottom.astype(int), :, on_nodes.n :] for pair in light)
-            kernels[order] = on_nodes.kernels(up, down, out.astype(np.int32), problem.n_up)
-            if order == 0:
-                fluxes = on_nodes.flux(up), on_nodes.flux(down)
-            tell(run, progress, order + 1, on_nodes.n_order)
+        kernels, fluxes = in_turn(on_nodes, problem, out.astype(np.int32), field_of, run, progress)
     orders = np.arange(on_nodes.n_order, dtype=np.int32)
     more = {
         "steps": work.riccati.steps,

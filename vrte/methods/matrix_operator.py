@@ -26,6 +26,7 @@ from vrte.errors import AccuracyError, SceneError
 from vrte.methods.common import NODES, discrete, solution_of
 from vrte.methods.divided_differences import ComplexArray
 from vrte.methods.method import Method, Settings
+from vrte.methods.on_nodes import tell
 from vrte.methods.operators import Modes, Operator, empty
 from vrte.request import MOST_NODES, Request, check_scene
 from vrte.scene import MuellerBase, Scene
@@ -316,10 +317,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
             if order == 0:
                 fluxes = fluxes_of(problem, fields)
             run.book("matrix operators", time.perf_counter() - begin)
-            if run.stop[0]:
-                raise KeyboardInterrupt
-            if progress is not None:
-                progress(order + 1, orders.size)
+            tell(run, progress, order + 1, orders.size)
     return solution_of(request, full, mu, orders, np.array(kernels), fluxes, run, start)
 
 

@@ -6,6 +6,7 @@ light and get none. Outgoing directions get nothing from beams: light scattered 
 orders, so that what these matrices lead to is multiple scattering alone.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -116,6 +117,31 @@ class OnNodes:
         intensity = light[..., : self.n : len(self.members), :]
         found = np.einsum("...nb,n->...b", intensity, problem.weights * problem.nodes)
         return found.reshape(*found.shape[:-1], problem.mu0.size, problem.columns.shape[0])
+
+
+def in_turn(
+    on_nodes: OnNodes,
+    problem: Problem,
+    out: IntArray,
+    field: Callable[[int, Array], tuple[Array, Array]],
+    run: Run,
+    progress: Progress | None,
+) -> tuple[Array, tuple[Array, Array]]:
+    """Kernels of all Fourier orders (order, n_tau, n_in, n_col, n_out, 4) and fluxes up and down (n_tau, n_in, n_col).
+
+    ``field``(order, what the base sends back): light up and down at the depths wanted, each (n_tau, r, n_rhs).
+    """
+    beams = problem.mu0.size, problem.columns.shape[0]
+    shape = (on_nodes.n_order, problem.level.size, *beams, out.size, 4)
+    kernels, fluxes = np.empty(shape), (np.zeros(shape[1:4]), np.zeros(shape[1:4]))
+    ground = on_nodes.ground()
+    for order in range(on_nodes.n_order):
+        up, down = field(order, ground[order])
+        kernels[order] = on_nodes.kernels(up, down, out, problem.n_up)
+        if order == 0:
+            fluxes = on_nodes.flux(up), on_nodes.flux(down)
+        tell(run, progress, order + 1, on_nodes.n_order)
+    return kernels, fluxes
 
 
 def tell(run: Run, progress: Progress | None, done: int, total: int) -> None:

@@ -16,7 +16,7 @@ from vrte.discrete_ordinates.solver import Solution
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.in_depth import downward, gauss_depths, upward
 from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes, Scattered, tell
+from vrte.methods.on_nodes import OnNodes, Scattered, in_turn
 from vrte.request import Request
 
 POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
@@ -299,19 +299,15 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     mu, problem = discrete(request)
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
     on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.base)
-    beams = problem.mu0.size, problem.columns.shape[0]
-    shape = (on_nodes.n_order, problem.level.size, *beams, problem.mu_out.size, 4)
-    kernels, fluxes = np.empty(shape), (np.zeros(shape[1:4]), np.zeros(shape[1:4]))
     convergence = Convergence()
+
+    def field_of(order: int, base: Array) -> tuple[Array, Array]:
+        down, up = scene.field(order, base, settings, convergence)
+        return up, down
+
     with single_threaded():
         scene = Orders.of(on_nodes, settings["levels"])
-        base = on_nodes.ground()
-        for order in range(on_nodes.n_order):
-            down, up = scene.field(order, base[order], settings, convergence)
-            kernels[order] = on_nodes.kernels(up, down, out.astype(np.int32), problem.n_up)
-            if order == 0:
-                fluxes = on_nodes.flux(up), on_nodes.flux(down)
-            tell(run, progress, order + 1, on_nodes.n_order)
+        kernels, fluxes = in_turn(on_nodes, problem, out.astype(np.int32), field_of, run, progress)
     orders = np.arange(on_nodes.n_order, dtype=np.int32)
     more = {"levels": int(scene.depths.layer.size * POINTS), **convergence.diagnostics(settings)}
     return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, **more)

@@ -111,9 +111,8 @@ def spheres(
     >>> glass.albedo, glass.phase_matrix.a1[0]
     (1.0, np.float64(1.0))
     """
-    index, host = refractive_index(material, wavelength_um), _host(host_index)
+    index, host, wavelength = _light(material, wavelength_um, host_index)
     relative, distribution = _relative(index, host), _distribution(radius_um, size)
-    wavelength = number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
     wavenumber = 2.0 * math.pi * host / wavelength
     population, changes = _settled(relative, wavenumber, distribution)
     description = _describe(index, distribution, population, changes, wavelength, host)
@@ -138,15 +137,18 @@ def check_spheres(
     Traceback (most recent call last):
     vrte.errors.SceneError: radius_um must be a length from 1e-06 to 1e+06 um, not -1.0
     """
-    index, host = refractive_index(material, wavelength_um), _host(host_index)
+    index, host, wavelength = _light(material, wavelength_um, host_index)
     relative, distribution = _relative(index, host), _distribution(radius_um, size)
     radii, _ = _quadrature(distribution, FEWEST_RADII, 6)
-    _check_sizes(relative, 2.0 * math.pi * host / wavelength_um, radii)
+    _check_sizes(relative, 2.0 * math.pi * host / wavelength, radii)
     return Particles(rayleigh(), 1.0, 0.0, extinction_um2=1.0, scattering_um2=1.0, volume_um3=1.0)
 
 
-def _host(host_index: Any) -> float:
-    return number("host_index", host_index, 1e-3, 1e3, "a real refractive index from 0.001 to 1000")
+def _light(material: Material, wavelength_um: Any, host_index: Any) -> tuple[RefractiveIndex, float, float]:
+    """The index of the particles and of the host, and the wavelength in vacuum."""
+    index = refractive_index(material, wavelength_um)
+    host = number("host_index", host_index, 1e-3, 1e3, "a real refractive index from 0.001 to 1000")
+    return index, host, number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
 
 
 def _relative(index: RefractiveIndex, host: float) -> complex:
