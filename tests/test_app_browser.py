@@ -175,6 +175,25 @@ def test_fill_solve_turn_download_and_compare(chromium: Any, url: str, tmp_path:
     tab.close()
 
 
+GOLD = ROOT / "examples" / "gold_powder.toml"  # 40 nodes, which the start scene does not ask for
+DROP = """([text, name]) => { const transfer = new DataTransfer(); transfer.items.add(new File([text], name));
+    for (const type of ['dragover', 'drop']) document.body.dispatchEvent(
+        new DragEvent(type, {dataTransfer: transfer, bubbles: true, cancelable: true})); }"""
+
+
+def test_open_is_clicked_and_a_file_is_dropped(chromium: Any, url: str) -> None:
+    tab = Tab(chromium, url)
+    tab.open("Accuracy")
+    with tab.page.expect_file_chooser() as chooser:
+        tab.button("Open").click()
+    chooser.value.set_files(GOLD)
+    nodes = "nodes => [...document.querySelectorAll('input')].some(input => input.value == nodes)"
+    tab.page.wait_for_function(nodes, arg="40")
+    tab.page.evaluate(DROP, [GOLD.read_text().replace("nodes = 40", "nodes = 17"), "dropped.toml"])
+    tab.page.wait_for_function(nodes, arg="17")
+    tab.close()
+
+
 @pytest.mark.slow
 def test_every_tab_and_every_download(chromium: Any, url: str, tmp_path: Path) -> None:
     tab = Tab(chromium, url)

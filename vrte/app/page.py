@@ -19,7 +19,7 @@ from vrte.errors import MissingExtraError, SceneError
 from vrte.formats.scene_file import toml_content
 
 LARGEST_UPLOAD = 300_000_000  # bytes
-STYLE = Path(__file__).with_name("page.css")
+STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 LARGEST_SCENE = 1_000_000
 SUFFIXES = (".toml", ".nc", ".csv")
 TOO_LARGE = (
@@ -46,6 +46,7 @@ class Page:
         ui.add_css(STYLE)
         ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e")
         self._header()
+        ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.take_drops({self.upload.id});")
         with ui.row().classes("vrte-page w-full no-wrap gap-0"):
             with ui.column().classes("vrte-left no-wrap gap-0"):
                 with ui.scroll_area().classes("grow w-full vrte-scroll"):
@@ -70,8 +71,8 @@ class Page:
             )
             self.upload.props(f'accept="{",".join(SUFFIXES)}"').classes("hidden")
             opener = ui.button("Open", icon="folder_open").props("flat no-caps dense color=white")
-            opener.on("click", js_handler=f"() => getElement({self.upload.id}).pickFiles()")
-            opener.tooltip("a scene (.toml) or a result (.nc, .csv)")
+            opener.on("click", js_handler=f"() => vrte.pick({self.upload.id})")
+            opener.tooltip("a scene (.toml) or a result (.nc, .csv); or drop it anywhere on the page")
             download = ui.button("Download", icon="download").props("flat no-caps dense color=white")
             with download, ui.menu().props("auto-close"):
                 self._downloads()
