@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vrte._core import sphere_coefficients
 from vrte.arrays import Array, number, vector
 from vrte.errors import SceneError
 from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, mix, pairs_of_mixture, rayleigh
@@ -24,7 +25,7 @@ from vrte.optics.spherical_functions import gauss_legendre, wigner_functions
 Complex = NDArray[np.complex128]
 
 LARGEST_SIZE = 1e4  # size parameter 2 pi r/wavelength: beyond, an expansion of 2e4 terms helps nobody
-LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's continued fraction takes as many steps
+LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's recurrence takes as many steps
 LARGEST_AREA = 1e100  # cross section [um2] and volume [um3] of a particle: products stay far below overflow
 SAME_INDEX = 1e-9  # |m - 1| where the coefficients a_n, b_n are down to their rounding
 NEGLIGIBLE = 1e-16  # of the largest |a_n|, |b_n|: what the orders left out may hold
@@ -210,9 +211,7 @@ def mie_coefficients(relative_index: complex, size: float) -> tuple[Complex, Com
     >>> f"{1.5j * a[0] / 1e-9:.5f}"  # (m^2 - 1)/(m^2 + 2) of the dipole
     '0.50160+0.46006j'
     """
-    from miepython import an_bn
-
-    a, b = an_bn(complex(relative_index), float(size), int(size + 6.0 * size ** (1.0 / 3.0) + 8.0))
+    a, b = sphere_coefficients(complex(relative_index), size, int(size + 6.0 * size ** (1.0 / 3.0) + 8.0))
     strength = np.maximum(np.abs(a), np.abs(b))
     orders = 1 + int(np.flatnonzero(strength > NEGLIGIBLE * strength.max())[-1])
     return a[:orders], b[:orders]
