@@ -1,12 +1,16 @@
 """The engines of a sweep: the same numbers from each."""
 
+import http.client
 import logging
+import types
 import warnings
 from collections.abc import Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 import vrte
@@ -121,3 +125,29 @@ def test_a_cluster_without_workers(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_workers_that_do_not_see_the_output_say_so(tmp_path: Path) -> None:
     with pytest.raises(SweepError, match="the output must lie where all workers can read and write it"):
         dask_engine.perform_there(str(tmp_path / "elsewhere"), "stamp", chunks.Task(chunk=0))
+
+
+def listening() -> set[Any]:
+    """Addresses where this process and its children wait for connections."""
+    processes = [psutil.Process(), *psutil.Process().children(recursive=True)]
+    return {each.laddr for process in processes for each in process.net_connections() if each.status == "LISTEN"}
+
+
+def test_the_cluster_of_a_sweep_is_for_nobody_else(tmp_path: Path) -> None:
+    from distributed import Client, Security
+
+    before = listening()  # that of other tests
+    with dask_engine.own_cluster(types.SimpleNamespace(folder=tmp_path), 1) as client:  # type: ignore[arg-type]
+        assert client.submit(abs, -7).result() == 7
+        address = client.scheduler.address
+        sockets = listening() - before
+        assert {place.ip for place in sockets} == {"127.0.0.1"}
+        # without encryption, and with a certificate that anybody can make
+        for strange, security in ((address.replace("tls:", "tcp:"), Security()), (address, Security.temporary())):
+            with pytest.raises(OSError, match=r"reset|Timed out|SSL|certificate"):
+                Client(strange, timeout=1.0, security=security)
+        for place in sockets:  # and nothing is told over HTTP
+            with suppress(OSError), closing(http.client.HTTPConnection(*place, timeout=2)) as plain:
+                plain.request("GET", "/info/main/workers.html")
+                assert plain.getresponse().status == 404
+        assert client.submit(abs, -8).result() == 8

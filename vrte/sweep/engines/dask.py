@@ -1,12 +1,14 @@
 """A Dask cluster: tasks go to its workers, who write what they find; little comes back."""
 
 import logging
+import signal
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
 
+from vrte.arrays import in_one_line
 from vrte.errors import MissingExtraError, SweepError
 from vrte.sweep.chunks import Task, in_turn, never_stopped, perform, work_of_folder
 from vrte.sweep.store import Work
@@ -15,9 +17,10 @@ AHEAD = 2  # tasks for each thread of the cluster that are sent before they can 
 PATIENCE = 60.0  # seconds that a cluster gets for a worker to appear
 WAITING = ("pending", "lost")  # a worker died with a result before it was fetched: the task is sent again
 WITHOUT_WORKERS = 300.0  # seconds that a cluster may be without any before it is given up
-# what each worker process of ours runs first: Ctrl-C is for the one that waits, which ends them
-DEAF = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 OURS = {  # how a cluster of our own is to behave
+    # nothing is told over HTTP, which knows no certificates
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
     "distributed.scheduler.allowed-failures": 10,  # workers killed under one task: then it is the task's doing
     # a worker killed twice in so much time would otherwise not be started again
     "distributed.deploy.lost-worker-timeout": "365 days",
@@ -33,29 +36,72 @@ def perform_there(folder: str, stamp: str, task: Task) -> int:
 def each(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, workers: int) -> Iterator[int]:
     """Does the tasks, one stage after another, on the cluster at that address or on one of so many processes."""
     try:
-        import dask
-        from distributed import Client, LocalCluster
+        import distributed  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("engine 'dask'", "dask") from error
+    with own_cluster(work, workers) if scheduler is None else client_of(scheduler) as client:
+        threads = threads_of(client)
+        for stage in stages:
+            yield from stream(client, work, stage, AHEAD * threads)
+
+
+@contextmanager
+def own_cluster(work: Work, workers: int) -> Iterator[Any]:
+    """A connection to so many processes of one thread on this machine, for us alone.
+
+    A scheduler runs what it is sent. All that is said here is encrypted, and counts only with a certificate that this
+    process made for the occasion and gives to its workers; everything listens on loopback. Raises MissingExtraError,
+    SweepError.
+    """
+    import dask
+    from distributed import Client, LocalCluster, Security
+
+    try:
+        security = Security.temporary()
     except ImportError as error:
         raise MissingExtraError("engine 'dask'", "dask") from error
     with ExitStack() as stack:
-        if scheduler is None:
-            stack.enter_context(dask.config.set(OURS))
+        stack.enter_context(dask.config.set(OURS))
+        loop = stack.enter_context(deaf_loop())
+        try:
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
-                dashboard_address=":0",
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                scheduler_kwargs={"dashboard": False},
+                security=security,
                 local_directory=str(work.folder / "dask"),
                 memory_limit=None,
                 silence_logs=logging.CRITICAL,
-                preload=[DEAF],
+                loop=loop,
             )
-            client = stack.enter_context(Client(stack.enter_context(cluster)))
-        else:
-            client = stack.enter_context(client_of(scheduler))
-        threads = threads_of(client)
-        for stage in stages:
-            yield from stream(client, work, stage, AHEAD * threads)
+            client = stack.enter_context(Client(stack.enter_context(cluster), security=security))
+        except (OSError, RuntimeError) as error:
+            raise SweepError(f"the Dask cluster did not start: {in_one_line(str(error), 200)}") from error
+        yield client
+
+
+@contextmanager
+def deaf_loop() -> Iterator[Any]:
+    """Dask's event loop in a thread without Ctrl-C, as all processes that it starts will be, from their first moment:
+    an interrupt is for the one that waits for them, and ends them."""
+    from multiprocessing import resource_tracker
+
+    from distributed.utils import LoopRunner
+
+    runner = LoopRunner()
+    resource_tracker.ensure_running()  # where it starts by itself, it lets Ctrl-C through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        runner.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    try:
+        yield runner.loop
+    finally:
+        runner.stop()
 
 
 def client_of(scheduler: str) -> Any:
