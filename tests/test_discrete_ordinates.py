@@ -610,3 +610,19 @@ def test_a_depth_next_to_an_interface_lies_on_it(algorithm: str) -> None:
     for tau in (scene.thickness, 0.7 + 0.1, np.nextafter(scene.thickness, 0.0)):
         up = exact.radiance(scene, 0.5, mu=[0.5, 1e-8], tau=tau, nodes=8, algorithm=algorithm).stokes[0, :, 0, 0]
         assert up[1] == pytest.approx(up[0], rel=1e-14)
+
+
+@pytest.mark.parametrize("illuminate", ["top", "bottom"])
+def test_a_depth_beyond_a_face_by_rounding_lies_on_it(illuminate: str) -> None:
+    """.1 + .2 + .3 is one unit in the last place above the exact sum of the layers."""
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.9, thickness) for thickness in (0.1, 0.2, 0.3)])
+    below, above = 0.1 + 0.2 + 0.3, 0.3 - 0.2 - 0.1
+    assert below > scene.thickness
+    assert above < 0.0
+    field = vrte.radiance(scene, 0.6, mu=[0.5, -0.5], tau=[above, below], nodes=4, illuminate=illuminate)
+    expected = vrte.radiance(scene, 0.6, mu=[0.5, -0.5], tau=[0, scene.thickness], nodes=4, illuminate=illuminate)
+    np.testing.assert_array_equal(field.stokes, expected.stokes)
+    np.testing.assert_array_equal(field.tau, [0.0, scene.thickness])
+    for far in (0.6 + 1e-14, -1e-14):
+        with pytest.raises(vrte.SceneError, match=r"tau must lie between 0 and the total optical thickness 0\.6"):
+            vrte.radiance(scene, 0.6, tau=far, nodes=4)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, is_settled, settled, vector
+from vrte.arrays import Array, frozen, is_settled, settled
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
 from vrte.illumination import mirrored_stokes
-from vrte.request import radiance_request, solver_options
+from vrte.request import depths, radiance_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
 from vrte.solving import chosen, run_of, solved
@@ -166,7 +166,7 @@ def radiance(
     direct = beam[0] * incident[0] * np.exp(-levels / beam[0])
     fluxes = solution.flux_up, solution.flux_down
     if request.illuminate == "bottom":
-        levels, seen, fluxes = vector("tau", tau), mirrored_stokes(seen), fluxes[::-1]
+        levels, seen, fluxes = depths(tau, request.scene), mirrored_stokes(seen), fluxes[::-1]
         if request.mu is None:  # the nodes, up and down, the other way round
             seen = np.roll(seen, directions.size // 2, axis=1)
         else:

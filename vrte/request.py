@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, flag, number, numbers, shown, vector, whole
+from vrte.arrays import Array, flag, number, numbers, settled, shown, vector, whole
 from vrte.backends import BACKENDS, Backend, backend_of
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.summing import Wanted
@@ -118,16 +118,18 @@ def stokes_vector(values: Any) -> Array:
 
 
 def depths(values: Any, scene: Scene) -> Array:
-    """Optical depths from 0 to the scene's total."""
+    """Optical depths from 0 to the scene's total; what is beyond by rounding alone counts as the face."""
     given = values if type(values) is float else numbers("tau", values)
     if np.isinf(given).any():
         raise SceneError("tau must be finite, also inside a layer without end")
     array = vector("tau", given)
     total = scene.thickness
-    bad = (array < 0.0) | (array > total)
+    within = np.clip(array, 0.0, total)
+    rounding = len(scene.layers) * np.finfo(float).eps * total if math.isfinite(total) else 0.0  # of any sum of layers
+    bad = np.abs(array - within) > rounding
     if bad.any():
         raise SceneError(f"tau must lie between 0 and the total optical thickness {total:g}, not at {array[bad][0]}")
-    return array
+    return settled(np.where(total - within <= rounding, total, within)) if rounding else array
 
 
 def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
