@@ -152,7 +152,7 @@ def test_any_light_is_the_sum_of_its_beams() -> None:
     def sky(mu_i: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
         across = np.radians(phi_deg)
         parts = [
-            1 + mu_i + np.cos(across),
+            1.3 + mu_i + np.cos(across),
             0.3 * np.sin(2 * across) + 0 * mu_i,
             0.1 * np.cos(across) * mu_i,
             0.05 * mu_i,

@@ -71,12 +71,12 @@ def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
     with pytest.raises(vrte.SceneError, match="along its last axis"):
         of_stokes(np.ones(3), "I")
     with pytest.raises(vrte.SceneError, match="intensity I above 0, not 0"):
-        of_brdf(brdf, "reflectance factor", (0, 1, 0, 0))
+        of_brdf(brdf, "reflectance factor", (0, 0, 0, 0))
     with pytest.raises(vrte.SceneError, match="no transmission here"):
         of_brdf(vrte.brdf(scene, 0.5, MU_O, PHI, nodes=4), "f00", transmitted=True)
 
 
-@pytest.mark.parametrize("light", [(1, 0, 0, 0), LIGHT, (0, 0, 0, 1)])
+@pytest.mark.parametrize("light", [(1, 0, 0, 0), LIGHT, (1, 0, 0, 1)])
 @pytest.mark.parametrize("azimuths", [PHI, np.arange(0, 181, 15)])
 def test_between_the_directions_is_what_the_solver_finds(
     brdf: vrte.Brdf, scene: vrte.Scene, light: tuple[float, ...], azimuths: np.ndarray

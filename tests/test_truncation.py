@@ -1,5 +1,6 @@
 """Peaked phase matrices at few nodes: nothing is lost, nothing is changed without need, and more nodes agree."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,18 @@ import vrte
 from vrte.discrete_ordinates import node_choice
 from vrte.discrete_ordinates.azimuths import fold
 from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.problem import Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.small_angle import Spreading, exp_difference
+from vrte.discrete_ordinates.solver import Solution
 from vrte.discrete_ordinates.summing import Wanted, fill
 from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, _lowest_coherency_eigenvalue
 from vrte.optics.truncation import TRUNCATIONS, delta_m, truncated
 from vrte.report import truncation
 from vrte.report.stability.phases import phase_matrix
+from vrte.request import radiance_request, solver_options
 from vrte.running import new_run
+from vrte.solving import solved
 
 HG = vrte.henyey_greenstein(0.9, 200)
 MU = np.concatenate([np.linspace(0.05, 1.0, 12), -np.linspace(0.05, 1.0, 12)])
@@ -230,8 +235,9 @@ def test_what_auto_takes() -> None:
     assert rule(8, mu=MU[:12]) == rule(8, mu=MU) == rule(8, mu=MU[:12], tau=1.0) == "delta-m"
     assert rule(8, mu=MU, tau=[0.0, 1.0]) == "delta-m, small-angle for light going down"
     haze = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 0.9, 1.0)])
-    assert rule(8, haze, mu=MU[:12], stokes=(0, 1, 0, 0)) == "delta-m"
-    assert rule(8, peaked_over_rayleigh(), mu=MU[:12], stokes=(0, 1, 0, 0)) == "delta-m of polarizing layers"
+    assert lit_by_q(haze, 1.0, mu=MU[:12], nodes=8).diagnostics["truncation"] == "delta-m"
+    polarized = lit_by_q(peaked_over_rayleigh(), 1.0, mu=MU[:12], nodes=8).diagnostics["truncation"]
+    assert polarized == "delta-m of polarizing layers"
 
 
 def test_auto_takes_each_where_it_is_better() -> None:
@@ -272,6 +278,12 @@ def test_polarized_light_through_scalar_layers() -> None:
     assert auto.diagnostics["polarized_light"]["truncation"].startswith("delta-m of polarizing layers")
 
 
+def lit_by_q(scene: vrte.Scene, part: float, mu: Any, phi: Any = 0.0, tau: Any = 0.0, nodes: int = 8) -> Solution:
+    """What the Q of a beam does by itself, which is a part of a plan and no light."""
+    request, _ = radiance_request(scene, 0.6, (1, part, 0, 0), mu, phi, tau, solver_options(nodes, None, "auto", False))
+    return solved(replace(request, columns=np.array([[0.0, part, 0.0, 0.0]])), Run(1))[1]
+
+
 def test_two_solutions_make_one_field() -> None:
     """Light that is polarized in part is the sum of what is and what is not; progress goes through both."""
     asked = {"mu": MU, "phi": PHI, "tau": [0.0, 0.7, 1.5], "nodes": 6}
@@ -280,11 +292,12 @@ def test_two_solutions_make_one_field() -> None:
         peaked_over_rayleigh(), 0.6, (1, 0.3, 0.2, 0.1), **asked, progress=lambda *done: told.append(done)
     )
     unpolarized = vrte.radiance(peaked_over_rayleigh(), 0.6, **asked)
-    polarized = vrte.radiance(peaked_over_rayleigh(), 0.6, (0, 0.3, 0.2, 0.1), **asked)
+    opposite = vrte.radiance(peaked_over_rayleigh(), 0.6, (1, -0.3, -0.2, -0.1), **asked)
     scale = np.abs(field.stokes).max()
-    np.testing.assert_allclose(field.stokes, unpolarized.stokes + polarized.stokes, atol=1e-14 * scale)
-    np.testing.assert_allclose(field.flux_up, unpolarized.flux_up + polarized.flux_up, atol=1e-15)
-    np.testing.assert_allclose(field.flux_down, unpolarized.flux_down + polarized.flux_down, atol=1e-15)
+    assert np.abs(field.stokes - opposite.stokes).max() > 1e-3 * scale
+    np.testing.assert_allclose(field.stokes + opposite.stokes, 2.0 * unpolarized.stokes, atol=2e-14 * scale)
+    np.testing.assert_allclose(field.flux_up + opposite.flux_up, 2.0 * unpolarized.flux_up, atol=2e-15)
+    np.testing.assert_allclose(field.flux_down + opposite.flux_down, 2.0 * unpolarized.flux_down, atol=2e-15)
     assert told == sorted(told)
     assert told[-1][0] == told[-1][1]
 
@@ -293,9 +306,8 @@ def test_a_beam_without_intensity() -> None:
     """What Q alone does is what Q does beside I: no order is left out for want of an I to compare it with."""
     scene = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 0.99, 3.0)])
     asked = {"mu": [0.3, 0.7, -0.5], "phi": [0.0, 40.0, 90.0], "tau": [0.0, 1.0], "nodes": 12}
-    whole, light, alone = (
-        vrte.radiance(scene, 0.6, beam, **asked).stokes for beam in ((1, 0.4, 0, 0), (1, 0, 0, 0), (0, 0.4, 0, 0))
-    )
+    whole, light = (vrte.radiance(scene, 0.6, beam, **asked).stokes for beam in ((1, 0.4, 0, 0), (1, 0, 0, 0)))
+    alone = lit_by_q(scene, 0.4, **asked).parts[0][:, 0, ..., 0]
     np.testing.assert_allclose(alone, whole - light, atol=1e-8 * np.abs(light).max())
 
 

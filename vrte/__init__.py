@@ -6,6 +6,7 @@ from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneErro
 from vrte.field import Field, radiance
 from vrte.formats import load
 from vrte.formats.measured_polarized import to_mitsuba
+from vrte.geometries import Views, views
 from vrte.illumination import hemisphere
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
 from vrte.optics.refractive_index import refractive_index
@@ -39,6 +40,7 @@ __all__ = [
     "SceneError",
     "Spectrum",
     "SweepError",
+    "Views",
     "brdf",
     "brdfs",
     "hemisphere",
@@ -56,4 +58,5 @@ __all__ = [
     "spheres",
     "sweep",
     "to_mitsuba",
+    "views",
 ]

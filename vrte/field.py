@@ -2,16 +2,17 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.arrays import Array, frozen, is_settled, settled
 from vrte.discrete_ordinates.problem import Progress
+from vrte.discrete_ordinates.solver import Solution
 from vrte.errors import SceneError
 from vrte.illumination import mirrored_stokes
-from vrte.request import depths, radiance_request, solver_options
+from vrte.request import Request, depths, radiance_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
 from vrte.solving import chosen, run_of, solved
@@ -23,15 +24,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Field:
-    """Stokes vectors of the diffuse subsurface light, with fluxes, at each depth and direction.
+    """Stokes vectors of the diffuse subsurface light, with fluxes, at each depth and direction, of one beam or several.
 
     ``stokes`` (tau, mu, phi, 4) holds I, Q, U, V [W m-2 sr-1 for an incident beam in W m-2] without the direct beam.
     ``flux_up``, ``flux_down`` (tau,) are its fluxes through a horizontal plane [W m-2]; ``direct`` (tau,) is the
     beam's, mu0 * incident_stokes[0] * exp(-tau/mu0), upward and with the thickness left above the bottom in place of
     tau where ``diagnostics["illuminate"]`` is "bottom". ``tau`` grows downward from the top; ``mu`` > 0 is light going
     up, ``mu`` < 0 down; ``phi`` [deg] is relative to the beam, both along the direction of travel. ``mu0`` > 0 and
-    ``incident_stokes`` (4,) describe the beam; ``diagnostics`` says how the field was made. All arrays are read-only.
-    Raises SceneError where the shapes do not fit together.
+    ``incident_stokes`` (4,) describe the beam; ``diagnostics`` says how the field was made. Where ``mu0`` is an array
+    (n_in,), beams of the same Stokes vector, ``stokes`` and the fluxes have its axis in front, and `beam` is the field
+    of one of them. All arrays are read-only. Raises SceneError where the shapes do not fit together.
     """
 
     stokes: Array
@@ -41,33 +43,48 @@ class Field:
     tau: Array
     mu: Array
     phi: Array
-    mu0: float
+    mu0: float | Array
     incident_stokes: Array
     diagnostics: dict[str, Any]
 
     def __post_init__(self) -> None:
-        depths = (len(self.tau),)
+        beams = np.shape(self.mu0)
+        depths = (*beams, len(self.tau))
         shapes = {
             "stokes": (*depths, len(self.mu), len(self.phi), 4),
             "flux_up": depths,
             "flux_down": depths,
             "direct": depths,
-            "tau": depths,
+            "tau": (len(self.tau),),
             "mu": (len(self.mu),),
             "phi": (len(self.phi),),
             "incident_stokes": (4,),
         }
-        freeze(self, shapes)
+        if len(beams) > 1:
+            raise SceneError(f"mu0 must be a number or a 1-D list, not of shape {beams}")
+        freeze(self, shapes | ({"mu0": beams} if beams else {}))
+        if not beams:
+            object.__setattr__(self, "mu0", float(self.mu0))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # through the constructor: an unpickled array would otherwise be writable
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     def __repr__(self) -> str:
+        beams = f"mu0={self.mu0:g}" if isinstance(self.mu0, float) else f"{self.mu0.size} mu0"
         return (
-            f"Field({self.tau.size} tau, {self.mu.size} mu, {self.phi.size} phi, mu0={self.mu0:g}, "
+            f"Field({self.tau.size} tau, {self.mu.size} mu, {self.phi.size} phi, {beams}, "
             f"incident_stokes={self.incident_stokes.tolist()})"
         )
+
+    def beam(self, place: int) -> "Field":
+        """The field of one beam of several, or SceneError where there is no such place among ``mu0``."""
+        if isinstance(self.mu0, float):
+            raise SceneError("this is the field of one beam: there are no others to choose from")
+        if not -self.mu0.size <= place < self.mu0.size:
+            raise SceneError(f"there are {self.mu0.size} beams, from 0 on, none at {place}")
+        shares = {name: getattr(self, name)[place] for name in ("stokes", "flux_up", "flux_down", "direct")}
+        return replace(self, mu0=float(self.mu0[place]), **shares)
 
     def _repr_html_(self) -> str:
         from vrte.report.notebook import field_html
@@ -76,13 +93,15 @@ class Field:
 
     def plot(self) -> "Figure":
         """I and the degree of polarization against mu, at some depths and azimuths. Raises SceneError for a field of
-        fluxes alone, MissingExtraError without the extra "plot"."""
+        fluxes alone or of several beams, MissingExtraError without the extra "plot"."""
         from vrte.report.lobes import field_figure
 
         return field_figure(self)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes). MissingExtraError without xarray."""
+        """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes), mu0 in front of them for several beams.
+
+        Raises MissingExtraError without xarray."""
         from vrte.formats.netcdf import to_xarray
 
         return to_xarray(self)
@@ -95,6 +114,13 @@ class Field:
         from vrte.formats import save
 
         save(self, path)
+
+
+def one_beam(field: Field) -> float:
+    """The cosine mu0 of a field of one beam, which is what a picture shows; SceneError for a field of several."""
+    if isinstance(field.mu0, float):
+        return field.mu0
+    raise SceneError(f"a picture shows one beam, and these are {field.mu0.size}: take one by field.beam(place)")
 
 
 def freeze(result: Any, shapes: dict[str, tuple[int, ...]]) -> None:
@@ -114,7 +140,7 @@ def freeze(result: Any, shapes: dict[str, tuple[int, ...]]) -> None:
 
 def radiance(
     scene: Scene,
-    mu0: float,
+    mu0: Any,
     stokes: Any = (1.0, 0.0, 0.0, 0.0),
     mu: Any = None,
     phi: Any = 0.0,
@@ -131,9 +157,10 @@ def radiance(
     settings: Mapping[str, Any] | None = None,
     illuminate: str = "top",
 ) -> Field:
-    """The diffuse field of one beam, by discrete ordinates or another method.
+    """The diffuse field of one beam, or of several in one solve, by discrete ordinates or another method.
 
-    Parameters: ``mu0``, the beam's positive cosine; ``stokes``, its flux vector perpendicular to it; ``mu``, signed
+    Parameters: ``mu0``, the beam's positive cosine, or a list of cosines, whose axis the result then has in front;
+    ``stokes``, its flux vector perpendicular to it, I >= 0 and I^2 >= Q^2 + U^2 + V^2; ``mu``, signed
     cosines (default: the nodes, up and down); ``phi``, degrees from the beam's heading; ``tau``, optical depths;
     ``nodes`` a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for
     single scattering); ``accuracy``, relative to the largest I at each depth: of the discrete problem where nodes are
@@ -161,27 +188,38 @@ def radiance(
     request = chosen(request)
     run = run_of(request, threads)
     directions, solution = interruptible(run, lambda: solved(request, run, progress))
-    seen = settled(solution.parts[0])[:, 0, ..., 0]
-    levels, beam = request.tau, request.mu0
-    direct = beam[0] * incident[0] * np.exp(-levels / beam[0])
-    fluxes = solution.flux_up, solution.flux_down
+    found = field_of(request, directions, solution, depths(tau, request.scene), incident)
+    return found.beam(0) if is_one_number(mu0) else found
+
+
+def is_one_number(value: Any) -> bool:
+    """Whether this is a number and no list of them, not even one of length 1."""
+    return type(value) is float or np.ndim(value) == 0
+
+
+def field_of(request: Request, directions: Array, solution: Solution, tau: Array, incident: Array) -> Field:
+    """What was found, as a result of as many beams as were asked for; tau (n_tau,) as asked."""
+    seen = np.moveaxis(settled(solution.parts[0])[..., 0], 1, 0)  # (n_in, n_tau, n_mu, n_phi, 4)
+    beams = request.mu0[:, None]
+    direct = beams * incident[0] * np.exp(-request.tau / beams)
+    fluxes = [np.moveaxis(flux, 1, 0).sum(axis=-1) for flux in (solution.flux_up, solution.flux_down)]
     if request.illuminate == "bottom":
-        levels, seen, fluxes = depths(tau, request.scene), mirrored_stokes(seen), fluxes[::-1]
+        seen, fluxes = mirrored_stokes(seen), fluxes[::-1]
         if request.mu is None:  # the nodes, up and down, the other way round
-            seen = np.roll(seen, directions.size // 2, axis=1)
+            seen = np.roll(seen, directions.size // 2, axis=2)
         else:
             directions = -directions
     if request.fluxes_only:
         directions = directions[:0]
     return Field(
-        stokes=seen[:, : directions.size],
-        flux_up=frozen(fluxes[0][:, 0].sum(axis=-1)),
-        flux_down=frozen(fluxes[1][:, 0].sum(axis=-1)),
+        stokes=seen[:, :, : directions.size],
+        flux_up=frozen(fluxes[0]),
+        flux_down=frozen(fluxes[1]),
         direct=frozen(direct),
-        tau=levels,
+        tau=tau,
         mu=directions,
         phi=request.phi,
-        mu0=float(beam[0]),
+        mu0=request.mu0,
         incident_stokes=incident,
         diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
     )

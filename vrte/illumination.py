@@ -14,6 +14,8 @@ from vrte.scene import Scene
 SIDES = ("top", "bottom")
 SAME = 1e-9  # of cosines, of degrees: apart by no more, they are taken for those of a quadrature
 MOST_COSINES = 4096
+LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
+OVERPOLARIZED = 1e-6  # by how much of I polarization may exceed it: the rounding of single precision
 
 
 def lit_from(side: str, scene: Scene) -> Scene:
@@ -38,6 +40,19 @@ def mirrored_mueller(matrices: Array) -> Array:
     """Mueller matrices (..., 4, 4) in a horizontal mirror, D f D."""
     found: Array = matrices * np.outer(FLIP, FLIP)
     return found
+
+
+def check_physical(name: str, stokes: Array) -> None:
+    """Raises SceneError unless Stokes vectors (..., 4) are light: none above 1e100, I >= 0 and I^2 >= Q^2 + U^2 + V^2,
+    beyond rounding."""
+    light = stokes.reshape(-1, 4)
+    largest = np.abs(light).max(initial=0.0)
+    if not largest <= LARGEST_STOKES:
+        raise SceneError(f"{name} must be numbers of at most {LARGEST_STOKES:g} in size, not {largest:g}")
+    polarized = np.linalg.norm(light[:, 1:], axis=1)
+    wrong = np.flatnonzero((light[:, 0] < 0.0) | (polarized > light[:, 0] * (1.0 + OVERPOLARIZED)))
+    if wrong.size:
+        raise SceneError(f"{name} must be light, I >= 0 and I^2 >= Q^2 + U^2 + V^2: {light[wrong[0]].tolist()} is none")
 
 
 def hemisphere(n: int) -> tuple[Array, Array]:
@@ -87,6 +102,7 @@ def incident_light(light: Callable[[Any, Any], Any] | Any, mu_i: Array, phi: Arr
         raise SceneError(f"the incident light must have the shape {shape}, not {values.shape}") from None
     if not np.isfinite(values).all():
         raise SceneError("the incident light must be finite; NaN or inf was found")
+    check_physical("the incident light", values)
     return values
 
 

@@ -185,7 +185,7 @@ def make_plan(
     faintest = float(brightest.min())
     eigensolver = request.backend.linear_algebra == "lapack"
     blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm, eigensolver)
-    wanted = request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
+    wanted = request.wanted or everything(request, mu)
     return Plan(
         request,
         problem,
@@ -222,10 +222,11 @@ def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
     return choice, DISCRETE * request.accuracy
 
 
-def everything(n_tau: int, n_mu: int, n_col: int) -> Wanted:
-    """All depths and directions of one beam, its columns added up."""
+def everything(request: Request, mu: Array) -> Wanted:
+    """All depths and directions ``mu`` of every beam, its columns added up."""
+    n_tau, n_mu, n_col = request.tau.size, mu.size, request.columns.shape[0]
     part = np.arange(n_tau, dtype=np.int32), np.arange(n_mu, dtype=np.int32)
-    return Wanted([part], np.zeros(n_col, np.int32), np.ones(1))
+    return Wanted([part], np.zeros(n_col, np.int32), np.ones(request.mu0.size))
 
 
 def every_column(request: Request) -> Request:

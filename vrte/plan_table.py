@@ -117,7 +117,7 @@ def head(plan: "Plan") -> list[str]:
     elif request.fluxes_only:
         asked = f"fluxes alone, {depths}"
     else:
-        asked = f"1 beam, {depths}, {out} mu, {request.phi.size} phi"
+        asked = f"{counted(into, 'beam')}, {depths}, {out} mu, {request.phi.size} phi"
     accuracy = f"accuracy {request.accuracy:g} of the largest I"
     backend = request.backend
     threads = counted(plan.threads, "thread") if backend.label == "openmp" else f"backend {backend.label}"

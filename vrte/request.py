@@ -12,7 +12,7 @@ from vrte.backends import BACKENDS, Backend, backend_of
 from vrte.discrete_ordinates.choice import ALGORITHMS
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
-from vrte.illumination import SIDES, lit_from, mirrored_stokes
+from vrte.illumination import SIDES, check_physical, lit_from, mirrored_stokes
 from vrte.optics.truncation import CHOICES
 from vrte.scene import MuellerBase, Scene
 
@@ -33,7 +33,6 @@ METHODS = (
 METHOD_NAMES = (*METHODS, AUTO)  # that can be asked for
 SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
-LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
 FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
 SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, by modes and by doubling
@@ -107,13 +106,11 @@ def cosines(name: str, values: Any, signed: bool = False) -> Array:
 
 
 def stokes_vector(values: Any) -> Array:
-    """Four numbers of any sensible unit."""
+    """Four numbers of any sensible unit that are light. Raises SceneError."""
     array = vector("stokes", values)
     if array.shape != (4,):
         raise SceneError(f"stokes must be four numbers I, Q, U, V, not {array.size}")
-    largest = np.abs(array).max()
-    if largest > LARGEST_STOKES:
-        raise SceneError(f"stokes must be four numbers of at most {LARGEST_STOKES:g} in size, not {largest:g}")
+    check_physical("stokes", array)
     return array
 
 
@@ -205,11 +202,9 @@ def brdf_request(
 def radiance_request(
     scene: Any, mu0: Any, stokes: Any, mu: Any, phi: Any, tau: Any, options: dict[str, Any]
 ) -> tuple[Request, Array]:
-    """The request of a field, and the incident Stokes vector."""
+    """The request of a field of one beam or several, and their incident Stokes vector."""
     scene = lit_from(options["illuminate"], check_scene(scene))
     beam = cosines("mu0", mu0)
-    if beam.size != 1:
-        raise SceneError(f"mu0 must be one number a call, not {beam.size}")
     fluxes_only = isinstance(mu, (list, tuple)) and not mu
     directions = np.ones(1) if fluxes_only else None if mu is None else cosines("mu", mu, signed=True)
     incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)

@@ -20,7 +20,7 @@ from vrte.app.style import (
 from vrte.arrays import Array
 from vrte.brdf import Brdf
 from vrte.errors import SceneError
-from vrte.field import Field
+from vrte.field import Field, one_beam
 from vrte.quantities import ANGLES, FIELD_QUANTITIES, check_name, of_stokes, unit_of
 from vrte.report.lobes import spread
 
@@ -69,6 +69,7 @@ def field_polar(field: Field, quantity: str = "I") -> "Figure":
     """
     go = plotly()
     check_name(quantity, FIELD_QUANTITIES)
+    mu0 = one_beam(field)
     angle, values = in_the_plane(field, quantity)
     depths = spread(field.tau.size, MOST_DEPTHS)
     low, high = span(values[depths], quantity)
@@ -79,7 +80,7 @@ def field_polar(field: Field, quantity: str = "I") -> "Figure":
     figure.add_trace(arrow(go, [beam_angle(field)] * 2, [low, high], "where the beam goes"))
     shown = "" if len(depths) == field.tau.size else f"; {len(depths)} of {field.tau.size} depths"
     title = f"Subsurface radiance, diffuse light: {labelled(quantity)}"
-    under = f"μ<sub>0</sub> = {field.mu0:.4g}; above: going up; {SIDES}{shown}"
+    under = f"μ<sub>0</sub> = {mu0:.4g}; above: going up; {SIDES}{shown}"
     figure.update_layout(**plain(f"{title}<br><sup>{under}</sup>", polar=axes(low, high), legend=LEGEND))
     if quantity == "I":
         figure.update_layout(updatemenus=[scales(figure, high)])
@@ -135,7 +136,7 @@ def in_json(values: Array) -> list[float | None]:
 
 def beam_angle(field: Field) -> float:
     """Where the beam goes, in the same angles."""
-    theta = float(np.degrees(np.arccos(field.mu0)))
+    theta = float(np.degrees(np.arccos(one_beam(field))))
     return theta if field.diagnostics.get("illuminate") == "bottom" else 180.0 - theta
 
 

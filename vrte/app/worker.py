@@ -20,7 +20,7 @@ from vrte.app.messages import Failure, Inside, Message, Outcome, Planned, Progre
 from vrte.arrays import in_one_line
 from vrte.brdf import Brdf, brdf
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
-from vrte.field import Field, radiance
+from vrte.field import Field, one_beam, radiance
 from vrte.formats import load
 from vrte.formats.scene_file import SceneFile, scene_of, toml_content
 from vrte.formats.toml_table import shown_key
@@ -217,6 +217,7 @@ def outcome_of(found: Brdf | Field | Spectrum) -> Outcome:
     content = scene_in(found)
     if isinstance(found, Brdf):
         return Outcome(content, brdfs=(found,), opened=True)
+    one_beam(found)
     return Outcome(content, fields=(found,), opened=True)
 
 

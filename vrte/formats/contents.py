@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from vrte.arrays import Array, in_one_line
@@ -101,12 +101,25 @@ FIELD = Kind(
         ),
     },
 )
-KINDS = {kind.name: kind for kind in (BRDF, FIELD, SPECTRUM)}
+BY_BEAM = ("stokes", "flux_up", "flux_down", "direct")
+FIELDS = Kind(
+    "fields",
+    "subsurface radiance field of a particulate layer, for several beams",
+    {"mu0": Described(("mu0",), "1", "cosine of each beam's angle of incidence"), **FIELD.coordinates},
+    {
+        name: replace(variable, dims=("mu0", *variable.dims)) if name in BY_BEAM else variable
+        for name, variable in FIELD.variables.items()
+        if name != "mu0"
+    },
+)
+KINDS = {kind.name: kind for kind in (BRDF, FIELD, FIELDS, SPECTRUM)}
 CLASSES: dict[type, Kind] = {Brdf: BRDF, Field: FIELD, Spectrum: SPECTRUM}
 
 
 def kind_of(result: Result) -> Kind:
     """The kind of a result."""
+    if isinstance(result, Field) and not isinstance(result.mu0, float):
+        return FIELDS
     try:
         return CLASSES[type(result)]
     except KeyError:
@@ -124,6 +137,8 @@ def restored(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any) -> Resul
     """The result that has these arrays. Raises SceneError where they do not fit together, KeyError where one is
     missing."""
     named = {name.removesuffix("_deg"): values for name, values in arrays.items()}
+    if kind is FIELDS:
+        return Field(diagnostics=diagnostics, **named)
     if kind is FIELD:
         mu0 = float(named.pop("mu0").item())
         return Field(diagnostics=diagnostics, mu0=mu0, **named)

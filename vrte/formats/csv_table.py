@@ -14,7 +14,6 @@ from vrte.arrays import Array, in_one_line
 from vrte.errors import SceneError
 from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import (
-    FIELD,
     KINDS,
     Kind,
     Result,
@@ -44,8 +43,8 @@ def write_csv(result: Result, path: str | os.PathLike[str]) -> None:
     """Writes ``result`` to ``path``, all of it or nothing; numbers keep every digit, and `vrte.load` brings them back.
 
     A BRDF has the columns mu_i, mu_o, phi_deg, f00 .. f33 [sr-1], then t00 .. t33 where transmission was computed; a
-    spectrum has wavelength_um before them; a field has tau, mu, phi_deg, I, Q, U, V. All else is in lines before them
-    that start with # (docs/exports.md). Raises OSError.
+    spectrum has wavelength_um before them; a field has tau, mu, phi_deg, I, Q, U, V, with mu0 before them for several
+    beams. All else is in lines before them that start with # (docs/exports.md). Raises OSError.
 
     >>> write_csv(brdf, "result.csv")
     """
@@ -171,7 +170,7 @@ def _tables(kind: Kind, arrays: dict[str, Array], lines: list[str], first: int) 
     end, found = len(shape), {}
     for name in tables:
         start, end = end, end + len(TABLES[name])
-        cells = (4,) if kind is FIELD else (4, 4)
+        cells = (4,) if name == "stokes" else (4, 4)
         found[name] = rows[:, start:end].reshape(*shape, *cells)
     return found
 

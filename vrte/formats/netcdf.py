@@ -21,6 +21,7 @@ from vrte.formats.contents import (
     undescribed,
 )
 from vrte.formats.text_file import file_name
+from vrte.geometries import Views
 from vrte.spectrum import SCENE
 
 if TYPE_CHECKING:
@@ -34,7 +35,8 @@ def to_xarray(result: Result) -> "xarray.Dataset":
     """A labelled copy of ``result``; every variable and coordinate has ``units`` and ``long_name``.
 
     ``mueller`` has the dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in), with wavelength_um in front for a spectrum;
-    ``stokes`` has (tau, mu, phi_deg, stokes). Raises MissingExtraError without xarray.
+    ``stokes`` has (tau, mu, phi_deg, stokes), with mu0 in front for several beams. Raises MissingExtraError without
+    xarray.
 
     >>> to_xarray(brdf).mueller.sel(stokes_out="I", stokes_in="I").dims
     ('mu_i', 'mu_o', 'phi_deg')
@@ -42,7 +44,11 @@ def to_xarray(result: Result) -> "xarray.Dataset":
     xarray = _xarray()
     kind, arrays = kind_of(result), arrays_of(result)
     # a field's variable and its last dimension are both called stokes: the labels need a name of their own
-    labels = {"stokes_parameter": "stokes"} if kind is FIELD else {name: name for name in ("stokes_out", "stokes_in")}
+    labels = (
+        {"stokes_parameter": "stokes"}
+        if "stokes" in kind.variables
+        else {name: name for name in ("stokes_out", "stokes_in")}
+    )
     data = {
         name: (about.dims, arrays[name], about.attributes) for name, about in kind.variables.items() if name in arrays
     }
@@ -51,7 +57,17 @@ def to_xarray(result: Result) -> "xarray.Dataset":
     }
     coords |= {name: (axis, STOKES, {"long_name": "Stokes parameter"}) for name, axis in labels.items()}
     dataset = xarray.Dataset(data, coords, _conventions(arrays, kind.coordinates) | described(result)).copy(deep=True)
-    return dataset.reset_coords("stokes") if kind is FIELD else dataset  # xarray takes it for a coordinate
+    return dataset.reset_coords("stokes") if "stokes" in kind.variables else dataset  # xarray takes it for a coordinate
+
+
+def views_to_xarray(views: Views) -> "xarray.Dataset":
+    """A labelled copy of the Stokes vectors of single geometries, ``stokes`` (geometry, stokes_parameter)."""
+    about = {name: FIELD.variables.get(name) or FIELD.coordinates[name] for name in ("stokes", "mu0", "mu", "phi_deg")}
+    rows = {"mu0": views.mu0, "mu": views.mu, "phi_deg": views.phi}
+    data = {"stokes": (("geometry", "stokes_parameter"), views.stokes, about["stokes"].attributes)}
+    coords = {name: ("geometry", values, about[name].attributes) for name, values in rows.items()}
+    labels = {"stokes_parameter": STOKES, "tau": ((), views.tau, FIELD.coordinates["tau"].attributes)}
+    return _xarray().Dataset(data, coords | labels).copy(deep=True)
 
 
 def _conventions(arrays: dict[str, Any], coordinates: Any) -> dict[str, str]:

@@ -52,6 +52,7 @@ PHASES = (
     "or the path of a .csv with the columns l, a1, a2, a3, a4, b1, b2"
 )
 INDEX = 'the name of a material, a path in the database such as "main/Au/Johnson", or [n, k]'
+BEAMS = "a cosine above 0, up to 1, or a list of them"
 SHARE = "a number fraction >= 0"
 ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
 LEFT_OUT = 1e-12  # of a Henyey-Greenstein phase function, in the terms beyond the last
@@ -217,7 +218,8 @@ def _brdf_request(table: Table) -> dict[str, Any]:
 
 
 def _field_request(table: Table) -> dict[str, Any]:
-    request: dict[str, Any] = {"mu0": table.number("mu0", "a cosine above 0, up to 1")}
+    several = isinstance(table.content.get("mu0"), (list, dict))
+    request: dict[str, Any] = {"mu0": table.numbers("mu0") if several else table.number("mu0", BEAMS)}
     for key, keyword in (("mu", "mu"), ("phi_deg", "phi"), ("tau", "tau")):
         if key in table:
             request[keyword] = table.numbers(key)

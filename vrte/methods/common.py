@@ -34,7 +34,7 @@ def discrete(request: Request) -> tuple[Array, Problem]:
 
 def wanted_of(request: Request, mu: Array) -> Wanted:
     """What becomes of the solution."""
-    return request.wanted or everything(request.tau.size, mu.size, request.columns.shape[0])
+    return request.wanted or everything(request, mu)
 
 
 def light(orders: Any, kernels: Array, stokes: Sequence[int] = ALL) -> Light:

@@ -11,7 +11,7 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.brdf import Brdf
 from vrte.errors import SceneError
-from vrte.field import Field
+from vrte.field import Field, one_beam
 from vrte.formats.atomic import atomic_write
 from vrte.over_hemisphere import check_directions, stokes_over_hemisphere
 from vrte.polarization import degree_of_polarization
@@ -196,6 +196,7 @@ def field_figure(field: Field) -> "Figure":
 
     Raises SceneError for a field of fluxes alone, MissingExtraError without matplotlib.
     """
+    mu0 = one_beam(field)
     if not field.mu.size:
         raise SceneError("a picture of a field needs directions mu: this one holds fluxes alone")
     azimuths, depths = spread(field.phi.size, MOST_AZIMUTHS), spread(field.tau.size, MOST_DEPTHS)
@@ -213,7 +214,7 @@ def field_figure(field: Field) -> "Figure":
         panel.axvline(0.0, color=FAINT, linewidth=1.0)
         panel.set_ylim(bottom=0.0)
     panels[0, 0].legend(fontsize=9, frameon=False)
-    figure.suptitle(f"Subsurface radiance, diffuse light, $\\mu_0$ = {field.mu0:g}", fontsize=14)
+    figure.suptitle(f"Subsurface radiance, diffuse light, $\\mu_0$ = {mu0:g}", fontsize=14)
     figure.tight_layout()
     return figure
 

@@ -46,7 +46,10 @@ MADE = (
 
 
 def field_html(field: Field) -> str:
-    """A field: I and degree of polarization against mu at the first azimuth; its directions and fluxes."""
+    """A field: I and degree of polarization against mu at the first azimuth; its directions and fluxes. Of several
+    beams the first."""
+    several = "" if isinstance(field.mu0, float) else f"{in_short(field.mu0)}, the first one here: μ0 = "
+    field = field.beam(0) if several else field
 
     def facts() -> dict[str, str]:
         beam = "up" if field.diagnostics.get("illuminate") == "bottom" else "down"
@@ -54,7 +57,7 @@ def field_html(field: Field) -> str:
             "optical depths τ": in_short(field.tau),
             "μ": in_short(field.mu),
             "φ [°]": in_short(field.phi),
-            "beam": f"μ0 = {field.mu0:.6g}; I, Q, U, V = {in_short(field.incident_stokes)}",
+            "beam": f"μ0 = {several}{field.mu0:.6g}; I, Q, U, V = {in_short(field.incident_stokes)}",
             "flux up, diffuse [W m⁻²]": in_short(field.flux_up),
             "flux down, diffuse": in_short(field.flux_down),
             f"flux {beam}, direct": in_short(field.direct),

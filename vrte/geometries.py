@@ -1,0 +1,114 @@
+"""The radiance in single geometries, as instruments in orbit list them: sun, line of sight and azimuth of each."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.arrays import Array, number, vector
+from vrte.errors import SceneError
+from vrte.field import freeze, radiance
+from vrte.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray
+
+MOST_GEOMETRIES = 1_000_000
+LARGEST_GRID = 1e6  # directions of all distinct mu0, mu and phi that are solved for together: 32 MB
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Views:
+    """Stokes vectors of the diffuse light in single geometries, a row each.
+
+    ``stokes`` (n, 4) [W m-2 sr-1 for a beam in W m-2]; ``mu0``, ``mu``, ``phi`` (n,) as in `vrte.Field`; ``tau`` the
+    depth of all, ``incident_stokes`` (4,) of all beams; ``diagnostics``: of the solves that it took, each for some of
+    the rows, ``diagnostics["solves"]``. All arrays are read-only.
+    """
+
+    stokes: Array
+    mu0: Array
+    mu: Array
+    phi: Array
+    tau: float
+    incident_stokes: Array
+    diagnostics: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        rows = (len(self.mu0),)
+        freeze(self, {"stokes": (*rows, 4), "mu0": rows, "mu": rows, "phi": rows, "incident_stokes": (4,)})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # through the constructor: an unpickled array would otherwise be writable
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+
+    def __repr__(self) -> str:
+        return f"Views({self.mu0.size} geometries, tau={self.tau:g}, incident_stokes={self.incident_stokes.tolist()})"
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """An xarray.Dataset: ``stokes`` with dims (geometry, stokes_parameter). MissingExtraError without xarray."""
+        from vrte.formats.netcdf import views_to_xarray
+
+        return views_to_xarray(self)
+
+
+def views(
+    scene: Scene,
+    mu0: Any,
+    mu: Any,
+    phi: Any = 0.0,
+    stokes: Any = (1.0, 0.0, 0.0, 0.0),
+    tau: float = 0.0,
+    **how: Any,
+) -> Views:
+    """The diffuse radiance of many beams, each in one direction of its own.
+
+    Parameters: ``mu0``, ``mu``, ``phi``, numbers or lists that broadcast to one length n, a geometry each; ``stokes``
+    of all beams; ``tau``, one depth, by default the top; all else as for `vrte.radiance`. Geometries are solved for
+    together, few or many as their distinct values allow. Raises SceneError for bad input, and what `vrte.radiance`
+    raises.
+
+    >>> import vrte
+    >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
+    >>> views(scene, mu0=[0.6, 0.61, 0.62], mu=[0.9, 0.8, 0.7], phi=30.0, nodes=8).stokes.shape
+    (3, 4)
+    """
+    given = [vector(name, values) for name, values in (("mu0", mu0), ("mu", mu), ("phi", phi))]
+    depth = number("tau", tau, 0.0, float("inf"), "one optical depth >= 0")
+    try:
+        beams, sights, azimuths = np.broadcast_arrays(*given)
+    except ValueError:
+        sizes = ", ".join(str(each.size) for each in given)
+        raise SceneError(f"mu0, mu and phi must be of one length, a geometry each, not of {sizes}") from None
+    if beams.size > MOST_GEOMETRIES:
+        raise SceneError(f"there must be at most {MOST_GEOMETRIES} geometries, not {beams.size}")
+    seen = np.empty((beams.size, 4))
+    solves: list[dict[str, Any]] = []
+    incident = np.zeros(4)
+    for rows in solved_together(beams, sights, azimuths):
+        axes = [np.unique(each[rows], return_inverse=True) for each in (beams, sights, azimuths)]
+        (of_beam, i), (of_sight, o), (of_azimuth, p) = axes
+        found = radiance(scene, of_beam, stokes, of_sight, of_azimuth, depth, **how)
+        seen[rows] = found.stokes[i, 0, o, p]
+        solves.append(found.diagnostics)
+        incident = found.incident_stokes
+    return Views(seen, beams, sights, azimuths, depth, incident, {"solves": solves})
+
+
+def solved_together(*geometries: Array) -> Iterator[NDArray[np.intp]]:
+    """Rows whose distinct values span no too large a grid, alike ones next to each other."""
+    order = np.lexsort(geometries[::-1])
+    first = 0
+    while first < order.size:
+        last = order.size
+        while last - first > 1 and grid_of(order[first:last], geometries) > LARGEST_GRID:
+            last = first + (last - first + 1) // 2
+        yield order[first:last]
+        first = last
+
+
+def grid_of(rows: NDArray[np.intp], geometries: tuple[Array, ...]) -> float:
+    """How many directions the distinct values of some rows span."""
+    return float(np.prod([float(np.unique(each[rows]).size) for each in geometries]))
