@@ -5,11 +5,12 @@ from vrte.brdf import Brdf, brdf
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.field import Field, radiance
 from vrte.formats import load
+from vrte.formats.index_table import read_index
 from vrte.formats.measured_polarized import to_mitsuba
 from vrte.geometries import Views, views
 from vrte.illumination import hemisphere
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
-from vrte.optics.refractive_index import refractive_index
+from vrte.optics.refractive_index import IndexTable, UnitsWarning, refractive_index
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.plan import Plan
@@ -27,6 +28,7 @@ __all__ = [
     "Field",
     "Gamma",
     "IndependentScatteringWarning",
+    "IndexTable",
     "Lambertian",
     "Layer",
     "Lognormal",
@@ -40,6 +42,7 @@ __all__ = [
     "SceneError",
     "Spectrum",
     "SweepError",
+    "UnitsWarning",
     "Views",
     "brdf",
     "brdfs",
@@ -53,6 +56,7 @@ __all__ = [
     "plan",
     "radiance",
     "rayleigh",
+    "read_index",
     "refractive_index",
     "spectrum",
     "spheres",

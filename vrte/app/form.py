@@ -22,6 +22,7 @@ from vrte.formats.scene_file import (
     SceneFile,
     henyey_greenstein_terms,
     scene_of,
+    tables_named,
 )
 from vrte.formats.scene_writer import toml_text
 from vrte.formats.toml_table import RANGE_KEYS, is_number, shown, shown_key
@@ -403,21 +404,17 @@ def count_of(value: Any) -> int:
 
 def check_tables(content: Content, tables: frozenset[str]) -> None:
     """Whether a scene names no file but those."""
-    layers = content.get("layer")
-    for place, layer in enumerate(layers if isinstance(layers, list) else []):
-        phase = layer.get("phase") if isinstance(layer, dict) else None
-        if isinstance(phase, str) and phase.endswith(".csv") and phase not in tables:
+    for key, name in tables_named(content).items():
+        if name not in tables:
             raise SceneError(
-                f"{dotted(('layer', place, 'phase'))} = {shown(phase)}: a page reads no files of the machine that it "
-                "runs on; start `vrte view` with this scene to see it"
+                f"{key} = {shown(name)}: a page reads no files of the machine that it runs on; start `vrte view` with "
+                "this scene to see it"
             )
 
 
 def tables_of(content: Content) -> frozenset[str]:
-    """The tables of coefficients that a scene names."""
-    layers = content.get("layer")
-    phases = [layer.get("phase") for layer in layers if isinstance(layer, dict)] if isinstance(layers, list) else []
-    return frozenset(phase for phase in phases if isinstance(phase, str) and phase.endswith(".csv"))
+    """The tables of its own that a scene names."""
+    return frozenset(tables_named(content).values())
 
 
 def problems(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> dict[str, str]:

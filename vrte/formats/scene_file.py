@@ -1,7 +1,8 @@
 """A scene file (TOML): what light meets, and what is asked about it.
 
 Every key is checked before anything is computed; a key that nobody knows is an error, because a mistyped one
-would silently leave its default in place. Tables of coefficients are looked for beside the scene file.
+would silently leave its default in place. Tables of one's own, coefficients and refractive indices, are
+looked for beside the scene file.
 """
 
 import math
@@ -11,25 +12,29 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from vrte.arrays import in_one_line
 from vrte.errors import SceneError
 from vrte.formats.coefficient_table import read_coefficients
+from vrte.formats.index_table import read_index
 from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import Table, is_number, located, nearest, relocated, shortened, shown, shown_key
 from vrte.illumination import SIDES
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix, henyey_greenstein, isotropic, rayleigh
+from vrte.optics.refractive_index import Material
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.optics.truncation import CHOICES
 from vrte.request import AUTO, COARSEST, FINEST, METHOD_NAMES, MOST_NODES
 from vrte.scene import MOST_LAYERS, Lambertian, Layer, Scene
 
+Read = TypeVar("Read")
 LARGEST_FILE = 10_000_000  # bytes
 # a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
 LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 KINDS = ("brdf", "field")
+TABLE = ".csv"  # the suffix of tables of one's own
 NAMED = {"truncation": CHOICES, "method": METHOD_NAMES, "illuminate": SIDES}
 OPTION_KEYS = ("nodes", "accuracy", *NAMED, "settings")
 FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", "render", *KINDS)
@@ -51,7 +56,10 @@ PHASES = (
     '"isotropic", "rayleigh", { henyey_greenstein = g }, { rayleigh = depolarization } '
     "or the path of a .csv with the columns l, a1, a2, a3, a4, b1, b2"
 )
-INDEX = 'the name of a material, a path in the database such as "main/Au/Johnson", or [n, k]'
+INDEX = (
+    'the name of a material, a path in the database such as "main/Au/Johnson", the path of a .csv with the columns '
+    "wavelength_um (or wavelength_nm), n, k, or [n, k]"
+)
 BEAMS = "a cosine above 0, up to 1, or a list of them"
 SHARE = "a number fraction >= 0"
 ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
@@ -152,8 +160,28 @@ def scene_of(
     kind = _kind(file, kind)
     request = _request(file, kind)
     options = _options(file)
-    particles = _Particles(file, _particle_tables(file), spheres_of)
+    particles = _Particles(file, _particle_tables(file), spheres_of, folder)
     return SceneFile(_scene(file, particles, folder), kind, request, options, particles.computed)
+
+
+def tables_named(content: Mapping[str, Any]) -> dict[str, str]:
+    """The tables of one's own (.csv) that a scene file names, by the dotted key that does, whatever else is in it.
+
+    >>> layers = [{"phase": "fog.csv"}, {"phase": "rayleigh"}]
+    >>> tables_named({"particles": {"clay": {"index": "clay.csv"}}, "layer": layers})
+    {'layer[1].phase': 'fog.csv', 'particles.clay.index': 'clay.csv'}
+    """
+    layers, kinds = content.get("layer"), content.get("particles")
+    found = {
+        f"layer[{place}].phase": layer.get("phase")
+        for place, layer in enumerate(layers if isinstance(layers, list) else [], 1)
+        if isinstance(layer, dict)
+    } | {
+        f"particles.{shown_key(name)}.index": kind.get("index")
+        for name, kind in (kinds.items() if isinstance(kinds, dict) else ())
+        if isinstance(kind, dict)
+    }
+    return {key: name for key, name in found.items() if isinstance(name, str) and name.endswith(TABLE)}
 
 
 def toml_content(text: str) -> dict[str, Any]:
@@ -317,8 +345,10 @@ def _known(layer: Table, name: str, kinds: dict[str, Table]) -> None:
 class _Particles:
     """The particles of a file, each kind computed once, when a layer first asks for it."""
 
-    def __init__(self, file: Table, kinds: dict[str, Table], spheres_of: Callable[..., Particles]) -> None:
-        self.file, self.kinds, self.spheres_of = file, kinds, spheres_of
+    def __init__(
+        self, file: Table, kinds: dict[str, Table], spheres_of: Callable[..., Particles], folder: Path
+    ) -> None:
+        self.file, self.kinds, self.spheres_of, self.folder = file, kinds, spheres_of, folder
         self.computed: dict[str, Particles] = {}
 
     def __call__(self, layer: Table) -> Particles:
@@ -336,7 +366,7 @@ class _Particles:
     def _compute(self, table: Table) -> Particles:
         wavelength = self.file.number("wavelength_um", ONE_WAVELENGTH)
         host = self.file.number("host_index") if "host_index" in self.file else 1.0
-        index, size = _index(table), _size(table)
+        index, size = _material(table, self.folder), _size(table)
         with located(table.name, PARTICLE_KEYS):
             return self.spheres_of(index, wavelength_um=wavelength, host_index=host, **size)
 
@@ -349,6 +379,24 @@ def _index(table: Table) -> str | tuple[float, float]:
     if len(parts) != 2 or not all(is_number(part) for part in parts):
         raise table.wrong("index", f"must be {INDEX}")
     return float(parts[0]), float(parts[1])
+
+
+def _material(table: Table, folder: Path) -> Material:
+    """The index, or the table that it names."""
+    index = _index(table)
+    if not (isinstance(index, str) and index.endswith(TABLE)):
+        return index
+    return _read_beside(table, "index", read_index, folder)
+
+
+def _read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Path) -> Read:
+    """What is in the file that a key names, beside the scene file."""
+    try:
+        return read(folder / table.content[key])
+    except SceneError as error:
+        raise table.wrong(key, str(error)) from error
+    except OSError as error:
+        raise table.wrong(key, f"the file cannot be read: {error.strerror}") from error
 
 
 def _size(table: Table) -> dict[str, Any]:
@@ -385,14 +433,9 @@ def _phase(layer: Table, folder: Path) -> PhaseMatrix:
         raise layer.wrong("phase", f"must be {PHASES}")
     if value in NAMED_PHASES:
         return NAMED_PHASES[value]()
-    if not value.endswith(".csv"):
+    if not value.endswith(TABLE):
         raise layer.wrong("phase", f"must be {PHASES}{nearest(value, NAMED_PHASES)}")
-    try:
-        return read_coefficients(folder / value)
-    except SceneError as error:
-        raise layer.wrong("phase", str(error)) from error
-    except OSError as error:
-        raise layer.wrong("phase", f"the file cannot be read: {error.strerror}") from error
+    return _read_beside(layer, "phase", read_coefficients, folder)
 
 
 def _parametric_phase(table: Table) -> PhaseMatrix:

@@ -2,6 +2,7 @@
 
 import os
 
+from vrte.arrays import in_one_line
 from vrte.errors import SceneError
 
 
@@ -36,3 +37,33 @@ def read_text(path: str | os.PathLike[str], most: int) -> str:
         return content.decode("utf-8").removeprefix("\ufeff")
     except UnicodeDecodeError as error:
         raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
+
+
+def read_rows(
+    path: str | os.PathLike[str], most_bytes: int, most_rows: int
+) -> tuple[list[str], list[tuple[int, list[float]]]]:
+    """A small table: the names in its first line that is no comment (#), and the numbers of every other with its place.
+
+    Raises SceneError naming the line, OSError where the file cannot be read.
+
+    >>> read_rows("rayleigh.csv", 1_000_000, 10)[1][0]
+    (2, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    """
+    if os.path.exists(file_name(path)) and not os.path.isfile(file_name(path)):
+        raise SceneError("it is no file")  # a device or a pipe may have no end
+    text = read_text(path, most_bytes)
+    lines = [
+        (place, line) for place, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"
+    ]
+    header = [name.strip() for name in lines[0][1].split(",")] if lines else []
+    if len(lines) > most_rows + 1:
+        raise SceneError(f"the table must have at most {most_rows} rows, not {len(lines) - 1}")
+    return header, [(place, _numbers(place, line)) for place, line in lines[1:]]
+
+
+def _numbers(place: int, line: str) -> list[float]:
+    try:
+        return [float(item) for item in line.split(",")]
+    except ValueError:
+        given = in_one_line(repr(line.strip()), 60)
+        raise SceneError(f"line {place}: {given} holds something that is not a number") from None

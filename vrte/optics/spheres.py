@@ -289,8 +289,8 @@ def _check_sizes(relative_index: complex, wavenumber: float, radii: Array) -> Ar
     sizes = wavenumber * radii
     if sizes[-1] > LARGEST_SIZE:
         raise SceneError(
-            f"spheres: the size parameter 2 pi r/wavelength must be at most {LARGEST_SIZE:g}, "
-            f"not {sizes[-1]:.4g} (a radius of {radii[-1]:.4g} um)"
+            f"spheres: the size parameter 2 pi r/wavelength must be at most {LARGEST_SIZE:g}, not {sizes[-1]:.4g} "
+            f"(a radius of {radii[-1]:.4g} um: did you mean nanometres, {radii[-1] / 1e3:.4g} um?)"
         )
     if relative_index.real * sizes[-1] > LARGEST_PHASE:
         raise SceneError(

@@ -24,7 +24,7 @@ import numpy as np
 
 from vrte.arrays import Array
 from vrte.errors import SceneError
-from vrte.formats.scene_file import SceneFile, read_content, scene_of
+from vrte.formats.scene_file import SceneFile, read_content, scene_of, tables_named
 from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, shown
 from vrte.optics.phase_matrix import isotropic
 from vrte.optics.spheres import Particles
@@ -97,11 +97,9 @@ class Sweep:
         return {**self.template, "axes": axes}
 
     def tables(self) -> dict[str, str]:
-        """The tables of coefficients that the layers name, and what is in them."""
-        layers = self.template.get("layer", [])
-        names = {layer.get("phase") for layer in layers if isinstance(layer.get("phase"), str)}
-        files = [self.folder / name for name in sorted(names) if name.endswith(".csv")]
-        return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+        """The tables of their own that layers and particles name, and what is in them."""
+        names = sorted(set(tables_named(self.template).values()))
+        return {name: hashlib.sha256((self.folder / name).read_bytes()).hexdigest() for name in names}
 
 
 def sweep_of(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path | None = None) -> Sweep:

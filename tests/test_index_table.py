@@ -1,0 +1,114 @@
+"""Refractive indices of one's own over wavelength: Python, scene files, sweeps, viewer; nanometres for micrometres."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import vrte
+from vrte.app.form import check_tables
+from vrte.errors import SceneError
+from vrte.formats.scene_file import read_scene
+from vrte.sweep.optics import name_of
+from vrte.sweep.template import sweep_of
+
+SCENE = """
+wavelength_um = 0.55
+[particles.clay]
+index = "clay.csv"
+radius_um = 0.3
+[[layer]]
+particles = "clay"
+thickness = 2.0
+[brdf]
+mu_i = 0.6
+mu_o = 0.5
+"""
+
+
+def written(folder: Path, text: str, name: str = "clay.csv") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def test_nanometres_and_micrometres_are_the_same_table(tmp_path: Path) -> None:
+    um = vrte.read_index(written(tmp_path, "# measured\nwavelength_um,n,k\n0.4,1.6,0.02\n0.7,1.5,0.0\n"))
+    nm = vrte.read_index(written(tmp_path, "wavelength_nm, n, k\n400,1.6,0.02\n700,1.5,0.0\n"))
+    assert um.at(0.55) == pytest.approx(nm.at(0.55), rel=1e-15)
+    assert um.at(0.55) == pytest.approx(1.55 + 0.01j, rel=1e-15)
+    found = vrte.refractive_index(um, 0.55)
+    assert found.source == "the table clay.csv"
+    by_table = vrte.spheres(um, radius_um=0.3, wavelength_um=0.55)
+    assert by_table.albedo == vrte.spheres(um.at(0.55), radius_um=0.3, wavelength_um=0.55).albedo < 1.0
+    assert "the table clay.csv" in by_table.description
+
+
+def test_without_k_nothing_is_absorbed(tmp_path: Path) -> None:
+    assert vrte.read_index(written(tmp_path, "wavelength_um,n\n0.4,1.6\n0.7,1.5\n")).at(0.7) == 1.5
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the first line must be wavelength_um,n,k"),
+        ("wavelength,n,k\n0.4,1.6,0\n", "the first line must be wavelength_um,n,k"),
+        ("wavelength_um,n,k\n", "a table needs as many n and k as wavelengths, at least one"),
+        ("wavelength_um,n,k\n0.4,1.6\n", "line 2: 3 numbers are needed, not 2"),
+        ("wavelength_um,n,k\n0.4,1.6,none\n", "line 2: '0.4,1.6,none' holds something that is not a number"),
+        ("wavelength_um,n,k\n0.5,1.6,0\n0.4,1.6,0\n", "the wavelengths must ascend (the table clay.csv)"),
+        ("wavelength_um,n,k\n0.5,1.6,-1\n", "k must be >= 0"),
+        ("wavelength_um,n,k\n0.5,nan,0\n", "n and k must be finite numbers"),
+    ],
+)
+def test_a_wrong_table_is_refused_by_its_line(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(SceneError, match=re.escape(said)):
+        vrte.read_index(written(tmp_path, text))
+
+
+def test_a_scene_file_names_a_table_beside_it(tmp_path: Path) -> None:
+    table = written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.02\n700,1.5,0.0\n")
+    scene = written(tmp_path, SCENE, "scene.toml")
+    assert read_scene(scene).particles["clay"].albedo == (
+        vrte.spheres(vrte.read_index(table), radius_um=0.3, wavelength_um=0.55).albedo
+    )
+    assert len(vrte.spectrum(scene, [0.45, 0.6])) == 2
+    with pytest.raises(SceneError, match=r"from 0\.4 to 0\.7 um; 0\.8 um is outside$"):
+        read_scene(scene, wavelength_um=0.8)
+    table.unlink()
+    with pytest.raises(
+        SceneError, match=r'particles\.clay\.index = "clay\.csv": the file cannot be read: No such file'
+    ):
+        read_scene(scene)
+
+
+def test_a_sweep_goes_by_what_is_in_the_table(tmp_path: Path) -> None:
+    written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.02\n700,1.5,0.0\n")
+    scene = written(tmp_path, SCENE + '[axes]\n"layer[1].thickness" = [1.0, 2.0]\n', "sweep.toml")
+    before = sweep_of(scene).fingerprint()
+    written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.03\n700,1.5,0.0\n")
+    assert sweep_of(scene).fingerprint() != before
+
+
+def test_long_tables_are_told_apart_by_all_their_rows() -> None:
+    rows = tuple(0.3 + 1e-4 * row for row in range(5000))
+    one = vrte.IndexTable(rows, (1.5,) * 5000, (0.0,) * 5000)
+    other = vrte.IndexTable(rows, (1.5,) * 2500 + (1.6,) + (1.5,) * 2499, (0.0,) * 5000)
+    assert one != other
+    assert name_of(one, {"wavelength_um": 0.5}) != name_of(other, {"wavelength_um": 0.5})
+
+
+def test_the_viewer_reads_no_table_that_it_was_not_started_with() -> None:
+    content = {"particles": {"clay": {"index": "clay.csv"}}}
+    check_tables(content, frozenset({"clay.csv"}))
+    with pytest.raises(SceneError, match=r'particles\.clay\.index = "clay\.csv": a page reads no files'):
+        check_tables(content, frozenset())
+
+
+def test_nanometres_are_asked_about() -> None:
+    with pytest.raises(SceneError, match=r"550 um is outside: did you mean 0\.55\?$"):
+        vrte.spheres("gold", radius_um=0.3, wavelength_um=550.0)
+    with pytest.raises(SceneError, match=r"radius of 3e\+04 um: did you mean nanometres, 30 um\?"):
+        vrte.spheres(1.5, radius_um=3e4, wavelength_um=0.55)
+    with pytest.warns(vrte.UnitsWarning, match=r"wavelength_um = 550 is far infrared: did you mean 0\.55\?"):
+        vrte.refractive_index(1.5, 550.0)
