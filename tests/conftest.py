@@ -2,11 +2,14 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+DEVICE = pytest.StashKey[str]()
 REFERENCE = Path(os.environ.get("VRTE_REFERENCE", Path(__file__).parents[2] / "shared" / "reference"))
 
 
@@ -23,17 +26,40 @@ def reference() -> Callable[[str], Path]:
     return find
 
 
-@pytest.fixture(scope="session")
-def opencl() -> Any:
-    """The session on the OpenCL device that `vrte devices` takes."""
-    from vrte.cl.device import session
+@pytest.fixture
+def opencl(request: pytest.FixtureRequest) -> Any:
+    """The session on the OpenCL device that `vrte devices` takes; a new one where a test before has lost it."""
+    from vrte.cl import device
 
-    return session()
+    if lost(device.session()):
+        device.forget()
+    opened = device.session()
+    request.config.stash[DEVICE] = f"{opened.device.name} ({opened.device.platform.name.strip()})"
+    return opened
 
 
-@pytest.fixture(scope="session", params=["cpu", "gpu"])
+def lost(session: Any) -> bool:
+    """Whether numbers no longer go to a device and come back."""
+    import pyopencl
+
+    try:
+        return session.download(session.upload(np.arange(2.0))).tolist() != [0.0, 1.0]
+    except pyopencl.Error:
+        return True
+
+
+@pytest.fixture(params=["cpu", "gpu"])
 def either_form(request: pytest.FixtureRequest, opencl: Any) -> Any:
     """Sessions on that device with the kernels as a CPU wants them, and as a GPU does."""
-    from vrte.cl.session import open_session
+    return in_form(opencl, request.param)
 
-    return opencl if request.param == opencl.form else open_session(opencl.device, request.param)
+
+def in_form(session: Any, form: str) -> Any:
+    """The same device's kernels in another form."""
+    return session if session.form == form else replace(session, form=form)
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Names the device that the tests had."""
+    if DEVICE in config.stash:
+        terminalreporter.write_line(f"OpenCL device: {config.stash[DEVICE]}")

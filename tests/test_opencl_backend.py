@@ -1,11 +1,13 @@
 """Whole solves on an OpenCL device, and with a part of the work there, against the compiled core."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import vrte
 from vrte.backends import BACKENDS
-from vrte.cl.session import Session, open_session
+from vrte.cl.session import Session
 from vrte.errors import SceneError
 
 from .opencl_scenes import scenes
@@ -113,7 +115,7 @@ def test_the_form_for_a_gpu_solves_too(monkeypatch: pytest.MonkeyPatch, opencl: 
     for name in ("over a base", "endless"):
         expected = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6)
         with monkeypatch.context() as patch:
-            patch.setattr(on_device, "session", lambda: open_session(opencl.device, "gpu"))
+            patch.setattr(on_device, "session", lambda: replace(opencl, form="gpu"))
             found = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6, backend="opencl")
         close(found.mueller, expected.mueller, 1e-9)
 

@@ -15,8 +15,7 @@ from typing import Any
 
 import pytest
 
-from vrte.cl import building, caches, device
-from vrte.cl.building import check_linker, linker_complaint
+from vrte.cl import caches, device
 from vrte.cl.session import Session
 from vrte.errors import DeviceError
 
@@ -371,14 +370,6 @@ class TestLinker:
             "vrte.errors.DeviceError: Portable Computing Language cannot compile: it finds no linker "
             "(install binutils, which brings ld)"
         )
-
-    def test_other_platforms_need_none(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(building.shutil, "which", lambda name: None)
-        check_linker("Another Platform")
-
-    def test_whatever_else_ends_the_process(self) -> None:
-        assert linker_complaint(-11, "one\ntwo\n\n") == "two (signal SIGSEGV)"
-        assert linker_complaint(1, "") == "no reason given (exit code 1)"
 
 
 def test_the_session_of_the_tests_keeps_its_kernels_here(opencl: Session) -> None:

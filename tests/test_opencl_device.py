@@ -8,6 +8,7 @@ import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -17,7 +18,7 @@ import pytest
 
 import vrte
 from vrte import cli
-from vrte.cl import building, device, faults
+from vrte.cl import building, device, faults, trial
 from vrte.cl import session as sessions
 from vrte.cl.device import Device, choose
 from vrte.cl.faults import check_room
@@ -33,13 +34,14 @@ def made(name: str, kind: str, gigabytes: float, fp64: bool = True, platform: st
 
 PROCESSOR = made("Processor X", "cpu", 128.0, platform="Portable")
 SMALL, LARGE, OTHER = made("Card S", "gpu", 8.0), made("Card L", "gpu", 24.0), made("Board", "accelerator", 200.0)
+BY_POCL = made("Processor X", "cpu", 4.0, platform=trial.POCL)
 FLOAT = made("Card F", "gpu", 32.0, fp64=False)
 
 
 @pytest.fixture
 def alone(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """As in a process that has not used OpenCL yet; what the test opens is forgotten after it."""
-    state = {"process": None, "devices": None, "sessions": {}}
+    state = {"process": None, "devices": None, "sessions": {}, "complaints": {}}
     monkeypatch.setattr(device, "_state", state)
     monkeypatch.delenv(device.VARIABLE, raising=False)
     return state
@@ -56,6 +58,8 @@ class TestChoice:
             ([PROCESSOR, OTHER], 1, "the only accelerator"),
             ([FLOAT, PROCESSOR], 1, "the only CPU"),
             ([made("?", "other", 500.0), PROCESSOR], 1, "the only CPU"),
+            ([PROCESSOR, BY_POCL], 1, "the CPU by PoCL, the faster driver"),
+            ([BY_POCL, PROCESSOR, SMALL], 2, "the only GPU"),
         ],
     )
     def test_the_rule(self, found: list[Device], taken: int, reason: str) -> None:
@@ -119,7 +123,7 @@ class TestDevices:
         with pytest.raises(DeviceError, match=r"no OpenCL platform has a device \(platforms: A driver\)"):
             device.devices()
 
-    def test_a_process_that_was_forked(self, alone: dict[str, Any], opencl: Session) -> None:
+    def test_a_process_that_was_forked(self, opencl: Session, alone: dict[str, Any]) -> None:
         device.devices()
         alone["process"] = os.getpid() + 1
         with pytest.raises(DeviceError, match=r"this process was forked from one that had used OpenCL.*spawn"):
@@ -148,6 +152,7 @@ class TestSession:
 
     def test_one_for_each_choice(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
         alone.update(process=os.getpid(), devices=(SMALL, LARGE))
+        monkeypatch.setattr(trial, "complaint", lambda *_: "")
         monkeypatch.setattr(device, "open_session", lambda handle: object())
         large = device.session()
         monkeypatch.setenv(device.VARIABLE, " Card S")
@@ -327,7 +332,7 @@ class TestSolve:
         ],
     )
     def test_an_error_then_a_right_answer(
-        self, backend: str, method: str, alone: dict[str, Any], opencl: Session, monkeypatch: pytest.MonkeyPatch
+        self, backend: str, method: str, opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         alone.update(process=os.getpid(), devices=device.devices())
         right = vrte.radiance(self.scene, **self.request)
@@ -363,9 +368,9 @@ class TestSolve:
 
     @pytest.mark.parametrize("thickness", [1.0, np.inf])
     def test_the_form_for_a_gpu(
-        self, thickness: float, alone: dict[str, Any], opencl: Session, monkeypatch: pytest.MonkeyPatch
+        self, thickness: float, opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(device, "open_session", lambda handle: open_session(handle, "gpu"))
+        monkeypatch.setattr(device, "open_session", lambda handle: replace(opencl, form="gpu"))
         matrix = vrte.PhaseMatrix(
             a1=[1.0, 0.5, 0.2], a2=[0, 0, 0.9], a3=[0, 0, 0.5], a4=[0, 0.3, 0.1], b1=[0, 0, 0.2], b2=[0, 0, 0.1]
         )

@@ -7,7 +7,7 @@ import pytest
 
 from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.joining import join_slabs as join_on_device
-from vrte.cl.session import FORMS, Session, open_session
+from vrte.cl.session import Session
 from vrte.discrete_ordinates.base import expand_base
 from vrte.discrete_ordinates.doubling import Slabs, double_slabs
 from vrte.discrete_ordinates.phase_assembly import assemble
@@ -20,10 +20,10 @@ ORDERS = np.array([0, 1, 3], np.int32)
 SCENES = scenes()
 
 
-@pytest.fixture(scope="module", params=FORMS)
-def session(request: pytest.FixtureRequest, opencl: Session) -> Session:
+@pytest.fixture
+def session(either_form: Session) -> Session:
     """Both forms of products and inverses."""
-    return opencl if request.param == opencl.form else open_session(opencl.device, request.param)
+    return either_form
 
 
 def doubled(pile: Pile, orders: np.ndarray, kernels: Any) -> Slabs:

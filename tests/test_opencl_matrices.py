@@ -7,16 +7,16 @@ import pytest
 
 from vrte.cl import matrices
 from vrte.cl.matrices import Stack, download_stack, invert, new_stack, panel_width, product, upload_stack
-from vrte.cl.session import FORMS, Session, open_session
+from vrte.cl.session import Session
 from vrte.errors import DeviceError
 
 SIZES = ((1, 1, 1), (3, 5, 2), (8, 8, 8), (13, 40, 7), (65, 17, 66), (100, 30, 129))  # rows, inner, columns
 
 
-@pytest.fixture(scope="module", params=FORMS)
-def session(request: pytest.FixtureRequest, opencl: Session) -> Session:
-    """The form of the device's own kind, and the other one on the same device."""
-    return opencl if request.param == opencl.form else open_session(opencl.device, request.param)
+@pytest.fixture
+def session(either_form: Session) -> Session:
+    """Both forms of products and inverses."""
+    return either_form
 
 
 def transposed(stack: np.ndarray) -> np.ndarray:

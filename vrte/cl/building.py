@@ -1,10 +1,6 @@
 """Kernels from their sources, compiled once and kept by the libraries' own caches, whatever state those are in."""
 
 import re
-import shutil
-import signal
-import subprocess
-import sys
 import uuid
 import warnings
 from collections.abc import Iterator, Sequence
@@ -16,18 +12,7 @@ from vrte.errors import DeviceError
 
 KERNEL = re.compile(r"^\s*__kernel\s+void\s+(\w+)\s*\(", re.MULTILINE)
 COMPLAINT = re.compile(r"\berror\b")
-POCL = "Portable Computing Language"
 LONGEST = 300  # characters of a compiler's log in a message
-PROBE = """
-import pyopencl
-platform, = [found for found in pyopencl.get_platforms() if found.name == {platform!r}]
-context = pyopencl.Context(platform.get_devices()[:1])
-queue = pyopencl.CommandQueue(context)
-text = "__kernel void probe(__global double* x) {{ x[0] = 1.0; }}"
-program = pyopencl.Program(context, text).build(cache_dir=False)
-program.probe(queue, (1,), (1,), pyopencl.Buffer(context, pyopencl.mem_flags.READ_WRITE, 8))
-queue.finish()
-"""
 
 
 def kernel_names(text: str) -> set[str]:
@@ -47,7 +32,6 @@ def built(context: Any, text: str, options: Sequence[str]) -> tuple[Any, dict[st
     import pyopencl
 
     device = context.devices[0]
-    check_linker(device.platform.name)
     try:
         made = _built_once(context, text, options, None)
     except pyopencl.RuntimeError as error:
@@ -60,12 +44,12 @@ def built(context: Any, text: str, options: Sequence[str]) -> tuple[Any, dict[st
         # pyopencl's cache, which raises whatever its files make Python raise (a KeyError of its own among them)
         made = None
     if made is None or set(made[1]) != kernel_names(text):
-        made = _built_past_caches(context, text, options)
+        made = built_past_caches(context, text, options)
     caches.note_use()
     return made
 
 
-def _built_past_caches(context: Any, text: str, options: Sequence[str]) -> tuple[Any, dict[str, Any]]:
+def built_past_caches(context: Any, text: str, options: Sequence[str]) -> tuple[Any, dict[str, Any]]:
     """From the sources, under a name that no cache knows."""
     import pyopencl
 
@@ -113,22 +97,3 @@ def build_message(device: str, log: str) -> str:
     if len(complaint) > LONGEST:
         complaint = complaint[:LONGEST] + "..."
     return f"the kernels do not compile on {device}: {complaint}"
-
-
-def check_linker(platform: str) -> None:
-    """PoCL ends the whole process where it finds no linker: without `ld`, another process tries first."""
-    if platform != POCL or shutil.which("ld") or not sys.executable:
-        return
-    command = [sys.executable, "-c", PROBE.format(platform=platform)]
-    tried = subprocess.run(command, capture_output=True, text=True, check=False)
-    if tried.returncode:
-        raise DeviceError(f"{POCL} cannot compile: {linker_complaint(tried.returncode, tried.stderr)}")
-
-
-def linker_complaint(code: int, text: str) -> str:
-    """Why the other process failed, in one line."""
-    if "ld" in text and "doesn't exist" in text:
-        return "it finds no linker (install binutils, which brings ld)"
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-    return f"{lines[-1][:LONGEST] if lines else 'no reason given'} ({how})"

@@ -1,25 +1,31 @@
 """Which OpenCL devices there are, which one is taken and why, and the one session on it.
 
 The rule: of the devices that compute in double precision, a GPU before an accelerator before a CPU, of several the one
-with the most memory, of equals the first. The environment variable VRTE_OPENCL_DEVICE wins over it: an index as
-`vrte devices` prints it, or a part of a device's or platform's name that only one device has.
+with the most memory, of equals the first; on a CPU PoCL before other drivers. One that does not compile is passed over.
+The environment variable VRTE_OPENCL_DEVICE wins over it: an index as `vrte devices` prints it, or a part of a device's
+or platform's name that only one device has.
 """
 
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from vrte.cl import caches, faults
+from vrte.cl import caches, drivers, faults, trial
 from vrte.cl.session import FORKED, Session, open_session
 from vrte.errors import DeviceError, MissingExtraError
 
 VARIABLE = "VRTE_OPENCL_DEVICE"
 PREFERENCE = ("gpu", "accelerator", "cpu", "other")
+WORDS = {"gpu": "GPU", "accelerator": "accelerator", "cpu": "CPU", "other": "device"}
+INSTALL = (
+    "a GPU's driver comes from its maker, a processor's with pip install 'vrte[opencl]' or from the system "
+    "(Debian and Ubuntu: apt install pocl-opencl-icd)"
+)
 _lock = threading.RLock()
-_state: dict[str, Any] = {"process": None, "devices": None, "sessions": {}}
+_state: dict[str, Any] = {"process": None, "devices": None, "sessions": {}, "complaints": {}}
 
 
 @dataclass(frozen=True)
@@ -60,12 +66,10 @@ def _listed() -> tuple[Device, ...]:
     _state["process"] = os.getpid()
     caches.prepare()
     try:
-        platforms = pyopencl.get_platforms()
+        with drivers.all_visible():
+            platforms = pyopencl.get_platforms()
     except pyopencl.Error as error:
-        raise DeviceError(
-            "there is no OpenCL platform: a GPU's comes with its driver, the processor's with "
-            f"pip install 'vrte[opencl]' ({faults.name_of(error)})"
-        ) from error
+        raise DeviceError(f"there is no OpenCL platform: {INSTALL} ({faults.name_of(error)})") from error
     with device_errors():
         found = tuple(_described(platform, handle) for platform in platforms for handle in _devices_of(platform))
     if not found:
@@ -102,10 +106,24 @@ def _described(platform: Any, handle: Any) -> Device:
     )
 
 
-def choose(found: Sequence[Device], asked_for: str = "") -> tuple[int, str]:
-    """The index of the device to take, and why; ``asked_for``: what VRTE_OPENCL_DEVICE says.
+def complaint_of(index: int) -> str:
+    """Why a device of `devices` does not compute, in one line; empty where it does. Tried once a process."""
+    device = devices()[index]
+    with _lock:
+        complaints: dict[tuple[int, str, str], str] = _state["complaints"]
+        key = index, device.platform, device.name
+        if key not in complaints:
+            complaints[key] = trial.complaint(index, device.platform, device.handle)
+        return complaints[key]
 
-    Raises DeviceError: no double precision, or nothing (or more than one device) that it names.
+
+def choose(
+    found: Sequence[Device], asked_for: str = "", complaint_of: Callable[[int], str] = lambda index: ""
+) -> tuple[int, str]:
+    """The index of the device to take, and why; ``asked_for``: what VRTE_OPENCL_DEVICE says; ``complaint_of``: why the
+    device of an index does not compute.
+
+    Raises DeviceError: no double precision, nothing that compiles, or nothing (or more than one device) that it names.
 
     >>> gpu = Device("A", "card", "gpu", True, 8 << 30, 2 << 30, 40, "1")
     >>> cpu = Device("B", "processor", "cpu", True, 64 << 30, 16 << 30, 8, "2")
@@ -113,20 +131,45 @@ def choose(found: Sequence[Device], asked_for: str = "") -> tuple[int, str]:
     (1, 'the only GPU')
     >>> choose([cpu, gpu], "proc")
     (0, 'VRTE_OPENCL_DEVICE=proc')
+    >>> choose([cpu, gpu], complaint_of=lambda index: "it fails" if index == 1 else "")
+    (0, 'the only CPU (passed over: 1)')
     """
     if asked_for:
-        return _named(found, asked_for), f"{VARIABLE}={asked_for}"
-    able = [index for index, device in enumerate(found) if device.double_precision]
+        index = _named(found, asked_for)
+        if complaint := complaint_of(index):
+            raise DeviceError(f"{VARIABLE}={asked_for} names a device that does not compute: {complaint}")
+        return index, f"{VARIABLE}={asked_for}"
+    able = sorted(
+        (index for index, device in enumerate(found) if device.double_precision), key=lambda i: _rank(found[i])
+    )
     if not able:
         raise DeviceError(f"no OpenCL device computes in double precision: {all_names(found)}")
-    kind = min((found[index].kind for index in able), key=PREFERENCE.index)
-    among = [index for index in able if found[index].kind == kind]
-    best = max(among, key=lambda index: found[index].memory)
-    plural = {"gpu": "GPU", "accelerator": "accelerator", "cpu": "CPU", "other": "device"}[kind]
+    complaints: dict[int, str] = {}
+    for index in able:
+        if not (complaint := complaint_of(index)):
+            reason = _reason(found, index, [i for i in able if i not in complaints])
+            passed = ", ".join(map(str, sorted(complaints)))
+            return index, f"{reason} (passed over: {passed})" if passed else reason
+        complaints[index] = complaint
+    told = "; ".join(f"{index} = {found[index].name}: {complaint}" for index, complaint in complaints.items())
+    raise DeviceError(f"no OpenCL device compiles kernels in double precision ({told}): {INSTALL}")
+
+
+def _rank(device: Device) -> tuple[int, bool, int]:
+    """The best first. PoCL's doubling takes two thirds of the time of Intel's on the same processor."""
+    return PREFERENCE.index(device.kind), device.kind == "cpu" and device.platform != trial.POCL, -device.memory
+
+
+def _reason(found: Sequence[Device], best: int, left: Sequence[int]) -> str:
+    """Why the best of those left is taken."""
+    kind = found[best].kind
+    among = [found[index] for index in left if found[index].kind == kind]
     if len(among) == 1:
-        return best, f"the only {plural}" if len(found) > 1 else "the only device"
-    equal = all(found[index].memory == found[best].memory for index in among)
-    return best, f"the first {plural}" if equal else f"the {plural} with the most memory"
+        return f"the only {WORDS[kind]}" if len(found) > 1 else "the only device"
+    if kind == "cpu" and {device.platform != trial.POCL for device in among} == {True, False}:
+        return "the CPU by PoCL, the faster driver"
+    equal = len({device.memory for device in among}) == 1
+    return f"the first {WORDS[kind]}" if equal else f"the {WORDS[kind]} with the most memory"
 
 
 def _named(found: Sequence[Device], asked_for: str) -> int:
@@ -157,7 +200,7 @@ def chosen() -> Device:
     Raises as `devices` and `choose` do.
     """
     found = devices()
-    return found[choose(found, wanted())[0]]
+    return found[choose(found, wanted(), complaint_of)[0]]
 
 
 def wanted() -> str:

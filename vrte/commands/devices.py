@@ -20,12 +20,18 @@ def run(options: argparse.Namespace) -> None:
     from vrte.running import usable_cpus
 
     found = device.devices()
+    with progress() as (phase, tick):
+        phase("trying each device")
+        complaints = {}
+        for index, each in enumerate(found):
+            tick(index, len(found))
+            complaints[index] = device.complaint_of(index) if each.double_precision else ""
     try:
-        taken, reason = device.choose(found, device.wanted())
+        taken, reason = device.choose(found, device.wanted(), device.complaint_of)
     except DeviceError:
-        print(devices.as_text(found, None, "for the reason below"), flush=True)
+        print(devices.as_text(found, None, "for the reason below", complaints), flush=True)
         raise
-    print(devices.as_text(found, taken, reason))
+    print(devices.as_text(found, taken, reason, complaints))
     if options.measure:
         with device.device_errors(), progress() as (phase, tick):
             phase("products")

@@ -1,9 +1,10 @@
 """OpenCL devices as a table, and what one of them computes in a second."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from vrte.cl.session import Session
 SIZES = ((40, 512), (80, 256), (160, 64), (240, 32))  # rows and columns, matrices in one call
 ROUNDS = 7  # of both in turn; the fastest of each counts
 SECONDS = 0.03  # of one round, about
+NONE: Mapping[int, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,8 @@ class Rate:
     blas: float
 
 
-def as_text(found: Sequence[Device], taken: int | None, reason: str) -> str:
-    """A line a device, and which one is taken and why.
+def as_text(found: Sequence[Device], taken: int | None, reason: str, complaints: Mapping[int, str] = NONE) -> str:
+    """A line a device, and which one is taken and why; complaints: of those that do not compute, by index.
 
     >>> cpu = Device("PoCL", "a processor", "cpu", True, 16 << 30, 4 << 30, 8, "3.0")
     >>> print(as_text([cpu], 0, "the only device"))
@@ -49,6 +51,8 @@ def as_text(found: Sequence[Device], taken: int | None, reason: str) -> str:
         text = f"{device.name[:43]:44}{device.kind:13}{precision:4}{sizes}{device.units:7}  {device.driver}"
         lines.append(f" {mark}{index:2} {text}")
         lines.append(f"     on {device.platform}")
+        if complaints.get(index):
+            lines.append(f"     never taken: {complaints[index]}")
     return "\n".join([*lines, "", f"  taken: {'none' if taken is None else taken}, {reason}"])
 
 

@@ -1,0 +1,201 @@
+"""Which drivers are found, that each is tried before its device is taken, and what is said of one that fails."""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyopencl
+import pytest
+
+from vrte import cli
+from vrte.cl import building, device, drivers, trial
+from vrte.cl.device import Device, choose
+from vrte.cl.session import Session
+from vrte.errors import DeviceError
+from vrte.report.devices import as_text
+
+OLD = "error: unknown target CPU 'generic'"
+CARD = Device("Maker", "Card", "gpu", True, 8 << 30, 2 << 30, 40, "1")
+BY_POCL = Device(trial.POCL, "Processor", "cpu", True, 4 << 30, 2 << 30, 8, "2")
+BY_INTEL = Device(trial.INTEL, "Processor", "cpu", True, 64 << 30, 16 << 30, 8, "3")
+
+
+def failing(*indices: int) -> Callable[[int], str]:
+    """These devices do not compile."""
+    return lambda index: OLD if index in indices else ""
+
+
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a process that has not used OpenCL yet."""
+    monkeypatch.setattr(device, "_state", {"process": None, "devices": None, "sessions": {}, "complaints": {}})
+    monkeypatch.delenv(device.VARIABLE, raising=False)
+
+
+@pytest.fixture
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Intel's runtime as pip leaves it, an empty library, and no drivers of the system's."""
+    site, library = tmp_path / "lib" / "python" / "site", tmp_path / "lib" / "libintelocl.so"
+    information = site / "intel_opencl_rt-2026.9.dist-info"
+    information.mkdir(parents=True)
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: intel-opencl-rt\nVersion: 2026.9\n")
+    (information / "RECORD").write_text("../../libintelocl.so,,\n../../../etc/OpenCL/vendors/intel-cpu.icd,,\n")
+    library.touch()
+    (tmp_path / "vendors").mkdir()
+    monkeypatch.syspath_prepend(site)
+    monkeypatch.setenv("OPENCL_VENDOR_PATH", str(tmp_path / "vendors"))
+    monkeypatch.delenv(drivers.FOLDER, raising=False)
+    return library
+
+
+class TestWhatIsVisible:
+    def named(self) -> list[str]:
+        with drivers.all_visible():
+            folder = os.environ.get(drivers.FOLDER)
+            found = [] if folder is None else [path.read_text() for path in sorted(Path(folder).glob("*.icd"))]
+        assert folder is None or not Path(folder).exists()
+        assert drivers.FOLDER not in os.environ
+        return found
+
+    def test_intels_runtime_beside_the_systems_drivers(self, runtime: Path, tmp_path: Path) -> None:
+        there = tmp_path / "libcard.so"
+        there.touch()
+        for name, text in [("a", f"{there}\n"), ("b", "libnvidia-opencl.so.1"), ("c", "/gone/libcard.so\n"), ("d", "")]:
+            (tmp_path / "vendors" / f"{name}.icd").write_text(text)
+        (tmp_path / "vendors" / "e.icd").mkdir()
+        assert self.named() == [f"{there}\n", "libnvidia-opencl.so.1\n", f"{runtime}\n"]
+
+    def test_the_systems_own_is_enough(self, runtime: Path, tmp_path: Path) -> None:
+        (tmp_path / "vendors" / "a.icd").write_text("libintelocl.so\n")
+        assert self.named() == []
+
+    def test_a_folder_that_was_named_stands(self, runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setenv(drivers.FOLDER, "/mine")
+        with drivers.all_visible():
+            assert os.environ[drivers.FOLDER] == "/mine"
+
+    def test_not_installed_or_only_in_part(self, runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        runtime.unlink()
+        assert drivers.intel_runtime() is None
+        assert self.named() == []
+        monkeypatch.setattr(sys, "path", [])
+        assert drivers.intel_runtime() is None
+
+    def test_nowhere_to_put_the_folder(self, runtime: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(drivers.tempfile, "tempdir", str(tmp_path / "absent"))
+        assert self.named() == []
+
+    def test_windows_has_a_variable_for_it(self, runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(drivers, "WINDOWS", True)
+        monkeypatch.setenv(drivers.FILES, "mine.dll")
+        with drivers.all_visible():
+            assert os.environ[drivers.FILES] == f"mine.dll{os.pathsep}{runtime}"
+        assert os.environ[drivers.FILES] == "mine.dll"
+
+
+@pytest.mark.skipif(drivers.intel_runtime() is None, reason="intel-opencl-rt is not installed")
+@pytest.mark.skipif(bool(os.environ.get(drivers.FOLDER)), reason=f"{drivers.FOLDER} names other drivers")
+def test_intels_runtime_computes(opencl: Session) -> None:
+    (index,) = (index for index, found in enumerate(device.devices()) if found.platform == trial.INTEL)
+    assert device.complaint_of(index) == ""
+
+
+class TestChoice:
+    @pytest.mark.parametrize(
+        ("found", "broken", "taken", "reason"),
+        [
+            ([BY_POCL, BY_INTEL], (0,), 1, "the only CPU (passed over: 0)"),
+            ([BY_POCL, BY_INTEL, BY_INTEL], (0,), 1, "the first CPU (passed over: 0)"),
+            ([CARD, BY_INTEL, BY_POCL], (0,), 2, "the CPU by PoCL, the faster driver (passed over: 0)"),
+            ([BY_POCL, BY_INTEL, CARD], (0, 2), 1, "the only CPU (passed over: 0, 2)"),
+            ([BY_POCL, BY_INTEL], (1,), 0, "the CPU by PoCL, the faster driver"),
+        ],
+    )
+    def test_one_that_fails_is_passed_over(
+        self, found: list[Device], broken: tuple[int, ...], taken: int, reason: str
+    ) -> None:
+        assert choose(found, "", failing(*broken)) == (taken, reason)
+
+    def test_none_is_left(self) -> None:
+        with pytest.raises(DeviceError) as raised:
+            choose([BY_POCL, CARD], "", failing(0, 1))
+        assert str(raised.value) == (
+            f"no OpenCL device compiles kernels in double precision (1 = Card: {OLD}; 0 = Processor: {OLD}): "
+            f"{device.INSTALL}"
+        )
+        assert "pip install 'vrte[opencl]'" in device.INSTALL
+
+    def test_one_that_was_asked_for(self) -> None:
+        with pytest.raises(DeviceError, match=f"VRTE_OPENCL_DEVICE=0 names a device that does not compute: {OLD}"):
+            choose([BY_POCL, BY_INTEL], "0", failing(0))
+
+    def test_the_table_says_why(self) -> None:
+        lines = as_text([BY_POCL, BY_INTEL], 1, "the only CPU", {0: OLD, 1: ""}).splitlines()
+        assert lines[3] == f"     never taken: {OLD}"
+        assert sum("never taken" in line for line in lines) == 1
+
+
+class TestTrial:
+    def test_it_is_done_once(self, alone: None, monkeypatch: pytest.MonkeyPatch) -> None:
+        tried: list[int] = []
+        monkeypatch.setattr(trial, "complaint", lambda index, *_: tried.append(index) or "")
+        for _ in range(3):
+            device.chosen()
+        device.forget()
+        device.chosen()
+        assert len(tried) == 1
+
+    def test_a_driver_older_than_its_processor(
+        self, opencl: Session, alone: None, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """What PoCL 3.0 says where even an empty kernel does not build: of the device that would be taken otherwise."""
+        original, platform = building._built_once, opencl.device.platform.name
+
+        def old(context: Any, *arguments: Any) -> Any:
+            if context.devices[0].platform.name == platform:
+                raise pyopencl.RuntimeError(f"clBuildProgram failed: BUILD_PROGRAM_FAILURE\n\n{OLD}\n")
+            return original(context, *arguments)
+
+        monkeypatch.setattr(building, "_built_once", old)
+        others = {found.platform.strip() for found in device.devices()} - {platform.strip()}
+        assert cli.main(["devices"]) == (0 if others else 1)
+        output = capsys.readouterr()
+        assert f"never taken: the kernels do not compile on {opencl.device.name}: {OLD}" in output.out
+        assert ("passed over" if others else "taken: none") in output.out
+        if others:
+            assert device.chosen().platform != platform.strip()
+        else:
+            assert output.err.startswith("vrte: error: no OpenCL device compiles kernels in double precision")
+            assert output.err.endswith(f"{device.INSTALL}\n")
+
+    @pytest.mark.parametrize("name", ["OUT_OF_RESOURCES", "DEVICE_NOT_AVAILABLE"])
+    def test_a_device_that_fails_midway(self, name: str, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+        def fail(*_: Any, **__: Any) -> None:
+            raise pyopencl.RuntimeError(
+                pyopencl._cl._ErrorRecord("clEnqueueReadBuffer", getattr(pyopencl.status_code, name), "")
+            )
+
+        monkeypatch.setattr(pyopencl, "enqueue_copy", fail)
+        assert trial.complaint_here(opencl.device) == f"it fails ({name} in clEnqueueReadBuffer)"
+
+    def test_a_device_that_cannot_reckon(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(pyopencl, "enqueue_copy", lambda *_: None)
+        assert trial.complaint_here(opencl.device) == "it finds 2 x 3 + 1 = 3.0"
+
+    def test_drivers_that_nobody_tried_have_a_process_of_their_own(
+        self, opencl: Session, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        assert trial.complaint(0, "Another", None) == device.complaint_of(0)
+        monkeypatch.setattr(trial, "TRY_ONE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)  # {}")
+        assert trial.complaint(0, "Another", None) == "it ends the process (signal SIGSEGV)"
+
+    def test_one_that_hangs(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(trial, "LONGEST_WAIT", 0.01)
+        assert trial.complaint(0, "Another", None) == "it gives no answer in 0.01 s"
+
+    def test_how_it_ended(self) -> None:
+        assert trial.end_of_the_process(-11, "one\ntwo\n\n") == "it ends the process (signal SIGSEGV: two)"
+        assert trial.end_of_the_process(1, "") == "it ends the process (exit code 1)"
+        assert "install binutils" in trial.end_of_the_process(1, "Path to linker /usr/bin/ld doesn't exist\n")

@@ -1,0 +1,95 @@
+"""Whether a device computes: the smallest kernel in double precision, tried before the device is taken.
+
+A driver may list a device and fail to compile for it (one older than its processor, say), or end the whole process.
+"""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.cl.building import LONGEST, built, built_past_caches
+from vrte.cl.faults import name_of
+from vrte.cl.session import OPTIONS
+from vrte.errors import DeviceError
+
+POCL, INTEL = "Portable Computing Language", "Intel(R) OpenCL"
+LONGEST_WAIT = 120  # seconds for another process
+TRY_ONE = "import sys; from vrte.cl import device, trial; print(trial.complaint_here(device.devices()[{}].handle))"
+
+
+def complaint(index: int, platform: str, handle: Any) -> str:
+    """Why the device of that index in `vrte.cl.device.devices` does not compute, in one line; empty where it does."""
+    return complaint_here(handle) if leaves_the_process_alone(platform) else complaint_elsewhere(index)
+
+
+def leaves_the_process_alone(platform: str) -> bool:
+    """Whether a failure of the platform's driver is an error: PoCL ends the process where it finds no linker, and of
+    drivers that were not tried nothing is known."""
+    return platform == INTEL or (platform == POCL and has_linker()) or not sys.executable
+
+
+def has_linker() -> bool:
+    """Whether there is what PoCL links with."""
+    return shutil.which("ld") is not None
+
+
+def complaint_here(handle: Any) -> str:
+    """The trial, in this process."""
+    import pyopencl
+
+    text = files("vrte.cl").joinpath("trial.cl").read_text(encoding="utf-8")
+    numbers = np.array([3.0])
+    flags = pyopencl.mem_flags.READ_WRITE | pyopencl.mem_flags.COPY_HOST_PTR
+    try:
+        context = pyopencl.Context([handle])
+        # without a linker PoCL still runs what its cache holds
+        build = built if has_linker() or handle.platform.name != POCL else built_past_caches
+        _, kernels = build(context, text, OPTIONS)
+        queue = pyopencl.CommandQueue(context)
+        buffer = pyopencl.Buffer(context, flags, hostbuf=numbers)
+        kernels["trial"](queue, (1,), (1,), buffer)
+        pyopencl.enqueue_copy(queue, numbers, buffer)
+    except DeviceError as error:
+        return str(error)
+    except pyopencl.Error as error:
+        return f"it fails ({name_of(error)} in {getattr(error, 'routine', None) or 'OpenCL'})"
+    return "" if numbers[0] == 7.0 else f"it finds 2 x 3 + 1 = {numbers[0]}"
+
+
+def complaint_elsewhere(index: int) -> str:
+    """The trial, in a process of its own."""
+    command = [sys.executable, "-P", "-c", TRY_ONE.format(index)]
+    path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])
+    try:
+        done = subprocess.run(
+            command,
+            env=os.environ | {"PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            timeout=LONGEST_WAIT,
+        )
+    except subprocess.TimeoutExpired:
+        return f"it gives no answer in {LONGEST_WAIT} s"
+    return end_of_the_process(done.returncode, done.stderr) if done.returncode else done.stdout.strip()
+
+
+def end_of_the_process(code: int, text: str) -> str:
+    """Why the other process ended, in one line.
+
+    >>> end_of_the_process(-11, "")
+    'it ends the process (signal SIGSEGV)'
+    """
+    if "ld" in text and "doesn't exist" in text:
+        return "it finds no linker (install binutils, which brings ld)"
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+    return f"it ends the process ({how}{f': {lines[-1][:LONGEST]}' if lines else ''})"
