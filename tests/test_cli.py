@@ -96,7 +96,7 @@ def test_the_algorithm_and_its_check_are_told(scene: Path, capsys: pytest.Captur
     assert re.search(r"modes agrees to \d\.\de-1[3-7] in radiance, \d\.\de-1[3-7] in flux", told)
     assert vrte.load(scene.parent / "out.nc").diagnostics["agreement"]["with"] == "modes"
     assert run(*command, "--algorithm", "guess") == 2
-    assert "'auto', 'modes', 'doubling'" in one_line(capsys)
+    assert "'auto', 'direct', 'modes', 'doubling'" in one_line(capsys)
 
 
 def test_another_method_and_its_settings(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:

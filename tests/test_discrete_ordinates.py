@@ -468,7 +468,7 @@ def test_default_directions_are_the_nodes() -> None:
         ({"nodes": 2.5}, "nodes must be a whole number"),
         ({"threads": -1}, "threads must be a whole number"),
         ({"scene": "gold"}, "scene must be a vrte.Scene"),
-        ({"algorithm": "guess"}, "algorithm must be 'auto', 'modes', 'doubling', 'invariance', not 'guess'"),
+        ({"algorithm": "guess"}, "algorithm must be 'auto', 'direct', 'modes', 'doubling', 'invariance', not 'guess'"),
         ({"algorithm": None}, "algorithm must be 'auto'"),
         ({"verify": 1}, "verify must be True or False"),
     ],

@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte.arrays import Array, flag, number, numbers, settled, shown, vector, whole
 from vrte.backends import BACKENDS, Backend, backend_of
-from vrte.discrete_ordinates.choice import ALGORITHMS
+from vrte.discrete_ordinates.choice import ALGORITHMS, BY_RULE
 from vrte.discrete_ordinates.summing import Wanted
 from vrte.errors import SceneError
 from vrte.illumination import SIDES, check_physical, lit_from, mirrored_stokes
@@ -81,7 +81,7 @@ def operations_of(request: Request) -> float:
     unknowns = float(request.nodes if scalar else 4 * request.nodes)
     orders = min(terms, 2 * request.nodes)
     beams, directions = request.mu0.size * request.columns.shape[0], mu.size * request.tau.size
-    per_n3 = SOLVING if request.algorithm in ("auto", "modes") and not request.verify else DOUBLING
+    per_n3 = SOLVING if request.algorithm in (*BY_RULE, "modes") and not request.verify else DOUBLING
     solving = per_n3 * unknowns**3 + 4.0 * unknowns**2 * (beams + mu.size) + 100.0 * unknowns * directions * (1 + beams)
     summing = (10.0 * terms + 20.0 * orders) * directions * beams * (32 + request.phi.size)
     return len(scene.layers) * (orders * solving + summing)
@@ -164,7 +164,7 @@ def solver_options(
     if algorithm == "modes" and found.linear_algebra == "device":
         raise SceneError(
             f"algorithm 'modes' needs an eigensolver, which backend {found.label!r} does not have: "
-            "ask for algorithm 'auto', 'doubling' or 'invariance', or for another backend"
+            "ask for algorithm 'auto', 'direct', 'doubling' or 'invariance', or for another backend"
         )
     return {
         "nodes": None if nodes is None else whole("nodes", nodes, 1, MOST_NODES),

@@ -9,7 +9,8 @@ from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import Problem
 from vrte.discrete_ordinates.slabs import Pile, cut
 
-ALGORITHMS = ("auto", "modes", "doubling", "invariance")
+ALGORITHMS = ("auto", "direct", "modes", "doubling", "invariance")
+BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a tolerance
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
 STEPS_ENDLESS = 8
 JOINT = 0.2  # time of a joint over that of a layer's modes
@@ -31,8 +32,8 @@ class Choice:
 def choose(
     algorithm: str, problem: Problem, strength: Array, accuracy: float, eigensolver: bool = True
 ) -> list[tuple[slice, Choice]]:
-    """The route asked for, or for "auto" those that the rule takes, each for some of the orders; ``strength`` (order,):
-    their q, which falls.
+    """The route asked for, or for "auto" and "direct" those that the rule takes, each for some of the orders;
+    ``strength`` (order,): their q, which falls.
 
     Invariance stands for reflection alone: where it does not apply, modes do the orders that were to be done by it, or
     doubling where there is no ``eigensolver``.
@@ -50,13 +51,13 @@ def choose(
             found[: first > 0]
             + [(slice(first, strength.size), Choice(algorithm, "asked for"))][: first < strength.size]
         )
-    if algorithm != "auto":
+    if algorithm not in BY_RULE:
         return [(every, Choice(algorithm, "asked for"))]
     if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
         reason = f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
         return [(every, Choice("doubling", reason))]
     first = strength.size
-    if sees_top_only(problem) and accuracy >= FINEST:
+    if algorithm == "auto" and sees_top_only(problem) and accuracy >= FINEST:
         share = operations_of_invariance(problem, strength, accuracy) / operations_of_modes(problem)
         first = int(np.count_nonzero((share >= 1.0) | (strength > STRONGEST)))
     parts = [(slice(0, first), modes_or_doubling(problem))] if first else []

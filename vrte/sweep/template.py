@@ -35,7 +35,7 @@ STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a ke
 MOST_AXES = 16
 MOST_SCENES = 10**9
 CHECKED = 1000  # values of an axis that are looked at before anything is computed
-ALGORITHM = {"openmp": "modes", "opencl": "doubling"}  # by backend; both are exact
+ALGORITHM = "direct"  # that of vrte.brdf, without what has a tolerance: no engine's numbers differ
 FIXED = ("brdf", "field", "axes")  # the same for all scenes of a table
 VALUES = "a list of numbers, or { start, stop, count }"
 
@@ -284,9 +284,8 @@ def scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile
 
 
 def request_of(file: SceneFile, backend: str = "openmp") -> Request:
-    """What is asked of a scene: by an algorithm without a tolerance, so that no engine's numbers differ. Raises
-    SceneError."""
-    how = {"algorithm": ALGORITHM[backend], "verify": False, "backend": backend} | file.options
+    """What is asked of a scene. Raises SceneError."""
+    how = {"algorithm": ALGORITHM, "verify": False, "backend": backend} | file.options
     if how.get("method", EXACT) != EXACT:
         raise SceneError(f"method = {shown(how['method'])}: a sweep is made by {EXACT!r} alone")
     options = solver_options(how.pop("nodes", None), how.pop("accuracy", None), **how)
