@@ -75,8 +75,8 @@ demo: $(VENV)/demo.stamp
 IN_GALLERY = gold gold_coarse copper hematite rutile alumina mixture_on_black mixture_on_white
 gallery: $(VENV)/gallery.stamp
 	@mkdir -p out/gallery
-	$(BIN)/vrte render $(IN_GALLERY:%=examples/gallery/%.toml) --sheet --size 300 -o out/gallery/gallery.png
-	$(BIN)/vrte render examples/gallery/gold.toml examples/gallery/mixture_on_black.toml examples/gallery/rutile.toml \
+	$(BIN)/vrte render $(IN_GALLERY:%=vrte/app/gallery/%.toml) --sheet --size 300 -o out/gallery/gallery.png
+	$(BIN)/vrte render vrte/app/gallery/gold.toml vrte/app/gallery/mixture_on_black.toml vrte/app/gallery/rutile.toml \
 		--size 320 -o out/gallery/gallery_polarization.png
 
 tables: $(VENV)/tables.stamp

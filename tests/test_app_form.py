@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -79,6 +80,7 @@ WRONG = [
     (("brdf", "mu_o"), "0.1:1:1e999", "must be a whole number from 1"),
     (("brdf", "phi_deg"), "inf", "all finite"),
     (("field", "mu0"), "2", "mu0 must satisfy"),
+    (("field", "mu0"), "0.2, 0.4", "the page shows one beam"),
     (("field", "tau"), "1000", "must lie between 0 and the total optical thickness 100"),
     (("field", "stokes"), "1, 2", "must be four numbers"),
     (("field", "mu"), "0", "mu must satisfy"),
@@ -208,9 +210,13 @@ def test_layers_are_added_moved_and_removed() -> None:
 def test_every_medium_is_right_from_the_start() -> None:
     content = fresh()
     form.add_kind(content)
-    for medium in ("mixture", "isotropic", "rayleigh", "henyey_greenstein", "particles"):
+    for medium in ("mixture", "volumes", "isotropic", "rayleigh", "henyey_greenstein", "particles"):
         form.set_medium(content, 0, medium)
         assert form.medium_of(content["layer"][0]) == medium
+        assert form.problems(content) == {}
+    for medium in ("volumes", "particles", "volumes", "mixture"):
+        form.set_geometric(content["layer"][0], medium != "particles")
+        form.set_medium(content, 0, medium)
         assert form.problems(content) == {}
     for mode in form.SIZE_MODES:
         form.set_size_mode(content["particles"]["gold"], mode)
@@ -241,6 +247,98 @@ def test_a_file_fills_the_form_and_comes_out_the_same() -> None:
     content = form.adopted(read_content(path))
     assert content == read_content(path)
     assert tomllib.loads(form.scene_text(content)) == content
+
+
+GALLERY = sorted((Path(form.__file__).parent / "gallery").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", GALLERY, ids=lambda path: path.stem)
+def test_every_gallery_scene_opens_and_what_it_lacks_is_told(path: Path) -> None:
+    given = read_content(path)
+    content, told = form.adopted_and_told(given)
+    assert form.problems(content) == {}
+    assert len(form.wavelengths_of(content)) >= 7
+    assert [text.split()[0] for text in told] == ["[brdf]", "wavelength_um"]
+    assert {key: content[key] for key in ("particles", "layer")} == {key: given[key] for key in ("particles", "layer")}
+
+
+def test_sweeps_open_with_the_wavelengths_that_a_page_shows() -> None:
+    examples = Path(__file__).parents[1] / "examples"
+    found = {
+        name: form.adopted_and_told(read_content(examples / f"{name}.toml"))
+        for name in ("gold_table", "rutile_spectrum")
+    }
+    for content, _ in found.values():
+        assert "axes" not in content
+        assert len(form.wavelengths_of(content)) == form.MOST_OF_AXIS
+    assert found["gold_table"][1] == (
+        "axes.wavelength_um: 10 of its 28 wavelengths are taken",
+        "axes: radius_um stay as the template has them; `vrte sweep` computes them all",
+    )
+    assert found["rutile_spectrum"][1] == ("axes.wavelength_um: 10 of its 55 wavelengths are taken",)
+    content, told = form.adopted_and_told(fresh(axes={"wavelength_um": [0.5, 0.6]}))
+    assert (content["wavelength_um"], told) == ([0.5, 0.6], ())
+    _, told = form.adopted_and_told(fresh(axes={"depth": {"key": "layer[1].thickness", "values": [1, 2]}}))
+    assert told == ("axes: depth stay as the template has them; `vrte sweep` computes them all",)
+
+
+def test_a_range_of_wavelengths_is_taken() -> None:
+    content = fresh(wavelength_um={"start": 0.43, "stop": 0.7, "count": 4})
+    assert form.problems(content) == {}
+    np.testing.assert_allclose(form.wavelengths_of(content), [0.43, 0.52, 0.61, 0.7])
+    assert (
+        "at most 40 wavelengths, not 41"
+        in form.problems(fresh(wavelength_um={"start": 0.4, "stop": 0.7, "count": 41}))["wavelength_um"]
+    )
+    assert "ascending" in form.problems(fresh(wavelength_um={"start": 0.7, "stop": 0.4, "count": 4}))["wavelength_um"]
+    assert list(form.problems(fresh(wavelength_um={"start": 0.4, "stop": "x", "count": 4}))) == ["wavelength_um"]
+
+
+def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
+    content = fresh()
+    form.set_size_mode(content["particles"]["gold"], "diameter")
+    assert content["particles"]["gold"] == {"index": "gold", "diameter_um": 1.2}
+    form.set_size_mode(content["particles"]["gold"], "radius")
+    assert content["particles"]["gold"] == {"index": "gold", "radius_um": 0.6}
+    form.set_degrees(content, True)
+    assert form.in_degrees(content)
+    assert content["brdf"]["angle_i_deg"] == {"start": 78.463, "stop": 0.0, "count": 9}
+    assert content["field"]["angle0_deg"] == 53.1301
+    assert form.problems(content) == {}
+    content["brdf"]["angle_i_deg"], content["field"]["angle0_deg"] = [90], -1
+    form.set_size_mode(content["particles"]["gold"], "diameter")
+    content["particles"]["gold"]["diameter_um"] = -1
+    form.set_medium(content, 0, "volumes")
+    content["layer"][0]["volume_fractions"]["gold"] = "200 %"
+    assert set(form.problems(content)) == {
+        "brdf.angle_i_deg",
+        "field.angle0_deg",
+        "particles.gold.diameter_um",
+        "layer[1].volume_fractions.gold",
+    }
+    content["brdf"]["angle_i_deg"], content["field"]["angle0_deg"] = [60], 60
+    form.set_degrees(content, False)
+    assert (content["brdf"]["mu_i"], content["field"]["mu0"]) == ([0.5], 0.5)
+    assert list(content["brdf"]) == ["mu_i", "mu_o", "phi_deg"]
+
+
+def test_a_card_is_called_after_its_substance_until_it_is_renamed() -> None:
+    content = fresh()
+    other = form.add_kind(content)
+    kind = content["particles"][other]
+    kind["index"], before = "gold", kind["index"]
+    form.name_after(content, other, before)
+    assert list(content["particles"]) == ["gold", "gold-2"]
+    kind["index"] = "main/Ag/Johnson"
+    form.name_after(content, "gold-2", "gold")
+    assert list(content["particles"]) == ["gold", "Ag"]
+    form.rename_kind(content, "Ag", "flakes")
+    kind["index"] = "copper"
+    form.name_after(content, "flakes", "main/Ag/Johnson")
+    assert list(content["particles"]) == ["gold", "flakes"]
+    content["particles"]["gold"]["index"] = [1.5, 0.0]
+    form.name_after(content, "gold", "gold")  # numbers are no name
+    assert list(content["particles"]) == ["gold", "flakes"]
 
 
 def test_several_wavelengths_stay_in_the_file() -> None:

@@ -307,7 +307,7 @@ def test_sheet_has_a_row_a_scene(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["rutile", "mixture_on_black"])
 def test_scenes_of_the_gallery_can_be_read(name: str) -> None:
-    (material,), _ = read([Path(__file__).parents[1] / "examples" / "gallery" / f"{name}.toml"])
+    (material,), _ = read([Path(__file__).parents[1] / "vrte" / "app" / "gallery" / f"{name}.toml"])
     ends = [material.brdf(wavelength, *(np.array([1.0]),) * 3) for wavelength in material.wavelengths_um[[0, -1]]]
     assert all(0.0 < end.reflectance[0] < 1.0 for end in ends)
 

@@ -1,6 +1,7 @@
 """Scene files: what is right is read as meant, what is wrong is named by its dotted key."""
 
 import math
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.formats.scene_file import SceneFile, henyey_greenstein_terms, read_scene
+from vrte.formats.scene_file import SceneFile, henyey_greenstein_terms, read_scene, scene_of
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "gold_powder.toml"
 SCENE = """
@@ -136,6 +137,100 @@ def test_mixtures_and_geometrical_thickness(read: Reader) -> None:
     assert file.scene.layers[0].albedo == expected.albedo
 
 
+def same(text: str, other: str) -> None:
+    """Two scene files that say the same."""
+    one, two = (scene_of(tomllib.loads(given)) for given in (text, other))
+    assert one.request.keys() == two.request.keys()
+    for name, values in one.request.items():
+        np.testing.assert_allclose(values, two.request[name], rtol=1e-14)
+    for layer, twin in zip(one.scene.layers, two.scene.layers, strict=True):
+        np.testing.assert_allclose([layer.thickness, layer.albedo], [twin.thickness, twin.albedo], rtol=1e-14)
+        np.testing.assert_allclose(layer.phase_matrix.coefficients, twin.phase_matrix.coefficients, atol=1e-13)
+    assert one.scene.base == two.scene.base
+
+
+@pytest.mark.parametrize(
+    ("ours", "other"),
+    [
+        ("radius_um = 0.1", "diameter_um = 0.2"),
+        ("mu_i = [0.6, 1.0]", f"angle_i_deg = [{math.degrees(math.acos(0.6))!r}, 0]"),
+        ("mu_o = { start = 0.5, stop = 1.0, count = 3 }", f"angle_o_deg = [60, {math.degrees(math.acos(0.75))!r}, 0]"),
+        ("albedo = 0.3", 'albedo = "30 %"'),
+        ("thickness = 2.0", 'thickness_um = 5\nvolume_fraction = "2.5%"'),
+    ],
+)
+def test_diameters_degrees_and_per_cent(ours: str, other: str) -> None:
+    text = SCENE
+    if "volume_fraction" in other:
+        text = text.replace(ours, "thickness_um = 5.0\nvolume_fraction = 0.025")
+        ours = "thickness_um = 5.0\nvolume_fraction = 0.025"
+    assert ours in text
+    same(text, text.replace(ours, other))
+    field = FIELD.replace("mu0 = 0.5", "angle0_deg = 60")
+    same(FIELD, field)
+
+
+def test_size_distributions_of_diameters() -> None:
+    for ours, other in (
+        ("lognormal = { median_um = 0.1, sigma = 1.2 }", "lognormal = { median_diameter_um = 0.2, sigma = 1.2 }"),
+        ("gamma = { r_eff_um = 0.1, v_eff = 0.05 }", "gamma = { d_eff_um = 0.2, v_eff = 0.05 }"),
+    ):
+        same(*(SCENE.replace("radius_um = 0.1", f"size = {{ {size} }}") for size in (ours, other)))
+
+
+def test_mixtures_by_volume() -> None:
+    text = SCENE + "[particles.glass]\nindex = [1.5, 0]\nradius_um = 0.2\n"
+    by_volume = text.replace('particles = "gold"', 'volume_fractions = { gold = "1 %", glass = 0.04 }')
+    by_volume = by_volume.replace("thickness = 2.0", "thickness_um = 5.0")
+    # of volumes 1 : 4, where a sphere of glass has 8 times the volume of one of gold: 2 : 1 by number
+    by_number = text.replace('particles = "gold"', "particles = { gold = 2, glass = 1 }")
+    by_number = by_number.replace("thickness = 2.0", "thickness_um = 5.0\nvolume_fraction = 0.05")
+    same(by_volume, by_number)
+    optical = by_volume.replace("thickness_um = 5.0", "thickness = 3.0")
+    assert scene_of(tomllib.loads(optical)).scene.thickness == 3.0  # their ratios alone
+
+
+@pytest.mark.parametrize(
+    ("ours", "other", "words"),
+    [
+        ("radius_um = 0.1", "diameter_um = -1", "particles.gold.diameter_um: half of it, radius_um must be a length"),
+        ("radius_um = 0.1", "diameter_um = 1\nradius_um = 1", "exactly one of radius_um, diameter_um and size"),
+        (
+            "radius_um = 0.1",
+            "size = { gamma = { d_eff_um = -1, v_eff = 0.1 } }",
+            "particles.gold.size.gamma.d_eff_um: half of it, r_eff_um must be a length",
+        ),
+        (
+            "radius_um = 0.1",
+            "size = { gamma = { d_eff_um = 1, r_eff_um = 1, v_eff = 0.1 } }",
+            "exactly one of r_eff_um and d_eff_um",
+        ),
+        ("mu_i = [0.6, 1.0]", "angle_i_deg = [10, 90]", "brdf.angle_i_deg = .*: must be degrees from the normal"),
+        ("mu_i = [0.6, 1.0]", "mu_i = 1\nangle_i_deg = 3", "brdf: exactly one of mu_i and angle_i_deg is needed"),
+        ("albedo = 0.3", 'albedo = "30"', 'base.albedo = "30": must be a number between 0 and 1, or per cent'),
+        ("albedo = 0.3", 'albedo = "130 %"', "base.albedo must be between 0 and 1, not 1.3"),
+        ('particles = "gold"', "volume_fractions = { gold = 1.5 }", "volume_fractions.gold = 1.5: must be from 0"),
+        ('particles = "gold"', "volume_fractions = { lead = 0.5 }", r"volume_fractions.*: no table \[particles.lead\]"),
+        ('particles = "gold"', "volume_fractions = 0.5", "volume_fractions = 0.5: must be a table"),
+        ('particles = "gold"', 'volume_fractions = { gold = "0 %" }', "at least one fraction must be above 0"),
+        (
+            'particles = "gold"',
+            "volume_fractions = { gold = 0.1 }\nvolume_fraction = 0.1",
+            "volume_fraction = 0.1: is the sum of volume_fractions",
+        ),
+        (
+            'particles = "gold"\nthickness = 2.0',
+            "volume_fractions = { gold = 0.1 }",
+            r"either thickness \(optical\) or thickness_um is needed",
+        ),
+    ],
+)
+def test_what_is_wrong_with_them_names_their_keys(ours: str, other: str, words: str) -> None:
+    assert ours in SCENE
+    with pytest.raises(vrte.SceneError, match=words):
+        scene_of(tomllib.loads(SCENE.replace(ours, other)))
+
+
 @pytest.mark.parametrize(
     ("phase", "expected"),
     [
@@ -193,7 +288,7 @@ def test_broken_tables_of_coefficients(read: Reader, tmp_path: Path, rows: str, 
         # a key nobody knows, with the one that was meant
         ("nodes", "node", "node = 12: unknown key; did you mean 'nodes'? Allowed: wavelength_um, "),
         ("thickness", "thicknes", "layer[1].thicknes = 2.0: unknown key; did you mean 'thickness'?"),
-        ("radius_um", "diameter", "particles.gold.diameter = 0.1: unknown key. Allowed: index, radius_um, size"),
+        ("radius_um", "diameter", "particles.gold.diameter = 0.1: unknown key; did you mean"),
         ("albedo = 0.3", "albdo = 0.3", "base.albdo = 0.3: unknown key; did you mean 'albedo'?"),
         ("count", "cout", "brdf.mu_o.cout = 3: unknown key; did you mean 'count'?"),
         ("[brdf]", "[brfd]", "unknown key; did you mean 'brdf'?"),
@@ -223,7 +318,7 @@ def test_broken_tables_of_coefficients(read: Reader, tmp_path: Path, rows: str, 
         # something missing or too much
         ("wavelength_um = 0.64\n", "", "wavelength_um: is missing; it must be the wavelength in micrometres"),
         ("mu_i = [0.6, 1.0]\n", "", "brdf.mu_i: is missing"),
-        ("radius_um = 0.1\n", "", "particles.gold: exactly one of radius_um and size is needed"),
+        ("radius_um = 0.1\n", "", "particles.gold: exactly one of radius_um, diameter_um and size is needed"),
         ("thickness = 2.0", "thickness_um = 2.0", "layer[1]: either thickness (optical) or thickness_um with"),
         ("thickness = 2.0", "thickness = 1\nalbedo = 1", "layer[1].albedo = 1: goes with phase only"),
         ('kind = "lambertian"', 'kind = "black"', 'base.albedo = 0.3: goes with kind = "lambertian" only'),

@@ -1,8 +1,7 @@
 """What the form holds: the content of a scene file as a plain dict, typed text in, the library's messages out.
 
 A field is named by its path in the content, ("layer", 0, "thickness"); the library's messages begin with the dotted
-key of that path, "layer[1].thickness", and so find their field. The one thing that no scene file has: ``wavelength_um``
-may be a list.
+key of that path, "layer[1].thickness", and so find their field.
 """
 
 import copy
@@ -14,19 +13,24 @@ from typing import Any
 
 from vrte.errors import SceneError
 from vrte.formats.scene_file import (
+    ANGLES,
     BASE_KEYS,
+    DIAMETERS,
     FILE_KEYS,
+    FILLINGS,
     LAYER_KEYS,
     PARTICLE_KEYS,
     REQUEST_KEYS,
     SceneFile,
     henyey_greenstein_terms,
+    listed_wavelengths,
     scene_of,
     tables_named,
 )
 from vrte.formats.scene_writer import toml_text
 from vrte.formats.toml_table import RANGE_KEYS, is_number, shown, shown_key
 from vrte.optics.phase_matrix import MOST_TERMS
+from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.spheres import check_spheres
 from vrte.plan_call import request_of
 from vrte.spectrum import ascending
@@ -39,9 +43,16 @@ MOST_DIRECTIONS, HUGE = 10_000, 10**9
 LARGEST_RESULT = 2e8  # bytes
 LONGEST_TEXT = 4000  # characters of a field
 MOST_ROUNDS = 40  # fields that are wrong at once
+MOST_OF_AXIS = 10  # wavelengths that are taken of a sweep's
+VISIBLE: Content = {
+    "start": 0.43,
+    "stop": 0.7,
+    "count": 7,
+}  # um: enough for a colour, within the tables of all pigments
 DEEPEST = 10.0  # optical depth down to which the field is shown where nothing is said
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf|nan")
 WHOLE = re.compile(r"[+-]?\d{1,300}")
+NUMBERED, NUMBERED_AFTER = re.compile(r"kind-\d+"), re.compile(r"-\d+$")  # names that a card gets by itself
 
 START: Content = {
     "wavelength_um": 0.64,
@@ -55,11 +66,14 @@ START: Content = {
     },
     "field": {"mu0": 0.6, "mu": {"start": -1.0, "stop": 1.0, "count": 120}, "phi_deg": [0, 180]},
 }
-MEDIA = ("particles", "mixture", "isotropic", "rayleigh", "henyey_greenstein", "table")
+MEDIA = ("particles", "mixture", "volumes", "isotropic", "rayleigh", "henyey_greenstein", "table")
 SIZE_MODES: dict[str, Content] = {
     "radius": {"radius_um": 0.3},
+    "diameter": {"diameter_um": 0.6},
     "lognormal": {"size": {"lognormal": {"median_um": 0.2, "sigma": 1.4}}},
+    "lognormal, diameters": {"size": {"lognormal": {"median_diameter_um": 0.4, "sigma": 1.4}}},
     "gamma": {"size": {"gamma": {"r_eff_um": 0.2, "v_eff": 0.07}}},
+    "gamma, diameters": {"size": {"gamma": {"d_eff_um": 0.4, "v_eff": 0.07}}},
 }
 PHASES: Content = {
     "isotropic": "isotropic",
@@ -72,7 +86,10 @@ HARMLESS: Content = {
     "host_index": 1.0,
     "index": [3.1, 0.1],
     "radius_um": 0.1,
+    "diameter_um": 0.1,
     "median_um": 0.1,
+    "median_diameter_um": 0.1,
+    "d_eff_um": 0.1,
     "sigma": 1.2,
     "r_eff_um": 0.1,
     "v_eff": 0.1,
@@ -86,6 +103,7 @@ HARMLESS: Content = {
     "mu_i": 0.5,
     "mu_o": 0.5,
     "mu0": 0.5,
+    **dict.fromkeys(ANGLES.values(), 60.0),
 }
 
 
@@ -193,6 +211,8 @@ def medium_of(layer: Content) -> str:
     >>> medium_of({"phase": {"henyey_greenstein": 0.9}}), medium_of({"particles": {"gold": 1}})
     ('henyey_greenstein', 'mixture')
     """
+    if "volume_fractions" in layer:
+        return "volumes"
     if "phase" not in layer:
         return "mixture" if isinstance(layer.get("particles"), dict) else "particles"
     phase = layer["phase"]
@@ -206,11 +226,19 @@ def set_medium(content: Content, place: int, medium: str) -> None:
     layer, kinds = content["layer"][place], list(content.get("particles", {}))
     if medium == medium_of(layer):
         return
-    layer.pop("phase", None), layer.pop("particles", None)
-    if medium in ("particles", "mixture"):
+    geometric = is_geometric(layer)
+    for key in FILLINGS:
+        layer.pop(key, None)
+    if medium in ("particles", "mixture", "volumes"):
         kinds = kinds or [add_kind(content)]
         layer.pop("albedo", None)
-        layer["particles"] = kinds[0] if medium == "particles" else dict.fromkeys(kinds[:2], 1.0)
+        if medium == "volumes":
+            layer["volume_fractions"] = dict.fromkeys(kinds[:2], 0.05)
+            layer.pop("volume_fraction", None)
+        else:
+            layer["particles"] = kinds[0] if medium == "particles" else dict.fromkeys(kinds[:2], 1.0)
+            if geometric:
+                layer.setdefault("volume_fraction", 0.05)
         return
     layer["phase"] = copy.deepcopy(PHASES[medium])
     layer.setdefault("albedo", 0.99)
@@ -228,7 +256,9 @@ def set_geometric(layer: Content, geometric: bool) -> None:
         return
     for key in ("thickness", "thickness_um", "volume_fraction"):
         layer.pop(key, None)
-    layer.update({"thickness_um": 50.0, "volume_fraction": 0.05} if geometric else {"thickness": 10.0})
+    layer.update({"thickness_um": 50.0} if geometric else {"thickness": 10.0})
+    if geometric and "volume_fractions" not in layer:
+        layer["volume_fraction"] = 0.05
 
 
 # kinds of particles
@@ -247,7 +277,7 @@ def add_kind(content: Content) -> str:
 def remove_kind(content: Content, name: str) -> None:
     """Raises SceneError where a layer holds it."""
     for place, layer in enumerate(content["layer"], 1):
-        held = layer.get("particles", ())
+        held = layer.get("volume_fractions", layer.get("particles", ()))
         if name == held or (isinstance(held, dict) and name in held):
             raise SceneError(
                 f"particles.{shown_key(name)}: layer {place} holds it; fill that with something else first"
@@ -267,29 +297,96 @@ def rename_kind(content: Content, old: str, new: str) -> None:
         raise SceneError(f"particles.{shown_key(new)}: there is another kind of that name")
     content["particles"] = {new if name == old else name: kind for name, kind in content["particles"].items()}
     for layer in content["layer"]:
-        held = layer.get("particles")
-        if isinstance(held, dict):
-            layer["particles"] = {new if name == old else name: share for name, share in held.items()}
-        elif held == old:
-            layer["particles"] = new
+        for key in ("particles", "volume_fractions"):
+            held = layer.get(key)
+            if isinstance(held, dict):
+                layer[key] = {new if name == old else name: share for name, share in held.items()}
+            elif held == old:
+                layer[key] = new
+
+
+def name_of_substance(index: Any) -> str:
+    """What a kind of this substance is called, "" where that says nothing.
+
+    >>> name_of_substance("zinc oxide"), name_of_substance("main/Au/Johnson"), name_of_substance([1.5, 0.0])
+    ('zinc oxide', 'Au', '')
+    """
+    if index in MATERIALS if isinstance(index, str) else False:
+        return str(index)
+    parts = index.split("/") if isinstance(index, str) else []
+    return parts[1] if len(parts) == 3 and all(parts) else ""
+
+
+def name_after(content: Content, name: str, before: Any) -> None:
+    """Calls a kind after its substance where it was called after the one ``before``, and not by hand."""
+    index = content["particles"][name]["index"]
+    wanted, first = name_of_substance(index), name_of_substance(before)
+    by_itself = NUMBERED.fullmatch(name) or (first and NUMBERED_AFTER.sub("", name) == first)
+    if not wanted or not by_itself or index == before:
+        return
+    others = content["particles"].keys() - {name}
+    free = (wanted if k == 1 else f"{wanted}-{k}" for k in range(1, MOST_KINDS + 2))
+    rename_kind(content, name, next(one for one in free if one not in others))
 
 
 def size_mode(kind: Content) -> str:
     """One of SIZE_MODES."""
     size = kind.get("size")
-    return "radius" if not isinstance(size, dict) else "gamma" if "gamma" in size else "lognormal"
+    if not isinstance(size, dict):
+        return "diameter" if "diameter_um" in kind else "radius"
+    name = "gamma" if "gamma" in size else "lognormal"
+    inner = size.get(name)
+    by_diameter = isinstance(inner, dict) and any(key in inner for key in DIAMETERS.values())
+    return f"{name}, diameters" if by_diameter else name
 
 
 def set_size_mode(kind: Content, mode: str) -> None:
-    """A radius, or a size distribution to begin with."""
-    if mode != size_mode(kind):
-        kind.pop("radius_um", None), kind.pop("size", None)
-        kind.update(copy.deepcopy(SIZE_MODES[mode]))
+    """Another way to tell the size; between radius and diameter it stays as it is."""
+    before = size_mode(kind)
+    if mode == before:
+        return
+    told = {key: kind.pop(key, None) for key in ("radius_um", "diameter_um", "size")}
+    kind.update(copy.deepcopy(SIZE_MODES[mode]))
+    size = told.get(f"{before}_um")
+    if mode in ("radius", "diameter") and isinstance(size, (int, float)) and is_number(size):
+        kind[f"{mode}_um"] = size * (2.0 if mode == "diameter" else 0.5)
 
 
 def set_base(content: Content, kind: str) -> None:
     """What lies beneath."""
     content["base"] = {"kind": kind} | ({"albedo": 0.5} if kind == "lambertian" else {})
+
+
+def in_degrees(content: Content) -> bool:
+    """Whether directions are told in degrees from the normal."""
+    return any(key in content.get(kind, {}) for kind in ("brdf", "field") for key in ANGLES.values())
+
+
+def set_degrees(content: Content, degrees: bool) -> None:
+    """Directions in degrees from the normal, or as cosines; a range keeps its ends and its number."""
+    new = ANGLES if degrees else {key: name for name, key in ANGLES.items()}
+    for kind in REQUEST_KEYS:
+        if isinstance(content.get(kind), dict):
+            content[kind] = {
+                new.get(key, key): turned(value, degrees) if key in new else value
+                for key, value in content[kind].items()
+            }
+
+
+def turned(value: Any, degrees: bool) -> Any:
+    """Cosines as degrees, or degrees as cosines; what is neither stays.
+
+    >>> turned([0.5, 1.0], True), turned({"start": 60, "stop": 0, "count": 3}, False)
+    ([60.0, 0.0], {'start': 0.5, 'stop': 1.0, 'count': 3})
+    """
+    if isinstance(value, list):
+        return [turned(one, degrees) for one in value]
+    if isinstance(value, dict):
+        return {key: one if key == "count" else turned(one, degrees) for key, one in value.items()}
+    if not is_number(value) or not (0.0 < value <= 1.0 if degrees else 0.0 <= value < 90.0):
+        return value
+    angle = math.degrees(math.acos(value)) if degrees else math.cos(math.radians(value))
+    return float(f"{angle:.6g}")
 
 
 # checks
@@ -298,16 +395,16 @@ def set_base(content: Content, kind: str) -> None:
 def wavelengths_of(content: Content) -> list[float]:
     """The wavelengths [um], ascending; one where no particles need any. Raises SceneError for what are none."""
     value: Any = content.get("wavelength_um")
-    if not isinstance(value, list):
+    if not isinstance(value, (list, dict)):
         return [value] if is_number(value) else [math.nan]
-    if len(value) > MOST_WAVELENGTHS:
-        raise SceneError(f"wavelength_um: the page takes at most {MOST_WAVELENGTHS} wavelengths, not {len(value)}")
-    return [float(one) for one in ascending(value)]
+    if count_of(value) > MOST_WAVELENGTHS:
+        raise SceneError(f"wavelength_um: the page takes at most {MOST_WAVELENGTHS} wavelengths, not {count_of(value)}")
+    return [float(one) for one in ascending(value if isinstance(value, list) else listed_wavelengths(content))]
 
 
 def at(content: Content, wavelength: float) -> Content:
     """The content of a scene file for one of the wavelengths."""
-    if isinstance(content.get("wavelength_um"), list):
+    if isinstance(content.get("wavelength_um"), (list, dict)):
         return {**content, "wavelength_um": wavelength}
     return content
 
@@ -372,12 +469,15 @@ def check_amount(content: Content) -> None:
         count = len(content[key]) if isinstance(content.get(key), (list, dict)) else 0
         if count > most:
             raise SceneError(f"{key}: the page shows at most {most} {word}, not {count}; `vrte brdf` takes more")
-    value = content.get("wavelength_um")
-    wavelengths = len(value) if isinstance(value, list) else 1
+    wavelengths = count_of(content.get("wavelength_um"))
     for kind, keys, size in (("brdf", ("mu_i", "mu_o", "phi_deg"), 128.0), ("field", ("tau", "mu", "phi_deg"), 32.0)):
         table = content.get(kind)
         if isinstance(table, dict):
-            check_directions(kind, {key: count_of(table.get(key, 0.0)) for key in keys}, size * wavelengths)
+            if kind == "field" and any(count_of(table.get(key)) > 1 for key in ("mu0", ANGLES["mu0"])):
+                key = "mu0" if "mu0" in table else ANGLES["mu0"]
+                raise SceneError(f"field.{key}: the page shows one beam; `vrte field` takes more")
+            said = {ANGLES[key] if ANGLES.get(key) in table else key: 0 for key in keys}
+            check_directions(kind, {key: count_of(table.get(key, 0.0)) for key in said}, size * wavelengths)
 
 
 def check_directions(kind: str, counts: dict[str, int], size: float) -> None:
@@ -470,6 +570,7 @@ def places(content: Content) -> Iterator[Place]:
         yield ("layer", place)
         yield from (("layer", place, key) for key in LAYER_KEYS)
         yield from below(content, ("layer", place, "particles"))
+        yield from below(content, ("layer", place, "volume_fractions"))
         yield from below(content, ("layer", place, "phase"))
 
 
@@ -483,8 +584,8 @@ def below(content: Content, place: Place) -> Iterator[Place]:
 
 def mend(content: Content, place: Place) -> None:
     """Puts in something that is right, or nothing where that is."""
-    if place[0] == "layer" and place[2:3] == ("particles",) and len(place) == 4:
-        put(content, place, 1.0)
+    if place[0] == "layer" and place[2:3] in (("particles",), ("volume_fractions",)) and len(place) == 4:
+        put(content, place, 1.0 if place[2] == "particles" else 1e-3)
     elif len(place) == 2 and place[0] == "particles":
         content["particles"][place[1]] = {"index": [3.1, 0.1], "radius_um": 0.1}
     elif len(place) == 2 and place[0] == "layer":
@@ -495,6 +596,8 @@ def mend(content: Content, place: Place) -> None:
         content["brdf"] = {"mu_i": 0.5, "mu_o": 0.5}
     elif place == ("field",):
         content["field"] = {"mu0": 0.5}
+    elif place[0] == "layer" and place[-1] == "volume_fractions":
+        put(content, place, dict.fromkeys(list(content.get("particles") or {})[:1], 0.01))
     elif place[0] == "layer" and place[-1] == "particles":
         put(content, place, next(iter(content.get("particles") or {}), ""))
     else:
@@ -506,15 +609,55 @@ def mend(content: Content, place: Place) -> None:
 
 def adopted(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> Content:
     """The content of a file, checked, with what a form needs besides. Raises SceneError."""
+    return adopted_and_told(content, folder, tables)[0]
+
+
+def adopted_and_told(
+    content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()
+) -> tuple[Content, tuple[str, ...]]:
+    """The same, and a sentence for each part that the file did not have, or that the page cannot show."""
     found = copy.deepcopy(content)
-    if "brdf" not in found:
-        found["brdf"] = copy.deepcopy(START["brdf"])
+    told = (*without_axes(found), *with_defaults(found))
     check(found, folder, tables)
     found.setdefault("base", {"kind": "black"})
     for layer in found["layer"]:
         if layer.get("phase") == "rayleigh":
             layer["phase"] = {"rayleigh": 0.0}  # the same, with a field for its depolarization
-    return found
+    return found, told
+
+
+def without_axes(content: Content) -> Iterator[str]:
+    """A sweep's template is one scene; of its axes, the wavelengths can be shown."""
+    axes = content.pop("axes", None)
+    if axes is None:
+        return
+    table = axes if isinstance(axes, dict) else {}
+    along = table.get("wavelength_um")
+    values = along.get("values") if isinstance(along, dict) else along
+    if isinstance(along, dict) and set(along) == set(RANGE_KEYS):
+        values = along | {"count": min(count_of(along), MOST_OF_AXIS)}
+    elif isinstance(values, list):
+        step = -(-len(values) // MOST_OF_AXIS)
+        values = values[::step]
+    if isinstance(values, (list, dict)) and values:
+        content["wavelength_um"] = values
+        if count_of(values) < count_of(along):
+            yield f"axes.wavelength_um: {count_of(values)} of its {count_of(along)} wavelengths are taken"
+    others = [shown_key(name) for name in table if name != "wavelength_um" or "wavelength_um" not in content]
+    if others or not table:
+        yield f"axes: {', '.join(others)} stay as the template has them; `vrte sweep` computes them all"
+
+
+def with_defaults(content: Content) -> Iterator[str]:
+    """What a scene file for another command does not have."""
+    if "brdf" not in content:
+        content["brdf"] = copy.deepcopy(START["brdf"])
+        yield "[brdf] is missing: directions all over the hemisphere are taken"
+    if "wavelength_um" not in content and "particles" in content:
+        render = content.get("render")
+        listed = render.get("wavelengths_um") if isinstance(render, dict) else None
+        content["wavelength_um"] = copy.deepcopy(VISIBLE if listed is None else listed)
+        yield f"wavelength_um is missing: {text_of(content['wavelength_um'])} is taken"
 
 
 def scene_text(content: Content) -> str:

@@ -11,25 +11,38 @@ from vrte.app import form
 from vrte.app.form import Place
 from vrte.app.state import Bench
 from vrte.errors import SceneError
+from vrte.formats.scene_file import ANGLES
 from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.truncation import CHOICES
 
 MEDIUM_NAMES = {
     "particles": "particles of one kind",
-    "mixture": "a mixture of particles",
+    "mixture": "a mixture, by number",
+    "volumes": "a mixture, by volume",
     "isotropic": "isotropic scatterers",
     "rayleigh": "Rayleigh scatterers",
     "henyey_greenstein": "Henyey-Greenstein scatterers",
     "table": "a table of coefficients",
 }
-SIZE_NAMES = {"radius": "one radius", "lognormal": "lognormal sizes", "gamma": "gamma sizes"}
+SIZE_NAMES = {
+    "radius": "one radius",
+    "diameter": "one diameter",
+    "lognormal": "lognormal radii",
+    "lognormal, diameters": "lognormal diameters",
+    "gamma": "gamma radii",
+    "gamma, diameters": "gamma diameters",
+}
+LOGNORMAL, GAMMA = ("size", "lognormal"), ("size", "gamma")
 SIZE_FIELDS = {
     "radius": ((("radius_um",), "radius [µm]"),),
-    "lognormal": (
-        (("size", "lognormal", "median_um"), "median radius [µm]"),
-        (("size", "lognormal", "sigma"), "sigma"),
+    "diameter": ((("diameter_um",), "diameter [µm]"),),
+    "lognormal": (((*LOGNORMAL, "median_um"), "median radius [µm]"), ((*LOGNORMAL, "sigma"), "sigma")),
+    "lognormal, diameters": (
+        ((*LOGNORMAL, "median_diameter_um"), "median diameter [µm]"),
+        ((*LOGNORMAL, "sigma"), "sigma"),
     ),
-    "gamma": ((("size", "gamma", "r_eff_um"), "r_eff [µm]"), (("size", "gamma", "v_eff"), "v_eff")),
+    "gamma": (((*GAMMA, "r_eff_um"), "r_eff [µm]"), ((*GAMMA, "v_eff"), "v_eff")),
+    "gamma, diameters": (((*GAMMA, "d_eff_um"), "d_eff [µm]"), ((*GAMMA, "v_eff"), "v_eff")),
 }
 BASE_NAMES = {"black": "black", "lambertian": "white or grey (Lambertian)"}
 LIST_HINT = "one number, several with commas, or start:stop:count"
@@ -93,7 +106,9 @@ class FormPanel:
 
     def _light(self) -> None:
         with self.section("Light", "wb_sunny"):
-            self.field(("wavelength_um",), "wavelengths in vacuum [µm]", "several with commas: a slider runs over them")
+            self.field(
+                ("wavelength_um",), "wavelengths in vacuum [µm]", "one, several with commas, or start:stop:count"
+            )
             self.field(("host_index",), "refractive index of the host medium", "1 if empty", optional=True)
 
     def _particles(self) -> None:
@@ -119,13 +134,26 @@ class FormPanel:
                 label.on("change", lambda: self.change(lambda: form.rename_kind(content, name, str(label.value))))
                 icon("close", "remove this kind", lambda: self.change(lambda: form.remove_kind(content, name)))
             index = self.field((*place, "index"), "substance", "a name, a database path, or n, k")
+            before = kind.get("index")
+
+            def name_after() -> None:
+                """Once it is typed or chosen; a card that has its name by hand keeps it."""
+                form.name_after(content, name, before)
+                if name not in content["particles"]:
+                    self.draw()
+
+            def choose(material: str) -> None:
+                index.set_value(material)
+                name_after()
+
+            index.on("change", name_after)
             with index.add_slot("append"):
                 arrow = ui.button(icon="arrow_drop_down").props(
                     'flat dense round size=sm aria-label="known substances"'
                 )
             with arrow, ui.menu().props("auto-close"):
                 for material in MATERIALS:
-                    ui.menu_item(material, lambda material=material: index.set_value(material))
+                    ui.menu_item(material, lambda material=material: choose(material))
             mode = form.size_mode(kind)
             self.choice(SIZE_NAMES, mode, "size", lambda new: form.set_size_mode(kind, new))
             with ui.row().classes("w-full no-wrap gap-2"):
@@ -173,6 +201,11 @@ class FormPanel:
                 for name in kinds:
                     where = ("layer", place, "particles", name)
                     self.field(where, f"{name}: number fraction", classes="w-[150px]", optional=True)
+        elif medium == "volumes":
+            with ui.row().classes("w-full gap-2"):
+                for name in kinds:
+                    where = ("layer", place, "volume_fractions", name)
+                    self.field(where, f"{name}: of the volume", "5 % or 0.05", "w-[150px]", optional=True)
         elif medium == "table":
             ui.label(str(layer["phase"])).classes("vrte-note")
             self.field(("layer", place, "albedo"), "single-scattering albedo")
@@ -189,11 +222,12 @@ class FormPanel:
         with ui.row().classes("w-full no-wrap gap-2"):
             if geometric:
                 self.field(("layer", place, "thickness_um"), "thickness [µm]")
-                self.field(("layer", place, "volume_fraction"), "volume fraction")
+                if medium != "volumes":
+                    self.field(("layer", place, "volume_fraction"), "volume fraction", "5 % or 0.05")
             else:
                 self.field(("layer", place, "thickness"), "optical thickness", "inf: without end")
-        if medium in ("particles", "mixture"):
-            switch = ui.checkbox("thickness in µm, with a volume fraction", value=geometric).props("dense size=sm")
+        if medium in ("particles", "mixture", "volumes"):
+            switch = ui.checkbox("thickness in µm", value=geometric).props("dense size=sm")
             switch.classes("vrte-note").on_value_change(
                 lambda event: self.change(lambda: form.set_geometric(layer, bool(event.value)))
             )
@@ -209,8 +243,15 @@ class FormPanel:
     def _directions(self) -> None:
         with self.section("Directions of the BRDF", "explore", opened=False):
             ui.label(LIST_HINT).classes("vrte-note")
-            self.field(("brdf", "mu_i"), "cosines of incidence µ_i")
-            self.field(("brdf", "mu_o"), "cosines of exit µ_o")
+            content = self.bench.content
+            degrees = form.in_degrees(content)
+            switch = (
+                ui.checkbox("in degrees from the normal", value=degrees).props("dense size=sm").classes("vrte-note")
+            )
+            switch.on_value_change(lambda event: self.change(lambda: form.set_degrees(content, bool(event.value))))
+            for name, word in (("mu_i", "incidence"), ("mu_o", "exit")):
+                label = f"angles of {word} [°]" if degrees else f"cosines of {word} µ_{name[-1]}"
+                self.field(("brdf", ANGLES[name] if degrees else name), label)
             self.field(("brdf", "phi_deg"), "azimuths φ [°]", "0 forward, 180 back")
 
     def _inside(self) -> None:
@@ -220,7 +261,10 @@ class FormPanel:
             switch.on_value_change(lambda event: self.change(lambda: self._set_field(bool(event.value))))
             if "field" not in content:
                 return
-            self.field(("field", "mu0"), "cosine of the beam's incidence µ_0")
+            if ANGLES["mu0"] in content["field"]:
+                self.field(("field", ANGLES["mu0"]), "angle of the beam's incidence [°]")
+            else:
+                self.field(("field", "mu0"), "cosine of the beam's incidence µ_0")
             self.field(("field", "tau"), "optical depths τ", "five, evenly if empty", optional=True)
             self.field(("field", "phi_deg"), "azimuths φ [°]", "0 and 180: the plane of incidence")
             self.field(("field", "stokes"), "Stokes vector of the beam", "1, 0, 0, 0 if empty", optional=True)
@@ -261,7 +305,7 @@ class FormPanel:
         button = ui.button(text, icon="add", on_click=lambda: self.change(act))
         button.props("flat dense no-caps size=sm color=primary")
 
-    def field(self, place: Place, label: str, hint: str = "", optional: bool = False, classes: str = "") -> Any:
+    def field(self, place: Place, label: str, hint: str = "", classes: str = "", optional: bool = False) -> Any:
         """A text that is read, put in its place and checked while somebody types."""
 
         def typed(event: Any) -> None:

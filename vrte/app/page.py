@@ -28,13 +28,13 @@ TOO_LARGE = (
 )
 
 
-def adopted(data: bytes, folder: Path, tables: frozenset[str]) -> form.Content:
-    """The content of a scene file for the form. Raises SceneError."""
+def adopted(data: bytes, folder: Path, tables: frozenset[str]) -> tuple[form.Content, tuple[str, ...]]:
+    """The content of a scene file for the form, and what was filled in. Raises SceneError."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
-    return form.adopted(toml_content(text), folder, tables)
+    return form.adopted_and_told(toml_content(text), folder, tables)
 
 
 class Page:
@@ -177,8 +177,10 @@ class Page:
             data = await event.file.read()
             if suffix == ".toml":
                 bench = self.bench
-                bench.content = await asyncio.to_thread(adopted, data, bench.folder, bench.tables)
+                bench.content, told = await asyncio.to_thread(adopted, data, bench.folder, bench.tables)
                 self._draw_form()
+                if told:
+                    ui.notify("; ".join(told), type="info", multi_line=True, close_button=True, timeout=10_000)
             elif suffix in SUFFIXES:
                 self.bench.start(Read(data, suffix, memory_of_one()))
             else:

@@ -22,7 +22,7 @@ from vrte.brdf import Brdf, brdf
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.field import Field, one_beam, radiance
 from vrte.formats import load
-from vrte.formats.scene_file import SceneFile, scene_of, toml_content
+from vrte.formats.scene_file import FILLINGS, SceneFile, scene_of, toml_content
 from vrte.formats.toml_table import shown_key
 from vrte.plan_call import plan
 from vrte.request import EXACT
@@ -169,8 +169,8 @@ def filling(layer: dict[str, Any]) -> str:
     >>> filling({"particles": {"gold": 1, "rutile": 2}}), filling({"phase": {"henyey_greenstein": 0.9}})
     ('gold + rutile', 'henyey_greenstein 0.9')
     """
-    held: Any = layer.get("particles", layer.get("phase"))
-    if "particles" in layer:
+    held: Any = next(layer[key] for key in FILLINGS if key in layer)
+    if "phase" not in layer:
         return shown_key(held) if isinstance(held, str) else " + ".join(map(shown_key, held))
     return str(held) if isinstance(held, str) else " ".join(f"{key} {value}" for key, value in held.items())
 

@@ -1,6 +1,7 @@
 """`vrte view`: a local web page to describe a scene, solve it and look at it."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
 
 def first_benches(path: Path | None) -> Any:
     """What a page begins with: the start scene, a scene file or a result."""
-    from vrte.app.form import adopted, tables_of
+    from vrte.app.form import adopted_and_told, tables_of
     from vrte.app.state import Benches
     from vrte.app.worker import outcome_of
     from vrte.formats import load
@@ -51,7 +52,10 @@ def first_benches(path: Path | None) -> Any:
     try:
         if path.suffix.lower() == ".toml":
             content = read_content(path)
-            return Benches(adopted(content, path.parent, tables_of(content)), path.parent)
+            content, told = adopted_and_told(content, path.parent, tables_of(content))
+            for text in told:
+                print(f"vrte view: {text}", file=sys.stderr)
+            return Benches(content, path.parent)
         outcome = outcome_of(load(path))
         return Benches(outcome.content, outcome=outcome)
     except SceneError as error:

@@ -9,7 +9,8 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -38,18 +39,22 @@ TABLE = ".csv"  # the suffix of tables of one's own
 NAMED = {"truncation": CHOICES, "method": METHOD_NAMES, "illuminate": SIDES}
 OPTION_KEYS = ("nodes", "accuracy", *NAMED, "settings")
 FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", "render", *KINDS)
-PARTICLE_KEYS = ("index", "radius_um", "size")
-LAYER_KEYS = ("particles", "phase", "albedo", "thickness", "thickness_um", "volume_fraction")
-THICKNESS_KEYS = LAYER_KEYS[3:]
+PARTICLE_KEYS = ("index", "radius_um", "diameter_um", "size")
+FILLINGS = ("particles", "volume_fractions", "phase")  # what a layer holds, in one of these ways
+LAYER_KEYS = (*FILLINGS, "albedo", "thickness", "thickness_um", "volume_fraction")
+THICKNESS_KEYS = ("thickness", "thickness_um", "volume_fraction")
 BASE_KEYS = ("kind", "albedo")
 REQUEST_KEYS = {
-    "brdf": ("mu_i", "mu_o", "phi_deg", "transmission"),
-    "field": ("mu0", "stokes", "mu", "phi_deg", "tau"),
+    "brdf": ("mu_i", "angle_i_deg", "mu_o", "angle_o_deg", "phi_deg", "transmission"),
+    "field": ("mu0", "angle0_deg", "stokes", "mu", "phi_deg", "tau"),
 }
 SIZES: dict[str, tuple[Callable[..., Lognormal | Gamma], tuple[str, ...]]] = {
     "lognormal": (Lognormal, ("median_um", "sigma")),
     "gamma": (Gamma, ("r_eff_um", "v_eff")),
 }
+# keys that say the same in another way: twice the radius, and the angle from the normal in place of its cosine
+DIAMETERS = {"radius_um": "diameter_um", "median_um": "median_diameter_um", "r_eff_um": "d_eff_um"}
+ANGLES = {"mu_i": "angle_i_deg", "mu_o": "angle_o_deg", "mu0": "angle0_deg"}
 NAMED_PHASES: dict[str, Callable[[], PhaseMatrix]] = {"isotropic": isotropic, "rayleigh": rayleigh}
 PHASE_KEYS = ("henyey_greenstein", "rayleigh", "terms")
 PHASES = (
@@ -62,6 +67,9 @@ INDEX = (
 )
 BEAMS = "a cosine above 0, up to 1, or a list of them"
 SHARE = "a number fraction >= 0"
+PART = 'from 0 to below 1, or per cent in quotes, "5 %"'
+ALBEDO = 'a number between 0 and 1, or per cent in quotes, "30 %"'
+ANGLE = "degrees from the normal, from 0 to below 90"
 ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
 LEFT_OUT = 1e-12  # of a Henyey-Greenstein phase function, in the terms beyond the last
 
@@ -72,7 +80,8 @@ class SceneFile:
 
     ``kind`` is "brdf" or "field"; ``request`` holds the keywords of ``vrte.brdf`` or ``vrte.radiance``, ``options``
     those of them that say how to solve, OPTION_KEYS, as far as they are given;
-    ``particles`` the kinds that the layers hold, by name; ``text`` the file as it is, "" where there was none.
+    ``particles`` the kinds that the layers hold, by name; ``text`` the file as it is, "" where there was none;
+    ``angles`` those cosines of the request that the file gives in degrees.
     """
 
     scene: Scene
@@ -81,6 +90,7 @@ class SceneFile:
     options: dict[str, Any]
     particles: dict[str, Particles]
     text: str = ""
+    angles: frozenset[str] = frozenset()
 
     def keywords(self, asked: Mapping[str, Any]) -> dict[str, Any]:
         """All keywords of ``vrte.brdf`` or ``vrte.radiance`` but the scene, those ``asked`` in place of the file's.
@@ -105,8 +115,10 @@ class SceneFile:
         'brdf.phi_deg must be finite, not nan'
         """
         message = message.replace("phi ", "phi_deg ", 1) if message.startswith("phi ") else message
-        known = message.split(" ", 1)[0].rstrip(":,") in REQUEST_KEYS[self.kind]
-        return relocated(message, self.kind, REQUEST_KEYS[self.kind]) if known else message
+        name = message.split(" ", 1)[0].rstrip(":,")
+        if name in self.angles:
+            return f"{self.kind}.{ANGLES[name]}: {message}"
+        return relocated(message, self.kind, REQUEST_KEYS[self.kind]) if name in REQUEST_KEYS[self.kind] else message
 
 
 def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength_um: float | None = None) -> SceneFile:
@@ -161,7 +173,8 @@ def scene_of(
     request = _request(file, kind)
     options = _options(file)
     particles = _Particles(file, _particle_tables(file), spheres_of, folder)
-    return SceneFile(_scene(file, particles, folder), kind, request, options, particles.computed)
+    angles = frozenset(name for name, key in ANGLES.items() if key in content[kind])
+    return SceneFile(_scene(file, particles, folder), kind, request, options, particles.computed, angles=angles)
 
 
 def tables_named(content: Mapping[str, Any]) -> dict[str, str]:
@@ -237,7 +250,7 @@ def _options(file: Table) -> dict[str, Any]:
 
 
 def _brdf_request(table: Table) -> dict[str, Any]:
-    request: dict[str, Any] = {"mu_i": table.numbers("mu_i"), "mu_o": table.numbers("mu_o")}
+    request: dict[str, Any] = {name: _cosines(table, name) for name in ("mu_i", "mu_o")}
     if "phi_deg" in table:
         request["phi"] = table.numbers("phi_deg")
     if "transmission" in table:
@@ -246,8 +259,12 @@ def _brdf_request(table: Table) -> dict[str, Any]:
 
 
 def _field_request(table: Table) -> dict[str, Any]:
-    several = isinstance(table.content.get("mu0"), (list, dict))
-    request: dict[str, Any] = {"mu0": table.numbers("mu0") if several else table.number("mu0", BEAMS)}
+    key = ANGLES["mu0"] if ANGLES["mu0"] in table else "mu0"
+    several = isinstance(table.content.get(key), (list, dict))
+    if not several:
+        table.number(key, BEAMS if key == "mu0" else ANGLE)
+    beams = _cosines(table, "mu0")
+    request: dict[str, Any] = {"mu0": beams if several else beams[0]}
     for key, keyword in (("mu", "mu"), ("phi_deg", "phi"), ("tau", "tau")):
         if key in table:
             request[keyword] = table.numbers(key)
@@ -256,6 +273,19 @@ def _field_request(table: Table) -> dict[str, Any]:
         if len(request["stokes"]) != 4:
             raise table.wrong("stokes", "must be four numbers I, Q, U, V")
     return request
+
+
+def _cosines(table: Table, name: str) -> list[float]:
+    """The numbers at ``name``, or the cosines of those at its key for degrees."""
+    key = ANGLES[name]
+    if key not in table:
+        return table.numbers(name)
+    if name in table:
+        raise SceneError(f"{table.name}: exactly one of {name} and {key} is needed")
+    degrees = table.numbers(key)
+    if not all(0.0 <= angle < 90.0 for angle in degrees):
+        raise table.wrong(key, f"must be {ANGLE}")
+    return [math.cos(math.radians(angle)) for angle in degrees]
 
 
 def _scene(file: Table, particles: "_Particles", folder: Path) -> Scene:
@@ -283,19 +313,19 @@ def _particle_tables(file: Table) -> dict[str, Table]:
     tables = {name: Table(f"particles.{shown_key(name)}", kind, PARTICLE_KEYS) for name, kind in content.items()}
     for table in tables.values():
         table.required("index", INDEX)
-        if ("radius_um" in table) == ("size" in table):
-            raise SceneError(f"{table.name}: exactly one of radius_um and size is needed")
+        if sum(key in table for key in PARTICLE_KEYS[1:]) != 1:
+            raise SceneError(f"{table.name}: exactly one of radius_um, diameter_um and size is needed")
         _index(table), _size(table)  # checked also where no layer asks for them
     return tables
 
 
 def _check_layer(layer: Table, kinds: dict[str, Table]) -> None:
     """Whether the keys of a layer go together."""
-    if ("particles" in layer) == ("phase" in layer):
-        raise SceneError(f"{layer.name}: exactly one of particles and phase is needed")
+    if sum(key in layer for key in FILLINGS) != 1:
+        raise SceneError(f"{layer.name}: exactly one of {', '.join(FILLINGS)} is needed")
     if "phase" in layer:
-        layer.number("albedo", "a number between 0 and 1")
-        for key in ("thickness_um", "volume_fraction"):
+        layer.share("albedo", ALBEDO)
+        for key in THICKNESS_KEYS[1:]:
             if key in layer:
                 raise layer.wrong(key, "needs particles; with phase, give the optical thickness")
         layer.number("thickness", "an optical thickness >= 0 (inf is allowed)")
@@ -307,39 +337,49 @@ def _check_layer(layer: Table, kinds: dict[str, Table]) -> None:
 
 
 def _check_thickness(layer: Table) -> None:
-    optical, geometrical = "thickness" in layer, "thickness_um" in layer
-    if optical == geometrical or geometrical != ("volume_fraction" in layer):
-        raise SceneError(f"{layer.name}: either thickness (optical) or thickness_um with volume_fraction is needed")
-    for key in THICKNESS_KEYS:
+    optical, geometrical, by_volume = "thickness" in layer, "thickness_um" in layer, "volume_fractions" in layer
+    if by_volume and "volume_fraction" in layer:
+        raise layer.wrong("volume_fraction", "is the sum of volume_fractions; leave it out")
+    if optical == geometrical or ("volume_fraction" in layer) != (geometrical and not by_volume):
+        alone = "" if by_volume else " with volume_fraction"
+        raise SceneError(f"{layer.name}: either thickness (optical) or thickness_um{alone} is needed")
+    for key in THICKNESS_KEYS[:2]:
         if key in layer:
             layer.number(key, "a number >= 0")
+    if "volume_fraction" in layer:
+        layer.share("volume_fraction", PART)
 
 
 def _fractions(layer: Table, kinds: dict[str, Table]) -> list[tuple[str, float]]:
-    """The kinds of particles in a layer, with their number fractions."""
-    value = layer.content["particles"]
-    if isinstance(value, str):
-        _known(layer, value, kinds)
+    """The kinds of particles in a layer, with their fractions: of the number, or of the layer's volume."""
+    key, allowed = ("volume_fractions", PART) if "volume_fractions" in layer else ("particles", SHARE)
+    value = layer.content[key]
+    if isinstance(value, str) and key == "particles":
+        _known(layer, key, value, kinds)
         return [(value, 1.0)]
     if not isinstance(value, dict) or not value:
-        raise layer.wrong("particles", "must be a name, or a table { name = number fraction, ... }")
+        word = "a name, or a table { name = number fraction" if key == "particles" else "a table { name = fraction"
+        raise layer.wrong(key, f"must be {word}, ... }}")
     for name in value:
-        _known(layer, name, kinds)
-    fractions = layer.table("particles", tuple(kinds))
-    shares = [(name, fractions.number(name, SHARE)) for name in value]
+        _known(layer, key, name, kinds)
+    fractions = layer.table(key, tuple(kinds))
+    shares = [(name, fractions.share(name, allowed)) for name in value]
     for name, share in shares:
-        if not 0.0 <= share < math.inf:
-            raise fractions.wrong(name, f"must be {SHARE}")
+        if not 0.0 <= share < (1.0 if key == "volume_fractions" else math.inf):
+            raise fractions.wrong(name, f"must be {allowed}")
     if not any(share for _, share in shares):
-        raise layer.wrong("particles", "at least one number fraction must be above 0")
+        word = "number fraction" if key == "particles" else "fraction"
+        raise layer.wrong(key, f"at least one {word} must be above 0")
+    if key == "volume_fractions" and math.fsum(share for _, share in shares) >= 1.0:
+        raise layer.wrong(key, "their sum must be below 1, the whole layer")
     return shares
 
 
-def _known(layer: Table, name: str, kinds: dict[str, Table]) -> None:
+def _known(layer: Table, key: str, name: str, kinds: dict[str, Table]) -> None:
     if name not in kinds:
         defined = shortened(", ".join(map(shown_key, kinds)) or "none", 200)
         hint = nearest(name, kinds) or "."
-        raise layer.wrong("particles", f"no table [particles.{shown_key(name)}]{hint} Defined: {defined}")
+        raise layer.wrong(key, f"no table [particles.{shown_key(name)}]{hint} Defined: {defined}")
 
 
 class _Particles:
@@ -355,8 +395,11 @@ class _Particles:
         fractions = _fractions(layer, self.kinds)
         if len(fractions) == 1:
             return self.kind(fractions[0][0])
+        parts = [(self.kind(name), fraction) for name, fraction in fractions]
+        if "volume_fractions" in layer:  # how many of them make such a part of the volume
+            parts = [(kind, fraction / kind.volume_um3) for kind, fraction in parts]
         with located(layer.name, LAYER_KEYS):
-            return mixture([(self.kind(name), fraction) for name, fraction in fractions])
+            return mixture(parts)
 
     def kind(self, name: str) -> Particles:
         if name not in self.computed:
@@ -367,7 +410,7 @@ class _Particles:
         wavelength = self.file.number("wavelength_um", ONE_WAVELENGTH)
         host = self.file.number("host_index") if "host_index" in self.file else 1.0
         index, size = _material(table, self.folder), _size(table)
-        with located(table.name, PARTICLE_KEYS):
+        with located(table.name, PARTICLE_KEYS), _told_in_diameters(table):
             return self.spheres_of(index, wavelength_um=wavelength, host_index=host, **size)
 
 
@@ -401,26 +444,47 @@ def _read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: P
 
 def _size(table: Table) -> dict[str, Any]:
     """The keyword of ``spheres`` that says how large the particles are."""
-    if "radius_um" in table:
-        return {"radius_um": table.number("radius_um", "a radius in micrometres > 0")}
+    for key, factor in (("radius_um", 1.0), ("diameter_um", 0.5)):
+        if key in table:
+            return {"radius_um": factor * table.number(key, f"a {key.removesuffix('_um')} in micrometres > 0")}
     size = table.table("size", tuple(SIZES))
     if len(size.content) != 1:
         raise table.wrong("size", f"must be exactly one of {', '.join(SIZES)}")
     (name,) = size.content
     distribution, keys = SIZES[name]
-    numbers = size.table(name, keys)
-    values = {key: numbers.number(key) for key in keys}
-    with located(numbers.name, keys):
+    numbers = size.table(name, (*keys, DIAMETERS[keys[0]]))
+    if keys[0] in numbers and DIAMETERS[keys[0]] in numbers:
+        raise SceneError(f"{numbers.name}: exactly one of {keys[0]} and {DIAMETERS[keys[0]]} is needed")
+    values = {
+        key: 0.5 * numbers.number(twice) if (twice := DIAMETERS.get(key, "")) in numbers else numbers.number(key)
+        for key in keys
+    }
+    with located(numbers.name, numbers.allowed), _told_in_diameters(numbers):
         return {"size": distribution(**values)}
 
 
+@contextmanager
+def _told_in_diameters(table: Table) -> Iterator[None]:
+    """Puts the key of a diameter that the file gives in front of a complaint about its half."""
+    try:
+        yield
+    except SceneError as error:
+        message = str(error).removeprefix("lognormal: ").removeprefix("gamma: ")
+        key = DIAMETERS.get(message.split(" ", 1)[0], "")
+        if key not in table:
+            raise
+        raise SceneError(f"{key}: half of it, {message}") from error
+
+
 def _layer(layer: Table, particles: _Particles, folder: Path) -> Layer:
-    if "particles" in layer:
+    if "phase" not in layer:
         inside = particles(layer)
-        lengths = {key: layer.number(key) for key in THICKNESS_KEYS if key in layer}
+        lengths = {key: layer.share(key, PART) for key in THICKNESS_KEYS if key in layer}
+        if "volume_fractions" in layer and "thickness_um" in layer:
+            lengths["volume_fraction"] = math.fsum(share for _, share in _fractions(layer, particles.kinds))
         with located(layer.name, LAYER_KEYS):
             return Layer.of(inside, **lengths)
-    matrix, albedo, thickness = _phase(layer, folder), layer.number("albedo"), layer.number("thickness")
+    matrix, albedo, thickness = _phase(layer, folder), layer.share("albedo", ALBEDO), layer.number("thickness")
     with located(layer.name, LAYER_KEYS):
         return Layer(matrix, albedo, thickness)
 
@@ -471,6 +535,6 @@ def _base(file: Table) -> Lambertian | None:
         if "albedo" in base:
             raise base.wrong("albedo", 'goes with kind = "lambertian" only')
         return None
-    albedo = base.number("albedo", "a number between 0 and 1")
+    albedo = base.share("albedo", ALBEDO)
     with located(base.name, BASE_KEYS):
         return Lambertian(albedo)

@@ -17,6 +17,7 @@ from vrte.errors import SceneError
 LARGEST_COUNT = 1_000_000
 RANGE_KEYS = ("start", "stop", "count")
 SHOWN, SHOWN_KEY, SHOWN_DEPTH = 80, 60, 8  # characters of a value and of a key in a complaint, tables in tables
+PER_CENT = re.compile(r"\s*([0-9]{1,12}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})\s*%\s*")
 NUMBERS = "a number, a list of numbers or { start, stop, count }"
 
 
@@ -131,6 +132,13 @@ class Table:
         if not is_number(value) or math.isnan(value):
             raise self.wrong(key, f"must be {allowed}")
         return float(value)
+
+    def share(self, key: str, allowed: str) -> float:
+        """The number at ``key``, or per cent as a text: "5 %" is 0.05."""
+        value = self.content.get(key)
+        if isinstance(value, str) and (found := PER_CENT.fullmatch(value)):
+            return float(found[1]) / 100.0
+        return self.number(key, allowed)
 
     def whole(self, key: str, low: int, high: int) -> int:
         """The whole number at ``key``, within [low, high]."""
