@@ -160,7 +160,8 @@ def test_an_unreached_base_and_doubtful_particles_are_told(tmp_path: Path, capsy
 @pytest.mark.parametrize(
     ("name", "complaint"),
     [
-        ("out.txt", "must end in .nc"),
+        ("out.txt", "must end in .nc or .csv"),
+        ("out", "must end in .nc or .csv"),
         ("absent/out.nc", "lies in a folder that does not exist"),
         ("folder.nc", "it is a folder"),
     ],
@@ -172,6 +173,20 @@ def test_outputs_are_checked_before_the_work(
     (scene.parent / "folder.nc").mkdir()
     assert run("brdf", scene, "-o", scene.parent / name) == 2
     assert complaint in one_line(capsys)
+
+
+@pytest.mark.parametrize("option", ["-o", "--csv"])
+def test_a_table_alone_needs_no_extra(scene: Path, option: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("xarray", "h5netcdf", "h5py", "matplotlib"):
+        monkeypatch.setitem(sys.modules, module, None)
+    assert run("brdf", scene, option, scene.parent / "out.csv") == 0
+    assert files(scene.parent) == {"scene.toml", "out.csv"}
+    assert vrte.load(scene.parent / "out.csv").mu_i.tolist() == [0.6, 1.0]
+
+
+def test_something_must_be_written(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("brdf", scene) == 2
+    assert "nothing to write: -o, --csv or --plot names a file" in one_line(capsys)
 
 
 def test_two_outputs_must_differ_in_kind(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -235,7 +235,7 @@ class TestCsv:
         ("change", "words"),
         [
             (lambda text: text[2:], "line 1: not a result that vrte can read back"),
-            (swapped("# kind = ", "# king = "), "must say its kind, one of brdf, field, spectrum"),
+            (swapped("# kind = ", "# king = "), "must say its kind, one of brdf, field, fields, spectrum"),
             (swapped("# mu_o = [", "# mu_o = [["), r"line 18: mu_o is not valid JSON"),
             (swapped("# mu_o = [0.2, ", '# mu_o = ["0.2x", '), "the header's mu_o must be numbers"),
             (swapped("# mu_o = [0.2, 0.5]", "# mu_o = 0.2"), "the header has no list for mu_o"),

@@ -90,6 +90,13 @@ def test_a_file_brings_back_every_bit(name: str, result: Result, tmp_path: Path)
     assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.parametrize("name", ["result", "result.txt", "result.nc4"])
+def test_another_ending_is_refused(name: str, result: Result, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"must end in \.nc or \.csv, not "):
+        result.save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("name", ["bare.nc", "bare.csv"])
 def test_a_brdf_without_transmission_comes_back_without(name: str, brdf: Brdf, tmp_path: Path) -> None:
     bare = Brdf(brdf.mueller, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})

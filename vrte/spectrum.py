@@ -117,9 +117,9 @@ class Spectrum:
         return to_xarray(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes CSV where the name ends in .csv, otherwise NetCDF, all of it or nothing; `vrte.load` reads it back.
+        """Writes NetCDF or CSV as the name ends in .nc or .csv, all of it or nothing; `vrte.load` reads it back.
 
-        Raises OSError, for NetCDF MissingExtraError without the extra "files".
+        Raises SceneError for another ending, OSError, for NetCDF MissingExtraError without the extra "files".
         """
         from vrte.formats import save
 

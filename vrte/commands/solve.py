@@ -27,6 +27,7 @@ from vrte.errors import SceneError
 from vrte.field import Field
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
+from vrte.formats.result_file import WRITERS
 from vrte.formats.scene_file import SceneFile
 from vrte.illumination import SIDES
 from vrte.optics.truncation import CHOICES
@@ -34,8 +35,8 @@ from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
 from vrte.spectrum import Spectrum, with_scene
 
 HOW = ("nodes", "accuracy", "truncation", "method", "illuminate")  # options that win over the scene file
-OUTPUTS = (("output", ".nc"), ("csv", ".csv"), ("plot", ".png"))
-EXTRAS = (("output", "files", ("xarray", "h5netcdf")), ("plot", "plot", ("matplotlib",)))
+OUTPUTS = {"output": tuple(WRITERS), "csv": (".csv",), "plot": (".png",)}
+EXTRAS = {".nc": ("files", ("xarray", "h5netcdf")), ".png": ("plot", ("matplotlib",))}  # by suffix
 
 
 def add(commands: Any) -> None:
@@ -48,8 +49,14 @@ def add(commands: Any) -> None:
 def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser:
     command = commands.add_parser(kind, help=help_text, description=f"Computes {help_text}.")
     command.add_argument("scene", metavar="SCENE.toml", type=Path)
-    command.add_argument("-o", "--output", metavar="OUT.nc", type=Path, required=True, help="NetCDF")
-    command.add_argument("--csv", metavar="OUT.csv", type=Path, help="one row a direction")
+    command.add_argument(
+        "-o",
+        "--output",
+        metavar="OUT",
+        type=Path,
+        help="NetCDF, or CSV where the name ends in .csv (which needs no extra)",
+    )
+    command.add_argument("--csv", metavar="OUT.csv", type=Path, help="beside -o or alone: one row a direction")
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")
     command.add_argument(
         "--threads", metavar="N", type=whole_number(1, 1024), help="default: all CPUs that may be used"
@@ -102,7 +109,7 @@ def run_one(options: argparse.Namespace) -> None:
         with timed(seconds, "solver"):
             result = solved(file, options, tick)
     describe(options.scene, file, result)
-    paths = [written(result, options, name, seconds) for name, _ in OUTPUTS if getattr(options, name)]
+    paths = [written(result, options, name, seconds) for name in OUTPUTS if getattr(options, name)]
     print_times(seconds, result.diagnostics["stages"])
     for path in paths:
         say_written(path)
@@ -124,15 +131,17 @@ def run_spectrum(options: argparse.Namespace) -> None:
 
 def check_outputs(options: argparse.Namespace) -> None:
     """Whatever would fail after the work is done, as far as it can be seen before."""
-    for name, suffix in OUTPUTS:
-        if getattr(options, name):
-            check_output(getattr(options, name), suffix)
+    asked = {name: getattr(options, name) for name in OUTPUTS if getattr(options, name)}
+    if not asked and not options.mitsuba:
+        raise SceneError("nothing to write: -o, --csv or --plot names a file for the result")
+    for name, path in asked.items():
+        check_output(path, *OUTPUTS[name])
     if options.kind == "brdf":
         options.wavelengths_um = options.wavelengths_um or spectrum.wavelengths_of_file(options.scene)
         spectrum.check_options(options)
-    for option, extra, modules in EXTRAS:
-        if getattr(options, option):
-            check_extra(f"writing {getattr(options, option)}", extra, modules)
+    for path in asked.values():
+        if path.suffix.lower() in EXTRAS:
+            check_extra(f"writing {path}", *EXTRAS[path.suffix.lower()])
 
 
 def check_picture(options: argparse.Namespace, file: SceneFile) -> None:

@@ -1,22 +1,29 @@
 """Results to files and back, in the format that the file's name asks for."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
+from vrte.errors import SceneError
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import load_csv, write_csv
 from vrte.formats.netcdf import load_netcdf, save_netcdf
 from vrte.formats.text_file import file_name
 
+WRITERS: dict[str, Callable[[Result, str | os.PathLike[str]], None]] = {".nc": save_netcdf, ".csv": write_csv}
+
 
 def save(result: Result, path: str | os.PathLike[str]) -> None:
-    """Writes ``result`` to the file ``path``, all of it or nothing: CSV where the name ends in .csv, otherwise NetCDF.
+    """Writes ``result`` to the file ``path``, all of it or nothing: NetCDF or CSV, as the name ends in .nc or .csv.
 
-    Raises OSError, for NetCDF MissingExtraError without the extra "files".
+    Raises SceneError for another ending, OSError, for NetCDF MissingExtraError without the extra "files".
 
     >>> save(brdf, "result.csv")
     """
-    (write_csv if is_table(path) else save_netcdf)(result, path)
+    suffix = Path(file_name(path)).suffix.lower()
+    if suffix not in WRITERS:
+        raise SceneError(f"the name of a result must end in {' or '.join(WRITERS)}, not {file_name(path)!r}")
+    WRITERS[suffix](result, path)
 
 
 def load(path: str | os.PathLike[str]) -> Result:
