@@ -1,9 +1,12 @@
 """One body of tests over all methods beside the exact one."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import vrte
+from vrte.cli import main
 from vrte.errors import SceneError
 from vrte.methods import method_of
 from vrte.methods.method import Method
@@ -228,3 +231,59 @@ def test_an_interrupt_ends_what_takes_long(name: str, settings: dict[str, object
         vrte.brdf(scene, MU, MU, PHI, nodes=6, method=name, settings=settings, progress=interrupted)
     assert len(told) == 1
     assert told[0][0] < told[0][1]
+
+
+OPTIONS = {
+    "accuracy": 1e-4,
+    "backend": "opencl",
+    "verify": True,
+    "algorithm": "auto",
+    "truncation": "delta-m",
+}
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if name != EXACT])
+@pytest.mark.parametrize("option", OPTIONS)
+def test_what_a_method_does_not_use_is_refused_by_name(method: str, option: str) -> None:
+    """Also with the value that is the default: who asks for it shall not think that it does something."""
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.1)])
+    asked = {"mu_i": 0.5, "mu_o": 0.5, "method": method, option: OPTIONS[option]}
+    if option in method_of(method).options and option == "truncation":
+        if method != "synthetic-iteration":
+            assert vrte.brdf(scene, **asked).mueller[0, 0, 0, 0, 0] > 0.0
+        return
+    refused = rf"method '{method}' takes no {option}"
+    with pytest.raises(vrte.SceneError, match=refused):
+        vrte.brdf(scene, **asked)
+    with pytest.raises(vrte.SceneError, match=refused):
+        vrte.plan("brdf", scene, **asked)
+    with pytest.raises(vrte.SceneError, match=refused):
+        vrte.radiance(scene, 0.5, mu=0.5, method=method, **{option: OPTIONS[option]})
+
+
+def test_options_of_the_processor_go_with_every_method() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.1)])
+    for backend in ("openmp", "sequential"):
+        made = vrte.brdf(scene, 0.5, 0.5, method="adding-doubling", backend=backend, nodes=2, verify=False).diagnostics
+        assert made["nodes"] == 2
+    with pytest.raises(vrte.SceneError, match="there are plans of 'discrete-ordinates' and 'auto'"):
+        vrte.plan("brdf", scene, 0.5, 0.5, method="adding-doubling")
+    assert "auto, rule" in str(vrte.plan("brdf", scene, 0.5, 0.5, method="auto", accuracy=1e-2))
+
+
+def test_files_and_spectra_are_refused_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = 'method = "adding-doubling"\n[[layer]]\nphase = "rayleigh"\nalbedo = 1\nthickness = 0.5\n'
+    asked = "[brdf]\nmu_i = 0.5\nmu_o = 0.5\n"
+    scene, out = tmp_path / "scene.toml", str(tmp_path / "out.csv")
+    scene.write_text(content + asked)
+    for options in (["--accuracy", "1e-3"], ["--verify"], ["--algorithm", "modes"]):
+        assert main(["brdf", str(scene), "-o", str(tmp_path / "out.nc"), "--csv", out, *options]) == 2
+        assert f"takes no {options[0][2:]}" in capsys.readouterr().err
+    assert main(["brdf", str(scene), "-o", str(tmp_path / "out.nc")]) == 0
+    scene.write_text("accuracy = 1e-3\n" + content + asked)
+    assert main(["brdf", str(scene), "-o", str(tmp_path / "out.nc")]) == 2
+    assert "takes no accuracy: it goes by nodes, and its settings thin, start" in capsys.readouterr().err
+    with pytest.raises(vrte.SceneError, match="takes no accuracy"):
+        vrte.spectrum(scene, [0.5, 0.6])
+    with pytest.raises(vrte.SceneError, match="takes no accuracy, algorithm: it goes by nodes"):
+        vrte.spectrum(scene, [0.5, 0.6], algorithm="modes")

@@ -23,10 +23,10 @@ def brdfs(
     threads: int | None = None,
     transmission: bool = False,
     progress: Progress | None = None,
-    algorithm: str = "auto",
+    algorithm: str | None = None,
     accuracy: float | None = None,
-    truncation: str = "auto",
-    backend: str = "openmp",
+    truncation: str | None = None,
+    backend: str | None = None,
     illuminate: str = "top",
 ) -> list[Brdf]:
     """The Mueller BRDFs of many scenes, for the same directions; each the same as by itself.

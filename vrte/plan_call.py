@@ -25,8 +25,8 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     Parameters: ``kind``, "brdf" or "radiance"; all else as that function takes it. ``print(plan)`` shows the Fourier
     orders and what each block of them costs, what is left out and why, the predicted operations and memory;
     ``plan.as_dict()`` has the same for programs. With method="auto" it says which method the rules take. Without
-    ``nodes`` they are chosen, by a small solve. Raises SceneError for bad input, TypeError for a keyword that the
-    function does not have.
+    ``nodes`` they are chosen, by a small solve. Raises SceneError for bad input and for another method asked for by
+    name, which has no such plan, TypeError for a keyword that the function does not have.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])
@@ -34,6 +34,8 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     Plan(radiance, 1 orders at most, 1 blocks)
     """
     request, threads = request_of(kind, scene, arguments, keywords)
+    if request.method != EXACT and not request.method_rule:
+        raise SceneError(f"method {request.method!r} has no plan: there are plans of {EXACT!r} and 'auto'")
     run = new_run(threads)
     found = interruptible(run, lambda: plan_of(request, run))
     # what the rules gave to another method has no Fourier order to solve

@@ -45,7 +45,8 @@ class Request:
     the largest I at each depth, algorithm, verify, truncation, backend, method and its settings. ``wanted`` (None:
     everything) says what becomes of the solution. ``fluxes_only``: mu is there for form's sake. ``illuminate``: where
     the light comes from; "bottom" is asked of a scene upside down, all in a horizontal mirror. ``method_rule`` and
-    ``nodes_rule``: why the method and the nodes are these; the former is empty where the method was asked for."""
+    ``nodes_rule``: why the method and the nodes are these; the former is empty where the method was asked for.
+    ``given``: names of the options that the user gave, which a method uses or refuses."""
 
     kind: str
     scene: Scene
@@ -67,6 +68,7 @@ class Request:
     illuminate: str = "top"
     method_rule: str = ""
     nodes_rule: str = "as asked for"
+    given: frozenset[str] = frozenset()
 
 
 def operations_of(request: Request) -> float:
@@ -137,18 +139,26 @@ def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
 
 
 def solver_options(
-    nodes: Any,
-    accuracy: Any,
-    algorithm: Any,
-    verify: Any,
-    truncation: Any = "auto",
-    backend: Any = "openmp",
+    nodes: Any = None,
+    accuracy: Any = None,
+    algorithm: Any = None,
+    verify: Any = None,
+    truncation: Any = None,
+    backend: Any = None,
     method: Any = EXACT,
     settings: Any = None,
     illuminate: Any = "top",
 ) -> dict[str, Any]:
-    """Nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of the truncation, the
-    backend and the method, the method's settings, and the side that is lit: as fields of a Request."""
+    """As fields of a Request: nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of
+    the truncation, the backend and the method, the method's settings, the side that is lit, and which of the first six
+    were given. None stands for what the user left out."""
+    asked = {"nodes": nodes, "accuracy": accuracy, "algorithm": algorithm, "truncation": truncation, "backend": backend}
+    given = frozenset(name for name, value in (asked | {"verify": verify or None}).items() if value is not None)
+    defaults = {"algorithm": "auto", "verify": False, "truncation": "auto", "backend": "openmp"}
+    algorithm, verify, truncation, backend = (
+        default if value is None else value
+        for default, value in zip(defaults.values(), (algorithm, verify, truncation, backend), strict=True)
+    )
     method = one_of("method", method, METHOD_NAMES)
     if not (settings is None or (isinstance(settings, Mapping) and all(isinstance(name, str) for name in settings))):
         raise SceneError(f"settings must be a dictionary by names of settings, not {shown(settings)}")
@@ -176,6 +186,7 @@ def solver_options(
         "method": method,
         "settings": dict(settings or {}),
         "illuminate": one_of("illuminate", illuminate, SIDES),
+        "given": given,
     }
 
 

@@ -18,12 +18,17 @@ from vrte.running import new_run
 
 
 def chosen(request: Request) -> Request:
-    """The request with its method named: for "auto", the one that the rules take."""
-    if request.method != AUTO:
+    """The request with its method named: for "auto", the one that the rules take. Raises SceneError where another
+    method than discrete ordinates does not take it."""
+    if request.method == EXACT:
         return request
+    from vrte.methods import method_of
     from vrte.methods.auto import by_rule
 
-    return by_rule(request)
+    if request.method == AUTO:
+        return by_rule(request)
+    method_of(request.method).checked(request)
+    return request
 
 
 def run_of(request: Request, threads: Any) -> Run:

@@ -34,7 +34,7 @@ from vrte.optics.truncation import CHOICES
 from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
 from vrte.spectrum import Spectrum, with_scene
 
-HOW = ("nodes", "accuracy", "truncation", "method", "illuminate")  # options that win over the scene file
+HOW = ("threads", "nodes", "accuracy", "algorithm", "verify", "truncation", "backend", "method", "illuminate")
 OUTPUTS = {"output": tuple(WRITERS), "csv": (".csv",), "plot": (".png",)}
 EXTRAS = {".nc": ("files", ("xarray", "h5netcdf")), ".png": ("plot", ("matplotlib",))}  # by suffix
 
@@ -61,8 +61,8 @@ def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser
     command.add_argument(
         "--threads", metavar="N", type=whole_number(1, 1024), help="default: all CPUs that may be used"
     )
-    command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
-    command.add_argument("--backend", choices=BACKENDS, default="openmp", help="what computes; default: openmp")
+    command.add_argument("--algorithm", choices=ALGORITHMS, help="of discrete ordinates; default: auto")
+    command.add_argument("--backend", choices=BACKENDS, help="what computes; default: openmp")
     command.add_argument(
         "--truncation", choices=CHOICES, help="of phase matrices with more than 2 N terms; default: auto"
     )
@@ -87,7 +87,9 @@ def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser
         default=[],
         help="a setting of the method, any number of times",
     )
-    command.add_argument("--verify", action="store_true", help="solve by both algorithms and report their agreement")
+    command.add_argument(
+        "--verify", action="store_true", default=None, help="solve by both algorithms and report their agreement"
+    )
     command.set_defaults(run=run, kind=kind, wavelengths_um=None, mitsuba=None)
     return command
 
@@ -153,8 +155,7 @@ def check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 
 def how(options: argparse.Namespace) -> dict[str, Any]:
     """The keywords that the command line wins with over the scene file."""
-    found = {name: getattr(options, name) for name in ("threads", "algorithm", "verify", "backend")}
-    found |= {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
+    found = {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     return found | ({"settings": dict(options.set)} if options.set else {})
 
 

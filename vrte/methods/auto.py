@@ -23,7 +23,8 @@ def by_rule(request: Request) -> Request:
     told = f"auto, rule {place + 1} ({rule.name}): {rule.why}"
     if rule.method != EXACT:
         nodes_rule = "of the quadrature of fluxes"
-        return replace(request, method=rule.method, method_rule=told, nodes=NODES, nodes_rule=nodes_rule)
+        found = replace(request, method=rule.method, method_rule=told, nodes=NODES, nodes_rule=nodes_rule)
+        return replace(found, given=frozenset())  # the rules have used them
     if rule.margin is None:
         return replace(request, method=rule.method, method_rule=told)
     nodes = nodes_of(request, rule.margin)

@@ -116,6 +116,7 @@ METHOD = Method(
     purpose="fluxes of thick layers that absorb little; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="(2:16)-(2:20)",
+    options=("nodes", "truncation", "backend"),
     polarization=False,
     settings={
         "boundary": Setting(

@@ -10,7 +10,7 @@ from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import Solution
 from vrte.errors import SceneError
-from vrte.request import Request
+from vrte.request import EXACT, Request
 
 Settings = Mapping[str, Any]
 Solver = Callable[[Request, Settings, Run, Progress | None], tuple[Array, Solution]]
@@ -29,7 +29,7 @@ class Setting:
 class Method:
     """name; solve, which returns the cosines and the solution; purpose and conserves: words for the table of methods;
     source: paper and equations; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more
-    than one), base, depths (other than the faces), transmission, endless layers."""
+    than one), base, depths (other than the faces), transmission, endless layers, options (of the call)."""
 
     name: str
     solve: Solver
@@ -42,12 +42,21 @@ class Method:
     depths: bool = True
     transmission: bool = True
     endless: bool = True
+    options: tuple[str, ...] = ("nodes", "backend")
     settings: Mapping[str, Setting] = field(default_factory=dict)
 
     def checked(self, request: Request) -> Settings:
         """The settings, all of them. Raises SceneError where the method does not take the request."""
         for obstacle in self.obstacles(request):
-            raise SceneError(f"method {self.name!r} takes no {obstacle}: ask for 'discrete-ordinates'")
+            raise SceneError(f"method {self.name!r} takes no {obstacle}: ask for {EXACT!r}")
+        unused = ", ".join(sorted(request.given - {*self.options}))
+        if unused:
+            raise SceneError(f"method {self.name!r} takes no {unused}: {self.instead()}")
+        if request.backend.needs_device:
+            raise SceneError(
+                f"method {self.name!r} takes no backend {request.backend.label!r}: it is at home on the processor, "
+                "backend 'openmp' or 'sequential'"
+            )
         unknown = [name for name in request.settings if name not in self.settings]
         if unknown:
             known = ", ".join(map(repr, self.settings)) or "none"
@@ -56,6 +65,12 @@ class Method:
             name: setting.checked(request.settings[name]) if name in request.settings else setting.default
             for name, setting in self.settings.items()
         }
+
+    def instead(self) -> str:
+        """What it goes by in place of the options that it does not take."""
+        told = " and ".join(name for name in ("nodes", "truncation") if name in self.options)
+        own = f", and its settings {', '.join(self.settings)}" if self.settings else ""
+        return f"it goes by {told}{own}; leave that out, or ask for {EXACT!r} or 'auto'"
 
     def obstacles(self, request: Request) -> list[str]:
         """What the request has and the method does not take, in words."""

@@ -115,6 +115,7 @@ def fluxes_by(regular: str, request: Request, run: Run) -> tuple[Array, Array]:
         settings={},
         truncation="delta-m" if regular == EXACT else "auto",
         fluxes_only=True,
+        given=frozenset(),
     )
     quiet = replace(run, stages={})
     solution = (solved if regular == EXACT else methods.solve)(asked, quiet)[1]
@@ -328,6 +329,7 @@ METHOD = Method(
     purpose="light near the beam below layers with a strong forward peak; no quicker than discrete ordinates here",
     conserves="fluxes as the regular part does; the radiance does not sum to them",
     source="section 5, (2:4), (2:25)-(2:29)",
+    options=("nodes", "truncation", "backend"),
     settings={
         "regular": Setting("two-stream", regular_of, "the method that finds the regular part"),
         "iterations": Setting(1, iterations_of, "of the source function; each beyond the first along nodes"),

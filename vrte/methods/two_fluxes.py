@@ -35,7 +35,7 @@ from vrte.discrete_ordinates.truncating import (
 )
 from vrte.errors import SceneError
 from vrte.methods.common import NODES, diagnostics_of, light, summed
-from vrte.request import Request
+from vrte.request import FINEST, Request
 from vrte.scene import Lambertian
 
 CARRIED = 2  # terms of a phase function
@@ -279,9 +279,9 @@ def cut_to_two(request: Request) -> tuple[Array, Problem]:
 
 
 def truncation_of(request: Request, mu: Array) -> Truncation:
-    """What discrete ordinates with one node would take."""
+    """What discrete ordinates with one node would take, light near the beam counting wherever there is any."""
     given = request.scene, request.mu0, request.columns, mu, request.tau
-    return choose_truncation(request.truncation, *given, CARRIED // 2, request.accuracy)
+    return choose_truncation(request.truncation, *given, CARRIED // 2, FINEST)
 
 
 def spread_of(request: Request, problem: Problem, mu: Array) -> BoolArray:

@@ -108,5 +108,6 @@ METHOD = Method(
     purpose="fluxes of any layer without a matrix; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="4.1, (2:5)-(2:9) with N = 1",
+    options=("nodes", "truncation", "backend"),
     polarization=False,
 )
