@@ -63,3 +63,13 @@ def test_pages_link_to_what_exists(page: Path) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#\s:]+)\)", text):
         assert ((ROOT / page).parent / target).exists(), f"{page} links to {target}, which does not exist"
+
+
+def test_every_statement_on_security_names_a_test_that_exists() -> None:
+    statements = (ROOT / "docs" / "security.md").read_text().split("\n- ")[1:]
+    assert len(statements) >= 6
+    for statement in statements:
+        tests = re.findall(r"`(tests/\w+\.py)::(\w+)`", statement)
+        assert tests, f"no test is named for: {statement}"
+        for file, name in tests:
+            assert f"def {name}(" in (ROOT / file).read_text(), f"{file} has no {name}"

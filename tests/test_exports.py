@@ -191,7 +191,7 @@ class TestNetcdf:
     def test_a_file_that_is_cut_off(self, paint: Spectrum, tmp_path: Path) -> None:
         paint.save(tmp_path / "whole.nc")
         content = (tmp_path / "whole.nc").read_bytes()
-        for share in np.linspace(0.0, 0.99, 12):
+        for share in (0.0, 0.3, 0.99):  # each but the first is read by a process of its own
             (tmp_path / "cut.nc").write_bytes(content[: int(share * len(content))])
             with pytest.raises(SceneError, match=r"cut\.nc"):
                 vrte.load(tmp_path / "cut.nc")
@@ -298,8 +298,8 @@ class TestCsv:
         (tmp_path / "other.csv").write_text("tau,mu\n1,2\n")
         with pytest.raises(SceneError, match=r"other\.csv: line 1: not a result"):
             vrte.load(tmp_path / "other.csv")
-        (tmp_path / "bytes.csv").write_bytes(b"# vrte result, format 1\n\xff\xfe")
-        with pytest.raises(SceneError, match=r"bytes\.csv: not a text file"):
+        (tmp_path / "bytes.csv").write_bytes(b"# vrte result, format 1\n\xff\xfe\n")
+        with pytest.raises(SceneError, match=r"bytes\.csv: line 2: not a text file"):
             vrte.load(tmp_path / "bytes.csv")
         with pytest.raises(FileNotFoundError, match=r"absent\.csv"):
             vrte.load(tmp_path / "absent.csv")

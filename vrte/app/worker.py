@@ -10,7 +10,6 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -24,6 +23,7 @@ from vrte.field import Field, one_beam, radiance
 from vrte.formats import load
 from vrte.formats.scene_file import FILLINGS, SceneFile, scene_of, toml_content
 from vrte.formats.toml_table import shown_key
+from vrte.limits import limit_memory
 from vrte.plan_call import plan
 from vrte.request import EXACT
 from vrte.spectrum import SCENE, Spectrum, spectrum
@@ -60,19 +60,6 @@ def end_with_input() -> None:
     """Ends the process when nobody waits for it any more."""
     sys.stdin.buffer.read()
     os._exit(1)
-
-
-def limit_memory(size: float) -> None:
-    """So many bytes more than now, where the system has such a limit; if memory is short, this process goes first."""
-    with suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text("1000")
-    with suppress(ImportError, OSError, ValueError):
-        import resource
-
-        now = resource.getpagesize() * int(Path("/proc/self/statm").read_text().split()[0])
-        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-        limit = now + int(size)
-        resource.setrlimit(resource.RLIMIT_AS, (limit if hard < 0 else min(limit, hard), hard))
 
 
 def answered(task: Task, tell: Tell) -> Outcome | Written | Failure:

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -25,10 +25,13 @@ from vrte.formats.contents import (
     restored,
     undescribed,
 )
-from vrte.formats.text_file import file_name, read_text
+from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
+from vrte.formats.text_file import file_name
 from vrte.spectrum import SCENE
 
-LARGEST_FILE = 4_000_000_000  # bytes
+LARGEST_HEADER = 50_000_000  # bytes
+LONGEST_ROW = 10_000  # bytes
+BLOCK = 4096  # rows that are text in memory at a time
 ELEMENTS = [f"{row}{column}" for row in range(4) for column in range(4)]
 TABLES = {  # the arrays that are rows of the table, and the columns of each
     "mueller": [f"f{element}" for element in ELEMENTS],
@@ -89,10 +92,11 @@ def _directions(kind: Kind, arrays: dict[str, Any]) -> Array:
     return np.stack([grid.ravel() for grid in grids], axis=1)
 
 
-def load_csv(path: str | os.PathLike[str]) -> Result:
-    """The result that `write_csv` wrote to ``path``, every digit as it was.
+def load_csv(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) -> Result:
+    """The result that `write_csv` wrote to ``path``, every digit as it was; ``most_bytes`` as in `vrte.load`.
 
-    Raises FileNotFoundError, and SceneError, which names the line, for a file that is not as it was written.
+    It is read line by line, into no more memory than the values take. Raises FileNotFoundError, and SceneError, which
+    names the line, for a file that is not as it was written.
 
     >>> write_csv(brdf, "result.csv")
     >>> load_csv("result.csv").mueller.shape
@@ -102,25 +106,55 @@ def load_csv(path: str | os.PathLike[str]) -> Result:
     if not Path(name).is_file():
         raise FileNotFoundError(f"no such file: {name}")
     try:
-        return _restored(read_text(name, LARGEST_FILE))
+        with open(name, "rb") as file:
+            return _restored(Lines(file), most_bytes)
     except SceneError as error:
         raise SceneError(f"{name}: {error}") from error
 
 
-def _restored(text: str) -> Result:
-    if not text.startswith(FIRST + "\n"):
-        raise SceneError(f"line 1: not a result that vrte can read back, it must be {FIRST!r}")
-    if not text.endswith("\n"):
-        raise SceneError("the file is cut off: its last line has no end")
-    lines = text.split("\n")[:-1]
-    count = next((place for place, line in enumerate(lines) if not line.startswith("#")), len(lines))
-    header = _values(lines[:count])
+class Lines:
+    """The lines of a file, one after another, none longer than makes sense; ``place`` is the last one's, from 1."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.place, self._file = 0, file
+
+    def is_whole(self) -> bool:
+        """Whether the last line has an end."""
+        here, size = self._file.tell(), self._file.seek(0, os.SEEK_END)
+        self._file.seek(max(size - 1, 0))
+        last = self._file.read(1)
+        self._file.seek(here)
+        return last == b"\n"
+
+    def left(self) -> int:
+        """How many lines there still are."""
+        here = self._file.tell()
+        count = sum(block.count(b"\n") for block in iter(lambda: self._file.read(1 << 20), b""))
+        self._file.seek(here)
+        return count
+
+    def next(self, most: int = LONGEST_ROW) -> str:
+        """The next line without its end, empty after the last. Raises SceneError."""
+        line = self._file.readline(most + 1)
+        if not line:
+            return ""
+        self.place += 1
+        if len(line) > most:
+            raise SceneError(f"line {self.place}: longer than {most} bytes")
+        try:
+            return line.removesuffix(b"\n").decode("utf-8").removeprefix("\ufeff" if self.place == 1 else "")
+        except UnicodeDecodeError as error:
+            raise SceneError(f"line {self.place}: not a text file in UTF-8 (byte {error.start} of the line)") from error
+
+
+def _restored(lines: Lines, most_bytes: float) -> Result:
+    header, columns = _read_header(lines)
     kind = KINDS.get(str(header.get("kind")))
     if kind is None:
         raise SceneError(f"the header must say its kind, one of {', '.join(KINDS)}")
     names = [name for name in (*kind.coordinates, *kind.variables) if name in header]
     arrays = {name: _array(name, header[name]) for name in names}
-    arrays |= _tables(kind, arrays, lines[count:], count + 1)
+    arrays |= _tables(kind, arrays, columns, lines, most_bytes)
     try:
         return restored(kind, arrays, undescribed(header["diagnostics"], header.get(SCENE)))
     except KeyError as error:
@@ -129,17 +163,35 @@ def _restored(text: str) -> Result:
         raise SceneError(f"the header does not fit the rows: {reason(error)}") from error
 
 
-def _values(header: list[str]) -> dict[str, Any]:
-    """What the lines of the form "# name = JSON" say."""
-    found = {}
-    for place, line in enumerate(header, 1):
-        match = VALUE.fullmatch(line)
-        if match:
-            try:
-                found[match[1]] = json.loads(match[2])
-            except (ValueError, RecursionError) as error:
-                raise SceneError(f"line {place}: {match[1]} is not valid JSON ({reason(error)})") from error
-    return found
+def _read_header(lines: Lines) -> tuple[dict[str, Any], list[str]]:
+    """What the lines at the beginning say, and the names of the columns in the first line below them."""
+    try:
+        first = lines.next()
+    except SceneError:
+        first = None
+    if first != FIRST:
+        raise SceneError(f"line 1: not a result that vrte can read back, it must be {FIRST!r}")
+    if not lines.is_whole():
+        raise SceneError("the file is cut off: its last line has no end")
+    found: dict[str, Any] = {}
+    left = LARGEST_HEADER
+    while (line := lines.next(LARGEST_HEADER)).startswith("#"):
+        left -= len(line)
+        if left < 0:
+            raise SceneError(f"the header is longer than {LARGEST_HEADER} bytes")
+        found |= _value(lines.place, line)
+    return found, line.split(",")
+
+
+def _value(place: int, line: str) -> dict[str, Any]:
+    """What a line of the form "# name = JSON" says; nothing, where it has another."""
+    match = VALUE.fullmatch(line)
+    if not match:
+        return {}
+    try:
+        return {match[1]: json.loads(match[2])}
+    except (ValueError, RecursionError) as error:
+        raise SceneError(f"line {place}: {match[1]} is not valid JSON ({reason(error)})") from error
 
 
 def _array(name: str, value: Any) -> Array:
@@ -149,33 +201,39 @@ def _array(name: str, value: Any) -> Array:
         raise SceneError(f"the header's {name} must be numbers: {reason(error)}") from error
 
 
-def _tables(kind: Kind, arrays: dict[str, Array], lines: list[str], first: int) -> dict[str, Array]:
-    """The tables below the header, whose first line is the line ``first`` of the file."""
+def _tables(
+    kind: Kind, arrays: dict[str, Array], given: list[str], lines: Lines, most_bytes: float
+) -> dict[str, Array]:
+    """The tables below the header, whose last line names the columns ``given``."""
     missing = [name for name in kind.coordinates if name not in arrays or arrays[name].ndim != 1]
     if missing:
         raise SceneError(f"the header has no list for {missing[0]}")
     shape = tuple(arrays[name].size for name in kind.coordinates)
-    count = math.prod(shape)
-    given = lines[0].split(",") if lines else []
+    count, first = math.prod(shape), lines.place + 1
     tables = [name for name in TABLES if name in kind.variables and TABLES[name][0] in given]
     wanted = _columns(kind, dict.fromkeys(tables))
     if not tables or given != wanted:
-        raise SceneError(f"line {first}: the columns must be {','.join(wanted)}")
-    if len(lines) - 1 != count:
-        raise SceneError(f"there must be {count} rows, one a direction, not {len(lines) - 1}")
-    rows = np.empty((count, len(wanted)))
-    for place, line in enumerate(lines[1:]):
-        rows[place] = _row(first + 1 + place, line, len(wanted))
-    _check_directions(rows[:, : len(shape)], _directions(kind, arrays), first + 1)
-    end, found = len(shape), {}
-    for name in tables:
-        start, end = end, end + len(TABLES[name])
-        cells = (4,) if name == "stokes" else (4, 4)
-        found[name] = rows[:, start:end].reshape(*shape, *cells)
-    return found
+        raise SceneError(f"line {first - 1}: the columns must be {','.join(wanted)}")
+    check_size(8.0 * count * (len(wanted) - len(shape)), most_bytes)
+    left = lines.left()
+    if left != count:
+        raise SceneError(f"there must be {count} rows, one a direction, not {left}")
+    found = {name: np.empty((count, len(TABLES[name]))) for name in tables}
+    for start in range(0, count, BLOCK):
+        end = min(start + BLOCK, count)
+        rows = np.array([_row(lines, len(wanted)) for _ in range(start, end)])
+        places = np.unravel_index(np.arange(start, end), shape)
+        directions = [arrays[name][place] for name, place in zip(kind.coordinates, places, strict=True)]
+        _check_directions(rows[:, : len(shape)], np.stack(directions, axis=1), first + start)
+        column = len(shape)
+        for name, table in found.items():
+            table[start:end] = rows[:, column : (column := column + len(TABLES[name]))]
+    return {name: table.reshape(*shape, *((4,) if name == "stokes" else (4, 4))) for name, table in found.items()}
 
 
-def _row(place: int, line: str, count: int) -> list[float]:
+def _row(lines: Lines, count: int) -> list[float]:
+    """The numbers in the next line."""
+    line, place = lines.next(), lines.place
     try:
         values = [float(item) for item in line.split(",")]
     except ValueError:

@@ -1,7 +1,12 @@
 """Results as labelled data sets, in memory (xarray) and on disk (NetCDF), by the CF conventions."""
 
+import io
 import json
 import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,8 +25,11 @@ from vrte.formats.contents import (
     restored,
     undescribed,
 )
+from vrte.formats.hdf5_file import LARGEST_RESULT, check_storage, has_array, linked, read_arrays, read_text
+from vrte.formats.seal import is_sealed, seal_of
 from vrte.formats.text_file import file_name
 from vrte.geometries import Views
+from vrte.limits import limit_memory, limit_time
 from vrte.spectrum import SCENE
 
 if TYPE_CHECKING:
@@ -29,6 +37,12 @@ if TYPE_CHECKING:
 
 STOKES = ["I", "Q", "U", "V"]
 CF = "CF-1.11"
+PATIENCE, SLOWEST = 30.0, 5e6  # seconds for a foreign file, and bytes of it that are read in each second more
+START = "import sys; sys.path[:] = {path!r}; from vrte.formats.netcdf import answer; answer()"
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+REFUSED = 3  # exit code
+SMALL = 1e9  # bytes beside the arrays
+Stored = tuple[dict[str, str], dict[str, Any]]  # texts, arrays
 
 
 def to_xarray(result: Result) -> "xarray.Dataset":
@@ -79,47 +93,183 @@ def _conventions(arrays: dict[str, Any], coordinates: Any) -> dict[str, str]:
 def save_netcdf(result: Result, path: str | os.PathLike[str]) -> None:
     """Writes ``result`` to the NetCDF file ``path``, all of it or nothing; the same result makes the same bytes.
 
-    Raises MissingExtraError without the extra "files", or OSError.
+    It is made in memory, and ends in a checksum by which `load_netcdf` knows damage. Raises MissingExtraError without
+    the extra "files", or OSError.
 
     >>> save_netcdf(brdf, "result.nc")
     """
     dataset = to_xarray(result)
-    _require_h5netcdf()
-    as_it_is = {name: {"_FillValue": None} for name, array in dataset.variables.items() if array.dtype.kind == "f"}
-    with atomic_write(path) as part:
-        dataset.to_netcdf(part, engine="h5netcdf", encoding=as_it_is)
+    h5netcdf = _h5netcdf()
+    from xarray.backends import H5NetCDFStore
+
+    for variable in dataset.variables.values():
+        variable.encoding = {"_FillValue": None} if variable.dtype.kind == "f" else {}
+    made = io.BytesIO()
+    with h5netcdf.File(made, "w") as file:
+        dataset.dump_to_store(H5NetCDFStore(file))
+    with atomic_write(path) as part, open(part, "wb") as written, made.getbuffer() as content:
+        written.write(content)
+        written.write(seal_of(content))
 
 
-def load_netcdf(path: str | os.PathLike[str]) -> Result:
-    """The result that `save_netcdf` wrote to ``path``, every digit as it was.
+@contextmanager
+def new_netcdf(path: str | os.PathLike[str]) -> Iterator[Any]:
+    """An `h5netcdf.File` at ``path`` to write to piece by piece. Raises OSError at its end where the disk was full.
 
+    >>> with new_netcdf("table.nc") as file:
+    ...     file.attrs["title"] = "empty"
+    """
+    h5netcdf = _h5netcdf()
+    with WrittenFile(path) as written:
+        with h5netcdf.File(written, "w") as file:
+            yield file
+        written.check()
+
+
+class WrittenFile(io.RawIOBase):
+    """A file for HDF5 to write to. An error of the disk is kept for `check`: HDF5 crashes where it is told of one."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._file = open(path, "w+b", buffering=0)  # noqa: SIM115
+        self._error: OSError | None = None
+
+    def check(self) -> None:
+        """Raises the OSError of whatever could not be written so far."""
+        if self._error is not None:
+            raise self._error
+
+    def write(self, content: Any) -> int:
+        rest = memoryview(content).cast("B")
+        size = len(rest)
+        try:
+            while rest and self._error is None:
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            self._error = error
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return self._file.truncate(size)
+        except OSError as error:
+            self._error = self._error or error
+            return size or 0
+
+    def readinto(self, buffer: Any) -> int | None:
+        return self._file.readinto(buffer)
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
+
+
+def load_netcdf(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) -> Result:
+    """The result that `save_netcdf` wrote to ``path``, every digit as it was; ``most_bytes`` as in `vrte.load`.
+
+    A file whose checksum is not that of its bytes is refused. One without a checksum, changed by another program or
+    made by one, is read in a process of its own: HDF5 can hang or crash on damaged bytes.
     Raises FileNotFoundError, SceneError for a file that holds no result of this package, MissingExtraError.
 
     >>> save_netcdf(brdf, "result.nc")
     >>> load_netcdf("result.nc").mueller.shape
     (2, 20, 37, 4, 4)
     """
-    xarray = _xarray()
-    _require_h5netcdf()
+    _h5netcdf()
     name = file_name(path)
     if not os.path.isfile(name):
         raise FileNotFoundError(f"no such file: {name}")
     try:
-        dataset = xarray.load_dataset(name, engine="h5netcdf", mask_and_scale=False)
-    except Exception as error:  # whatever four libraries below make of bytes that mean nothing
-        raise SceneError(f"{name} is not a NetCDF file: {reason(error)}") from error
+        check_signature(name)
+        told, arrays = (stored_in if is_sealed(name) else stored_in_foreign)(name, most_bytes)
+    except SceneError as error:
+        raise SceneError(f"{name} {error}") from error
     try:
-        return _from_xarray(dataset)
+        kind = KINDS[told["kind"]]
+        return restored(kind, arrays, undescribed(json.loads(told["diagnostics"]), told.get(SCENE)))
     except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise SceneError(f"{name} holds no BRDF, field or spectrum written by vrte: {reason(error)}") from error
 
 
-def _from_xarray(dataset: "xarray.Dataset") -> Result:
-    # files of version 0.1 do not say their kind
-    kind = KINDS[dataset.attrs.get("kind", BRDF.name if "mueller" in dataset else FIELD.name)]
-    names = [name for name in (*kind.coordinates, *kind.variables) if name in dataset]
-    diagnostics = undescribed(json.loads(dataset.attrs["diagnostics"]), dataset.attrs.get(SCENE))
-    return restored(kind, {name: dataset[name].values for name in names}, diagnostics)
+def check_signature(name: str) -> None:
+    """Raises SceneError for what cannot be HDF5, whose first bytes are known."""
+    with open(name, "rb") as file:
+        if file.read(len(SIGNATURE)) != SIGNATURE:
+            raise SceneError("is not a NetCDF file: it does not begin as one of NetCDF-4, which is HDF5")
+
+
+def check_netcdf(path: str | os.PathLike[str]) -> None:
+    """Raises SceneError where something in a NetCDF file leads to another file, OSError where it is none.
+
+    >>> save_netcdf(brdf, "result.nc")
+    >>> check_netcdf("result.nc")
+    """
+    import h5py
+
+    with h5py.File(file_name(path), "r") as file:
+        for name in file.id:
+            check_storage(linked(file, name.decode()), name.decode())
+
+
+def stored_in(name: str, most_bytes: float) -> Stored:
+    """The texts and the arrays of a result in a NetCDF file. Raises SceneError."""
+    import h5py
+
+    try:
+        with h5py.File(name, "r") as file:
+            told = {key: text for key in ("kind", "diagnostics", SCENE) if (text := read_text(file, key)) is not None}
+            # files of version 0.1 do not say their kind
+            kind = told.setdefault("kind", BRDF.name if has_array(file, "mueller") else FIELD.name)
+            known = KINDS.get(kind, BRDF)
+            names = [key for key in (*known.coordinates, *known.variables) if has_array(file, key)]
+            return told, read_arrays(file, names, most_bytes)
+    except MemoryError:
+        raise
+    except SceneError as error:
+        raise SceneError(f"is refused: {error}") from error
+    except Exception as error:  # whatever two libraries below make of bytes that mean nothing
+        raise SceneError(f"is not a NetCDF file: {reason(error)}") from error
+
+
+def stored_in_foreign(name: str, most_bytes: float) -> Stored:
+    """As `stored_in`, read by a process of its own, which has as much time and memory as such a file can take."""
+    seconds = PATIENCE + os.path.getsize(name) / SLOWEST
+    asked = json.dumps([os.path.abspath(name), most_bytes, seconds])
+    command = [sys.executable, "-c", START.format(path=sys.path)]
+    try:
+        done = subprocess.run(command, input=asked.encode(), capture_output=True, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        raise SceneError(f"is damaged: HDF5 has not read it after {seconds:.0f} s") from None
+    if done.returncode == REFUSED:
+        raise SceneError(done.stdout.decode(errors="replace"))
+    if done.returncode != 0:
+        raise SceneError(f"is not a NetCDF file: the process that reads it has ended with code {done.returncode}")
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as found:
+        arrays = {key: found[key] for key in found}
+    return json.loads(str(arrays.pop("told"))), arrays
+
+
+def answer() -> None:
+    """What the process for foreign files does: reads the name on its input, writes what is in the file."""
+    name, most_bytes, seconds = json.load(sys.stdin)
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    limit_time(seconds)
+    limit_memory(4 * most_bytes + SMALL)
+    try:
+        told, arrays = stored_in(name, most_bytes)
+    except (SceneError, MemoryError) as error:
+        output.write((str(error) or "takes more memory than there is").encode(errors="replace"))
+        output.flush()
+        os._exit(REFUSED)
+    np.savez(output, told=np.array(json.dumps(told)), **arrays)
+    output.flush()
+    os._exit(0)  # at once: what HDF5 made of a damaged file is not taken down
 
 
 def _xarray() -> Any:
@@ -130,8 +280,9 @@ def _xarray() -> Any:
     return xarray
 
 
-def _require_h5netcdf() -> None:
+def _h5netcdf() -> Any:
     try:
-        import h5netcdf  # noqa: F401
+        import h5netcdf
     except ImportError as error:
         raise MissingExtraError("reading or writing NetCDF", "files") from error
+    return h5netcdf

@@ -1,12 +1,15 @@
 """Results to files and back, in the format that the file's name asks for."""
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
 
+from vrte.arrays import number
 from vrte.errors import SceneError
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import load_csv, write_csv
+from vrte.formats.hdf5_file import LARGEST_RESULT
 from vrte.formats.netcdf import load_netcdf, save_netcdf
 from vrte.formats.text_file import file_name
 
@@ -26,17 +29,20 @@ def save(result: Result, path: str | os.PathLike[str]) -> None:
     WRITERS[suffix](result, path)
 
 
-def load(path: str | os.PathLike[str]) -> Result:
+def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) -> Result:
     """The BRDF, field or spectrum in the file ``path``, every digit as it was saved.
 
-    A name that ends in .csv is a table, any other a NetCDF file. Raises FileNotFoundError, SceneError for a file that
+    A name that ends in .csv is a table, any other a NetCDF file. Nothing but numbers and texts is read, and nothing
+    from another file (docs/security.md); a result whose values take more than ``most_bytes`` in memory is refused
+    before it takes them: allow more for a file that you trust. Raises FileNotFoundError, SceneError for a file that
     holds no result of this package, for NetCDF MissingExtraError without the extra "files".
 
     >>> save(brdf, "result.nc")
     >>> load("result.nc").mueller.shape
     (2, 20, 37, 4, 4)
     """
-    return load_csv(path) if is_table(path) else load_netcdf(path)
+    most_bytes = number("most_bytes", most_bytes, 0.0, math.inf, "a number of bytes >= 0")
+    return (load_csv if is_table(path) else load_netcdf)(path, most_bytes)
 
 
 def is_table(path: str | os.PathLike[str]) -> bool:

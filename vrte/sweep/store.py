@@ -32,7 +32,7 @@ from vrte.arrays import Array
 from vrte.errors import MissingExtraError, SceneError, SweepError
 from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import BRDF, CONVENTIONS, WAVELENGTH
-from vrte.formats.netcdf import STOKES
+from vrte.formats.netcdf import STOKES, check_netcdf, new_netcdf
 from vrte.sweep.grid import Grid
 from vrte.sweep.optics import Optics
 from vrte.sweep.template import Axis, Sweep, request_of, scene_at, sweep_of, unseen
@@ -343,11 +343,10 @@ def clear(folder: Path) -> None:
 
 def as_netcdf(work: Work, path: Path) -> None:
     """The Zarr table as NetCDF, one chunk after another."""
-    import h5netcdf
     import h5py
 
     group, grid = zarr().open_group(work.folder / "table", mode="r"), work.layout.grid
-    with h5netcdf.File(path, "w") as file:
+    with new_netcdf(path) as file:
         file.attrs.update(group.attrs.asdict())
         for name, array in sorted(group.arrays()):
             for dim, length in zip(array.metadata.dimension_names, array.shape, strict=True):
@@ -377,7 +376,10 @@ def open_table(path: str | os.PathLike[str]) -> "xarray.Dataset":
             zarr()
             dataset = xarray.open_zarr(path, chunks=None, consolidated=True)
         else:
+            check_netcdf(path)
             dataset = xarray.open_dataset(path, engine="h5netcdf")
+    except SceneError as error:
+        raise SceneError(f"{path} is no table of a sweep: {error}") from error
     except (ValueError, KeyError, OSError) as error:
         raise SceneError(f"{path} is no table of a sweep") from error
     if "sweep" not in dataset.attrs:
