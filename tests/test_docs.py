@@ -29,25 +29,6 @@ def test_examples_of_the_compiled_module() -> None:
             runner.run(example)
     assert runner.tries >= 2
     assert runner.failures == 0
-    page = doctest.testfile(str(ROOT / "docs" / "core.md"), module_relative=False)
-    assert page.attempted >= 4
-    assert page.failed == 0
-
-
-class Rough(doctest.OutputChecker):
-    """Passes where all but predicted sizes is the same: they change with every rule of thumb behind them."""
-
-    def check_output(self, want: str, got: str, optionflags: int) -> bool:
-        want, got = (re.sub(r" +[0-9.]+(e[+-][0-9]+\b| MB| times)", " #", text) for text in (want, got))
-        return super().check_output(want, got, optionflags)
-
-
-def test_the_printed_plan_of_its_page() -> None:
-    runner = doctest.DocTestRunner(checker=Rough())
-    text = (ROOT / "docs" / "plan.md").read_text(encoding="utf-8")
-    runner.run(doctest.DocTestParser().get_doctest(text, {}, "plan.md", "docs/plan.md", 0))
-    assert runner.tries >= 9
-    assert runner.failures == 0
 
 
 def test_conventions_and_readme_name_what_exists() -> None:

@@ -1,5 +1,6 @@
 """Polarized subsurface reflectance of particulate layers: the public names."""
 
+from vrte import over_hemisphere, quantities
 from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
@@ -53,7 +54,9 @@ __all__ = [
     "load",
     "mix",
     "mixture",
+    "over_hemisphere",
     "plan",
+    "quantities",
     "radiance",
     "rayleigh",
     "read_index",

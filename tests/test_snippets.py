@@ -1,0 +1,114 @@
+"""Every snippet of the README and of docs/ runs as it stands: Python, scene files, and the options of every command."""
+
+import doctest
+import re
+import shlex
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vrte import cli
+from vrte.formats.scene_file import read_content, read_scene
+from vrte.render.setting import read as read_setting
+from vrte.sweep.template import sweep_of
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PREDICTED = r" +[0-9.]+(e[+-][0-9]+\b| MB| times)"  # sizes, which change with every rule of thumb behind them
+
+
+class Rough(doctest.OutputChecker):
+    """Passes where all but predicted sizes is the same."""
+
+    def check_output(self, want: str, got: str, optionflags: int) -> bool:
+        want, got = (re.sub(PREDICTED, " #", text) for text in (want, got))
+        return super().check_output(want, got, optionflags)
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """The code of one language, "" for commands and what they print."""
+    text = page.read_text(encoding="utf-8")
+    return [code for found, code in re.findall(r"^```(\w*)\n(.*?)^```", text, re.M | re.S) if found == language]
+
+
+def commands(page: Path) -> list[str]:
+    """The lines that call vrte, but for what a shell makes of them."""
+    lines = "\n".join(blocks(page, "")).splitlines()
+    inline = re.findall(r"`(vrte [a-z]+ [^`]+)`", page.read_text(encoding="utf-8"))
+    return [line.removeprefix("$ ") for line in [*lines, *inline] if re.match(r"(\$ )?vrte ", line)]
+
+
+def smaller_sweep(folder: Path) -> None:
+    """The sweep that docs/sweeps.md runs has 588 scenes: with fewer, the same lines run."""
+    path = folder / "examples" / "gold_table.toml"
+    text = path.read_text()
+    for given, fewer in (("count = 21", "count = 5"), ("count = 28", "count = 5"), ("nodes = 24", "nodes = 6")):
+        assert given in text
+        text = text.replace(given, fewer)
+    path.write_text(text)
+
+
+def table_for_mitsuba(folder: Path) -> None:
+    """What the command above the lines for Mitsuba writes, of a scene that is quickly solved."""
+    (folder / "paint.toml").write_text(
+        '[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'
+    )
+    command = shlex.split("brdf paint.toml --wavelengths-um 0.45,0.5,0.55,0.6,0.65 --mitsuba paint.bsdf --nodes 4")
+    assert cli.main([*command, "--mitsuba-step-deg", "15"]) == 0
+
+
+SLOW = {"exports.md", "opencl.md", "sweeps.md"}  # Mitsuba renders, kernels are compiled, a table is made
+PREPARED: dict[str, Callable[[Path], None]] = {"sweeps.md": smaller_sweep, "exports.md": table_for_mitsuba}
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=page.name, marks=pytest.mark.slow if page.name in SLOW else ())
+        for page in PAGES
+        if blocks(page, "python")
+    ],
+)
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(ROOT / "examples", "examples")
+    PREPARED.get(page.name, lambda folder: None)(tmp_path)
+    names: dict[str, Any] = {}
+    runner = doctest.DocTestRunner(checker=Rough())
+    for place, code in enumerate(blocks(page, "python"), 1):
+        if code.startswith(">>>"):
+            test = doctest.DocTestParser().get_doctest(code, names, f"{page.name}, {place}", str(page), 0)
+            runner.run(test, clear_globs=False)
+            names = test.globs
+        else:
+            exec(compile(code, f"{page.name}, {place}", "exec"), names)
+    assert runner.failures == 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_scene_files_of_a_page_are_read(page: Path, tmp_path: Path) -> None:
+    for code in blocks(page, "toml"):
+        path = tmp_path / "scene.toml"
+        path.write_text(code)
+        content = read_content(path)
+        if "axes" in content:
+            assert sweep_of(path).count > 1
+        elif set(content) == {"render"}:
+            read_setting([path])
+        else:
+            for kind in {"brdf", "field"} & set(content):
+                assert read_scene(path, kind).scene.layers
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
+def test_the_commands_of_a_page_have_these_options(page: Path) -> None:
+    for line in commands(page):
+        words = [word for word in shlex.split(line, comments=True)[1:] if word != "..."]
+        options = cli._parser().parse_args([word.replace("[", "").replace("]", "") for word in words])
+        for word in words:
+            if word.startswith(("examples/", "vrte/")):
+                assert (ROOT / word).is_file(), line
+        assert callable(options.run)
