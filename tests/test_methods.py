@@ -116,7 +116,7 @@ def depolarizing_base() -> vrte.MuellerBase:
     def matrix(mu_i: np.ndarray, mu_o: np.ndarray, phi: np.ndarray) -> np.ndarray:
         cosine = np.cos(np.radians(phi))
         result = np.zeros((*np.broadcast_shapes(np.shape(mu_i), np.shape(mu_o), np.shape(phi)), 4, 4))
-        result[..., 0, 0] = 0.1 + 0.05 * cosine * mu_i * mu_o
+        result[..., 0, 0] = 0.1 + 0.02 * cosine * mu_i * mu_o
         result[..., 1, 0] = result[..., 0, 1] = 0.02 * mu_i * mu_o
         result[..., 1, 1] = result[..., 2, 2] = 0.03
         return result

@@ -242,7 +242,9 @@ def test_single_scattering_of_columns_that_share_a_place_on_any_number_of_thread
 def speckled(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
     """A base whose every element depends on everything."""
     angle = np.radians(phi_deg)
-    f = np.full((*np.broadcast_shapes(mu_i.shape, mu_o.shape, phi_deg.shape), 4, 4), 0.05) * (1.0 + np.eye(4))
+    f = np.full((*np.broadcast_shapes(mu_i.shape, mu_o.shape, phi_deg.shape), 4, 4), 0.005) + np.diag(
+        [0.1, 0.02, 0.02, 0.01]
+    )
     f = f * (1.0 + 0.5 * mu_i * mu_o * np.cos(angle))[..., None, None]
     f[..., :2, 2:] *= np.sin(angle)[..., None, None]
     f[..., 2:, :2] *= np.sin(angle)[..., None, None]

@@ -8,16 +8,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vrte.arrays import Array, in_one_line, listed, number, numbers
+from vrte.arrays import Array, in_one_line, listed, number, numbers, settled, vector
 from vrte.errors import SceneError
-from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.optics.phase_matrix import NEGATIVE_ALLOWED, PhaseMatrix
 from vrte.optics.spheres import Particles
 
 INDEPENDENT_UP_TO = 0.1  # volume fraction
 LARGEST_THICKNESS = 1e12  # of a layer that ends; beyond, one without end is meant
 LARGEST_BASE = 1e100  # of an element of a base's Mueller matrix [1/sr]
 MOST_LAYERS = 10_000
+CHECKED_COSINES = settled(np.array([0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0]))  # mu_i of a base's energy
+GRAZING = 0.05  # mu_i below which a base may give back more than it gets
+ENERGY_ALLOWED = 1e-3  # relative: what quadratures of coarse functions leave
+COARSE = 24  # points of a first look at a base's energy
+PAULI = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])  # of I, Q, U, V
 
 
 class IndependentScatteringWarning(UserWarning):
@@ -118,8 +124,10 @@ class MuellerBase:
     ``function(mu_i, mu_o, phi_deg)`` is called with broadcastable arrays (positive cosines, azimuth in
     degrees relative to the incident light's, both along the direction of travel) and returns (..., 4, 4),
     unit 1/sr, in the meridian planes. Raises SceneError where samples are not finite, have the wrong shape,
-    f_00 < 0, or break f(-phi) = D f(phi) D, D = diag(1, 1, -1, -1), by more than 1e-8 of the largest. Source:
-    (1:35), (1:60).
+    f_00 < 0, break f(-phi) = D f(phi) D, D = diag(1, 1, -1, -1), by more than 1e-8 of the largest, are no
+    sum of reflections (a coherency eigenvalue below -1e-4 f_00), or give back more than arrives: of light
+    along 8 mu_i from 0.01 to 1, by more than 1e-3, below mu_i = 0.05 more than 0.05/mu_i times as much, which
+    facets without shadows do. Source: (1:35), (1:60).
 
     >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))(1.0, [0.5, 1.0], 0.0).shape
     (2, 4, 4)
@@ -130,7 +138,7 @@ class MuellerBase:
     def __post_init__(self) -> None:
         if not callable(self.function):
             raise SceneError(f"base: function must be callable, not {type(self.function).__name__}")
-        mu_i, mu_o = np.array([0.05, 0.3, 0.7, 1.0])[:, None, None], np.array([0.1, 0.6, 0.95])[None, :, None]
+        mu_i, mu_o = CHECKED_COSINES[:, None, None], np.array([0.1, 0.6, 0.95])[:, None]
         phi = np.array([0.0, 20.0, 75.0, 160.0, 180.0])
         there, mirrored = self(mu_i, mu_o, phi), self(mu_i, mu_o, -phi)
         flip = np.array([1.0, 1.0, -1.0, -1.0])
@@ -140,6 +148,55 @@ class MuellerBase:
                 "base: f(-phi) must equal D f(phi) D with D = diag(1, 1, -1, -1), as for every "
                 f"mirror-symmetric surface; the given function breaks this by {gap:.3g}"
             )
+        self._check_physical(there, *np.broadcast_arrays(mu_i, mu_o, phi))
+        self._check_energy()
+
+    def _check_physical(self, f: Array, mu_i: Array, mu_o: Array, phi: Array) -> None:
+        """Sums of what single reflections do to the field have coherency matrices without negative eigenvalues."""
+        lowest, intensity = np.linalg.eigvalsh(coherency(f))[..., 0], f[..., 0, 0]
+        floor = -NEGATIVE_ALLOWED * intensity - 1e-12 * np.abs(f).max()
+        worst = np.unravel_index(np.argmin(lowest - floor), lowest.shape)
+        if lowest[worst] < floor[worst]:
+            raise SceneError(
+                f"base: the Mueller matrix from mu_i {mu_i[worst]:g} to mu_o {mu_o[worst]:g} at phi_deg {phi[worst]:g} "
+                f"is not physical: its coherency matrix has the eigenvalue {lowest[worst]:.3g} where f_00 is "
+                f"{intensity[worst]:.3g}; at least -{NEGATIVE_ALLOWED:g} f_00 is allowed (check signs and order)"
+            )
+
+    def _check_energy(self) -> None:
+        """Looks closer, until the quadrature settles, only at what seems to be too much."""
+        most = (1.0 + ENERGY_ALLOWED) * np.maximum(1.0, GRAZING / CHECKED_COSINES)
+        excess = self.reflectance(CHECKED_COSINES, COARSE) / most
+        for place in np.argsort(-excess)[: np.count_nonzero(excess > 1.0)]:  # the worst first
+            mu_i, before = CHECKED_COSINES[place : place + 1], np.inf
+            for points in (2 * COARSE, 4 * COARSE, 8 * COARSE, 16 * COARSE):
+                now = self.reflectance(mu_i, points)[0]
+                if now <= most[place] or abs(now - before) <= ENERGY_ALLOWED * now:
+                    break
+                before = now
+            else:
+                continue  # too narrow for this quadrature: the solver's own will tell
+            if now > most[place]:
+                raise SceneError(
+                    f"base: the function gives back {now:.4g} of the light that comes along mu_i = {mu_i[0]:g}, and "
+                    f"at most {most[place]:.4g} is allowed there (facets without shadows give back too much near the "
+                    "horizon)"
+                )
+
+    def reflectance(self, mu_i: Any, points: int = 64) -> Array:
+        """Share of unpolarized light along ``mu_i`` (n,) that comes back into all directions, (n,).
+
+        Parameters: ``points``, of the quadrature over mu_o and over half of the azimuths. Source: (1:35), order 0.
+
+        >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0])).reflectance([0.5]).round(12) / np.pi
+        array([0.1])
+        """
+        root, weight = np.polynomial.legendre.leggauss(points)
+        mu_o = (0.5 * (root + 1.0)) ** 2  # dense at the horizon, where lobes of grazing light are
+        phi, share = azimuth_rule(np.arange(1, points), points)
+        found = self(vector("mu_i", mu_i)[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]
+        total: Array = 2.0 * (found @ share) @ (weight * np.sqrt(mu_o) * mu_o)
+        return total
 
     def __call__(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """f on the broadcast shape of the arguments, checked: (..., 4, 4), 1/sr."""
@@ -185,6 +242,32 @@ class MuellerBase:
                 f"base: the MuellerBase function {name} cannot be pickled: {in_one_line(str(reason), 200)}"
             ) from reason
         return (MuellerBase, (self.function,))
+
+
+def coherency(mueller: Array) -> NDArray[np.complex128]:
+    """H = sum_ij f_ij (sigma_i x sigma_j^*)/4 of Mueller matrices (..., 4, 4), Hermitian, of trace f_00: (..., 4, 4).
+
+    What a mixture of Jones matrices does has eigenvalues >= 0. Source: Cloude, Optik 75, 26 (1986).
+
+    >>> np.linalg.eigvalsh(coherency(np.eye(4))).round(12).tolist()  # one Jones matrix, that changes nothing
+    [0.0, 0.0, 0.0, 1.0]
+    """
+    products = 0.25 * np.einsum("iab,jcd->ijacbd", PAULI, PAULI.conj()).reshape(4, 4, 4, 4)
+    found: NDArray[np.complex128] = np.einsum("...ij,ijab->...ab", mueller, products)
+    return found
+
+
+def azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
+    """Azimuths from 0 to pi [rad] and weights of the trapezoidal rule in t, phi = t - sin(2 t)/2, t = pi steps/count.
+
+    Dense at both ends, where surfaces have their lobes, narrow at grazing angles, and their cusps, of which t leaves
+    little. The ends themselves, steps 0 and ``count``, weigh nothing.
+
+    >>> round(float(azimuth_rule(np.arange(1, 4), 4)[1].sum()), 12)
+    3.14159265359
+    """
+    t = np.pi * steps / count
+    return t - 0.5 * np.sin(2.0 * t), 2.0 * np.pi / count * np.sin(t) ** 2
 
 
 @dataclass(frozen=True, eq=False)

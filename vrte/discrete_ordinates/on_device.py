@@ -462,7 +462,8 @@ def ground_of(batch: Batch) -> joining.Ground | None:
         return None
     grounds = []
     for piece, pile in zip(batch.pieces, batch.piles, strict=True):
-        base: Reflection = expand_base(piece.block.base, pile.problem, int(piece.orders[-1]) + 1)
+        accuracy, n_order = piece.task.plan.accuracy, int(piece.orders[-1]) + 1
+        base: Reflection = expand_base(piece.block.base, pile.problem, n_order, accuracy)
         turned = (piece.orders == 0) & pile.problem.conserves
         row = base.row[piece.orders]
         grounds.append(joining.ground_of(batch.frame, turned, row, base.matrix, base.source, base.out))

@@ -52,7 +52,7 @@ class Modes:
     allowed: ClassVar = {"residual_of_modes": 1e-9, "residual_of_boundary": 1e-9}
 
     def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
-        self.problem, self.base = problem, expand_base(base, problem, n_order)
+        self.problem, self.base = problem, expand_base(base, problem, n_order, accuracy)
         self.distinct, self.kinds = materials_of(problem)
         self.quick = is_quick(problem, accuracy)
 
@@ -101,7 +101,7 @@ class Doubling:
 
     def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
         self.pile = cut(problem)
-        self.base = expand_base(base, self.pile.problem, n_order)
+        self.base = expand_base(base, self.pile.problem, n_order, accuracy)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""

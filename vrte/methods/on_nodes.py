@@ -76,12 +76,12 @@ class OnNodes:
         result = np.zeros((self.n_order, self.rows.size, self.columns.size))
         if base is None or not np.isfinite(problem.thickness[-1]):
             return result
-        rows, into = (np.concatenate([problem.nodes, more]) for more in (problem.mu_out, problem.mu0))
+        into = np.concatenate([problem.nodes, problem.mu0])
         if isinstance(base, Lambertian):
-            orders = np.zeros((1, into.size, rows.size, 4, 4))
+            orders = np.zeros((1, into.size, problem.nodes.size + problem.mu_out.size, 4, 4))
             orders[..., 0, 0] = 2.0 * base.albedo
         else:
-            orders = mueller_orders(base, into, rows, self.n_order)[0]
+            orders = mueller_orders(base, problem, self.n_order)[0]
         for found, matrix in zip(result, orders, strict=False):
             found[:] = self.operator((matrix * into[:, None, None, None] * FLIP[:, None]).transpose(1, 0, 2, 3))
         return result
