@@ -73,7 +73,7 @@ def test_a_scene_file_names_a_table_beside_it(tmp_path: Path) -> None:
         vrte.spheres(vrte.read_index(table), radius_um=0.3, wavelength_um=0.55).albedo
     )
     assert len(vrte.spectrum(scene, [0.45, 0.6])) == 2
-    with pytest.raises(SceneError, match=r"from 0\.4 to 0\.7 um; 0\.8 um is outside$"):
+    with pytest.raises(SceneError, match=r"from 0\.4 to 0\.7 um; a wavelength of 0\.8 um is outside$"):
         read_scene(scene, wavelength_um=0.8)
     table.unlink()
     with pytest.raises(

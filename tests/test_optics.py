@@ -108,7 +108,7 @@ def test_numbers_are_taken_as_they_are():
         ("iron", 0.5, "did you mean 'main/Fe/"),
         ("nowhere at all", 0.5, "such as 'main/Au/Johnson'$"),
         ("", 0.5, "neither a known name"),
-        ("gold", 3.0, r"main/Au/Johnson goes from 0.1879 to 1.937 um; 3 um is outside"),
+        ("gold", 3.0, r"main/Au/Johnson goes from 0.1879 to 1.937 um; a wavelength of 3 um is outside"),
         ("rutile", 0.4, r"from 0.43 to 1.53 um"),
         ("gold", 0.0, "wavelength_um"),
         ("gold", math.nan, "wavelength_um must be .* not nan"),

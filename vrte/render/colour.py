@@ -17,13 +17,14 @@ FROM_UM, TO_UM = 0.40, 0.70
 OBSERVER = "CIE 1931 2 Degree Standard Observer"
 
 
-def wavelengths(count: int) -> Array:
-    """``count`` wavelengths [um] in equal steps from 0.40 to 0.70.
+def wavelengths(count: int, low: float = FROM_UM, high: float = TO_UM) -> Array:
+    """``count`` wavelengths [um] in equal steps over what of 0.40 to 0.70 lies between ``low`` and ``high``.
 
-    >>> wavelengths(31)[:3].round(4).tolist()
-    [0.4, 0.41, 0.42]
+    >>> wavelengths(31)[:3].round(4).tolist(), wavelengths(10, low=0.43)[:3].round(4).tolist()
+    ([0.4, 0.41, 0.42], [0.43, 0.46, 0.49])
     """
-    return np.linspace(FROM_UM, TO_UM, count).round(6)
+    low, high = max(low, FROM_UM), min(high, TO_UM)
+    return np.linspace(low, high, count).round(6).clip(low, high)
 
 
 def science() -> Any:

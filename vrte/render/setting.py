@@ -10,11 +10,11 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.brdf import Brdf
 from vrte.errors import SceneError
-from vrte.formats.scene_file import FILE_KEYS, read_content
+from vrte.formats.scene_file import FILE_KEYS, listed_wavelengths, read_content, wavelengths_known
 from vrte.formats.toml_table import Table
-from vrte.render.colour import FEWEST, MOST, wavelengths
+from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, wavelengths
 from vrte.render.sky import KINDS
-from vrte.spectrum import spectrum
+from vrte.spectrum import ascending, spectrum
 
 ACCURACY = 1e-4  # of a BRDF, where the file asks for none
 SMALLEST_SIZE, LARGEST_SIZE = 16, 1024
@@ -48,12 +48,14 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A scene file as the surface of a sphere: its ``title``, ``content`` and ``folder``, and the wavelengths [um]."""
+    """A scene file as the surface of a sphere: its ``title``, its ``content`` without [render], and the wavelengths
+    [um]; ``note`` says where those end before the light that is seen does."""
 
     path: Path
     title: str
     content: dict[str, Any]
     wavelengths_um: Array
+    note: str = ""
 
     def brdf(self, wavelength_um: float, mu_i: Array, mu_o: Array, phi: Array) -> Brdf:
         """Its BRDF at one wavelength. Raises SceneError, which names the file, and what `vrte.brdf` raises."""
@@ -120,22 +122,41 @@ def _common(table: Table) -> dict[str, Any]:
 
 
 def _material(path: Path, content: dict[str, Any], table: Table, count: int | None) -> Material:
-    chosen = _wavelengths(table)
     title = table.content.get("title", path.stem.replace("_", " "))
     if not isinstance(title, str) or not title.isprintable() or not 0 < len(title) <= LONGEST_TITLE:
         raise table.wrong("title", f"must be a text of 1 to {LONGEST_TITLE} characters in one line")
-    if count is not None:
-        chosen = wavelengths(count)
+    chosen = _own_wavelengths(content, table) if count is None else None
+    note = ""
+    if chosen is None:
+        chosen, note = _equal_steps(path, content, count or _count(table))
     without = {key: value for key, value in content.items() if key != "render"}
-    return Material(path, title, without, chosen)
+    return Material(path, title, without, chosen, note)
 
 
-def _wavelengths(table: Table) -> Array:
+def _count(table: Table) -> int:
+    return table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
+
+
+def _own_wavelengths(content: dict[str, Any], table: Table) -> Array | None:
+    """Those that [render] lists; without a word there, those of a scene file for a spectrum."""
     if "wavelengths" in table and "wavelengths_um" in table:
         raise SceneError(f"{table.name}: at most one of wavelengths and wavelengths_um")
-    if "wavelengths_um" not in table:
-        return wavelengths(table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST)
-    found = np.array(table.numbers("wavelengths_um"))
-    if not (0 < found.size <= MOST and found[0] > 0.0 and (np.diff(found) > 0.0).all()):
-        raise table.wrong("wavelengths_um", f"must be 1 to {MOST} ascending wavelengths in micrometres")
-    return found
+    if "wavelengths_um" in table:
+        found = np.array(table.numbers("wavelengths_um"))
+        if not (0 < found.size <= MOST and found[0] > 0.0 and (np.diff(found) > 0.0).all()):
+            raise table.wrong("wavelengths_um", f"must be 1 to {MOST} ascending wavelengths in micrometres")
+        return found
+    listed = None if "wavelengths" in table else listed_wavelengths(content)
+    return ascending(listed) if listed and len(listed) <= MOST else None
+
+
+def _equal_steps(path: Path, content: dict[str, Any], count: int) -> tuple[Array, str]:
+    """Over the light that is seen, as far as the substances' tables go, and what to say where that is not all of it."""
+    low, high, substance = wavelengths_known(content, path.parent)
+    if low >= TO_UM or high <= FROM_UM:
+        raise SceneError(
+            f"the table of {substance} goes from {low:g} to {high:g} um: nothing of {FROM_UM:g} to {TO_UM:g} um"
+        )
+    ends = [f"{end} {edge:g} um" for end, edge in (("begins at", low), ("ends at", high)) if FROM_UM < edge < TO_UM]
+    note = f"the table of {substance} {' and '.join(ends)}: beyond, the spectrum stays as it is there" if ends else ""
+    return wavelengths(count, low, high), note
