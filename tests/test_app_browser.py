@@ -52,7 +52,7 @@ class Tab:
     """A tab of somebody's own; what it asks of other machines, and what goes wrong in it, is written down."""
 
     def __init__(self, browser: Any, url: str) -> None:
-        self.url, self.wrong = url, []
+        self.url, self.wrong = url.partition("/?")[0], []
         self.context = browser.new_context(viewport={"width": 1280, "height": 800})
         self.page = self.context.new_page()
         self.page.set_default_timeout(PATIENCE)

@@ -1,27 +1,306 @@
 """The viewer's server: what it answers, and how it begins and ends."""
 
+import http.client
+import logging
+import os
+import re
+import select
+import signal
 import socket
-import urllib.error
-import urllib.request
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.viewer_server import viewer
+from tests.viewer_server import ROOT, viewer
 from vrte import cli
-from vrte.app.server import free_port
+from vrte.app import connections, guard
+from vrte.app.page import LARGEST_UPLOAD
+from vrte.app.server import listener, page_that_leads_to
+
+PARTS = re.compile(r"http://(127\.0\.0\.1:(\d+))/\?token=([\w-]+)")
 
 
-def test_only_its_own_names_are_answered() -> None:
-    with viewer() as (url, _):
-        with urllib.request.urlopen(url) as answer:
-            assert "default-src 'self'" in answer.headers["content-security-policy"]
-            assert "://" not in answer.read().decode().replace("http://www.w3.org/2000/svg", "").replace(url, "")
-        elsewhere = urllib.request.Request(url, headers={"Host": "elsewhere.example"})  # a name that leads here
-        with pytest.raises(urllib.error.HTTPError) as refused:
-            urllib.request.urlopen(elsewhere)
-        refused.value.close()
-        assert refused.value.code == 400
+class Viewer:
+    """A running one, and what its owner's browser knows of it."""
+
+    def __init__(self, address: str) -> None:
+        found = PARTS.fullmatch(address)
+        assert found
+        self.host, self.port, self.token = found[1], int(found[2]), found[3]
+        code, headers, _ = self.ask(f"/?scene=x&token={self.token}", cookie=None)
+        assert (code, headers["location"]) == (303, "/?scene=x")
+        assert headers["set-cookie"].endswith("; Path=/; HttpOnly; SameSite=Lax")
+        self.cookie = headers["set-cookie"].split(";")[0]
+
+    def ask(
+        self, target: str, cookie: str | None = "", method: str = "GET", body: bytes = b"", **headers: str
+    ) -> tuple[int, Any, bytes]:
+        """Code, headers and body of an answer; as the owner's browser asks, unless told otherwise."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)
+        try:
+            said = {name.replace("_", "-"): value for name, value in headers.items()}
+            if cookie is not None:
+                said["Cookie"] = cookie or self.cookie
+            connection.putrequest(method, target, skip_host=True)
+            for name, value in ({"Host": self.host} | said).items():
+                connection.putheader(name, value)
+            connection.endheaders(body or None)
+            answer = connection.getresponse()
+            return answer.status, answer.headers, answer.read()
+        finally:
+            connection.close()
+
+    def raw(self, content: bytes) -> bytes:
+        """What comes back for these bytes, until the server closes."""
+        with socket.create_connection(("127.0.0.1", self.port), timeout=10) as connection:
+            connection.sendall(content)
+            return b"".join(iter(lambda: connection.recv(1 << 16), b""))
+
+    def socket_to(self, cookie: str | None = "", **headers: str) -> int:
+        """The code that the page's web socket is answered with: 101 where it is opened."""
+        said = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+        said |= {"Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", **headers}
+        return self.ask("/_nicegui_ws/socket.io/?EIO=4&transport=websocket", cookie, **said)[0]
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[Viewer]:
+    """One for all attacks; in the end it must have said nothing on the terminal."""
+    with viewer() as (address, _):
+        yield Viewer(address)
+
+
+def test_the_page_comes_from_here_alone(page: Viewer) -> None:
+    code, headers, content = page.ask("/")
+    assert code == 200
+    assert "default-src 'self'" in headers["content-security-policy"]
+    assert headers["referrer-policy"] == "no-referrer"
+    assert "server" not in headers
+    assert "://" not in content.decode().replace("http://www.w3.org/2000/svg", "").replace(f"http://{page.host}", "")
+
+
+def test_who_has_not_the_address_gets_nothing(page: Viewer) -> None:
+    """Any other account of the machine reaches the port."""
+    for target in ("/", "/favicon.ico", "/_nicegui_ws/socket.io/?EIO=4&transport=polling", "/docs", "/x"):
+        assert page.ask(target, cookie=None)[0] == 403
+    assert page.socket_to(cookie=None, Origin=f"http://{page.host}") == 403
+    assert page.ask("/_nicegui/client/0/upload/1", cookie=None, method="POST", body=b"x")[0] == 403
+    for token in ("", "x", page.token[:-1], page.token + "x", page.token.swapcase(), "%00", "\u00e9".encode().hex()):
+        assert page.ask(f"/?token={token}", cookie=None)[0] == 403
+    name, _, value = page.cookie.partition("=")
+    for cookie in (name, f"{name}=", f"{name}={page.token}", f"{name}={value[:-1]}", f"vrte-1={value}", "\xe9=\xff"):
+        assert page.ask("/", cookie=cookie)[0] == 403
+    assert page.ask("/", cookie=f"{name}=planted; other=1; {page.cookie}")[0] == 200
+    assert page.ask(f"/x?token={page.token}", cookie=None)[0] == 403
+    assert page.ask(f"/?token={page.token}", cookie=None, method="POST")[0] == 403
+
+
+def test_names_of_others_that_lead_here_are_refused(page: Viewer) -> None:
+    """A page of another site whose name is made to point to this machine (DNS rebinding)."""
+    for host in ("elsewhere.example", f"elsewhere.example:{page.port}", "127.0.0.1", "127.0.0.1:1", "", "[", "0:x"):
+        assert page.ask("/", Host=host)[0] == 400
+    assert page.ask("/", Host=f"192.0.2.1:{page.port}")[0] == 400  # this one is bound to the loopback
+    twice = f"GET / HTTP/1.1\r\nHost: {page.host}\r\nHost: elsewhere.example\r\nCookie: {page.cookie}\r\n\r\n"
+    assert page.raw(twice.encode()).startswith(b"HTTP/1.1 400")
+    assert page.raw(f"GET / HTTP/1.0\r\nCookie: {page.cookie}\r\n\r\n".encode()).startswith(b"HTTP/1.1 400")
+    assert page.ask("/", Host=f"localhost:{page.port}")[0] == 200
+
+
+def test_pages_of_others_reach_neither_page_nor_socket(page: Viewer) -> None:
+    """Also one on another port of this machine, to which browsers send the cookie."""
+    own = f"http://{page.host}"
+    assert page.socket_to(Origin=own) == 101
+    for origin in ("http://elsewhere.example", "http://127.0.0.1:1", "null", own.replace("http", "https"), own + "/"):
+        assert page.socket_to(Origin=origin) == 403
+        assert page.ask("/", Origin=origin)[0] == 403
+        assert page.ask("/_nicegui_ws/socket.io/?EIO=4&transport=polling", Origin=origin)[0] == 403
+    assert page.socket_to() == 403
+    for site in ("cross-site", "same-site"):
+        for mode, destination in (("no-cors", "script"), ("cors", "empty"), ("navigate", "iframe")):
+            fetched = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": mode, "Sec_Fetch_Dest": destination}
+            assert page.ask("/", **fetched)[0] == 403
+        link = {"Sec_Fetch_Site": site, "Sec_Fetch_Mode": "navigate", "Sec_Fetch_Dest": "document"}
+        assert page.ask("/", **link)[0] == 200
+        assert page.ask("/", method="POST", **link)[0] == 403
+    prefix = "/'><script>alert(1)</script>"
+    assert b"alert(1)" not in page.ask("/", X_Forwarded_Prefix=prefix)[2]
+
+
+def test_a_large_upload_is_refused_before_it_is_received(page: Viewer) -> None:
+    upload = "/_nicegui/client/12345678-1234-1234-1234-123456789abc/upload/7"
+    for target, size in ((upload, LARGEST_UPLOAD + 200_000), ("/", 3_000_000), ("/", 10**18)):
+        head = f"POST {target} HTTP/1.1\r\nHost: {page.host}\r\nCookie: {page.cookie}\r\nContent-Length: {size}\r\n\r\n"
+        assert page.raw(head.encode()).startswith(b"HTTP/1.1 413")
+    for method in ("PUT", "DELETE", "OPTIONS", "TRACE"):
+        assert page.ask("/", method=method)[0] == 405
+
+
+def test_bytes_that_mean_nothing_are_survived_in_silence(page: Viewer) -> None:
+    for content in (b"\x1b[2J\x1b]0;owned\x07\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"\x16\x03\x01" + bytes(300)):
+        assert page.raw(content).startswith(b"HTTP/1.1 400")
+    assert page.ask("/%1b%5b2J%0avrte:%20error:%20all%20is%20lost")[0] == 404
+    assert page.ask("/")[0] == 200
+
+
+@pytest.fixture
+def small_server() -> Iterator[int]:
+    """The port of a server whose page takes what it is sent, and says how much that was."""
+
+    async def echo(scope: Any, receive: Any, send: Any) -> None:
+        size = 0
+        while (message := await receive())["type"] == "http.request":
+            size += len(message.get("body", b""))
+            if not message.get("more_body"):
+                await guard.answer(send, 200, str(size))
+                return
+
+    begun = threading.Event()
+    with listener("127.0.0.1", 0) as listening:
+        port = listening.getsockname()[1]
+        guarded = guard.Guard(echo, "127.0.0.1", port)
+        guarded._known = lambda headers: True  # type: ignore[method-assign]
+        server = connections.Server(guarded, begun.set)
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+        thread.start()
+        assert begun.wait(10)
+        yield port
+        server.should_exit = True
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def test_more_than_announced_is_refused_on_the_way(small_server: int) -> None:
+    head = f"POST / HTTP/1.1\r\nHost: 127.0.0.1:{small_server}\r\nTransfer-Encoding: chunked\r\n\r\n"
+    for count, answer in ((3, b"HTTP/1.1 200"), (300, b"HTTP/1.1 413")):  # 30 MB, of which the server takes two
+        with socket.create_connection(("127.0.0.1", small_server), timeout=10) as connection:
+            connection.sendall(head.encode())
+            for _ in range(count):
+                connection.sendall(b"186a0\r\n" + b"x" * 100_000 + b"\r\n")
+                if select.select([connection], [], [], 0.0)[0]:
+                    break
+            else:
+                connection.sendall(b"0\r\n\r\n")
+            assert connection.recv(12) == answer
+
+
+def test_connections_without_a_request_are_closed(small_server: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "PATIENCE", 0.4)
+    monkeypatch.setattr(guard, "PATIENCE", 0.4)
+    host = f"Host: 127.0.0.1:{small_server}\r\n"
+    for begin, answer in (
+        ("", b""),
+        ("GET / HTTP/1.1\r\nX: ", b""),
+        (f"POST / HTTP/1.1\r\n{host}Content-Length: 9\r\n\r\nabc", b"HTTP/1.1 408"),
+    ):
+        began = time.monotonic()
+        with socket.create_connection(("127.0.0.1", small_server), timeout=10) as connection:
+            connection.sendall(begin.encode())
+            assert connection.recv(12) == answer
+            assert time.monotonic() - began < 3.0
+    with socket.create_connection(("127.0.0.1", small_server), timeout=10) as connection:  # a byte at a time
+        began = time.monotonic()
+        with suppress(ConnectionError):
+            while time.monotonic() - began < 5.0:
+                connection.sendall(b"x")
+                time.sleep(0.05)
+        assert time.monotonic() - began < 3.0
+
+
+def test_not_more_connections_than_a_page_needs(small_server: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "MOST", 3)
+    with ExitStack() as stack:
+        held = [
+            stack.enter_context(socket.create_connection(("127.0.0.1", small_server), timeout=10)) for _ in range(8)
+        ]
+        time.sleep(0.2)
+        refused = 0
+        for one in held:
+            one.setblocking(False)
+            with suppress(BlockingIOError):
+                try:
+                    refused += one.recv(1) == b""
+                except ConnectionError:
+                    refused += 1
+        assert refused == 5
+
+
+def test_what_is_logged_is_one_printable_line(capsys: pytest.CaptureFixture[str]) -> None:
+    server = connections.Server(None, lambda: None)
+    with connections.quiet_log(server):
+        try:
+            raise ValueError("\x1b]0;owned\x07\nvrte: done")
+        except ValueError as error:
+            logging.getLogger("nicegui").exception(error)
+        logging.getLogger("nicegui").warning("a page that is not there")
+    assert capsys.readouterr().err == "vrte view: ?]0;owned? vrte: done (ValueError: ?]0;owned? vrte: done)\n"
+
+
+def test_other_machines_only_where_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+    for host in ("0.0.0.0", "::"):
+        assert cli.main(["view", "--no-browser", "--host", host]) == 2
+        said = capfd.readouterr().err
+        assert said == (
+            f"vrte: error: --host {host} lets other machines reach the viewer: say that too, --open-to-network\n"
+        )
+
+
+@pytest.mark.slow
+def test_what_it_means_to_let_others_in_is_printed() -> None:
+    process = started("--host", "0.0.0.0", "--open-to-network")
+    assert process.stdout is not None
+    assert "nothing is encrypted" in process.stdout.readline()
+    address = process.stdout.readline()
+    port = int(re.findall(r":(\d+)/", address)[0])
+    page = Viewer(f"http://127.0.0.1:{port}/?token={re.findall(r'token=([^ ]+)', address)[0]}")
+    assert page.ask("/", Host=f"192.0.2.1:{port}")[0] == 200  # by which number it is reached, it cannot know
+    assert page.ask("/", Host=f"elsewhere.example:{port}")[0] == 400
+    assert page.ask("/", cookie=None)[0] == 403
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=20) == ("vrte view: ended\n", "")
+
+
+def started(*options: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"},
+    )
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 0), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
+def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code: int) -> None:
+    process = started()
+    assert process.stdout is not None
+    with closing(process.stdout):
+        page = Viewer(process.stdout.readline().split()[2])
+        with socket.create_connection(("127.0.0.1", page.port)):  # something to wait for
+            for _ in range(3):
+                process.send_signal(number)
+                time.sleep(0.05)
+            said, complained = process.communicate(timeout=20)
+    assert (process.returncode, said, complained) == (code, "vrte view: ended\n", "")
+
+
+def test_the_address_is_on_no_command_line() -> None:
+    """Other accounts see what a browser is called with."""
+    address = "http://127.0.0.1:1/?token=a&b"
+    with page_that_leads_to(address) as page:
+        assert page.stat().st_mode & 0o777 == 0o600
+        assert page.parent.stat().st_mode & 0o777 == 0o700
+        assert "url=http://127.0.0.1:1/?token=a&amp;b" in page.read_text()
+    assert not page.parent.exists()
 
 
 def test_a_taken_port_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
@@ -33,11 +312,12 @@ def test_a_taken_port_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> Non
         said = capsys.readouterr().err
         assert said.startswith(f"vrte: error: the viewer cannot listen on port {port} of 127.0.0.1 (")
         assert said.count("\n") == 1
-        assert free_port("127.0.0.1", 0) != port
+        with listener("127.0.0.1", 0) as free:
+            assert free.getsockname()[1] != port
 
 
 def test_a_host_that_is_none_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["view", "--no-browser", "--host", "192.0.2.1"]) == 2
+    assert cli.main(["view", "--no-browser", "--host", "192.0.2.1", "--open-to-network"]) == 2
     assert "cannot listen on port 8765 of 192.0.2.1" in capsys.readouterr().err
 
 

@@ -106,6 +106,21 @@ def test_a_result_file_is_read_in_a_process_of_its_own(outcome: Outcome) -> None
     assert job.message.startswith("the file is not a NetCDF file")
 
 
+def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Path) -> None:
+    """Whose BRDF would be the bytes of somebody's letters, to be downloaded as CSV."""
+    h5py = pytest.importorskip("h5py")
+    secret, upload = tmp_path / "letters", tmp_path / "upload.nc"
+    secret.write_bytes(bytes(range(256)))
+    upload.write_bytes(downloads.brdf_file(Outcome(None, brdfs=outcome.brdfs[:1]), ".nc")[1])
+    with h5py.File(upload, "r+") as file:
+        shape = file["mueller"].shape
+        del file["mueller"]
+        file.create_dataset("mueller", shape, "f8", external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
+    job = ended(Job(Read(upload.read_bytes(), ".nc", ENOUGH)))
+    assert job.outcome is None
+    assert job.message.startswith("the file is refused: its mueller lies in another file (external storage)")
+
+
 def test_there_is_nothing_to_download_before_a_solve() -> None:
     for make in (lambda: downloads.brdf_file(None, ".nc"), lambda: downloads.field_file(None, 0, ".nc")):
         with pytest.raises(vrte.SceneError, match="there is no"):

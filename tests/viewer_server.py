@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 
 @contextmanager
 def viewer(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    """A server on a free port; it must end by itself when it is interrupted."""
+    """A server on a free port; it must end by itself when it is interrupted. The address has the token."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
     process = subprocess.Popen(
         [sys.executable, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
@@ -26,7 +26,7 @@ def viewer(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
     )
     assert process.stdout is not None
     try:
-        found = re.search(r"http://127\.0\.0\.1:\d+", process.stdout.readline())
+        found = re.search(r"http://127\.0\.0\.1:\d+/\?token=[\w-]+", process.stdout.readline())
         assert found, process.communicate()[1]
         yield found[0], process
         process.send_signal(signal.SIGINT)

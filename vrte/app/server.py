@@ -1,8 +1,12 @@
 """The server of the viewer: one page, its own files, nothing from elsewhere."""
 
-import asyncio
 import socket
-from collections.abc import Callable
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from html import escape
+from pathlib import Path
 from typing import Any
 
 from vrte.app.state import Benches
@@ -10,16 +14,6 @@ from vrte.errors import SceneError
 
 RECONNECT = 60.0  # seconds that a page without a connection is kept
 HINT = "Ctrl-C ends it"
-STOPPING = 2  # seconds that open connections get at the end
-POLICY = "; ".join(  # for the browser: whatever a page tries to load, it comes from here or not at all
-    (
-        "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:",
-        "connect-src 'self' data: blob:",
-        "frame-ancestors 'none'",
-        "form-action 'self'",
-        "base-uri 'self'",
-    )
-)
 ICON = (
     "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'><rect width='32' height='32' rx='6' fill='#16324f'/>"
     "<path d='M4 24h24' stroke='#b8c9da' stroke-width='2'/><path d='M16 24C6 20 8 8 16 8s10 12 0 16z' fill='#f0a030'/>"
@@ -27,45 +21,65 @@ ICON = (
 )
 
 
-def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[str], None] = print) -> None:
-    """Runs until it is interrupted; ``port`` 0 takes a free one; ``browser``: opens the page.
+def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[str], None] = print) -> int:
+    """Runs until Ctrl-C or TERM, and returns the signal's number; ``port`` 0 takes a free one; ``browser``: opens the
+    page.
 
     Raises SceneError where host and port cannot be listened on.
     """
-    from nicegui import app, ui
+    with listener(host, port) as listening:
+        from fastapi import FastAPI
+        from nicegui import ui
 
-    port = free_port(host, port)
-    address = f"http://{f'[{host}]' if ':' in host else host}:{port}"
-    protect(app, host)
-    tasks: list[asyncio.Task[None]] = []  # a task that nobody holds may be forgotten
-    app.on_startup(lambda: tasks.append(asyncio.create_task(announce(lambda: say(f"vrte view: {address} ({HINT})")))))
-    app.on_shutdown(benches.close)
+        from vrte.app.connections import Server, run
+        from vrte.app.guard import TOKEN, Guard
 
-    @ui.page("/")
-    async def index() -> None:
-        await build(benches)
+        number, port = listening.getsockname()[:2]  # the number: others may answer to the name, on its other addresses
+        around = FastAPI(openapi_url=None)
+        guard = Guard(around, host, port)
+        shown = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(number, number)
+        address = f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/?{TOKEN}={guard.token}"
 
-    ui.run(
-        host=host,
-        port=port,
-        title="vrte",
-        favicon=ICON,
-        reload=False,
-        show=browser,
-        show_welcome_message=False,
-        reconnect_timeout=RECONNECT,
-        uvicorn_logging_level="error",
-        timeout_graceful_shutdown=STOPPING,
-    )
+        @ui.page("/")
+        async def index() -> None:
+            await build(benches)
+
+        ui.run_with(
+            around,
+            title="vrte",
+            favicon=ICON,
+            reconnect_timeout=RECONNECT,
+            show_welcome_message=False,
+            language="en-US",
+        )
+        with page_that_leads_to(address) as page:
+
+            def begun() -> None:
+                say(f"vrte view: {address} ({HINT})")
+                if browser:
+                    threading.Thread(target=open_browser, args=(page,), daemon=True).start()
+
+            server = Server(guard, begun)
+            run(server, listening)
+    return server.ended_by
 
 
-async def announce(say: Callable[[], None]) -> None:
-    """Says so once the server listens: whoever reads the address may go there at once."""
-    from nicegui.server import Server
+@contextmanager
+def page_that_leads_to(address: str) -> Iterator[Path]:
+    """A file for the browser to open, which nobody else can read: others see what it was called with, and the address
+    holds the token."""
+    with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
+        page = Path(folder) / "open.html"
+        page.touch(mode=0o600)
+        page.write_text(f'<meta http-equiv="refresh" content="0; url={escape(address)}">')
+        yield page
 
-    while not Server.instance.started:
-        await asyncio.sleep(0.02)
-    say()
+
+def open_browser(page: Path) -> None:
+    """Where there is one; the address is printed as well."""
+    import webbrowser
+
+    webbrowser.open(page.as_uri())
 
 
 async def build(benches: Benches) -> None:
@@ -92,42 +106,16 @@ def left(bench: Any) -> None:
         bench.cancel()
 
 
-def free_port(host: str, port: int) -> int:
-    """The port, or a free one for 0. Raises SceneError where it cannot be listened on."""
+@contextmanager
+def listener(host: str, port: int) -> Iterator[socket.socket]:
+    """A socket that is bound, to a free port for 0. Raises SceneError where it cannot be."""
     try:
-        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        with socket.socket(family, socket.SOCK_STREAM) as found:
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            found.bind((host, port))
-            return int(found.getsockname()[1])
+        family, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        bound = socket.create_server(where[:2], family=family, backlog=128)
     except (OSError, UnicodeError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise SceneError(
             f"the viewer cannot listen on port {port} of {host} ({reason}): end what does, or give another --port"
         ) from error
-
-
-def protect(app: Any, host: str) -> None:
-    """Answers to its own names alone, so that no other site's name leads here, and loads from itself alone."""
-    from starlette.middleware.trustedhost import TrustedHostMiddleware
-
-    everywhere = host in ("0.0.0.0", "::") or ":" in host
-    names = ["*"] if everywhere else list(dict.fromkeys([host, "127.0.0.1", "localhost"]))
-    app.add_middleware(TrustedHostMiddleware, allowed_hosts=names)
-    app.add_middleware(PolicyMiddleware)
-
-
-class PolicyMiddleware:
-    """Adds POLICY to every answer."""
-
-    def __init__(self, app: Any) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
-        async def with_policy(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                more = [(b"content-security-policy", POLICY.encode()), (b"x-content-type-options", b"nosniff")]
-                message = {**message, "headers": [*message.get("headers", []), *more]}
-            await send(message)
-
-        await self.app(scope, receive, with_policy if scope["type"] == "http" else send)
+    with bound:
+        yield bound

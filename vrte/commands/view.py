@@ -3,12 +3,18 @@
 import argparse
 import sys
 from pathlib import Path
+from signal import SIGTERM
 from typing import Any
 
 from vrte.commands.common import check_extra, whole_number
 from vrte.errors import SceneError
 
 PORT = 8765
+OPEN = "--open-to-network"
+MEANING = (
+    "vrte view: other machines can reach this page: whoever has its address may use it, see what it holds and keep the "
+    "machine's processors and memory busy; nothing is encrypted, so whoever listens on the way has the address, too"
+)
 
 
 def add(commands: Any) -> None:
@@ -20,6 +26,9 @@ def add(commands: Any) -> None:
     )
     command.add_argument("file", metavar="FILE", type=Path, nargs="?", help="a scene (.toml) or a result (.nc, .csv)")
     command.add_argument("--host", default="127.0.0.1", help="where to listen; default: 127.0.0.1, this machine alone")
+    command.add_argument(
+        OPEN, action="store_true", help="with a --host that other machines reach: whoever has the address may come in"
+    )
     command.add_argument("--port", type=whole_number(0, 65535), default=PORT, help=f"0: a free one; default: {PORT}")
     command.add_argument("--no-browser", action="store_true", help="opens none, only prints the address")
     command.set_defaults(run=run)
@@ -27,16 +36,23 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     check_extra("vrte view", "app", ("nicegui", "plotly"))
+    from vrte.app.hosts import is_loopback
     from vrte.app.server import serve
 
+    if not is_loopback(options.host):
+        if not options.open_to_network:
+            raise SceneError(f"--host {options.host} lets other machines reach the viewer: say that too, {OPEN}")
+        print(MEANING, flush=True)
     benches = first_benches(options.file)
     try:
-        serve(benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
-    except KeyboardInterrupt:
-        pass  # not raised where whoever started this process has it ignore Ctrl-C: the server ends all the same
+        signal = serve(
+            benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True)
+        )
     finally:
         benches.close()
-    print("vrte view: ended")
+    print("vrte view: ended", flush=True)
+    if signal == SIGTERM:
+        sys.exit(128 + SIGTERM)
 
 
 def first_benches(path: Path | None) -> Any:

@@ -1,0 +1,191 @@
+"""Who may ask the viewer's server, and for how much: whoever has the address that it printed, from its own page."""
+
+import asyncio
+import re
+import secrets
+import socket
+from typing import Any
+from urllib.parse import parse_qsl, urlencode, urlsplit
+
+from vrte.app.hosts import is_loopback, is_number
+from vrte.app.page import LARGEST_UPLOAD
+
+TOKEN = "token"  # its name in the address
+LOOPBACK = ("localhost", "127.0.0.1", "::1")
+AROUND_A_FILE = 100_000  # bytes of an upload that are not the file's
+LARGEST_MESSAGE = 2_000_000  # bytes of anything else
+UPLOAD = re.compile(r"/_nicegui/client/[0-9a-f-]{1,64}/upload/[0-9]{1,12}")
+PATIENCE = 30.0  # seconds without a byte of what a request has announced
+POLICY = "; ".join(  # for the browser: whatever a page tries to load, it comes from here or not at all
+    (
+        "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:",
+        "connect-src 'self' data: blob:",
+        "frame-ancestors 'none'",
+        "form-action 'self'",
+        "base-uri 'self'",
+    )
+)
+HEADERS = [
+    (b"content-security-policy", POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+]
+STRANGER = "This viewer answers to the address alone that `vrte view` has printed where it was started. Open that one."
+ELSEWHERE = "This viewer answers to its own page alone, not to another site or program."
+TOO_LARGE = f"Too large: at most {LARGEST_UPLOAD / 1e6:g} MB are taken."
+TOO_SLOW = "What the request announced has not come."
+
+
+class RefusedError(Exception):
+    """A request that is not answered: the code of HTTP, and why."""
+
+    def __init__(self, code: int, why: str) -> None:
+        super().__init__(why)
+        self.code, self.why = code, why
+
+
+class Guard:
+    """Stands before the page. ``host`` is what the server listens on; ``token`` what its address carries, which a
+    browser brings once and then has a cookie for."""
+
+    def __init__(self, app: Any, host: str, port: int) -> None:
+        self.app, self.port = app, port
+        self.token, self._cookie = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
+        self._names = {*LOOPBACK, host.lower(), socket.gethostname().lower()}
+        self._open = not is_loopback(host)
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        try:
+            await self._answer(scope, receive, send)
+        except RefusedError as refused:
+            if scope["type"] == "websocket":
+                await send({"type": "websocket.close", "code": 1008})  # HTTP's 403, as it is not accepted yet
+            else:
+                await answer(send, refused.code, refused.why)
+
+    async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
+        headers = [(name, value.decode("latin-1")) for name, value in scope["headers"]]
+        self._check_names(scope, headers)
+        if scope["type"] == "http" and self._welcome(scope):
+            await answer(send, 303, "", self._introduced(scope))
+            return
+        if not self._known(headers):
+            raise RefusedError(403, STRANGER)
+        # who is behind a proxy is nobody's business: pages would repeat what these say
+        scope = {**scope, "headers": [one for one in scope["headers"] if not one[0].startswith(b"x-forwarded")]}
+        if scope["type"] == "websocket":
+            await self.app(scope, receive, send)
+        else:
+            await self._bounded(scope, headers, receive, send)
+
+    def _check_names(self, scope: Any, headers: list[tuple[bytes, str]]) -> None:
+        """Whether a request is for this server by a name of its own, and comes from its own page or from none: names
+        of others may be made to lead here."""
+        hosts = [value for name, value in headers if name == b"host"]
+        if len(hosts) != 1 or not self._is_own(hosts[0]):
+            raise RefusedError(400, ELSEWHERE)
+        origins = [value for name, value in headers if name == b"origin"]
+        needed = scope["type"] == "websocket"  # every browser says it then
+        if (origins or needed) and origins != [f"http://{hosts[0]}"]:
+            raise RefusedError(403, ELSEWHERE)
+        said = dict(headers)
+        if said.get(b"sec-fetch-site") in ("cross-site", "same-site"):  # the latter: another port of this machine
+            followed = said.get(b"sec-fetch-mode") == "navigate" and said.get(b"sec-fetch-dest") == "document"
+            if not followed or scope.get("method") != "GET":
+                raise RefusedError(403, ELSEWHERE)
+
+    def _is_own(self, host: str) -> bool:
+        try:
+            found = urlsplit(f"//{host}")
+            name, port = found.hostname or "", found.port or 80
+        except ValueError:
+            return False
+        return port == self.port and (name in self._names or (self._open and is_number(name)))
+
+    def _welcome(self, scope: Any) -> bool:
+        """Whether a request brings the token."""
+        given = [value for name, value in query_of(scope) if name == TOKEN]
+        right = [secrets.compare_digest(value.encode(), self.token.encode()) for value in given]
+        return scope["method"] == "GET" and scope["path"] == "/" and any(right)
+
+    def _introduced(self, scope: Any) -> list[tuple[bytes, bytes]]:
+        """To the same address without the token, with a cookie for the browser to bring from now on."""
+        rest = urlencode([(name, value) for name, value in query_of(scope) if name != TOKEN])
+        cookie = f"{self._name}={self._cookie}; Path=/; HttpOnly; SameSite=Lax"
+        return [(b"location", f"/?{rest}".rstrip("?").encode()), (b"set-cookie", cookie.encode())]
+
+    @property
+    def _name(self) -> str:
+        """Of the cookie: a browser brings those of every port."""
+        return f"vrte-{self.port}"
+
+    def _known(self, headers: list[tuple[bytes, str]]) -> bool:
+        """Whether a request brings the cookie."""
+        pairs = [pair.strip() for name, value in headers if name == b"cookie" for pair in value.split(";")]
+        wanted = f"{self._name}={self._cookie}".encode()
+        return any([secrets.compare_digest(pair.encode("latin-1"), wanted) for pair in pairs])
+
+    async def _bounded(self, scope: Any, headers: list[tuple[bytes, str]], receive: Any, send: Any) -> None:
+        """Answers a request of so many bytes; one that announces more is not received."""
+        if scope["method"] not in ("GET", "HEAD", "POST"):
+            raise RefusedError(405, ELSEWHERE)
+        most = LARGEST_UPLOAD + AROUND_A_FILE if UPLOAD.fullmatch(scope["path"]) else LARGEST_MESSAGE
+        announced = dict(headers).get(b"content-length", "0")
+        if not announced.isdecimal() or int(announced) > most:
+            raise RefusedError(413, TOO_LARGE)
+        size, whole, begun = 0, False, False
+        refused: RefusedError | None = None
+
+        async def counted() -> Any:
+            nonlocal size, whole, refused
+            if whole:
+                return await receive()
+            try:
+                message = await asyncio.wait_for(receive(), PATIENCE)
+            except TimeoutError:
+                refused = refused or RefusedError(408, TOO_SLOW)
+            else:
+                size += len(message.get("body", b""))
+                whole = not message.get("more_body", False)
+                if size > most:
+                    refused = RefusedError(413, TOO_LARGE)
+            return {"type": "http.disconnect"} if refused else message
+
+        async def with_headers(message: Any) -> None:
+            nonlocal begun
+            if refused and not begun:
+                return
+            if message["type"] == "http.response.start":
+                begun, message = True, {**message, "headers": [*message.get("headers", []), *HEADERS]}
+            await send(message)
+
+        try:
+            await self.app(scope, counted, with_headers)
+        except Exception:
+            if refused is None:
+                raise
+        if refused is not None and not begun:
+            raise refused
+
+
+async def answer(send: Any, code: int, text: str, headers: list[tuple[bytes, bytes]] | None = None) -> None:
+    """A short answer, the last one of its connection: what else comes there is not read."""
+    about = [
+        (b"content-type", b"text/plain; charset=utf-8"),
+        (b"connection", b"close"),
+        (b"cache-control", b"no-store"),
+    ]
+    body = text.encode()
+    about += [(b"content-length", str(len(body)).encode()), *HEADERS, *(headers or [])]
+    await send({"type": "http.response.start", "status": code, "headers": about})
+    await send({"type": "http.response.body", "body": body})
+
+
+def query_of(scope: Any) -> list[tuple[str, str]]:
+    """What the address says after its question mark."""
+    return parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True, max_num_fields=None)
