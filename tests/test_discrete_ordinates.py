@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import spherical_jn, spherical_yn
 
 import vrte
 from tests import exact
@@ -100,19 +101,80 @@ def closed_form(matrix: vrte.PhaseMatrix, mu: float, mu0: float, phi: float) -> 
     return out[0, 0, 0, 0]
 
 
+# I, Q, U, V from E_l E_l*, E_l E_r*, E_r E_l*, E_r E_r* of fields exp(-i omega t): V = i (E_l E_r* - E_r E_l*)
+STOKES_OF_FIELDS = np.array([[1, 0, 0, 1], [1, 0, 0, -1], [0, 1, 1, 0], [0, 1j, -1j, 0]])
+
+
+def frame(u: float, azimuth: float) -> np.ndarray:
+    """Direction of travel k, l along theta-hat, r = l x k."""
+    s = np.sqrt(1 - u * u)
+    k = np.array([s * np.cos(azimuth), s * np.sin(azimuth), u])
+    l = np.array([u * np.cos(azimuth), u * np.sin(azimuth), -s])
+    return np.array([k, l, np.cross(l, k)])
+
+
+def mueller_of(jones: np.ndarray) -> np.ndarray:
+    """What (E_l, E_r)' = jones (E_l, E_r) makes of Stokes vectors."""
+    return (STOKES_OF_FIELDS @ np.kron(jones, jones.conj()) @ np.linalg.inv(STOKES_OF_FIELDS)).real
+
+
 def dipole(mu: float, mu0: float, phi: float) -> np.ndarray:
-    """A dipole's Mueller matrix from Jones vectors: E' = E - (E.k')k', l along theta-hat, r = l x k."""
+    """A dipole's Mueller matrix from Jones vectors: E' = E - (E.k')k'."""
+    return 1.5 * mueller_of(frame(mu, phi)[1:] @ frame(-mu0, 0.0)[1:].T)
 
-    def frame(u: float, azimuth: float) -> tuple[np.ndarray, np.ndarray]:
-        s = np.sqrt(1 - u * u)
-        k = np.array([s * np.cos(azimuth), s * np.sin(azimuth), u])
-        l = np.array([u * np.cos(azimuth), u * np.sin(azimuth), -s])
-        return l, np.cross(l, k)
 
-    into, out = frame(-mu0, 0.0), frame(mu, phi)
-    jones = np.array([[a @ b for b in into] for a in out])
-    stokes = np.array([[1, 0, 0, 1], [1, 0, 0, -1], [0, 1, 1, 0], [0, 1j, -1j, 0]])
-    return 1.5 * (stokes @ np.kron(jones, jones) @ np.linalg.inv(stokes)).real
+def sphere(mu: float, mu0: float, phi: float, index: complex, size: float) -> np.ndarray:
+    """A sphere's Mueller matrix from Jones vectors: Bohren and Huffman (1983), (4.53), (4.74) and (3.12), fields
+    exp(-i omega t): E' = S2 along the plane of k and k', S1 across it. Its mean over the sphere is that of S11."""
+    (k, *into), (k_out, *out) = frame(-mu0, 0.0), frame(mu, phi)
+    n = np.arange(1, 30)
+    riccati = [  # psi and xi = x h1, and their derivatives
+        (x * f(n, x), f(n, x) + x * f(n, x, derivative=True))
+        for x, f in ((size, spherical_jn), (index * size, spherical_jn), (size, spherical_h1))
+    ]
+    (psi, dpsi), (inner, dinner), (xi, dxi) = riccati
+    a = (index * inner * dpsi - psi * dinner) / (index * inner * dxi - xi * dinner)
+    b = (inner * dpsi - index * psi * dinner) / (inner * dxi - index * xi * dinner)
+    cosine, angular = k @ k_out, [0.0, 1.0]
+    for degree in n[1:]:
+        angular.append(((2 * degree - 1) * cosine * angular[-1] - degree * angular[-2]) / (degree - 1))
+    pi = np.array(angular[1:])
+    tau = n * cosine * pi - (n + 1) * np.array(angular[:-1])
+    factor = (2 * n + 1) / (n * (n + 1))
+    s1, s2 = factor @ (a * pi + b * tau), factor @ (a * tau + b * pi)
+    r = np.cross(k_out, k) / np.linalg.norm(np.cross(k_out, k))  # r x l = k for l = k x r, in both frames
+    l, l_out = np.cross(k, r), np.cross(k_out, r)
+    jones = s2 * np.outer(out @ l_out, into @ l) + s1 * np.outer(out @ r, into @ r)
+    mean = ((2 * n + 1) @ (abs(a) ** 2 + abs(b) ** 2)) / 2.0  # of S11 over the sphere: k^2 C_sca/(4 pi)
+    return mueller_of(jones) / mean
+
+
+def spherical_h1(n: np.ndarray, x: float, derivative: bool = False) -> np.ndarray:
+    """Goes outward with exp(-i omega t)."""
+    return spherical_jn(n, x, derivative) + 1j * spherical_yn(n, x, derivative)
+
+
+@pytest.mark.parametrize(("mu", "mu0", "phi"), [(0.4, 0.6, 0.7), (-0.6, 0.05, 4.0), (0.95, 0.3, 2.0)])
+def test_v_is_that_of_fields(mu: float, mu0: float, phi: float) -> None:
+    """A large absorbing sphere (b2 up to half of F11) in the meridian planes, without any rotation angle."""
+    index, size = 1.5 + 0.1j, 6.0
+    found = vrte.spheres(index, radius_um=size, wavelength_um=2.0 * np.pi).phase_matrix
+    expected = sphere(mu, mu0, phi, index, size)
+    assert abs(expected[:3, 3]).max() > 0.05 * expected[0, 0]
+    np.testing.assert_allclose(closed_form(found, mu, mu0, phi), expected, atol=1e-11 * found.a1.sum())
+
+
+def test_v_is_positive_for_light_that_turns_clockwise_seen_by_who_receives_it() -> None:
+    """E_l = cos, E_r = sin of omega t is 1 and i times exp(-i omega t); x to the right and y up for who looks against
+    k, with r x l = k towards him: l = y and r = x turn from up to the right."""
+    amplitude = np.array([1.0, 1.0j])
+    moments = (amplitude[:, None] * np.exp(-1j * np.array([0.0, 0.1]))).real
+    _, l, r = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(np.cross(r, l), [0.0, 0.0, 1.0])
+    before, after = (moment[0] * l + moment[1] * r for moment in moments.T)
+    assert np.cross(before, after)[2] < 0.0  # clockwise
+    stokes = (STOKES_OF_FIELDS @ np.kron(amplitude, amplitude.conj())).real
+    np.testing.assert_allclose(stokes, [2.0, 0.0, 0.0, 2.0])
 
 
 @pytest.mark.parametrize("mu", [1.0, 0.4, -0.6, -1.0])
