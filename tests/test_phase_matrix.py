@@ -8,8 +8,17 @@ import pytest
 from flint import arb, ctx
 
 from vrte.errors import SceneError
-from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
+from vrte.optics.phase_matrix import (
+    PAIRS,
+    NegativeScatteringWarning,
+    PhaseMatrix,
+    henyey_greenstein,
+    isotropic,
+    mix,
+    rayleigh,
+)
 from vrte.optics.spherical_functions import gauss_legendre, wigner_functions
+from vrte.report.tables.problems import SIEWERT_IIA
 
 NAMES = ["a1", "a2", "a3", "a4", "b1", "b2"]
 
@@ -247,3 +256,23 @@ def test_the_check_is_fast():
             PhaseMatrix(a1)
             best = min(best, time.perf_counter() - start)
         assert best < 3 * seconds  # the machine may be busy
+
+
+def test_an_expansion_cut_short_is_taken_with_a_warning_where_asked():
+    """The spheroids of Siewert (2000), problem IIA, without their last terms: negative straight back."""
+    nine, seven = (np.array(SIEWERT_IIA[:terms]).T for terms in (9, 7))
+    with pytest.raises(SceneError, match=r"not physical: at a scattering angle of 180 .* tolerance=1\.9e-05 takes it"):
+        PhaseMatrix(*nine)
+    with pytest.warns(NegativeScatteringWarning, match=r"180 degrees .* -1\.75e-05 where F11 is 0\.098; taken"):
+        cut = PhaseMatrix(*nine, tolerance=1e-4)
+    with pytest.raises(SceneError, match=r"146\.75 degrees .* -0\.00273 where F11 is 0\.0717.* tolerance=0\.003 takes"):
+        PhaseMatrix(*seven, tolerance=1e-4)
+    assert pickle.loads(pickle.dumps(cut)).tolerance == 1e-4
+    with pytest.warns(NegativeScatteringWarning):
+        assert mix([(cut, 1.0), (cut, 1.0)]).tolerance == 1e-4
+    mixed = mix([(cut, 0.01), (isotropic(), 0.99)])  # nothing negative is left
+    np.testing.assert_allclose(mixed.a1[1:], 0.01 * cut.a1[1:])
+    PhaseMatrix([1.0, 0.5], tolerance=0.1)  # silent: nothing needs it
+    for wrong in (-1e-3, 2.0, np.nan, "much"):
+        with pytest.raises(SceneError, match=r"tolerance must be .*between 0 and 1, of the mean of F11"):
+            PhaseMatrix([1.0], tolerance=wrong)

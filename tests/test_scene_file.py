@@ -282,6 +282,17 @@ def test_broken_tables_of_coefficients(read: Reader, tmp_path: Path, rows: str, 
         read(PHASE, ("PHASE", '"broken.csv"'))
 
 
+def test_a_table_that_was_cut_short_is_taken_where_the_file_says_so(read: Reader, tmp_path: Path) -> None:
+    (tmp_path / "cut.csv").write_text("l,a1,a2,a3,a4,b1,b2\n0,1,0,0,0,0,0\n1,1.01,0,0,0,0,0\n")  # F11 is -0.01 at 180
+    with pytest.raises(vrte.SceneError, match=r'^layer\[1\]\.phase = "cut.csv": .*tolerance=0\.0028 takes it'):
+        read(PHASE, ("PHASE", '"cut.csv"'))
+    with pytest.warns(vrte.NegativeScatteringWarning, match="180 degrees"):
+        file = read(PHASE, ("PHASE", '"cut.csv"\ntolerance = 0.003'))
+    assert file.scene.layers[0].phase_matrix.tolerance == 0.003
+    with pytest.raises(vrte.SceneError, match=r"layer\[1\]\.tolerance = 0\.003: goes with a phase from a \.csv only"):
+        read(PHASE, ("PHASE", '"rayleigh"\ntolerance = 0.003'))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [

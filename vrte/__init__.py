@@ -10,7 +10,7 @@ from vrte.formats.index_table import read_index
 from vrte.formats.measured_polarized import to_mitsuba
 from vrte.geometries import Views, views
 from vrte.illumination import hemisphere
-from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
+from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
 from vrte.optics.refractive_index import IndexTable, UnitsWarning, refractive_index
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse
 from vrte.optics.spheres import Particles, mixture, spheres
@@ -36,6 +36,7 @@ __all__ = [
     "MissingExtraError",
     "Monodisperse",
     "MuellerBase",
+    "NegativeScatteringWarning",
     "Particles",
     "PhaseMatrix",
     "Plan",

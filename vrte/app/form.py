@@ -227,7 +227,7 @@ def set_medium(content: Content, place: int, medium: str) -> None:
     if medium == medium_of(layer):
         return
     geometric = is_geometric(layer)
-    for key in FILLINGS:
+    for key in (*FILLINGS, "tolerance"):
         layer.pop(key, None)
     if medium in ("particles", "mixture", "volumes"):
         kinds = kinds or [add_kind(content)]

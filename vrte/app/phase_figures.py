@@ -5,14 +5,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.app.style import FAINT, plain, plotly
-from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.report.phase_pictures import ANGLES_DEG, f11_and_ratios
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 MOST_DEGREES = 2000  # beyond, a line on the screen is a smear
-SEQUENCES = ("a1", "a2", "a3", "a4", "b1", "b2")
 COLOURS = ("#222222", "#1f4e79", "#2a8f5b", "#7a4fa3", "#d98200", "#b3262e")
 
 

@@ -12,11 +12,11 @@ LARGEST_FILE = 100_000_000  # bytes
 COLUMNS = ["l", "a1", "a2", "a3", "a4", "b1", "b2"]
 
 
-def read_coefficients(path: str | os.PathLike[str]) -> PhaseMatrix:
+def read_coefficients(path: str | os.PathLike[str], tolerance: float = 0.0) -> PhaseMatrix:
     """The phase matrix in a CSV file with the header l,a1,a2,a3,a4,b1,b2 and one row a degree, l = 0 first.
 
-    Lines that start with # are comments; the signs are those of docs/conventions.md. Raises SceneError
-    naming the line, OSError where the file cannot be read.
+    Lines that start with # are comments; the signs are those of docs/conventions.md; ``tolerance`` is that of a
+    PhaseMatrix. Raises SceneError naming the line, OSError where the file cannot be read.
 
     >>> read_coefficients("rayleigh.csv").terms
     3
@@ -26,7 +26,8 @@ def read_coefficients(path: str | os.PathLike[str]) -> PhaseMatrix:
         raise SceneError(f"the first line must be {','.join(COLUMNS)}")
     if not rows:
         raise SceneError("the table has no rows")
-    return PhaseMatrix(*np.array([_coefficients(degree, *row) for degree, row in enumerate(rows)]).T)
+    columns = np.array([_coefficients(degree, *row) for degree, row in enumerate(rows)]).T
+    return PhaseMatrix(*columns, tolerance=tolerance)
 
 
 def _coefficients(degree: int, line: int, values: list[float]) -> list[float]:

@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -41,7 +42,7 @@ OPTION_KEYS = ("nodes", "accuracy", *NAMED, "settings")
 FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", "render", *KINDS)
 PARTICLE_KEYS = ("index", "radius_um", "diameter_um", "size")
 FILLINGS = ("particles", "volume_fractions", "phase")  # what a layer holds, in one of these ways
-LAYER_KEYS = (*FILLINGS, "albedo", "thickness", "thickness_um", "volume_fraction")
+LAYER_KEYS = (*FILLINGS, "tolerance", "albedo", "thickness", "thickness_um", "volume_fraction")
 THICKNESS_KEYS = ("thickness", "thickness_um", "volume_fraction")
 BASE_KEYS = ("kind", "albedo")
 REQUEST_KEYS = {
@@ -338,6 +339,8 @@ def _check_layer(layer: Table, kinds: dict[str, Table]) -> None:
     """Whether the keys of a layer go together."""
     if sum(key in layer for key in FILLINGS) != 1:
         raise SceneError(f"{layer.name}: exactly one of {', '.join(FILLINGS)} is needed")
+    if "tolerance" in layer and not str(layer.content.get("phase")).endswith(TABLE):
+        raise layer.wrong("tolerance", "goes with a phase from a .csv only: how far below zero it may be")
     if "phase" in layer:
         layer.share("albedo", ALBEDO)
         for key in THICKNESS_KEYS[1:]:
@@ -514,7 +517,8 @@ def _phase(layer: Table, folder: Path) -> PhaseMatrix:
         return NAMED_PHASES[value]()
     if not value.endswith(TABLE):
         raise layer.wrong("phase", f"must be {PHASES}{nearest(value, NAMED_PHASES)}")
-    return _read_beside(layer, "phase", read_coefficients, folder)
+    tolerance = layer.number("tolerance") if "tolerance" in layer else 0.0
+    return _read_beside(layer, "phase", partial(read_coefficients, tolerance=tolerance), folder)
 
 
 def _parametric_phase(table: Table) -> PhaseMatrix:

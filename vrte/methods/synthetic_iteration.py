@@ -126,8 +126,9 @@ def without_polarization(scene: Scene) -> Scene:
     """The scene with a1 alone."""
     if all(layer.phase_matrix.is_scalar for layer in scene.layers):
         return scene
+    a1 = (PhaseMatrix(layer.phase_matrix.a1, tolerance=layer.phase_matrix.tolerance) for layer in scene.layers)
     return Scene(
-        [replace(layer, phase_matrix=PhaseMatrix(layer.phase_matrix.a1)) for layer in scene.layers], scene.base
+        [replace(layer, phase_matrix=matrix) for layer, matrix in zip(scene.layers, a1, strict=True)], scene.base
     )
 
 

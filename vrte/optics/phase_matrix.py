@@ -5,8 +5,9 @@ a3, a4 on its diagonal, b1 in its upper block and b2 in its lower one; a1 and a4
 P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 """
 
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +25,15 @@ MOST_TERMS = 100_000  # more than any particle has that can be computed; as many
 MOST_KINDS = 10_000  # in a mixture
 LARGEST_COEFFICIENT = 1e9  # far above the 2 l + 1 of any particle, far below overflow
 NEGATIVE_ALLOWED = 1e-4  # of F11, for a coherency eigenvalue: tables rounded to a few digits pass
+CUT_SHORT = 0.1  # of the mean of F11: an eigenvalue as far below zero comes from blunders in the table
 ROUNDING = 1e-13  # of the sum of all |coefficients|: what double precision makes of an F11 that vanishes
 ANGLES_AT_ONCE = 4096  # bounds the memory, whatever the number of angles
+SEQUENCES = ("a1", "a2", "a3", "a4", "b1", "b2")
 PAIRS = ((0, 0), (0, 2), (2, 2), (2, -2))  # (m, n) of the Wigner functions that the six sequences multiply
+
+
+class NegativeScatteringWarning(UserWarning):
+    """A phase matrix is negative somewhere by more than rounding, which its tolerance allows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +42,11 @@ class PhaseMatrix:
 
     ``a1`` ... ``b2`` are 1-D, degree l = 0 first, shorter ones are padded with zeros; ``a1[0]`` is 1 (within
     1e-6; all are divided by it) and ``a1[1]`` is 3 g. The functions of a2, a3, b1 and b2 vanish below l = 2:
-    what stands there plays no part. ``a1`` alone is a scalar phase function. Raises SceneError for a shape, a
-    value that is not finite, or a matrix that no particles can have (a coherency eigenvalue below -1e-4 F11
-    at one of 721 angles). Source: (1:9); Siewert, Astron. Astrophys. 109, 195 (1982).
+    what stands there plays no part. ``a1`` alone is a scalar phase function. ``tolerance`` (0 to 1, of the mean
+    of F11 over the sphere) lets expansions pass that are cut short or misprinted, with a NegativeScatteringWarning
+    that says by how much they are negative. Raises SceneError for a shape, a value that is not finite, or a matrix
+    that no particles can have (a coherency eigenvalue below -1e-4 F11 and below -tolerance at one of 721 angles).
+    Source: (1:9); Siewert, Astron. Astrophys. 109, 195 (1982).
 
     >>> PhaseMatrix([1.0, 0.75]).asymmetry
     0.25
@@ -49,9 +58,12 @@ class PhaseMatrix:
     a4: Array = None  # type: ignore[assignment]
     b1: Array = None  # type: ignore[assignment]
     b2: Array = None  # type: ignore[assignment]
+    tolerance: float = field(default=0.0, kw_only=True)
 
     def __post_init__(self) -> None:
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        allowed = "between 0 and 1, of the mean of F11 over the sphere"
+        object.__setattr__(self, "tolerance", number("tolerance", self.tolerance, 0.0, 1.0, allowed))
+        given = {name: getattr(self, name) for name in SEQUENCES}
         for name, values in given.items():
             if length(values) > MOST_TERMS:
                 raise SceneError(f"{name} must be at most {MOST_TERMS} coefficients, not {length(values)}")
@@ -142,17 +154,31 @@ class PhaseMatrix:
         a1, lowest = elements[0], _lowest_coherency_eigenvalue(*elements)
         floor = -NEGATIVE_ALLOWED * np.abs(a1) - ROUNDING * np.abs(self.coefficients).sum()
         worst = int(np.argmin(lowest - floor))
-        if lowest[worst] < floor[worst]:
-            raise SceneError(
-                f"the phase matrix is not physical: at a scattering angle of {CHECK_ANGLES_DEG[worst]:g} "
-                f"degrees its coherency matrix has the eigenvalue {lowest[worst]:.3g} where F11 is "
-                f"{a1[worst]:.3g}; at least -{NEGATIVE_ALLOWED:g} F11 is allowed (check the signs, the order and "
-                "the number of terms)"
+        if lowest[worst] >= floor[worst]:
+            return
+        fault = (
+            f"at a scattering angle of {CHECK_ANGLES_DEG[worst]:g} degrees its coherency matrix has the eigenvalue "
+            f"{lowest[worst]:.3g} where F11 is {a1[worst]:.3g}"
+        )
+        enough = -1.1 * float(lowest.min())
+        if enough > 1.1 * self.tolerance:
+            cure = (
+                f"; if it was cut short, tolerance={enough:.2g} takes it with a warning" if enough < CUT_SHORT else ""
             )
+            raise SceneError(
+                f"the phase matrix is not physical: {fault}; at least -{NEGATIVE_ALLOWED:g} F11 is allowed (check the "
+                f"signs, the order and the number of terms{cure})"
+            )
+        warnings.warn(
+            f"the phase matrix is not quite physical: {fault}; taken, as tolerance {self.tolerance:g} allows, but "
+            "light may come out negative or too polarized",
+            NegativeScatteringWarning,
+            stacklevel=4,
+        )
 
-    def __setstate__(self, state: dict[str, Array]) -> None:
-        for name, values in state.items():
-            object.__setattr__(self, name, frozen(values))  # pickle forgets that an array is read-only
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, values in state.items():  # pickle forgets that an array is read-only
+            object.__setattr__(self, name, values if name == "tolerance" else frozen(values))
 
 
 def _lowest_coherency_eigenvalue(a1: Array, a2: Array, a3: Array, a4: Array, b1: Array, b2: Array) -> Array:
@@ -247,7 +273,7 @@ def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     for (matrix, _), weight in zip(pairs, weights / weights.sum(), strict=True):
         total[: matrix.terms] += weight * matrix.coefficients
     total[0, 0] = 1.0  # exactly, whatever the weights' rounding: energy is conserved to the last digit
-    return PhaseMatrix(*total.T)
+    return PhaseMatrix(*total.T, tolerance=max(matrix.tolerance for matrix, _ in pairs))
 
 
 def pairs_of_mixture(parts: Any, pair: str) -> list[tuple[Any, Any]]:

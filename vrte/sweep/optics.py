@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from vrte.formats.atomic import atomic_write
-from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.optics.spheres import Particles, spheres
 
 IN_MEMORY = 256  # kinds of particle that a process remembers, some 10 kB each
-SEQUENCES = ("a1", "a2", "a3", "a4", "b1", "b2")
 NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um3")
 
 
