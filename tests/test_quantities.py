@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.over_hemisphere import stokes_over_hemisphere
+from vrte.over_hemisphere import light_in_plane, light_on_mesh, stokes_over_hemisphere
 from vrte.quantities import FIELD_QUANTITIES, QUANTITIES, SIGNED, of_brdf, of_stokes, unit_of
 
 MU_O, PHI = np.linspace(0.1, 1.0, 12), np.arange(0, 360, 15)
@@ -91,6 +91,25 @@ def test_between_the_directions_is_what_the_solver_finds(
     # at the given directions, to rounding; mirror images included
     at_given = stokes_over_hemisphere(given, 1, np.degrees(np.arccos(MU_O)), PHI, light)
     np.testing.assert_allclose(at_given, brdf.mueller[1] @ np.array(light, float), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("step", [0.7, 4.0, 200.0])
+def test_meshes_and_cuts_end_at_the_last_direction(brdf: vrte.Brdf, step: float) -> None:
+    theta, phi, light = light_on_mesh(brdf, 1, LIGHT, step)
+    last = np.degrees(np.arccos(MU_O.min()))
+    assert (theta[0], phi[0], phi[-1]) == (0.0, 0.0, 360.0)
+    assert theta[-1] == pytest.approx(last, abs=1e-9)
+    assert max(np.diff(theta).max(), np.diff(phi).max()) <= step + 1e-9
+    np.testing.assert_allclose(light[-1, 0], brdf.mueller[1, MU_O.argmin(), 0] @ LIGHT, atol=1e-13)
+    angle, cut = light_in_plane(brdf, 1, 90.0, LIGHT, step)
+    np.testing.assert_allclose(angle, np.concatenate([-theta[:0:-1], theta]), atol=1e-12)
+    np.testing.assert_allclose(
+        cut,
+        stokes_over_hemisphere(brdf, 1, np.abs(angle), np.array([90.0, 270.0]), LIGHT)[
+            np.arange(angle.size), (angle < 0.0).astype(int)
+        ],
+        atol=1e-13,
+    )
 
 
 def test_at_the_pole_only_the_meridian_plane_turns(brdf: vrte.Brdf) -> None:

@@ -1,4 +1,8 @@
-"""The light that leaves, in any direction of the hemisphere: splines through the given directions of a BRDF."""
+"""The light that leaves, in any direction of the hemisphere: splines through the given directions of a BRDF.
+
+Pictures take it from here, as Stokes vectors: whatever is divided, a degree or an angle of polarization, is divided
+after the splines. It ends where the data end, at the last mu_o.
+"""
 
 from typing import Any
 
@@ -29,6 +33,57 @@ def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, inc
     found = _over_the_pole(given, azimuths, smooth[rows], theta, phi)
     polarized = found[..., 1] * np.exp(2j * np.radians(phi))
     return np.stack([found[..., 0].real, polarized.real, polarized.imag, found[..., 2].real], axis=-1)
+
+
+def light_on_mesh(
+    brdf: Brdf, place: int, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
+) -> tuple[Array, Array, Array]:
+    """Rings theta and spokes phi [degrees], and the Stokes vectors (theta, phi, 4) [sr-1] there: a mesh for a picture.
+
+    Rings go from the normal to the last mu_o and spokes once around, 0 and 360 both, in steps of at most ``step_deg``.
+    ``incident`` and errors as for `stokes_over_hemisphere`, and SceneError for too few directions.
+
+    >>> import vrte
+    >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
+    >>> theta, phi, light = light_on_mesh(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)
+    >>> theta.round(9).tolist(), phi.size, light.shape
+    ([0.0, 30.0, 60.0], 13, (3, 13, 4))
+    """
+    theta = _to_the_edge(brdf, step_deg)
+    phi = np.linspace(0.0, 360.0, 1 + _steps(360.0, step_deg))
+    return theta, phi, stokes_over_hemisphere(brdf, place, theta, phi, incident)
+
+
+def light_in_plane(
+    brdf: Brdf, place: int, phi_deg: float = 0.0, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
+) -> tuple[Array, Array]:
+    """Angles (n,) [degrees] from the normal and the Stokes vectors (n, 4) [sr-1] in an upright plane: a cut.
+
+    Angles above 0 are on the azimuth ``phi_deg``, those below half a turn away; both end at the last mu_o. Everything
+    else as for `light_on_mesh`.
+
+    >>> import vrte
+    >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
+    >>> light_in_plane(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)[0].round(9).tolist()
+    [-60.0, -30.0, 0.0, 30.0, 60.0]
+    """
+    theta = _to_the_edge(brdf, step_deg)
+    there, opposite = stokes_over_hemisphere(
+        brdf, place, theta, np.array([phi_deg, phi_deg + 180.0]), incident
+    ).swapaxes(0, 1)
+    return np.concatenate([-theta[:0:-1], theta]), np.concatenate([opposite[:0:-1], there])
+
+
+def _to_the_edge(brdf: Brdf, step_deg: float) -> Array:
+    """Angles [degrees] from the normal to the last mu_o. Raises SceneError for too few directions."""
+    check_directions(brdf.mu_o, brdf.phi)
+    last = float(np.degrees(np.arccos(brdf.mu_o.min())))
+    return np.linspace(0.0, last, 1 + _steps(last, step_deg))
+
+
+def _steps(length: float, most: float) -> int:
+    """So many steps of at most ``most``, whatever the rounding."""
+    return max(1, int(np.ceil(length / most - 1e-9)))
 
 
 def check_directions(mu_o: Any, phi: Any) -> None:
