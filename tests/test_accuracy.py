@@ -201,3 +201,14 @@ def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     assert "2 requests, 1 not kept" in page
     assert "(8, 3) ?" in page
     assert (tmp_path / "accuracy.png").stat().st_size < 90_000
+
+
+def test_bounds_beyond_all_numbers_make_no_arithmetic_go_wrong() -> None:
+    bounds = np.full((6, 1, 1), 1e308)
+    bounds[1], bounds[4] = np.inf, 1e-310
+    known = needs.Needs(np.full((1, 6), 0.1), np.full(6, 0.1), np.ones(6), np.ones((6, 2)))
+    found = {order: np.full((1, 1), size) for order, size in enumerate((1.0, 1e-320, 1e-10, 0.0))}
+    with np.errstate(all="raise", under="ignore"):
+        assert needs.orders_that_matter(bounds, np.ones((1, 1)), 1e-3) == 6
+        assert np.isfinite(needs.calibrated(known, bounds, found)[2:]).all()
+        needs.calibrated(known, bounds[:4], {1: np.ones((1, 1)), 2: np.full((1, 1), 1e-300)})

@@ -56,3 +56,36 @@ def test_grazing_beams_and_nodes() -> None:
     exact = vrte.brdf(scene, low, low, nodes=20, accuracy=1e-13)
     found = vrte.brdf(scene, low, low, nodes=20, method="adding-doubling", settings={"start": 4})
     np.testing.assert_allclose(found.mueller, exact.mueller, rtol=1e-11)
+
+
+@pytest.mark.parametrize("phase", [vrte.rayleigh(), vrte.henyey_greenstein(0.7, 40)], ids=["Rayleigh", "peaked"])
+@pytest.mark.parametrize("thickness", [0.1, 1e3, 1e8, np.inf])
+def test_white_layers_lose_nothing(phase: vrte.PhaseMatrix, thickness: float) -> None:
+    """Flux to rounding, and R as good as where something is absorbed, whatever the starting layer left out."""
+    scene = vrte.Scene([vrte.Layer(phase, 1.0, thickness)])
+    asked = {"mu_i": [0.02, 0.5, 1.0], "mu_o": [0.1, 0.9], "nodes": 20, "transmission": bool(np.isfinite(thickness))}
+    found = vrte.brdf(scene, **asked, method="adding-doubling")
+    exact = vrte.brdf(scene, **asked, accuracy=1e-13)
+    np.testing.assert_allclose(found.mueller, exact.mueller, rtol=0, atol=1e-11 * exact.mueller.max())
+    if np.isinf(thickness):
+        np.testing.assert_allclose(found.reflectance, 1.0, rtol=0, atol=2e-15)
+    else:
+        net = vrte.radiance(
+            scene, 0.5, mu=[], tau=thickness * np.array([0.0, 0.3, 1.0]), nodes=20, method="adding-doubling"
+        )
+        rest = net.flux_down + net.direct - net.flux_up
+        np.testing.assert_allclose(rest, rest[-1], rtol=0, atol=2e-15)
+
+
+@pytest.mark.parametrize("method", ["adding-doubling", "matrix-operator", "successive-orders", "invariant-imbedding"])
+@pytest.mark.parametrize("thickness", [5e-324, 1e-310, 1e-20])
+def test_the_thinnest_layers_scatter_once(method: str, thickness: float) -> None:
+    """And no arithmetic goes wrong on the way."""
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, thickness)])
+    found = vrte.brdf(scene, [0.5, 0.05], 0.5, nodes=8, method=method, transmission=True)
+    once = vrte.brdf(scene, [0.5, 0.05], 0.5, nodes=8, method="single-scattering", transmission=True)
+    pairs = [(found.mueller, once.mueller), (found.transmission, once.transmission)]
+    # the matrix operator holds what passes unscattered as well, 1e-16 of which is more than this
+    for some, other in pairs[:1] if method == "matrix-operator" else pairs:
+        np.testing.assert_allclose(some, other, rtol=0, atol=1e-320 + 1e-9 * np.abs(other).max())
+    np.testing.assert_allclose(found.reflectance, once.reflectance, rtol=1e-6, atol=1e-320)

@@ -161,3 +161,20 @@ def test_orders_may_be_done_in_groups_and_stopped(opencl: Any, monkeypatch: pyte
     np.testing.assert_array_equal(split, whole)
     reconstruction.reconstruct(opencl, *arguments[:20], stopped, *arguments[21:24], np.ones(1, np.int32))
     assert np.isnan(stopped).all()
+
+
+def test_which_modes_fade_is_decided_once(opencl: Any) -> None:
+    """Thicknesses about which the core's own judgement turns, to the last digit: the device follows it."""
+    arguments = solved(vrte.Scene([vrte.Layer(GOLD, 0.9, 1.0)]), [0.0, 0.3, 1.0])
+    lam_re, lam_im = arguments[2], arguments[3]
+    slowest = np.sqrt(lam_re[0, 0][lam_im[0, 0] == 0.0].min())
+    judged = []
+    for steps in range(-3, 4):
+        thickness = np.array([4.0 / slowest])
+        for _ in range(abs(steps)):
+            thickness = np.nextafter(thickness, np.inf if steps > 0 else 0.0)
+        fades = np.empty(lam_re.shape[:2], np.int32)
+        _core.modes_fade(lam_re, lam_im, thickness, fades)
+        judged.append(int(fades[0, 0]))
+    assert judged == sorted(judged)
+    assert set(judged) == {0, 1}

@@ -97,8 +97,19 @@ def test_orders_add_up_as_powers_of_the_albedo() -> None:
 
 def test_it_says_that_it_did_not_converge() -> None:
     scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 10.0)])
-    told = brdf(scene, orders=20).diagnostics
+    told = brdf(scene, orders=20).diagnostics  # few orders on purpose: no warning
     assert told["scattering_orders"] == 20
     assert not told["converged"]
-    assert "energy is not conserved" in told["note"]
-    assert "note" not in brdf(PAIR).diagnostics
+    assert not told["promised"]
+    assert "energy is not conserved" in told["notes"][0]
+    settled = brdf(PAIR).diagnostics
+    assert settled["promised"]
+    assert settled["notes"] == []
+
+
+def test_the_cap_of_orders_that_nobody_asked_for_is_a_warning() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 100.0)])
+    with pytest.warns(vrte.AccuracyWarning, match=r"1000 orders of scattering leave out about .* its setting 'orders'"):
+        found = brdf(scene)
+    assert found.reflectance[0] < 0.99
+    assert not found.diagnostics["promised"]

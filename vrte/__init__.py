@@ -3,7 +3,7 @@
 from vrte import over_hemisphere, quantities
 from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
-from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
+from vrte.errors import AccuracyError, AccuracyWarning, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.field import Field, radiance
 from vrte.formats import load
 from vrte.formats.index_table import read_index
@@ -24,6 +24,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AccuracyError",
+    "AccuracyWarning",
     "Brdf",
     "DeviceError",
     "Field",

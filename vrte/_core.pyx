@@ -1232,6 +1232,16 @@ cdef inline bint fades(int n, const double* lam_re, const double* lam_im, double
     return thickness > 1e300 or slowest_rate(n, lam_re, lam_im) * thickness > 4.0
 
 
+def modes_fade(const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[::1] thickness, int[:, ::1] out):
+    """Whether every mode of each order and layer fades, out (order, layer), 0 or 1: what `boundary` and `reconstruct`
+    decide, for who does one of them elsewhere."""
+    cdef Py_ssize_t order, layer
+    cdef int n = <int>lam_re.shape[2]
+    for order in range(lam_re.shape[0]):
+        for layer in range(lam_re.shape[1]):
+            out[order, layer] = fades(n, &lam_re[order, layer, 0], &lam_im[order, layer, 0], thickness[layer])
+
+
 cdef inline cplx half_tangent(cplx k, double thickness) noexcept nogil:
     """tanh(k h)/k with h = thickness/2."""
     cdef cplx e

@@ -9,6 +9,10 @@ class AccuracyError(ArithmeticError):
     """The solver's own residuals are too large to vouch for the answer."""
 
 
+class AccuracyWarning(UserWarning):
+    """The answer is there and not as good as was asked for."""
+
+
 class MissingExtraError(ImportError):
     """An optional dependency is not installed; the message names the extra that brings it."""
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vrte import _core
 from vrte.arrays import Array
 from vrte.cl.lending import lent
 from vrte.cl.matrices import STRIP, padded
@@ -50,7 +51,7 @@ class Sizes:
 @dataclass(frozen=True, eq=False)
 class Solved:
     """Of each order, on the device, column by column, as `reconstruct` in _core.pyx takes it; fades (order, layer) int:
-    of `fading`; base_row (order,) int."""
+    of `modes_fade` in _core.pyx; base_row (order,) int."""
 
     G_E: Any
     G_F: Any
@@ -79,18 +80,6 @@ class Places:
     mu_out: Any
     level: Any
     level_layer: Any
-
-
-def fading(lam_re: Array, lam_im: Array, thickness: Array) -> Array:
-    """Whether every mode loses e^4 from face to face, (order, layer), exactly as the boundary system judged it from the
-    same lam (order, layer, n): what its amplitudes are of depends on it."""
-    size = np.hypot(lam_re, lam_im)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        upper = np.sqrt(0.5 * (size + lam_re))
-        lower = 0.5 * np.abs(lam_im) / np.sqrt(0.5 * (size - lam_re))
-    pairs = np.where(lam_re >= 0.0, upper, lower)
-    rates = np.where(lam_im == 0.0, np.sqrt(np.maximum(lam_re, 0.0)), pairs)
-    return (thickness > 1e300) | (rates.min(axis=-1, initial=np.inf) * np.minimum(thickness, 1e300) > 4.0)
 
 
 def reconstruct_orders(
@@ -167,7 +156,8 @@ def reconstruct(
     (n_order, n_layer, n), n_out = lam_re.shape, mu_out.size
     sizes = Sizes(n_order, n_layer, n, out.shape[3] // max(n_out, 1), n_out, n_up, mu0.size, c.shape[2], level.size)
     per_order = (G_E, G_F, lam_re, lam_im, X, Y, c, zeta, even, odd, base_down, base_row)
-    fades = fading(lam_re, lam_im, thickness).astype(np.int32)
+    fades = np.empty((n_order, n_layer), np.int32)
+    _core.modes_fade(lam_re, lam_im, thickness, fades)  # what the amplitudes are of, decided as the boundary system did
     with ExitStack() as stack:
 
         def lend(values: Any) -> Any:

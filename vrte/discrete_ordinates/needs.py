@@ -23,6 +23,7 @@ ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
 CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found
 SAFETY = 3.0  # times what was found: orders to come are bounded by no less
 STEEPER = 5.0  # fall from one order to the next, over the one seen, that a bound is not trusted with
+LARGEST_BOUND = 1e150  # as good as infinite, and products and sums of such bounds are numbers
 LOOKED_AT = 3  # orders that bounds are compared with, from order 1 on
 
 
@@ -108,7 +109,7 @@ def orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> int:
 
     bounds (order, n_tau, n_in or 1), brightest (n_tau, n_in).
     """
-    tail = np.cumsum(2.0 * bounds[::-1], axis=0)[::-1]
+    tail = 2.0 * np.cumsum(np.minimum(bounds, LARGEST_BOUND)[::-1], axis=0)[::-1]
     matters = ~(tail <= ORDERS * accuracy * brightest).all(axis=(1, 2))
     return max(1, int(np.count_nonzero(matters)))
 
@@ -147,9 +148,9 @@ def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
         return bounds
     alone = bounds[orders] * (1.0 - np.minimum(needs.strength[orders], ALMOST_ONE))[:, None, None]
     seen = np.stack([found[order] for order in orders])
-    share = (seen / np.maximum(alone, 1e-300)).max(axis=0)
-    fall = (seen[1:] / np.maximum(seen[:-1], 1e-300)).max(axis=0)
-    trusted = STEEPER * share * bounds[orders[-1] + 1] >= np.minimum(fall, 1.0) * seen[-1]
+    share = np.minimum(seen / np.maximum(alone, 1.0 / LARGEST_BOUND), LARGEST_BOUND).max(axis=0)
+    fall = (np.minimum(seen[1:], seen[:-1]) / np.maximum(seen[:-1], 1e-300)).max(axis=0)
+    trusted = STEEPER * share * np.minimum(bounds[orders[-1] + 1], LARGEST_BOUND) >= fall * seen[-1]
     lowered = np.broadcast_to(bounds, (bounds.shape[0], *share.shape)).copy()
     factor = np.where(trusted, np.minimum(1.0, SAFETY * share), 1.0)
     np.multiply(bounds, factor, out=lowered, where=np.isfinite(bounds))

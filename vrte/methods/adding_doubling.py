@@ -10,7 +10,7 @@ from vrte.blas import single_threaded
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.slabs import Pile, cut
 from vrte.discrete_ordinates.solver import Solution
-from vrte.methods.adding import Slab, doubled, ground, inside
+from vrte.methods.adding import Slab, doubled, ground, homogeneous, inside
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.in_depth import POINTS
 from vrte.methods.method import Method, Setting, Settings
@@ -22,6 +22,9 @@ THICKEST, THINNEST = 8.0, 1e-6
 LOWEST = 1e-4  # below, starting layers are so thin that rounding is seen
 DARK = 1e-16  # transmission of a layer that may as well have no end
 MOST_DOUBLINGS = 70
+NEARLY_DARK = (
+    1e-6  # transmission of a white layer so thick that it lacks of an endless one's R just what it lets through
+)
 
 
 def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
@@ -46,8 +49,9 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
 def field_of(pile: Pile, on_nodes: OnNodes, order: int, base: Array, settings: Settings) -> tuple[Array, Array, int]:
     """Light up and down at the wanted depths of an order, each (n_tau, r, n_rhs), and most doublings of a slab."""
     scattered = [on_nodes.scattered(order, material) for material in range(pile.problem.albedo.size)]
+    white = (order == 0) & (pile.problem.albedo == 1.0)
     slabs = [
-        slab_of(on_nodes, scattered[material], float(tau), settings)
+        slab_of(on_nodes, scattered[material], float(tau), settings, bool(white[material]))
         for material, tau in zip(pile.material, pile.thickness, strict=True)
     ]
     below = [] if np.isinf(pile.above[-1]) else [ground(base, on_nodes.n)]
@@ -68,24 +72,47 @@ def doublings_of(tau: float, thin: float) -> int:
     return max(0, math.ceil(math.log2(tau / thin))) if tau > 0.0 else 0
 
 
-def slab_of(on_nodes: OnNodes, scattered: Scattered, tau: float, settings: Settings) -> tuple[Slab, int]:
-    """A homogeneous slab and its doublings; one without end is doubled until nothing comes through."""
+def slab_of(
+    on_nodes: OnNodes, scattered: Scattered, tau: float, settings: Settings, is_white: bool
+) -> tuple[Slab, int]:
+    """A homogeneous slab and its doublings; one without end is doubled until nothing comes through, one ``is_white``
+    (order 0 at albedo 1) until what comes through is what R still lacks."""
     thin = thinnest(on_nodes, settings["thin"])
     most = doublings_of(tau, thin)
-    first = thin if np.isinf(tau) else tau / 2.0**most
-    slab = thin_slab(scattered, first, on_nodes.rows, on_nodes.columns, on_nodes.n, settings["start"])
+    now = thin if np.isinf(tau) else tau / 2.0**most
+    slab = thin_slab(scattered, now, on_nodes.rows, on_nodes.columns, on_nodes.n, settings["start"])
+    slab = conserving(on_nodes, slab, now) if is_white else slab
     for done in range(most):
+        if np.isinf(tau) and is_white and np.abs(slab.T).max() < NEARLY_DARK:
+            nothing = np.zeros_like(slab.T)
+            return homogeneous(slab.R + slab.T, nothing, tau, on_nodes.rows, on_nodes.columns, on_nodes.n), done
         if np.isinf(tau) and max(np.abs(slab.T).max(), slab.passed[: on_nodes.n].max()) < DARK:
             return slab, done
-        slab = doubled(slab)
+        slab, now = doubled(slab), 2.0 * now
+        slab = conserving(on_nodes, slab, now) if is_white else slab
     return slab, most
+
+
+def conserving(on_nodes: OnNodes, slab: Slab, tau: float) -> Slab:
+    """A white slab of optical thickness tau whose flux out is the flux in, exactly: what doubling misses by the error
+    of its starting layer and by rounding comes through, evenly.
+
+    The row of fluxes, weight mu for I, is then a left eigenvector of R + T, on which the inverse of 1 - R R hangs."""
+    problem, stokes = on_nodes.problem, len(on_nodes.members)
+    row = np.zeros(on_nodes.n)
+    row[::stokes] = problem.weights * problem.nodes
+    into = np.concatenate([row, np.outer(problem.mu0, problem.columns[:, 0]).ravel()])
+    missing = into * -np.expm1(-tau / on_nodes.columns) - row @ (slab.R + slab.T)[: on_nodes.n]
+    evenly = np.zeros(on_nodes.rows.size)
+    evenly[::stokes] = 1.0 / row.sum()
+    return homogeneous(slab.R, slab.T + np.outer(evenly, missing), tau, on_nodes.rows, on_nodes.columns, on_nodes.n)
 
 
 METHOD = Method(
     name="adding-doubling",
     solve=solve,
     purpose="thick layers and piles of layers, the field between them too",
-    conserves="flux up to the error of the starting layer, and to rounding: 1e-6 in a layer without end at albedo 1",
+    conserves="flux to rounding at albedo 1, otherwise up to the error of the starting layer",
     source="(2:8); van de Hulst's doubling, Fourier order by Fourier order",
     settings={
         "thin": Setting(

@@ -34,6 +34,7 @@ from vrte.scene import MuellerBase, Scene
 LARGEST_RESIDUAL = 1e-8  # of the eigenvectors
 ROUNDING = 1e-13  # of the largest eigenvalue: below zero by no more
 THIN = 1.0  # optical thickness
+SMALLEST = 1e-150  # of k times a thickness: below, sinh is its argument, and quotients of complex numbers overflow
 LARGEST_CONDITION = 1e8  # of T_minus, for the propagator
 Field = tuple[Operator, Operator]  # light going up and down that a beam makes
 
@@ -123,6 +124,15 @@ class Fading:
             return np.exp(-k * self.depth), none, none
         return np.exp(-k * self.depth), np.exp(-k * (self.thickness - self.depth)), np.exp(-k * self.thickness)
 
+    def sine(self, k: ComplexArray) -> tuple[float, ComplexArray]:
+        """g = h - 2 t, and sinh(k g/2)/cosh(k h/2) over g/2 k, which is 1 for a thin slab."""
+        gap = self.thickness - 2.0 * self.depth
+        short = self.depth if gap >= 0.0 else self.thickness - self.depth
+        length = k * abs(gap)
+        small = np.abs(length) < SMALLEST
+        share = np.where(small, -1.0, np.expm1(-length) / np.where(small, 1.0, length))
+        return gap, np.asarray(-2.0 * np.exp(-k * short) * share / (1.0 + np.exp(-k * self.thickness)))
+
     def even(self, lam: ComplexArray) -> ComplexArray:
         """cosh(k (h/2 - t))/cosh(k h/2)."""
         above, below, whole = self.exponentials(np.sqrt(lam))
@@ -130,18 +140,16 @@ class Fading:
 
     def slope(self, lam: ComplexArray) -> ComplexArray:
         """k sinh(k (h/2 - t))/cosh(k h/2)."""
-        k = np.sqrt(lam)
-        above, below, whole = self.exponentials(k)
-        return np.asarray(k * (above - below) / (1.0 + whole))
+        if np.isinf(self.thickness):
+            k = np.sqrt(lam)
+            return np.asarray(k * np.exp(-k * self.depth))
+        gap, sine = self.sine(np.sqrt(lam))
+        return np.asarray(0.5 * gap * lam * sine)
 
     def odd(self, lam: ComplexArray) -> ComplexArray:
         """sinh(k (h/2 - t))/(k cosh(k h/2)), h/2 - t at k = 0."""
-        k = np.sqrt(lam)
-        gap = self.thickness - 2.0 * self.depth
-        short = self.depth if gap >= 0.0 else self.thickness - self.depth
-        length = k * abs(gap)
-        share = np.where(length == 0.0, -1.0, np.expm1(-length) / np.where(length == 0.0, 1.0, length))
-        return np.asarray(-gap * np.exp(-k * short) * share / (1.0 + np.exp(-k * self.thickness)))
+        gap, sine = self.sine(np.sqrt(lam))
+        return np.asarray(0.5 * gap * sine)
 
     def through(self, lam: ComplexArray) -> ComplexArray:
         """1/cosh(k h/2)^2."""

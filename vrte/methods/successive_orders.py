@@ -2,6 +2,7 @@
 
 import math
 import time
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,11 +14,12 @@ from vrte.arrays import Array, number, whole
 from vrte.blas import single_threaded
 from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
 from vrte.discrete_ordinates.solver import Solution
+from vrte.errors import AccuracyWarning
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.in_depth import downward, gauss_depths, upward
 from vrte.methods.method import Method, Setting, Settings
 from vrte.methods.on_nodes import OnNodes, Scattered, in_turn
-from vrte.request import Request
+from vrte.request import EXACT, Request
 
 POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
 FINEST_SCALE = 1e-3  # panels at a face are no finer than light along the lowest cosine asks for, nor than this
@@ -176,19 +178,24 @@ class Convergence:
 
     def diagnostics(self, settings: Settings) -> dict[str, Any]:
         """In words and numbers."""
-        found: dict[str, Any] = {
+        notes = [] if self.converged else [self.told(settings)]
+        return {
             "scattering_orders": self.used,
             "scatterings": self.total,
             "last_ratio": self.last,
             "remainder": self.remainder,
             "converged": self.converged,
+            "promised": self.converged,
+            "notes": notes,
         }
-        if not self.converged:
-            found["note"] = (
-                f"not converged: {settings['orders']} orders of scattering leave out about {self.remainder:.1e} of the "
-                "light, and energy is not conserved to better than that"
-            )
-        return found
+
+    def told(self, settings: Settings) -> str:
+        """What is missing, and what to do about it."""
+        return (
+            f"method 'successive-orders' has not converged: {settings['orders']} orders of scattering leave out about "
+            f"{self.remainder:.1e} of the light, and energy is not conserved to better than that; ask for more by its "
+            f"setting 'orders', or for {EXACT!r}"
+        )
 
 
 def left_out(added: list[float]) -> float:
@@ -292,7 +299,7 @@ class Orders:
 def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
     """Every Fourier order of the truncated phase matrices in turn.
 
-    Diagnostics: "scattering_orders", "last_ratio", "remainder", "converged" and "note" speak of the orders left out,
+    Diagnostics: "scattering_orders", "last_ratio", "remainder", "converged" and "notes" speak of the orders left out,
     not of the error in depth, which more "levels" make smaller.
     """
     start = time.perf_counter()
@@ -310,6 +317,8 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
         kernels, fluxes = in_turn(on_nodes, problem, out.astype(np.int32), field_of, run, progress)
     orders = np.arange(on_nodes.n_order, dtype=np.int32)
     more = {"levels": int(scene.depths.layer.size * POINTS), **convergence.diagnostics(settings)}
+    for note in () if "orders" in request.settings else more["notes"]:  # who says how many knows what they are
+        warnings.warn(note, AccuracyWarning, stacklevel=2)
     return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, **more)
 
 

@@ -27,7 +27,9 @@ def thin_slab(scattered: Scattered, tau: float, rows: Array, columns: Array, n: 
 
 def once_back(z: Array, beam: Array) -> Array:
     """The integral of exp(-(z + beam) s) ds over (0, 1)."""
-    return -np.expm1(-z - beam) / (z + beam)
+    way = z + beam
+    faded = way > 0.0  # 0 where the thickness is the smallest number that there is
+    return np.where(faded, -np.expm1(-way) / np.where(faded, way, 1.0), 1.0)
 
 
 def once_ahead(z: Array, beam: Array) -> Array:
