@@ -160,8 +160,8 @@ def test_an_unreached_base_and_doubtful_particles_are_told(tmp_path: Path, capsy
 @pytest.mark.parametrize(
     ("name", "complaint"),
     [
-        ("out.txt", "must end in .nc or .csv"),
-        ("out", "must end in .nc or .csv"),
+        ("out.txt", "must end in .nc or .csv or .zarr"),
+        ("out", "must end in .nc or .csv or .zarr"),
         ("absent/out.nc", "lies in a folder that does not exist"),
         ("folder.nc", "it is a folder"),
     ],

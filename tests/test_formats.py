@@ -4,9 +4,10 @@ import csv
 import json
 import pickle
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,21 +84,83 @@ def assert_same(first: Result, second: Result) -> None:
             assert value == other, name
 
 
-@pytest.mark.parametrize("name", ["result.nc", "result.csv", "RESULT.CSV"])
+@pytest.mark.parametrize("name", ["result.nc", "result.csv", "RESULT.CSV", "result.zarr"])
 def test_a_file_brings_back_every_bit(name: str, result: Result, tmp_path: Path) -> None:
     result.save(tmp_path / name)
     assert_same(result, load(tmp_path / name))
     assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
+class TestZarr:
+    """What only a folder can be."""
+
+    @pytest.fixture
+    def folder(self, brdf: Brdf, tmp_path: Path) -> Path:
+        brdf.save(tmp_path / "result.zarr")
+        return tmp_path / "result.zarr"
+
+    def test_any_reader_of_zarr_has_it_labelled(self, folder: Path, brdf: Brdf) -> None:
+        import xarray
+
+        with xarray.open_zarr(folder, consolidated=False) as found:
+            np.testing.assert_array_equal(found.mueller.values, brdf.mueller)
+            assert found.mueller.units == "sr-1"
+
+    def test_it_takes_the_place_of_another_and_of_nothing_else(self, folder: Path, brdf: Brdf) -> None:
+        brdf.save(folder)
+        (folder.parent / "mine.zarr").mkdir()
+        with pytest.raises(FileExistsError):
+            brdf.save(folder.parent / "mine.zarr")
+        assert sorted(file.name for file in folder.parent.iterdir()) == ["mine.zarr", "result.zarr"]
+
+    def test_what_fails_leaves_the_folder_as_it_was(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        import xarray
+
+        before = load(folder)
+        monkeypatch.setattr(xarray.Dataset, "to_zarr", lambda *_, **__: (_ for _ in ()).throw(OSError(28, "full")))
+        with pytest.raises(OSError, match="full"):
+            before.save(folder)
+        monkeypatch.undo()
+        assert_same(before, load(folder))
+        assert [file.name for file in folder.parent.iterdir()] == ["result.zarr"]
+
+    @pytest.mark.parametrize(
+        ("change", "said"),
+        [
+            (lambda about: about.update(zarr_format=2), "of Zarr format 2: only 3 is read"),
+            (lambda about: about.update(shape=[10**6] * 5), "declares 8e\\+30 bytes of numbers"),
+            (lambda about: about.update(data_type="object"), "must be plain numbers of 8 bytes, not object"),
+            (lambda about: about["codecs"].append({"name": "numcodecs.pickle"}), "numcodecs.pickle"),
+        ],
+    )
+    def test_only_plain_numbers_are_read(self, folder: Path, change: Callable[[Any], None], said: str) -> None:
+        about = json.loads((folder / "mueller" / "zarr.json").read_text())
+        change(about)
+        (folder / "mueller" / "zarr.json").write_text(json.dumps(about))
+        with pytest.raises(SceneError, match=said):
+            load(folder)
+
+    def test_nothing_leads_out_of_the_folder(self, folder: Path) -> None:
+        (folder / "mueller" / "zarr.json").rename(folder.parent / "elsewhere.json")
+        (folder / "mueller" / "zarr.json").symlink_to(folder.parent / "elsewhere.json")
+        with pytest.raises(SceneError, match="something in it is a link"):
+            load(folder)
+
+    def test_a_part_that_is_gone_is_told(self, folder: Path) -> None:
+        chunk = max((folder / "mueller").rglob("*"), key=lambda file: file.stat().st_size if file.is_file() else 0)
+        chunk.unlink()
+        with pytest.raises(SceneError, match=r"its mueller declares .* and parts of them are not there"):
+            load(folder)
+
+
 @pytest.mark.parametrize("name", ["result", "result.txt", "result.nc4"])
 def test_another_ending_is_refused(name: str, result: Result, tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match=r"must end in \.nc or \.csv, not "):
+    with pytest.raises(SceneError, match=r"must end in \.nc, \.csv, \.zarr, not "):
         result.save(tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["bare.nc", "bare.csv"])
+@pytest.mark.parametrize("name", ["bare.nc", "bare.csv", "bare.zarr"])
 def test_a_brdf_without_transmission_comes_back_without(name: str, brdf: Brdf, tmp_path: Path) -> None:
     bare = Brdf(brdf.mueller, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
     bare.save(tmp_path / name)

@@ -124,9 +124,9 @@ class Brdf:
         return to_xarray(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes NetCDF or CSV as the name ends in .nc or .csv, all of it or nothing; `vrte.load` reads it back.
+        """Writes NetCDF, CSV or Zarr as the name ends in .nc, .csv or .zarr, all or nothing; `vrte.load` reads it back.
 
-        Raises SceneError for another ending, OSError, for NetCDF MissingExtraError without the extra "files".
+        Raises SceneError for another ending, OSError, but for CSV MissingExtraError without the extra "files".
         """
         from vrte.formats import save
 

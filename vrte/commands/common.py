@@ -13,6 +13,7 @@ from typing import Any
 
 from vrte.errors import MissingExtraError, SceneError
 from vrte.formats.scene_file import SceneFile, read_scene
+from vrte.formats.zarr_folder import METADATA
 from vrte.request import COARSEST, FINEST
 from vrte.spectrum import ascending
 
@@ -77,7 +78,7 @@ def check_output(path: Path, *suffixes: str) -> None:
         raise SceneError(f"the output {path} must end in {' or '.join(suffixes)}")
     if not path.parent.is_dir():
         raise SceneError(f"the output {path} lies in a folder that does not exist: {path.parent}")
-    if path.is_dir():
+    if path.is_dir() and not (path / METADATA).is_file():
         raise SceneError(f"the output {path} cannot be written: it is a folder")
     if not os.access(path.parent, os.W_OK):
         raise SceneError(f"the output {path} cannot be written: no permission to write in {path.parent}")
@@ -91,7 +92,8 @@ def check_extra(purpose: str, extra: str, modules: Iterable[str]) -> None:
 
 def say_written(path: Path) -> None:
     """One line a file."""
-    print(f"wrote {path} ({path.stat().st_size / 1e3:,.0f} kB)")
+    files = [path, *path.rglob("*")] if path.is_dir() else [path]
+    print(f"wrote {path} ({sum(file.stat().st_size for file in files) / 1e3:,.0f} kB)")
 
 
 def read_file(path: Path, kind: str) -> SceneFile:

@@ -36,7 +36,11 @@ from vrte.spectrum import Spectrum, with_scene
 
 HOW = ("threads", "nodes", "accuracy", "algorithm", "verify", "truncation", "backend", "method", "illuminate")
 OUTPUTS = {"output": tuple(WRITERS), "csv": (".csv",), "plot": (".png",)}
-EXTRAS = {".nc": ("files", ("xarray", "h5netcdf")), ".png": ("plot", ("matplotlib",))}  # by suffix
+EXTRAS = {  # by suffix
+    ".nc": ("files", ("xarray", "h5netcdf")),
+    ".zarr": ("files", ("xarray", "zarr")),
+    ".png": ("plot", ("matplotlib",)),
+}
 
 
 def add(commands: Any) -> None:
@@ -54,7 +58,7 @@ def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser
         "--output",
         metavar="OUT",
         type=Path,
-        help="NetCDF, or CSV where the name ends in .csv (which needs no extra)",
+        help=".nc: NetCDF; .csv: a table, which needs no extra; .zarr: Zarr",
     )
     command.add_argument("--csv", metavar="OUT.csv", type=Path, help="beside -o or alone: one row a direction")
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,13 +24,43 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
     9
     """
     target = Path(os.path.realpath(file_name(path)))  # through a symbolic link, so that the link survives
-    if target.is_dir() or not target.parent.is_dir():
-        code = errno.EISDIR if target.is_dir() else errno.ENOTDIR if target.parent.exists() else errno.ENOENT
-        raise OSError(code, os.strerror(code), os.fsdecode(path))
-    # a name of its own: with more added to it, one as long as may be would be too long
-    part = target.with_name(f".vrte.{uuid.uuid4().hex}.part")
+    if target.is_dir():
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), os.fsdecode(path))
+    part = _beside(target)
     try:
         yield part
         os.replace(part, target)
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str], mark: str) -> Iterator[Path]:
+    """The like for a folder of files; one at ``path`` that holds the file ``mark`` is replaced, nothing else is.
+
+    >>> with atomic_folder("result.zarr", "zarr.json") as part:
+    ...     part.mkdir()
+    """
+    target = Path(os.path.realpath(file_name(path)))
+    if target.exists() and not (target / mark).is_file():
+        code = errno.EEXIST if target.is_dir() else errno.ENOTDIR
+        raise OSError(code, os.strerror(code), os.fsdecode(path))
+    part, before = _beside(target), _beside(target)
+    try:
+        yield part
+        if target.exists():
+            os.replace(target, before)
+        os.replace(part, target)
+    finally:
+        if before.exists() and not target.exists():
+            os.replace(before, target)
+        for folder in (part, before):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _beside(target: Path) -> Path:
+    """A name of its own in the same folder: with more added to it, one as long as may be would be too long."""
+    if not target.parent.is_dir():
+        code = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
+        raise OSError(code, os.strerror(code), os.fsdecode(target))
+    return target.with_name(f".vrte.{uuid.uuid4().hex}.part")

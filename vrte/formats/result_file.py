@@ -12,39 +12,42 @@ from vrte.formats.csv_table import load_csv, write_csv
 from vrte.formats.hdf5_file import LARGEST_RESULT
 from vrte.formats.netcdf import load_netcdf, save_netcdf
 from vrte.formats.text_file import file_name
+from vrte.formats.zarr_folder import load_zarr, save_zarr
 
-WRITERS: dict[str, Callable[[Result, str | os.PathLike[str]], None]] = {".nc": save_netcdf, ".csv": write_csv}
+WRITERS: dict[str, Callable[[Result, str | os.PathLike[str]], None]] = {
+    ".nc": save_netcdf,
+    ".csv": write_csv,
+    ".zarr": save_zarr,
+}
+READERS: dict[str, Callable[[str | os.PathLike[str], float], Result]] = {".csv": load_csv, ".zarr": load_zarr}
 
 
 def save(result: Result, path: str | os.PathLike[str]) -> None:
-    """Writes ``result`` to the file ``path``, all of it or nothing: NetCDF or CSV, as the name ends in .nc or .csv.
+    """Writes ``result`` to the file ``path``, all of it or nothing: NetCDF, CSV or Zarr, as the name ends in .nc, .csv
+    or .zarr.
 
-    Raises SceneError for another ending, OSError, for NetCDF MissingExtraError without the extra "files".
+    Raises SceneError for another ending, OSError, for NetCDF and Zarr MissingExtraError without the extra "files".
 
     >>> save(brdf, "result.csv")
     """
     suffix = Path(file_name(path)).suffix.lower()
     if suffix not in WRITERS:
-        raise SceneError(f"the name of a result must end in {' or '.join(WRITERS)}, not {file_name(path)!r}")
+        raise SceneError(f"the name of a result must end in {', '.join(WRITERS)}, not {file_name(path)!r}")
     WRITERS[suffix](result, path)
 
 
 def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) -> Result:
     """The BRDF, field or spectrum in the file ``path``, every digit as it was saved.
 
-    A name that ends in .csv is a table, any other a NetCDF file. Nothing but numbers and texts is read, and nothing
-    from another file (docs/security.md); a result whose values take more than ``most_bytes`` in memory is refused
-    before it takes them: allow more for a file that you trust. Raises FileNotFoundError, SceneError for a file that
-    holds no result of this package, for NetCDF MissingExtraError without the extra "files".
+    A name that ends in .csv is a table, in .zarr a folder of Zarr, any other a NetCDF file. Nothing but numbers and
+    texts is read, and nothing from another file (docs/security.md); a result whose values take more than
+    ``most_bytes`` in memory is refused before it takes them: allow more for a file that you trust. Raises
+    FileNotFoundError, SceneError for a file that holds no result of this package, for NetCDF and Zarr
+    MissingExtraError without the extra "files".
 
     >>> save(brdf, "result.nc")
     >>> load("result.nc").mueller.shape
     (2, 20, 37, 4, 4)
     """
     most_bytes = number("most_bytes", most_bytes, 0.0, math.inf, "a number of bytes >= 0")
-    return (load_csv if is_table(path) else load_netcdf)(path, most_bytes)
-
-
-def is_table(path: str | os.PathLike[str]) -> bool:
-    """Whether a name is that of a CSV file."""
-    return Path(file_name(path)).suffix.lower() == ".csv"
+    return READERS.get(Path(file_name(path)).suffix.lower(), load_netcdf)(path, most_bytes)

@@ -1,0 +1,104 @@
+"""Results as Zarr (format 3): a folder of unpacked arrays, which other languages and object stores read, too."""
+
+import json
+import math
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.errors import MissingExtraError, SceneError
+from vrte.formats.atomic import atomic_folder
+from vrte.formats.contents import KINDS, Result, reason, restored, undescribed
+from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
+from vrte.formats.netcdf import to_xarray
+from vrte.formats.text_file import file_name
+from vrte.spectrum import SCENE
+
+FORMAT = 3
+METADATA = "zarr.json"
+LARGEST_METADATA = 50_000_000  # bytes
+
+
+def save_zarr(result: Result, path: str | os.PathLike[str]) -> None:
+    """Writes ``result`` to the Zarr folder ``path``, all of it or nothing; one that is there is replaced.
+
+    The numbers are not packed. Raises MissingExtraError without the extra "files", OSError where something else than a
+    Zarr folder is there or it cannot be written.
+
+    >>> save_zarr(brdf, "result.zarr")
+    """
+    _zarr()
+    dataset = to_xarray(result)
+    unpacked: dict[str, dict[str, list[str]]] = {
+        str(name): {"compressors": []} for name, array in dataset.variables.items() if array.dtype.kind == "f"
+    }
+    with atomic_folder(path, METADATA) as part, warnings.catch_warnings():
+        # words are not part of Zarr's specification yet; they only label the Stokes parameters
+        warnings.filterwarnings("ignore", "The data type")
+        dataset.to_zarr(part, mode="w", zarr_format=FORMAT, consolidated=False, encoding=unpacked)
+
+
+def load_zarr(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) -> Result:
+    """The result that `save_zarr` wrote to ``path``, every digit as it was; ``most_bytes`` as in `vrte.load`.
+
+    Only plain numbers of format 3 are read, unpacked as they are written: nothing of a foreign folder is run. Raises
+    FileNotFoundError, SceneError for a folder that holds no result of this package, MissingExtraError.
+
+    >>> save_zarr(brdf, "result.zarr")
+    >>> load_zarr("result.zarr").mueller.shape
+    (2, 20, 37, 4, 4)
+    """
+    zarr = _zarr()
+    folder = Path(file_name(path))
+    if not folder.is_dir():
+        raise FileNotFoundError(f"no such folder: {folder}")
+    try:
+        if any(file.is_symlink() for file in folder.rglob("*")):
+            raise SceneError("something in it is a link: only what lies in the folder itself is read")
+        attributes = _metadata(folder).get("attributes", {})
+        kind = KINDS[attributes["kind"]]
+        names = [name for name in (*kind.coordinates, *kind.variables) if (folder / name).is_dir()]
+        check_size(sum(_declared(folder, name) for name in names), most_bytes)
+        group = zarr.open_group(folder, mode="r", zarr_format=FORMAT)
+        arrays = {name: np.asarray(group[name][...]) for name in names}
+        return restored(kind, arrays, undescribed(json.loads(attributes["diagnostics"]), attributes.get(SCENE)))
+    except SceneError as error:
+        raise SceneError(f"{folder}: {error}") from error
+    except (LookupError, TypeError, ValueError, AttributeError, RecursionError, OSError) as error:
+        raise SceneError(f"{folder} holds no result written by vrte: {reason(error)}") from error
+
+
+def _metadata(folder: Path) -> Any:
+    """What a folder says of itself."""
+    with open(folder / METADATA, "rb") as file:
+        text = file.read(LARGEST_METADATA + 1)
+    if len(text) > LARGEST_METADATA:
+        raise SceneError(f"its {METADATA} is longer than {LARGEST_METADATA} bytes")
+    found = json.loads(text)
+    if found["zarr_format"] != FORMAT:
+        raise SceneError(f"it is of Zarr format {found['zarr_format']!r}: only {FORMAT} is read")
+    return found
+
+
+def _declared(folder: Path, name: str) -> float:
+    """Bytes of an array, if it is of plain numbers that are all there. Raises SceneError."""
+    about = _metadata(folder / name)
+    shape, codecs = [int(length) for length in about["shape"]], [codec["name"] for codec in about["codecs"]]
+    if about["data_type"] != "float64" or codecs != ["bytes"] or about.get("storage_transformers"):
+        raise SceneError(f"its {name} must be plain numbers of 8 bytes, not {about['data_type']} by {codecs}")
+    size = 8.0 * math.prod(shape)
+    if size > sum(file.stat().st_size for file in (folder / name).rglob("*") if file.is_file()):
+        raise SceneError(f"its {name} declares {size:.4g} bytes of numbers, and parts of them are not there")
+    return size
+
+
+def _zarr() -> Any:
+    try:
+        import xarray  # noqa: F401
+        import zarr
+    except ImportError as error:
+        raise MissingExtraError("reading or writing Zarr", "files") from error
+    return zarr
