@@ -1,7 +1,13 @@
-"""What the examples in docstrings find: a folder of their own, and a small result to write."""
+"""Which vrte is tested, and what the examples in docstrings find: a folder of their own, and a small result to write.
+
+The sources beside this file where they were built in place, otherwise the package that is installed: its tests run from
+here all the same, without the examples.
+"""
 
 import os
 import shutil
+import sys
+import sysconfig
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -9,6 +15,19 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).parent
+BUILT_HERE = (ROOT / "vrte" / f"_core{sysconfig.get_config_var('EXT_SUFFIX')}").is_file()
+collect_ignore: list[str] = []
+
+if not BUILT_HERE:
+    sys.path[:] = [folder for folder in sys.path if Path(folder or os.curdir).resolve() != ROOT]
+    os.environ["PYTHONSAFEPATH"] = "1"  # processes that tests start here do not look here either
+    collect_ignore.append("vrte")
+    try:
+        import vrte  # noqa: F401
+    except ModuleNotFoundError:
+        pytest.exit(f"vrte is neither built in {ROOT} (make env, or pip install --editable .) nor installed", 4)
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))  # bench, which some tests are about
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -17,6 +36,15 @@ def pytest_configure(config: pytest.Config) -> None:
     folder = cache.mkdir("opencl") if cache else tempfile.mkdtemp(prefix="vrte-tests-")
     os.environ.setdefault("POCL_CACHE_DIR", str(folder))
     os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
+
+
+def pytest_report_header() -> str | None:
+    """Says so where the tests are of another vrte than this folder's."""
+    if BUILT_HERE:
+        return None
+    import vrte
+
+    return f"vrte: {Path(vrte.__file__).parent}, because {ROOT / 'vrte'} was not built in place; no doctests"
 
 
 @pytest.fixture(scope="session")

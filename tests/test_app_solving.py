@@ -172,7 +172,7 @@ def test_no_process_is_left_when_the_server_is_killed(tmp_path: Path) -> None:
     )
     root = Path(__file__).parents[1]
     server = subprocess.Popen(
-        [sys.executable, "-c", code.format(path=[str(root), *sys.path])], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", code.format(path=[*sys.path, str(root)])], stdout=subprocess.PIPE, text=True
     )
     try:
         assert server.stdout is not None

@@ -157,7 +157,7 @@ def in_little_memory(program: str, folder: Path) -> list[str]:
     done = subprocess.run(
         [sys.executable, "-c", f"import vrte\nfrom vrte.limits import limit_memory\nlimit_memory(6e8)\n{program}"],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": str(Path(vrte.__file__).parents[1])},
         capture_output=True,
         text=True,
         check=True,
@@ -263,7 +263,7 @@ def test_a_full_disk_is_an_error_and_no_crash(good: Path, tmp_path: Path) -> Non
     done = subprocess.run(
         [sys.executable, "-c", FULL_DISK, str(good), *map(str, limits)],
         cwd=tmp_path / "here",
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": str(Path(vrte.__file__).parents[1])},
         capture_output=True,
         text=True,
         timeout=60,

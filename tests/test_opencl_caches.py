@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+import vrte
 from vrte.cl import caches, device
 from vrte.cl.session import Session
 from vrte.cl.trial import POCL
@@ -68,7 +69,7 @@ def environment(home: Path, **changes: str) -> dict[str, str]:
     """With a home of its own: PoCL's and pyopencl's caches lie in it."""
     unwanted = ("POCL_CACHE_DIR", "XDG_CACHE_HOME", "PYOPENCL_NO_CACHE")
     kept = {name: value for name, value in os.environ.items() if name not in unwanted}
-    return kept | {"HOME": str(home), "PYTHONPATH": str(ROOT)} | changes
+    return kept | {"HOME": str(home), "PYTHONPATH": str(Path(vrte.__file__).parents[1])} | changes
 
 
 def started(script: str, home: Path, *arguments: str, **changes: str) -> subprocess.Popen[str]:

@@ -96,6 +96,19 @@ def test_the_tests_have_an_opencl_device() -> None:
     assert [name for name in extras["test"] if name.startswith("vrte[") and "opencl" in name]
 
 
+def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "vrte").mkdir()
+    shutil.copy(ROOT / "vrte" / "__init__.py", tmp_path / "vrte")
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    command = [sys.executable, "-S", "-c", "import vrte"]  # -S: an editable vrte would lend its core
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == (
+        f"ImportError: {tmp_path / 'vrte'} holds vrte's sources without their compiled core: start Python in another "
+        "folder to use the vrte that is installed, or build it here by 'make env' or 'pip install --editable .'"
+    )
+
+
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")
 class TestWheel:
     def test_it_works_elsewhere_with_its_data_files(self, tmp_path: Path) -> None:
@@ -109,6 +122,10 @@ class TestWheel:
         assert kernels
         assert kernels <= set(names)
         use_elsewhere(wheel, tmp_path / "elsewhere")
+        shutil.copy(ROOT / "conftest.py", sources)
+        python, few = tmp_path / "elsewhere" / "bin" / "python", "tests/test_scene.py"
+        said = run(python, "-I", "-m", "pytest", "-p", "no:cacheprovider", few, "vrte/scene.py", folder=sources)
+        assert f"vrte: {tmp_path / 'elsewhere'}" in said
 
     @pytest.mark.slow
     def test_one_built_from_the_source_archive_works_elsewhere(self, tmp_path: Path) -> None:

@@ -1,5 +1,17 @@
 """Polarized subsurface reflectance of particulate layers: the public names."""
 
+try:
+    import vrte._core  # noqa: F401
+except ModuleNotFoundError as error:
+    if error.name != "vrte._core":
+        raise
+    from pathlib import Path
+
+    raise ImportError(
+        f"{Path(__file__).parent} holds vrte's sources without their compiled core: start Python in another folder to "
+        "use the vrte that is installed, or build it here by 'make env' or 'pip install --editable .'"
+    ) from None
+
 from vrte import over_hemisphere, quantities
 from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
