@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def add(commands: Any) -> None:
     """`vrte sweep`."""
-    help_text = "the Mueller BRDFs of many scenes, as one table"
+    help_text = "the Mueller BRDFs, or Stokes fields, of many scenes, as one table"
     command = commands.add_parser("sweep", help=help_text, description=f"Computes {help_text}; docs/sweeps.md.")
     command.add_argument("file", metavar="SWEEP.toml", type=Path, help="a scene file with a table [axes]")
     command.add_argument(

@@ -283,7 +283,8 @@ def _field_request(table: Table) -> dict[str, Any]:
     request: dict[str, Any] = {"mu0": beams if several else beams[0]}
     for key, keyword in (("mu", "mu"), ("phi_deg", "phi"), ("tau", "tau")):
         if key in table:
-            request[keyword] = table.numbers(key)
+            none = key == "mu" and table.content[key] == []  # fluxes alone
+            request[keyword] = [] if none else table.numbers(key)
     if "stokes" in table:
         request["stokes"] = table.numbers("stokes")
         if len(request["stokes"]) != 4:

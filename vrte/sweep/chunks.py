@@ -15,21 +15,22 @@ import numpy as np
 from vrte.arrays import in_one_line
 from vrte.batch import solved_together
 from vrte.blas import single_threaded
-from vrte.brdf import Brdf, as_brdf
+from vrte.brdf import Brdf
 from vrte.discrete_ordinates.problem import Run
 from vrte.errors import DeviceError, MissingExtraError, SceneError, SweepError
+from vrte.field import Field
 from vrte.formats.scene_file import scene_of
-from vrte.request import Request
 from vrte.running import interruptible
 from vrte.solving import run_of, solved
+from vrte.sweep.results import Question, question_of
 from vrte.sweep.store import Work, work_in
-from vrte.sweep.template import request_of, scene_at
+from vrte.sweep.template import scene_at
 
 FATAL = (DeviceError, MissingExtraError, OSError, SweepError)  # not one scene's fault: the sweep ends
 LONGEST_MESSAGE = 500
 
-Outcome = Brdf | Exception
-Solve = Callable[[Sequence[Request], bool], list[Outcome]]
+Outcome = Brdf | Field | Exception
+Solve = Callable[[Sequence[Question]], list[Outcome]]
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,13 @@ def work_of_folder(folder: str, stamp: str) -> Work:
 def prepare(work: Work, task: Task) -> None:
     """Computes one kind of particle and keeps it; what is wrong with it each of its scenes will say."""
     content = work.sweep.content(task.place)
-    alone: dict[str, Any] = {key: content[key] for key in ("wavelength_um", "host_index", "brdf") if key in content}
+    alone: dict[str, Any] = {
+        key: content[key] for key in ("wavelength_um", "host_index", work.sweep.kind) if key in content
+    }
     alone["particles"] = {task.particles: content["particles"][task.particles]}
     alone["layer"] = [{"particles": task.particles, "thickness": 1.0}]
     with suppress(SceneError), collected({}):
-        scene_of(alone, "brdf", work.sweep.folder, work.optics.keep)
+        scene_of(alone, work.sweep.kind, work.sweep.folder, work.optics.keep)
 
 
 def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
@@ -88,26 +91,26 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
         for name, values in arrays.items():
             values[row] = getattr(outcome, name)
     work.write(chunk, arrays)
-    work.mark(chunk, {"failed": failed, "warnings": told, "seconds": time.perf_counter() - start})
+    work.mark(chunk, arrays, {"failed": failed, "warnings": told, "seconds": time.perf_counter() - start})
     work.log("end", chunk)
     return len(places)
 
 
 def results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
-    """The BRDF of each scene, or why there is none."""
+    """The result of each scene, or why there is none."""
     found: list[Outcome | None] = [None] * len(places)
-    requests: list[Request] = []
+    questions: list[Question] = []
     rows: list[int] = []
     for row, place in enumerate(places):
         try:
-            requests.append(request_of(scene_at(work.sweep, place, work.optics), backend))
+            questions.append(question_of(scene_at(work.sweep, place, work.optics), backend))
             rows.append(row)
         except FATAL:
             raise
         except Exception as error:
             found[row] = error
-    if requests:
-        for row, outcome in zip(rows, solve(requests, "transmission" in work.layout.variables), strict=True):
+    if questions:
+        for row, outcome in zip(rows, solve(questions), strict=True):
             found[row] = outcome
     return [outcome for outcome in found if outcome is not None]
 
@@ -121,14 +124,14 @@ def message_of(error: Exception) -> str:
 def in_turn(threads: Callable[[], int], stop: Any) -> Solve:
     """Scenes one after another on the processor, each on as many threads as there are to spare then."""
 
-    def solve(requests: Sequence[Request], transmission: bool) -> list[Outcome]:
-        return [one(request, transmission) for request in requests]
+    def solve(questions: Sequence[Question]) -> list[Outcome]:
+        return [one(question) for question in questions]
 
-    def one(request: Request, transmission: bool) -> Outcome:
+    def one(question: Question) -> Outcome:
         try:
-            run = run_of(request, threads())
+            run = run_of(question.request, threads())
             run.stop = stop
-            return as_brdf(request, solved(request, run)[1], transmission)
+            return question.answer(*solved(question.request, run))
         except FATAL:
             raise
         except Exception as error:
@@ -137,17 +140,21 @@ def in_turn(threads: Callable[[], int], stop: Any) -> Solve:
     return solve
 
 
-def together(requests: Sequence[Request], transmission: bool) -> list[Outcome]:
-    """All scenes of a chunk at once on a device; one by one where one of them fails."""
-    run = Run(1)
+def together(questions: Sequence[Question]) -> list[Outcome]:
+    """All scenes of a chunk at once on a device; one by one where one of them fails, and where fields are asked for."""
+    if len(questions) > 1 and questions[0].request.kind != "brdf":
+        return [outcome for question in questions for outcome in together([question])]
+    run, requests = Run(1), [question.request for question in questions]
     try:
-        return list(interruptible(run, lambda: solved_together(requests, run, transmission, None)))
+        if requests[0].kind != "brdf":
+            return [questions[0].answer(*interruptible(run, lambda: solved(requests[0], run)))]
+        return list(interruptible(run, lambda: solved_together(requests, run, questions[0].transmission, None)))
     except FATAL:
         raise
     except Exception as error:
-        if len(requests) == 1:
+        if len(questions) == 1:
             return [error]
-        return [outcome for request in requests for outcome in together([request], transmission)]
+        return [outcome for question in questions for outcome in together([question])]
 
 
 _lock = threading.Lock()

@@ -19,7 +19,8 @@ from vrte.arrays import Array, number, whole
 from vrte.errors import SceneError
 from vrte.formats.scene_file import scene_of
 from vrte.sweep.chunks import in_turn, never_stopped
-from vrte.sweep.template import Sweep, places_of, plain, put, request_of, sweep_of
+from vrte.sweep.results import question_of
+from vrte.sweep.template import Sweep, places_of, plain, put, sweep_of
 
 if TYPE_CHECKING:
     import xarray
@@ -28,7 +29,7 @@ DEGREE = 3
 DECADE = 10.0
 DIRECTIONS = ("mu_i", "mu_o", "phi_deg")
 MATRICES = ("mueller", "transmission")
-STOKES = ("stokes_out", "stokes_in")
+STOKES = ("stokes_out", "stokes_in", "stokes_parameter")
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +168,8 @@ def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: P
     ``folder``: where the sweep file's tables of coefficients are. Raises SceneError, AccuracyError.
     """
     sweep = sweep_of(json.loads(table.attrs["sweep"]), folder)
+    if sweep.kind != "brdf":
+        raise SceneError("held_out measures BRDFs, and this is a table of fields")
     whole("points", points, 1, 10**6)
     chance = np.random.default_rng(seed)
     drawn = {axis.name: between_values(axis.values, points, chance) for axis in sweep.axes}
@@ -197,7 +200,7 @@ def solved_at(sweep: Sweep, point: dict[str, float]) -> Any:
     content = sweep.content((0,) * len(sweep.shape))
     for axis in sweep.axes:
         put(content, places_of(axis.key), plain(point[axis.name]))
-    (found,) = in_turn(lambda: 1, never_stopped())([request_of(scene_of(content, "brdf", sweep.folder))], False)
+    (found,) = in_turn(lambda: 1, never_stopped())([question_of(scene_of(content, sweep.kind, sweep.folder))])
     if isinstance(found, Exception):
         raise found
     return found

@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import io
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -11,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from vrte.formats.atomic import atomic_write
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.optics.spheres import Particles, spheres
+from vrte.sweep.sealed import DamagedError, read_sealed, write_sealed
 
 IN_MEMORY = 256  # kinds of particle that a process remembers, some 10 kB each
 NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um3")
@@ -31,8 +32,10 @@ class Optics:
         name = name_of(material, how)
         found = self._remember(name)
         if found is None:
-            path = self._path(name)
-            found = read(path) if path.is_file() else spheres(material, **how)
+            try:
+                found = read(self._path(name))
+            except DamagedError:
+                found = spheres(material, **how)
             self._remember(name, found)
         return found
 
@@ -45,8 +48,15 @@ class Optics:
                     write(spheres(material, **how), path)
         return self(material, **how)
 
+    def forget_damaged(self) -> int:
+        """Takes away what cannot be read any more; how many files that were."""
+        damaged = [path for path in self.folder.iterdir() if path.suffix != ".lock" and not is_whole(path)]
+        for path in damaged:
+            path.unlink()
+        return len(damaged)
+
     def _path(self, name: str) -> Path:
-        return self.folder / f"{name}.npz"
+        return self.folder / name
 
     def _remember(self, name: str, found: Particles | None = None) -> Particles | None:
         """What is remembered; what was not asked for the longest is forgotten."""
@@ -73,16 +83,26 @@ def write(particles: Particles, path: Path) -> None:
     matrix = particles.phase_matrix
     sequences = {name: getattr(matrix, name) for name in SEQUENCES}
     numbers = {name: getattr(particles, name) for name in NUMBERS}
-    with atomic_write(path) as part, open(part, "wb") as file:
-        np.savez(file, allow_pickle=False, description=particles.description, **sequences, **numbers)
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, description=particles.description, **sequences, **numbers)
+    write_sealed(path, content.getvalue())
 
 
 def read(path: Path) -> Particles:
-    """What `write` wrote, every digit as it was."""
-    with np.load(path, allow_pickle=False) as file:
+    """What `write` wrote, every digit as it was. Raises DamagedError."""
+    with np.load(io.BytesIO(read_sealed(path)), allow_pickle=False) as file:
         matrix = PhaseMatrix(**{name: file[name] for name in SEQUENCES})
         numbers = {name: float(file[name]) for name in NUMBERS}
         return Particles(matrix, **numbers, description=str(file["description"]))
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a file is as it was written."""
+    try:
+        read_sealed(path)
+    except DamagedError:
+        return False
+    return True
 
 
 @contextmanager

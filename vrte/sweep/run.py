@@ -43,18 +43,20 @@ def sweep(
     chunk: int | None = None,
     progress: Progress | None = None,
 ) -> "xarray.Dataset":
-    """The Mueller BRDFs of many scenes, as one labelled table.
+    """The Mueller BRDFs, or the Stokes fields, of many scenes, as one labelled table.
 
-    Parameters: ``source``, a sweep file or its content as a dictionary: a scene for `vrte brdf` with a table [axes]
-    (docs/sweeps.md); ``output``, a path that ends in .zarr (for large tables) or .nc, without it the table is made in
-    memory; ``engine`` "threads", "dask" (on the cluster at the address ``scheduler``, or one of its own on this
-    machine) or "opencl"; ``workers``, cores or worker processes, all there are by default; ``chunk``, how many scenes
-    are computed, written and kept in memory together; ``progress``, called with (scenes done, scenes).
+    Parameters: ``source``, a sweep file or its content as a dictionary: a scene for `vrte brdf` or `vrte field` with a
+    table [axes] (docs/sweeps.md); ``output``, a path that ends in .zarr (for large tables) or .nc, without it the table
+    is made in memory; ``engine`` "threads", "dask" (on the cluster at the address ``scheduler``, or one of its own on
+    this machine) or "opencl"; ``workers``, cores or worker processes, all there are by default; ``chunk``, how many
+    scenes are computed, written and kept in memory together; ``progress``, called with (scenes done, scenes).
 
-    Returns an xarray.Dataset with the axes as coordinates and the variables of `vrte.Brdf.to_xarray`; ``error`` says of
-    a scene without result, whose numbers are NaN, what was wrong with it. With ``output`` the data are read from there
-    when they are asked for. Called again after whatever stopped it, it goes on with the chunks that are left; a
-    complete table is opened and nothing computed. Warns (SweepWarning) where scenes failed or warned.
+    Returns an xarray.Dataset with the axes as coordinates and the variables of `vrte.Brdf.to_xarray`, or of
+    `vrte.Field.to_xarray` with mu0 as a dimension and stokes_parameter as the last; ``error`` says of a scene without
+    result, whose numbers are NaN, what was wrong with it. With ``output`` the data are read from there when they are
+    asked for. Called again after whatever stopped it, it goes on with the chunks that are left; a complete table is
+    looked over and opened, and what is damaged is made again. Warns (SweepWarning) where scenes failed or warned, and
+    of damage.
 
     Raises SceneError for bad input, or another sweep than the output was begun with; SweepError where another process
     is at the same output, or the cluster is lost; DeviceError, MissingExtraError, OSError.
@@ -77,7 +79,7 @@ def sweep(
     if output is not None:
         return made(given, output_path(output), engine, scheduler, count, chunk, progress)
     with tempfile.TemporaryDirectory(prefix="vrte-sweep-") as folder:
-        table = made(given, Path(folder) / "table.zarr", engine, scheduler, count, chunk, progress)
+        table = made(given, Path(folder) / "table.zarr", engine, scheduler, count, chunk, progress, False)
         return table.load()
 
 
@@ -99,46 +101,37 @@ def made(
     workers: int,
     chunk: int | None,
     progress: Progress | None,
+    on_disk: bool = True,
 ) -> "xarray.Dataset":
-    """The table at ``output``, computed as far as it is not there."""
+    """The table at ``output``, computed as far as it is not there; ``on_disk``, so that a power cut cannot harm it."""
     store.zarr()
     with store.alone_at(output) as folder:
-        if os.path.lexists(output):
-            try:
-                return complete(given, output)
-            finally:
-                store.clear(folder)
+        damage: list[str] = []
         try:
+            if os.path.lexists(output) and not store.adopt(output, folder):
+                damage = store.look_over(given, output, folder)
+                if not damage:
+                    store.clear(folder)
+                    return store.open_table(output)
             grid = grid_for(given, output, chunk)
-            work = store.begun(folder, given, grid, output)
+            work, more = store.begun(folder, given, grid, output)
             check_chunk(work, grid, chunk)
         except BaseException:
-            if not (folder / "sweep.json").is_file():
+            if not (folder / store.BEGUN).is_file():
                 store.clear(folder)
             raise
+        if damage or more:
+            message = f"{output} was damaged; made again: {', '.join(damage + more)}"
+            warnings.warn(message, SweepWarning, stacklevel=3)
         compute(work, engine, scheduler, workers, progress)
         tell(work)
-        store.finish(work, output)
+        store.finish(work, output, on_disk)
     return store.open_table(output)
-
-
-def complete(given: Sweep, output: Path) -> "xarray.Dataset":
-    """A table that is there already, if it is that of this sweep."""
-    import json
-
-    table = store.open_table(output)
-    said = {"content": json.loads(table.attrs["sweep"]), "tables": json.loads(table.attrs["tables"])}
-    try:
-        store.check_same(given, said | {"fingerprint": table.attrs["fingerprint"]}, f"{output} was made")
-    except SceneError:
-        table.close()
-        raise
-    return table
 
 
 def grid_for(given: Sweep, output: Path, chunk: int | None) -> Grid:
     """How the sweep is cut. Raises SceneError where a chunk or the whole is too large."""
-    size = store.bytes_of_a_scene(store.variables_of(*store.directions_of(given)))
+    size = store.results_of_sweep(given).bytes_of_a_scene
     scenes = scenes_of_a_chunk(given.count, size) if chunk is None else whole("chunk", chunk, 1, given.count)
     if scenes * size > LARGEST_ZARR_CHUNK:
         raise SceneError(f"a chunk of {scenes} scenes holds {scenes * size / 1e9:.1f} GB, at most 2 GB are allowed")

@@ -28,14 +28,13 @@ from vrte.formats.scene_file import SceneFile, read_content, scene_of, tables_na
 from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, shown
 from vrte.optics.phase_matrix import isotropic
 from vrte.optics.spheres import Particles
-from vrte.request import EXACT, Request, brdf_request, solver_options
+from vrte.sweep.results import RESERVED, results_of
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
 STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a key, and a place in its list
 MOST_AXES = 16
 MOST_SCENES = 10**9
 CHECKED = 1000  # values of an axis that are looked at before anything is computed
-ALGORITHM = "direct"  # that of vrte.brdf, without what has a tolerance: no engine's numbers differ
 FIXED = ("brdf", "field", "axes")  # the same for all scenes of a table
 VALUES = "a list of numbers, or { start, stop, count }"
 
@@ -56,11 +55,16 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A template, the content of a scene file for `vrte brdf` in ``folder``, and its axes."""
+    """A template, the content of a scene file for `vrte brdf` or `vrte field` in ``folder``, and its axes."""
 
     template: dict[str, Any]
     axes: tuple[Axis, ...]
     folder: Path
+
+    @property
+    def kind(self) -> str:
+        """What is computed of each scene: "brdf", or "field" where that is what the file asks for."""
+        return "field" if "field" in self.template and "brdf" not in self.template else "brdf"
 
     @property
     def dimensions(self) -> dict[str, int]:
@@ -224,18 +228,16 @@ def check(sweep: Sweep) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # each scene will say it
         first = scene_at(sweep, (0,) * len(sweep.shape), unseen)
-        request_of(first)
+        results_of(first)
         for axis in sweep.axes:
             check_values(sweep, axis)
 
 
 def check_dimensions(sweep: Sweep) -> None:
     """Names that do not clash, lengths that agree, and not too many scenes."""
-    reserved = {"mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in", "error"}
-    reserved |= {"mueller", "reflectance", "transmission", "direct_transmittance"}
     for axis in sweep.axes:
         for name in (axis.name, axis.dimension):
-            if name in reserved:
+            if name in RESERVED:
                 raise SceneError(f"axes.{name}: this name is taken by the table itself")
         if "/" in axis.name + axis.dimension or axis.name.startswith(".") or axis.dimension.startswith("."):
             raise SceneError(f"axes: {shown(axis.name)} cannot be the name of a coordinate: no / and no leading dot")
@@ -280,20 +282,7 @@ def unseen(*_: Any, **__: Any) -> Particles:
 
 def scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile:
     """The scene at a place of the grid. Raises SceneError."""
-    return scene_of(sweep.content(place), "brdf", sweep.folder, spheres_of)
-
-
-def request_of(file: SceneFile, backend: str = "openmp") -> Request:
-    """What is asked of a scene. Raises SceneError."""
-    how = {"algorithm": ALGORITHM, "verify": False, "backend": backend} | file.options
-    if how.get("method", EXACT) != EXACT:
-        raise SceneError(f"method = {shown(how['method'])}: a sweep is made by {EXACT!r} alone")
-    options = solver_options(how.pop("nodes", None), how.pop("accuracy", None), **how)
-    asked = {"phi": 0.0, "transmission": False} | file.request
-    try:
-        return brdf_request(file.scene, asked["mu_i"], asked["mu_o"], asked["phi"], asked["transmission"], options)[0]
-    except SceneError as error:
-        raise SceneError(file.located(str(error))) from error
+    return scene_of(sweep.content(place), sweep.kind, sweep.folder, spheres_of)
 
 
 def particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:

@@ -1,0 +1,121 @@
+"""What each scene of a sweep brings, a BRDF or the field of one beam or several, and how it is asked for."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vrte.arrays import Array, vector
+from vrte.brdf import Brdf, as_brdf
+from vrte.discrete_ordinates.solver import Solution
+from vrte.errors import SceneError
+from vrte.field import Field, field_of
+from vrte.formats.contents import BRDF, FIELDS, Kind
+from vrte.formats.scene_file import SceneFile
+from vrte.formats.toml_table import shown
+from vrte.request import EXACT, Request, brdf_request, depths, radiance_request, solver_options
+
+ALGORITHM = "direct"  # that of vrte.brdf, without what has a tolerance: no engine's numbers differ
+# a field's variable and its last dimension are both called stokes, which a table cannot have
+LABEL = {"stokes": "stokes_parameter"}
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """``coordinates`` (n,) that all scenes share, ``variables`` of each scene with dimensions and shape, ``labels``:
+    dimensions of Stokes parameters, ``constants`` of the whole table with dimensions and values."""
+
+    kind: Kind
+    coordinates: dict[str, Array]
+    variables: dict[str, tuple[tuple[str, ...], tuple[int, ...]]]
+    labels: tuple[str, ...]
+    constants: dict[str, tuple[tuple[str, ...], Array]]
+
+    @property
+    def bytes_of_a_scene(self) -> int:
+        return sum(8 * math.prod(shape) for _, shape in self.variables.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is asked of a scene, and the result that its solution is."""
+
+    request: Request
+    transmission: bool
+    answer: Callable[[Array, Solution], Brdf | Field]
+
+
+def question_of(file: SceneFile, backend: str = "openmp") -> Question:
+    """What is asked of a scene. Raises SceneError."""
+    how = {"algorithm": ALGORITHM, "verify": False, "backend": backend} | file.options
+    if how.get("method", EXACT) != EXACT:
+        raise SceneError(f"method = {shown(how['method'])}: a sweep is made by {EXACT!r} alone")
+    options = solver_options(how.pop("nodes", None), how.pop("accuracy", None), **how)
+    try:
+        return of_brdf(file, options) if file.kind == "brdf" else of_field(file, options)
+    except SceneError as error:
+        raise SceneError(file.located(str(error))) from error
+
+
+def of_brdf(file: SceneFile, options: dict[str, object]) -> Question:
+    asked = {"phi": 0.0, "transmission": False} | file.request
+    request, _ = brdf_request(file.scene, asked["mu_i"], asked["mu_o"], asked["phi"], asked["transmission"], options)
+    transmission = bool(asked["transmission"])
+    return Question(request, transmission, lambda _, solution: as_brdf(request, solution, transmission))
+
+
+def of_field(file: SceneFile, options: dict[str, object]) -> Question:
+    asked = {"stokes": (1.0, 0.0, 0.0, 0.0), "phi": 0.0, "tau": 0.0} | file.request
+    if "mu" not in asked:
+        raise SceneError("mu is missing: all scenes of a table share their directions; mu = [] asks for fluxes alone")
+    request, incident = radiance_request(
+        file.scene, asked["mu0"], asked["stokes"], asked["mu"], asked["phi"], asked["tau"], options
+    )
+    tau = depths(asked["tau"], request.scene)
+    return Question(request, False, lambda directions, solution: field_of(request, directions, solution, tau, incident))
+
+
+def results_of(file: SceneFile) -> Results:
+    """What the scenes of a sweep bring, by the first of them, whose particles nobody needs to know yet."""
+    if file.kind == "brdf":
+        question = question_of(file)
+        request = question.request
+        assert request.mu is not None
+        coordinates = {"mu_i": request.mu0, "mu_o": request.mu[request.mu > 0.0], "phi_deg": request.phi}
+        left_out = () if question.transmission else ("transmission",)
+        return laid_out(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"), {})
+    # how deep the scene is, its particles say: each scene will check its own
+    request = question_of(replace(file, request=file.request | {"tau": 0.0})).request
+    incident = np.asarray(file.request.get("stokes", (1.0, 0.0, 0.0, 0.0)), np.float64)
+    coordinates = {"mu0": request.mu0, "tau": vector("tau", file.request.get("tau", 0.0))}
+    left_out = ("incident_stokes", *(("stokes",) if request.fluxes_only else ()))
+    if not request.fluxes_only:
+        assert request.mu is not None
+        up = -1.0 if request.illuminate == "bottom" else 1.0  # such a request is that of the scene upside down
+        coordinates |= {"mu": up * request.mu, "phi_deg": request.phi}
+    constants = {"incident_stokes": (tuple(LABEL.values()), incident)}
+    return laid_out(FIELDS, coordinates, left_out, tuple(LABEL.values()), constants)
+
+
+def laid_out(
+    kind: Kind,
+    coordinates: dict[str, Array],
+    left_out: tuple[str, ...],
+    labels: tuple[str, ...],
+    constants: dict[str, tuple[tuple[str, ...], Array]],
+) -> Results:
+    """With the shapes of the variables."""
+    lengths = {name: values.size for name, values in coordinates.items()} | dict.fromkeys(labels, 4)
+    variables = {}
+    for name, about in kind.variables.items():
+        if name not in left_out:
+            dims = tuple(LABEL.get(dim, dim) for dim in about.dims) if kind is FIELDS else about.dims
+            variables[name] = dims, tuple(lengths[dim] for dim in dims)
+    return Results(kind, coordinates, variables, labels, constants)
+
+
+RESERVED = {  # names that no axis can have
+    *("error", "checksum", "chunk", "stokes_out", "stokes_in", *LABEL.values()),
+    *(name for kind in (BRDF, FIELDS) for name in (*kind.coordinates, *kind.variables)),
+}

@@ -1,0 +1,55 @@
+"""Small files that know when they are damaged: written whole, with a checksum at their end."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from vrte.formats.atomic import atomic_write
+from vrte.formats.seal import LENGTH, seal_of
+
+
+class DamagedError(ValueError):
+    """A file is not as it was written: cut, changed, or gone."""
+
+
+def write_sealed(path: Path, content: bytes, on_disk: bool = False) -> None:
+    """All of it or nothing; ``on_disk``: also after a power cut."""
+    with atomic_write(path) as part, open(part, "wb") as file:
+        file.write(content + seal_of(content))
+        if on_disk:
+            file.flush()
+            os.fsync(file.fileno())
+    if on_disk:
+        flush(path.parent)
+
+
+def read_sealed(path: Path) -> bytes:
+    """What `write_sealed` wrote. Raises DamagedError."""
+    try:
+        found = path.read_bytes()
+    except OSError as error:
+        raise DamagedError(f"{path} cannot be read") from error
+    content = found[:-LENGTH]
+    if found[-LENGTH:] != seal_of(content):
+        raise DamagedError(f"{path} is not as it was written")
+    return content
+
+
+def write_json(path: Path, said: Any, on_disk: bool = False) -> None:
+    """As one line of JSON."""
+    write_sealed(path, json.dumps(said).encode() + b"\n", on_disk)
+
+
+def read_json(path: Path) -> Any:
+    """What `write_json` wrote. Raises DamagedError."""
+    return json.loads(read_sealed(path))
+
+
+def flush(path: Path) -> None:
+    """To the disk with a file, or with a folder's names of its files."""
+    place = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(place)
+    finally:
+        os.close(place)
