@@ -415,6 +415,7 @@ cdef inline int columns_of(Parity p, int m, int terms, int even_kind) noexcept n
     return max(0, same) * (p.has[0][0] + p.has[0][1]) + max(0, other) * (p.has[1][0] + p.has[1][1])
 
 
+# (1:10)-(1:11)
 cdef void parity_columns(Parity p, int m, int terms, int even_kind, const double* prt, int n_all, int first, int n_mu,
                          const double* scale, double* out) noexcept nogil:
     """out, S n_mu rows by `columns_of`: from P_l^m its columns I, Q where l - m has the parity of `even_kind`, else
@@ -662,6 +663,7 @@ def assembly_work(n_all, n_term, stokes):
     return 3 * n_all * n_term + 4 * (stokes * n_all) * (2 * n_term) + n_all
 
 
+# (1:4), the beam's direction of travel
 def assemble(const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients, const int[::1] terms,
              const double[::1] albedo, const double[::1] directions, const double[::1] weights, int n_out,
              double[:, :, :, ::1] E, double[:, :, :, ::1] F, double[:, :, :, ::1] G_E, double[:, :, :, ::1] G_F,
@@ -694,6 +696,7 @@ def assemble(const int[::1] orders, const int[::1] members, const double[:, :, :
             seconds[thread] += vrte_seconds() - start
 
 
+# (1:13), (1:16)-(1:23)
 cdef void assemble_one(int m, Parity p, int terms, double albedo, const double* coefficients, const double* directions,
                        const double* weights, int n_node, int n_out, int n_in, int n_term, double* E, double* F,
                        double* G_E, double* G_F, double* source_s, double* source_d, double* work) noexcept nogil:
@@ -796,6 +799,7 @@ cdef void clear_modes(int n, int stokes, const double* directions, double* lam_r
         X_pivots[i] = i + 1      # LAPACK counts from 1
 
 
+# (1:40)-(1:44)
 cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double albedo, const double* directions, const double* weights, const double* E,
                          const double* F, double* lam_re, double* lam_im, double* X, double* Y, double* X_lu,
                          int* X_pivots, double* residual, double* work, int* pivots) noexcept nogil:
@@ -1159,6 +1163,7 @@ def particular(const double[:, :, :, ::1] F, const double[:, :, :, ::1] source_s
             seconds[thread] += vrte_seconds() - start
 
 
+# (1:28)-(1:34), (1:46)-(1:48)
 cdef void particular_one(int n, int stokes, int n_in, int n_col, const double* F, const double* source_s, const double* source_d,
                          const double* mu0, const double* columns, const double* lam_re, const double* lam_im,
                          const double* X, const double* Y, const double* X_lu, const int* X_pivots, double* c, double* zeta,
@@ -1358,6 +1363,7 @@ cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam
     return 0
 
 
+# (1:45)
 cdef void slab_matrix(int n, bint is_odd, const double* lam_re, const double* lam_im, const double* X, const double* Y,
                       double thickness, double* matrix, double* spare) noexcept nogil:
     """Even: X + Y lambda f (where all fades: X + Y k); odd: X f + Y; f = tanh(k h)/k."""
@@ -1474,6 +1480,7 @@ cdef inline void times_inverse(int n, const double* lu, const int* pivots, doubl
     transpose(n, spare, a)
 
 
+# (1:57)-(1:65)
 cdef int join_layer(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X, const double* Y,
                     double thickness, double* systems,
                     const int* pivots, int* pivots_below, double* vectors, double* below, double* up, double* scratch,
@@ -1553,6 +1560,7 @@ cdef void join_clear_layer(int n, int n_rhs, const double* lam_re, double thickn
             up[<size_t>j * n + i] *= T[<size_t>i * n + i]
 
 
+# (1:49)-(1:56)
 cdef double amplitudes(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X, const double* Y,
                        double thickness, const double* systems, const int* pivots, const double* top, const double* bottom,
                        double* even, double* odd, double* scratch, double* spare) noexcept nogil:
@@ -1579,6 +1587,7 @@ cdef double amplitudes(int n, int n_rhs, const double* lam_re, const double* lam
     return worst / largest if largest > 1e-280 else 0.0      # below, denormal numbers have no digits to check
 
 
+# (2:12)-(2:15)
 cdef double fading_amplitudes(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X,
                               const double* Y, double thickness, const double* systems, const int* pivots,
                               const double* top, const double* bottom, double* from_top, double* from_bottom,
@@ -2260,6 +2269,7 @@ def join_slabs(const int[::1] orders, bint conserving, const int[::1] slabs, con
             seconds[thread] += vrte_seconds() - start
 
 
+# (2:10)-(2:11)
 cdef int join_one(Sizes s, bint conserving, int n_place, int n_in, int n_level, const int* slabs, const double* above,
                   const double* nodes, const double* weights, const double* mu0, double* R, double* T,
                   const double* lost, const double* base, const double* base_source, const double* base_out,
@@ -2351,6 +2361,7 @@ cdef inline void emitted(Sizes s, int n_in, double depth, const double* mu0, con
             out[<size_t>j * s.n + i] = fade * NI[<size_t>j * s.n + i]
 
 
+# (2:8)
 cdef int join_below(Sizes s, bint conserving, int n_in, double depth, const double* mu0, Extended r, Extended t,
                     const double* lost, double* below, double* absorbed, const double* up, double* up_above, double* G,
                     double* g, double* scratch, double* vectors, double* row, double* residual, int* pivots) noexcept nogil:
@@ -2877,6 +2888,7 @@ cdef void reconstruct_one(int n, int stokes, int n_out, int n_up, int n_layer, i
             memcpy(running, part, sizeof(double) * size)
 
 
+# (1:36)-(1:38)
 cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
                         const double* lam_re, const double* lam_im, const double* c, const double* zeta,
                         const double* even, const double* odd, double thickness, double above, const double* mu0,
@@ -3099,6 +3111,7 @@ def mode_coordinates(const double[::1] lam_re, const double[::1] lam_im, const d
     return np.asarray(out)
 
 
+# (1:24)-(1:25)
 cdef void profiles(int n, const double* lam_re, const double* lam_im, double thickness, double depth, cplx* out) noexcept nogil:
     """The even and the odd mode's y and z at a depth, (n,) each: y_even, z_even, y_odd, z_odd; see `boundary`."""
     cdef int j
@@ -3477,6 +3490,7 @@ def scattering_work(n_col, n_angle):
     return 4 * n_col * n_angle
 
 
+# (1:5)
 def add_single_scattering(const double[:, ::1] table, const double[:, :, ::1] path, const double[::1] mu0,
                           const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
                           const double[::1] sign, const double[:, ::1] columns, const int[::1] kind,

@@ -151,7 +151,7 @@ def brdf(
     settings: Mapping[str, Any] | None = None,
     illuminate: str = "top",
 ) -> Brdf:
-    """The Mueller BRDF for all pairs of directions, four incident Stokes vectors at once, (1:39).
+    """The Mueller BRDF (1:1) for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
     ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend``, ``method``, ``settings``, ``illuminate`` as

@@ -107,7 +107,7 @@ def incident_light(light: Callable[[Any, Any], Any] | Any, mu_i: Array, phi: Arr
 
 
 def outgoing(mueller: Array, light: Array, mu_i: Array, weights: Array) -> Array:
-    """(2:2), (mu_o, phi, 4): the integral of f(mu_i, mu_o, phi - phi_i) L(mu_i, phi_i) mu_i over incident directions.
+    """(2:1)-(2:2), (mu_o, phi, 4): the integral of f(mu_i, mu_o, phi - phi_i) L(mu_i, phi_i) mu_i over mu_i and phi_i.
 
     mueller (mu_i, mu_o, phi, 4, 4); light (mu_i, phi, 4). The integral over azimuth is a circular convolution.
     """

@@ -79,7 +79,7 @@ def operators(problem: Problem, orders: Array) -> tuple[Array, Array, Array]:
 
 
 def mueller_orders(base: MuellerBase, problem: Problem, n_order: int, accuracy: float = UNTOLD) -> tuple[Array, int]:
-    """R^m = integral of f over azimuth with cos, sin(m phi), (n_order, in, out, 4, 4), and the most azimuths it took.
+    """R^m of (1:35), the integral of f with cos, sin(m phi): (n_order, in, out, 4, 4), and the most azimuths it took.
 
     In: nodes, then beams; out: nodes, then outgoing directions; zero from beams to outgoing directions, which light
     scattered once leads to in closed form. Each pair of directions is sampled until twice as many azimuths change it by

@@ -72,7 +72,7 @@ class Problem:
 
     @property
     def flip(self) -> Array:
-        """D of (1:11) on the Stokes parameters at work."""
+        """D of (1:11) on the Stokes parameters at work: the Delta of (1:26)-(1:27), node by node."""
         return FLIP[list(self.stokes)]
 
     @property

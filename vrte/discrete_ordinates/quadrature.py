@@ -9,7 +9,7 @@ kept = lru_cache(maxsize=16)(gauss_legendre)
 
 
 def double_gauss(nodes: int) -> tuple[Array, Array]:
-    """Nodes mu in (0, 1), ascending, and their weights (they sum to 1), each (nodes,).
+    """Nodes mu in (0, 1), ascending, and their weights (they sum to 1), each (nodes,), of (1:15).
 
     >>> double_gauss(1)
     (array([0.5]), array([1.]))

@@ -221,7 +221,7 @@ class Anisotropic:
 
 
 def spread_through(spreading: AnySpreading, albedo: float, path: float) -> Array:
-    """E_l of a layer, ``path`` its optical thickness along the beam."""
+    """E_l of a layer, the exp(-d_l tau/mu0) of (2:14); ``path``: its optical thickness along the beam."""
     return spreading.function(lambda s: np.exp((albedo * s - 1.0) * path))
 
 

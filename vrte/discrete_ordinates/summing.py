@@ -246,7 +246,7 @@ def prepare_scattering(
 def prepare_spreading(
     wanted: Wanted, scene: Scene, problem: Problem, kind: IntArray, azimuths: Azimuths, run: Run
 ) -> Adder:
-    """What adds one scattering of the beam, as it spreads by small angles, to a piece where that is asked for."""
+    """What adds one scattering of the beam, as it spreads by small angles, (2:4), where that is asked for."""
     cosine, sine = cos_sin_deg(azimuths.distinct)
     work = run.work(_core.scattering_work(problem.columns.shape[0], azimuths.distinct.size))
     anisotropic = Anisotropic(scene, problem)

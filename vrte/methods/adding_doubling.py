@@ -114,6 +114,7 @@ METHOD = Method(
     purpose="thick layers and piles of layers, the field between them too",
     conserves="flux to rounding at albedo 1, otherwise up to the error of the starting layer",
     source="(2:8); van de Hulst's doubling, Fourier order by Fourier order",
+    conserves_energy=True,
     settings={
         "thin": Setting(
             0.25,

@@ -70,7 +70,7 @@ def fluxes_of(problem: Problem, pile: Pile, c: float) -> tuple[Array, Array]:
 
 
 def field_of(problem: Problem, pile: Pile, base_albedo: float, c: float) -> list[Array]:
-    """Multiply scattered light of each order, (n_tau, n_in, n_out)."""
+    """Multiply scattered light of each order, (n_tau, n_in, n_out), from (2:16)-(2:18)."""
     orders = [scattered(problem, pile, c) + from_base(problem, base_albedo / (np.pi * c) * pile.x_base)]
     if asymmetry(problem).any():
         orders.append(scattered_across(problem))
@@ -78,7 +78,7 @@ def field_of(problem: Problem, pile: Pile, base_albedo: float, c: float) -> list
 
 
 def slab_of(problem: Problem, layer: int, c: float) -> Slab:
-    """A layer for x, y = (E_0 +- c E_z)/2."""
+    """A layer for x, y = (E_0 +- c E_z)/2: (2:19), which is (2:20)."""
     albedo, g = float(problem.albedo[layer]), float(asymmetry(problem)[layer])
     reaching = albedo * np.exp(-problem.above[layer] / problem.mu0)
     source, vector = c * reaching, 3.0 * g * problem.mu0 * reaching
@@ -116,6 +116,7 @@ METHOD = Method(
     purpose="fluxes of thick layers that absorb little; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="(2:16)-(2:20)",
+    conserves_energy=True,
     options=("nodes", "truncation", "backend"),
     polarization=False,
     settings={

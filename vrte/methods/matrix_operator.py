@@ -191,7 +191,7 @@ def lit(problem: Problem, sources: Array) -> Array:
 
 
 def modes_of(problem: Problem, E: Operator, F: Operator, order: int, albedo: float) -> Modes:
-    """Eigenvectors of F E, (1:43). Raises AccuracyError where they are no good."""
+    """Eigenvectors of F E, (1:43), for those of the layer matrix in (2:5)-(2:8). Raises AccuracyError if they fail."""
     product = F @ E
     lam, right = (np.asarray(values, complex) for values in scipy.linalg.eig(product.nodes))
     left = np.linalg.inv(right)
@@ -245,7 +245,7 @@ def ground_of(problem: Problem, base: Base, order: int) -> Operator:
 
 
 def fields_of(problem: Problem, matters: list[Matter], kinds: IntArray, ground: Operator) -> list[Field]:
-    """Light going up and down at every level, for each beam."""
+    """Light going up and down at every level, for each beam: F+ and F- of (2:8) are its columns."""
     slabs = [matters[kind].slab(float(h)) for kind, h in zip(kinds, problem.thickness, strict=True)]
     reflection = [ground]
     for slab in reversed(slabs):
@@ -391,4 +391,5 @@ METHOD = Method(
     purpose="slabs as matrices, to be joined and looked at; as exact as discrete ordinates on the same nodes",
     conserves="energy and reciprocity, to rounding",
     source="(2:6)-(2:9), (2:10)-(2:15)",
+    conserves_energy=True,
 )

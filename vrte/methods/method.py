@@ -28,7 +28,8 @@ class Setting:
 @dataclass(frozen=True)
 class Method:
     """name; solve, which returns the cosines and the solution; purpose and conserves: words for the table of methods;
-    source: paper and equations; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more
+    source: paper and equations; conserves_energy: whether fluxes balance to rounding where nothing absorbs, which is
+    tested; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more
     than one), base, depths (other than the faces), transmission, endless layers, options (of the call)."""
 
     name: str
@@ -36,6 +37,7 @@ class Method:
     purpose: str
     conserves: str
     source: str
+    conserves_energy: bool = False
     polarization: bool = True
     layers: bool = True
     base: bool = True

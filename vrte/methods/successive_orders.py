@@ -242,7 +242,7 @@ class Orders:
 
     def field(self, order: int, base: Array, settings: Settings, convergence: Convergence) -> Pair:
         """Light down and up at the wanted depths, each (n_tau, r, b), all rows: along the nodes all of it, along the
-        others what is scattered more than once."""
+        others what is scattered more than once: the sum (2:21) of what (2:22)-(2:23) make of each other."""
         n, problem = self.on_nodes.n, self.on_nodes.problem
         scattered = [self.on_nodes.scattered(order, layer) for layer in range(problem.albedo.size)]
         light = self.once(scattered, base)
@@ -263,7 +263,7 @@ class Orders:
         return down, up
 
     def once(self, scattered: list[Scattered], base: Array) -> Light:
-        """Light scattered once, in closed form, and what the base makes of it and of the beam, along the nodes."""
+        """Light scattered once, from (2:24) in closed form, and what the base makes of it and of the beam, on nodes."""
         n, panels = self.on_nodes.n, self.depths.layer.size
         down, up = (
             sum((each[:n, n:] * path for each, path in zip(matrices, paths, strict=True)), np.zeros(paths.shape[1:]))

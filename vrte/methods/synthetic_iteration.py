@@ -330,6 +330,7 @@ METHOD = Method(
     purpose="light near the beam below layers with a strong forward peak; no quicker than discrete ordinates here",
     conserves="fluxes as the regular part does; the radiance does not sum to them",
     source="section 5, (2:4), (2:25)-(2:29)",
+    conserves_energy=True,
     options=("nodes", "truncation", "backend"),
     settings={
         "regular": Setting("two-stream", regular_of, "the method that finds the regular part"),

@@ -108,6 +108,7 @@ METHOD = Method(
     purpose="fluxes of any layer without a matrix; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="4.1, (2:5)-(2:9) with N = 1",
+    conserves_energy=True,
     options=("nodes", "truncation", "backend"),
     polarization=False,
 )
