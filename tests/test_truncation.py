@@ -315,10 +315,11 @@ def test_the_check_of_the_nodes_is_of_truncated_layers() -> None:
     """Where 16 nodes of cut layers find no answer, and 32 are right to 6e-3."""
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.97, 600), 1.0, 20.0)], vrte.Lambertian(0.3))
     mu, depths, light = np.array([0.3, 0.9, -0.5, -0.9]), np.array([0.0, 20.0]), np.array([0.6])
-    errors = {}
+    order, none, errors = np.zeros(1, np.int32), np.zeros(node_choice.MOST), {}
     for peaks in ("none", "all"):
-        found = node_choice.indicator(scene, light, mu, np.zeros(1), depths, new_run(1), peaks)
-        errors[peaks] = [node_choice.error_of(found, nodes) for nodes in (16, 32)]
+        found = node_choice.indicator(scene, light, mu, np.zeros(1), depths, new_run(1), peaks, order)
+        search = node_choice.Search(found, scene, order, none, none)
+        errors[peaks] = [search.error(nodes) / (node_choice.OF_MEAN + 0.97) for nodes in (48, 16, 32)][1:]
     assert errors["none"][0] == np.inf
     assert errors["all"][0] < 1e-3
     assert errors["all"][1] < 1e-4 < 5e-3 < errors["none"][1]

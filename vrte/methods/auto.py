@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.arrays import Array
-from vrte.discrete_ordinates.node_choice import LOWEST, estimated_nodes
+from vrte.discrete_ordinates.node_choice import CAREFUL, LOWEST, estimated_nodes
 from vrte.methods.common import NODES
 from vrte.methods.rules import RULES, Rule
 from vrte.request import EXACT, Request
@@ -105,7 +105,8 @@ def cubes(request: Request) -> float:
 
 def nodes_of(request: Request, margin: float) -> int:
     """The estimate for the accuracy over a margin."""
-    return estimated_nodes(request.scene, request.mu0, directions(request), request.tau, request.accuracy / margin)
+    aim = CAREFUL * request.accuracy / margin
+    return estimated_nodes(request.scene, request.mu0, directions(request), request.tau, aim)
 
 
 def scattered_again_over_accuracy(request: Request) -> float:

@@ -1,5 +1,6 @@
 """Requested against achieved accuracy, scene by scene: `python -m vrte.report.accuracy -o FOLDER`."""
 
+from vrte.report.accuracy.fewest import fewest_that_hold, ratios, read_errors
 from vrte.report.accuracy.page import as_text, write_pages
 from vrte.report.accuracy.scenes import PROBES, Probe, probe
 from vrte.report.accuracy.sweep import CHOSEN, GIVEN, Outcome, median_slack, quick_names, sweep
@@ -11,9 +12,12 @@ __all__ = [
     "Outcome",
     "Probe",
     "as_text",
+    "fewest_that_hold",
     "median_slack",
     "probe",
     "quick_names",
+    "ratios",
+    "read_errors",
     "sweep",
     "write_pages",
 ]

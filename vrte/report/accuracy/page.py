@@ -1,12 +1,13 @@
 """The sweep as a CSV file, a Markdown page and a picture."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vrte.formats.atomic import atomic_write
+from vrte.report.accuracy.fewest import TABLE, Errors, as_table, read_errors
 from vrte.report.accuracy.sweep import Outcome, median_slack
 from vrte.report.cost.figures import COLOURS, CONFIGURATIONS, FAINT, MARKERS, OTHERS, save
 from vrte.report.pages import made_with, markdown_list, markdown_table, write_rows
@@ -40,7 +41,7 @@ def write_pages(outcomes: Sequence[Outcome], folder: str | os.PathLike[str]) -> 
     table, page, picture = (Path(folder) / f"accuracy.{ending}" for ending in ("csv", "md", "png"))
     write_rows(table, [item.name for item in fields(Outcome)], [csv_cells(outcome) for outcome in outcomes])
     with atomic_write(page) as part:
-        part.write_text(as_markdown(outcomes), encoding="utf-8")
+        part.write_text(as_markdown(outcomes, read_errors(Path(folder) / TABLE)), encoding="utf-8")
     save(as_figure(outcomes), picture)
     return [table, page, picture]
 
@@ -50,14 +51,16 @@ def csv_cells(outcome: Outcome) -> list[object]:
     return [f"{value:.3g}" if isinstance(value, float) else value for value in asdict(outcome).values()]
 
 
-def as_markdown(outcomes: Sequence[Outcome]) -> str:
-    """A table for each kind of request: achieved, and the nodes and orders that did."""
+def as_markdown(outcomes: Sequence[Outcome], errors: Mapping[str, Errors]) -> str:
+    """A table for each kind of request: achieved, and the nodes and orders that did; and the nodes chosen over the
+    fewest that hold, where ``errors`` of scenes and nodes are known."""
     text = "# Requested and achieved accuracy\n\n" + markdown_list(made_with("the sweep of vrte.report.accuracy"))
     for given, title in KINDS:
         part = [outcome for outcome in outcomes if outcome.given == given]
         if part:
             text += f"\n## {title.capitalize()}\n\n{summary(part)}\n\n" + table_of(part)
-    return text
+    fewest = as_table(errors, outcomes)
+    return text + (f"\n## Nodes chosen over the fewest that hold\n\n{fewest}" if fewest else "")
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:

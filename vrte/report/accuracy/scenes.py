@@ -76,6 +76,18 @@ def smooth(g: float) -> PhaseMatrix:
     return henyey_greenstein(g, math.ceil(math.log(1e-10) / math.log(g)))
 
 
+@cache
+def droplets() -> PhaseMatrix:
+    """Cloud droplets, effective radius 3 um at 0.865 um, 279 terms."""
+    return spheres(1.33, size=Gamma(3.0, 0.1), wavelength_um=0.865).phase_matrix
+
+
+@cache
+def pigment() -> PhaseMatrix:
+    """Coarse grains of high index in a binder, effective radius 1 um at 0.55 um, 135 terms."""
+    return spheres(2.7, size=Gamma(1.0, 0.05), wavelength_um=0.55, host_index=1.5).phase_matrix
+
+
 def spheroids() -> PhaseMatrix:
     """Siewert's problem IIA."""
     return PhaseMatrix(*np.array(SPHEROIDS).T)
@@ -108,6 +120,11 @@ PROBES: dict[str, Callable[[str], Probe]] = {
     ),
     "clear spheres, normal beam, field": lambda name: Probe(
         name, one_layer(glass(), 0.99, 2.0), 24, (160, 224), mu0=(1.0,), tau=(0.0, 0.01, 1.0, 2.0)
+    ),
+    "water cloud, thickness 5": lambda name: Probe(name, one_layer(droplets(), 1.0, 5.0), 24, (80, 104), mu0=(0.5,)),
+    "coarse pigment, thickness 10": lambda name: Probe(name, one_layer(pigment(), 0.999, 10.0), 24, (72, 96)),
+    "peak below Rayleigh": lambda name: Probe(
+        name, Scene([Layer(rayleigh(), 1.0, 0.2), Layer(smooth(0.9), 0.95, 3.0)]), 24, (112, 144)
     ),
 }
 

@@ -12,7 +12,7 @@ from vrte.field import radiance
 from vrte.report.accuracy.scenes import PHI, POLARIZED, PROBES, Probe, probe
 
 GIVEN = tuple(10.0**-k for k in range(3, 12))
-CHOSEN = tuple(10.0**-k for k in range(3, 10))
+CHOSEN = tuple(10.0**-k for k in range(2, 10))
 EXACT, CONTINUOUS = 1e-15, 1e-12  # accuracy of the references: on the same nodes, on many more
 QUICK = ("Rayleigh, thickness 10", "HG 0.5", "spheroids", "gold powder, without end", "clear spheres, grazing")
 
