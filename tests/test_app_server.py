@@ -269,10 +269,10 @@ def test_what_it_means_to_let_others_in_is_printed() -> None:
     assert process.communicate(timeout=20) == ("vrte view: ended\n", "")
 
 
-def started(*options: str) -> "subprocess.Popen[str]":
+def started(*options: str, stdout: Any = subprocess.PIPE) -> "subprocess.Popen[str]":
     return subprocess.Popen(
         [sys.executable, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
-        stdout=subprocess.PIPE,
+        stdout=stdout,
         stderr=subprocess.PIPE,
         text=True,
         cwd=ROOT,
@@ -280,20 +280,50 @@ def started(*options: str) -> "subprocess.Popen[str]":
     )
 
 
-@pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 0), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
 def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code: int) -> None:
     process = started()
     assert process.stdout is not None
     with closing(process.stdout):
         page = Viewer(process.stdout.readline().split()[2])
         with socket.create_connection(("127.0.0.1", page.port)):  # something to wait for
-            for _ in range(3):
-                process.send_signal(number)
-                time.sleep(0.05)
+            process.send_signal(number)
+            time.sleep(0.05)
+            process.send_signal(number)
             said, complained = process.communicate(timeout=20)
     assert (process.returncode, said, complained) == (code, "vrte view: ended\n", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "code", "told"), [(signal.SIGINT, 130, "vrte: error: interrupted\n"), (signal.SIGTERM, 143, "")]
+)
+def test_a_signal_while_modules_load_is_one_line(number: signal.Signals, code: int, told: str) -> None:
+    for module in ("vrte.app.hosts", "starlette", "nicegui", "nicegui.ui", "vrte.app.guard"):
+        process = subprocess.Popen(
+            [sys.executable, "-X", "importtime", "-m", "vrte.cli", "view", "--no-browser", "--port", "0"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+        )
+        assert process.stderr is not None
+        lines = iter(process.stderr.readline, "")
+        while f"{module}\n" not in next(lines).rpartition(" ")[2]:
+            pass
+        process.send_signal(number)
+        said = "".join(line for line in lines if not line.startswith("import time:"))
+        process.stderr.close()
+        assert (process.wait(20), said) == (code, told), module
+
+
+@pytest.mark.slow
+def test_where_the_address_cannot_be_told_it_ends_in_one_line() -> None:
+    with open("/dev/full", "w") as full:
+        process = started(stdout=full)
+        assert process.communicate(timeout=60)[1] == "vrte: error: [Errno 28] No space left on device\n"
+        assert process.returncode == 1
 
 
 def test_the_address_is_on_no_command_line() -> None:

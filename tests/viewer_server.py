@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,6 +31,8 @@ def viewer(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
         assert found, process.communicate()[1]
         yield found[0], process
         process.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+        process.send_signal(signal.SIGINT)  # an impatient second one, which must leave no trace
         said, complained = process.communicate(timeout=20)
         assert (process.returncode, said, complained) == (0, "vrte view: ended\n", "")
     finally:

@@ -64,7 +64,11 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: Any = None) -> None:
         await super().startup(sockets)
         if self.started:
-            self._begun()
+            try:
+                self._begun()
+            except BaseException:
+                self.should_exit = True  # and nothing of what breaks off is shown
+                raise
 
     def capture_signals(self) -> Any:
         """Not its own way: `until_signal` also covers what comes after."""
@@ -115,10 +119,12 @@ class OneLine(logging.Formatter):
         return f"vrte view: {in_one_line(record.getMessage() + why, 300)}"
 
 
-def run(server: Server, listening: Any) -> None:
-    """Until it is ended."""
-    with quiet_log(server), server.until_signal():
+def run(server: Server, listening: Any, ended: Callable[[], None]) -> None:
+    """Until it is ended, and ``ended`` called: also then a signal more does nothing."""
+    with server.until_signal():
         try:
-            server.run(sockets=[listening])
+            with quiet_log(server):
+                server.run(sockets=[listening])
         except (asyncio.CancelledError, KeyboardInterrupt):  # by a second Ctrl-C
-            server.should_exit = True
+            pass
+        ended()

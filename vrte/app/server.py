@@ -59,8 +59,12 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
                 if browser:
                     threading.Thread(target=open_browser, args=(page,), daemon=True).start()
 
+            def ended() -> None:
+                benches.close()
+                say("vrte view: ended")
+
             server = Server(guard, begun)
-            run(server, listening)
+            run(server, listening, ended)
     return server.ended_by
 
 

@@ -44,13 +44,7 @@ def run(options: argparse.Namespace) -> None:
             raise SceneError(f"--host {options.host} lets other machines reach the viewer: say that too, {OPEN}")
         print(MEANING, flush=True)
     benches = first_benches(options.file)
-    try:
-        signal = serve(
-            benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True)
-        )
-    finally:
-        benches.close()
-    print("vrte view: ended", flush=True)
+    signal = serve(benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
     if signal == SIGTERM:
         sys.exit(128 + SIGTERM)
 
