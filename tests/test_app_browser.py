@@ -1,8 +1,11 @@
 """The viewer in a real browser: Debian's Chromium, or the one that VRTE_CHROMIUM names."""
 
+import base64
 import os
+import re
 import shutil
 import tomllib
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +15,7 @@ import pytest
 
 import vrte
 from tests.viewer_server import viewer
-from vrte.app import form
+from vrte.app import form, link
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors
 
@@ -51,9 +54,9 @@ def chromium() -> Iterator[Any]:
 class Tab:
     """A tab of somebody's own; what it asks of other machines, and what goes wrong in it, is written down."""
 
-    def __init__(self, browser: Any, url: str) -> None:
+    def __init__(self, browser: Any, url: str, width: int = 1280, height: int = 800, **more: Any) -> None:
         self.url, self.wrong = url.partition("/?")[0], []
-        self.context = browser.new_context(viewport={"width": 1280, "height": 800})
+        self.context = browser.new_context(viewport={"width": width, "height": height}, **more)
         self.page = self.context.new_page()
         self.page.set_default_timeout(PATIENCE)
         self.page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
@@ -77,7 +80,7 @@ class Tab:
         self.page.locator(".vrte-section", has_text=section).locator(".q-item").first.click()
 
     def solve(self) -> None:
-        self.page.wait_for_function("!document.querySelector('.vrte-solve button').disabled")
+        self.page.wait_for_function("!document.querySelector('.vrte-go').disabled")
         self.button("Solve").click()
         self.button("Cancel").wait_for()
         self.button("Cancel").wait_for(state="hidden")
@@ -93,7 +96,7 @@ class Tab:
             const plot = plots[place]; if (!plot || !plot._fullData) return null;
             const traces = plot._fullData.map(trace => Array.from(trace.x || trace.r || []));
             traces.sort((a, b) => b.length - a.length);
-            return {title: (plot.layout.title || {}).text || '', points: traces[0] || []}; }""",
+            return {title: plot.getAttribute('aria-label') || '', points: traces[0] || []}; }""",
             place,
         )
 
@@ -138,16 +141,22 @@ def fill_a_small_scene(tab: Tab) -> None:
 def test_fill_solve_turn_download_and_compare(chromium: Any, url: str, tmp_path: Path) -> None:
     tab = Tab(chromium, url)
     tab.fill("optical thickness", "-1")
-    tab.page.get_by_text("layer[1].thickness must be an optical thickness >= 0").wait_for()
+    reason = tab.page.get_by_role("button", name="Solve waits: layer[1].thickness must be an optical thickness >= 0")
+    reason.wait_for()
     assert tab.button("Solve").is_disabled()
+    reason.click()
+    tab.page.wait_for_function("document.activeElement.getAttribute('aria-label') == 'optical thickness'")
+    start = tab.wait_for_figure()  # a first page shows something
     fill_a_small_scene(tab)
+    tab.page.get_by_text("The form has changed since this was solved").wait_for()
     tab.solve()
-    first = tab.wait_for_figure()
+    first = tab.wait_for_figure(different=start)
     assert "0.6" in first["title"]
+    tab.page.get_by_text(re.compile("^Solved: ")).wait_for()
 
     tab.slide("incident angle", 1.0)
     second = tab.wait_for_figure(different=first)
-    assert "μ<sub>i</sub> = 1," in second["title"]
+    assert "μᵢ = 1," in second["title"]
     tab.slide("wavelength", 1.0)
     third = tab.wait_for_figure(different=second)
     tab.page.get_by_text("wavelength 600 nm").wait_for()
@@ -166,7 +175,7 @@ def test_fill_solve_turn_download_and_compare(chromium: Any, url: str, tmp_path:
 
     stranger = Tab(chromium, url)
     assert stranger.page.get_by_label("radius [µm]", exact=True).input_value() == "0.6"
-    stranger.page.get_by_text("Describe a scene on the left").wait_for()
+    assert stranger.wait_for_figure() == start
     stranger.close()
 
     tab.page.reload()
@@ -199,23 +208,27 @@ def test_every_tab_and_every_download(chromium: Any, url: str, tmp_path: Path) -
     tab = Tab(chromium, url)
     fill_a_small_scene(tab)
     tab.fill("wavelengths in vacuum [µm]", "0.45, 0.5, 0.55, 0.6, 0.65")
+    start = tab.wait_for_figure()
     tab.solve()
-    first = tab.wait_for_figure()
+    first = tab.wait_for_figure(different=start)
     tab.choose("distance from the centre", "Mueller element f11")
     second = tab.wait_for_figure(different=first)
     assert "|f11|" in second["title"]
     tab.choose("distance from the centre", "reflectance factor")
     third = tab.wait_for_figure(different=second)
     tab.fill("I, Q, U, V", "0, 1, 0, 0")
-    tab.page.get_by_text("stokes must have an intensity I above 0, not 0").first.wait_for()
+    tab.page.get_by_text(re.compile("^stokes must")).first.wait_for()
     tab.fill("I, Q, U, V", "2, 1.5, 0, 1")
     tab.wait_for_figure(different=third)
     assert tab.page.get_by_label("incident light", exact=True).input_value() == "other"
     assert tab.download("picture of the figure", tmp_path).read_bytes().startswith(b"\x89PNG")
-    for name in ("Cuts", "Inside", "Scattering", "Plan"):
+    for name in ("Cuts", "Reflectance", "Inside", "Scattering", "Plan"):
         tab.page.get_by_role("tab", name=name).click()
         if name != "Plan":
             tab.wait_for_figure()
+        if name == "Reflectance":
+            for base in ("over black", "over white (albedo 1)"):
+                tab.page.get_by_role("img", name=f"colour {base}: #").wait_for()
     tab.page.get_by_text("transmission: not asked for").first.wait_for()
     for suffix in ("NetCDF", "CSV"):
         field = vrte.load(tab.download(f"field inside, {suffix}", tmp_path))
@@ -234,19 +247,19 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(chromium: Any
     tab = Tab(chromium, url)
     tab.open("Accuracy")
     tab.fill("nodes a hemisphere", "1000000")
-    tab.page.get_by_text("nodes = 1000000: must be a whole number from 1 to 4096").wait_for()
+    tab.page.get_by_text("nodes = 1000000: must be a whole number from 1 to 4096").first.wait_for()
     tab.fill("nodes a hemisphere", "900")
     tab.fill("substance", "../../../etc/passwd")
-    tab.page.get_by_text("is neither a known name").wait_for()
+    tab.page.get_by_text("is neither a known name").first.wait_for()
     tab.fill("substance", "<img src=x onerror=alert(1)>")
-    tab.page.get_by_text("'<img src=x onerror=alert(1)>' is neither a known name").wait_for()
+    tab.page.get_by_text("'<img src=x onerror=alert(1)>' is neither a known name").first.wait_for()
     tab.fill("substance", "gold")
     name = '<script>alert(1)</script><img src="http://192.0.2.1/x" onerror="alert(2)">'[:60]
     tab.page.get_by_label("name of the kind", exact=True).fill(name)
     tab.page.keyboard.press("Tab")
     tab.page.locator(".vrte-field", has_text=name).wait_for()  # the layer holds it by that name, as text
 
-    tab.page.wait_for_function("!document.querySelector('.vrte-solve button').disabled")
+    tab.page.wait_for_function("!document.querySelector('.vrte-go').disabled")
     tab.button("Solve").click()
     tab.button("Cancel").click()
     tab.page.get_by_text("cancelled", exact=True).wait_for()
@@ -267,6 +280,173 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(chromium: Any
     tab.close()
 
 
+# what a person can click, [text, what it is, place among those alike]: in the menu or dialog on top, else on the page
+CONTROLS = """() => {
+    const shown = one => one.checkVisibility() && one.getClientRects().length && !one.closest('.q-notifications')
+        && !one.matches(':disabled, [aria-disabled=true]') && !one.closest('.disabled');
+    const tops = [...document.querySelectorAll('.q-menu, .q-dialog .q-card')].filter(shown);
+    const top = tops.at(-1);
+    const kinds = top ? '.q-item, button' :
+        'button, input:not([type=file]), [role=tab], [role=checkbox], [role=slider], .q-expansion-item .q-item,'
+            + '.vrte-plot';
+    const counts = {};
+    window.controls = {};
+    return {top: !!top, list: top?.matches('[role=listbox]') ?? !!top?.querySelector('[role=option]'),
+        keys: [...(top ?? document).querySelectorAll(kinds)].filter(shown).map(one => {
+            const text = (one.getAttribute('aria-label') ?? one.innerText).trim().slice(0, 50);
+            const name = `${one.tagName} ${text}`;
+            counts[name] = (counts[name] ?? 0) + 1;
+            const key = `${name} ${counts[name]}`;
+            window.controls[key] = one;
+            return key; })}; }"""
+
+
+@pytest.mark.slow
+def test_every_control_is_clicked(chromium: Any, url: str) -> None:
+    """All that is on the page, that clicks bring, and that menus and dialogs offer: no error in the console."""
+    tab = Tab(chromium, url, accept_downloads=True)
+    from playwright.sync_api import Error
+
+    tab.page.on("filechooser", lambda chooser: None)
+    tab.wait_for_figure()
+    clicked: set[str] = set()
+    opener = ""
+    for _ in range(400):
+        found = tab.page.evaluate(CONTROLS)
+        keys = (
+            found["keys"][:: max(1, len(found["keys"]) - 1)] if found["list"] else found["keys"]
+        )  # of a list: its ends
+        left = [key for key in keys if key not in clicked]
+        if not left and not found["top"]:
+            break
+        if not left:
+            tab.page.keyboard.press("Escape")
+        else:
+            clicked.add(left[0])
+            if found["top"] and len(left) > 1:
+                clicked.discard(opener)  # opened again for the others
+            elif not found["top"]:
+                opener = left[0]
+            tab.page.evaluate("key => { controls[key].scrollIntoView({block: 'center'}); }", left[0])
+            control = tab.page.evaluate_handle("key => controls[key]", left[0]).as_element()
+            try:
+                control.click(timeout=5000, force=True)
+            except Error as error:
+                raise AssertionError(f"{left[0]} cannot be clicked: {error}") from error
+        tab.page.wait_for_timeout(250)
+    else:
+        raise AssertionError(f"there was no end of controls: {sorted(clicked)}")
+    words = " ".join(clicked)
+    for name in (
+        *(
+            "Gallery",
+            "Open",
+            "Download",
+            "Link",
+            "Theme",
+            "Solve",
+            "Cancel",
+            "add a layer",
+            "add a kind",
+            "remove this",
+        ),
+        *(
+            "rutile paint",
+            "scene, TOML",
+            "dark",
+            "zinc oxide",
+            "incident angle",
+            "in degrees",
+            "thickness in",
+            "Accuracy",
+        ),
+        *("Lobe", "Cuts", "Reflectance", "Inside", "Scattering", "Plan", "radiance field", "albedo of the base"),
+    ):
+        assert name in words, f"{name} was not clicked: {sorted(clicked)}"
+    tab.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(390, 844), (820, 1180)])
+def test_narrow_pages_are_one_column_and_nothing_is_cut(chromium: Any, url: str, size: tuple[int, int]) -> None:
+    tab = Tab(chromium, url, *size, color_scheme="dark")
+    before = None
+    for name in ("Lobe", "Cuts", "Reflectance", "Inside", "Scattering"):
+        tab.page.get_by_role("tab", name=name).click()
+        before = tab.wait_for_figure(different=before)
+        box = tab.page.locator(".vrte-plot:visible").first.bounding_box()
+        assert (box["x"] >= 0.0, box["x"] + box["width"] <= size[0]) == (True, True)
+        assert box["width"] > 0.85 * min(size[0], 780)
+        assert box["height"] > 300
+        assert box["y"] < size[1] - 300  # in sight without scrolling
+    assert tab.page.evaluate("document.documentElement.scrollWidth") == size[0]
+    assert tab.page.locator("body.body--dark").count() == 1
+    assert (
+        tab.page.evaluate("document.querySelector('.vrte-plot:not([style*=none])').layout.paper_bgcolor") == "#14181c"
+    )
+    tab.button("Theme").click()
+    tab.page.locator(".q-menu .q-item").get_by_text("light", exact=True).click()
+    tab.page.wait_for_function("!document.body.classList.contains('body--dark')")
+    tab.page.reload()  # the browser keeps the choice
+    tab.button("Solve").wait_for()
+    tab.wait_for_figure()
+    assert tab.page.locator("body.body--dark").count() == 0
+    tab.close()
+
+
+@pytest.mark.slow
+def test_keys_solve_and_turn_and_what_comes_is_told(chromium: Any, url: str) -> None:
+    tab = Tab(chromium, url)
+    start = tab.wait_for_figure()
+    assert tab.page.evaluate("document.documentElement.lang") == "en"
+    for level, text in ((1, "vrte"), (2, "Scene"), (2, "Result"), (3, "Subsurface BRDF")):
+        assert tab.page.get_by_role("heading", level=level, name=text).count() == 1
+    camera = "JSON.stringify(document.querySelector('.vrte-plot')._fullLayout.scene._scene.getCamera().eye)"
+    before = tab.page.evaluate(camera)
+    tab.page.locator(".vrte-plot").first.focus()
+    for key in ("ArrowLeft", "ArrowUp", "+"):
+        tab.page.keyboard.press(key)
+    tab.page.wait_for_function(f"{camera} != {before!r}")
+    turned = tab.page.evaluate(camera)
+    tab.fill("optical thickness", "0.5")
+    tab.page.keyboard.press("Enter")
+    tab.wait_for_figure(different=start)
+    tab.page.get_by_text(re.compile("^Solved: ")).wait_for()
+    assert tab.page.evaluate(camera) == turned  # the next lobe is seen from there, too
+    tab.choose("size", "one diameter")
+    assert tab.page.get_by_label("diameter [µm]", exact=True).input_value() == "1.2"
+    tab.button("known substances").click()
+    tab.page.locator(".q-menu .q-item").get_by_text("rutile", exact=True).click()
+    tab.page.wait_for_function("document.querySelector('[aria-label=\"name of the kind\"]').value == 'rutile'")
+    tab.close()
+
+
+@pytest.mark.slow
+def test_a_link_carries_the_scene_and_is_a_strangers(chromium: Any, url: str) -> None:
+    tab = Tab(chromium, url)
+    tab.fill("radius [µm]", "0.05")
+    tab.fill("optical thickness", "7")
+    tab.button("Link").click()
+    tab.page.get_by_text("The address of this page carries the scene now").wait_for()
+    address = tab.page.url
+    tab.close()
+    other = Tab(chromium, f"{url}#{address.partition('#')[2]}")
+    other.page.wait_for_function("document.querySelector('[aria-label=\"optical thickness\"]').value == '7'")
+    assert other.page.get_by_label("radius [µm]", exact=True).input_value() == "0.05"
+    for text, words in (
+        (
+            link.text_of({"layer": [{"phase": "/etc/x.csv", "albedo": 1, "thickness": 1}]}),
+            "reads no files of the machine",
+        ),
+        ("AAAA", "the link holds no scene, or it is damaged"),
+        (base64.urlsafe_b64encode(zlib.compress(b"a" * 10**7)).decode().rstrip("="), "at most 1000000 bytes"),
+    ):
+        other.page.evaluate("text => { location.hash = `scene=${text}`; }", text)
+        other.page.get_by_text(words).first.wait_for()
+    assert other.page.get_by_label("optical thickness", exact=True).input_value() == "7"
+    other.close()
+
+
 @pytest.mark.slow
 def test_layers_are_added_and_reordered(chromium: Any, url: str) -> None:
     tab = Tab(chromium, url)
@@ -280,7 +460,7 @@ def test_layers_are_added_and_reordered(chromium: Any, url: str) -> None:
     tab.page.get_by_role("button", name="down", exact=True).first.click()
     tab.page.wait_for_function("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
         .map(i => i.value).join() == '3,100'""")
-    tab.page.get_by_text("field.tau must lie between 0 and the total optical thickness 103").wait_for()
+    tab.page.get_by_text("field.tau must lie between 0 and the total optical thickness 103").first.wait_for()
     tab.page.get_by_role("button", name="remove this layer").first.click()
     tab.page.wait_for_function("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
         .map(i => i.value).join() == '100'""")

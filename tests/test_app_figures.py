@@ -8,7 +8,9 @@ import pytest
 
 import vrte
 from vrte.app import figures
-from vrte.app.lobe_figure import angle_of_facets
+from vrte.app.lobe_figure import STEP
+from vrte.app.reflectance import Reflectances, colours_of
+from vrte.over_hemisphere import stokes_over_hemisphere
 from vrte.quantities import FIELD_QUANTITIES, QUANTITIES
 
 MU_O, PHI = np.linspace(0.05, 1.0, 20), np.arange(0, 361, 15)
@@ -45,7 +47,7 @@ def named(figure: Any) -> dict[str, Any]:
 def test_a_lobe_is_where_the_solver_says(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
     figure = figures.lobe(brdf, 0, "f00", "f10")
     mesh = body(figure)
-    some = np.array([100, 1234, 3000, 4000])
+    some = np.array([300, 1234, 3000, 8000])
     place = np.stack([mesh.x, mesh.y, mesh.z], axis=-1)[some].astype(float)
     radius = np.linalg.norm(place, axis=-1)
     told = np.asarray(mesh.customdata, float)[some]
@@ -80,19 +82,44 @@ def test_the_mesh_is_closed_around_the_normal(brdf: vrte.Brdf) -> None:
     )
     _, count = np.unique(edges, axis=0, return_counts=True)
     assert set(count) == {1, 2}
-    assert (count == 1).sum() == 2 * 90  # the pole and the edge at the horizon, nowhere else
+    assert (count == 1).sum() == 2 * 360 / STEP  # the pole and the edge at the horizon, nowhere else
 
 
-def test_angles_are_coloured_without_a_seam(brdf: vrte.Brdf) -> None:
-    mesh = body(figures.lobe(brdf, 0, colour=ANGLE, stokes=LIGHT))
-    assert (mesh.intensitymode, mesh.cmin, mesh.cmax) == ("cell", 0.0, 180.0)
-    corners = np.asarray(mesh.customdata)[np.stack([mesh.i, mesh.j, mesh.k], axis=-1), 3]
-    across = np.ptp(corners, axis=1) > 170.0
+def test_angles_are_coloured_without_a_seam_and_without_facets(brdf: vrte.Brdf) -> None:
+    figure = figures.lobe(brdf, 0, colour=ANGLE, stokes=LIGHT)
+    mesh = body(figure)
+    assert mesh.intensity is None
+    angle = np.asarray(mesh.customdata, float)[:, 3]
+    levels = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in mesh.vertexcolor], float)
+    corners = np.stack([mesh.i, mesh.j, mesh.k], axis=-1)
+    across = np.ptp(angle[corners], axis=1) > 170.0
     assert across.any()
-    assert (np.abs(mesh.intensity[across] - 90.0) > 70.0).all()  # near 0 or 180, not the colours between
-    assert angle_of_facets(np.array([179.0, 1.0, 3.0, 177.0]), np.array([[0, 1, 2, 3]]))[0] % 180.0 == pytest.approx(
-        0.0
-    )
+    spread = np.ptp(levels[corners[across]], axis=1).max(axis=1)  # but around points without polarization,
+    assert np.quantile(spread, 0.9) < 0.25 * 255  # near to each other where the numbers are not
+    (bar,) = [trace for trace in figure.data if trace.type == "scatter3d" and trace.mode == "markers"]
+    assert (bar.marker.cmin, bar.marker.cmax, bar.marker.colorscale[0][1]) == (0.0, 180.0, bar.marker.colorscale[-1][1])
+
+
+def test_where_the_degree_vanishes_the_mesh_is_fine_enough(brdf: vrte.Brdf) -> None:
+    """Between corners the screen runs straight; divided there from Q, U, V and I it is hardly another."""
+    mesh = body(figures.lobe(brdf, 0, "f00", "degree of linear polarization"))
+    corners = np.stack([mesh.i, mesh.j, mesh.k], axis=-1)
+    told = np.asarray(mesh.customdata, float)[corners]
+    inside = told[:, :, 0].min(axis=1) < 0.999  # at the pole azimuths say nothing
+    turned = np.ptp(told[..., 1], axis=1) < 180.0
+    some = np.flatnonzero(inside & turned)[::37]
+    middle, drawn = told[some, :, :2].mean(axis=1), told[some, :, 3].mean(axis=1)
+    for (mu, phi), value in zip(middle, drawn, strict=True):
+        light = stokes_over_hemisphere(brdf, 0, np.degrees(np.arccos([mu])), np.array([phi]))[0, 0]
+        assert value == pytest.approx(np.hypot(light[1], light[2]) / light[0], abs=0.02)
+
+
+def test_bodies_and_cuts_end_where_the_data_end(scene: vrte.Scene) -> None:
+    short = vrte.brdf(scene, 0.6, np.linspace(0.5, 1.0, 8), PHI, nodes=8, threads=1)
+    assert np.asarray(body(figures.lobe(short, 0)).customdata)[:, 0].min() == pytest.approx(0.5, abs=1e-6)
+    for curve in named(figures.cuts(short, 0)).values():
+        if curve.mode == "lines" and curve.name != "0":
+            assert np.abs(np.asarray(curve.theta, float)).max() == pytest.approx(60.0, abs=1e-4)
 
 
 def test_the_incident_light_comes_down_along_phi_0(brdf: vrte.Brdf) -> None:
@@ -103,7 +130,7 @@ def test_the_incident_light_comes_down_along_phi_0(brdf: vrte.Brdf) -> None:
 
 def test_quantities_of_each_kind_can_be_drawn_and_are_small(brdf: vrte.Brdf, field: vrte.Field) -> None:
     for name in ("f00", "f32", *QUANTITIES[-4:]):
-        assert len(figures.lobe(brdf, 0, name, name, LIGHT).to_json()) < 310_000
+        assert len(figures.lobe(brdf, 0, name, name, LIGHT).to_json()) < 1_300_000
         assert len(figures.cuts(brdf, 0, name, LIGHT).to_json()) < 20_000
     for name in FIELD_QUANTITIES:
         assert len(figures.field_polar(field, name).to_json()) < 40_000
@@ -137,22 +164,40 @@ def test_polar_diagrams_of_the_field(field: vrte.Field, name: str) -> None:
                 assert np.isclose(curve.r[near], value, rtol=1e-5, atol=1e-9).any()
     assert ("0" in curves) == (name == "Q")
     # from the zenith clockwise: the beam goes down, along phi = 0
-    assert curves["where the beam goes"].theta[1] == pytest.approx(180.0 - np.degrees(np.arccos(0.6)))
+    assert curves["the beam"].theta[1] == pytest.approx(180.0 - np.degrees(np.arccos(0.6)))
 
 
-def test_a_button_draws_each_depth_over_its_largest(field: vrte.Field) -> None:
-    figure = figures.field_polar(field)
-    one, each = figure.layout.updatemenus[0].buttons
-    for trace, same, share in zip(figure.data, one.args[0]["r"], each.args[0]["r"], strict=True):
+def test_each_depth_can_be_drawn_over_its_largest(field: vrte.Field) -> None:
+    whole, shares = figures.field_polar(field), figures.field_polar(field, over_largest=True)
+    for trace, share in zip(whole.data[:-1], shares.data[:-1], strict=True):
         drawn = np.asarray(trace.r, float)
-        np.testing.assert_allclose(np.array(same, float), drawn, rtol=1e-4)
-        np.testing.assert_allclose(np.array(share, float), drawn / np.nanmax(drawn), rtol=1e-4)
-    assert not figures.field_polar(field, "Q").layout.updatemenus
+        np.testing.assert_allclose(np.asarray(share.r, float), drawn / np.nanmax(drawn), rtol=1e-4)
+    assert "each depth over its largest" in shares.layout.title.text
+
+
+def test_reflectances_over_both_bases_and_their_colours() -> None:
+    wavelengths = np.linspace(0.43, 0.7, 7)
+    red = np.repeat(np.where(wavelengths > 0.6, 0.9, 0.05)[:, None], 2, axis=1)
+    colours, why_none = colours_of(wavelengths, {"red": red, "white": np.ones((7, 2)), "black": np.zeros((7, 2))})
+    assert (colours["white"], colours["black"], why_none) == (("#ffffff",) * 2, ("#000000",) * 2, "")
+    assert int(colours["red"][0][1:3], 16) > 150 > 90 > int(colours["red"][0][3:5], 16)
+    found = Reflectances(np.array([0.5, 1.0]), {"over black": red, "over white (albedo 1)": np.ones((7, 2))}, colours)
+    curves = named(figures.reflectance(found, wavelengths.tolist(), 1))
+    np.testing.assert_allclose(curves["over black"].x, 1000.0 * wavelengths, rtol=1e-6)
+    np.testing.assert_allclose(curves["over black"].y, red[:, 1], rtol=1e-6)
+    one = named(figures.reflectance(Reflectances(found.mu_i, {"over black": red[:1]}), (0.64,), 0))
+    np.testing.assert_allclose(one["over black"].x, [0.0, 60.0], atol=1e-5)
+    assert "at least 5 wavelengths" in colours_of(np.array([0.5, 0.6]), {})[1]
+
+
+def test_a_colour_without_its_library_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "colour", None)
+    assert "extra 'render'" in colours_of(np.linspace(0.43, 0.7, 7), {})[1]
 
 
 def test_a_beam_from_below_goes_up(scene: vrte.Scene) -> None:
     lit = vrte.radiance(scene, 0.6, mu=[-0.5, 0.5], phi=0.0, nodes=4, threads=1, illuminate="bottom")
-    assert named(figures.field_polar(lit))["where the beam goes"].theta[1] == pytest.approx(np.degrees(np.arccos(0.6)))
+    assert named(figures.field_polar(lit))["the beam"].theta[1] == pytest.approx(np.degrees(np.arccos(0.6)))
 
 
 def test_of_many_depths_some_are_shown(scene: vrte.Scene) -> None:

@@ -346,7 +346,7 @@ def test_several_wavelengths_stay_in_the_file() -> None:
     assert content["wavelength_um"] == [0.45, 0.65]
 
 
-@settings(max_examples=40)
+@settings(max_examples=40, deadline=None)
 @given(
     st.recursive(
         st.none() | st.floats() | st.text(max_size=3),

@@ -6,5 +6,6 @@ The light is inside the host medium, before any refraction at its surface: title
 from vrte.app.lobe_figure import lobe
 from vrte.app.phase_figures import coefficients, scattering_matrix
 from vrte.app.polar_figures import cuts, field_polar
+from vrte.app.reflectance import reflectance
 
-__all__ = ["coefficients", "cuts", "field_polar", "lobe", "scattering_matrix"]
+__all__ = ["coefficients", "cuts", "field_polar", "lobe", "reflectance", "scattering_matrix"]

@@ -49,10 +49,11 @@ LIST_HINT = "one number, several with commas, or start:stop:count"
 
 
 class FormPanel:
-    """Fields over the content of a bench; ``changed`` is called after each change, with whether all is well."""
+    """Fields over the content of a bench; ``changed`` is called after each change."""
 
-    def __init__(self, bench: Bench, changed: Callable[[bool], None]) -> None:
+    def __init__(self, bench: Bench, changed: Callable[[], None]) -> None:
         self.bench, self.changed = bench, changed
+        self.wrong: tuple[str, str] | None = None  # the first that is wrong: its message, and the field's dotted key
         self.fields: dict[str, Any] = {}  # by dotted key
         self.sections: dict[str, Any] = {}  # of each field
         self.section_now: Any = None
@@ -92,7 +93,15 @@ class FormPanel:
                 self.sections[key].set_value(True)  # a message must be seen
         self.general.set_text("; ".join(rest))
         self.general.set_visibility(bool(rest))
-        self.changed(not found)
+        self.wrong = next(((message, key) for key, message in (*at_fields.items(), *(("", one) for one in rest))), None)
+        self.changed()
+
+    def jump(self) -> None:
+        """To the field that is wrong."""
+        key = self.wrong[1] if self.wrong else ""
+        if key in self.fields:
+            self.sections[key].set_value(True)
+            ui.run_javascript(f"setTimeout(() => vrte.jump({self.fields[key].id}), 250)")
 
     def change(self, action: Callable[[], Any]) -> None:
         """Something other than a field's text: done, then all is drawn anew; what cannot be done is told."""
@@ -101,6 +110,7 @@ class FormPanel:
         except SceneError as error:
             ui.notify(str(error), type="warning", multi_line=True)
         self.draw()
+        ui.run_javascript("vrte.focus_again()")
 
     # parts
 
@@ -354,7 +364,7 @@ class Complaint:
 
     def __init__(self) -> None:
         self.label = ui.label().classes("vrte-error")
-        self.error = None
+        self.id, self.error = self.label.id, None
 
     @property
     def error(self) -> str | None:

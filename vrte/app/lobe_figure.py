@@ -13,21 +13,21 @@ from vrte.app.style import (
     labelled,
     plain,
     plotly,
-    polar_angles,
-    seen,
     span,
 )
-from vrte.arrays import Array
+from vrte.arrays import Array, whole
 from vrte.brdf import Brdf
-from vrte.quantities import ANGLES, SIGNED, unit_of
+from vrte.over_hemisphere import light_on_mesh
+from vrte.quantities import ANGLES, SIGNED, incident_for, of_light, unit_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-RINGS, SPOKES = 46, 90  # 2 degrees from ring to ring, 4 from spoke to spoke
-SEQUENTIAL, DIVERGING, CYCLIC = "Plasma", "RdBu_r", "HSV"
+STEP = 1.5  # degrees from ring to ring, and from spoke to spoke: where degrees of polarization vanish they have a kink
+SEQUENTIAL, DIVERGING = "Plasma", "RdBu_r"
 NO_AXIS = {"visible": False, "showbackground": False}
-CAMERA = {"eye": {"x": 0.4, "y": -1.3, "z": 0.58}, "center": {"x": 0.0, "y": 0.0, "z": -0.08}}
+CAMERA = {"eye": {"x": 0.38, "y": -1.24, "z": 0.5}, "center": {"x": 0.0, "y": 0.0, "z": -0.14}}
+DOMAIN = {"x": [0.0, 1.0], "y": [0.16, 1.0]}  # above the colour bar
 
 
 def lobe(
@@ -48,14 +48,26 @@ def lobe(
     >>> lobe(brdf, 0, height="f00", colour="f10").write_html("lobe.html")
     """
     go = plotly()
-    theta, phi = polar_angles(brdf, place, RINGS), np.linspace(0.0, 360.0, SPOKES, endpoint=False)
-    heights, colours = (seen(brdf, place, theta, phi, name, stokes) for name in (height, colour))
+    whole("place", place, 0, brdf.mu_i.size - 1)
+    meshes = [light_on_mesh(brdf, place, incident_for(name, stokes), STEP) for name in (height, colour)]
+    theta, phi = meshes[0][0], meshes[0][1][:-1]  # the last spoke is the first
+    heights, colours = (
+        of_light(light[:, :-1], name) for (_, _, light), name in zip(meshes, (height, colour), strict=True)
+    )
     size = np.nan_to_num(np.abs(heights))
     largest = float(size.max())
     solid = body(go, theta, phi, size / (largest or 1.0), colours, colour)
     solid.update(hover(theta, phi, heights, colours, height, colour))
-    figure = go.Figure([*ground(go), solid, *ray(go, float(brdf.mu_i[place]))])
-    scene = {"xaxis": NO_AXIS, "yaxis": NO_AXIS, "zaxis": NO_AXIS, "aspectmode": "data", "camera": CAMERA}
+    bars = [bar_of_angles(go, colour)] if colour in ANGLES else []
+    figure = go.Figure([*ground(go), solid, *bars, *ray(go, float(brdf.mu_i[place]))])
+    scene = {
+        "xaxis": NO_AXIS,
+        "yaxis": NO_AXIS,
+        "zaxis": NO_AXIS,
+        "aspectmode": "data",
+        "camera": CAMERA,
+        "domain": DOMAIN,
+    }
     figure.update_layout(
         **plain(title(brdf, place, height, largest), margin={"l": 0, "r": 0, "t": 84, "b": 0}),
         scene=scene,
@@ -76,28 +88,67 @@ def title(brdf: Brdf, place: int, height: str, largest: float) -> str:
 def body(go: Any, theta: Array, phi: Array, radius: Array, colours: Array, colour: str) -> Any:
     """The surface of ``radius`` (theta, phi), a mesh closed around the normal.
 
-    Angles are coloured a facet at a time: from 179 degrees to 1 there must be no band of the colours between.
+    Corners have their colours, and between them those of the screen run. So angles are coloured beforehand: from 179
+    degrees to 1 there must be no band of what lies between as numbers.
     """
-    cell = colour in ANGLES
     corners = facets(theta.size, phi.size)
     triangles = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]).astype(np.int16)
-    low, high = span(colours, colour)
-    shown = np.tile(angle_of_facets(colours, corners), 2) if cell else colours.ravel()
     x, y, z = (part.ravel().astype(np.float32) for part in points(theta, phi, radius))
+    shown = np.nan_to_num(colours.ravel())
+    coloured = (
+        {"vertexcolor": cyclic_colours(shown)}
+        if colour in ANGLES
+        else {"intensity": shown.astype(np.float32)} | scale(shown, colour)
+    )
     return go.Mesh3d(
         x=x,
         y=y,
         z=z,
         **dict(zip("ijk", triangles.T, strict=True)),
-        intensity=np.nan_to_num(shown).astype(np.float32),
-        intensitymode="cell" if cell else "vertex",
-        colorscale=CYCLIC if cell else DIVERGING if colour in SIGNED else SEQUENTIAL,
-        cmin=low,
-        cmax=high,
-        colorbar={"title": {"text": labelled(colour), "side": "right"}, "len": 0.7, "thickness": 14, "x": 0.94},
+        **coloured,
         lighting={"ambient": 0.72, "diffuse": 0.45, "specular": 0.04, "roughness": 0.9},
         lightposition={"x": -4e4, "y": -6e4, "z": 9e4},
     )
+
+
+def scale(values: Array, colour: str) -> dict[str, Any]:
+    """The colours of a quantity, and the bar that tells them."""
+    low, high = span(values, colour)
+    shares = np.linspace(0.0, 1.0, 13)
+    turn = [list(pair) for pair in zip(shares.tolist(), cyclic_colours(180.0 * shares), strict=True)]
+    return {
+        "colorscale": turn if colour in ANGLES else DIVERGING if colour in SIGNED else SEQUENTIAL,
+        "cmin": low,
+        "cmax": high,
+        "colorbar": {
+            "title": {"text": labelled(colour), "side": "top"},
+            "orientation": "h",
+            "len": 0.7,
+            "thickness": 12,
+            "x": 0.5,
+            "y": 0.0,
+            "yanchor": "bottom",
+            "nticks": 6,
+        },
+    }
+
+
+def cyclic_colours(angle: Array) -> list[str]:
+    """Colours of angles [degrees], the same at 0 and 180, as "#rrggbb".
+
+    >>> cyclic_colours(np.array([0.0, 180.0, 90.0]))
+    ['#ff0000', '#ff0000', '#00ffff']
+    """
+    sixth = (angle % 180.0) / 30.0
+    parts = [np.clip(np.abs((sixth + shift) % 6.0 - 3.0) - 1.0, 0.0, 1.0) for shift in (0.0, 4.0, 2.0)]
+    levels = np.round(255.0 * np.stack(parts, axis=-1)).astype(int)
+    return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels.tolist()]
+
+
+def bar_of_angles(go: Any, colour: str) -> Any:
+    """Nothing but the bar of colours that the corners of a body have by themselves."""
+    bar = scale(np.zeros(1), colour) | {"color": [0.0], "opacity": 0.0, "size": 1}
+    return go.Scatter3d(x=[0.0], y=[0.0], z=[0.0], mode="markers", marker=bar, hoverinfo="skip")
 
 
 def hover(theta: Array, phi: Array, heights: Array, colours: Array, height: str, colour: str) -> dict[str, Any]:
@@ -130,13 +181,6 @@ def facets(rings: int, spokes: int) -> Any:
     corner = np.arange(rings * spokes).reshape(rings, spokes)
     beside = np.roll(corner, -1, axis=1)
     return np.stack([corner[:-1], corner[1:], beside[1:], beside[:-1]], axis=-1).reshape(-1, 4)
-
-
-def angle_of_facets(angle: Array, corners: Any) -> Array:
-    """The mean angle (n,) of each facet's corners, modulo 180; 0 where there is none."""
-    turning = np.exp(2j * np.radians(angle.ravel()[corners]))
-    mean: Array = np.degrees(0.5 * np.angle(np.nansum(turning, axis=1))) % 180.0
-    return mean
 
 
 def ground(go: Any) -> list[Any]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vrte.app.reflectance import Reflectances
 from vrte.brdf import Brdf
 from vrte.field import Field
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -78,7 +79,7 @@ class Inside:
 class Outcome:
     """Everything there is to see. ``content`` is the scene as solved, None where a result file was read; ``brdfs`` and
     ``fields`` are one a wavelength, either may be empty; ``inside`` too; ``wavelength_um`` is empty where unknown;
-    ``opened``: from a file."""
+    ``opened``: from a file; ``reflectances`` of the BRDFs."""
 
     content: dict[str, Any] | None
     wavelength_um: tuple[float, ...] = ()
@@ -88,6 +89,7 @@ class Outcome:
     plan: Planned | None = None
     notes: tuple[str, ...] = ()
     opened: bool = False
+    reflectances: Reflectances | None = None
 
     @property
     def count(self) -> int:

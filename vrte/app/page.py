@@ -1,7 +1,9 @@
 """The page: a header, the form on the left, the result on the right, and what connects them."""
 
 import asyncio
+import base64
 import copy
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 from nicegui import ui
 
 from vrte import __version__
-from vrte.app import downloads, form
+from vrte.app import downloads, form, link
 from vrte.app.form_panel import FormPanel
 from vrte.app.messages import Outcome, Read, Tensor, Written
 from vrte.app.result_panel import ResultPanel
@@ -17,8 +19,11 @@ from vrte.app.solving import memory_of_one
 from vrte.app.state import Bench
 from vrte.errors import MissingExtraError, SceneError
 from vrte.formats.scene_file import toml_content
+from vrte.formats.toml_table import is_number
 
 LARGEST_UPLOAD = 300_000_000  # bytes
+GALLERY = Path(__file__).with_name("gallery")
+THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 LARGEST_SCENE = 1_000_000
 SUFFIXES = (".toml", ".nc", ".csv")
@@ -37,46 +42,86 @@ def adopted(data: bytes, folder: Path, tables: frozenset[str]) -> tuple[form.Con
     return form.adopted_and_told(toml_content(text), folder, tables)
 
 
+def data_address(path: Path) -> str:
+    """A small picture as an address that holds it."""
+    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
 class Page:
     """One tab's page over its bench."""
 
+    start_outcome: Outcome | None = None  # of the start scene, solved once for all tabs
+
     def __init__(self, bench: Bench, tidy: Callable[[], Any]) -> None:
         """``tidy`` is called after a new result: old ones of others may have to go."""
-        self.bench, self.tidy, self.fine = bench, tidy, True
+        self.bench, self.tidy = bench, tidy
         ui.add_css(STYLE)
         ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e")
+        self.dark = ui.dark_mode(bool(bench.view.get("dark")))
+        for name, act in (
+            ("vrte-theme", self.set_theme),
+            ("vrte-link", self.take_link),
+            ("vrte-carried", self.carried),
+            ("vrte-camera", self.keep_camera),
+        ):
+            ui.on(name, act)
         self._header()
-        ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.take_drops({self.upload.id});")
         with ui.row().classes("vrte-page w-full no-wrap gap-0"):
-            with ui.column().classes("vrte-left no-wrap gap-0"):
-                with ui.scroll_area().classes("grow w-full vrte-scroll"):
+            with ui.column().classes("vrte-left no-wrap gap-0").props('role=form aria-label="scene"'):
+                ui.label("Scene").classes("vrte-hidden").props("role=heading aria-level=2")
+                with ui.element("div").classes("w-full vrte-scroll"):
                     self.form_area = ui.column().classes("w-full gap-0")
+                self.form_area.on(
+                    "keydown.enter", self.solve, js_handler="event => vrte.entered(event, () => emit())", args=[]
+                )
                 self._solve_bar()
-            with ui.column().classes("vrte-right no-wrap gap-0"):
+            with ui.column().classes("vrte-right no-wrap gap-0").props('role=main aria-label="result"'):
                 self.results = ResultPanel(bench)
         self._draw_form()
+        ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
+        self._show_start()
         self.follow()
         ui.timer(0.2, self.follow)
+
+    def _show_start(self) -> None:
+        """A first page shows something to turn."""
+        bench = self.bench
+        if bench.outcome is None and bench.job is None and bench.content == form.START:
+            if Page.start_outcome is None:
+                bench.solve()
+            else:
+                self.take(Page.start_outcome)
 
     # layout
 
     def _header(self) -> None:
         with ui.header().classes("vrte-header items-center no-wrap gap-3"):
-            ui.label("vrte").classes("vrte-logo")
+            ui.label("vrte").classes("vrte-logo").props("role=heading aria-level=1")
             ui.label("polarized light from powders and paints").classes("vrte-tagline")
             ui.space()
-            self.changed_chip = ui.label("the form has changed since").classes("vrte-chip")
             self.upload = ui.upload(
                 auto_upload=True, max_file_size=LARGEST_UPLOAD, on_upload=self.opened, on_rejected=self.rejected
             )
             self.upload.props(f'accept="{",".join(SUFFIXES)}"').classes("hidden")
-            opener = ui.button("Open", icon="folder_open").props("flat no-caps dense color=white")
+            self._header_button("Gallery", "collections", "scenes to begin with").on_click(self.show_gallery)
+            opener = self._header_button(
+                "Open", "folder_open", "a scene (.toml) or a result (.nc, .csv); or drop it here"
+            )
             opener.on("click", js_handler=f"() => vrte.pick({self.upload.id})")
-            opener.tooltip("a scene (.toml) or a result (.nc, .csv); or drop it anywhere on the page")
-            download = ui.button("Download", icon="download").props("flat no-caps dense color=white")
+            download = self._header_button("Download", "download", "results, figures, the scene")
             with download, ui.menu().props("auto-close"):
                 self._downloads()
+            self._header_button("Link", "link", "copies an address that carries the scene").on_click(self.make_link)
+            self.theme = self._header_button("Theme", "contrast", "light or dark")
+            with self.theme, ui.menu().props("auto-close"):
+                for theme, text in THEMES.items():
+                    item = ui.menu_item(text)
+                    item.on("click", js_handler=f"() => vrte.set_theme('{theme}')")
             ui.label(__version__).classes("vrte-tagline")
+
+    def _header_button(self, text: str, symbol: str, tip: str) -> Any:
+        button = ui.button(text, icon=symbol).props(f'flat no-caps dense color=white aria-label="{text}"')
+        return button.tooltip(tip)
 
     def _downloads(self) -> None:
         for text, act in (
@@ -95,34 +140,34 @@ class Page:
 
     def _solve_bar(self) -> None:
         with ui.column().classes("vrte-solve w-full gap-1"):
-            self.failure = ui.label().classes("vrte-error")
+            self.failure = ui.label().classes("vrte-error").props("role=alert")
+            self.waits = ui.button(icon="arrow_upward", on_click=lambda: self.form.jump())
+            self.waits.props("flat no-caps dense color=negative align=left").classes("w-full vrte-waits")
             with ui.row().classes("w-full items-center no-wrap gap-2"):
-                self.solve_button = ui.button("Solve", icon="play_arrow", on_click=self.solve).props(
-                    "no-caps unelevated"
-                )
-                self.solve_button.classes("grow")
+                self.solve_button = ui.button("Solve", icon="play_arrow", on_click=self.solve, color=None)
+                self.solve_button.props("no-caps unelevated").classes("grow vrte-go")
                 self.cancel_button = ui.button("Cancel", icon="stop", on_click=self.bench.cancel)
                 self.cancel_button.props("no-caps outline color=negative")
-            self.bar = ui.linear_progress(0, show_value=False).props("rounded size=6px")
+            self.bar = ui.linear_progress(0, show_value=False).props('rounded size=6px aria-label="progress"')
             self.stage = ui.label().classes("vrte-note")
+            self.said = ui.label().classes("vrte-note").props("role=status aria-live=polite")
 
     def _draw_form(self) -> None:
         self.form_area.clear()
         with self.form_area:
-            self.form = FormPanel(self.bench, self.form_changed)
+            self.form = FormPanel(self.bench, self._mark)
 
     # what happens
 
-    def form_changed(self, fine: bool) -> None:
-        """After every change of the form."""
-        self.fine = fine
-        self._mark()
-
     def _mark(self) -> None:
-        outcome, busy = self.bench.outcome, self.bench.busy
-        self.solve_button.set_enabled(self.fine and not busy)
-        solved = outcome.content if outcome else None
-        self.changed_chip.set_visibility(solved is not None and not busy and solved != self.bench.content)
+        """After every change of the form, and of the job."""
+        busy, form_panel = self.bench.busy, getattr(self, "form", None)
+        wrong = form_panel.wrong if form_panel else None
+        self.solve_button.set_enabled(wrong is None and not busy)
+        self.waits.set_visibility(wrong is not None)
+        if wrong is not None:
+            self.waits.set_text(f"Solve waits: {wrong[0]}")
+        self.results.mark_stale()
 
     def solve(self) -> None:
         """What the form says; the server checks it again, whatever the page has sent."""
@@ -131,8 +176,10 @@ class Page:
         except SceneError as error:
             self.failure.set_text(str(error))
             return
-        self.bench.solve()
-        self.follow()
+        if not self.bench.busy:
+            self.said.set_text("Solving.")
+            self.bench.solve()
+            self.follow()
 
     def follow(self) -> None:
         """Looks how far the job is, and takes what it brought."""
@@ -146,6 +193,7 @@ class Page:
         elif job is not None and not busy and job is not self.bench.taken:
             self.bench.taken = job
             self.failure.set_text(job.message)
+            self.said.set_text("")
             self.take(job.outcome)
             job.outcome = None  # the bench has it, or the browser
         if not busy:
@@ -162,9 +210,15 @@ class Page:
             if outcome.opened and outcome.content is not None:
                 self.bench.content = form.adopted(outcome.content)
                 self._draw_form()
-            if not outcome.brdfs and self.bench.view["tab"] in ("lobe", "cuts"):
+            if not outcome.brdfs and self.bench.view["tab"] in ("lobe", "cuts", "reflectance"):
                 self.results.tabs.set_value("inside")
             self.results.refresh()
+            if outcome.brdfs:
+                self.said.set_text(f"Solved: {self.results.share_in_words(outcome)}.")
+            if outcome.content == form.START:
+                Page.start_outcome = outcome
+            else:
+                ui.run_javascript("vrte.show_result()")
 
     async def opened(self, event: Any) -> None:
         """A file that somebody chose: a scene fills the form, a result is shown."""
@@ -176,11 +230,7 @@ class Page:
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
             if suffix == ".toml":
-                bench = self.bench
-                bench.content, told = await asyncio.to_thread(adopted, data, bench.folder, bench.tables)
-                self._draw_form()
-                if told:
-                    ui.notify("; ".join(told), type="info", multi_line=True, close_button=True, timeout=10_000)
+                self.fill(*await asyncio.to_thread(adopted, data, self.bench.folder, self.bench.tables))
             elif suffix in SUFFIXES:
                 self.bench.start(Read(data, suffix, memory_of_one()))
             else:
@@ -205,14 +255,87 @@ class Page:
             return
         ui.download.content(data, name)
 
+    def fill(self, content: form.Content, told: tuple[str, ...] = ()) -> None:
+        """The form with another scene, and what was filled in."""
+        self.bench.content = content
+        self._draw_form()
+        if told:
+            ui.notify("; ".join(told), type="info", multi_line=True, close_button=True, timeout=10_000)
+
+    def show_gallery(self) -> None:
+        """Scenes to begin with, each solved when it is chosen."""
+
+        def choose(path: Path) -> None:
+            dialog.close()
+            self.fill(form.adopted(toml_content(path.read_text(encoding="utf-8"))))
+            self.bench.cancel()
+            self.bench.solve()
+            self.follow()
+
+        with ui.dialog() as dialog, ui.card().classes("items-center vrte-gallery"):
+            ui.label("Scenes to begin with").classes("vrte-heading").props("role=heading aria-level=2")
+            with ui.row().classes("justify-center gap-1"):
+                for path in sorted(GALLERY.glob("*.toml")):
+                    title = toml_content(path.read_text(encoding="utf-8"))["render"]["title"]
+                    with ui.button(on_click=lambda path=path: choose(path)) as button:
+                        button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
+                        picture = ui.element("img").props('alt="" width=84 height=84')
+                        picture.props["src"] = data_address(path.with_suffix(".png"))
+                        ui.label(title)
+        dialog.on("hide", dialog.delete)
+        dialog.open()
+
+    def set_theme(self, event: Any) -> None:
+        """What this browser shows, as it says: light or dark."""
+        dark = isinstance(event.args, dict) and event.args.get("dark") is True
+        self.dark.set_value(dark)
+        if dark != bool(self.bench.view.get("dark")):
+            self.bench.view["dark"] = dark
+            self.results.draw()
+
+    def keep_camera(self, event: Any) -> None:
+        """From where the lobe is seen, turned by keys: the next lobe is seen from there, too."""
+        given = event.args if isinstance(event.args, dict) else {}
+        sides = {name: given.get(name) for name in ("eye", "center", "up")}
+        if all(isinstance(side, dict) and all(is_number(side.get(axis)) for axis in "xyz") for side in sides.values()):
+            self.bench.view["camera"] = {
+                name: {axis: float(side[axis]) for axis in "xyz"} for name, side in sides.items() if side
+            }
+
+    def make_link(self) -> None:
+        """The address with the scene in it, into the browser's address line and its clipboard."""
+        try:
+            text = link.text_of(self.bench.content)
+        except SceneError as error:
+            self.complain(str(error))
+            return
+        self.bench.view["link"] = text
+        ui.run_javascript(f"vrte.carry({json.dumps(text)})")
+
+    def carried(self, event: Any) -> None:
+        """Whether the browser has put it on the clipboard."""
+        copied = "It is copied." if event.args is True else "Copy it from there."
+        ui.notify(f"The address of this page carries the scene now. {copied}", type="info", close_button=True)
+
+    async def take_link(self, event: Any) -> None:
+        """A scene that an address brought: a stranger's text, checked like a file, solved when somebody asks."""
+        text = event.args
+        if not isinstance(text, str) or text == self.bench.view.get("link"):
+            return
+        self.bench.view["link"] = text
+        try:
+            self.fill(*await asyncio.to_thread(lambda: form.adopted_and_told(link.content_of(text))))
+        except SceneError as error:
+            self.complain(f"the scene in this address: {error}")
+
     def picture(self) -> None:
         """What the figure of the open tab looks like now, drawn by the browser."""
         tab = self.bench.view["tab"]
         if self.bench.outcome is None or tab not in self.results.plots or not self.results.areas[tab].visible:
             self.complain("there is no figure to download: solve a scene, and open the tab of a figure")
             return
-        options = {"format": "png", "width": 1200, "height": 900, "scale": 2, "filename": f"vrte-{tab}"}
-        self.results.plots[tab].run_plot_method("downloadImage", options)
+        title = "<br>".join(label.text for label in self.results.captions[tab])
+        ui.run_javascript(f"vrte.picture({self.results.plots[tab].id}, {json.dumps(title)}, 'vrte-{tab}')")
 
     def tensor(self) -> None:
         """Mitsuba's file wants directions of its own: they are solved for first."""

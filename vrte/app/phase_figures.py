@@ -1,10 +1,10 @@
 """A phase matrix: its expansion coefficients, and its elements against the scattering angle."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vrte.app.style import FAINT, plain, plotly
+from vrte.app.style import axis, plain, plotly
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.report.phase_pictures import ANGLES_DEG, f11_and_ratios
 
@@ -81,13 +81,3 @@ def scattering_matrix(phase_matrix: PhaseMatrix) -> "Figure":
         yaxis2=axis("ratio to F11") | {"domain": [0.0, 0.46], "range": [-1.05, 1.05], "zerolinecolor": "#888888"},
     )
     return figure
-
-
-def axis(title: str) -> dict[str, Any]:
-    return {
-        "title": {"text": title, "standoff": 8},
-        "automargin": True,
-        "gridcolor": FAINT,
-        "linecolor": FAINT,
-        "zerolinecolor": FAINT,
-    }

@@ -13,21 +13,20 @@ from vrte.app.style import (
     labelled,
     plain,
     plotly,
-    polar_angles,
-    seen,
     span,
 )
-from vrte.arrays import Array
+from vrte.arrays import Array, whole
 from vrte.brdf import Brdf
 from vrte.errors import SceneError
 from vrte.field import Field, one_beam
-from vrte.quantities import ANGLES, FIELD_QUANTITIES, check_name, of_stokes, unit_of
+from vrte.over_hemisphere import light_in_plane
+from vrte.quantities import ANGLES, FIELD_QUANTITIES, check_name, incident_for, of_light, of_stokes, unit_of
 from vrte.report.lobes import spread
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-CUT_ANGLES = 91  # from the normal to the horizon
+STEP = 0.5  # degrees
 CUTS = (("in the plane of incidence", "#1f4e79", "solid"), ("across it", "#d98200", "dash"))
 MOST_DEPTHS = 12  # of more depths, these are spread evenly over them
 DEPTH_COLOURS = "Viridis"
@@ -43,16 +42,14 @@ def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZE
     SceneError for an unknown quantity or place, or too few directions, MissingExtraError without Plotly.
     """
     go = plotly()
-    theta = polar_angles(brdf, place, CUT_ANGLES)
-    four = seen(brdf, place, theta, np.array([0.0, 90.0, 180.0, 270.0]), quantity, stokes)
-    low, high = span(four, quantity)
+    whole("place", place, 0, brdf.mu_i.size - 1)
+    incident = incident_for(quantity, stokes)
+    planes = [light_in_plane(brdf, place, phi, incident, STEP) for phi in (0.0, 90.0)]
+    found = [(angle, of_light(light, quantity)) for angle, light in planes]
+    low, high = span(np.stack([value for _, value in found]), quantity)
     beam = -float(np.degrees(np.arccos(brdf.mu_i[place])))
     figure = go.Figure([zero_line(go, -90.0, 90.0)] if low < 0.0 else [])
-    for forward, (name, line, dash) in enumerate(CUTS):
-        angle, value = (
-            np.concatenate([-theta[::-1], theta]),
-            np.concatenate([four[::-1, forward + 2], four[:, forward]]),
-        )
+    for (angle, value), (name, line, dash) in zip(found, CUTS, strict=True):
         figure.add_trace(curve(go, angle, value, quantity, name, {"color": line, "dash": dash}))
     figure.add_trace(arrow(go, [beam, beam], [high, low], "incident light"))
     title = f"Subsurface BRDF: {labelled(quantity)}<br><sup>{incidence(brdf, place)}; {SIDES}</sup>"
@@ -60,30 +57,33 @@ def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZE
     return figure
 
 
-def field_polar(field: Field, quantity: str = "I") -> "Figure":
+def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, dark: bool = False) -> "Figure":
     """The radiance field in the plane of incidence as polar diagrams, one curve a depth: light going up is above.
 
     ``quantity`` is one of `vrte.quantities.FIELD_QUANTITIES`. The plane is where ``field.phi`` is 0 and 180; one of
-    them gives half of it. Raises SceneError for an unknown quantity, or where both are missing or there are no
-    directions, MissingExtraError without Plotly.
+    them gives half of it. ``over_largest``: each depth as a share of its own largest, since light fades with depth;
+    ``dark``: in colours for a dark page. Raises SceneError for an unknown quantity, or where both are missing or there
+    are no directions, MissingExtraError without Plotly.
     """
     go = plotly()
     check_name(quantity, FIELD_QUANTITIES)
     mu0 = one_beam(field)
     angle, values = in_the_plane(field, quantity)
+    if over_largest:
+        largest = np.nanmax(np.abs(values), axis=1, keepdims=True)
+        values = values / np.where(largest > 0.0, largest, 1.0)
     depths = spread(field.tau.size, MOST_DEPTHS)
     low, high = span(values[depths], quantity)
     figure = go.Figure([zero_line(go, -180.0, 180.0)] if low < 0.0 else [])
-    for place, colour in zip(depths, depth_colours(len(depths)), strict=True):
+    for place, colour in zip(depths, depth_colours(len(depths), dark), strict=True):
         name = f"τ = {field.tau[place]:.4g}"
         figure.add_trace(curve(go, angle, values[place], quantity, name, {"color": colour}))
-    figure.add_trace(arrow(go, [beam_angle(field)] * 2, [low, high], "where the beam goes"))
+    figure.add_trace(arrow(go, [beam_angle(field)] * 2, [low, high], "the beam"))
     shown = "" if len(depths) == field.tau.size else f"; {len(depths)} of {field.tau.size} depths"
-    title = f"Subsurface radiance, diffuse light: {labelled(quantity)}"
+    what = f"{quantity}, each depth over its largest" if over_largest else labelled(quantity)
+    title = f"Subsurface radiance, diffuse light: {what}"
     under = f"μ<sub>0</sub> = {mu0:.4g}; above: going up; {SIDES}{shown}"
     figure.update_layout(**plain(f"{title}<br><sup>{under}</sup>", polar=axes(low, high), legend=LEGEND))
-    if quantity == "I":
-        figure.update_layout(updatemenus=[scales(figure, high)])
     return figure
 
 
@@ -107,31 +107,6 @@ def in_the_plane(field: Field, quantity: str) -> tuple[Array, Array]:
         angles += [turned[order], [np.nan]]
         values += [value[:, order], np.full((field.tau.size, 1), np.nan)]
     return np.concatenate(angles), np.concatenate(values, axis=1)
-
-
-def scales(figure: Any, high: float) -> dict[str, Any]:
-    """Two buttons: all curves on one scale, or each over its largest value, since light fades with depth."""
-    radii = [np.asarray(trace.r, float) for trace in figure.data]
-    shares = [values / (float(np.nanmax(np.abs(values))) or 1.0) for values in radii]
-    choices = (("one scale", radii, high), ("each over its largest", shares, 1.0))
-    buttons = [
-        {
-            "label": label,
-            "method": "update",
-            "args": [{"r": [in_json(values) for values in some]}, {"polar.radialaxis.range": [0.0, 1.05 * top]}],
-        }
-        for label, some, top in choices
-    ]
-    return {"type": "buttons", "buttons": buttons, "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "top"}
-
-
-def in_json(values: Array) -> list[float | None]:
-    """Five digits of each, None for a gap: a button cannot send an array.
-
-    >>> in_json(np.array([0.123456789, np.nan]))
-    [0.12346, None]
-    """
-    return [None if np.isnan(value) else float(f"{value:.5g}") for value in values.tolist()]
 
 
 def beam_angle(field: Field) -> float:
@@ -203,8 +178,13 @@ def axes(low: float, high: float, sector: Sequence[float] = (0.0, 360.0)) -> dic
     }
 
 
-def depth_colours(count: int) -> list[str]:
-    """Colours from the top to the bottom."""
+def depth_colours(count: int, dark: bool = False) -> list[str]:
+    """Colours from the top to the bottom, none as dark or as light as the page."""
     from plotly.colors import sample_colorscale
 
-    return [str(colour) for colour in sample_colorscale(DEPTH_COLOURS, np.linspace(0.0, 0.9, count).tolist())]
+    return [
+        str(colour)
+        for colour in sample_colorscale(
+            DEPTH_COLOURS, np.linspace(*((0.3, 1.0) if dark else (0.0, 0.85)), count).tolist()
+        )
+    ]

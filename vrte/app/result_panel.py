@@ -1,5 +1,6 @@
 """The right side of the page: what came out, to be turned, cut and read."""
 
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,9 @@ from nicegui import ui
 from vrte.app import figures
 from vrte.app.form import value_of
 from vrte.app.messages import Outcome
+from vrte.app.reflectance import Reflectances
 from vrte.app.state import Bench
+from vrte.app.style import in_the_dark
 from vrte.brdf import Brdf
 from vrte.errors import SceneError
 from vrte.quantities import DEGREE_LINEAR, FIELD_QUANTITIES, MUELLER, QUANTITIES
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
 TABS = {
     "lobe": ("Lobe", "blur_on"),
     "cuts": ("Cuts", "pie_chart_outline"),
+    "reflectance": ("Reflectance", "show_chart"),
     "inside": ("Inside", "vertical_align_center"),
     "scattering": ("Scattering", "grain"),
     "plan": ("Plan", "rule"),
@@ -45,11 +49,23 @@ VIEW = {  # what a new tab looks at
     "colour": DEGREE_LINEAR,
     "cut": "f00",
     "inside": "I",
+    "shares": False,
     "light": "unpolarized",
     "stokes": "1, 0, 0, 0",
 }
-LEGEND = {"orientation": "h", "x": 0.5, "xanchor": "center", "y": -0.12, "yanchor": "top"}  # beside, it takes room
-NOTHING = "Describe a scene on the left and press Solve, or open a result file."
+LEGEND = {  # beside the figure it takes room that a phone has not
+    "orientation": "h",
+    "x": 0.5,
+    "xanchor": "center",
+    "y": 0.0,
+    "yref": "container",
+    "yanchor": "bottom",
+    "font": {"size": 12},
+}
+NOTHING = "Describe a scene and press Solve, or open a file; the Gallery has scenes to begin with."
+CHANGED = "The form has changed since this was solved: what is shown here is the scene before."
+SYMBOLS = {"<sub>i</sub>": "ᵢ", "<sub>o</sub>": "ₒ", "<sub>0</sub>": "₀", "<br>": "\n"}
+NO_COLOUR = "No colour: {}"
 
 
 class ResultPanel:
@@ -58,13 +74,15 @@ class ResultPanel:
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
         self.view = bench.view
-        self.fresh = "place" not in bench.view
         for key, value in VIEW.items():
             self.view.setdefault(key, value)
         self.plots: dict[str, Any] = {}
         self.areas: dict[str, Any] = {}
+        self.captions: dict[str, tuple[Any, Any]] = {}  # of each figure: its title, and the line below it
+        ui.label("Result").classes("vrte-hidden").props("role=heading aria-level=2")
         self._tabs()
         with ui.column().classes("w-full grow no-wrap gap-0 px-4 relative overflow-auto"):
+            self.stale = ui.label(CHANGED).classes("vrte-warning w-full mt-2").props("role=status")
             self.notes = ui.label().classes("vrte-warning w-full mt-2")
             self._controls()
             self.message = ui.label(NOTHING).classes("vrte-empty")
@@ -92,7 +110,7 @@ class ResultPanel:
             with ui.column().classes("gap-0 grow").style("min-width: 180px") as self.wavelength:
                 self.wavelength_text = ui.label().classes("vrte-note")
                 self.wavelength_slider = slider(lambda value: self.set("wavelength", value), "wavelength")
-            with ui.row().classes("gap-2 no-wrap items-start") as self.light:
+            with ui.row().classes("gap-2 items-start") as self.light:
                 self.named = select(list(LIGHTS), self.view["light"], "incident light", self.set_light)
                 self.named.classes("vrte-fixed").style("width: 210px")
                 self.stokes = ui.input("I, Q, U, V", value=self.view["stokes"], on_change=self.set_stokes)
@@ -105,17 +123,26 @@ class ResultPanel:
         with ui.row().classes("w-full gap-2 pt-2"):
             self._quantity("height", "distance from the centre", QUANTITIES)
             self._quantity("colour", "colour", QUANTITIES)
-        self.plots["lobe"] = plot()
+        self._plot("lobe")
+        lobe = self.plots["lobe"].props("tabindex=0")
+        lobe.on("keydown", js_handler=f"event => vrte.turn(event, {lobe.id})")
+        ui.label("Drag, or arrow keys, to turn; plus and minus come nearer.").classes("vrte-note")
 
     def _cuts(self) -> None:
         with ui.row().classes("w-full pt-2"):
             self._quantity("cut", "quantity", QUANTITIES)
-        self.plots["cuts"] = plot()
+        self._plot("cuts")
+
+    def _reflectance(self) -> None:
+        self._plot("reflectance")
+        self.shares = ui.column().classes("w-full gap-2 pb-4")
 
     def _inside(self) -> None:
-        with ui.row().classes("w-full pt-2"):
+        with ui.row().classes("w-full items-center gap-3 pt-2"):
             self._quantity("inside", "quantity", FIELD_QUANTITIES)
-        self.plots["inside"] = plot()
+            each = ui.checkbox("I: each depth over its largest", value=self.view["shares"]).props("dense")
+            each.on_value_change(lambda event: self.set("shares", bool(event.value)))
+        self._plot("inside")
 
     def _scattering(self) -> None:
         with ui.row().classes("w-full pt-2"):
@@ -124,8 +151,16 @@ class ResultPanel:
                 .classes("vrte-fixed")
                 .style("width: 260px")
             )
-        with ui.row().classes("w-full no-wrap gap-4"):
-            self.plots["scattering"], self.plots["coefficients"] = plot(), plot()
+        with ui.element("div").classes("vrte-pair"):
+            for name in ("scattering", "coefficients"):
+                with ui.column().classes("gap-0 no-wrap"):
+                    self._plot(name)
+
+    def _plot(self, name: str) -> None:
+        """An empty figure below its title: there it can be as long as it likes."""
+        title = ui.label().classes("vrte-caption").props("role=heading aria-level=3")
+        self.captions[name] = title, ui.label().classes("vrte-under")
+        self.plots[name] = ui.plotly({"data": [], "layout": {}}).classes("vrte-plot").props("role=img")
 
     def _plan(self) -> None:
         self.plan = ui.column().classes("w-full gap-2 py-3")
@@ -142,6 +177,8 @@ class ResultPanel:
         """A choice, and the figure that follows from it."""
         if value != self.view.get(key):
             self.view[key] = value
+            if key == "place" and self.bench.outcome and self.bench.outcome.brdfs:
+                self.view["mu_i"] = float(self.bench.outcome.brdfs[0].mu_i[value])
             self.draw()
 
     def set_light(self, name: str) -> None:
@@ -180,8 +217,9 @@ class ResultPanel:
         outcome = self.bench.outcome
         angles = outcome.brdfs[0].mu_i.size if outcome and outcome.brdfs else 0
         count = outcome.count if outcome else 0
-        if self.fresh and angles:
-            self.view["place"], self.fresh = angles // 2, False
+        if outcome and angles:  # light from where it came from before, as nearly as there is
+            mu_i = outcome.brdfs[0].mu_i
+            self.view["place"] = int(np.abs(mu_i - self.view.get("mu_i", mu_i[angles // 2])).argmin())
         for key, size, bar in (("place", angles, self.incidence_slider), ("wavelength", count, self.wavelength_slider)):
             self.view[key] = min(self.view[key], max(size - 1, 0))
             bar.props(f"max={max(size - 1, 1)}").set_enabled(size > 1)
@@ -211,16 +249,16 @@ class ResultPanel:
     def _tell(self, outcome: Outcome | None) -> None:
         """Beside the sliders, and which of them there are."""
         tab = self.view["tab"]
+        self.mark_stale()
         self.notes.set_text("; ".join(outcome.notes) if outcome else "")
         self.notes.set_visibility(bool(self.notes.text))
-        with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts")
+        with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts", "reflectance")
         self.incidence.set_visibility(with_angle)
-        self.light.set_visibility(with_angle)
+        self.light.set_visibility(with_angle and tab != "reflectance")
         self.wavelength.set_visibility(bool(outcome and outcome.count > 1))
         self.controls.set_visibility(with_angle or bool(outcome and outcome.count > 1))
         if outcome and outcome.brdfs:
-            mu = float(outcome.brdfs[0].mu_i[self.view["place"]])
-            self.incidence_text.set_text(f"light from {np.degrees(np.arccos(mu)):.1f}° off the normal (µ_i = {mu:.4g})")
+            self.incidence_text.set_text(self.light_in_words(outcome))
         if outcome and outcome.wavelength_um:
             self.wavelength_text.set_text(
                 f"wavelength {1000.0 * outcome.wavelength_um[self.view['wavelength']]:.5g} nm"
@@ -233,21 +271,86 @@ class ResultPanel:
             self._write_plan(outcome)
         elif tab == "scattering":
             matrix = self._phase_matrix(outcome)
-            show(self.plots["scattering"], figures.scattering_matrix(matrix))
-            show(self.plots["coefficients"], figures.coefficients(matrix))
+            self._draw("scattering", figures.scattering_matrix(matrix))
+            self._draw("coefficients", figures.coefficients(matrix))
         else:
-            show(self.plots[tab], self._figure(tab, outcome))
+            self._draw(tab, self._figure(tab, outcome))
+
+    def _draw(self, name: str, figure: "Figure") -> None:
+        """A figure in its place, its title above it."""
+        whole = figure.to_plotly_json()
+        text = plain_text(whole["layout"].pop("title")["text"])
+        for label, line in zip(self.captions[name], [*text.split("\n"), ""], strict=False):
+            label.set_text(line)
+        layout = whole["layout"]
+        layout |= {"autosize": True, "legend": LEGEND}
+        margin = {"l": 64, "r": 24, "b": 100} if "xaxis" in layout else {"l": 40, "r": 40, "b": 96}
+        margin = {"l": 0, "r": 0, "b": 0} if "scene" in layout else margin
+        layout["margin"] = {**margin, "t": 24}
+        if "camera" in self.view and "scene" in layout:
+            layout["scene"] = {**layout["scene"], "camera": self.view["camera"]}
+        config = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["sendDataToCloud"]}
+        dark = in_the_dark(whole) if self.view.get("dark") else whole
+        self.plots[name].props["aria-label"] = text.replace("\n", "; ")
+        self.plots[name].update_figure({**dark, "config": config})
 
     def _figure(self, tab: str, outcome: Outcome) -> "Figure":
         view, which = self.view, self.view["wavelength"]
         if tab == "inside":
             if not outcome.fields:
                 raise SceneError('No radiance field here: turn on "Inside the layers" in the form and solve.')
-            return figures.field_polar(outcome.fields[which], view["inside"])
+            dark, shares = bool(view.get("dark")), view["shares"] and view["inside"] == "I"
+            return figures.field_polar(outcome.fields[which], view["inside"], shares, dark)
         brdf = self._brdf(outcome)
+        if tab == "reflectance":
+            assert outcome.reflectances is not None  # wherever there is a BRDF
+            self._write_shares(outcome, outcome.reflectances)
+            return figures.reflectance(outcome.reflectances, outcome.wavelength_um, view["place"])
         if tab == "lobe":
             return figures.lobe(brdf, view["place"], view["height"], view["colour"], self._stokes())
         return figures.cuts(brdf, view["place"], view["cut"], self._stokes())
+
+    def light_in_words(self, outcome: Outcome) -> str:
+        """Where the light comes from, and what becomes of it."""
+        mu = float(outcome.brdfs[0].mu_i[self.view["place"]])
+        angle = np.degrees(np.arccos(mu))
+        return f"light from {angle:.1f}° off the normal (µ_i = {mu:.4g}); {self.share_in_words(outcome)}"
+
+    def share_in_words(self, outcome: Outcome) -> str:
+        """How much of the light comes back."""
+        back = outcome.brdfs[self.view["wavelength"]].reflectance[self.view["place"]]
+        return f"{100.0 * float(back):.3g} % comes back"
+
+    def mark_stale(self) -> None:
+        """Whether the figure shows another scene than the form."""
+        outcome = self.bench.outcome
+        solved = outcome.content if outcome else None
+        self.stale.set_visibility(solved is not None and not self.bench.busy and solved != self.bench.content)
+
+    def _write_shares(self, outcome: Outcome, found: Reflectances) -> None:
+        """Swatches, and the numbers of the figure."""
+        self.shares.clear()
+        place = self.view["place"]
+        with self.shares:
+            if found.why_none:
+                ui.label(NO_COLOUR.format(found.why_none)).classes("vrte-note")
+            else:
+                with ui.row().classes("gap-4"):
+                    for name, colours in found.colours.items():
+                        with ui.column().classes("gap-1"):
+                            ui.element("div").classes("vrte-swatch").style(f"background: {colours[place]}").props(
+                                f'role=img aria-label="colour {name}: {colours[place]}"'
+                            )
+                            ui.label(f"{name}: {colours[place]}").classes("vrte-note")
+                ui.label(
+                    "As seen from this angle under an evenly white sky of sunlight, white where all of it comes back."
+                ).classes("vrte-note")
+            names, numbers = list(found.curves), np.stack(list(found.curves.values()), axis=-1)
+            with ui.element("table").classes("vrte-table"):
+                table_row("th", ["wavelength", *names])
+                for which in range(outcome.count):
+                    nm = f"{1000.0 * outcome.wavelength_um[which]:.5g} nm" if outcome.wavelength_um else "–"
+                    table_row("td", [nm, *(f"{100.0 * value:.4g} %" for value in numbers[which, place])])
 
     def _brdf(self, outcome: Outcome) -> Brdf:
         if not outcome.brdfs:
@@ -288,7 +391,14 @@ def made(diagnostics: dict[str, Any]) -> str:
 
 
 def heading(text: str) -> None:
-    ui.label(text).classes("vrte-heading")
+    ui.label(text).classes("vrte-heading").props("role=heading aria-level=3")
+
+
+def table_row(tag: str, cells: list[str]) -> None:
+    with ui.element("tr"):
+        for text in cells:
+            with ui.element(tag):
+                ui.label(text)
 
 
 def bullets(title: str, lines: tuple[str, ...]) -> None:
@@ -314,16 +424,12 @@ def select(options: Any, value: Any, label: str, act: Callable[[Any], None]) -> 
     return found.props("outlined dense options-dense stack-label").classes("vrte-field")
 
 
-def plot() -> Any:
-    """An empty figure."""
-    return ui.plotly({"data": [], "layout": {}}).classes("vrte-plot")
+def plain_text(title: str) -> str:
+    """A figure's title without Plotly's marks, its second line parted by a line break.
 
-
-def show(place: Any, figure: "Figure") -> None:
-    """A figure in its place; links and logos of its toolbar stay away."""
-    whole = figure.to_plotly_json()
-    whole["layout"] |= {"autosize": True, "legend": LEGEND}
-    if "xaxis" in whole["layout"]:
-        whole["layout"]["margin"] = {"l": 64, "r": 24, "t": 84, "b": 84}
-    whole["config"] = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["sendDataToCloud"]}
-    place.update_figure(whole)
+    >>> plain_text("Light<br><sup>μ<sub>i</sub> = 1</sup>")
+    'Light\\nμᵢ = 1'
+    """
+    for mark, sign in SYMBOLS.items():
+        title = title.replace(mark, sign)
+    return re.sub("</?su[bp]>", "", title)

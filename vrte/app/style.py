@@ -4,14 +4,26 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, whole
+from vrte.arrays import Array
 from vrte.brdf import Brdf
 from vrte.errors import MissingExtraError
-from vrte.over_hemisphere import check_directions, stokes_over_hemisphere
-from vrte.quantities import ANGLES, SIGNED, incident_for, of_light, unit_of
+from vrte.quantities import ANGLES, SIGNED, unit_of
 
 UNPOLARIZED = (1.0, 0.0, 0.0, 0.0)
 INCIDENT, INK, FAINT = "#d62728", "#222222", "#c9c9c9"
+IN_THE_DARK = {  # colours of figures on a light page, and what they are on a dark one
+    INK: "#e3e7ea",
+    FAINT: "#46525d",
+    INCIDENT: "#ff7b72",
+    "white": "#14181c",
+    "#dfe3e8": "#39434d",
+    "#888888": "#9fb0bf",
+    "#1f4e79": "#7fb5ea",
+    "#2a8f5b": "#5fd199",
+    "#7a4fa3": "#bd9be6",
+    "#b3262e": "#ff9a94",
+    "#d98200": "#f0a030",
+}
 FONT = {"family": "system-ui, sans-serif", "size": 13, "color": INK}
 
 
@@ -35,20 +47,6 @@ def plain(title: str, **more: Any) -> dict[str, Any]:
         "plot_bgcolor": "white",
         "hovermode": "closest",
     } | more
-
-
-def polar_angles(brdf: Brdf, place: int, count: int) -> Array:
-    """So many angles [degrees] from the normal to the last mu_o. Raises SceneError for an unknown ``place`` or too few
-    directions."""
-    whole("place", place, 0, brdf.mu_i.size - 1)
-    check_directions(brdf.mu_o, brdf.phi)
-    return np.linspace(0.0, float(np.degrees(np.arccos(brdf.mu_o.min()))), count)
-
-
-def seen(brdf: Brdf, place: int, theta: Array, phi: Array, quantity: str, stokes: Any) -> Array:
-    """A quantity of `vrte.quantities.QUANTITIES` at theta, phi [degrees]: (theta, phi)."""
-    light = stokes_over_hemisphere(brdf, place, theta, phi, incident_for(quantity, stokes))
-    return of_light(light, quantity)
 
 
 def span(values: Array, quantity: str) -> tuple[float, float]:
@@ -78,3 +76,26 @@ def incidence(brdf: Brdf, place: int) -> str:
     """Where the light comes from, in words."""
     mu = float(brdf.mu_i[place])
     return f"μ<sub>i</sub> = {mu:.4g}, {np.degrees(np.arccos(mu)):.0f}° from the normal"
+
+
+def in_the_dark(part: Any) -> Any:
+    """A figure's JSON, or a part of it, in the colours of a dark page.
+
+    >>> in_the_dark({"line": {"color": "#222222"}, "y": [1, 2]})
+    {'line': {'color': '#e3e7ea'}, 'y': [1, 2]}
+    """
+    if isinstance(part, dict):
+        return {key: in_the_dark(value) for key, value in part.items()}
+    if isinstance(part, (list, tuple)):
+        return [in_the_dark(value) for value in part]
+    return IN_THE_DARK.get(part, part) if isinstance(part, str) else part
+
+
+def axis(title: str) -> dict[str, Any]:
+    return {
+        "title": {"text": title, "standoff": 8},
+        "automargin": True,
+        "gridcolor": FAINT,
+        "linecolor": FAINT,
+        "zerolinecolor": FAINT,
+    }

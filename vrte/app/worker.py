@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 
 from vrte.app.form import adopted, at, keywords_of, scene_text, wavelengths_of
 from vrte.app.messages import Failure, Inside, Message, Outcome, Planned, Progress, Read, Solve, Task, Tensor, Written
+from vrte.app.reflectance import other_base, reflectances
 from vrte.arrays import in_one_line
 from vrte.brdf import Brdf, brdf
 from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
@@ -104,6 +105,8 @@ def solved(task: Solve, tell: Tell) -> Outcome:
     brdfs: list[Brdf] = []
     fields: list[Field] = []
     inside: list[Inside] = []
+    others: list[Brdf] = []
+    names = ("", "")
     planned = None
     for which, wavelength in enumerate(wavelengths):
         part("particles", which)
@@ -111,6 +114,10 @@ def solved(task: Solve, tell: Tell) -> Outcome:
         inside.append(Inside(names_of(content), tuple(layer.phase_matrix for layer in file.scene.layers)))
         planned = planned or planned_of(file, tell)
         brdfs.append(checked(file, lambda call, tick: brdf(call, **tick), part("BRDF, Fourier orders", which)))
+        elsewhere, names = other_base(file.scene)
+        if elsewhere is not None:
+            asked = {**keywords_of(file), "mu_o": 1.0, "phi": 0.0, "transmission": False}  # its reflectance is wanted
+            others.append(brdf(elsewhere, **asked))
         if with_field:
             known = particles_of(file, content)
             file = scene_of(at(content, wavelength), "field", task.folder, known)
@@ -123,6 +130,7 @@ def solved(task: Solve, tell: Tell) -> Outcome:
         tuple(with_scene(one, text) for one in fields),
         tuple(inside),
         planned,
+        reflectances=reflectances(wavelengths, brdfs, others, names),
     )
 
 
@@ -200,10 +208,11 @@ def outcome_of(found: Brdf | Field | Spectrum) -> Outcome:
     """A result as something to see."""
     if isinstance(found, Spectrum):
         wavelengths = found.wavelength_um.tolist()
-        return Outcome(scene_in(found[0], wavelengths), tuple(wavelengths), found.brdfs, opened=True)
+        content, shares = scene_in(found[0], wavelengths), reflectances(wavelengths, found.brdfs)
+        return Outcome(content, tuple(wavelengths), found.brdfs, opened=True, reflectances=shares)
     content = scene_in(found)
     if isinstance(found, Brdf):
-        return Outcome(content, brdfs=(found,), opened=True)
+        return Outcome(content, brdfs=(found,), opened=True, reflectances=reflectances((), (found,)))
     one_beam(found)
     return Outcome(content, fields=(found,), opened=True)
 

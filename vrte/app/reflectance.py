@@ -1,0 +1,123 @@
+"""How much of the light comes back, over two bases, and the colour that this makes: of a paint, its hiding power."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.app.style import axis, plain, plotly
+from vrte.arrays import Array
+from vrte.brdf import Brdf
+from vrte.errors import MissingExtraError
+from vrte.scene import Lambertian, Scene
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+FEWEST, FROM_UM, TO_UM = 5, 0.46, 0.64  # wavelengths that make a colour: so many, from below the one to above the other
+LINES = (("#1f4e79", "solid"), ("#d98200", "dash"))
+IN_FILE = "as in the file"
+
+
+@dataclass(frozen=True, eq=False)
+class Reflectances:
+    """Shares of unpolarized light that come back from a scene: ``curves``, (wavelength, mu_i) by what lies beneath.
+
+    ``colours`` are "#rrggbb" of the same names, one a mu_i, of the scene under an evenly white, unpolarized sky seen
+    from there: by reciprocity the same shares. ``why_none`` says why there are no colours. ``mu_i`` (n,).
+    """
+
+    mu_i: Array
+    curves: dict[str, Array]
+    colours: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    why_none: str = ""
+
+
+def other_base(scene: Scene) -> tuple[Scene | None, tuple[str, str]]:
+    """The scene over black, or over white where it lies on black, and both names; None where no base is reached.
+
+    >>> from vrte import Layer, rayleigh
+    >>> other_base(Scene([Layer(rayleigh(), 1.0, 1.0)], Lambertian(0.3)))[1]
+    ('over the base (albedo 0.3)', 'over black')
+    """
+    if not scene.base_is_reached:
+        return None, ("no base is reached", "")
+    if scene.base is None:
+        return replace(scene, base=Lambertian(1.0)), ("over black", "over white (albedo 1)")
+    albedo = f" (albedo {scene.base.albedo:g})" if isinstance(scene.base, Lambertian) else ""
+    return replace(scene, base=None), (f"over the base{albedo}", "over black")
+
+
+def reflectances(
+    wavelength_um: Sequence[float], brdfs: Sequence[Brdf], others: Sequence[Any] = (), names: Sequence[str] = (IN_FILE,)
+) -> Reflectances | None:
+    """Those of ``brdfs``, one a wavelength, and ``others`` over another base, with ``names``; None without any."""
+    if not brdfs:
+        return None
+    curves = {names[0]: np.array([one.reflectance for one in brdfs])}
+    if len(others) == len(brdfs):
+        curves[names[1]] = np.array([one.reflectance for one in others])
+    colours, why_none = colours_of(np.array(wavelength_um), curves)
+    return Reflectances(brdfs[0].mu_i, curves, colours, why_none)
+
+
+def colours_of(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dict[str, tuple[str, ...]], str]:
+    """Colours (mu_i,) of curves (wavelength, mu_i) in sunlight, white where all comes back; or why there are none.
+
+    >>> colours_of(np.array([0.64]), {})[1]
+    'A colour needs at least 5 wavelengths, from 0.46 µm or less to 0.64 µm or more: type 0.43:0.7:7.'
+    """
+    if wavelength_um.size < FEWEST or wavelength_um[0] > FROM_UM or wavelength_um[-1] < TO_UM:
+        return {}, (
+            f"A colour needs at least {FEWEST} wavelengths, from {FROM_UM:g} µm or less to {TO_UM:g} µm or more: "
+            "type 0.43:0.7:7."
+        )
+    from vrte.render.colour import film, weights
+
+    try:
+        weighed = weights(wavelength_um)
+    except MissingExtraError as error:
+        return {}, str(error)
+    exposed = film(weighed.sum(axis=1))
+    return {name: tuple(map(in_hex, exposed((weighed @ curve).T))) for name, curve in curves.items()}, ""
+
+
+def in_hex(colour: Array) -> str:
+    """sRGB from 0 to 1 as a browser takes it.
+
+    >>> in_hex(np.array([1.0, 0.5, 0.0]))
+    '#ff8000'
+    """
+    return "#" + "".join(f"{round(255.0 * value):02x}" for value in np.clip(colour, 0.0, 1.0).tolist())
+
+
+def reflectance(found: Reflectances, wavelength_um: Sequence[float], place: int) -> "Figure":
+    """Share that comes back of light from ``mu_i[place]`` against the wavelength; of one wavelength, against the angle
+    of incidence. Raises MissingExtraError without Plotly."""
+    go = plotly()
+    angle = np.degrees(np.arccos(found.mu_i))
+    spectral = len(wavelength_um) > 1
+    figure = go.Figure()
+    for (name, curve), (colour, dash) in zip(found.curves.items(), LINES, strict=False):
+        x, y = (1e3 * np.array(wavelength_um), curve[:, place]) if spectral else (angle, curve[0])
+        order = np.argsort(x)
+        figure.add_trace(
+            go.Scatter(
+                x=x[order].astype(np.float32),
+                y=y[order].astype(np.float32),
+                mode="lines+markers",
+                line={"color": colour, "width": 2, "dash": dash},
+                marker={"size": 6},
+                name=name,
+                hovertemplate=f"{name}<br>%{{x:.4g}} {'nm' if spectral else '°'}: %{{y:.2%}}<extra></extra>",
+            )
+        )
+    where = f"light from {angle[place]:.0f}° off the normal; " if spectral else ""
+    figure.update_layout(
+        **plain(f"Share of the light that comes back<br><sup>{where}unpolarized, all directions of exit</sup>"),
+        xaxis=axis("wavelength in vacuum [nm]" if spectral else "angle of incidence [°]"),
+        yaxis=axis("reflectance") | {"rangemode": "tozero", "tickformat": ".0%"},
+        showlegend=True,
+    )
+    return figure
