@@ -445,6 +445,21 @@ def test_the_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert complaint.count("\n") == 1
 
 
+def test_strict_names_the_scenes_that_failed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = POWDER + '[axes]\n"particles.gold.radius_um" = [0.05, 0.0]\nwavelength_um = [0.5, 0.6, 0.64]\n'
+    (tmp_path / "s.toml").write_text(lines)
+    arguments = "sweep", tmp_path / "s.toml", "-o", tmp_path / "t.zarr", "--workers", 1
+    assert run(*arguments) == 0
+    capsys.readouterr()
+    assert run(*arguments, "--strict") == 1
+    complaint = capsys.readouterr().err
+    assert (
+        "3 of 6 scenes failed: particles.gold.radius_um = 0, wavelength_um = 0.5: particles.gold.radius_um" in complaint
+    )
+    assert complaint.count("wavelength_um = 0.") == 3
+    assert complaint.count("\n") == 1
+
+
 def test_interrupted_it_ends_at_once_and_leaves_what_is_done(tmp_path: Path) -> None:
     count = 4000
     layer = "[[layer]]\nphase = 'rayleigh'\nalbedo = 1\nthickness = 1\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n"

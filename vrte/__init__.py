@@ -1,5 +1,8 @@
 """Polarized subsurface reflectance of particulate layers: the public names."""
 
+from vrte import starting  # noqa: F401  # first of all: Ctrl-C while the rest loads
+
+# isort: split
 try:
     import vrte._core  # noqa: F401
 except ModuleNotFoundError as error:

@@ -131,20 +131,59 @@ def timed(seconds: dict[str, float], name: str) -> Iterator[None]:
 
 @contextmanager
 def progress() -> Iterator[tuple[Callable[[str], None], Tick]]:
-    """Two calls, one names what begins and one ticks: a bar on a terminal, nothing in a pipe."""
+    """Two calls, one names what begins and one ticks: a bar with the time left on a terminal, nothing in a pipe."""
     if not sys.stderr.isatty():
         yield lambda _: None, lambda done, total: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    left = TextColumn("{task.fields[left]}")
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), left
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
+        task = bar.add_task("", total=None, left="")
+        guess = TimeLeft(time.monotonic)
         yield (
             lambda name: bar.update(task, description=name),
-            lambda done, total: bar.update(task, completed=done, total=total),
+            lambda done, total: bar.update(task, completed=done, total=total, left=guess(done, total)),
         )
+
+
+class TimeLeft:
+    """An estimate from what was done since counting began: what was done before took no time."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self.clock = clock
+        self.start, self.before, self.last, self.total = 0.0, 0, 0, -1
+
+    def __call__(self, done: int, total: int) -> str:
+        """The time left in words, nothing while nobody can know.
+
+        >>> seconds = iter([0.0, 60.0])
+        >>> left = TimeLeft(lambda: next(seconds))
+        >>> left(100, 200), left(110, 200)
+        ('', 'about 9 min left')
+        """
+        now = self.clock()
+        if total != self.total or done < self.last:  # something else is counted
+            self.start, self.before, self.total = now, done, total
+        self.last = done
+        if done == self.before or done == total:
+            return ""
+        return f"about {in_words((now - self.start) * (total - done) / (done - self.before))} left"
+
+
+def in_words(seconds: float) -> str:
+    """A time that is only roughly known.
+
+    >>> in_words(9.4), in_words(200.0), in_words(7200.0), in_words(1e6)
+    ('9 s', '3 min', '2.0 h', '11.6 days')
+    """
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    if seconds < 6000.0:
+        return f"{seconds / 60.0:.0f} min"
+    return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"
 
 
 def told_as_one(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:

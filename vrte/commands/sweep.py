@@ -1,22 +1,23 @@
 """`vrte sweep`: a sweep file in, one table of many scenes out."""
 
 import argparse
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from vrte import __version__, sweep
-from vrte.commands.common import Tick, check_extra, check_output, whole_number
-from vrte.errors import SceneError
+from vrte.commands.common import Tick, check_extra, check_output, progress, whole_number
+from vrte.errors import SceneError, SweepError
 from vrte.sweep.engines import ENGINES
 from vrte.sweep.run import MOST_WORKERS
 from vrte.sweep.store import SUFFIXES
 
 if TYPE_CHECKING:
     import xarray
+
+MOST_NAMED = 3  # failures that --strict names
 
 
 def add(commands: Any) -> None:
@@ -38,6 +39,7 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--chunk", metavar="N", type=whole_number(1, 10**6), help="scenes that are computed and written together"
     )
+    command.add_argument("--strict", action="store_true", help="a failure (exit code 1) where any scene has no result")
     command.set_defaults(run=run)
 
 
@@ -46,7 +48,8 @@ def run(options: argparse.Namespace) -> None:
     if not (options.output.suffix == ".zarr" and options.output.is_dir()):
         check_output(options.output, *SUFFIXES)
     start = time.monotonic()
-    with told() as tick:
+    with progress() as (phase, tick):
+        phase("scenes")
         table = made(options, tick)
     describe(options, table, time.monotonic() - start)
 
@@ -78,61 +81,20 @@ def describe(options: argparse.Namespace, table: "xarray.Dataset", seconds: floa
     table.close()
     if failed == errors.size:
         raise SceneError(f"{options.file}: all scenes failed; the first: {errors.values.flat[0]}")
+    if failed and options.strict:
+        raise SweepError(f"{options.file}: {failed} of {errors.size} scenes failed: {'; '.join(failures(errors))}")
+
+
+def failures(errors: "xarray.DataArray") -> list[str]:
+    """Where the first scenes without result are, and what they said."""
+    found = []
+    for place in np.argwhere(errors.values != "")[:MOST_NAMED]:
+        here = errors[tuple(place)]
+        values = ", ".join(f"{name} = {value.item():g}" for name, value in here.coords.items())
+        found.append(f"{values}: {here.item()}")
+    return found
 
 
 def size_of(path: Path) -> int:
     """Bytes of a file, or of all in a folder."""
     return sum(file.stat().st_size for file in ([path] if path.is_file() else path.rglob("*")) if file.is_file())
-
-
-@contextmanager
-def told() -> Iterator[Tick]:
-    """A bar with the time left on a terminal, nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.fields[left]}")
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None, left="")
-        guess = TimeLeft(time.monotonic)
-        yield lambda done, total: bar.update(task, completed=done, total=total, left=guess(done, total))
-
-
-class TimeLeft:
-    """An estimate from what was done since the start: chunks that an earlier call finished took no time."""
-
-    def __init__(self, clock: Any) -> None:
-        self.clock = clock
-        self.start: float | None = None
-        self.before = 0
-
-    def __call__(self, done: int, total: int) -> str:
-        """The time left in words, nothing while nobody can know.
-
-        >>> seconds = iter([0.0, 60.0])
-        >>> left = TimeLeft(lambda: next(seconds))
-        >>> left(100, 200), left(110, 200)
-        ('', 'about 9 min left')
-        """
-        now = self.clock()
-        if self.start is None:
-            self.start, self.before = now, done
-        if done == self.before:
-            return ""
-        return f"about {in_words((now - self.start) * (total - done) / (done - self.before))} left"
-
-
-def in_words(seconds: float) -> str:
-    """A time that is only roughly known.
-
-    >>> in_words(9.4), in_words(200.0), in_words(7200.0), in_words(1e6)
-    ('9 s', '3 min', '2.0 h', '11.6 days')
-    """
-    if seconds < 100.0:
-        return f"{seconds:.0f} s"
-    if seconds < 6000.0:
-        return f"{seconds / 60.0:.0f} min"
-    return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"

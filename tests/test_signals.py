@@ -1,0 +1,160 @@
+"""Ctrl-C, SIGTERM, and outputs that are closed, in real processes at many moments: one line and the right exit code."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+ROOT = Path(__file__).parents[1]
+VRTE = [sys.executable, "-m", "vrte.cli"]
+SWEEP = """
+nodes = 6
+[[layer]]
+phase = "rayleigh"
+albedo = 1
+thickness = 1
+[brdf]
+mu_i = 0.5
+mu_o = 0.5
+[axes]
+"layer[1].albedo" = { start = 0.1, stop = 1, count = 20000 }
+"""
+WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., "subprocess.Popen[str]"]]:
+    """Starts `vrte` with arguments in a group of its own; whatever is left of it goes in the end."""
+    started: list[subprocess.Popen[str]] = []
+    (tmp_path / "s.toml").write_text(SWEEP)
+
+    def vrte(*arguments: str, first: Path = ROOT) -> "subprocess.Popen[str]":
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(first), str(ROOT)))}
+        # a background shell hands down an ignored SIGINT
+        default = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+        pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        started.append(
+            subprocess.Popen(
+                [*VRTE, *arguments], **pipes, cwd=tmp_path, env=environment, preexec_fn=default, start_new_session=True
+            )
+        )
+        return started[-1]
+
+    yield vrte
+    for process in started:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+
+
+def wait_until(condition: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """What the condition finds, or a failure."""
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
+    return found
+
+
+def check_said(process: "subprocess.Popen[str]", number: signal.Signals) -> None:
+    """One line on standard error, nothing beside it, and the exit code."""
+    said, complaint = process.communicate(timeout=60)
+    assert (process.returncode, said, complaint) == (128 + number, "", f"vrte: error: {WORDS[number]}\n")
+
+
+def slow_module(folder: Path, name: str) -> Path:
+    """A folder with a module of that name that says when it is loaded, and takes its time."""
+    folder.mkdir()
+    (folder / f"{name}.py").write_text(f"import time\nopen({str(folder / 'loading')!r}, 'w').close()\ntime.sleep(60)\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("module", "number"),
+    [
+        ("numpy", signal.SIGINT),
+        ("zarr", signal.SIGTERM),
+        *(
+            pytest.param(module, number, marks=pytest.mark.slow)
+            for module in ("numpy", "scipy", "zarr", "distributed")
+            for number in WORDS
+        ),
+    ],
+)
+def test_stopped_while_a_module_loads(module: str, number: signal.Signals, start: Any, tmp_path: Path) -> None:
+    slow = slow_module(tmp_path / "slow", module)
+    process = start("sweep", "s.toml", "-o", "t.zarr", "--engine", "dask", first=slow)
+    wait_until((slow / "loading").exists)
+    process.send_signal(number)
+    check_said(process, number)
+    assert {path.name for path in tmp_path.iterdir()} <= {"s.toml", "slow", "t.zarr.partial"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", WORDS)
+@pytest.mark.parametrize("engine", ["threads", "dask"])
+def test_a_sweep_stopped_with_its_whole_group(engine: str, number: signal.Signals, start: Any, tmp_path: Path) -> None:
+    process = start("sweep", "s.toml", "-o", "t.zarr", "--engine", engine, "--workers", "2", "--chunk", "1")
+    if engine == "dask":  # at once: its workers are only being started
+        wait_until(lambda: workers(process))
+    else:
+        wait_until(lambda: list(tmp_path.glob("*.partial/done/*")))
+    os.killpg(process.pid, number)
+    check_said(process, number)
+    wait_until(lambda: not alive(process.pid))
+
+
+def workers(process: "subprocess.Popen[str]") -> list[psutil.Process]:
+    """The processes of its cluster."""
+    children = psutil.Process(process.pid).children()
+    return [child for child in children if any("spawn_main" in word for word in child.cmdline())]
+
+
+def alive(group: int) -> list[int]:
+    """Who is left of a group of processes."""
+    return [each for each in psutil.pids() if each != os.getpid() and is_of(each, group)]
+
+
+def is_of(process: int, group: int) -> bool:
+    try:
+        return os.getpgid(process) == group and psutil.Process(process).status() != psutil.STATUS_ZOMBIE
+    except (ProcessLookupError, psutil.NoSuchProcess):
+        return False
+
+
+@pytest.mark.slow
+def test_a_worker_killed_at_its_start(start: Any, tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(SWEEP.replace("20000", "40"))
+    process = start("sweep", "s.toml", "-o", "t.zarr", "--engine", "dask", "--workers", "1")
+    wait_until(lambda: workers(process))[0].kill()
+    complaint = process.communicate(timeout=120)[1]
+    assert (process.returncode, complaint) == (0, "") or (
+        process.returncode == 1
+        and complaint.startswith("vrte: error: the Dask cluster did not start: ")
+        and complaint.count("\n") == 1
+    )
+
+
+@pytest.mark.parametrize(
+    ("closed", "words"), [(">&-", "standard output is closed"), (">/dev/full", "No space left on device")]
+)
+def test_an_output_that_takes_nothing(closed: str, words: str) -> None:
+    command = f"exec {' '.join(VRTE)} material {closed}"
+    found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert (found.returncode, found.stdout, found.stderr.count("\n")) == (1, "", 1)
+    assert words in found.stderr
+    assert found.stderr.startswith("vrte: error: ")
+
+
+def test_nowhere_to_complain() -> None:
+    command = f"exec {' '.join(VRTE)} material no-such-thing 2>&-"
+    found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, cwd=ROOT, timeout=60)
+    assert (found.returncode, found.stdout) == (2, "")

@@ -1,0 +1,37 @@
+"""What a command answers to Ctrl-C and SIGTERM while its modules are still loading: one line, and it ends.
+
+`import vrte` imports this first, for `vrte` and `python -m vrte.cli` alone: other programs keep their own ways.
+"""
+
+import os
+import signal
+import sys
+from contextlib import suppress
+from typing import Any
+
+WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+
+
+def is_command() -> bool:
+    """Whether this process is the command `vrte`, and none that it has started.
+
+    >>> is_command()
+    False
+    """
+    begun = sys.argv[0] if sys.argv else ""
+    if begun == "-m":
+        return "vrte.cli" in sys.orig_argv
+    return os.path.basename(begun) in ("vrte", "vrte.exe") and begun in sys.orig_argv
+
+
+def end(number: int, frame: Any = None) -> None:
+    """Ends the process at once, with a line that says why and the code that shells give to this signal."""
+    with suppress(OSError):
+        os.write(2, f"vrte: error: {WORDS[signal.Signals(number)]}\n".encode())
+    os._exit(128 + number)
+
+
+if is_command():
+    for signal_number in WORDS:
+        if signal.getsignal(signal_number) is not signal.SIG_IGN:  # as a shell starts what runs in the background
+            signal.signal(signal_number, end)
