@@ -352,7 +352,7 @@ class TestCommandLine:
         ("options", "words"),
         [
             (["--wavelengths-um", "0.6,0.5"], "must be ascending wavelengths such as 0.45,0.55, not '0.6,0.5'"),
-            (["--wavelengths-um", "0.5", "--plot", "a.png"], "--plot shows one wavelength"),
+            (["--wavelengths-um", "0.5", "--plot", "a.jpg"], "must end in .png or .svg or .pdf"),
             (["--mitsuba", "a.bsdf"], "--mitsuba needs 5 wavelengths, by --wavelengths-um or in the scene file"),
             (["--mitsuba", "a.bsdf", "--wavelengths-um", "0.5,0.6"], "takes exactly 5 wavelengths, not 2"),
             (["--wavelengths-um", "0.5,99"], "paint.toml: at 99 um: particles.gold.index: "),

@@ -71,16 +71,15 @@ def test_many_beams_are_written_and_read(tmp_path, name):
     assert again.diagnostics == field.diagnostics
 
 
-def test_many_beams_are_labelled_and_a_picture_shows_one():
+def test_many_beams_are_labelled_and_drawn_beside_each_other():
     field = vrte.radiance(SCENE, MU0, LIGHT, MU, PHI, TAU, nodes=4)
     data = field.to_xarray()
     assert data["stokes"].dims == ("mu0", "tau", "mu", "phi_deg", "stokes")
     np.testing.assert_array_equal(data["flux_up"].sel(mu0=0.6), field.flux_up[1])
     assert "3 from" not in field._repr_html_()
     assert "0.3, 0.6, 1" in field._repr_html_()
-    with pytest.raises(SceneError, match="a picture shows one beam, and these are 3: take one"):
-        field.plot()
-    field.beam(1).plot()
+    assert [axes.get_title() for axes in field.plot().axes[:3]] == [rf"$\mu_0$ = {mu0:g}" for mu0 in MU0]
+    assert field.beam(1).plot().get_suptitle().endswith(r"$\mu_0$ = 0.6")
 
 
 def test_scene_files_list_beams(tmp_path):

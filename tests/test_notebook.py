@@ -131,6 +131,15 @@ def test_it_never_raises() -> None:
         few.plot()
 
 
+def test_a_spectrum_shows_its_reflectance_and_a_cut_a_wavelength() -> None:
+    spectrum = THINGS["spectrum"]
+    reflectance, cuts = spectrum.plot().axes
+    np.testing.assert_array_equal(reflectance.get_lines()[0].get_ydata(), spectrum.reflectance[:, 0])
+    assert [line.get_label() for line in cuts.get_lines()] == ["0.5 µm", "0.6 µm"]
+    few = Spectrum([0.5], [vrte.brdf(vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 1.0)]), 0.5, 0.5, nodes=4)])
+    assert len(few.plot().axes) == 1
+
+
 def test_the_plan_draws_its_operations() -> None:
     facts = THINGS["plan"].as_dict()
     (panel,) = THINGS["plan"].plot().axes

@@ -293,8 +293,19 @@ def test_render_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "one: 9 wavelengths, 0.4 to 0.7 µm" in told.out
     assert "two: 3 wavelengths, 0.45 to 0.65 µm" in told.out
     assert re.search(r"wrote .*out\.png", told.out)
-    sheet = Sheet(48, 2, 4, 0.44)
-    assert size_of(tmp_path / "out.png") == (sheet.width, sheet.height)
+    sheet = Sheet(48, 2, 4, 0.44, note="")
+    assert size_of(tmp_path / "out.png")[0] == sheet.width
+
+
+def test_the_note_below_a_sheet_is_not_cut() -> None:
+    for words in (3, 40, 120):
+        sheet = Sheet(300, 1, 3, 0.30, note=" ".join(["wavelengths"] * words))
+        (note,) = (text for text in sheet.figure.texts if "wavelengths" in text.get_text())
+        box = note.get_window_extent()
+        assert box.x0 >= 0.0
+        assert box.x1 <= sheet.width
+        assert box.y0 >= 0.0
+        assert box.y1 < sheet.foot - 0.15 * 300  # where the legends end
 
 
 @pytest.mark.slow
@@ -302,8 +313,10 @@ def test_render_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_sheet_has_a_row_a_scene(tmp_path: Path) -> None:
     scene = write(tmp_path / "one.toml", PLAIN + SMALL)
     assert run("render", scene, "-o", tmp_path / "out.png", "--sheet") == 0
-    sheet = Sheet(48, 1, 3, 0.30)
-    assert size_of(tmp_path / "out.png") == (sheet.width, sheet.height)
+    sheet = Sheet(48, 1, 3, 0.30, note="")
+    width, height = size_of(tmp_path / "out.png")
+    assert width == sheet.width
+    assert height >= sheet.height
 
 
 @pytest.mark.parametrize("name", ["rutile", "mixture_on_black"])

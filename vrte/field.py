@@ -92,8 +92,9 @@ class Field:
         return field_html(self)
 
     def plot(self) -> "Figure":
-        """I and the degree of polarization against mu, at some depths and azimuths. Raises SceneError for a field of
-        fluxes alone or of several beams, MissingExtraError without the extra "plot"."""
+        """I and the degree of polarization against mu, at some depths and azimuths, or beams at the first azimuth.
+
+        Raises SceneError for a field of fluxes alone, MissingExtraError without the extra "plot"."""
         from vrte.report.lobes import field_figure
 
         return field_figure(self)

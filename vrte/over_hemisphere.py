@@ -13,14 +13,16 @@ from vrte.brdf import Brdf
 from vrte.discrete_ordinates.problem import FLIP
 from vrte.errors import SceneError
 
+EDGE = 1e-9  # [degrees] beyond the last mu_o: rounding
+
 
 def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
     """Stokes vectors (theta, phi, 4) [sr-1] of the light that leaves at ``theta``, ``phi`` [degrees].
 
     Light of the Stokes vector ``incident`` (4,) falls in at ``mu_i[place]``. Splines run through the given directions:
     periodic in azimuth, and over the pole along great circles, so that intensity and degrees of polarization have no
-    dent there. Nearer to the horizon than the last mu_o nothing is known: the edge value is kept. At the pole itself
-    the meridian plane, and with it Q and U, is that of each phi. Raises SceneError for a BRDF that is not finite.
+    dent there. Nearer to the horizon than the last mu_o nothing is known: NaN. At the pole itself the meridian plane,
+    and with it Q and U, is that of each phi. Raises SceneError for a BRDF that is not finite.
 
     >>> import vrte
     >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
@@ -86,6 +88,27 @@ def _steps(length: float, most: float) -> int:
     return max(1, int(np.ceil(length / most - 1e-9)))
 
 
+def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, Array]:
+    """Angles (m,) so many times as fine and the Stokes vectors (m, 4) there, of distinct angles (n,) and (n, 4).
+
+    Each parameter is a monotone cubic between its neighbours: it passes through what is given and never overshoots,
+    so that no I turns negative; degrees of polarization are divided after it. Fewer than 3 angles, and light that is
+    not finite, come back as they are, in ascending order.
+
+    >>> angle, light = between_angles(np.array([0.0, 1.0, 2.0]), np.eye(4)[[0, 1, 0]], times=2)
+    >>> angle.tolist(), light[2].tolist()
+    ([0.0, 0.5, 1.0, 1.5, 2.0], [0.0, 1.0, 0.0, 0.0])
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    order = np.argsort(angle)
+    angle, stokes = angle[order], stokes[order]
+    if angle.size < 3 or not np.isfinite(stokes).all():
+        return angle, stokes
+    finer = np.interp(np.arange((angle.size - 1) * times + 1) / times, np.arange(angle.size), angle)
+    return finer, PchipInterpolator(angle, stokes, axis=0)(finer)
+
+
 def check_directions(mu_o: Any, phi: Any) -> None:
     """Raises SceneError where there are too few directions for a picture of the lobes.
 
@@ -129,4 +152,6 @@ def _over_the_pole(given: Array, azimuths: Array, values: Any, theta: Array, phi
     circle = CubicSpline(
         np.concatenate([-given[behind][::-1], given]), np.concatenate([opposite[behind][::-1], here]), axis=0
     )
-    return circle(np.minimum(theta, given[-1]))
+    found = circle(np.minimum(theta, given[-1]))
+    found[np.asarray(theta) > given[-1] + EDGE] = np.nan
+    return found

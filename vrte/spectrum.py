@@ -131,8 +131,10 @@ class Spectrum:
         return spectrum_html(self)
 
     def plot(self) -> "Figure":
-        """Reflectance against wavelength. MissingExtraError without the extra "plot"."""
-        from vrte.report.notebook import spectrum_figure
+        """Reflectance against wavelength, and f00 in the plane of incidence where there are enough directions.
+
+        Raises MissingExtraError without the extra "plot"."""
+        from vrte.report.lobes import spectrum_figure
 
         return spectrum_figure(self)
 

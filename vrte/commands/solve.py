@@ -31,15 +31,16 @@ from vrte.formats.result_file import WRITERS
 from vrte.formats.scene_file import SceneFile
 from vrte.illumination import SIDES
 from vrte.optics.truncation import CHOICES
+from vrte.report.pictures import SUFFIXES as PICTURES
 from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
-from vrte.spectrum import Spectrum, with_scene
+from vrte.spectrum import with_scene
 
 HOW = ("threads", "nodes", "accuracy", "algorithm", "verify", "truncation", "backend", "method", "illuminate")
-OUTPUTS = {"output": tuple(WRITERS), "csv": (".csv",), "plot": (".png",)}
+OUTPUTS = {"output": tuple(WRITERS), "csv": (".csv",), "plot": tuple(PICTURES)}
 EXTRAS = {  # by suffix
     ".nc": ("files", ("xarray", "h5netcdf")),
     ".zarr": ("files", ("xarray", "zarr")),
-    ".png": ("plot", ("matplotlib",)),
+    **dict.fromkeys(PICTURES, ("plot", ("matplotlib",))),
 }
 
 
@@ -61,7 +62,7 @@ def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser
         help=".nc: NetCDF; .csv: a table, which needs no extra; .zarr: Zarr",
     )
     command.add_argument("--csv", metavar="OUT.csv", type=Path, help="beside -o or alone: one row a direction")
-    command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture")
+    command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture; .svg and .pdf too")
     command.add_argument(
         "--threads", metavar="N", type=whole_number(1, 1024), help="default: all CPUs that may be used"
     )
@@ -127,7 +128,7 @@ def run_spectrum(options: argparse.Namespace) -> None:
     with progress() as (phase, tick):
         found = spectrum.solve(options, how(options), seconds, phase, tick)
     spectrum.describe(options.scene, found)
-    paths = [written(found.result, options, name, seconds) for name in ("output", "csv") if getattr(options, name)]
+    paths = [written(found.result, options, name, seconds) for name in OUTPUTS if getattr(options, name)]
     if found.table:
         paths.append(spectrum.write_table(found.table, options, seconds))
     print_times(seconds, spectrum.stages(found.result))
@@ -183,7 +184,6 @@ def written(result: Result, options: argparse.Namespace, name: str, seconds: dic
         else:
             from vrte.report.lobes import save_plot
 
-            assert not isinstance(result, Spectrum)  # refused by check_options
             save_plot(result, path)
     return path
 

@@ -48,8 +48,6 @@ def wavelengths_of_file(path: Path) -> list[float] | None:
 
 def check_options(options: argparse.Namespace) -> None:
     """Whether they go together, before the work is done. Raises SceneError."""
-    if options.wavelengths_um and options.plot:
-        raise SceneError("--plot shows one wavelength: ask for no more, or leave --plot out")
     if options.mitsuba:
         check_output(options.mitsuba, ".bsdf")
         mitsuba.angles_of(options.mitsuba_step_deg)

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array
 from vrte.formats.atomic import atomic_write
 from vrte.render.picture import DPI, Sheet, light_in_words, over_grey
 from vrte.render.rendering import Sphere
 from vrte.render.setting import Material, Setting
-from vrte.report.lobes import COLOURED_TO, FINE_THETA, draw_lobe, hemisphere, lobe_colours
+from vrte.report.lobes import Lobe, draw_lobe, lobe_colours, lobe_of
 from vrte.report.pictures import require_pictures
 
 if TYPE_CHECKING:
@@ -29,10 +28,10 @@ COLUMNS = len(HEADINGS)
 STEPS = (1.0, 2.0, 5.0)
 
 
-def _lobes_of(material: Material) -> list[tuple[Array, Array]]:
+def _lobes_of(material: Material) -> list[Lobe]:
     """f00 and degree of linear polarization for each of LOBE_MU_I."""
     brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
-    return [hemisphere(brdf, place) for place in range(LOBE_MU_I.size)]
+    return [lobe_of(brdf, place) for place in range(LOBE_MU_I.size)]
 
 
 def save(
@@ -56,9 +55,11 @@ def sheet(
     """The sheet as a figure; ``progress`` is called with (rows done, rows, title)."""
     require_pictures()
     blocks = 2 if len(spheres) > TALLEST else 1
-    drawing = Sheet(setting.size_px, -(-len(spheres) // blocks), COLUMNS * blocks, foot=0.30)
+    circles = f"Lobes: unpolarized light, outer circles $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
+    note = f"{circles}. Spheres: {light_in_words(setting, spheres)}"
+    drawing = Sheet(setting.size_px, -(-len(spheres) // blocks), COLUMNS * blocks, foot=0.30, note=note)
     lobes = [_lobes_of(sphere.material) for sphere in spheres]
-    most = max(float(polarized[FINE_THETA <= COLOURED_TO].max()) for both in lobes for _, polarized in both)
+    most = max(lobe.most_polarized for both in lobes for lobe in both)
     colours = lobe_colours(most)
     for place, (sphere, both) in enumerate(zip(spheres, lobes, strict=True)):
         row, block = divmod(place, blocks)
@@ -69,14 +70,10 @@ def sheet(
         for column, heading in enumerate(HEADINGS):
             drawing.heading(COLUMNS * block + column, heading)
     drawing.bar(0, colours.cmap, 0.0, most, "lobes: degree of linear polarization")
-    circles = f"Lobes: unpolarized light, outer circles $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
-    drawing.note(f"{circles}. Spheres: {light_in_words(setting, spheres)}")
     return drawing.figure
 
 
-def _draw_row(
-    drawing: Sheet, row: int, first: int, sphere: Sphere, lobes: list[tuple[Array, Array]], colours: Any
-) -> None:
+def _draw_row(drawing: Sheet, row: int, first: int, sphere: Sphere, lobes: list[Lobe], colours: Any) -> None:
     """A material's panels, from the column ``first``."""
     left, top = drawing.corner(row, first)
     drawing.text(left + 0.03 * drawing.size, top + 0.03 * drawing.size, sphere.material.title, 1.25, ha="left")
@@ -85,13 +82,12 @@ def _draw_row(
     drawing.show(row, first + LOBE_MU_I.size, over_grey(sphere.rgba))
 
 
-def _draw(drawing: Sheet, row: int, first: int, column: int, lobe: tuple[Array, Array], colours: Any) -> None:
+def _draw(drawing: Sheet, row: int, first: int, column: int, lobe: Lobe, colours: Any) -> None:
     """One lobe in its panel, and by how much it is scaled."""
-    radius, polarized = lobe
-    factor = scale(float(radius.max()) / CIRCLE)
+    factor = scale(float(lobe.radius.max()) / CIRCLE)
     left, top = drawing.corner(row, first + column)
-    axes = drawing.axes(left, top - 0.04 * drawing.size, drawing.size, drawing.size, projection="3d")
-    draw_lobe(axes, factor * radius / CIRCLE, colours.to_rgba(polarized), float(LOBE_MU_I[column]))
+    axes = drawing.axes(left, top - 0.04 * drawing.size, drawing.size, drawing.size)
+    draw_lobe(axes, lobe, factor / CIRCLE, colours)
     drawing.text(left + 0.5 * drawing.size, top + 0.94 * drawing.size, f"scale {factor:g}")
 
 

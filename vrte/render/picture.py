@@ -1,6 +1,7 @@
 """Spheres as a PNG: a row each, in colour, and how polarized their light is; or in colour alone."""
 
 import os
+import textwrap
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 100
-GAP = 0.05  # of a sphere's size
+GAP = 0.05  # of a sphere's size; and so
+LETTER, LINE = 0.0185, 0.045  # of a note: the width of a letter, the height of a line
 INK = "#222222"
 BEHIND = 0.42  # sRGB grey behind spheres in colour, about the eye's middle
 DEGREE_COLOURS, CIRCULAR_COLOURS, ANGLE_COLOURS = "inferno", "RdBu_r", "hsv"
@@ -63,7 +65,7 @@ def _write(drawn: BytesIO, path: str | os.PathLike[str]) -> None:
 def figure(spheres: Sequence[Sphere], setting: Setting) -> "Figure":
     """A row a sphere, a column each for colour, degree and angle of linear and degree of circular polarization."""
     require_pictures()
-    sheet = Sheet(setting.size_px, len(spheres), len(HEADINGS), foot=0.44)
+    sheet = Sheet(setting.size_px, len(spheres), len(HEADINGS), foot=0.44, note=light_in_words(setting, spheres))
     linear = [degree_of_linear_polarization(sphere.stokes) for sphere in spheres]
     circular = [degree_of_circular_polarization(sphere.stokes) for sphere in spheres]
     most_linear, most_circular = _round_up(_largest(linear)), _round_up(_largest(circular))
@@ -78,7 +80,6 @@ def figure(spheres: Sequence[Sphere], setting: Setting) -> "Figure":
     sheet.bar(1, DEGREE_COLOURS, 0.0, most_linear)
     sheet.bar(3, CIRCULAR_COLOURS, -most_circular, most_circular)
     sheet.wheel(2)
-    sheet.note(light_in_words(setting, spheres))
     return sheet.figure
 
 
@@ -156,16 +157,21 @@ def _round_up(value: float) -> float:
 
 
 class Sheet:
-    """A figure of square panels, pixel by pixel, with room for headings, titles at the left, and legends below."""
+    """A figure of square panels, pixel by pixel, with room for headings, titles at the left, legends below, and a note
+    at the bottom, in as many lines as it takes."""
 
-    def __init__(self, size: int, rows: int, columns: int, foot: float) -> None:
+    def __init__(self, size: int, rows: int, columns: int, foot: float, note: str) -> None:
         self.size, self.rows, self.columns = size, rows, columns
         self.gap = round(GAP * size)
-        self.left, self.head, self.foot = round(0.10 * size), round(0.12 * size), round(foot * size)
+        self.left, self.head = round(0.10 * size), round(0.12 * size)
         self.width = self.left + columns * (size + self.gap)
+        lines = textwrap.wrap(note, int((self.width - 2.0 * self.left) / (LETTER * size)))
+        self.foot = round((foot + LINE * (len(lines) - 1)) * size)
         self.height = self.head + rows * (size + self.gap) + self.foot
         self.figure = new_figure(self.width / DPI, self.height / DPI)
         self.letters = 0.034 * size * 72.0 / DPI  # [points]
+        below = self.height - 0.6 * self.gap
+        self.text(self.left, below, "\n".join(lines), 0.95, ha="left", va="bottom", linespacing=1.3)
 
     def axes(self, left: float, top: float, width: float, height: float, **how: Any) -> Any:
         """Axes at a place in pixels from the upper left corner."""
@@ -195,10 +201,6 @@ class Sheet:
     def title(self, row: int, text: str) -> None:
         _, top = self.corner(row, 0)
         self.text(0.5 * self.left, top + 0.5 * self.size, text, 1.25, rotation=90)
-
-    def note(self, text: str) -> None:
-        """One line at the bottom, from the left."""
-        self.text(self.left, self.height - 0.6 * self.gap, text, 0.95, ha="left", va="bottom")
 
     def bar(self, column: int, colours: Any, low: float, high: float, label: str = "") -> None:
         """A legend of colours below a column."""

@@ -8,18 +8,16 @@ import html
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from vrte.arrays import Array, in_one_line
 from vrte.brdf import Brdf
 from vrte.field import Field
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.over_hemisphere import check_directions, stokes_over_hemisphere
+from vrte.over_hemisphere import check_directions, light_in_plane
 from vrte.plan import Plan
 from vrte.polarization import degree_of_linear_polarization
-from vrte.report.lobes import FAINT, depth_colour, draw_depth, spread
+from vrte.report.lobes import depth_colour, draw_depth, spectrum_figure, spread
 from vrte.report.phase_pictures import phase_matrix_figure
-from vrte.report.pictures import new_figure
+from vrte.report.pictures import finish, new_figure
 from vrte.report.plan_picture import plan_figure
 from vrte.spectrum import Spectrum
 
@@ -27,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH, HEIGHT = 7.2, 2.5  # of a picture [inches]
+MARGINS = {"left": 0.09, "right": 0.98, "bottom": 0.2, "top": 0.89, "wspace": 0.2}
 MOST_LINES = 4  # incident directions or depths in it
 MOST_TERMS_DRAWN = 5000  # more take longer than anyone waits for a glance, and so do
 MOST_DIRECTIONS_DRAWN = 300_000  # incident ones of the picture times outgoing ones
@@ -183,7 +182,8 @@ def field_picture(field: Field) -> "Figure | None":
     depths = spread(field.tau.size, MOST_LINES)
     for order, depth in enumerate(depths):
         draw_depth(panels, field, depth, 0, depth_colour(order, len(depths)))
-    finish(figure, panels, ("I [W m⁻² sr⁻¹]", "degree of polarization"), f"μ, at φ = {field.phi[0]:g}°")
+    finish(panels, ("I [W m⁻² sr⁻¹]", "degree of polarization"), f"μ, at φ = {field.phi[0]:g}°")
+    figure.subplots_adjust(**MARGINS)
     return figure
 
 
@@ -195,43 +195,11 @@ def brdf_picture(brdf: Brdf) -> "Figure | None":
         return None
     figure = new_figure(WIDTH, HEIGHT)
     panels: Any = figure.subplots(1, 2)
-    theta = np.linspace(0.0, float(np.degrees(np.arccos(brdf.mu_o.min()))), 61)
     for order, place in enumerate(places):
-        forward, back = stokes_over_hemisphere(brdf, place, theta, np.array([0.0, 180.0])).swapaxes(0, 1)
-        angle, light = np.concatenate([-theta[::-1], theta]), np.concatenate([back[::-1], forward])
+        angle, light = light_in_plane(brdf, place, step_deg=1.0)
         style = {"color": depth_colour(order, len(places)), "linewidth": 1.5}
         panels[0].plot(angle, light[:, 0], label=f"μ incident = {brdf.mu_i[place]:.4g}", **style)
         panels[1].plot(angle, degree_of_linear_polarization(light), **style)
-    finish(figure, panels, ("f00 [sr⁻¹]", "degree of linear polarization"), "angle of exit [°], forward > 0")
+    finish(panels, ("f00 [sr⁻¹]", "degree of linear polarization"), "angle of exit [°], forward > 0")
+    figure.subplots_adjust(**MARGINS)
     return figure
-
-
-def spectrum_figure(spectrum: Spectrum, width: float = 6.4, height: float = 4.0) -> "Figure":
-    """Reflectance against wavelength, a line an incident direction. Raises MissingExtraError without matplotlib."""
-    figure = new_figure(width, height)
-    panel: Any = figure.subplots(1, 1)
-    places = spread(spectrum.mu_i.size, MOST_LINES)
-    reflectance = spectrum.reflectance
-    for order, place in enumerate(places):
-        panel.plot(
-            spectrum.wavelength_um,
-            reflectance[:, place],
-            label=f"μ incident = {spectrum.mu_i[place]:.4g}",
-            color=depth_colour(order, len(places)),
-            marker="o" if len(spectrum) < 40 else None,
-            markersize=3,
-        )
-    finish(figure, [panel], ("reflectance",), "wavelength [µm]")
-    return figure
-
-
-def finish(figure: Any, panels: Any, titles: tuple[str, ...], below: str) -> None:
-    """Titles, axes and a legend."""
-    for panel, title in zip(panels, titles, strict=True):
-        panel.set_title(title, fontsize=10)
-        panel.set_xlabel(below, fontsize=9)
-        panel.set_ylim(bottom=0.0)
-        panel.tick_params(labelsize=8)
-        panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)
-    panels[0].legend(fontsize=7, frameon=False)
-    figure.subplots_adjust(left=0.09, right=0.98, bottom=0.2, top=0.89, wspace=0.2)
