@@ -298,12 +298,39 @@ def test_the_orders_kept_are_all_that_hold_something():
     assert max(abs(a[-1]), abs(b[-1])) < 1e-14
 
 
-def test_miev0_amplitudes(reference):
-    table = np.genfromtxt(reference("mie/miev0_S1S2_x1_m1.5-1i.csv"), delimiter=",", names=True)
-    s1, s2 = amplitudes(1.5 + 1j, 1.0, table["theta_deg"])
+# Wiscombe (NCAR/TN-140+STR): angle, S1, S2 of index 1.5 - 1i, size parameter 1
+AMPLITUDES = [
+    (0, 0.58408 + 0.190515j, 0.58408 + 0.190515j),
+    (30, 0.565702 + 0.1872j, 0.500161 + 0.145611j),
+    (60, 0.517525 + 0.178443j, 0.287964 + 0.041054j),
+    (90, 0.45634 + 0.167167j, 0.0362285 - 0.0618265j),
+    (120, 0.400212 + 0.156643j, -0.174875 - 0.122959j),
+    (150, 0.362157 + 0.149391j, -0.305682 - 0.143846j),
+    (180, 0.348844 + 0.146829j, -0.348844 - 0.146829j),
+]
+
+
+def test_miev0_amplitudes():
+    angle, first, second = np.array(AMPLITUDES).T
+    s1, s2 = amplitudes(1.5 + 1j, 1.0, angle.real)
     # printed for n - ik: conjugate amplitudes
-    np.testing.assert_allclose(s1.conj(), table["ReS1"] + 1j * table["ImS1"], atol=6e-7)
-    np.testing.assert_allclose(s2.conj(), table["ReS2"] + 1j * table["ImS2"], atol=6e-7)
+    np.testing.assert_allclose(s1.conj(), first, atol=6e-7)
+    np.testing.assert_allclose(s2.conj(), second, atol=6e-7)
+
+
+# de Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984), model: l; a1, a2, a3, a4, b1, b2
+GAMMA = {
+    0: [1.0, 0.0, 0.0, 0.71206342, 0.0, 0.0],
+    1: [1.45529318, 0.0, 0.0, 1.76014119, 0.0, 0.0],
+    2: [1.05402631, 3.3091220433, 2.577320735, 1.06682431, 0.7552491434, -0.0420726849],
+    4: [0.11659302, 0.24741243, 0.163817764, 0.09576412, 0.1155748765, -0.0154318422],
+    8: [0.00006372, 0.0000987266, 0.0000490182, 0.00003583, 0.0000677828, -0.0000042818],
+}
+
+
+def test_the_gamma_distributions_expansion_quoted():
+    found = spheres(1.44, size=Gamma(0.2, 0.07), wavelength_um=0.951).phase_matrix
+    np.testing.assert_allclose(found.coefficients[list(GAMMA)], list(GAMMA.values()), atol=1e-8)
 
 
 def test_the_gamma_distributions_expansion(reference):
