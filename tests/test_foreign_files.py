@@ -1,11 +1,12 @@
 """Result files that somebody else may have made or damaged: refused before they are read, and never a way to others."""
 
+import faulthandler
 import os
 import random
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,14 @@ Attack = Callable[[h5py.File, Path], object]
 def good(small_brdf: Any, tmp_path: Path) -> Path:
     small_brdf.save(tmp_path / "good.nc")
     return tmp_path / "good.nc"
+
+
+@pytest.fixture
+def not_for_ever() -> Iterator[None]:
+    """HDF5 that waits for a pipe is deaf to everything: the tests end then, and say where."""
+    faulthandler.dump_traceback_later(60, exit=True)
+    yield
+    faulthandler.cancel_dump_traceback_later()
 
 
 @pytest.fixture
@@ -60,7 +69,7 @@ def of_filter(**options: Any) -> Attack:
     return lambda file, _: file.create_dataset("mueller", data=np.zeros(SHAPE), **options)
 
 
-@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.usefixtures("in_this_process", "not_for_ever")
 @pytest.mark.parametrize(
     ("attack", "words"),
     [
@@ -280,6 +289,7 @@ def test_the_device_that_is_always_full(small_brdf: Any) -> None:
             file.check()
 
 
+@pytest.mark.usefixtures("not_for_ever")
 @pytest.mark.parametrize("attack", [external_storage, virtual_dataset, external_link, soft_link])
 def test_a_table_that_leads_elsewhere_is_refused(attack: Attack, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "secret")  # whoever opens it waits for ever
