@@ -79,7 +79,11 @@ def own_cluster(work: Work, workers: int) -> Iterator[Any]:
             )
             client = stack.enter_context(Client(stack.enter_context(cluster), security=security))
         except (OSError, RuntimeError) as error:
-            raise SweepError(f"the Dask cluster did not start: {in_one_line(str(error), 200)}") from error
+            reason = in_one_line(str(error), 200)
+            raise SweepError(
+                f"the Dask cluster did not start, or a worker process ended before it was ready ({reason}); started "
+                "again, the sweep goes on"
+            ) from error
         yield client
 
 
