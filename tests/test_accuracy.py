@@ -165,6 +165,36 @@ def test_so_many_layers_are_not_checked() -> None:
     assert "not checked" in found.notes[0]
 
 
+BACKWARD = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(-0.99, 2500), 0.99, 5.0)])
+
+
+def test_terms_that_nodes_given_do_not_carry_are_told() -> None:
+    """-165 was promised; and a peak straight back is not taken off as if light went straight on."""
+    with pytest.warns(vrte.errors.AccuracyWarning, match="12 nodes are too few .* 229 nodes do"):
+        found = vrte.brdf(BACKWARD, 0.6, [0.1, 0.5, 0.9], [0.0, 90.0, 180.0], nodes=12)
+    assert not found.diagnostics["promised"]
+    assert "carry 24 of the 2500 terms" in found.diagnostics["notes"][0]
+    assert found.diagnostics["peak_fractions"] == [0.0]
+    with pytest.warns(vrte.errors.AccuracyWarning, match="12 nodes are too few"):
+        vrte.radiance(BACKWARD, 0.6, mu=[0.1, 0.5, 0.9], nodes=12)
+
+
+@pytest.mark.slow
+def test_the_nodes_that_a_warning_names_do() -> None:
+    found = vrte.radiance(BACKWARD, 0.6, mu=[0.1, 0.5, 0.9], phi=[0.0, 180.0], nodes=229, accuracy=1e-2)
+    assert (found.stokes[..., 0] > 0.0).all()
+
+
+def test_terms_cut_are_told_by_other_methods_and_in_many_scenes() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 30), 0.9, 1.0)])
+    many = vrte.brdfs([scene], 0.5, [0.2, 0.7], nodes=4)[0]
+    other = vrte.brdf(scene, 0.5, [0.2, 0.7], nodes=4, method="adding-doubling")
+    every = vrte.brdf(scene, 0.5, [0.2, 0.7], nodes=15)
+    assert [one.diagnostics["promised"] for one in (many, other, every)] == [False, False, True]
+    assert "carry 8 of the 30 terms" in many.diagnostics["notes"][0]
+    assert "carry 8 of the 30 terms" in other.diagnostics["notes"][0]
+
+
 def lobe(mu_i: np.ndarray, mu_o: np.ndarray, phi_deg: np.ndarray) -> np.ndarray:
     shape = np.broadcast_shapes(mu_i.shape, mu_o.shape, phi_deg.shape)
     f = 0.1 * (1.0 + mu_i * mu_o * np.cos(np.radians(phi_deg)))

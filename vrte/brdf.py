@@ -16,7 +16,7 @@ from vrte.illumination import check_azimuths, incident_light, mirrored_mueller, 
 from vrte.request import Request, brdf_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
-from vrte.solving import chosen, run_of, solved
+from vrte.solving import chosen, run_of, solved, warn_of_negative
 
 if TYPE_CHECKING:
     import xarray
@@ -181,6 +181,8 @@ def as_brdf(request: Request, solution: Solution, transmission: bool) -> Brdf:
     matrices = [settled(values)[0] for values in solution.parts]
     if request.illuminate == "bottom":
         matrices = [mirrored_mueller(values) for values in matrices]
+    for values in matrices:
+        warn_of_negative(request, values[..., 0, 0], solution.diagnostics)
     return Brdf(
         mueller=matrices[0],
         reflectance=frozen(solution.flux_up[0, :, 0] / into),

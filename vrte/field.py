@@ -15,7 +15,7 @@ from vrte.illumination import mirrored_stokes
 from vrte.request import Request, depths, radiance_request, solver_options
 from vrte.running import interruptible
 from vrte.scene import Scene
-from vrte.solving import chosen, run_of, solved
+from vrte.solving import chosen, run_of, solved, warn_of_negative
 
 if TYPE_CHECKING:
     import xarray
@@ -201,6 +201,7 @@ def is_one_number(value: Any) -> bool:
 def field_of(request: Request, directions: Array, solution: Solution, tau: Array, incident: Array) -> Field:
     """What was found, as a result of as many beams as were asked for; tau (n_tau,) as asked."""
     seen = np.moveaxis(settled(solution.parts[0])[..., 0], 1, 0)  # (n_in, n_tau, n_mu, n_phi, 4)
+    warn_of_negative(request, seen[..., 0], solution.diagnostics)
     beams = request.mu0[:, None]
     direct = beams * incident[0] * np.exp(-request.tau / beams)
     fluxes = [np.moveaxis(flux, 1, 0).sum(axis=-1) for flux in (solution.flux_up, solution.flux_down)]

@@ -11,7 +11,7 @@ from vrte.discrete_ordinates.blocks import Block, make_blocks
 from vrte.discrete_ordinates.discretise import discretise
 from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.needs import Needs, bounds_at, brightness, needs_of, orders_that_matter, stages_of
-from vrte.discrete_ordinates.node_choice import DISCRETE, NodeChoice, choose_nodes
+from vrte.discrete_ordinates.node_choice import DISCRETE, NodeChoice, choose_nodes, given_nodes
 from vrte.discrete_ordinates.problem import Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.summing import Wanted
@@ -212,8 +212,9 @@ def worth_stages(problem: Problem, orders: int) -> bool:
 def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
     """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
     if request.nodes is not None:
-        share = DISCRETE if request.method_rule else 1.0
-        return NodeChoice(request.nodes, request.nodes_rule, ()), share * request.accuracy
+        if request.method_rule:  # estimated, with what stays cut
+            return NodeChoice(request.nodes, request.nodes_rule, ()), DISCRETE * request.accuracy
+        return given_nodes(request.scene, request.nodes, request.nodes_rule), request.accuracy
     asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
     peaks = "none" if request.truncation == "none" else "all"

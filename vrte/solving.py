@@ -1,6 +1,7 @@
 """A request solved: planned and executed, in two parts where polarized incident light wants another truncation."""
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -9,12 +10,15 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.backends import Backend
 from vrte.discrete_ordinates.kernels import kernels_of
+from vrte.discrete_ordinates.node_choice import CAREFUL, OF_NODES, estimated_nodes
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import NO_LIGHT, Solution, sized, solve, steps
-from vrte.errors import SceneError
+from vrte.errors import AccuracyWarning, SceneError
 from vrte.plan import Plan, plan_of
 from vrte.request import AUTO, EXACT, Request, operations_of
 from vrte.running import new_run
+
+GOOD = 1e-2  # accuracy that nodes are told for where there are too few
 
 
 def chosen(request: Request) -> Request:
@@ -85,6 +89,24 @@ def verified(request: Request, run: Run, progress: Progress | None) -> tuple[Arr
         "flux": gaps_of(*fluxes),
     }
     return mu, replace(found, diagnostics=found.diagnostics | {"agreement": agreement})
+
+
+def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[str, Any]) -> None:
+    """Warns (AccuracyWarning) where light of the exact method is less than nothing, by more than the accuracy of the
+    largest for the same beam, axis 0, and terms of phase matrices are cut."""
+    if request.method != EXACT or not (diagnostics["terms_cut"] and intensity.size):
+        return
+    each = intensity.reshape(intensity.shape[0], -1)
+    least = (each.min(axis=1) / np.maximum(np.abs(each).max(axis=1), NO_LIGHT)).min()
+    if least < -request.accuracy:
+        mu = np.concatenate([OF_NODES, -OF_NODES]) if request.mu is None else request.mu
+        enough = estimated_nodes(request.scene, request.mu0, mu, request.tau, CAREFUL * GOOD)
+        warnings.warn(
+            f"{diagnostics['nodes']} nodes are too few for the phase matrix: light comes out negative, {least:.1g} of "
+            f"the largest; {enough} nodes do by an estimate for an accuracy of {GOOD:g}, or leave nodes out",
+            AccuracyWarning,
+            stacklevel=4,
+        )
 
 
 def gaps_of(found: Array, expected: Array) -> float:

@@ -84,6 +84,15 @@ def choose_nodes(
     return NodeChoice(nodes, search.rule, tuple(reasons(scene, mu0, directions, nodes, error, accuracy)))
 
 
+def given_nodes(scene: Scene, nodes: int, rule: str) -> NodeChoice:
+    """Nodes as somebody gave them: what is solved is not the scene where its phase matrices have more terms."""
+    terms = max((layer.phase_matrix.terms for layer in scene.layers if layer.albedo * layer.thickness > 0.0), default=0)
+    note = (
+        f"{nodes} nodes carry {2 * nodes} of the {terms} terms of the phase matrix, and what is left has the accuracy"
+    )
+    return NodeChoice(nodes, rule, (note,) if terms > 2 * nodes else ())
+
+
 def orders_looked_at(scene: Scene, nodes: int, cut: float, aim: float) -> IntArray:
     """0 alone, or with a geometric series of others where what is ``cut`` by so many nodes matters. What a Mueller base
     does to others takes too long to find, and of many layers they take too much memory."""

@@ -29,6 +29,7 @@ def solve(request: Request, run: Run, progress: Progress | None = None) -> tuple
     settings = method.checked(request)
     mu, found = method.solve(request, settings, run, progress)
     if request.method_rule:
-        ruled = {"method_rule": request.method_rule, "accuracy": request.accuracy, "promised": True, "notes": []}
-        found = replace(found, diagnostics=found.diagnostics | ruled)
+        promised = {"promised": True, "notes": []} | found.diagnostics
+        ruled = {"method_rule": request.method_rule, "accuracy": request.accuracy}
+        found = replace(found, diagnostics=promised | ruled)
     return mu, found

@@ -10,6 +10,7 @@ import numpy as np
 from vrte.arrays import Array
 from vrte.discrete_ordinates.azimuths import fold
 from vrte.discrete_ordinates.discretise import discretise
+from vrte.discrete_ordinates.node_choice import given_nodes
 from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
 from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.solver import Solution
@@ -103,4 +104,8 @@ def solution_of(
 ) -> tuple[Array, Solution]:
     """The result of a method that finds multiple scattering order by order; fluxes up and down (n_tau, n_in, n_col)."""
     parts = summed(request, problem, mu, [light(orders, kernels)], run)
-    return mu, Solution(parts, *fluxes, diagnostics_of(request, problem, run, start, orders=orders.size, **more))
+    told = diagnostics_of(request, problem, run, start, orders=orders.size, **more)
+    notes = given_nodes(request.scene, problem.nodes.size, "").notes
+    if notes:
+        told |= {"promised": False, "notes": [*notes, *told.get("notes", ())]}
+    return mu, Solution(parts, *fluxes, told)

@@ -69,10 +69,14 @@ def delta_m(phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: i
 
 
 def peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
-    """f, the first a1 left out over its 2 l + 1; 0 where none is left out or there is no forward peak."""
-    if terms >= phase_matrix.terms:
+    """f, the first a1 left out over its 2 l + 1; 0 where none is left out or there is no forward peak.
+
+    The coefficients of a peak straight back change their sign from one to the next: that is no light unscattered.
+    """
+    left_out = phase_matrix.a1[terms : terms + 2]
+    if left_out.size == 0 or (left_out < 0.0).any():
         return 0.0
-    return max(0.0, float(phase_matrix.a1[terms]) / (2 * terms + 1))
+    return float(left_out[0]) / (2 * terms + 1)
 
 
 def peak(terms: int, scalar: bool = False) -> Array:

@@ -99,7 +99,7 @@ PROBES: dict[str, Callable[[str], Probe]] = {
         name, one_layer(rayleigh(), 1.0, 10.0), 16, (96, 128), mu0=(0.6,), tau=(0.0, 5.0, 10.0)
     ),
     "HG 0.5, thickness 1": lambda name: Probe(name, one_layer(smooth(0.5), 0.95, 1.0), 20, (96, 128)),
-    "HG 0.75, thickness 0.1": lambda name: Probe(name, one_layer(smooth(0.75), 0.9, 0.1), 40, (120, 160)),
+    "HG 0.75, thickness 0.1": lambda name: Probe(name, one_layer(smooth(0.75), 0.9, 0.1), 41, (120, 160)),
     "HG 0.85, without end": lambda name: Probe(name, one_layer(smooth(0.85), 0.99, math.inf), 72, (112, 144)),
     "clear spheres, thickness 8": lambda name: Probe(name, one_layer(glass(), 1.0, 8.0), 24, (72, 96)),
     "gold powder, thickness 100": lambda name: Probe(name, one_layer(metal(), 0.607, 100.0), 24, (72, 96)),
