@@ -1,7 +1,6 @@
 """Bases of one's own: published surfaces, how their azimuths are integrated, and what is refused."""
 
 import runpy
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,10 +20,10 @@ Function = Callable[..., np.ndarray]
 
 @pytest.fixture(scope="module")
 def rough_sea(tmp_path_factory: pytest.TempPathFactory) -> Function:
-    """The function of the example."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["rough_sea.py", str(tmp_path_factory.mktemp("sea"))])
-        found: Function = runpy.run_path(str(EXAMPLES / "rough_sea.py"))["rough_sea"]
+    """The function of the example, without what the example does with it."""
+    script = tmp_path_factory.mktemp("sea") / "rough_sea.py"
+    script.write_text((EXAMPLES / "rough_sea.py").read_text().split("\nfolder = ")[0])
+    found: Function = runpy.run_path(str(script))["rough_sea"]
     return found
 
 
@@ -88,10 +87,10 @@ def test_the_sea_that_is_published(rough_sea: Function) -> None:
 
 @pytest.mark.parametrize("name", ["sea", "hapke"])
 def test_orders_are_those_of_another_quadrature(name: str, rough_sea: Function) -> None:
-    """R^m of every pair, weighted as it acts, against 300 Gauss points from 0 to 180 degrees: cusps are at its ends."""
+    """R^m of every pair, weighted as it acts, against 160 Gauss points from 0 to 180 degrees: cusps are at its ends."""
     base, problem = problem_over({"sea": rough_sea, "hapke": hapke}[name], 6, [0.35], [0.7])
     found, _ = mueller_orders(base, problem, 5, accuracy=1e-9)
-    x, weight = np.polynomial.legendre.leggauss(300)
+    x, weight = np.polynomial.legendre.leggauss(160)
     phi = 90.0 * (x + 1.0)
     angle = np.arange(5)[:, None] * np.radians(phi)
     into, out = np.append(problem.nodes, 0.35), np.append(problem.nodes, 0.7)
@@ -174,7 +173,7 @@ def test_what_surfaces_do_is_taken(rough_sea: Function) -> None:
         return rough_sea(mu_i, mu_o, phi_deg, index=2.4, variance=1e-4)
 
     for function in (glossy, rough_sea, lambda i, o, p: rough_sea(i, o, p, variance=0.3), hapke):
-        assert vrte.MuellerBase(function).reflectance([0.3, 1.0], 96).max() < 0.5
+        assert vrte.MuellerBase(function).reflectance([0.3, 1.0], 48).max() < 0.5
     for diagonal in ([1, 0, 0, 0], [1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1]):
         base = vrte.MuellerBase(lambda i, o, p, diagonal=diagonal: np.diag(diagonal) / np.pi)
         np.testing.assert_allclose(base.reflectance([0.01, 0.3, 1.0]), 1.0, rtol=1e-12)

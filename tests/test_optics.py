@@ -318,7 +318,7 @@ def test_miev0_amplitudes():
     np.testing.assert_allclose(s2.conj(), second, atol=6e-7)
 
 
-# de Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984), model: l; a1, a2, a3, a4, b1, b2
+# a gamma distribution of 0.2 um, variance 0.07, index 1.44, at 0.951 um, as published to 8 decimals: l; a1 ... b2
 GAMMA = {
     0: [1.0, 0.0, 0.0, 0.71206342, 0.0, 0.0],
     1: [1.45529318, 0.0, 0.0, 1.76014119, 0.0, 0.0],

@@ -10,7 +10,7 @@ import pytest
 
 import vrte
 from tests import exact
-from vrte.report.stability.phases import haze_l
+from vrte.report.stability import phases
 from vrte.report.tables.problems import SIEWERT_DOWN, SIEWERT_UP, siewert_scene
 
 Find = Callable[[str], Path]
@@ -149,7 +149,7 @@ def test_garcia_siewert_1985_quoted(name: str, order: int) -> None:
     """Garcia and Siewert, Transp. Theory Stat. Phys. 14, 437: as above; haze L from its size distribution, which ends
     at 10 um here: straight ahead, where that is seen, nothing is quoted."""
     table = np.array(GARCIA[name, order])
-    matrix, omega, mu0 = (MIE_L8, 0.95, 0.5) if name == "mie" else (haze_l().a1, 0.9, 1.0)
+    matrix, omega, mu0 = (MIE_L8, 0.95, 0.5) if name == "mie" else (phases.phase_matrix("haze-L").a1, 0.9, 1.0)
     phi = np.arange(64) * (360.0 / 64)
     scene = vrte.Scene([vrte.Layer(vrte.PhaseMatrix(matrix), omega, 1.0)])
     field = exact.radiance(scene, mu0, FLUX_PI, -table[:, 0], phi, [0.0, 0.05, 0.1, 0.2, 0.5, 0.75, 1.0], nodes=60)
@@ -174,7 +174,7 @@ MISHCHENKO = [
 ]
 
 
-@pytest.mark.parametrize("source", ["its expansion", "spheres"])
+@pytest.mark.parametrize("source", [pytest.param("its expansion", marks=pytest.mark.slow), "spheres"])
 def test_mishchenko_semi_infinite(source: str, request: pytest.FixtureRequest) -> None:
     """Mishchenko et al., JQSRT 63, 409: endless, omega = 1. The expansion it prints is that of spheres of index 1.44
     with a gamma distribution of 1.05 um and variance 0.07 at 0.55 um (the clouds of Venus)."""
@@ -219,6 +219,6 @@ HAZE_L = [
 def test_haze_l_single_scattering_quoted(mu: float, phi: float, published: list[float]) -> None:
     """As above, the phase matrix from Deirmendjian's size distribution (Electromagnetic Scattering, 1969)."""
     tiny = 1e-7
-    scene = vrte.Scene([vrte.Layer(haze_l(), tiny, 0.2)])
+    scene = vrte.Scene([vrte.Layer(phases.phase_matrix("haze-L"), tiny, 0.2)])
     field = exact.radiance(scene, 0.6, FLUX_PI, mu, phi, 0.0 if mu > 0.0 else 0.2, nodes=4)
     assert np.abs(field.stokes[0, 0, 0, :3] / tiny - published).max() <= 1.5e-6
