@@ -85,6 +85,18 @@ def test_the_page_opens_without_a_network(folder: Path) -> None:
     assert "For 1e-03 take" in text
 
 
+def test_one_colour_a_method_and_the_answer_on_top() -> None:
+    known = list(records.read(ROOT / "docs" / "methods" / "methods.csv").values())
+    curves = {row.curve: row for row in known if not row.is_peer}
+    colours = {page.method_of_curve(row): page.colour_of([row]) for row in curves.values()}
+    assert {page.colour_of([row]) for row in known if not row.is_peer} == set(colours.values())
+    assert len(set(colours.values())) == len(colours) == len(METHODS) + 1
+    looks = {(page.colour_of([row]), page.styles(known)[curve]) for curve, row in curves.items()}
+    assert len(looks) == len(curves) > len(colours)
+    text = page.as_html(known, "")
+    assert -1 < text.find("good enough in 45 of 45") < text.index("<table>")
+
+
 def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = run(tmp_path)
     monkeypatch.setattr(measuring, "timed", lambda *_: pytest.fail("measured again"))

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from vrte.errors import MissingExtraError
@@ -26,19 +27,28 @@ from vrte.report.methods.advice import (
 from vrte.report.methods.records import STOKES, Row
 from vrte.report.methods.reference import slug
 from vrte.report.methods.scenes import case
-from vrte.report.methods.score import score_html, score_text
+from vrte.report.methods.score import choices, score_html, score_text
 from vrte.report.pages import made_with
 from vrte.report.pictures import FAINT, require_pictures, save
+from vrte.request import AUTO, METHOD_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGE = "methods.html"
 SMALLEST = 1e-17  # where an error of 0 is drawn on a logarithmic axis
-COLOURS = (
-    *("#1f4e79", "#d98200", "#2a8f5b", "#b3262e", "#7a4fa3", "#00838f", "#8d6e63", "#c2185b", "#5c6b2f", "#455a64"),
-    *("#e65100", "#3949ab", "#00695c", "#ad1457", "#00a3e0", "#7cb342", "#f06292", "#a1887f", "#9e9d24"),
+# a method, and method="auto", which the eye is to find first
+COLOURS = dict(
+    zip(
+        METHOD_NAMES,
+        (
+            *("#1f4e79", "#00a3e0", "#8d6e63", "#5c6b2f", "#7a4fa3", "#d98200", "#c2185b", "#2a8f5b", "#e68fb8"),
+            *("#9e9d24", "#e4002b"),
+        ),
+        strict=True,
+    )
 )
+BOLD = 2.0  # auto's lines and markers, over those of others
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")  # matplotlib
 SYMBOLS = (
     "circle",
@@ -121,14 +131,40 @@ def by_curve(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 
 def styles(rows: Sequence[Row]) -> dict[str, int]:
-    """The place of each curve's colour, the same in every scene."""
-    return {name: place for place, name in enumerate(dict.fromkeys(row.curve for row in rows))}
+    """The place of each curve's marker among those of its method, the same in every scene."""
+    found: dict[str, dict[str, int]] = {}
+    for row in rows:
+        curves = found.setdefault(method_of_curve(row), {})
+        curves.setdefault(row.curve, len(curves))
+    return {name: place for curves in found.values() for name, place in curves.items()}
 
 
-def colour_of(rows: Sequence[Row], place: int) -> str:
-    """Of a curve; peers are grey."""
-    peer = rows[0].method if rows[0].is_peer else None
-    return PEER_COLOURS[list(peers.PEERS).index(peer)] if peer else COLOURS[place % len(COLOURS)]
+def method_of_curve(row: Row) -> str:
+    """The method that a run's curve is of: auto, whatever it took, or its own."""
+    return AUTO if row.curve == AUTO else row.method
+
+
+def colour_of(rows: Sequence[Row]) -> str:
+    """Of a curve: its method's, throughout; peers are grey."""
+    method = method_of_curve(rows[0])
+    return PEER_COLOURS[list(peers.PEERS).index(method)] if rows[0].is_peer else COLOURS[method]
+
+
+def boldness(rows: Sequence[Row]) -> float:
+    """Of a curve's lines and markers."""
+    return BOLD if method_of_curve(rows[0]) == AUTO else 1.0
+
+
+def answer(rows: Sequence[Row]) -> str:
+    """What to take, in a sentence, whatever the scene; empty without runs of auto."""
+    found = [each for target in TARGETS for each in choices(rows, target)]
+    if not found:
+        return ""
+    good, ratio = sum(each.is_adequate for each in found), median(each.ratio for each in found)
+    return (
+        f'Take method="auto" with the accuracy that is wanted: good enough in {good} of {len(found)} runs, in '
+        f"{ratio:.2g} times (median) the time of the quickest run that was, whatever its method and setting."
+    )
 
 
 def shown(error: float) -> float:
@@ -159,7 +195,8 @@ def hover(row: Row) -> str:
 def as_plotly(rows: Sequence[Row], places: dict[str, int]) -> dict[str, Any]:
     """The interactive figure of a scene: a trace a curve, the Pareto front first, a menu of what is measured."""
     best = front(rows)
-    lines = [("Pareto front", best), *by_curve(rows).items()]
+    curves = sorted(by_curve(rows).items(), key=lambda pair: pair[0] != AUTO)
+    lines = [("Pareto front", best), *curves]
     data = [trace(name, some, places.get(name)) for name, some in lines]
     buttons = [
         {
@@ -203,7 +240,7 @@ def trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
     if place is None:
         line = {"color": FAINT, "width": 9, "shape": "hv"}
         return found | {"mode": "lines", "line": line, "hoverinfo": "skip"}
-    colour = colour_of(rows, place)
+    colour, bold = colour_of(rows), boldness(rows)
     spread = {
         "type": "data",
         "symmetric": False,
@@ -214,8 +251,8 @@ def trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
     }
     return found | {
         "mode": "lines+markers",
-        "line": {"color": colour, "width": 1.2, "dash": "dash" if rows[0].is_peer else "solid"},
-        "marker": {"color": colour, "symbol": SYMBOLS[place % len(SYMBOLS)], "size": 9},
+        "line": {"color": colour, "width": 1.2 * bold, "dash": "dash" if rows[0].is_peer else "solid"},
+        "marker": {"color": colour, "symbol": SYMBOLS[place % len(SYMBOLS)], "size": 7 * bold**0.5},
         "error_x": spread,
         "text": [hover(row) for row in rows],
         "hoverinfo": "text",
@@ -231,10 +268,11 @@ def as_html(rows: Sequence[Row], settings: str) -> str:
     return "\n".join(
         [
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>vrte: error against run time</title>',
-            f"<style>{STYLE}</style></head>\n<body><h1>Error against run time</h1>\n<ul>{facts}</ul>",
-            f"<p>{LEGEND}</p>",
-            f"<h2>What to take</h2>\n{summary(scenes)}",
+            f"<style>{STYLE}</style></head>\n<body><h1>Error against run time</h1>",
+            f"<p><b>{html.escape(answer(rows))}</b></p>",
             score_html(rows),
+            f"<h2>The quickest run of each scene</h2>\n{summary(scenes)}",
+            f"<h2>How it was measured</h2>\n<ul>{facts}</ul>\n<p>{LEGEND}</p>",
             *(section(name, some) for name, some in scenes.items()),
             f"<script>{plotly_script()}</script>\n<script>const FIGURES = {data};\n{SCRIPT}</script>\n</body></html>\n",
         ]
@@ -282,14 +320,16 @@ def as_figure(name: str, rows: Sequence[Row], places: dict[str, int]) -> "Figure
     best = front(rows)
     x, y = [row.seconds for row in best], [shown(row.worst) for row in best]
     panel.step(x, y, where="post", color=FAINT, linewidth=7, label="Pareto front", alpha=0.7)
-    for curve, some in by_curve(rows).items():
-        place = places[curve]
-        style = {"color": colour_of(some, place), "marker": MARKERS[place % len(MARKERS)]}
+    # auto above the others, and first in the legend
+    for curve, some in sorted(by_curve(rows).items(), key=lambda pair: pair[0] != AUTO):
+        place, bold = places[curve], boldness(some)
+        style: dict[str, Any] = {"color": colour_of(some), "marker": MARKERS[place % len(MARKERS)], "zorder": 2 + bold}
         style["linestyle"] = "--" if some[0].is_peer else "-"
         times = [row.seconds for row in some]
         spread = [[row.seconds - row.least for row in some], [row.greatest - row.seconds for row in some]]
         heights_ = [shown(row.worst) for row in some]
-        panel.errorbar(times, heights_, xerr=spread, linewidth=0.9, markersize=4, elinewidth=0.5, label=curve, **style)
+        style |= {"linewidth": 0.9 * bold, "markersize": 4 * bold**0.5, "elinewidth": 0.5}
+        panel.errorbar(times, heights_, xerr=spread, label=curve, **style)
     within = within_of(rows)
     panel.axhline(shown(within), color="black", linewidth=0.7, linestyle=":", label=f"reference within {within:.0e}")
     panel.set_xscale("log")
@@ -309,7 +349,9 @@ def as_text(rows: Sequence[Row]) -> str:
         lines.append(f"  {name} (reference known to {within_of(some):.0e})")
         told = [advice(some, target) for target in TARGETS] + [beside_exact(some), *beside(some)]
         lines += [f"    {text}" for text in told]
-    return "\n".join(filter(None, [*lines, score_text(rows), f"  {peers.statement()}"]))
+    return "\n".join(
+        filter(None, [f"  {answer(rows)}" if answer(rows) else "", *lines, score_text(rows), f"  {peers.statement()}"])
+    )
 
 
 def beside(rows: Sequence[Row]) -> list[str]:
