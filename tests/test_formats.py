@@ -197,8 +197,9 @@ def test_labels(brdf: Brdf, field: Field) -> None:
     assert dataset.attrs["source"].startswith("vrte ")
     assert "subsurface" in dataset.mueller.attrs["long_name"]
     labelled = field.to_xarray()
-    assert labelled.stokes.dims == ("tau", "mu", "phi_deg", "stokes")
-    assert labelled.incident_stokes.dims == ("stokes",)
+    assert labelled.stokes.dims == ("tau", "mu", "phi_deg", "stokes_parameter")
+    assert labelled.incident_stokes.dims == ("stokes_parameter",)
+    np.testing.assert_array_equal(labelled.stokes.sel(stokes_parameter="Q"), field.stokes[..., 1])
     for array in [*dataset.data_vars.values(), *labelled.data_vars.values()]:
         assert {"units", "long_name"} <= set(array.attrs)
 

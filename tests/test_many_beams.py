@@ -74,7 +74,7 @@ def test_many_beams_are_written_and_read(tmp_path, name):
 def test_many_beams_are_labelled_and_drawn_beside_each_other():
     field = vrte.radiance(SCENE, MU0, LIGHT, MU, PHI, TAU, nodes=4)
     data = field.to_xarray()
-    assert data["stokes"].dims == ("mu0", "tau", "mu", "phi_deg", "stokes")
+    assert data["stokes"].dims == ("mu0", "tau", "mu", "phi_deg", "stokes_parameter")
     np.testing.assert_array_equal(data["flux_up"].sel(mu0=0.6), field.flux_up[1])
     assert "3 from" not in field._repr_html_()
     assert "0.3, 0.6, 1" in field._repr_html_()

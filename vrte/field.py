@@ -100,9 +100,9 @@ class Field:
         return field_figure(self)
 
     def to_xarray(self) -> "xarray.Dataset":
-        """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes), mu0 in front of them for several beams.
+        """An xarray.Dataset: ``stokes`` with dims (tau, mu, phi_deg, stokes_parameter), mu0 in front for several.
 
-        Raises MissingExtraError without xarray."""
+        ``.stokes.sel(stokes_parameter="Q")`` takes one of them. Raises MissingExtraError without xarray."""
         from vrte.formats.netcdf import to_xarray
 
         return to_xarray(self)

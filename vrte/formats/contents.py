@@ -80,6 +80,7 @@ SPECTRUM = Kind(
         for name, variable in BRDF.variables.items()
     },
 )
+STOKES_AXIS = "stokes_parameter"  # "stokes" is a variable: no dimension with labels may be called so too
 FIELD = Kind(
     "field",
     "subsurface radiance field of a particulate layer",
@@ -90,14 +91,14 @@ FIELD = Kind(
     },
     {
         "stokes": Described(
-            ("tau", "mu", "phi_deg", "stokes"), RADIANCE, "subsurface radiance I, Q, U, V, diffuse light only"
+            ("tau", "mu", "phi_deg", STOKES_AXIS), RADIANCE, "subsurface radiance I, Q, U, V, diffuse light only"
         ),
         "flux_up": Described(("tau",), IRRADIANCE, "diffuse subsurface flux going up through a horizontal plane"),
         "flux_down": Described(("tau",), IRRADIANCE, "diffuse subsurface flux going down through a horizontal plane"),
         "direct": Described(("tau",), IRRADIANCE, "flux of the direct beam through a horizontal plane"),
         "mu0": Described((), "1", "cosine of the beam's angle of incidence"),
         "incident_stokes": Described(
-            ("stokes",), IRRADIANCE, "the beam's I, Q, U, V as flux through a plane perpendicular to it"
+            (STOKES_AXIS,), IRRADIANCE, "the beam's I, Q, U, V as flux through a plane perpendicular to it"
         ),
     },
 )

@@ -17,6 +17,7 @@ from vrte.formats.contents import (
     BRDF,
     FIELD,
     KINDS,
+    STOKES_AXIS,
     Result,
     arrays_of,
     described,
@@ -49,38 +50,32 @@ def to_xarray(result: Result) -> "xarray.Dataset":
     """A labelled copy of ``result``; every variable and coordinate has ``units`` and ``long_name``.
 
     ``mueller`` has the dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in), with wavelength_um in front for a spectrum;
-    ``stokes`` has (tau, mu, phi_deg, stokes), with mu0 in front for several beams. Raises MissingExtraError without
-    xarray.
+    ``stokes`` has (tau, mu, phi_deg, stokes_parameter), with mu0 in front for several beams; labels are "I", "Q", "U"
+    and "V". Raises MissingExtraError without xarray.
 
     >>> to_xarray(brdf).mueller.sel(stokes_out="I", stokes_in="I").dims
     ('mu_i', 'mu_o', 'phi_deg')
     """
     xarray = _xarray()
     kind, arrays = kind_of(result), arrays_of(result)
-    # a field's variable and its last dimension are both called stokes: the labels need a name of their own
-    labels = (
-        {"stokes_parameter": "stokes"}
-        if "stokes" in kind.variables
-        else {name: name for name in ("stokes_out", "stokes_in")}
-    )
+    labels = (STOKES_AXIS,) if "stokes" in kind.variables else ("stokes_out", "stokes_in")
     data = {
         name: (about.dims, arrays[name], about.attributes) for name, about in kind.variables.items() if name in arrays
     }
     coords: dict[str, Any] = {
         name: (about.dims, arrays[name], about.attributes) for name, about in kind.coordinates.items()
     }
-    coords |= {name: (axis, STOKES, {"long_name": "Stokes parameter"}) for name, axis in labels.items()}
-    dataset = xarray.Dataset(data, coords, _conventions(arrays, kind.coordinates) | described(result)).copy(deep=True)
-    return dataset.reset_coords("stokes") if "stokes" in kind.variables else dataset  # xarray takes it for a coordinate
+    coords |= {axis: (axis, STOKES, {"long_name": "Stokes parameter"}) for axis in labels}
+    return xarray.Dataset(data, coords, _conventions(arrays, kind.coordinates) | described(result)).copy(deep=True)
 
 
 def views_to_xarray(views: Views) -> "xarray.Dataset":
     """A labelled copy of the Stokes vectors of single geometries, ``stokes`` (geometry, stokes_parameter)."""
     about = {name: FIELD.variables.get(name) or FIELD.coordinates[name] for name in ("stokes", "mu0", "mu", "phi_deg")}
     rows = {"mu0": views.mu0, "mu": views.mu, "phi_deg": views.phi}
-    data = {"stokes": (("geometry", "stokes_parameter"), views.stokes, about["stokes"].attributes)}
+    data = {"stokes": (("geometry", STOKES_AXIS), views.stokes, about["stokes"].attributes)}
     coords = {name: ("geometry", values, about[name].attributes) for name, values in rows.items()}
-    labels = {"stokes_parameter": STOKES, "tau": ((), views.tau, FIELD.coordinates["tau"].attributes)}
+    labels = {STOKES_AXIS: STOKES, "tau": ((), views.tau, FIELD.coordinates["tau"].attributes)}
     return _xarray().Dataset(data, coords | labels).copy(deep=True)
 
 

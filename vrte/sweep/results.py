@@ -11,14 +11,12 @@ from vrte.brdf import Brdf, as_brdf
 from vrte.discrete_ordinates.solver import Solution
 from vrte.errors import SceneError
 from vrte.field import Field, field_of
-from vrte.formats.contents import BRDF, FIELDS, Kind
+from vrte.formats.contents import BRDF, FIELDS, STOKES_AXIS, Kind
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.toml_table import shown
 from vrte.request import EXACT, Request, brdf_request, depths, radiance_request, solver_options
 
 ALGORITHM = "direct"  # that of vrte.brdf, without what has a tolerance: no engine's numbers differ
-# a field's variable and its last dimension are both called stokes, which a table cannot have
-LABEL = {"stokes": "stokes_parameter"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +92,8 @@ def results_of(file: SceneFile) -> Results:
         assert request.mu is not None
         up = -1.0 if request.illuminate == "bottom" else 1.0  # such a request is that of the scene upside down
         coordinates |= {"mu": up * request.mu, "phi_deg": request.phi}
-    constants = {"incident_stokes": (tuple(LABEL.values()), incident)}
-    return laid_out(FIELDS, coordinates, left_out, tuple(LABEL.values()), constants)
+    constants: dict[str, tuple[tuple[str, ...], Array]] = {"incident_stokes": ((STOKES_AXIS,), incident)}
+    return laid_out(FIELDS, coordinates, left_out, (STOKES_AXIS,), constants)
 
 
 def laid_out(
@@ -110,12 +108,11 @@ def laid_out(
     variables = {}
     for name, about in kind.variables.items():
         if name not in left_out:
-            dims = tuple(LABEL.get(dim, dim) for dim in about.dims) if kind is FIELDS else about.dims
-            variables[name] = dims, tuple(lengths[dim] for dim in dims)
+            variables[name] = about.dims, tuple(lengths[dim] for dim in about.dims)
     return Results(kind, coordinates, variables, labels, constants)
 
 
 RESERVED = {  # names that no axis can have
-    *("error", "checksum", "chunk", "stokes_out", "stokes_in", *LABEL.values()),
+    *("error", "checksum", "chunk", "stokes_out", "stokes_in", STOKES_AXIS),
     *(name for kind in (BRDF, FIELDS) for name in (*kind.coordinates, *kind.variables)),
 }
