@@ -140,6 +140,45 @@ def test_a_spectrum_shows_its_reflectance_and_a_cut_a_wavelength() -> None:
     assert len(few.plot().axes) == 1
 
 
+def parts() -> list[Any]:
+    particles = vrte.spheres((0.19, 3.5), radius_um=0.6, wavelength_um=0.64)
+    layers = [
+        vrte.Layer.of(particles, 3.0),
+        vrte.Layer(vrte.isotropic(), 0.5, 1.0),
+        vrte.Layer(vrte.rayleigh(), 1.0, 2.0),
+    ]
+    scenes = [vrte.Scene(layers[:count], vrte.Lambertian(0.2)) for count in (1, 2, 3)]
+    return [particles, particles.phase_matrix, *layers, *scenes, vrte.Scene(vrte.Layer(vrte.rayleigh(), 1.0, np.inf))]
+
+
+def test_what_a_scene_is_made_of_tells_of_itself_in_three_lines() -> None:
+    told = [repr(part) for part in parts()]
+    assert max(text.count("\n") for text in told) == 2
+    particles, matrix, layer, *_, one, two, three, endless = told
+    assert particles.startswith(
+        "Particles: spheres, Monodisperse(radius_um=0.6), at 0.64 um, index 0.19 + 3.5i (given)\n"
+    )
+    assert re.search(r"albedo 0\.\d+, g 0\.\d+, \d+ terms, polarizing\n  extinction \d", particles)
+    assert re.fullmatch(r"PhaseMatrix\(g 0\.\d+, \d+ terms, polarizing\)", matrix)
+    assert layer.startswith("Layer(optical thickness 3, albedo 0.")
+    assert one.startswith("Scene: 1 layer, optical thickness 3, base Lambertian(albedo=0.2)\n  optical thickness 3, ")
+    assert "\n  top: optical thickness 3, " in two
+    assert two.endswith("\n  bottom: optical thickness 1, albedo 0.5, g 0, 1 term, scalar")
+    assert three.endswith("\n  bottom: optical thickness 2, albedo 1, g 0, 3 terms, polarizing (1 more above)")
+    assert endless.startswith("Scene: 1 layer, optical thickness inf, base black, which no light reaches\n")
+
+
+def test_what_a_scene_is_made_of_is_a_table_in_a_notebook() -> None:
+    particles, _, layer, *_, three, _ = parts()
+    assert "|spheres, Monodisperse(radius_um=0.6), at 0.64 um" in re.sub("<[^>]+>", "|", particles._repr_html_())
+    assert all(picture(part._repr_html_()).size for part in (particles, layer))
+    cells = re.sub("<[^>]+>", "|", three._repr_html_())
+    assert "|layer 3||optical thickness 2, albedo 1, g 0, 3 terms, polarizing|" in cells
+    assert "|base||Lambertian(albedo=0.2)|" in cells
+    hostile = vrte.Particles(vrte.rayleigh(), 1.0, 0.0, 1.0, 1.0, 1.0, description=HOSTILE)
+    assert "<script" not in hostile._repr_html_()
+
+
 def test_the_plan_draws_its_operations() -> None:
     facts = THINGS["plan"].as_dict()
     (panel,) = THINGS["plan"].plot().axes

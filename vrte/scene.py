@@ -30,7 +30,7 @@ class IndependentScatteringWarning(UserWarning):
     """The particles are so close that they no longer scatter independently of each other."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Layer:
     """A homogeneous layer: phase matrix, ``albedo`` (of single scattering, 0..1), optical ``thickness`` >= 0.
 
@@ -51,6 +51,24 @@ class Layer:
         object.__setattr__(self, "albedo", number("layer: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
         allowed = f"an optical thickness >= 0, at most {LARGEST_THICKNESS:g} or inf"
         object.__setattr__(self, "thickness", _extent("layer: thickness", self.thickness, allowed))
+
+    def __repr__(self) -> str:
+        return f"Layer({self.in_words})"
+
+    @property
+    def in_words(self) -> str:
+        """Its optical thickness, albedo, and phase matrix.
+
+        >>> from vrte.optics.phase_matrix import isotropic
+        >>> Layer(isotropic(), albedo=0.9, thickness=2.0).in_words
+        'optical thickness 2, albedo 0.9, g 0, 1 term, scalar'
+        """
+        return f"optical thickness {self.thickness:.6g}, albedo {self.albedo:.6g}, {self.phase_matrix.in_words}"
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import layer_html
+
+        return layer_html(self)
 
     @staticmethod
     def of(
@@ -270,7 +288,7 @@ def azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
     return t - 0.5 * np.sin(2.0 * t), 2.0 * np.pi / count * np.sin(t) ** 2
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene:
     """Layers, top first, over a ``base``: None (black), Lambertian or MuellerBase.
 
@@ -309,3 +327,27 @@ class Scene:
     def base_is_reached(self) -> bool:
         """False below a layer without end: the base then plays no part."""
         return math.isfinite(self.thickness)
+
+    def __repr__(self) -> str:
+        count = len(self.layers)
+        layers = "1 layer" if count == 1 else f"{count} layers"
+        head = f"Scene: {layers}, optical thickness {self.thickness:.6g}, base {self.base_in_words}"
+        first = f"\n  top: {self.layers[0].in_words}" if count > 1 else f"\n  {self.layers[0].in_words}"
+        between = f" ({count - 2} more above)" if count > 2 else ""
+        return head + first + (f"\n  bottom: {self.layers[-1].in_words}{between}" if count > 1 else "")
+
+    @property
+    def base_in_words(self) -> str:
+        """What lies beneath, or that nothing is seen of it.
+
+        >>> from vrte.optics.phase_matrix import isotropic
+        >>> Scene([Layer(isotropic(), albedo=0.9, thickness=2.0)]).base_in_words
+        'black'
+        """
+        base = "black" if self.base is None else in_one_line(str(self.base), 80)
+        return base if self.base_is_reached else f"{base}, which no light reaches"
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import scene_html
+
+        return scene_html(self)

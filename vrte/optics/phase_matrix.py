@@ -36,7 +36,7 @@ class NegativeScatteringWarning(UserWarning):
     """A phase matrix is negative somewhere by more than rounding, which its tolerance allows."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PhaseMatrix:
     """The scattering matrix of randomly oriented particles, as six lists of expansion coefficients.
 
@@ -119,6 +119,19 @@ class PhaseMatrix:
         for row, column in np.ndindex(4, 4):
             matrix[ascending, row, column] = elements[row][column]
         return matrix.reshape(*angles.shape, 4, 4)
+
+    def __repr__(self) -> str:
+        return f"PhaseMatrix({self.in_words})"
+
+    @property
+    def in_words(self) -> str:
+        """Its asymmetry, terms and kind.
+
+        >>> rayleigh().in_words
+        'g 0, 3 terms, polarizing'
+        """
+        terms = "1 term" if self.terms == 1 else f"{self.terms} terms"
+        return f"g {self.asymmetry:.4g}, {terms}, {'scalar' if self.is_scalar else 'polarizing'}"
 
     def _repr_html_(self) -> str:
         from vrte.report.notebook import phase_matrix_html

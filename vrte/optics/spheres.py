@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte._core import sphere_coefficients
-from vrte.arrays import Array, number, vector
+from vrte.arrays import Array, in_one_line, number, vector
 from vrte.errors import SceneError
 from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, mix, pairs_of_mixture, rayleigh
 from vrte.optics.refractive_index import Material, RefractiveIndex, refractive_index
@@ -41,7 +41,7 @@ class SizeAverageWarning(UserWarning):
     """The average over sizes still changes with the number of radii (sharp resonances of clear spheres)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Particles:
     """How one kind of particle scatters, averaged over its sizes: what a Layer needs to know of it.
 
@@ -72,6 +72,19 @@ class Particles:
         }
         for name, (low, high, allowed) in ranges.items():
             object.__setattr__(self, name, number(f"particles: {name}", getattr(self, name), low, high, allowed))
+
+    def __repr__(self) -> str:
+        return (
+            f"Particles: {in_one_line(str(self.description), 300) or 'given by their phase matrix'}\n"
+            f"  albedo {self.albedo:.6g}, {self.phase_matrix.in_words}\n"
+            f"  extinction {self.extinction_um2:.5g} um2, scattering {self.scattering_um2:.5g} um2, "
+            f"volume {self.volume_um3:.5g} um3"
+        )
+
+    def _repr_html_(self) -> str:
+        from vrte.report.notebook import particles_html
+
+        return particles_html(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from vrte.arrays import Array, in_one_line
 from vrte.brdf import Brdf
 from vrte.field import Field
 from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.optics.spheres import Particles
 from vrte.over_hemisphere import check_directions, light_in_plane
 from vrte.plan import Plan
 from vrte.polarization import degree_of_linear_polarization
@@ -19,6 +20,7 @@ from vrte.report.lobes import depth_colour, draw_depth, spectrum_figure, spread
 from vrte.report.phase_pictures import phase_matrix_figure
 from vrte.report.pictures import finish, new_figure
 from vrte.report.plan_picture import plan_figure
+from vrte.scene import Layer, Scene
 from vrte.spectrum import Spectrum
 
 if TYPE_CHECKING:
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
 WIDTH, HEIGHT = 7.2, 2.5  # of a picture [inches]
 MARGINS = {"left": 0.09, "right": 0.98, "bottom": 0.2, "top": 0.89, "wspace": 0.2}
+MOST_LAYERS = 20  # in the table of a scene
 MOST_LINES = 4  # incident directions or depths in it
 MOST_TERMS_DRAWN = 5000  # more take longer than anyone waits for a glance, and so do
 MOST_DIRECTIONS_DRAWN = 300_000  # incident ones of the picture times outgoing ones
@@ -109,10 +112,52 @@ def phase_matrix_html(phase_matrix: PhaseMatrix) -> str:
             for name, values in zip(names, first, strict=True)
         }
 
-    def picture() -> "Figure | None":
-        return phase_matrix_figure(phase_matrix, WIDTH, HEIGHT) if phase_matrix.terms <= MOST_TERMS_DRAWN else None
+    return shown(phase_matrix, "Phase matrix", facts, lambda: quick_phase_picture(phase_matrix))
 
-    return shown(phase_matrix, "Phase matrix", facts, picture)
+
+def particles_html(particles: Particles) -> str:
+    """Particles: what they are, their cross sections, and F11 and the ratios to it against the angle."""
+
+    def facts() -> dict[str, str]:
+        return {
+            "what": particles.description or "given by their phase matrix",
+            "single-scattering albedo": f"{particles.albedo:.6g}",
+            "extinction [µm²]": f"{particles.extinction_um2:.6g}",
+            "scattering [µm²]": f"{particles.scattering_um2:.6g}",
+            "volume [µm³]": f"{particles.volume_um3:.6g}",
+            "phase matrix": particles.phase_matrix.in_words,
+        }
+
+    return shown(particles, "Particles", facts, lambda: quick_phase_picture(particles.phase_matrix))
+
+
+def layer_html(layer: Layer) -> str:
+    """A layer: its thickness and albedo, and F11 and the ratios to it against the angle."""
+
+    def facts() -> dict[str, str]:
+        return {
+            "optical thickness": f"{layer.thickness:.6g}",
+            "single-scattering albedo": f"{layer.albedo:.6g}",
+            "phase matrix": layer.phase_matrix.in_words,
+        }
+
+    return shown(layer, "Layer", facts, lambda: quick_phase_picture(layer.phase_matrix))
+
+
+def scene_html(scene: Scene) -> str:
+    """A scene: its layers, top first, and its base."""
+
+    def facts() -> dict[str, str]:
+        layers = {f"layer {place}": layer.in_words for place, layer in enumerate(scene.layers[:MOST_LAYERS], 1)}
+        more = len(scene.layers) - MOST_LAYERS
+        return layers | ({"and": f"{more} more layers"} if more > 0 else {}) | {"base": scene.base_in_words}
+
+    return shown(scene, "Scene", facts, lambda: None)
+
+
+def quick_phase_picture(phase_matrix: PhaseMatrix) -> "Figure | None":
+    """Of a phase matrix that is drawn at a glance."""
+    return phase_matrix_figure(phase_matrix, WIDTH, HEIGHT) if phase_matrix.terms <= MOST_TERMS_DRAWN else None
 
 
 def plan_html(plan: Plan) -> str:
