@@ -518,7 +518,6 @@ def test_default_directions_are_the_nodes() -> None:
     ("change", "message"),
     [
         ({"mu0": 0.0}, "mu0 must satisfy"),
-        ({"mu0": [0.1, 0.2]}, "mu0 must be one number"),
         ({"mu": [0.5, 1.5]}, "mu must satisfy"),
         ({"mu": [[]]}, "mu must be"),
         ({"phi": np.nan}, "phi must be finite"),
@@ -531,7 +530,6 @@ def test_default_directions_are_the_nodes() -> None:
         ({"threads": -1}, "threads must be a whole number"),
         ({"scene": "gold"}, "scene must be a vrte.Scene"),
         ({"algorithm": "guess"}, "algorithm must be 'auto', 'direct', 'modes', 'doubling', 'invariance', not 'guess'"),
-        ({"algorithm": None}, "algorithm must be 'auto'"),
         ({"verify": 1}, "verify must be True or False"),
     ],
 )
