@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
 
-.PHONY: help env demo gallery tables report test test-all lint bench bench-save bench-compare bench-peers clean
+.PHONY: help env demo gallery tables report test test-all test-lowest lint bench bench-save bench-compare bench-peers clean
 .NOTPARALLEL:
 
 help:
@@ -14,6 +14,7 @@ help:
 	@echo "make gallery      lobes and spheres of powders and paints, spheres under a polarized sky: out/gallery"
 	@echo "make test         style, types and the quick tests"
 	@echo "make test-all     style, types and every test"
+	@echo "make test-lowest  tests of what others' packages do, with the oldest of them that pyproject.toml allows: .venv-lowest"
 	@echo "make lint         style and types only"
 	@echo "make tables       the GPU paper's tables and figure 1, measured here: out/tables"
 	@echo "make report       error against run time of every method: out/report; taken up again where it stopped"
@@ -93,6 +94,23 @@ test: lint
 
 test-all: lint
 	$(BIN)/python -m pytest -q -m "slow or not slow"
+
+# The oldest direct dependencies, in an environment of its own; not the solver's tests, which only know numpy and scipy.
+# Old packages warn of what new ones, which they need in turn, are about to drop: those warnings do not count here.
+LOWEST := .venv-lowest
+ABOUT_DEPENDENCIES = $(patsubst %,tests/test_%.py,cli docs exports foreign_files formats index_table notebook optics \
+	opencl_device opencl_drivers render report scene_file stages sweep sweep_engines sweep_interpolation) \
+	$(wildcard tests/test_app_*.py)
+test-lowest: $(LOWEST)/stamp
+	$(LOWEST)/bin/python -m pytest -q -W ignore::DeprecationWarning -W ignore::FutureWarning $(ABOUT_DEPENDENCIES)
+
+$(LOWEST)/stamp: pyproject.toml setup.py vrte/_core.pyx .ci/prerequisites
+	@sh .ci/prerequisites $(PYTHON)
+	@echo "Making $(LOWEST) with the oldest packages that are allowed"
+	@$(PYTHON) -m venv --clear $(LOWEST)
+	@$(LOWEST)/bin/python -m pip --disable-pip-version-check --quiet install uv
+	@$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct --editable '.[test]'
+	@touch $@
 
 lint: $(VENV)/test.stamp
 	$(BIN)/ruff format --check --quiet .

@@ -239,7 +239,9 @@ class TestNoPlace:
             text=True,
             check=False,
         )
-        assert (process.returncode, process.stdout, process.stderr) == (0, "right\n", "")
+        # Mesa says on its own account where it would keep its shaders
+        said = [line for line in process.stderr.splitlines() if "shader cache" not in line]
+        assert (process.returncode, process.stdout, said) == (0, "right\n", [])
 
     @pytest.mark.slow
     def test_a_cache_folder_that_is_a_file(self, home: Path) -> None:
