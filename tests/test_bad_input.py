@@ -332,6 +332,11 @@ def test_a_flag_is_true_or_false(value: Any) -> None:
         vrte.brdf(scene, 0.5, 0.5, nodes=2, transmission=value)
 
 
+def test_an_empty_array_is_no_yes_or_no() -> None:
+    with pytest.raises(vrte.SceneError, match="verify must be True or False"):
+        vrte.brdf(vrte.Scene([PLAIN]), 0.5, 0.5, nodes=2, verify=np.array([]))
+
+
 def spoiling(mu_i: Any, mu_o: Any, phi_deg: Any) -> Any:
     """A Lambertian base whose function overwrites the arrays it is given."""
     f = np.zeros((*np.broadcast_shapes(mu_i.shape, mu_o.shape, phi_deg.shape), 4, 4))

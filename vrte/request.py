@@ -153,7 +153,9 @@ def solver_options(
     the truncation, the backend and the method, the method's settings, the side that is lit, and which of the first six
     were given. None stands for what the user left out."""
     asked = {"nodes": nodes, "accuracy": accuracy, "algorithm": algorithm, "truncation": truncation, "backend": backend}
-    given = frozenset(name for name, value in (asked | {"verify": verify or None}).items() if value is not None)
+    given = frozenset(
+        name for name, value in (asked | {"verify": None if verify is False else verify}).items() if value is not None
+    )
     defaults = {"algorithm": "auto", "verify": False, "truncation": "auto", "backend": "openmp"}
     algorithm, verify, truncation, backend = (
         default if value is None else value
