@@ -18,7 +18,15 @@ except ModuleNotFoundError as error:
 from vrte import over_hemisphere, quantities
 from vrte.batch import brdfs
 from vrte.brdf import Brdf, brdf
-from vrte.errors import AccuracyError, AccuracyWarning, DeviceError, MissingExtraError, SceneError, SweepError
+from vrte.errors import (
+    AccuracyError,
+    AccuracyWarning,
+    DeviceError,
+    LongSolveWarning,
+    MissingExtraError,
+    SceneError,
+    SweepError,
+)
 from vrte.field import Field, radiance
 from vrte.formats import load
 from vrte.formats.index_table import read_index
@@ -49,6 +57,7 @@ __all__ = [
     "Lambertian",
     "Layer",
     "Lognormal",
+    "LongSolveWarning",
     "MissingExtraError",
     "Monodisperse",
     "MuellerBase",

@@ -28,6 +28,7 @@ def brdfs(
     truncation: str | None = None,
     backend: str | None = None,
     illuminate: str = "top",
+    time_limit_s: float | None = None,
 ) -> list[Brdf]:
     """The Mueller BRDFs of many scenes, for the same directions; each the same as by itself.
 
@@ -42,7 +43,9 @@ def brdfs(
     [2, 2]
     """
     given = list(scenes)
-    options = solver_options(nodes, accuracy, algorithm, False, truncation, backend, illuminate=illuminate)
+    options = solver_options(
+        nodes, accuracy, algorithm, False, truncation, backend, illuminate=illuminate, time_limit_s=time_limit_s
+    )
     requests = []
     for place, scene in enumerate(given):
         try:

@@ -150,22 +150,25 @@ def brdf(
     method: str = "discrete-ordinates",
     settings: Mapping[str, Any] | None = None,
     illuminate: str = "top",
+    time_limit_s: float | None = None,
 ) -> Brdf:
     """The Mueller BRDF (1:1) for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
     Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
-    ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend``, ``method``, ``settings``, ``illuminate`` as
-    for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without end). Lit from the bottom, the
-    BRDF is that of the bottom and the BTDF leads out of the top; cosines are positive as ever. Raises SceneError for
-    bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError where an OpenCL device is
-    missing or fails.
+    ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend``, ``method``, ``settings``, ``illuminate``,
+    ``time_limit_s`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without end). Lit
+    from the bottom, the BRDF is that of the bottom and the BTDF leads out of the top; cosines are positive as ever.
+    Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError
+    where an OpenCL device is missing or fails.
 
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
-    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate)
+    options = solver_options(
+        nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate, time_limit_s
+    )
     request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
     request = chosen(request)
     run = run_of(request, threads)

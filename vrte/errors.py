@@ -13,6 +13,10 @@ class AccuracyWarning(UserWarning):
     """The answer is there and not as good as was asked for."""
 
 
+class LongSolveWarning(UserWarning):
+    """A solve will take more than 20 seconds: how long, what takes it, and what to change."""
+
+
 class MissingExtraError(ImportError):
     """An optional dependency is not installed; the message names the extra that brings it."""
 

@@ -157,34 +157,40 @@ def radiance(
     method: str = "discrete-ordinates",
     settings: Mapping[str, Any] | None = None,
     illuminate: str = "top",
+    time_limit_s: float | None = None,
 ) -> Field:
     """The diffuse field of one beam, or of several in one solve, by discrete ordinates or another method.
 
     Parameters: ``mu0``, the beam's positive cosine, or a list of cosines, whose axis the result then has in front;
-    ``stokes``, its flux vector perpendicular to it, I >= 0 and I^2 >= Q^2 + U^2 + V^2; ``mu``, signed
-    cosines (default: the nodes, up and down); ``phi``, degrees from the beam's heading; ``tau``, optical depths;
-    ``nodes`` a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for
-    single scattering); ``accuracy``, relative to the largest I at each depth: of the discrete problem where nodes are
-    given (default 1e-8), of the continuous one where the plan chooses them (default 1e-6; ``diagnostics["promised"]``
-    and ``["notes"]`` say where it cannot be promised); ``threads``, default all usable CPUs; ``progress``, called with
-    (orders done, orders); ``algorithm``, "modes" (eigenvectors), "doubling" (impedance doubling, no eigenproblem) or
-    "auto", which takes one by rule; ``verify=True`` solves by both and puts their agreement into ``diagnostics``;
-    ``truncation``, what becomes of phase matrices with more terms than the nodes carry: "none" cuts them, "delta-m"
-    counts their forward peak as light that was not scattered, "small-angle" does so too and spreads that light, "auto"
-    takes one by rule (docs/truncation.md); ``backend``, what computes: "openmp", the compiled core on ``threads``,
-    "sequential", the same on one, "opencl", an OpenCL device, or one of the mixtures in docs/opencl.md; ``method``,
-    "discrete-ordinates" (exact), another of docs/methods.md, with its own ``settings`` by name, or "auto", which takes
-    one for the ``accuracy`` by rule, without nodes and settings (``diagnostics["method_rule"]``); ``illuminate``,
-    where the beam comes from: "top", or "bottom", for scenes without a base and with a finite thickness. Raises
-    SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError where a device
-    is missing or fails. Source: Collin, Pattanaik, Bouatouch, section 2.
+    ``stokes``, its flux vector perpendicular to it, I >= 0 and I^2 >= Q^2 + U^2 + V^2; ``mu``, signed cosines
+    (default: the nodes, up and down); ``phi``, degrees from the beam's heading; ``tau``, optical depths; ``nodes``
+    a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for single
+    scattering); ``accuracy``, relative to the largest I at each depth: of the discrete problem where nodes are
+    given (default 1e-8), of the continuous one where the plan chooses them (default 1e-6;
+    ``diagnostics["promised"]`` and ``["notes"]`` say where it cannot be promised); ``threads``, default all usable
+    CPUs; ``progress``, called with (orders done, orders); ``algorithm``, "modes" (eigenvectors), "doubling"
+    (impedance doubling, no eigenproblem) or "auto", which takes one by rule; ``verify=True`` solves by both and
+    puts their agreement into ``diagnostics``; ``truncation``, what becomes of phase matrices with more terms than
+    the nodes carry: "none" cuts them, "delta-m" counts their forward peak as light that was not scattered,
+    "small-angle" does so too and spreads that light, "auto" takes one by rule (docs/truncation.md); ``backend``,
+    what computes: "openmp", the compiled core on ``threads``, "sequential", the same on one, "opencl", an OpenCL
+    device, or one of the mixtures in docs/opencl.md; ``method``, "discrete-ordinates" (exact), another of
+    docs/methods.md, with its own ``settings`` by name, or "auto", which takes one for the ``accuracy`` by rule,
+    without nodes and settings (``diagnostics["method_rule"]``); ``illuminate``, where the beam comes from: "top",
+    or "bottom", for scenes without a base and with a finite thickness; ``time_limit_s``: what is predicted, to a
+    factor of about 3, to take longer is refused (default an hour; math.inf: nothing is); what takes more than 20
+    seconds says so at once in a LongSolveWarning. Raises SceneError for bad input, AccuracyError where neither
+    algorithm can vouch for its answer, DeviceError where a device is missing or fails. Source: Collin, Pattanaik,
+    Bouatouch, section 2.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    options = solver_options(nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate)
+    options = solver_options(
+        nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate, time_limit_s
+    )
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
     request = chosen(request)
     run = run_of(request, threads)

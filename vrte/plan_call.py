@@ -15,7 +15,18 @@ from vrte.running import interruptible, new_run
 from vrte.scene import Scene
 from vrte.solving import chosen
 
-OPTIONS = ("nodes", "accuracy", "algorithm", "verify", "truncation", "backend", "method", "settings", "illuminate")
+OPTIONS = (
+    "nodes",
+    "accuracy",
+    "algorithm",
+    "verify",
+    "truncation",
+    "backend",
+    "method",
+    "settings",
+    "illuminate",
+    "time_limit_s",
+)
 DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi", "transmission"), "radiance": ("mu0", "stokes", "mu", "phi", "tau")}
 
 

@@ -35,6 +35,7 @@ SMALLEST_COSINE = 1e-8
 MOST_NODES = 4096
 FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
+TIME_LIMIT_S = 3600.0  # by default
 SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, by modes and by doubling
 
 
@@ -46,7 +47,8 @@ class Request:
     everything) says what becomes of the solution. ``fluxes_only``: mu is there for form's sake. ``illuminate``: where
     the light comes from; "bottom" is asked of a scene upside down, all in a horizontal mirror. ``method_rule`` and
     ``nodes_rule``: why the method and the nodes are these; the former is empty where the method was asked for.
-    ``given``: names of the options that the user gave, which a method uses or refuses."""
+    ``given``: names of the options that the user gave, which a method uses or refuses. ``time_limit_s``: what is
+    predicted to take longer is refused."""
 
     kind: str
     scene: Scene
@@ -69,6 +71,7 @@ class Request:
     method_rule: str = ""
     nodes_rule: str = "as asked for"
     given: frozenset[str] = frozenset()
+    time_limit_s: float = TIME_LIMIT_S
 
 
 def operations_of(request: Request) -> float:
@@ -148,6 +151,7 @@ def solver_options(
     method: Any = EXACT,
     settings: Any = None,
     illuminate: Any = "top",
+    time_limit_s: Any = None,
 ) -> dict[str, Any]:
     """As fields of a Request: nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of
     the truncation, the backend and the method, the method's settings, the side that is lit, and which of the first six
@@ -189,6 +193,9 @@ def solver_options(
         "settings": dict(settings or {}),
         "illuminate": one_of("illuminate", illuminate, SIDES),
         "given": given,
+        "time_limit_s": number(
+            "time_limit_s", TIME_LIMIT_S if time_limit_s is None else time_limit_s, 0.0, math.inf, "seconds"
+        ),
     }
 
 

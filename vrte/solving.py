@@ -14,6 +14,7 @@ from vrte.discrete_ordinates.node_choice import CAREFUL, OF_NODES, estimated_nod
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import NO_LIGHT, Solution, sized, solve, steps
 from vrte.errors import AccuracyWarning, SceneError
+from vrte.forecast import foretell_plan, foretell_planning
 from vrte.plan import Plan, plan_of
 from vrte.request import AUTO, EXACT, Request, operations_of
 from vrte.running import new_run
@@ -56,7 +57,9 @@ def solved(request: Request, run: Run, progress: Progress | None = None) -> tupl
         return methods.solve(request, run, progress)
     if request.verify and request.backend is Backend.OPENCL:
         return verified(request, run, progress)
+    foretell_planning(request, run)
     plan = plan_of(request, run)
+    foretell_plan(plan, run)
     execute = executor(request.backend)
     if not plan.parts:
         return plan.mu, execute(plan, run, progress)

@@ -55,6 +55,17 @@ def an_accuracy(text: str) -> float:
     return value
 
 
+def a_time(text: str) -> float:
+    """Seconds above 0, inf included."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not value > 0.0:
+        raise argparse.ArgumentTypeError(f"must be seconds above 0, inf for no limit, not {text!r}")
+    return value
+
+
 def wavelengths(text: str) -> list[float]:
     """What reads ascending wavelengths, with commas between them."""
     try:

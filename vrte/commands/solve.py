@@ -12,6 +12,7 @@ from vrte.commands import spectrum
 from vrte.commands.common import (
     Tick,
     a_setting,
+    a_time,
     an_accuracy,
     check_extra,
     check_output,
@@ -35,7 +36,18 @@ from vrte.report.pictures import SUFFIXES as PICTURES
 from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
 from vrte.spectrum import with_scene
 
-HOW = ("threads", "nodes", "accuracy", "algorithm", "verify", "truncation", "backend", "method", "illuminate")
+HOW = (
+    "threads",
+    "nodes",
+    "accuracy",
+    "algorithm",
+    "verify",
+    "truncation",
+    "backend",
+    "method",
+    "illuminate",
+    "time_limit_s",
+)
 OUTPUTS = {"output": tuple(WRITERS), "csv": (".csv",), "plot": tuple(PICTURES)}
 EXTRAS = {  # by suffix
     ".nc": ("files", ("xarray", "h5netcdf")),
@@ -77,6 +89,12 @@ def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser
         metavar="N",
         type=whole_number(1, MOST_NODES),
         help="in each hemisphere; this, too, wins over the scene file",
+    )
+    command.add_argument(
+        "--time-limit-s",
+        metavar="S",
+        type=a_time,
+        help="what is predicted to take longer is refused; default: 3600, inf for none",
     )
     command.add_argument("--illuminate", choices=SIDES, help="where the light comes from; default: top")
     command.add_argument(

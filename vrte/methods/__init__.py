@@ -1,11 +1,14 @@
 """Other methods for the same scenes, behind the same call: one a file, found by name."""
 
+import math
 from dataclasses import replace
 from importlib import import_module
 
 from vrte.arrays import Array
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.discrete_ordinates.solver import Solution
+from vrte.forecast import RATE, foretell
+from vrte.methods.common import NODES
 from vrte.methods.method import Method
 from vrte.request import EXACT, METHODS, Request
 
@@ -25,8 +28,13 @@ def method_of(name: str) -> Method:
 def solve(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
     """The cosines of the result and the solution by the request's method. Raises SceneError, which names the method,
     where it does not take the scene or what is asked for."""
+    from vrte.methods.costs import operations_before  # it knows the methods
+
     method = method_of(request.method)
     settings = method.checked(request)
+    seconds = operations_before(request, settings, run) / RATE.get(request.method, math.inf)
+    dominated = f"method {request.method!r} on {request.nodes or NODES} nodes"
+    foretell(request, seconds, dominated, f"fewer nodes take less, as does {EXACT!r}")
     mu, found = method.solve(request, settings, run, progress)
     if request.method_rule:
         promised = {"promised": True, "notes": []} | found.diagnostics

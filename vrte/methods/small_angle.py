@@ -15,7 +15,6 @@ from vrte import _core
 from vrte.arrays import Array
 from vrte.discrete_ordinates.azimuths import cos_sin_deg, fold
 from vrte.discrete_ordinates.problem import Problem, Progress, Run
-from vrte.discrete_ordinates.quadrature import double_gauss
 from vrte.discrete_ordinates.small_angle import Anisotropic, AnySpreading, Beam, exp_difference
 from vrte.discrete_ordinates.solver import Solution
 from vrte.discrete_ordinates.summing import Part, column_kinds, make_parts
@@ -92,13 +91,26 @@ def through(spreading: AnySpreading, albedo: float, path: float, beam: Beam) -> 
 
 
 def fluxes_down(problem: Problem, tables: Array) -> Array:
-    """Of the light going down, (n_tau, n_in, n_col): polynomials in the cosine, on enough nodes for all terms."""
-    points, weights = double_gauss(tables.shape[2] // 2 + 1)
-    found = np.empty((*tables.shape[:2], problem.columns.shape[0]))
-    for t, i in np.ndindex(*found.shape[:2]):
-        matrix = _core.phase_matrices(0, tables[t, i], points, problem.mu0[i : i + 1].copy())[:, 0, 0]
-        found[t, i] = 0.5 * problem.columns @ ((weights * points) @ matrix)
+    """Of the light going down, (n_tau, n_in, n_col): order 0, whose degrees are P_l(mu), times mu over a hemisphere."""
+    share = hemispheres(tables.shape[2])
+    functions = _core.generalized_spherical_functions(0, tables.shape[2], problem.mu0.copy())  # (term, n_in, P -R T)
+    of_I = np.einsum("l,til,li->ti", share, tables[..., 0], functions[..., 0])
+    of_Q = -np.einsum("l,til,li->ti", share, tables[..., 4], functions[..., 1])
+    found: Array = 0.5 * (of_I[..., None] * problem.columns[:, 0] + of_Q[..., None] * problem.columns[:, 1])
     return found
+
+
+def hemispheres(terms: int) -> Array:
+    """The integral of mu P_l(mu) from 0 to 1, (terms,).
+
+    >>> hemispheres(5)[[0, 1, 2, 4]] * [2, 3, 8, -48]
+    array([1., 1., 1., 1.])
+    """
+    found = np.zeros(max(terms, 2))
+    found[:2] = 0.5, 1.0 / 3.0
+    l = np.arange(0.0, terms - 2.0, 2.0)
+    found[2:terms:2] = 0.5 * np.cumprod((1.0 - l) / (l + 4.0))
+    return found[:terms]
 
 
 METHOD = Method(
