@@ -34,7 +34,7 @@ def viewer(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
         time.sleep(0.05)
         process.send_signal(signal.SIGINT)  # an impatient second one, which must leave no trace
         said, complained = process.communicate(timeout=20)
-        assert (process.returncode, said, complained) == (0, "vrte view: ended\n", "")
+        assert (process.returncode, said, complained) == (0, "vrte view: ended\n", ""), complained
     finally:
         process.kill()
         process.communicate()

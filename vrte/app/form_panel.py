@@ -110,7 +110,8 @@ class FormPanel:
         except SceneError as error:
             ui.notify(str(error), type="warning", multi_line=True)
         self.draw()
-        ui.run_javascript("vrte.focus_again()")
+        with self.body:  # what was clicked is gone
+            ui.run_javascript("vrte.focus_again()")
 
     # parts
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 STEP = 1.5  # degrees from ring to ring, and from spoke to spoke: where degrees of polarization vanish they have a kink
 SEQUENTIAL, DIVERGING = "Plasma", "RdBu_r"
+LAMP = {"ambient": 0.72, "diffuse": 0.45, "specular": 0.04, "roughness": 0.9}
+FLAT = {"ambient": 0.95, "diffuse": 0.15, "specular": 0.0, "roughness": 1.0}
 NO_AXIS = {"visible": False, "showbackground": False}
 CAMERA = {"eye": {"x": 0.38, "y": -1.24, "z": 0.5}, "center": {"x": 0.0, "y": 0.0, "z": -0.14}}
 DOMAIN = {"x": [0.0, 1.0], "y": [0.16, 1.0]}  # above the colour bar
@@ -106,7 +108,8 @@ def body(go: Any, theta: Array, phi: Array, radius: Array, colours: Array, colou
         z=z,
         **dict(zip("ijk", triangles.T, strict=True)),
         **coloured,
-        lighting={"ambient": 0.72, "diffuse": 0.45, "specular": 0.04, "roughness": 0.9},
+        uid="angles" if colour in ANGLES else "numbers",  # a body that is kept would keep the other's colours beneath
+        lighting=FLAT if colour in ANGLES else LAMP,  # a hue in the shade is taken for another
         lightposition={"x": -4e4, "y": -6e4, "z": 9e4},
     )
 
@@ -136,13 +139,16 @@ def scale(values: Array, colour: str) -> dict[str, Any]:
 def cyclic_colours(angle: Array) -> list[str]:
     """Colours of angles [degrees], the same at 0 and 180, as "#rrggbb".
 
-    >>> cyclic_colours(np.array([0.0, 180.0, 90.0]))
-    ['#ff0000', '#ff0000', '#00ffff']
+    >>> first, last, between = cyclic_colours(np.array([0.0, 180.0, 90.0]))
+    >>> first == last, first == between
+    (True, False)
     """
-    sixth = (angle % 180.0) / 30.0
-    parts = [np.clip(np.abs((sixth + shift) % 6.0 - 3.0) - 1.0, 0.0, 1.0) for shift in (0.0, 4.0, 2.0)]
-    levels = np.round(255.0 * np.stack(parts, axis=-1)).astype(int)
-    return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels.tolist()]
+    from plotly.colors import cyclical, unlabel_rgb
+
+    circle = np.array([unlabel_rgb(colour) for colour in cyclical.Phase], float)  # its last is its first
+    place = (angle % 180.0) / 180.0 * (len(circle) - 1)
+    levels = [np.interp(place, np.arange(len(circle)), channel).round().astype(int).tolist() for channel in circle.T]
+    return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in zip(*levels, strict=True)]
 
 
 def bar_of_angles(go: Any, colour: str) -> Any:
