@@ -304,6 +304,39 @@ def test_material(capsys: pytest.CaptureFixture[str]) -> None:
     assert "zinc oxide" in capsys.readouterr().out
 
 
+def test_material_over_a_range(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, picture = tmp_path / "gold.csv", tmp_path / "gold.svg"
+    asked = ["material", "gold", "--range-um", "0.5:0.7:3", "--radius-um", "0.1", "--host-index", "1.5"]
+    assert run(*asked, "-o", table, "--plot", picture) == 0
+    told = capsys.readouterr().out
+    names, *rows = (line.split(",") for line in table.read_text().splitlines())
+    assert names[:5] == ["wavelength_um", "n", "k", "albedo", "asymmetry"]
+    assert [float(row[0]) for row in rows] == [0.5, 0.6, 0.7]
+    spheres = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.6, host_index=1.5)
+    assert float(rows[1][3]) == spheres.albedo
+    assert float(rows[1][5]) == spheres.extinction_um2 == pytest.approx(float(rows[1][6]) + float(rows[1][7]))
+    assert f"{spheres.extinction_um2:16.6g}" in told
+    assert picture.read_bytes().startswith(b"<?xml")
+    assert run("material", "gold", "--wavelengths-um", "0.5,0.6") == 0
+    assert "albedo" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["gold", "--range-um", "0.7:0.5:3"], "must be LOW:HIGH:COUNT, ascending"),
+        (["rutile", "--range-um", "0.3:0.7:5"], "goes from 0.43 to 1.53 um; a wavelength of 0.3 um is outside"),
+        (["gold", "--wavelength-um", "0.6", "--host-index", "1.5"], "--host-index says what is around spheres"),
+        (["gold", "--wavelength-um", "0.6", "--plot", "a.png"], "--plot draws over wavelengths"),
+        (["gold", "--range-um", "0.5:0.7:3", "-o", "a.txt"], "must end in .csv"),
+        (["--range-um", "0.5:0.7:3"], "needs the name of a material"),
+    ],
+)
+def test_material_refuses(options: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("material", *options) == 2
+    assert words in one_line(capsys)
+
+
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--version") == 0
     assert capsys.readouterr().out == f"vrte {vrte.__version__}\n"
