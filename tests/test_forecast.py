@@ -98,3 +98,9 @@ def test_small_angles_of_many_terms_fit_into_memory() -> None:
     assert field.flux_up[0] == 0.0
     # nothing turns back, and what goes down at mu = 1 keeps E_1 = exp(-(1 - g) tau) of its flux
     assert field.flux_down[0] + field.direct[0] == pytest.approx(math.exp(-0.01 * 2.0), abs=3e-3)
+
+
+def test_particles_of_many_terms_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("vrte.optics.spheres.LONG", 0.0)
+    with pytest.warns(vrte.LongSolveWarning, match="most of it for a phase matrix of .* smaller particles"):
+        vrte.spheres(1.5, radius_um=1.0, wavelength_um=0.5)
