@@ -89,8 +89,9 @@ report: $(VENV)/report.stamp
 	$(BIN)/vrte report -o out/report
 	$(BIN)/vrte report --figures -o out/report
 
+# two at a time, a file to each: many tests wait for processes, browsers and disks
 test: lint
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 test-all: lint
 	$(BIN)/python -m pytest -q -m "slow or not slow"

@@ -22,10 +22,8 @@ METHODS = ("discrete-ordinates", "matrix-operator")
 
 def lit(scene: vrte.Scene, side: str, method: str) -> vrte.Brdf:
     """Both ways through."""
-    how = {"truncation": "none"} if method == "discrete-ordinates" else {}
-    return vrte.brdf(
-        scene, MU, MU, PHI, nodes=NODES, transmission=True, accuracy=1e-14, method=method, illuminate=side, **how
-    )
+    how = {"truncation": "none", "accuracy": 1e-14} if method == "discrete-ordinates" else {}
+    return vrte.brdf(scene, MU, MU, PHI, nodes=NODES, transmission=True, method=method, illuminate=side, **how)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -64,7 +64,8 @@ def test_the_tables_tell_what_is_there() -> None:
 
 
 @pytest.mark.parametrize("name", THINGS)
-def test_plot_gives_a_figure_that_a_notebook_shows(name: str) -> None:
+def test_plot_gives_a_figure_that_a_notebook_shows(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)  # loaded by other tests
     figure = THINGS[name].plot()
     assert figure.axes
     assert figure._repr_png_().startswith(b"\x89PNG")

@@ -98,7 +98,8 @@ def test_the_tests_have_an_opencl_device() -> None:
 
 def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "vrte").mkdir()
-    shutil.copy(ROOT / "vrte" / "__init__.py", tmp_path / "vrte")
+    for name in ("__init__.py", "starting.py"):
+        shutil.copy(ROOT / "vrte" / name, tmp_path / "vrte")
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
     command = [sys.executable, "-S", "-c", "import vrte"]  # -S: an editable vrte would lend its core
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

@@ -203,6 +203,7 @@ def image(draw: Callable[[], "Figure | None"]) -> str:
 def in_short(values: Array) -> str:
     """A list of numbers: all of a few, else how many and from where to where.
 
+    >>> import numpy as np
     >>> in_short(np.array([0.5, 1.0])), in_short(np.linspace(0.0, 1.0, 11)), in_short(np.array([]))
     ('0.5, 1', '11 from 0 to 1', 'none')
     """
