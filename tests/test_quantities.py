@@ -112,6 +112,20 @@ def test_meshes_and_cuts_end_at_the_last_direction(brdf: vrte.Brdf, step: float)
     )
 
 
+def test_around_the_normal_nothing_is_drawn_where_nothing_is_near() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.95, 3.0)])
+    near, far = (vrte.brdf(scene, 0.6, np.linspace(0.1, top, 8), np.arange(0, 361, 30), nodes=6) for top in (0.95, 0.7))
+    assert light_on_mesh(near, 0)[0][0] == 0.0
+    theta, _, light = light_on_mesh(far, 0)
+    assert theta[0] == pytest.approx(np.degrees(np.arccos(0.7)))
+    assert np.isfinite(light).all()
+    assert np.isnan(stokes_over_hemisphere(far, 0, np.array([30.0]), np.array([0.0]))).all()
+    angle, cut = light_in_plane(far, 0)
+    assert np.isnan(cut[angle == 0.0]).all()  # a line breaks there
+    assert np.isfinite(cut[angle != 0.0]).all()
+    assert np.abs(angle[angle != 0.0]).min() == pytest.approx(theta[0])
+
+
 def test_at_the_pole_only_the_meridian_plane_turns(brdf: vrte.Brdf) -> None:
     phi = np.array([0.0, 20.0, 145.0])
     pole = stokes_over_hemisphere(brdf, 0, np.array([0.0]), phi, LIGHT)[0]

@@ -1,7 +1,7 @@
 """The light that leaves, in any direction of the hemisphere: splines through the given directions of a BRDF.
 
 Pictures take it from here, as Stokes vectors: whatever is divided, a degree or an angle of polarization, is divided
-after the splines. It ends where the data end, at the last mu_o.
+after the splines. It ends where the data end: at the last mu_o, and around the normal where no mu_o is near.
 """
 
 from typing import Any
@@ -14,6 +14,7 @@ from vrte.discrete_ordinates.problem import FLIP
 from vrte.errors import SceneError
 
 EDGE = 1e-9  # [degrees] beyond the last mu_o: rounding
+HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to it: a spline across would be invention
 
 
 def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
@@ -21,7 +22,8 @@ def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, inc
 
     Light of the Stokes vector ``incident`` (4,) falls in at ``mu_i[place]``. Splines run through the given directions:
     periodic in azimuth, and over the pole along great circles, so that intensity and degrees of polarization have no
-    dent there. Nearer to the horizon than the last mu_o nothing is known: NaN. At the pole itself the meridian plane,
+    dent there. Nearer to the horizon than the last mu_o nothing is known, nor around the normal where no mu_o is within
+    25 degrees of it: NaN. At the pole itself the meridian plane,
     and with it Q and U, is that of each phi. Raises SceneError for a BRDF that is not finite.
 
     >>> import vrte
@@ -42,7 +44,8 @@ def light_on_mesh(
 ) -> tuple[Array, Array, Array]:
     """Rings theta and spokes phi [degrees], and the Stokes vectors (theta, phi, 4) [sr-1] there: a mesh for a picture.
 
-    Rings go from the normal to the last mu_o and spokes once around, 0 and 360 both, in steps of at most ``step_deg``.
+    Rings go from the normal (or the first mu_o, beyond 25 degrees) to the last mu_o and spokes once around, 0 and 360
+    both, in steps of at most ``step_deg``.
     ``incident`` and errors as for `stokes_over_hemisphere`, and SceneError for too few directions.
 
     >>> import vrte
@@ -61,8 +64,8 @@ def light_in_plane(
 ) -> tuple[Array, Array]:
     """Angles (n,) [degrees] from the normal and the Stokes vectors (n, 4) [sr-1] in an upright plane: a cut.
 
-    Angles above 0 are on the azimuth ``phi_deg``, those below half a turn away; both end at the last mu_o. Everything
-    else as for `light_on_mesh`.
+    Angles above 0 are on the azimuth ``phi_deg``, those below half a turn away; both end at the last mu_o, and NaN lies
+    between them where nothing is known around the normal. Everything else as for `light_on_mesh`.
 
     >>> import vrte
     >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
@@ -73,14 +76,20 @@ def light_in_plane(
     there, opposite = stokes_over_hemisphere(
         brdf, place, theta, np.array([phi_deg, phi_deg + 180.0]), incident
     ).swapaxes(0, 1)
+    if theta[0] > 0.0:
+        theta, there, opposite = (
+            np.insert(part, 0, gap, axis=0) for part, gap in ((theta, 0.0), (there, np.nan), (opposite, np.nan))
+        )
     return np.concatenate([-theta[:0:-1], theta]), np.concatenate([opposite[:0:-1], there])
 
 
 def _to_the_edge(brdf: Brdf, step_deg: float) -> Array:
-    """Angles [degrees] from the normal to the last mu_o. Raises SceneError for too few directions."""
+    """Angles [degrees] from the normal, or the first mu_o far from it, to the last. Raises SceneError for too few
+    directions."""
     check_directions(brdf.mu_o, brdf.phi)
-    last = float(np.degrees(np.arccos(brdf.mu_o.min())))
-    return np.linspace(0.0, last, 1 + _steps(last, step_deg))
+    first, last = np.degrees(np.arccos([brdf.mu_o.max(), brdf.mu_o.min()])).tolist()
+    first = first if first > HOLE else 0.0
+    return np.linspace(first, last, 1 + _steps(last - first, step_deg))
 
 
 def _steps(length: float, most: float) -> int:
@@ -152,6 +161,9 @@ def _over_the_pole(given: Array, azimuths: Array, values: Any, theta: Array, phi
     circle = CubicSpline(
         np.concatenate([-given[behind][::-1], given]), np.concatenate([opposite[behind][::-1], here]), axis=0
     )
+    theta = np.asarray(theta)
     found = circle(np.minimum(theta, given[-1]))
-    found[np.asarray(theta) > given[-1] + EDGE] = np.nan
+    found[theta > given[-1] + EDGE] = np.nan
+    if given[0] > HOLE:
+        found[theta < given[0] - EDGE] = np.nan
     return found

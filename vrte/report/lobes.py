@@ -83,7 +83,7 @@ def brdf_figure(brdf: Brdf) -> "Figure":
     """
     check_directions(brdf.mu_o, brdf.phi)
     chosen = spread(brdf.mu_i.size, MOST_LOBES)
-    figure = new_figure(width=max(4.6 * len(chosen), 6.4), height=8.2)
+    figure = new_figure(width=max(4.6 * len(chosen), 8.0), height=8.2)
     lobes = [lobe_of(brdf, place) for place in chosen]
     scale = max(float(lobe.radius.max()) for lobe in lobes) or 1.0  # a dark scene is drawn as a point
     colours = lobe_colours(max(lobe.most_polarized for lobe in lobes))
