@@ -1,8 +1,10 @@
 """Long solves: told before they start, refused beyond a limit, and predicted about right."""
 
 import math
+import re
 import time
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +67,80 @@ def test_the_command_line_says_so_and_has_a_limit(tmp_path: Path, capsys: pytest
     assert "this will take about" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["brdf", str(scene), "-o", out, "--time-limit-s", "never"])
+
+
+SCENES = {
+    "nodes": 4,
+    "layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 1.0}],
+    "brdf": {"mu_i": 0.5, "mu_o": 0.5},
+}
+AXES = {"depth": {"key": "layer[1].thickness", "values": np.linspace(0.1, 2.0, 40).tolist()}}
+
+
+def told_of(call: Callable[[], object]) -> list[str]:
+    """What is said of long times."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        call()
+    return [str(each.message) for each in said if each.category is vrte.LongSolveWarning]
+
+
+@pytest.mark.parametrize("kind", ["brdfs", "spectrum", "sweep"])
+def test_many_solves_say_together_what_they_take(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(forecast, "LONG", 1e-9)  # each of them would say so as well
+    calls: dict[str, tuple[str, Callable[[], object]]] = {
+        "brdfs": ("5 scenes", lambda: vrte.brdfs([THICK] * 5, 0.5, 0.5, nodes=4)),
+        "spectrum": ("3 wavelengths", lambda: vrte.spectrum(SCENES, [0.4, 0.5, 0.6])),
+        "sweep": ("40 scenes on 2 workers", lambda: vrte.sweep({**SCENES, "axes": AXES}, workers=2)),
+    }
+    what, call = calls[kind]
+    (said,) = told_of(call)
+    assert re.match(rf"this will take about \d+ s for {what} together; fewer", said)
+
+
+def test_many_solves_that_take_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A thousand solves of a second: no one of them is long."""
+    monkeypatch.setitem(forecast.RATE, "discrete-ordinates", 1e4)
+    begin = time.perf_counter()
+    for call, what in (
+        (lambda: vrte.brdfs([THICK] * 1000, 0.5, 0.5, nodes=16, time_limit_s=1000.0), "1000 scenes"),
+        (lambda: vrte.spectrum(SCENES, np.linspace(0.4, 0.7, 1000), nodes=16, time_limit_s=100.0), "1000 wavelengths"),
+    ):
+        with pytest.raises(vrte.SceneError, match=f"this will take about .* for {what} together.*time_limit_s above"):
+            call()
+    assert time.perf_counter() - begin < 4.0
+
+
+def test_a_sweep_is_refused_where_a_limit_is_given_and_counts_what_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = {**SCENES, "axes": AXES}
+    out = tmp_path / "table.zarr"
+
+    def stop(done: int, total: int) -> None:
+        if done > 20:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(forecast, "A_CALL", 1000.0)
+    with pytest.raises(vrte.SceneError, match=r"about 11.1 h for 40 scenes on 1 worker together.*above its 2.8 h"):
+        vrte.sweep(content, out, workers=1, chunk=10, time_limit_s=10_000.0)
+    assert not list(tmp_path.glob("*.partial"))
+    with pytest.warns(vrte.LongSolveWarning, match="about 11.1 h for 40 scenes"), pytest.raises(KeyboardInterrupt):
+        vrte.sweep(content, out, workers=1, chunk=10, progress=stop)
+    with pytest.warns(vrte.LongSolveWarning, match=r"for 10 scenes on 1 worker together"):
+        table = vrte.sweep(content, out, workers=1, chunk=10)
+    assert (table["error"] == "").all()
+    table.close()
+
+
+def test_the_plan_of_very_many_nodes_is_told_of_at_once() -> None:
+    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, terms=1950), 1.0, 1.0)])
+    begin = time.perf_counter()
+    with pytest.raises(vrte.SceneError, match="the plan alone, of 1950 orders on 1024 nodes"):
+        vrte.brdf(scene, 0.5, 0.5, nodes=1024, time_limit_s=5.0)
+    with pytest.raises(vrte.SceneError, match="3 scenes together"):
+        vrte.brdfs([scene] * 3, 0.5, 0.5, nodes=1024, time_limit_s=5.0)
+    assert time.perf_counter() - begin < 2.0
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from vrte.backends import Backend
 from vrte.brdf import Brdf, as_brdf
 from vrte.discrete_ordinates.problem import Progress, Run
 from vrte.errors import SceneError
+from vrte.forecast import foretell_all
 from vrte.plan import plan_of
 from vrte.request import Request, brdf_request, solver_options
 from vrte.running import interruptible
@@ -34,8 +35,8 @@ def brdfs(
 
     Parameters as for `vrte.brdf`. With ``backend="opencl"`` all scenes go to the device together, where blocks of
     Fourier orders that are alike are solved in one call; with others one scene is solved after another. ``progress`` is
-    called with (steps done, steps). Raises SceneError for bad input, which names the scene, AccuracyError and
-    DeviceError as `vrte.brdf` does.
+    called with (steps done, steps); ``time_limit_s`` is for all scenes together. Raises SceneError for bad input, which
+    names the scene, AccuracyError and DeviceError as `vrte.brdf` does.
 
     >>> import vrte
     >>> layers = [vrte.Layer(vrte.rayleigh(), albedo=a, thickness=1.0) for a in (0.5, 1.0)]
@@ -55,6 +56,7 @@ def brdfs(
     if not requests:
         return []
     run = run_of(requests[0], threads)
+    run.told = foretell_all(len(requests), lambda k: (requests[k], run.threads, 0.0), f"{len(requests)} scenes")
     return interruptible(run, lambda: solved_together(requests, run, transmission, progress))
 
 
@@ -76,7 +78,7 @@ def solved_together(requests: Sequence[Request], run: Run, transmission: bool, p
 
 def in_turn(requests: Sequence[Request], place: int, run: Run, transmission: bool, progress: Progress | None) -> Brdf:
     """One of them."""
-    fresh = Run(run.threads, run.brief, run.kernels, run.stop)
+    fresh = Run(run.threads, run.brief, run.kernels, run.stop, told=run.told)
     found = as_brdf(requests[place], solved(requests[place], fresh)[1], transmission)
     if progress is not None:
         progress(place + 1, len(requests))

@@ -170,8 +170,15 @@ def brdf(
         nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate, time_limit_s
     )
     request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
-    request = chosen(request)
+    return brdf_of(chosen(request), threads, transmission, progress)
+
+
+def brdf_of(
+    request: Request, threads: int | None, transmission: bool, progress: Progress | None, told: bool = False
+) -> Brdf:
+    """Of a request with its method named; ``told``: what it takes was said."""
     run = run_of(request, threads)
+    run.told = told
     _, solution = interruptible(run, lambda: solved(request, run, progress))
     return as_brdf(request, solution, transmission)
 

@@ -1,20 +1,25 @@
 """The BRDF of a scene at several wavelengths."""
 
 import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from vrte.arrays import Array, in_one_line, settled, vector
 from vrte.batch import brdfs
-from vrte.brdf import Brdf, brdf
+from vrte.brdf import Brdf, brdf_of
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
 from vrte.field import Field
-from vrte.request import EXACT
+from vrte.forecast import foretell_all
+from vrte.plan_call import request_of
+from vrte.request import EXACT, Request
+from vrte.solving import run_of
 
 if TYPE_CHECKING:
     import xarray
@@ -202,8 +207,9 @@ def spectrum(
     """
     wavelengths = ascending(listed(scene) if wavelengths_um is None else wavelengths_um)
     total = 2 * STEPS * wavelengths.size
-    files = scenes_at(scene, wavelengths, folder, part_of(progress, 0, total))
-    return solved_at(files, wavelengths, part_of(progress, total // 2, total), **asked)
+    made, told = foretold(scene, wavelengths, folder, asked)
+    files = scenes_at(scene, wavelengths, folder, part_of(progress, 0, total), made)
+    return solved_at(files, wavelengths, part_of(progress, total // 2, total), told, **asked)
 
 
 def listed(scene: str | os.PathLike[str] | Mapping[str, Any]) -> list[float]:
@@ -216,33 +222,71 @@ def listed(scene: str | os.PathLike[str] | Mapping[str, Any]) -> list[float]:
     return found
 
 
+def foretold(
+    scene: str | os.PathLike[str] | Mapping[str, Any],
+    wavelengths: Array,
+    folder: str | os.PathLike[str],
+    asked: Mapping[str, Any],
+) -> tuple[dict[int, "SceneFile"], bool]:
+    """The scenes at some places, made to say what all wavelengths take, particles included, and whether that is long.
+    Raises SceneError beyond ``time_limit_s``."""
+    made: dict[int, SceneFile] = {}
+
+    def asked_at(place: int) -> tuple[Request, int, float]:
+        begin = time.perf_counter()
+        made[place] = scene_at(scene, float(wavelengths[place]), folder)
+        seconds = time.perf_counter() - begin
+        return *asked_of(made[place], asked), seconds
+
+    return made, foretell_all(wavelengths.size, asked_at, f"{wavelengths.size} wavelengths")
+
+
+def asked_of(file: "SceneFile", asked: Mapping[str, Any]) -> tuple[Request, int]:
+    """The request of a scene file, and its threads."""
+    request, threads = request_of("brdf", file.scene, (), file.keywords(dict(asked)))
+    return request, run_of(request, threads).threads
+
+
+def scene_at(
+    scene: str | os.PathLike[str] | Mapping[str, Any], wavelength: float, folder: str | os.PathLike[str]
+) -> "SceneFile":
+    """The scene at one wavelength. Raises SceneError, which names it."""
+    from vrte.formats.scene_file import read_scene, scene_of
+
+    try:
+        if isinstance(scene, Mapping):
+            return scene_of({**scene, "wavelength_um": wavelength}, "brdf", Path(folder))
+        return read_scene(scene, "brdf", wavelength)
+    except SceneError as error:
+        raise SceneError(f"at {wavelength:g} um: {error}") from error
+
+
 def scenes_at(
     scene: str | os.PathLike[str] | Mapping[str, Any],
     wavelengths: Array,
     folder: str | os.PathLike[str] = ".",
     progress: Progress | None = None,
+    made: Mapping[int, "SceneFile"] = MappingProxyType({}),
 ) -> list["SceneFile"]:
-    """The scene at each wavelength, its particles worked out. ``progress`` counts in steps of a hundredth of one."""
-    from vrte.formats.scene_file import read_scene, scene_of
-
+    """The scene at each wavelength, its particles worked out but where it is ``made``. ``progress`` counts in steps of
+    a hundredth of one."""
     files = []
     for place, wavelength in enumerate(wavelengths.tolist()):
-        try:
-            if isinstance(scene, Mapping):
-                files.append(scene_of({**scene, "wavelength_um": wavelength}, "brdf", Path(folder)))
-            else:
-                files.append(read_scene(scene, "brdf", wavelength))
-        except SceneError as error:
-            raise SceneError(f"at {wavelength:g} um: {error}") from error
+        files.append(made[place] if place in made else scene_at(scene, wavelength, folder))
         if progress is not None:
             progress(STEPS * (place + 1), STEPS * wavelengths.size)
     return files
 
 
 def solved_at(
-    files: Sequence["SceneFile"], wavelengths: Array, progress: Progress | None = None, **asked: Any
+    files: Sequence["SceneFile"],
+    wavelengths: Array,
+    progress: Progress | None = None,
+    told: bool | None = None,
+    **asked: Any,
 ) -> Spectrum:
-    """The spectrum of what `scenes_at` made; ``asked`` as for `spectrum`."""
+    """The spectrum of what `scenes_at` made; ``asked`` as for `spectrum`; ``told``: whether it was said that all takes
+    long, None where nobody looked."""
     calls = [file.keywords(asked) for file in files]
     try:
         asks_for_more = PLAIN | calls[0] != calls[0] | PLAIN
@@ -250,10 +294,14 @@ def solved_at(
             common = {name: value for name, value in calls[0].items() if name not in PLAIN}
             found = brdfs([file.scene for file in files], progress=progress, **common)
         else:
-            found = [
-                brdf(file.scene, progress=hundredths(progress, place, len(files)), **call)
-                for place, (file, call) in enumerate(zip(files, calls, strict=True))
-            ]
+            if told is None:
+                what = f"{len(files)} wavelengths"
+                told = foretell_all(len(files), lambda place: (*asked_of(files[place], asked), 0.0), what)
+            found = []
+            for place, (file, call) in enumerate(zip(files, calls, strict=True)):
+                request, threads = request_of("brdf", file.scene, (), call)
+                there = hundredths(progress, place, len(files))
+                found.append(brdf_of(request, threads, bool(call.get("transmission", False)), there, told))
     except SceneError as error:
         raise SceneError(files[0].located(str(error))) from error
     return Spectrum(wavelengths, tuple(with_scene(one, files[0].text) for one in found))

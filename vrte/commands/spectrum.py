@@ -13,7 +13,7 @@ from vrte.commands.common import Tick, check_output, named_by, reading, timed, w
 from vrte.errors import SceneError
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats.scene_file import SceneFile, listed_wavelengths, read_content
-from vrte.spectrum import Spectrum, ascending, scenes_at, solved_at
+from vrte.spectrum import Spectrum, ascending, foretold, scenes_at, solved_at
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -79,10 +79,11 @@ def solve(
     at = np.array(options.wavelengths_um)
     phase("particles")
     with timed(seconds, "particles"), reading(options.scene):
-        files = scenes_at(options.scene, at, progress=tick)
+        made, told = foretold(options.scene, at, ".", asked)
+        files = scenes_at(options.scene, at, progress=tick, made=made)
     phase("wavelengths")
     with timed(seconds, "solver"), named_by(options.scene):
-        result = solved_at(files, at, tick, **asked)
+        result = solved_at(files, at, tick, told, **asked)
     if not options.mitsuba:
         return Found(files, result, None)
     phase("directions of the table")

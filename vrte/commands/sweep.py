@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte import __version__, sweep
-from vrte.commands.common import Tick, check_extra, check_output, progress, whole_number
+from vrte.commands.common import Tick, a_time, check_extra, check_output, progress, whole_number
 from vrte.errors import SceneError, SweepError
 from vrte.sweep.engines import ENGINES
 from vrte.sweep.run import MOST_WORKERS
@@ -39,6 +39,9 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--chunk", metavar="N", type=whole_number(1, 10**6), help="scenes that are computed and written together"
     )
+    command.add_argument(
+        "--time-limit-s", metavar="S", type=a_time, help="refuse what is predicted to take longer in all; default: none"
+    )
     command.add_argument("--strict", action="store_true", help="a failure (exit code 1) where any scene has no result")
     command.set_defaults(run=run)
 
@@ -65,6 +68,7 @@ def made(options: argparse.Namespace, tick: Tick) -> "xarray.Dataset":
             workers=options.workers,
             chunk=options.chunk,
             progress=tick,
+            time_limit_s=options.time_limit_s,
         )
     except SceneError as error:
         raise SceneError(f"{options.file}: {error}") from error

@@ -95,13 +95,14 @@ class Problem:
 class Run:
     """One solve's threads, stop flag and clocks; `stages` collects wall and thread seconds by name; ``brief``: it is
     over in some milliseconds, on one thread; ``kernels``: the stages' loops, those of `_core` or others with the same
-    arguments."""
+    arguments; ``told``: how long it takes was said, with others."""
 
     threads: int
     brief: bool = False
     kernels: Any = _core
     stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
+    told: bool = False
 
     def timed(self, name: str, kernel: Callable[..., None], *arguments: object) -> None:
         """Calls kernel(*arguments, seconds, stop) and books its time under `name`."""

@@ -106,7 +106,7 @@ def solved_for_table(
     if files[0].keywords(asked).get("method", EXACT) == EXACT:
         asked["nodes"] = nodes  # left to itself, a solve for cosines of 1e-4 would choose a great many for their sake
     cosines = int(np.clip(nodes, COSINES, MOST_COSINES))
-    wanted = directions(cosines, int(np.clip(2 * orders + 1, AZIMUTHS, MOST_AZIMUTHS)))
+    wanted: dict[str, Any] = directions(cosines, int(np.clip(2 * orders + 1, AZIMUTHS, MOST_AZIMUTHS)))
     return solved_at(files, wavelengths, progress, **asked, **wanted), exact
 
 

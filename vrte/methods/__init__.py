@@ -28,16 +28,22 @@ def method_of(name: str) -> Method:
 def solve(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
     """The cosines of the result and the solution by the request's method. Raises SceneError, which names the method,
     where it does not take the scene or what is asked for."""
-    from vrte.methods.costs import operations_before  # it knows the methods
-
     method = method_of(request.method)
     settings = method.checked(request)
-    seconds = operations_before(request, settings, run) / RATE.get(request.method, math.inf)
-    dominated = f"method {request.method!r} on {request.nodes or NODES} nodes"
-    foretell(request, seconds, dominated, f"fewer nodes take less, as does {EXACT!r}")
+    why = f", most of it for method {request.method!r} on {request.nodes or NODES} nodes"
+    change = f"fewer nodes take less, as does {EXACT!r}"
+    foretell(predicted(request, run), request.time_limit_s, why, change, run.told)
     mu, found = method.solve(request, settings, run, progress)
     if request.method_rule:
         promised = {"promised": True, "notes": []} | found.diagnostics
         ruled = {"method_rule": request.method_rule, "accuracy": request.accuracy}
         found = replace(found, diagnostics=promised | ruled)
     return mu, found
+
+
+def predicted(request: Request, run: Run) -> float:
+    """Seconds of the request's method. Raises SceneError where it does not take the request."""
+    from vrte.methods.costs import operations_before  # it knows the methods
+
+    settings = method_of(request.method).checked(request)
+    return operations_before(request, settings, run) / RATE.get(request.method, math.inf)

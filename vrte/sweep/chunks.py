@@ -17,7 +17,7 @@ from vrte.batch import solved_together
 from vrte.blas import single_threaded
 from vrte.brdf import Brdf
 from vrte.discrete_ordinates.problem import Run
-from vrte.errors import DeviceError, MissingExtraError, SceneError, SweepError
+from vrte.errors import DeviceError, LongSolveWarning, MissingExtraError, SceneError, SweepError
 from vrte.field import Field
 from vrte.formats.scene_file import scene_of
 from vrte.running import interruptible
@@ -174,6 +174,7 @@ def collected(told: dict[str, Any]) -> Iterator[None]:
             _outside.append(warnings.catch_warnings())
             _outside[-1].__enter__()
             warnings.simplefilter("always", UserWarning)
+            warnings.simplefilter("ignore", LongSolveWarning)  # of one scene: all of them are told of together
             warnings.showwarning = _note
         _listening[thread] = told
     try:

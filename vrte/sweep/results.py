@@ -49,7 +49,7 @@ def question_of(file: SceneFile, backend: str = "openmp") -> Question:
     how = {"algorithm": ALGORITHM, "verify": False, "backend": backend} | file.options
     if how.get("method", EXACT) != EXACT:
         raise SceneError(f"method = {shown(how['method'])}: a sweep is made by {EXACT!r} alone")
-    options = solver_options(how.pop("nodes", None), how.pop("accuracy", None), **how)
+    options = solver_options(how.pop("nodes", None), how.pop("accuracy", None), **how, time_limit_s=math.inf)
     try:
         return of_brdf(file, options) if file.kind == "brdf" else of_field(file, options)
     except SceneError as error:

@@ -1,27 +1,31 @@
 """A sweep from its file to its table: begun or taken up, computed by an engine, finished."""
 
+import math
 import os
 import shutil
 import tempfile
+import time
 import warnings
 from collections.abc import Generator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vrte.arrays import whole
+from vrte.arrays import number, whole
 from vrte.blas import single_threaded
 from vrte.discrete_ordinates.problem import Progress
 from vrte.errors import SceneError
+from vrte.forecast import LOOKING, foretell_all
 from vrte.formats.text_file import file_name
-from vrte.request import one_of
+from vrte.request import Request, one_of
 from vrte.running import usable_cpus
 from vrte.sweep import store
-from vrte.sweep.chunks import Task
+from vrte.sweep.chunks import Task, collected, prepare
 from vrte.sweep.engines import ENGINES
 from vrte.sweep.grid import Grid, grid_of, scenes_of_a_chunk
+from vrte.sweep.results import question_of
 from vrte.sweep.store import SUFFIXES, Work
-from vrte.sweep.template import Sweep, particle_places, sweep_of
+from vrte.sweep.template import Sweep, particle_places, scene_at, shared_particles, sweep_of
 
 if TYPE_CHECKING:
     import xarray
@@ -42,6 +46,7 @@ def sweep(
     workers: int | None = None,
     chunk: int | None = None,
     progress: Progress | None = None,
+    time_limit_s: float | None = None,
 ) -> "xarray.Dataset":
     """The Mueller BRDFs, or the Stokes fields, of many scenes, as one labelled table.
 
@@ -49,7 +54,9 @@ def sweep(
     table [axes] (docs/sweeps.md); ``output``, a path that ends in .zarr (for large tables) or .nc, without it the table
     is made in memory; ``engine`` "threads", "dask" (on the cluster at the address ``scheduler``, or one of its own on
     this machine) or "opencl"; ``workers``, cores or worker processes, all there are by default; ``chunk``, how many
-    scenes are computed, written and kept in memory together; ``progress``, called with (scenes done, scenes).
+    scenes are computed, written and kept in memory together; ``progress``, called with (scenes done, scenes);
+    ``time_limit_s``: a sweep whose scenes that are left are predicted to take longer is refused, without it none is.
+    Above 20 seconds what they take is said at once in a LongSolveWarning.
 
     Returns an xarray.Dataset with the axes as coordinates and the variables of `vrte.Brdf.to_xarray`, or of
     `vrte.Field.to_xarray` with mu0 as a dimension and stokes_parameter as the last; ``error`` says of a scene without
@@ -74,12 +81,13 @@ def sweep(
         raise SceneError("scheduler goes with engine 'dask' only")
     if scheduler is not None and workers is not None:
         raise SceneError("workers are those of the scheduler: leave one of the two out")
+    limit = math.inf if time_limit_s is None else number("time_limit_s", time_limit_s, 0.0, math.inf, "seconds")
     count = usable_cpus() if workers is None else whole("workers", workers, 1, MOST_WORKERS)
     given = sweep_of(source)
     if output is not None:
-        return made(given, output_path(output), engine, scheduler, count, chunk, progress)
+        return made(given, output_path(output), engine, scheduler, count, chunk, progress, limit)
     with tempfile.TemporaryDirectory(prefix="vrte-sweep-") as folder:
-        table = made(given, Path(folder) / "table.zarr", engine, scheduler, count, chunk, progress, False)
+        table = made(given, Path(folder) / "table.zarr", engine, scheduler, count, chunk, progress, limit, False)
         return table.load()
 
 
@@ -101,6 +109,7 @@ def made(
     workers: int,
     chunk: int | None,
     progress: Progress | None,
+    limit: float,
     on_disk: bool = True,
 ) -> "xarray.Dataset":
     """The table at ``output``, computed as far as it is not there; ``on_disk``, so that a power cut cannot harm it."""
@@ -123,6 +132,9 @@ def made(
         if damage or more:
             message = f"{output} was damaged; made again: {', '.join(damage + more)}"
             warnings.warn(message, SweepWarning, stacklevel=3)
+        if engine != "opencl":  # a device's speed is not known
+            with single_threaded():
+                foretell_sweep(work, workers, limit)
         compute(work, engine, scheduler, workers, progress)
         tell(work)
         store.finish(work, output, on_disk)
@@ -148,6 +160,48 @@ def check_chunk(work: Work, grid: Grid, chunk: int | None) -> None:
     """A table is cut once and for all."""
     if chunk is not None and work.layout.grid.box != grid.box:
         raise SceneError("chunk must be left as it was: the table was begun with chunks of another size")
+
+
+def foretell_sweep(work: Work, workers: int, limit: float) -> None:
+    """Says what the scenes that are left take on so many workers, as fast as one here. Raises SceneError beyond the
+    limit; what was begun and holds no result is taken away then."""
+    grid, done = work.layout.grid, work.done()
+    left = [chunk for chunk in range(grid.chunks) if chunk not in done]
+    if not left:
+        return
+    scenes = sum(math.prod(grid.extent(chunk)) for chunk in left)
+    shared = list(shared_particles(work.sweep))
+    own = len(shared) < len(work.sweep.template.get("particles", {}))  # particles that no other scene has
+
+    def asked_at(place: int) -> tuple[Request, int, float]:
+        chunk = left[place * len(left) // scenes]
+        there = list(grid.places(chunk))
+        where = there[-1 if place == scenes - 1 else place % len(there)]
+        begin = time.perf_counter()
+        with collected({}):
+            request = question_of(scene_at(work.sweep, where, work.optics.keep)).request
+        return request, 1, time.perf_counter() - begin if own else 0.0
+
+    beside = 0.0 if done else seconds_of_particles(work, shared)
+    what = f"{scenes} scenes on {workers} worker{'s'[: workers > 1]}"
+    try:
+        foretell_all(scenes, asked_at, what, limit, beside, workers)
+    except SceneError:
+        if not done:
+            store.clear(work.folder)
+        raise
+
+
+def seconds_of_particles(work: Work, shared: list[tuple[str, tuple[int, ...]]]) -> float:
+    """Of all that scenes share, by the last of each name, which is kept."""
+    seconds, begin = 0.0, time.perf_counter()
+    for name, lengths in shared:
+        start = time.perf_counter()
+        prepare(work, Task(particles=name, place=tuple(length - 1 for length in lengths)))
+        seconds += math.prod(lengths) * (time.perf_counter() - start)
+        if time.perf_counter() - begin > LOOKING:
+            break
+    return seconds
 
 
 def compute(work: Work, engine: str, scheduler: str | None, workers: int, progress: Progress | None) -> None:

@@ -287,6 +287,13 @@ def scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile
 
 def particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Each kind of particle that several scenes share, at one place of the grid for each different one of it."""
+    for name, lengths in shared_particles(sweep):
+        for place in np.ndindex(*lengths):
+            yield name, place
+
+
+def shared_particles(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Names of particles that several scenes share, and how many different ones there are along each dimension."""
     for name in sweep.template.get("particles", {}):
         moved_by = {
             axis.dimension
@@ -295,5 +302,4 @@ def particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
         }
         lengths = tuple(length if name in moved_by else 1 for name, length in sweep.dimensions.items())
         if math.prod(lengths) < sweep.count:
-            for place in np.ndindex(*lengths):
-                yield name, place
+            yield name, lengths
