@@ -99,11 +99,12 @@ test-all: lint
 # The oldest direct dependencies, in an environment of its own; not the solver's tests, which only know numpy and scipy.
 # Old packages warn of what new ones, which they need in turn, are about to drop: those warnings do not count here.
 LOWEST := .venv-lowest
-ABOUT_DEPENDENCIES = $(patsubst %,tests/test_%.py,cli docs exports foreign_files formats index_table notebook optics \
-	opencl_device opencl_drivers render report scene_file stages sweep sweep_engines sweep_interpolation) \
-	$(wildcard tests/test_app_*.py)
+ABOUT_DEPENDENCIES = $(patsubst %,tests/test_%.py,blas cli docs exports foreign_files formats index_table methods_report \
+	mitsuba notebook opencl_caches opencl_device opencl_drivers optics packaging phase_matrix render report scene_file \
+	snippets stages) $(wildcard tests/test_app_*.py tests/test_sweep*.py)
 test-lowest: $(LOWEST)/stamp
-	$(LOWEST)/bin/python -m pytest -q -W ignore::DeprecationWarning -W ignore::FutureWarning $(ABOUT_DEPENDENCIES)
+	$(LOWEST)/bin/python -m pytest -q -n 2 --dist loadfile -W ignore::DeprecationWarning -W ignore::FutureWarning \
+		$(ABOUT_DEPENDENCIES)
 
 $(LOWEST)/stamp: pyproject.toml setup.py vrte/_core.pyx .ci/prerequisites
 	@sh .ci/prerequisites $(PYTHON)

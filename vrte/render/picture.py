@@ -168,7 +168,8 @@ class Sheet:
         lines = textwrap.wrap(note, int((self.width - 2.0 * self.left) / (LETTER * size)))
         self.foot = round((foot + LINE * (len(lines) - 1)) * size)
         self.height = self.head + rows * (size + self.gap) + self.foot
-        self.figure = new_figure(self.width / DPI, self.height / DPI)
+        # a hair more: matplotlib before 3.11 cuts the 204.99 pixels that rounding leaves of 205
+        self.figure = new_figure((self.width + 1e-6) / DPI, (self.height + 1e-6) / DPI)
         self.letters = 0.034 * size * 72.0 / DPI  # [points]
         below = self.height - 0.6 * self.gap
         self.text(self.left, below, "\n".join(lines), 0.95, ha="left", va="bottom", linespacing=1.3)

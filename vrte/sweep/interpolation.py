@@ -85,7 +85,9 @@ def around(table: "xarray.Dataset", name: str, value: float) -> tuple[list[int],
     """Places of the values next to a point along an axis, and the weight of each."""
     if name not in table.dims or name not in table.coords:
         kind = "is one of several along a list, not a grid" if name in table.coords else "is no axis of the table"
-        axes = [str(dim) for dim in table.dims if dim in table.coords and dim not in STOKES]
+        # in the order of the arrays: that of the table's own list depends on the versions of xarray and zarr
+        dims = dict.fromkeys(dim for array in table.data_vars.values() for dim in array.dims)
+        axes = [str(dim) for dim in dims if dim in table.coords and dim not in STOKES]
         raise SceneError(f"point: {name!r} {kind}; there are {', '.join(axes)}")
     values = np.asarray(table[name].values, np.float64)
     wanted = number(f"point: {name}", value, -math.inf, math.inf, "a number")
