@@ -39,6 +39,7 @@ def test_requested_is_achieved_on_chosen_nodes() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::vrte.LongSolveWarning")  # of references on many nodes
 @pytest.mark.parametrize("given", [True, False])
 def test_requested_is_achieved_everywhere(given: bool) -> None:
     outcomes = list(accuracy.sweep(tuple(accuracy.PROBES), given, accuracy.GIVEN if given else accuracy.CHOSEN))

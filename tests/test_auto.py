@@ -187,6 +187,7 @@ def test_random_scenes_get_the_accuracy_asked_for() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::vrte.LongSolveWarning")  # of references on many nodes
 @pytest.mark.parametrize("first", [0, 30, 60])
 def test_many_random_scenes_get_the_accuracy_asked_for(first: int) -> None:
     accuracies = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6)

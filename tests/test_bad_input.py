@@ -85,7 +85,7 @@ def is_right(found: Any, scene: vrte.Scene) -> None:
         passive = found.incident_stokes[0] >= np.sqrt((found.incident_stokes[1:] ** 2).sum())
         if passive:
             assert found.stokes[..., 0].min() >= -1e-9 * size
-            assert found.flux_up[0] <= found.mu0 * found.incident_stokes[0] * (1 + 1e-9)
+            assert np.all(found.flux_up[..., 0] <= found.mu0 * found.incident_stokes[0] * (1 + 1e-9))
     else:
         assert np.isfinite(found.mueller).all()
         assert found.mueller[..., 0, 0].min() >= -1e-9

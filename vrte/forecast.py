@@ -19,17 +19,17 @@ if TYPE_CHECKING:
     from vrte.plan import Plan
 
 LONG = 20.0  # seconds that are told
-# operations a second of one thread, of a processor of 2024 that has other work as well; right to a factor of 3
+# operations a second of one thread, of a processor of 2024 with nothing else to do; right to a factor of 3
 RATE = {
-    EXACT: 3.5e9,
-    "adding-doubling": 2e9,
-    "matrix-operator": 8e9,
-    "invariant-imbedding": 3e9,
-    "single-scattering": 3.5e9,
-    "successive-orders": 6e9,
-    "synthetic-iteration": 2e9,
+    EXACT: 2.5e10,
+    "adding-doubling": 2.2e10,
+    "matrix-operator": 1.5e11,
+    "invariant-imbedding": 2e10,
+    "single-scattering": 2.5e10,
+    "successive-orders": 2.5e10,
+    "synthetic-iteration": 1e10,
 }
-PLANNING_RATE = 8e7  # squares of orders times directions, a second of one thread
+PLANNING_RATE = 2e8  # squares of orders times directions, a second of one thread
 VERIFYING = 4.0  # times as long, by both algorithms
 FEW, LOOKING = 5, 0.7  # solves of many that are looked at, and seconds after which no other one is
 A_CALL = 3e-3  # seconds of any solve, beside its plan and its operations

@@ -18,6 +18,7 @@ ENDLESS = 25  # doublings of a slab without end
 MODES, DIFFERENCES = 500.0, 400.0  # operations over n^3 of complex eigenvectors and functions of them; of a difference
 STEPS_A_DEPTH, STEPS, SWEEPS = 3.0, 12.0, 12.0  # of imbedding: an optical depth, at least, sweeps of each
 OVERHEAD = 3e5  # operations that a call of NumPy takes the time of
+OF_A_DOUBLING, OF_MODES = 2e7, 3.4e8  # that what is no product takes the time of, of an order
 
 
 def operations_before(request: Request, settings: Settings, run: Run) -> float:
@@ -39,14 +40,16 @@ def of_adding_doubling(request: Request, settings: Settings, run: Run) -> float:
         ENDLESS if math.isinf(tau) else adding_doubling.doublings_of(tau, thin) for tau in np.unique(slabs).tolist()
     )
     start = (2.0 * settings["start"] * n) ** 2 * (settings["start"] * n + 2.0 * c)
-    return orders_of(problem) * (slabs.size * (start + 40.0 * r * n * c) + doublings * (12.0 * r * n * c + OVERHEAD))
+    return orders_of(problem) * (
+        slabs.size * (start + 40.0 * r * n * c) + doublings * (12.0 * r * n * c + OF_A_DOUBLING)
+    )
 
 
 def of_matrix_operator(request: Request, settings: Settings, run: Run) -> float:
     """Modes of each layer, functions of them, and what goes from beams by way of modes into directions."""
     problem = discrete(request)[1]
     n, r, c = sizes(request, problem)
-    each = MODES * n**3 + DIFFERENCES * n * (c - n) * max(1.0, (r - n) / 4.0)
+    each = MODES * n**3 + DIFFERENCES * n * (c - n) * max(1.0, (r - n) / 4.0) + OF_MODES
     return orders_of(problem) * (problem.albedo.size + problem.level.size) * each
 
 
