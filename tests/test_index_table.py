@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import vrte
+from vrte import cli
 from vrte.app.form import check_tables
 from vrte.errors import SceneError
 from vrte.formats.scene_file import read_scene
@@ -35,7 +36,7 @@ def written(folder: Path, text: str, name: str = "clay.csv") -> Path:
 def test_nanometres_and_micrometres_are_the_same_table(tmp_path: Path) -> None:
     um = vrte.read_index(written(tmp_path, "# measured\nwavelength_um,n,k\n0.4,1.6,0.02\n0.7,1.5,0.0\n"))
     nm = vrte.read_index(written(tmp_path, "wavelength_nm, n, k\n400,1.6,0.02\n700,1.5,0.0\n"))
-    assert um.at(0.55) == pytest.approx(nm.at(0.55), rel=1e-15)
+    assert nm == um
     assert um.at(0.55) == pytest.approx(1.55 + 0.01j, rel=1e-15)
     found = vrte.refractive_index(um, 0.55)
     assert found.source == "the table clay.csv"
@@ -80,6 +81,14 @@ def test_a_scene_file_names_a_table_beside_it(tmp_path: Path) -> None:
         SceneError, match=r'particles\.clay\.index = "clay\.csv": the file cannot be read: No such file'
     ):
         read_scene(scene)
+
+
+def test_the_command_tells_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.02\n700,1.5,0.0\n")
+    assert cli.main(["material", str(table), "--wavelength-um", "0.7"]) == 0
+    told = capsys.readouterr().out
+    assert "n = 1.5, k = 0\n" in told
+    assert "from the table clay.csv" in told
 
 
 def test_a_sweep_goes_by_what_is_in_the_table(tmp_path: Path) -> None:

@@ -27,7 +27,6 @@ RATE = {
     "invariant-imbedding": 2e10,
     "single-scattering": 2.5e10,
     "successive-orders": 2.5e10,
-    "synthetic-iteration": 1e10,
 }
 PLANNING_RATE = 2e8  # squares of orders times directions, a second of one thread
 VERIFYING = 4.0  # times as long, by both algorithms

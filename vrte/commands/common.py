@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.errors import MissingExtraError, SceneError
+from vrte.forecast import in_words
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.formats.zarr_folder import METADATA
 from vrte.request import COARSEST, FINEST
@@ -182,19 +183,6 @@ class TimeLeft:
         if done == self.before or done == total:
             return ""
         return f"about {in_words((now - self.start) * (total - done) / (done - self.before))} left"
-
-
-def in_words(seconds: float) -> str:
-    """A time that is only roughly known.
-
-    >>> in_words(9.4), in_words(200.0), in_words(7200.0), in_words(1e6)
-    ('9 s', '3 min', '2.0 h', '11.6 days')
-    """
-    if seconds < 100.0:
-        return f"{seconds:.0f} s"
-    if seconds < 6000.0:
-        return f"{seconds / 60.0:.0f} min"
-    return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"
 
 
 def told_as_one(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:

@@ -9,7 +9,8 @@ import numpy as np
 from vrte.commands.common import check_extra, check_output, progress, say_written, wavelengths
 from vrte.errors import SceneError
 from vrte.formats.atomic import atomic_write
-from vrte.optics.refractive_index import MATERIALS, refractive_index
+from vrte.formats.index_table import read_index
+from vrte.optics.refractive_index import MATERIALS, Material, refractive_index
 from vrte.optics.spheres import spheres
 from vrte.report.pictures import SUFFIXES, save_figure
 from vrte.spectrum import MOST_WAVELENGTHS, ascending
@@ -23,7 +24,11 @@ def add(commands: Any) -> None:
     """`vrte material [NAME]`."""
     help_text = "the refractive index of a material, and how its spheres scatter; without a name, all names"
     material = commands.add_parser("material", help=help_text, description=f"Tells {help_text}.")
-    material.add_argument("name", nargs="?", help='a name, or a path in the database such as "main/Au/Johnson"')
+    material.add_argument(
+        "name",
+        nargs="?",
+        help='a name, a path in the database such as "main/Au/Johnson", or a .csv of your own (wavelength_um,n,k)',
+    )
     where = material.add_mutually_exclusive_group()
     where.add_argument("--wavelength-um", type=float, metavar="UM", help="wavelength in vacuum [micrometres]")
     where.add_argument("--wavelengths-um", metavar="UM,UM,...", type=wavelengths, help="ascending: a table")
@@ -64,10 +69,11 @@ def run(options: argparse.Namespace) -> None:
         for name, entry in MATERIALS.items():
             print(f"{name:12}{' and '.join(entry.pages)}: {entry.reason}")
         return
-    index = refractive_index(options.name, at[0])
+    material = read_index(options.name) if options.name.endswith(".csv") else options.name
+    index = refractive_index(material, at[0])
     with progress() as (phase, tick):
         phase(options.name)
-        columns = columns_of(options.name, at, options.radius_um, options.host_index, tick)
+        columns = columns_of(material, at, options.radius_um, options.host_index, tick)
     if len(at) == 1 and options.radius_um is None:
         print(f"{options.name} at {at[0]:g} um: n = {index.n:.6g}, k = {index.k:.6g}")
     else:
@@ -103,11 +109,13 @@ def check_options(options: argparse.Namespace, at: list[float]) -> None:
             raise SceneError("--plot draws over wavelengths: it needs --wavelengths-um or --range-um")
 
 
-def columns_of(name: str, at: list[float], radius_um: float | None, host_index: float | None, tick: Any) -> Columns:
+def columns_of(
+    material: Material, at: list[float], radius_um: float | None, host_index: float | None, tick: Any
+) -> Columns:
     """Wavelength, n and k, and of spheres of a radius albedo, asymmetry and cross sections [um2]."""
     rows = []
     for place, wavelength in enumerate(at):
-        index = refractive_index(name, wavelength)
+        index = refractive_index(material, wavelength)
         row = [wavelength, index.n, index.k]
         if radius_um is not None:
             host = 1.0 if host_index is None else host_index
@@ -121,7 +129,7 @@ def columns_of(name: str, at: list[float], radius_um: float | None, host_index: 
 
 
 def print_table(columns: Columns) -> None:
-    """Six digits of each."""
+    """Prints a column a quantity, a row a wavelength, six digits of each."""
     print("".join(f"{name:>16}" for name in columns))
     for row in zip(*columns.values(), strict=True):
         print("".join(f"{value:16.6g}" for value in row))

@@ -32,22 +32,12 @@ from vrte.formats.result_file import WRITERS
 from vrte.formats.scene_file import SceneFile
 from vrte.illumination import SIDES
 from vrte.optics.truncation import CHOICES
+from vrte.plan_call import OPTIONS
 from vrte.report.pictures import SUFFIXES as PICTURES
 from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
 from vrte.spectrum import with_scene
 
-HOW = (
-    "threads",
-    "nodes",
-    "accuracy",
-    "algorithm",
-    "verify",
-    "truncation",
-    "backend",
-    "method",
-    "illuminate",
-    "time_limit_s",
-)
+HOW = ("threads", *(name for name in OPTIONS if name != "settings"))  # options that win over the scene file
 OUTPUTS = {"output": tuple(WRITERS), "csv": (".csv",), "plot": tuple(PICTURES)}
 EXTRAS = {  # by suffix
     ".nc": ("files", ("xarray", "h5netcdf")),

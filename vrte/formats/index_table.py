@@ -8,7 +8,7 @@ from vrte.optics.refractive_index import IndexTable
 
 MOST_ROWS = 100_000
 LARGEST_FILE = 10_000_000  # bytes
-TO_UM = {"wavelength_um": 1.0, "wavelength_nm": 1e-3}
+IN_A_UM = {"wavelength_um": 1.0, "wavelength_nm": 1e3}
 IN_WORDS = "wavelength_um,n,k (or wavelength_nm in front; without k nothing is absorbed)"
 
 
@@ -26,7 +26,7 @@ def read_index(path: str | os.PathLike[str]) -> IndexTable:
     (2+0.25j)
     """
     header, rows = read_rows(path, LARGEST_FILE, MOST_ROWS)
-    if not header or header[0] not in TO_UM or header[1:] not in (["n"], ["n", "k"]):
+    if not header or header[0] not in IN_A_UM or header[1:] not in (["n"], ["n", "k"]):
         raise SceneError(f"the first line must be {IN_WORDS}")
     for line, row in rows:
         if len(row) != len(header):
@@ -34,5 +34,5 @@ def read_index(path: str | os.PathLike[str]) -> IndexTable:
     columns = {"k": (0.0,) * len(rows)} | {
         name: tuple(row[place] for _, row in rows) for place, name in enumerate(header)
     }
-    wavelengths = tuple(TO_UM[header[0]] * value for value in columns[header[0]])
+    wavelengths = tuple(value / IN_A_UM[header[0]] for value in columns[header[0]])  # 700 nm are 0.7 to the last bit
     return IndexTable(wavelengths, columns["n"], columns["k"], f"the table {os.path.basename(file_name(path))}")

@@ -94,7 +94,7 @@ def sizes(request: Request, problem: Problem) -> tuple[float, float, float]:
 
 
 def orders_of(problem: Problem) -> float:
-    """Fourier orders."""
+    """How many Fourier orders a method solves: as many as its problem has terms."""
     return float(problem.coefficients.shape[1])
 
 

@@ -37,7 +37,7 @@ def read_sealed(path: Path) -> bytes:
 
 
 def write_json(path: Path, said: Any, on_disk: bool = False) -> None:
-    """As one line of JSON."""
+    """Writes what is said as one line of JSON that ends in its checksum."""
     write_sealed(path, json.dumps(said).encode() + b"\n", on_disk)
 
 

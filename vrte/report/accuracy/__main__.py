@@ -9,7 +9,7 @@ from vrte.report.cost import require_pictures
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The exit code."""
+    """Asks all scenes for their accuracies and writes what came; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m vrte.report.accuracy", description=accuracy.__doc__)
     parser.add_argument("-o", "--output", required=True, metavar="FOLDER", help="an existing folder")
     parser.add_argument("--quick", action="store_true", help="a few small scenes, every third request")

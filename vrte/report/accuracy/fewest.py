@@ -81,7 +81,7 @@ def read_errors(path: str | os.PathLike[str]) -> dict[str, dict[int, float]]:
 
 
 def write_errors(path: str | os.PathLike[str], table: Mapping[str, Errors]) -> None:
-    """The table as a file."""
+    """Writes the errors of each scene on each number of nodes as CSV."""
     rows = [(name, nodes, f"{error:.3g}") for name, errors in table.items() for nodes, error in errors.items()]
     write_rows(Path(path), list(HEADER), rows)
 
@@ -115,7 +115,7 @@ def as_table(table: Mapping[str, Errors], outcomes: Sequence[Outcome]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The exit code."""
+    """Solves all scenes on more and more nodes and writes their errors; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m vrte.report.accuracy.fewest", description=__doc__)
     parser.add_argument("table", help="the CSV file of errors, added to where scenes are missing")
     path = parser.parse_args(arguments).table
