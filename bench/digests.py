@@ -1,7 +1,7 @@
 """Digests of results: one line of hash a call, so that a change of the code shows whether a bit of a result moved.
 
-python -m bench.digests record digests.json, then, after a change, python -m bench.digests check digests.json. Bits depend
-on the machine and its libraries: a record holds on the machine where it was made. Everything runs on one thread.
+python -m bench.digests record digests.json, then, after a change, python -m bench.digests check digests.json. Bits
+depend on the machine and its libraries: a record holds on the machine where it was made. Everything runs on one thread.
 """
 
 import argparse
