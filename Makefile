@@ -118,6 +118,7 @@ lint: $(VENV)/test.stamp
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo >/dev/null || $(BIN)/lint-imports --no-logo
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python -m pytest -q bench

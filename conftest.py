@@ -62,7 +62,7 @@ def small_brdf() -> Any:
 def folder_of_the_examples(
     request: pytest.FixtureRequest, doctest_namespace: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Doctests run in a folder with gold_powder.toml and rayleigh.csv; formats, report and app have `brdf`."""
+    """Doctests run in a folder with gold_powder.toml and rayleigh.csv; those that speak of results have `brdf`."""
     if not isinstance(request.node, pytest.DoctestItem):
         return
     monkeypatch.chdir(tmp_path)
@@ -71,5 +71,8 @@ def folder_of_the_examples(
         "l,a1,a2,a3,a4,b1,b2\n0,1,0,0,0,0,0\n1,0,0,0,1.5,0,0\n2,0.5,3,0,0,1.224744871391589,0\n"
     )
     doctest_namespace.pop("brdf", None)  # one dictionary for all of them
-    if any(package in request.node.name for package in ("vrte.formats", "vrte.report", "vrte.app")):
+    if any(
+        package in request.node.name
+        for package in ("vrte.formats", "vrte.pictures", "vrte.studies", "vrte.app", "vrte.results")
+    ):
         doctest_namespace["brdf"] = request.getfixturevalue("small_brdf")

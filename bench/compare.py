@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from vrte.report.pages import markdown_table, processor
-from vrte.running import usable_cpus
+from vrte.basics.running import usable_cpus
+from vrte.studies.pages import markdown_table, processor
 
 HISTORY = Path(__file__).parent / "history"
 ALLOWED = 1.3

@@ -10,10 +10,10 @@ import scipy.linalg
 from threadpoolctl import threadpool_limits
 
 import vrte
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.phase_assembly import assemble
-from vrte.discrete_ordinates.problem import Run
-from vrte.report.tables.problems import gold_scene, siewert_scene
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
+from vrte.studies.tables.problems import gold_scene, siewert_scene
 
 from .peers import Row
 

@@ -12,13 +12,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pyopencl
 
-from vrte.arrays import Array
-from vrte.blas import single_threaded
+from vrte.basics.arrays import Array
+from vrte.basics.blas import single_threaded
+from vrte.basics.running import usable_cpus
 from vrte.cl.device import session
 from vrte.cl.matrices import Stack, download_stack, invert, new_stack, product, upload_stack
 from vrte.cl.session import FORMS, Session, open_session
-from vrte.report.devices import fastest
-from vrte.running import usable_cpus
+from vrte.studies.devices import fastest
 
 SIZES = ((40, 256), (80, 64), (160, 24))  # rows, matrices in a call
 STEPS = 5  # of Newton-Schulz from 2/3: 1/3 to the power of 32 is 5e-16

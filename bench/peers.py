@@ -19,12 +19,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import vrte
-from vrte.arrays import Array
-from vrte.errors import MissingExtraError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import MissingExtraError
 from vrte.formats.atomic import atomic_write
-from vrte.report.methods.peers import imported, nanodisort, sasktran2
-from vrte.report.methods.peers.asked import Asked
-from vrte.report.tables.problems import SIEWERT_IIA
+from vrte.studies.methods.peers import imported, nanodisort, sasktran2
+from vrte.studies.methods.peers.asked import Asked
+from vrte.studies.tables.problems import SIEWERT_IIA
 
 Solve = Callable[[], Array]  # radiances (tau, mu, phi, Stokes compared)
 

@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 
 from bench.peers import ACCURACY, REFERENCE_STREAMS, ROUNDS, SETUPS, Problem, Row, shortfalls, wanted_keywords
-from vrte.report.pages import markdown_table, processor
-from vrte.report.stability.table import figure
-from vrte.running import usable_cpus
+from vrte.basics.running import usable_cpus
+from vrte.studies.pages import markdown_table, processor
+from vrte.studies.stability.table import figure
 
 COLUMNS = ("scene", "streams", "code", "set-up [ms]", "solve [ms]", "over vrte", "target")
 ERRORS = ("error I", "error Q", "error U")

@@ -13,11 +13,11 @@ import pytest
 import scipy
 
 import vrte
-from vrte.report import tables
-from vrte.report.tables.configurations import Configuration
-from vrte.report.tables.measuring import checked
-from vrte.report.tables.messages import Reply
-from vrte.report.tables.problems import TABLE_2, TABLE_3, Problem, problems
+from vrte.studies import tables
+from vrte.studies.tables.configurations import Configuration
+from vrte.studies.tables.measuring import checked
+from vrte.studies.tables.messages import Reply
+from vrte.studies.tables.problems import TABLE_2, TABLE_3, Problem, problems
 
 from .conftest import ROUNDS, eigenproblems, floor_seconds
 

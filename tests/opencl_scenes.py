@@ -10,8 +10,8 @@ import numpy as np
 import vrte
 from vrte import _core
 from vrte.cl.session import Session
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
 
 from .test_discrete_ordinates import spheroids
 

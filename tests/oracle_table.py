@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from vrte.formats.atomic import atomic_write
-from vrte.report.stability import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Case, oracle_cases
-from vrte.report.stability.oracle import TABLE
+from vrte.studies.stability import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Case, oracle_cases
+from vrte.studies.stability.oracle import TABLE
 
 from .ball_scene import DoubtfulError, Layer, Request, field_order, mueller_lobe_orders, sensitivity
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 import vrte
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.report.accuracy.scenes import glass, spheroids
-from vrte.report.methods.scenes import droplets, gold, rutile
+from vrte.studies.accuracy.scenes import glass, spheroids
+from vrte.studies.methods.scenes import droplets, gold, rutile
 
 NO_LIGHT = 1e-290
 LOWEST = 0.02  # cosine

@@ -10,12 +10,13 @@ import pytest
 
 import vrte
 from tests import exact
-from vrte.discrete_ordinates import needs, node_choice, solver
-from vrte.discrete_ordinates.problem import Run
-from vrte.discrete_ordinates.routes import Orders
-from vrte.report import accuracy
-from vrte.report.accuracy.__main__ import main
-from vrte.report.accuracy.scenes import PHI
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.execution import solver
+from vrte.discrete_ordinates.orders.routes import Orders
+from vrte.discrete_ordinates.planning import needs, node_choice
+from vrte.studies import accuracy
+from vrte.studies.accuracy.__main__ import main
+from vrte.studies.accuracy.scenes import PHI
 
 ERRORS = Path(__file__).parents[1] / "docs" / "accuracy" / "errors.csv"
 QUICK_GIVEN = ("HG 0.75, thickness 0.1", "spheroids, field", "gold powder, without end", "two layers over a base")
@@ -171,12 +172,12 @@ BACKWARD = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(-0.99, 2500), 0.99, 5.0
 
 def test_terms_that_nodes_given_do_not_carry_are_told() -> None:
     """-165 was promised; and a peak straight back is not taken off as if light went straight on."""
-    with pytest.warns(vrte.errors.AccuracyWarning, match="12 nodes are too few .* 229 nodes do"):
+    with pytest.warns(vrte.AccuracyWarning, match="12 nodes are too few .* 229 nodes do"):
         found = vrte.brdf(BACKWARD, 0.6, [0.1, 0.5, 0.9], [0.0, 90.0, 180.0], nodes=12)
     assert not found.diagnostics["promised"]
     assert "carry 24 of the 2500 terms" in found.diagnostics["notes"][0]
     assert found.diagnostics["peak_fractions"] == [0.0]
-    with pytest.warns(vrte.errors.AccuracyWarning, match="12 nodes are too few"):
+    with pytest.warns(vrte.AccuracyWarning, match="12 nodes are too few"):
         vrte.radiance(BACKWARD, 0.6, mu=[0.1, 0.5, 0.9], nodes=12)
 
 

@@ -10,8 +10,8 @@ import vrte
 from vrte.app import figures
 from vrte.app.lobe_figure import STEP
 from vrte.app.reflectance import Reflectances, colours_of
-from vrte.over_hemisphere import stokes_over_hemisphere
-from vrte.quantities import FIELD_QUANTITIES, QUANTITIES
+from vrte.results.over_hemisphere import stokes_over_hemisphere
+from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES
 
 MU_O, PHI = np.linspace(0.05, 1.0, 20), np.arange(0, 361, 15)
 LIGHT = (1.0, 0.2, -0.5, 0.6)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.discrete_ordinates.base import mueller_orders
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.problem import Problem
+from vrte.discrete_ordinates.orders.base import mueller_orders
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.problem import Problem
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 Function = Callable[..., np.ndarray]

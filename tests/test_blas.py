@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.blas import blas_libraries, setter_of, single_threaded
+from vrte.basics.blas import blas_libraries, setter_of, single_threaded
 
 
 @pytest.fixture(autouse=True)

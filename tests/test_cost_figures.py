@@ -12,9 +12,9 @@ import pytest
 
 import vrte
 from vrte import cli
-from vrte.report import cost
-from vrte.report.cost import claims, figures, fitting, measuring, page, sweeps
-from vrte.report.tables import configurations
+from vrte.studies import cost
+from vrte.studies.cost import claims, figures, fitting, measuring, page, sweeps
+from vrte.studies.tables import configurations
 
 ROOT = Path(__file__).parents[1]
 POINT = sweeps.Point(radius_um=0.2, nodes=9, outgoing=2)

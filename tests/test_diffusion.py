@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.methods.diffusion import BOUNDARIES
 
 G, MU0 = 0.3, 0.6

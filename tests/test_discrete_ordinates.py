@@ -13,8 +13,8 @@ from scipy.special import spherical_jn, spherical_yn
 import vrte
 from tests import exact
 from vrte import _core
-from vrte.discrete_ordinates.quadrature import double_gauss
-from vrte.running import usable_cpus
+from vrte.basics.quadrature import double_gauss
+from vrte.basics.running import usable_cpus
 
 from .oracle import azimuthal_sum, brdf_orders, legendre_matrix
 
@@ -27,7 +27,7 @@ BOTH = pytest.mark.parametrize("algorithm", ["modes", "doubling"])
 
 def spheroids() -> vrte.PhaseMatrix:
     """Siewert's problem IIA: b2 != 0."""
-    from vrte.report.tables.problems import SIEWERT_IIA
+    from vrte.studies.tables.problems import SIEWERT_IIA
 
     return vrte.PhaseMatrix(*np.array(SIEWERT_IIA).T)
 
@@ -354,10 +354,10 @@ def test_resonances_are_ordinary(case: str) -> None:
 
 def eigen_cosine(layer: vrte.Layer, nodes: int) -> float:
     """1/k of a mode of order 1 that lies in (0, 1)."""
-    from vrte.discrete_ordinates.discretise import discretise
-    from vrte.discrete_ordinates.homogeneous import homogeneous
-    from vrte.discrete_ordinates.phase_assembly import assemble
-    from vrte.discrete_ordinates.problem import Run
+    from vrte.basics.running import Run
+    from vrte.discrete_ordinates.orders.discretise import discretise
+    from vrte.discrete_ordinates.orders.homogeneous import homogeneous
+    from vrte.discrete_ordinates.orders.phase_assembly import assemble
 
     one = np.ones(1)
     problem = discretise(vrte.Scene([layer]), one, np.eye(4), one, np.zeros(1), nodes)
@@ -586,7 +586,7 @@ def test_verify_runs_both_and_reports_their_agreement() -> None:
 def test_an_order_that_fails_its_checks_is_repeated_by_the_other_route(
     algorithm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from vrte.discrete_ordinates.routes import OTHER, ROUTES
+    from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES
 
     scene = vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)])
     expected = exact.radiance(scene, 0.6, phi=PHI, tau=[0.0, 1.0], nodes=8)
@@ -635,7 +635,7 @@ def test_memory_is_estimated_before_it_is_taken(
 ) -> None:
     import tracemalloc
 
-    from vrte.discrete_ordinates import memory
+    from vrte.discrete_ordinates.planning import memory
 
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0 + 0.1 * k) for k in range(4)])
     told: list[float] = []

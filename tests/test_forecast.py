@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte import forecast
+from vrte.basics import forecast as limits
+from vrte.basics.running import new_run
+from vrte.calls import forecast
+from vrte.calls.plan import request_of
 from vrte.cli import main
+from vrte.discrete_ordinates.planning import forecast as of_plans
 from vrte.methods import method_of
 from vrte.methods.costs import COSTS, operations_before
-from vrte.plan_call import request_of
-from vrte.running import new_run
 
 POLARIZING = vrte.mix([(vrte.rayleigh(), 0.5), (vrte.henyey_greenstein(0.7, 40), 0.5)])
 THICK = vrte.Scene([vrte.Layer(POLARIZING, 1.0, 100.0)])
@@ -48,7 +50,7 @@ def test_accuracy_that_takes_all_nodes_is_refused_at_once() -> None:
 
 
 def test_what_takes_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(forecast, "LONG", 0.0)
+    monkeypatch.setattr(limits, "LONG", 0.0)
     scene = vrte.Scene([vrte.Layer(POLARIZING, 0.9, 1.0)])
     for method in ("discrete-ordinates", *COSTS):
         with pytest.warns(vrte.LongSolveWarning, match=r"this will take about \d s, most of it for"):
@@ -87,6 +89,7 @@ def told_of(call: Callable[[], object]) -> list[str]:
 
 @pytest.mark.parametrize("kind", ["brdfs", "spectrum", "sweep"])
 def test_many_solves_say_together_what_they_take(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "LONG", 1e-9)
     monkeypatch.setattr(forecast, "LONG", 1e-9)  # each of them would say so as well
     calls: dict[str, tuple[str, Callable[[], object]]] = {
         "brdfs": ("5 scenes", lambda: vrte.brdfs([THICK] * 5, 0.5, 0.5, nodes=4)),
@@ -100,7 +103,7 @@ def test_many_solves_say_together_what_they_take(kind: str, monkeypatch: pytest.
 
 def test_many_solves_that_take_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A thousand solves of a second: no one of them is long."""
-    monkeypatch.setitem(forecast.RATE, "discrete-ordinates", 1e4)
+    monkeypatch.setitem(of_plans.RATE, "discrete-ordinates", 1e4)
     begin = time.perf_counter()
     for call, what in (
         (lambda: vrte.brdfs([THICK] * 1000, 0.5, 0.5, nodes=16, time_limit_s=1000.0), "1000 scenes"),
@@ -158,7 +161,7 @@ def test_predictions_are_about_right(method: str, albedo: float, thickness: floa
     scene = vrte.Scene([vrte.Layer(POLARIZING, albedo, thickness)])
     asked = ([0.3, 0.8], [0.2, 0.5, 0.9], [0.0, 90.0, 180.0])
     request, _ = request_of("brdf", scene, asked, {"method": method, **how})
-    predicted = operations_before(request, method_of(method).checked(request), new_run(1)) / forecast.RATE[method]
+    predicted = operations_before(request, method_of(method).checked(request), new_run(1)) / of_plans.RATE[method]
     begin = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vrte.LongSolveWarning)

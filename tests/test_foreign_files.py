@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats import csv_table, netcdf
 from vrte.formats.seal import LENGTH
 from vrte.sweep.store import open_table
@@ -164,7 +164,11 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
 def in_little_memory(program: str, folder: Path) -> list[str]:
     """What a program prints that may take 0.4 GB."""
     done = subprocess.run(
-        [sys.executable, "-c", f"import vrte\nfrom vrte.limits import limit_memory\nlimit_memory(4e8)\n{program}"],
+        [
+            sys.executable,
+            "-c",
+            f"import vrte\nfrom vrte.basics.limits import limit_memory\nlimit_memory(4e8)\n{program}",
+        ],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(Path(vrte.__file__).parents[1])},
         capture_output=True,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.basics.errors import SceneError
 from vrte.cli import main
-from vrte.errors import SceneError
 
 from . import exact
 from .test_discrete_ordinates import spheroids

@@ -8,7 +8,7 @@ import pytest
 import vrte
 from vrte import cli
 from vrte.app.form import check_tables
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats.scene_file import read_scene
 from vrte.sweep.optics import name_of
 from vrte.sweep.template import sweep_of

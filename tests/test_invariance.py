@@ -5,10 +5,10 @@ import pytest
 
 import vrte
 from tests.test_discrete_ordinates import largest_gap, spheroids
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.invariance import reflect_endless
-from vrte.discrete_ordinates.phase_assembly import assemble
-from vrte.discrete_ordinates.problem import Run
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.invariance import reflect_endless
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
 
 MU = np.array([0.05, 0.4, 1.0])
 PHI = [0.0, 40.0, 180.0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats import load
 
 MU0, MU, PHI, TAU = [0.3, 0.6, 1.0], [0.2, 0.7, -0.4], [0.0, 60.0, 190.0], [0.0, 0.4, 1.5]
@@ -120,7 +120,7 @@ def test_a_list_of_geometries_is_a_row_each(monkeypatch):
     mu0[3:9] = mu0[3]
     found = vrte.views(SCENE, mu0, mu, phi, LIGHT, nodes=6, accuracy=1e-14)
     assert len(found.diagnostics["solves"]) == 1
-    monkeypatch.setattr("vrte.geometries.LARGEST_GRID", 60.0)
+    monkeypatch.setattr("vrte.calls.views.LARGEST_GRID", 60.0)
     again = vrte.views(SCENE, mu0, mu, phi, LIGHT, nodes=6, accuracy=1e-14)
     assert len(again.diagnostics["solves"]) > 2
     np.testing.assert_allclose(again.stokes, found.stokes, rtol=0, atol=1e-13)

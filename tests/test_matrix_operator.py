@@ -5,9 +5,10 @@ import pytest
 import scipy.linalg
 
 import vrte
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
-from vrte.discrete_ordinates.problem import Problem, Run
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
+from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.methods import divided_differences, operators
 from vrte.methods.matrix_operator import Matter, Slab, matter_of, propagator
 

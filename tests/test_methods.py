@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.basics.errors import SceneError
 from vrte.cli import main
-from vrte.errors import SceneError
 from vrte.methods import method_of
 from vrte.methods.method import Method
-from vrte.request import EXACT, METHODS
+from vrte.request.request import EXACT, METHODS
 
 OTHERS = tuple(name for name in METHODS if name != EXACT)
 MU, PHI = np.array([0.3, 0.8]), np.array([0.0, 40.0, 180.0])

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from vrte import cli
-from vrte.errors import SceneError
-from vrte.report import methods, radiance_factor
-from vrte.report.methods import advice, knobs, measuring, page, peers, records, reference, registry, scenes
-from vrte.report.methods.records import MEASURED, REFUSED, Row
-from vrte.request import METHODS
+from vrte.basics.errors import SceneError
+from vrte.request.request import METHODS
+from vrte.studies import methods, radiance_factor
+from vrte.studies.methods import advice, knobs, measuring, page, peers, records, reference, registry, scenes
+from vrte.studies.methods.records import MEASURED, REFUSED, Row
 
 ROOT = Path(__file__).parents[1]
 CURVE = knobs.Curve("modes", "discrete-ordinates", knobs.over_nodes((2, 8), algorithm="modes"))
@@ -184,7 +184,7 @@ def test_the_table_of_knobs_names_settings_that_are_there() -> None:
 
 def test_the_table_of_methods_is_that_of_the_registry() -> None:
     text = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
-    assert registry.refreshed(text) == text, "run `python -m vrte.report.methods docs/methods.md`"
+    assert registry.refreshed(text) == text, "run `python -m vrte.studies.methods docs/methods.md`"
     for name in METHODS:
         assert f"\n| `{name}` |" in text
 

@@ -8,11 +8,12 @@ import pytest
 
 import vrte
 from vrte import SceneError, Spectrum
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
+from vrte.calls import mitsuba as mitsuba_call
+from vrte.calls.spectrum import scenes_at
 from vrte.formats import between_directions, measured_polarized
 from vrte.formats.mitsuba_tensor import read_tensors, write_tensors
 from vrte.optics.spheres import spheres
-from vrte.spectrum import scenes_at
 
 WAVELENGTHS = [0.45, 0.5, 0.55, 0.6, 0.65]
 GOLD: dict[str, Any] = {
@@ -245,8 +246,8 @@ class TestFromAScene:
     ) -> None:
         from tests.test_cli import run
 
-        monkeypatch.setattr(measured_polarized, "COSINES", 16)  # fewer than anybody would ask for
-        monkeypatch.setattr(measured_polarized, "AZIMUTHS", 19)
+        monkeypatch.setattr(mitsuba_call, "COSINES", 16)  # fewer than anybody would ask for
+        monkeypatch.setattr(mitsuba_call, "AZIMUTHS", 19)
 
         (tmp_path / "haze.toml").write_text(
             'nodes = 4\n[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 1.0\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'

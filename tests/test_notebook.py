@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.report.plan_picture import operations_by_order
-from vrte.spectrum import Spectrum
+from vrte.pictures.plan_picture import operations_by_order
+from vrte.results.spectrum import Spectrum
 
 MU_O, PHI = np.linspace(0.1, 1.0, 10), np.arange(0, 360, 30)
 HOSTILE = "<script>alert('x')</script>"
@@ -120,7 +120,7 @@ def test_it_never_raises() -> None:
     for thing in (few, fluxes, nothing):
         assert "</table>" in thing._repr_html_()
         assert "<img" not in thing._repr_html_()
-    assert "<pre>&lt;vrte.brdf.Brdf object" in nasty._repr_html_()
+    assert "<pre>&lt;vrte.results.brdf.Brdf object" in nasty._repr_html_()
     finer = vrte.Brdf(np.ones((1, 500, 721, 4, 4)), [0.5], [0.5], np.linspace(0.01, 1.0, 500), np.arange(721) / 2.0, {})
     assert "<img" not in finer._repr_html_()  # would take too long for a glance
     many = vrte.henyey_greenstein(0.5, 6000)

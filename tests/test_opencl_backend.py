@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.backends import BACKENDS
+from vrte.basics.errors import SceneError
 from vrte.cl import faults
 from vrte.cl.session import Session
-from vrte.errors import SceneError
+from vrte.request.backends import BACKENDS
 
 from .opencl_scenes import scenes
 
@@ -101,7 +101,7 @@ def test_many_scenes_by_the_processor() -> None:
 
 
 def test_little_room_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    from vrte.discrete_ordinates import on_device
+    from vrte.discrete_ordinates.execution import on_device
 
     scene = SCENES["over a base"]
     whole = vrte.brdf(scene, MU, MU, PHI, nodes=6, backend="opencl")
@@ -111,7 +111,7 @@ def test_little_room_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_the_form_for_a_gpu_solves_too(monkeypatch: pytest.MonkeyPatch, opencl: Session) -> None:
-    from vrte.discrete_ordinates import on_device
+    from vrte.discrete_ordinates.execution import on_device
 
     for name in ("over a base", "endless"):
         expected = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6)

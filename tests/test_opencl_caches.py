@@ -16,10 +16,10 @@ from typing import Any
 import pytest
 
 import vrte
+from vrte.basics.errors import DeviceError
 from vrte.cl import caches, device
 from vrte.cl.session import Session
 from vrte.cl.trial import POCL
-from vrte.errors import DeviceError
 
 ROOT = Path(__file__).parents[1]
 BEGIN = """
@@ -381,7 +381,8 @@ def test_pocl_without_a_linker(pocl: None, tmp_path: Path) -> None:
     compute(home, VRTE_OPENCL_DEVICE=str(index))
     _, err = started(COMPUTE, home, PATH="/nonexistent", VRTE_OPENCL_DEVICE=str(index)).communicate(timeout=120)
     assert err.splitlines()[-1] == (
-        f"vrte.errors.DeviceError: VRTE_OPENCL_DEVICE={index} names a device that does not compute: it finds no linker "
+        f"vrte.DeviceError: "
+        f"VRTE_OPENCL_DEVICE={index} names a device that does not compute: it finds no linker "
         "(install binutils, which brings ld)"
     )
 

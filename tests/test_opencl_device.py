@@ -19,13 +19,13 @@ import pytest
 
 import vrte
 from vrte import cli
+from vrte.basics.errors import DeviceError, MissingExtraError
 from vrte.cl import building, device, faults, trial
 from vrte.cl import session as sessions
 from vrte.cl.device import Device, choose
 from vrte.cl.faults import check_room
 from vrte.cl.session import Session, open_session
-from vrte.errors import DeviceError, MissingExtraError
-from vrte.report import devices as report
+from vrte.studies import devices as report
 
 from .conftest import working_session
 
@@ -311,7 +311,7 @@ import resource
 import numpy as np
 from vrte.cl import device, session
 session.SOURCES = ("trial",)
-from vrte.discrete_ordinates.memory import address_bytes
+from vrte.basics.memory import address_bytes
 opened = device.session()
 opened.zeros((1,))
 used = resource.getpagesize() * int(open("/proc/self/statm").read().split()[0])

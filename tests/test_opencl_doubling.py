@@ -5,14 +5,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vrte.basics.running import Run
 from vrte.cl.doubling import double_slabs as double_on_device
 from vrte.cl.joining import join_slabs as join_on_device
 from vrte.cl.session import Session
-from vrte.discrete_ordinates.base import expand_base
-from vrte.discrete_ordinates.doubling import Slabs, double_slabs
-from vrte.discrete_ordinates.phase_assembly import assemble
-from vrte.discrete_ordinates.problem import ALL, Run
-from vrte.discrete_ordinates.slabs import Pile, cut, join
+from vrte.discrete_ordinates.orders.base import expand_base
+from vrte.discrete_ordinates.orders.doubling import Slabs, double_slabs
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
+from vrte.discrete_ordinates.orders.problem import ALL
+from vrte.discrete_ordinates.orders.slabs import Pile, cut, join
 
 from .opencl_scenes import kernels_with, problem_of, scenes
 

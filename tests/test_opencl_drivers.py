@@ -10,11 +10,11 @@ import pyopencl
 import pytest
 
 from vrte import cli
+from vrte.basics.errors import DeviceError
 from vrte.cl import building, device, drivers, trial
 from vrte.cl.device import Device, choose
 from vrte.cl.session import Session
-from vrte.errors import DeviceError
-from vrte.report.devices import as_text
+from vrte.studies.devices import as_text
 
 OLD = "error: unknown target CPU 'generic'"
 CARD = Device("Maker", "Card", "gpu", True, 8 << 30, 2 << 30, 40, "1")

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vrte.basics.errors import DeviceError
 from vrte.cl import matrices
 from vrte.cl.matrices import Stack, download_stack, invert, new_stack, panel_width, product, upload_stack
 from vrte.cl.session import Session
-from vrte.errors import DeviceError
 
 SIZES = ((1, 1, 1), (3, 5, 2), (8, 8, 8), (13, 40, 7), (65, 17, 66), (100, 30, 129))  # rows, inner, columns
 

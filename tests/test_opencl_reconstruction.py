@@ -8,14 +8,14 @@ import pytest
 
 import vrte
 from vrte import _core
+from vrte.basics.running import Run
 from vrte.cl import reconstruction
-from vrte.discrete_ordinates.base import expand_base
-from vrte.discrete_ordinates.boundary import boundary
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.homogeneous import homogeneous
-from vrte.discrete_ordinates.particular import particular
-from vrte.discrete_ordinates.phase_assembly import assemble
-from vrte.discrete_ordinates.problem import Run
+from vrte.discrete_ordinates.orders.base import expand_base
+from vrte.discrete_ordinates.orders.boundary import boundary
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.homogeneous import homogeneous
+from vrte.discrete_ordinates.orders.particular import particular
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
 
 from .test_discrete_ordinates import spheroids
 

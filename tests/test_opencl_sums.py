@@ -9,8 +9,8 @@ import pytest
 import vrte
 from vrte import _core
 from vrte.cl import sums
-from vrte.discrete_ordinates.azimuths import cos_sin_deg, fold
-from vrte.discrete_ordinates.summing import column_kinds
+from vrte.discrete_ordinates.execution.summing import column_kinds
+from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
 
 from .test_sums import FULL_TURN, some_kernels
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from flint import acb, ctx
 
-import vrte.errors
-from vrte.errors import SceneError
+import vrte.basics.errors
+from vrte.basics.errors import SceneError
 from vrte.optics.refractive_index import MATERIALS, RefractiveIndex, refractive_index
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse, Tabulated
 from vrte.optics.spheres import Particles, SizeAverageWarning, mie_coefficients, mixture, spheres
@@ -134,7 +134,7 @@ def test_the_database_needs_no_network_and_no_home(tmp_path):
         "from vrte.optics.refractive_index import refractive_index\n"
         "print(refractive_index('gold', 0.64).n)\n"
     )
-    root = Path(vrte.errors.__file__).parents[1]
+    root = Path(vrte.basics.errors.__file__).parents[1]
     environment = {
         "HOME": str(tmp_path),
         "PATH": "/usr/bin:/bin",

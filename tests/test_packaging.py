@@ -97,9 +97,9 @@ def test_the_tests_have_an_opencl_device() -> None:
 
 
 def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
-    (tmp_path / "vrte").mkdir()
-    for name in ("__init__.py", "starting.py"):
-        shutil.copy(ROOT / "vrte" / name, tmp_path / "vrte")
+    (tmp_path / "vrte" / "basics").mkdir(parents=True)
+    for name in ("__init__.py", "basics/__init__.py", "basics/starting.py"):
+        shutil.copy(ROOT / "vrte" / name, tmp_path / "vrte" / name)
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
     command = [sys.executable, "-S", "-c", "import vrte"]  # -S: an editable vrte would lend its core
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
@@ -125,7 +125,7 @@ class TestWheel:
         use_elsewhere(wheel, tmp_path / "elsewhere")
         shutil.copy(ROOT / "conftest.py", sources)
         python, few = tmp_path / "elsewhere" / "bin" / "python", "tests/test_scene.py"
-        said = run(python, "-I", "-m", "pytest", "-p", "no:cacheprovider", few, "vrte/scene.py", folder=sources)
+        said = run(python, "-I", "-m", "pytest", "-p", "no:cacheprovider", few, "vrte/scene/scene.py", folder=sources)
         assert f"vrte: {tmp_path / 'elsewhere'}" in said
 
     @pytest.mark.slow

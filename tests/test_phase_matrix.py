@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from flint import arb, ctx
 
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
+from vrte.basics.spherical_functions import gauss_legendre, wigner_functions
 from vrte.optics.phase_matrix import (
     PAIRS,
     NegativeScatteringWarning,
@@ -17,8 +18,7 @@ from vrte.optics.phase_matrix import (
     mix,
     rayleigh,
 )
-from vrte.optics.spherical_functions import gauss_legendre, wigner_functions
-from vrte.report.tables.problems import SIEWERT_IIA
+from vrte.studies.tables.problems import SIEWERT_IIA
 
 NAMES = ["a1", "a2", "a3", "a4", "b1", "b2"]
 

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.discrete_ordinates.leave_out import EVERYTHING, LeaveOut
-from vrte.discrete_ordinates.solver import Solution, solve
-from vrte.errors import SceneError
-from vrte.plan import Plan, make_plan
-from vrte.plan_call import request_of
-from vrte.running import new_run
+from vrte.basics.errors import SceneError
+from vrte.basics.running import new_run
+from vrte.calls.plan import request_of
+from vrte.discrete_ordinates.execution.solver import solve
+from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
+from vrte.discrete_ordinates.planning.plan import Plan, make_plan
+from vrte.results.solution import Solution
 
 from .test_discrete_ordinates import spheroids
 
@@ -169,7 +170,7 @@ def test_fewer_orders_where_order_0_is_bright() -> None:
 @pytest.mark.parametrize("case", [EARLY, CASES[0], CASES[2], CASES[6], CASES[11], CASES[15], CASES[20], CASES[-1]])
 def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Block after block, order after order, by the algorithms named; fewer orders only after order 0, as announced."""
-    import vrte.discrete_ordinates.solver as solver
+    import vrte.discrete_ordinates.execution.solver as solver
 
     done: list[tuple[Any, ...]] = []
     original = solver.solve_orders
@@ -199,7 +200,7 @@ def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.Monk
 
 
 def test_no_work_is_done_for_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    import vrte.discrete_ordinates.routes as routes
+    import vrte.discrete_ordinates.orders.routes as routes
 
     for name in ("assemble", "homogeneous", "double_slabs", "reflect_endless"):
         monkeypatch.setattr(routes, name, None)
@@ -290,7 +291,7 @@ def test_plan_takes_what_the_functions_take() -> None:
 
 
 def test_the_table_of_savings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from vrte.report.savings import HEADER, main, savings
+    from vrte.studies.savings import HEADER, main, savings
 
     main(["-o", str(tmp_path), "--nodes", "4", "--directions", "3", "--repeats", "1"])
     lines = (tmp_path / "savings.md").read_text().splitlines()

@@ -10,8 +10,8 @@ import pytest
 
 import vrte
 from tests import exact
-from vrte.report.stability import phases
-from vrte.report.tables.problems import SIEWERT_DOWN, SIEWERT_UP, siewert_scene
+from vrte.studies.stability import phases
+from vrte.studies.tables.problems import SIEWERT_DOWN, SIEWERT_UP, siewert_scene
 
 Find = Callable[[str], Path]
 FLUX_PI = (np.pi, 0.0, 0.0, 0.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.over_hemisphere import light_in_plane, light_on_mesh, stokes_over_hemisphere
-from vrte.quantities import FIELD_QUANTITIES, QUANTITIES, SIGNED, of_brdf, of_stokes, unit_of
+from vrte.results.over_hemisphere import light_in_plane, light_on_mesh, stokes_over_hemisphere
+from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES, SIGNED, of_brdf, of_stokes, unit_of
 
 MU_O, PHI = np.linspace(0.1, 1.0, 12), np.arange(0, 360, 15)
 LIGHT = (2.0, 0.5, -1.0, 1.2)

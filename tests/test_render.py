@@ -14,8 +14,8 @@ import pytest
 
 import vrte
 from vrte import cli
-from vrte.arrays import Array
-from vrte.errors import SceneError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
 from vrte.render import colour, rendering
 from vrte.render.geometry import Camera, camera_at, normals
 from vrte.render.picture import Sheet, angle_colours

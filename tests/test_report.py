@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.over_hemisphere import check_directions, stokes_over_hemisphere
-from vrte.quantities import of_stokes
-from vrte.report import lobes
-from vrte.report.notebook import brdf_picture
+from vrte.pictures import lobes
+from vrte.pictures.notebook import brdf_picture
+from vrte.results.over_hemisphere import check_directions, stokes_over_hemisphere
+from vrte.results.quantities import of_stokes
 
 MU_O = np.linspace(0.05, 1.0, 20)
 

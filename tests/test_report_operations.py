@@ -8,7 +8,7 @@ import pytest
 
 import vrte
 from vrte.methods import imbedding, matrix_operator, on_nodes, operators, successive_orders
-from vrte.report.methods import operations, reference, scenes
+from vrte.studies.methods import operations, reference, scenes
 
 TALLY = [0.0]
 LAYERS = [vrte.Layer(vrte.henyey_greenstein(0.5, 12), 0.9, 0.5), vrte.Layer(vrte.rayleigh(), 0.8, 1.0)]

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.discrete_ordinates.quadrature import double_gauss
-from vrte.errors import MissingExtraError, SceneError
-from vrte.report import methods
-from vrte.report.methods import advice, knobs, measuring, page, peers, records, reference, scenes
-from vrte.report.methods.peers.asked import Asked
-from vrte.report.methods.records import MEASURED, Row
+from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.quadrature import double_gauss
+from vrte.studies import methods
+from vrte.studies.methods import advice, knobs, measuring, page, peers, records, reference, scenes
+from vrte.studies.methods.peers.asked import Asked
+from vrte.studies.methods.records import MEASURED, Row
 
 NAMES = tuple(peers.PEERS)
 NATURAL = np.array([2.0, 0.0, 0.0, 0.0])

@@ -5,10 +5,10 @@ import pytest
 from scipy.linalg import expm
 
 import vrte
+from vrte.basics.spherical_functions import gauss_legendre
 from vrte.methods.common import discrete
 from vrte.methods.small_angle import expansions
-from vrte.optics.spherical_functions import gauss_legendre
-from vrte.request import radiance_request, solver_options
+from vrte.request.request import radiance_request, solver_options
 
 from .oracle import a_matrix, azimuthal_sum
 

@@ -10,16 +10,16 @@ import pytest
 import vrte
 from tests import exact
 from vrte import _core
-from vrte.blas import blas_libraries, single_threaded
-from vrte.discrete_ordinates.blocks import node_counts
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.homogeneous import homogeneous
-from vrte.discrete_ordinates.particular import particular
-from vrte.discrete_ordinates.phase_assembly import assemble
-from vrte.discrete_ordinates.problem import Problem, Run
-from vrte.discrete_ordinates.single_scattering import paths_in_layers
-from vrte.request import operations_of, radiance_request, solver_options
-from vrte.running import BRIEF, BRIEF_ALONE, new_run
+from vrte.basics.blas import blas_libraries, single_threaded
+from vrte.basics.running import BRIEF, BRIEF_ALONE, Run, new_run
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.homogeneous import homogeneous
+from vrte.discrete_ordinates.orders.particular import particular
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.single_scattering import paths_in_layers
+from vrte.discrete_ordinates.planning.blocks import node_counts
+from vrte.request.request import operations_of, radiance_request, solver_options
 
 SCALAR = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 16), 0.9, 1.0)])
 POLAR = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Lambertian(0.2))
@@ -46,8 +46,8 @@ def test_what_is_brief() -> None:
 
 @pytest.mark.parametrize("scene", [SCALAR, POLAR])
 def test_a_brief_call_starts_no_thread(scene: vrte.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vrte.running, "BRIEF", 0.0)
-    monkeypatch.setattr(vrte.running, "BRIEF_ALONE", 0.0)
+    monkeypatch.setattr(vrte.basics.running, "BRIEF", 0.0)
+    monkeypatch.setattr(vrte.basics.running, "BRIEF_ALONE", 0.0)
     waited = vrte.radiance(scene, 0.6, mu=[0.5, -0.5], tau=[0.0, 1.0], nodes=8, threads=2)
     monkeypatch.undo()
     monkeypatch.setattr(threading.Thread, "start", lambda self: pytest.fail("a thread was started"))

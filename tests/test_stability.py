@@ -14,11 +14,11 @@ import pytest
 
 import vrte
 from vrte import cli
-from vrte.report import stability
-from vrte.report.stability import Case, Slab, checks, oracle, run, scenes, solving
-from vrte.report.stability.covering import covering_array, uncovered
-from vrte.report.stability.phases import PHASES, phase_matrix
-from vrte.report.stability.table import CASE_COLUMNS, COLUMNS
+from vrte.studies import stability
+from vrte.studies.stability import Case, Slab, checks, oracle, run, scenes, solving
+from vrte.studies.stability.covering import covering_array, uncovered
+from vrte.studies.stability.phases import PHASES, phase_matrix
+from vrte.studies.stability.table import CASE_COLUMNS, COLUMNS
 
 SMALL = Case("small", 4, (Slab("rayleigh", 1.0, 1.0),), sun=0.6)
 PATTERN = "thickness 0*"  # three cases
@@ -107,7 +107,7 @@ def test_cosines_are_what_they_are_called() -> None:
 def test_an_eigenvalue_is_one() -> None:
     """At mu0 = 1/k the textbook's particular solution is singular: its matrix loses rank."""
     from vrte import _core
-    from vrte.discrete_ordinates.quadrature import double_gauss
+    from vrte.basics.quadrature import double_gauss
 
     slab, nodes = Slab("glass-x1", 0.9, 1.0), 6
     mu, weights = double_gauss(nodes)

@@ -10,16 +10,17 @@ import scipy.linalg
 import vrte
 from tests import exact
 from vrte import _core
-from vrte.discrete_ordinates.base import expand_base
-from vrte.discrete_ordinates.boundary import boundary
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.doubling import double_slabs
-from vrte.discrete_ordinates.homogeneous import Modes, homogeneous
-from vrte.discrete_ordinates.particular import particular
-from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
-from vrte.discrete_ordinates.problem import Problem, Run
-from vrte.discrete_ordinates.reconstruction import mode_coordinates, reconstruct
-from vrte.discrete_ordinates.slabs import cut, join
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.base import expand_base
+from vrte.discrete_ordinates.orders.boundary import boundary
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.doubling import double_slabs
+from vrte.discrete_ordinates.orders.homogeneous import Modes, homogeneous
+from vrte.discrete_ordinates.orders.particular import particular
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.reconstruction import mode_coordinates, reconstruct
+from vrte.discrete_ordinates.orders.slabs import cut, join
 
 from .oracle import slab
 from .test_discrete_ordinates import spheroids

@@ -7,8 +7,8 @@ import pytest
 
 import vrte
 from vrte import _core
-from vrte.discrete_ordinates import summing
-from vrte.discrete_ordinates.azimuths import cos_sin_deg, fold
+from vrte.discrete_ordinates.execution import summing
+from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
 
 FULL_TURN = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 33.3])
 

@@ -20,7 +20,7 @@ import xarray
 
 import vrte
 from vrte import cli
-from vrte.errors import SceneError, SweepError
+from vrte.basics.errors import SceneError, SweepError
 from vrte.sweep import optics, store
 from vrte.sweep.engines.threads import Cores
 from vrte.sweep.grid import Grid, grid_of

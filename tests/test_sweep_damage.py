@@ -15,7 +15,7 @@ import numcodecs
 import pytest
 
 import vrte
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.sweep import store
 from vrte.sweep.run import SweepWarning
 

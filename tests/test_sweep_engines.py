@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 import vrte
-from vrte.errors import SweepError
+from vrte.basics.errors import SweepError
 from vrte.sweep import chunks
 from vrte.sweep.engines import dask as dask_engine
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.sweep.interpolation import held_out
 
 DEPTHS = [0.2, 1.0, 3.0, 9.0]

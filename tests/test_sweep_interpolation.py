@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.sweep.interpolation import held_out
 
 

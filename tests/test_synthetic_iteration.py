@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.methods.method import Method
 from vrte.methods.synthetic_iteration import METHOD
 

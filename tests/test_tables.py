@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from vrte import cli
-from vrte.blas import blas_libraries
-from vrte.errors import AccuracyError, SceneError
-from vrte.report import tables
-from vrte.report.tables import children, configurations, figure, measuring, messages, page, paper, steps
-from vrte.report.tables.configurations import BASELINE, DEVICE, FULL, OPENCL, SEQUENTIAL, Configuration
-from vrte.report.tables.problems import TABLE_2, TABLE_3, problems
+from vrte.basics.blas import blas_libraries
+from vrte.basics.errors import AccuracyError, SceneError
+from vrte.studies import tables
+from vrte.studies.tables import children, configurations, figure, measuring, messages, page, paper, steps
+from vrte.studies.tables.configurations import BASELINE, DEVICE, FULL, OPENCL, SEQUENTIAL, Configuration
+from vrte.studies.tables.problems import TABLE_2, TABLE_3, problems
 
 FILES = {"tables.md", "tables.csv", "figure_1.png"}
 SIEWERT, GOLD, MUELLER = problems(quick=True)
@@ -187,7 +187,7 @@ def test_one_that_is_killed_midway_too() -> None:
 
 PARENT = """
 import sys
-from vrte.report import tables
+from vrte.studies import tables
 with tables.started(["full"]) as found:
     print(found["full"]._process.pid, flush=True)
     while True:

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.discrete_ordinates import node_choice
-from vrte.discrete_ordinates.azimuths import fold
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.problem import Run
-from vrte.discrete_ordinates.quadrature import double_gauss
-from vrte.discrete_ordinates.small_angle import Spreading, exp_difference
-from vrte.discrete_ordinates.solver import Solution
-from vrte.discrete_ordinates.summing import Wanted, fill
+from vrte.basics.quadrature import double_gauss
+from vrte.basics.running import Run, new_run
+from vrte.discrete_ordinates.execution.summing import fill
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.small_angle import Spreading, exp_difference
+from vrte.discrete_ordinates.planning import node_choice
+from vrte.discrete_ordinates.planning.azimuths import fold
+from vrte.methods.solving import solved
 from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, _lowest_coherency_eigenvalue
 from vrte.optics.truncation import TRUNCATIONS, delta_m, truncated
-from vrte.report import truncation
-from vrte.report.stability.phases import phase_matrix
-from vrte.request import radiance_request, solver_options
-from vrte.running import new_run
-from vrte.solving import solved
+from vrte.request.request import radiance_request, solver_options
+from vrte.request.wanted import Wanted
+from vrte.results.solution import Solution
+from vrte.studies import truncation
+from vrte.studies.stability.phases import phase_matrix
 
 HG = vrte.henyey_greenstein(0.9, 200)
 MU = np.concatenate([np.linspace(0.05, 1.0, 12), -np.linspace(0.05, 1.0, 12)])

@@ -1,6 +1,6 @@
 """Polarized subsurface reflectance of particulate layers: the public names."""
 
-from vrte import starting  # noqa: F401  # first of all: Ctrl-C while the rest loads
+from vrte.basics import starting  # noqa: F401  # first of all: Ctrl-C while the rest loads
 
 # isort: split
 try:
@@ -15,10 +15,7 @@ except ModuleNotFoundError as error:
         "use the vrte that is installed, or build it here by 'make env' or 'pip install --editable .'"
     ) from None
 
-from vrte import over_hemisphere, quantities
-from vrte.batch import brdfs
-from vrte.brdf import Brdf, brdf
-from vrte.errors import (
+from vrte.basics.errors import (
     AccuracyError,
     AccuracyWarning,
     DeviceError,
@@ -27,20 +24,27 @@ from vrte.errors import (
     SceneError,
     SweepError,
 )
-from vrte.field import Field, radiance
+from vrte.calls.brdf import brdf
+from vrte.calls.brdfs import brdfs
+from vrte.calls.mitsuba import to_mitsuba
+from vrte.calls.plan import plan
+from vrte.calls.radiance import radiance
+from vrte.calls.spectrum import spectrum
+from vrte.calls.views import views
+from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.formats import load
 from vrte.formats.index_table import read_index
-from vrte.formats.measured_polarized import to_mitsuba
-from vrte.geometries import Views, views
-from vrte.illumination import hemisphere
 from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
 from vrte.optics.refractive_index import IndexTable, UnitsWarning, refractive_index
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse
 from vrte.optics.spheres import Particles, mixture, spheres
-from vrte.plan import Plan
-from vrte.plan_call import plan
-from vrte.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
-from vrte.spectrum import Spectrum, spectrum
+from vrte.results import over_hemisphere, quantities
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field
+from vrte.results.spectrum import Spectrum
+from vrte.results.views import Views
+from vrte.scene.illumination import hemisphere
+from vrte.scene.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
 from vrte.sweep import interpolate, sweep
 
 __version__ = "0.1.0"

@@ -17,9 +17,9 @@ from contextlib import contextmanager, suppress
 from typing import Any, NoReturn, TextIO
 
 from vrte import __version__
+from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
+from vrte.basics.starting import WORDS, end
 from vrte.commands import devices, material, render, report, solve, stability, sweep, tables, view
-from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
-from vrte.starting import WORDS, end
 
 COMMANDS = (solve, sweep, view, render, material, stability, tables, report, devices)  # as --help lists them
 

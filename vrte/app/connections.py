@@ -10,7 +10,7 @@ from typing import Any
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from vrte.arrays import in_one_line
+from vrte.basics.arrays import in_one_line
 
 PATIENCE = 10.0  # seconds for the head of a request, the first one or a later one
 MOST = 250  # connections; a browser holds ten

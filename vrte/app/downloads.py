@@ -6,7 +6,7 @@ from pathlib import Path
 
 from vrte.app.form import scene_text, wavelengths_of
 from vrte.app.messages import Outcome
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats import save
 from vrte.formats.contents import Result
 from vrte.formats.measured_polarized import check_wavelengths

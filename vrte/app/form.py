@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
+from vrte.calls.plan import request_of
 from vrte.formats.scene_file import (
     ANGLES,
     BASE_KEYS,
@@ -32,8 +33,7 @@ from vrte.formats.toml_table import RANGE_KEYS, is_number, shown, shown_key
 from vrte.optics.phase_matrix import MOST_TERMS
 from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.spheres import check_spheres
-from vrte.plan_call import request_of
-from vrte.spectrum import ascending
+from vrte.results.spectrum import ascending
 
 Content = dict[str, Any]
 Place = tuple[str | int, ...]

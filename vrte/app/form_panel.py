@@ -10,7 +10,7 @@ from nicegui import ui
 from vrte.app import form
 from vrte.app.form import Place
 from vrte.app.state import Bench
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats.scene_file import ANGLES
 from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.truncation import CHOICES

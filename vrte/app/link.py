@@ -5,7 +5,7 @@ import binascii
 import zlib
 from typing import Any
 
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats.scene_file import toml_content
 from vrte.formats.scene_writer import toml_text
 

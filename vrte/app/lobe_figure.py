@@ -4,21 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.app.style import (
-    FAINT,
-    INCIDENT,
-    INK,
-    UNPOLARIZED,
-    incidence,
-    labelled,
-    plain,
-    plotly,
-    span,
-)
-from vrte.arrays import Array, whole
-from vrte.brdf import Brdf
-from vrte.over_hemisphere import light_on_mesh
-from vrte.quantities import ANGLES, SIGNED, incident_for, of_light, unit_of
+from vrte.app.style import FAINT, INCIDENT, INK, UNPOLARIZED, incidence, labelled, plain, plotly, span
+from vrte.basics.arrays import Array, whole
+from vrte.results.brdf import Brdf
+from vrte.results.over_hemisphere import light_on_mesh
+from vrte.results.quantities import ANGLES, SIGNED, incident_for, of_light, unit_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from vrte.app.reflectance import Reflectances
-from vrte.brdf import Brdf
-from vrte.field import Field
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.spectrum import Spectrum
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field
+from vrte.results.spectrum import Spectrum
 
 
 @dataclass(frozen=True)

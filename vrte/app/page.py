@@ -17,7 +17,7 @@ from vrte.app.messages import Outcome, Read, Tensor, Written
 from vrte.app.result_panel import ResultPanel
 from vrte.app.solving import memory_of_one
 from vrte.app.state import Bench
-from vrte.errors import MissingExtraError, SceneError
+from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.formats.scene_file import toml_content
 from vrte.formats.toml_table import is_number
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from vrte.app.style import axis, plain, plotly
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
-from vrte.report.phase_pictures import ANGLES_DEG, f11_and_ratios
+from vrte.pictures.phase_pictures import ANGLES_DEG, f11_and_ratios
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -5,23 +5,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.app.style import (
-    FAINT,
-    INCIDENT,
-    UNPOLARIZED,
-    incidence,
-    labelled,
-    plain,
-    plotly,
-    span,
-)
-from vrte.arrays import Array, whole
-from vrte.brdf import Brdf
-from vrte.errors import SceneError
-from vrte.field import Field, one_beam
-from vrte.over_hemisphere import light_in_plane
-from vrte.quantities import ANGLES, FIELD_QUANTITIES, check_name, incident_for, of_light, of_stokes, unit_of
-from vrte.report.lobes import spread
+from vrte.app.style import FAINT, INCIDENT, UNPOLARIZED, incidence, labelled, plain, plotly, span
+from vrte.basics.arrays import Array, whole
+from vrte.basics.errors import SceneError
+from vrte.pictures.lobes import spread
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field, one_beam
+from vrte.results.over_hemisphere import light_in_plane
+from vrte.results.quantities import ANGLES, FIELD_QUANTITIES, check_name, incident_for, of_light, of_stokes, unit_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.app.style import axis, plain, plotly
-from vrte.arrays import Array
-from vrte.brdf import Brdf
-from vrte.errors import MissingExtraError
-from vrte.scene import Lambertian, Scene
+from vrte.basics.arrays import Array
+from vrte.basics.errors import MissingExtraError
+from vrte.results.brdf import Brdf
+from vrte.scene.scene import Lambertian, Scene
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -13,10 +13,10 @@ from vrte.app.messages import Outcome
 from vrte.app.reflectance import Reflectances
 from vrte.app.state import Bench
 from vrte.app.style import in_the_dark
-from vrte.brdf import Brdf
-from vrte.errors import SceneError
-from vrte.quantities import DEGREE_LINEAR, FIELD_QUANTITIES, MUELLER, QUANTITIES
-from vrte.request import stokes_vector
+from vrte.basics.errors import SceneError
+from vrte.request.request import stokes_vector
+from vrte.results.brdf import Brdf
+from vrte.results.quantities import DEGREE_LINEAR, FIELD_QUANTITIES, MUELLER, QUANTITIES
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.app.state import Benches
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 
 RECONNECT = 60.0  # seconds that a page without a connection is kept
 HINT = "Ctrl-C ends it"

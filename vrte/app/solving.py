@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import IO, Any
 
 from vrte.app.messages import Failure, Outcome, Planned, Progress, Task, Written
-from vrte.discrete_ordinates.memory import available_bytes
+from vrte.basics.memory import available_bytes
 
 START = "import sys; sys.path[:] = {path!r}; from vrte.app.worker import main; main()"
 AT_ONCE = 2  # solves; others wait

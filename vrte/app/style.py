@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.brdf import Brdf
-from vrte.errors import MissingExtraError
-from vrte.quantities import ANGLES, SIGNED, unit_of
+from vrte.basics.arrays import Array
+from vrte.basics.errors import MissingExtraError
+from vrte.results.brdf import Brdf
+from vrte.results.quantities import ANGLES, SIGNED, unit_of
 
 UNPOLARIZED = (1.0, 0.0, 0.0, 0.0)
 INCIDENT, INK, FAINT = "#d62728", "#222222", "#c9c9c9"

@@ -17,17 +17,20 @@ from typing import Any, BinaryIO
 from vrte.app.form import adopted, at, keywords_of, scene_text, wavelengths_of
 from vrte.app.messages import Failure, Inside, Message, Outcome, Planned, Progress, Read, Solve, Task, Tensor, Written
 from vrte.app.reflectance import other_base, reflectances
-from vrte.arrays import in_one_line
-from vrte.brdf import Brdf, brdf
-from vrte.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
-from vrte.field import Field, one_beam, radiance
+from vrte.basics.arrays import in_one_line
+from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
+from vrte.basics.limits import limit_memory
+from vrte.calls.brdf import brdf
+from vrte.calls.plan import plan
+from vrte.calls.radiance import radiance
+from vrte.calls.spectrum import spectrum
 from vrte.formats import load
 from vrte.formats.scene_file import FILLINGS, SceneFile, scene_of, toml_content
 from vrte.formats.toml_table import shown_key
-from vrte.limits import limit_memory
-from vrte.plan_call import plan
-from vrte.request import EXACT
-from vrte.spectrum import SCENE, Spectrum, spectrum
+from vrte.request.request import EXACT
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field, one_beam
+from vrte.results.spectrum import SCENE, Spectrum
 
 Tell = Callable[[Message], None]
 MOST_NAMED = 30  # warnings

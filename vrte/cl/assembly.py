@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vrte import _core
-from vrte.arrays import Array
+from vrte.basics.arrays import Array, IntArray
 from vrte.cl.matrices import GROUP, STRIP, TILE, Stack, download_stack, padded
 from vrte.cl.session import Session
-from vrte.discrete_ordinates.problem import IntArray
 
 DIRECTIONS_A_PIECE = 10  # on a processor, where a piece of work must last some microseconds; 1 elsewhere
 STRIPS_A_PIECE = 8

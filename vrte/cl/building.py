@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from vrte.basics.errors import DeviceError
 from vrte.cl import caches
-from vrte.errors import DeviceError
 
 KERNEL = re.compile(r"^\s*__kernel\s+void\s+(\w+)\s*\(", re.MULTILINE)
 COMPLAINT = re.compile(r"\berror\b")

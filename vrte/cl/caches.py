@@ -21,7 +21,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from vrte.errors import DeviceError
+from vrte.basics.errors import DeviceError
 
 CHECKSUMS = "vrte-checksums.json"
 SHORT, LONG = re.compile("[A-P]{2}"), re.compile("[A-P]{30,}")  # names of PoCL's folders

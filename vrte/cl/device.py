@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+from vrte.basics.errors import DeviceError, MissingExtraError
 from vrte.cl import caches, drivers, faults, trial
 from vrte.cl.session import FORKED, Session, open_session
-from vrte.errors import DeviceError, MissingExtraError
 
 VARIABLE = "VRTE_OPENCL_DEVICE"
 PREFERENCE = ("gpu", "accelerator", "cpu", "other")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 from vrte.cl.assembly import Assembled
 from vrte.cl.extended import COMPLEMENT, FADE, NOTHING, TANH, Algebra, BoolArray, Extended, Sizes
 from vrte.cl.matrices import STRIP, product, upload_stack

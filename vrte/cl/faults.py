@@ -4,8 +4,8 @@ import math
 import sys
 from typing import Any
 
+from vrte.basics.errors import DeviceError
 from vrte.cl.session import Session
-from vrte.errors import DeviceError
 
 SHARE = 0.9  # of what there is
 MEMORY = ("MEM_OBJECT_ALLOCATION_FAILURE", "OUT_OF_RESOURCES", "OUT_OF_HOST_MEMORY", "INVALID_BUFFER_SIZE")

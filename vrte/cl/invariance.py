@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array, IntArray
 from vrte.cl.assembly import (
     Columns,
     Scattering,
@@ -23,7 +23,6 @@ from vrte.cl.assembly import (
 )
 from vrte.cl.matrices import GROUP, STRIP, Stack, padded
 from vrte.cl.session import Session
-from vrte.discrete_ordinates.problem import IntArray
 
 MOST_STEPS = 400
 STEPS_A_LOOK = 4  # fixed points between two looks at what has settled, each of which waits

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 from vrte.cl.doubling import Frame, axis_of, turning
 from vrte.cl.extended import Algebra, Extended
 from vrte.cl.matrices import PANEL, Stack, invert, new_stack, product, upload_stack

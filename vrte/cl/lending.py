@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 from vrte.cl.session import Session
 
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
+from vrte.basics.errors import DeviceError
 from vrte.cl.session import Session
-from vrte.errors import DeviceError
 
 STRIP = 8  # rows that a product is made by
 PANEL = 16  # columns that are eliminated at once

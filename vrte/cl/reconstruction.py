@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vrte import _core
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 from vrte.cl.lending import lent
 from vrte.cl.matrices import STRIP, padded
 from vrte.cl.session import Session

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
+from vrte.basics.errors import DeviceError
 from vrte.cl.building import built
-from vrte.errors import DeviceError
 
 SOURCES = (
     "common",

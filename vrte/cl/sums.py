@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 from vrte.cl.lending import lent
 from vrte.cl.matrices import padded
 from vrte.cl.session import Session

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from vrte.basics.errors import DeviceError
 from vrte.cl.building import LONGEST, built, built_past_caches
 from vrte.cl.faults import name_of
 from vrte.cl.session import OPTIONS
-from vrte.errors import DeviceError
 
 POCL, INTEL = "Portable Computing Language", "Intel(R) OpenCL"
 LONGEST_WAIT = 120  # seconds for another process

@@ -11,12 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from vrte.errors import MissingExtraError, SceneError
-from vrte.forecast import in_words
+from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.forecast import in_words
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.formats.zarr_folder import METADATA
-from vrte.request import COARSEST, FINEST
-from vrte.spectrum import ascending
+from vrte.request.request import COARSEST, FINEST
+from vrte.results.spectrum import ascending
 
 Tick = Callable[[int, int], None]
 

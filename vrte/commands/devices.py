@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
+from vrte.basics.errors import DeviceError
 from vrte.commands.common import progress
-from vrte.errors import DeviceError
 
 
 def add(commands: Any) -> None:
@@ -15,9 +15,9 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
+    from vrte.basics.running import usable_cpus
     from vrte.cl import device
-    from vrte.report import devices
-    from vrte.running import usable_cpus
+    from vrte.studies import devices
 
     found = device.devices()
     with progress() as (phase, tick):

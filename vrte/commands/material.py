@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from vrte.basics.errors import SceneError
 from vrte.commands.common import check_extra, check_output, progress, say_written, wavelengths
-from vrte.errors import SceneError
 from vrte.formats.atomic import atomic_write
 from vrte.formats.index_table import read_index
 from vrte.optics.refractive_index import MATERIALS, Material, refractive_index
 from vrte.optics.spheres import spheres
-from vrte.report.pictures import SUFFIXES, save_figure
-from vrte.spectrum import MOST_WAVELENGTHS, ascending
+from vrte.pictures.figures import SUFFIXES, save_figure
+from vrte.results.spectrum import MOST_WAVELENGTHS, ascending
 
 INDEX = ("n", "k")
 SCATTERING = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "absorption_um2")
@@ -144,7 +144,7 @@ def write_table(columns: Columns, path: Path) -> None:
 
 def picture_of(columns: Columns, name: str, radius_um: float | None) -> Any:
     """n and k, albedo and g, cross sections, over the wavelength."""
-    from vrte.report.pictures import finish, new_figure
+    from vrte.pictures.figures import finish, new_figure
 
     groups: list[tuple[str, tuple[str, ...]]] = [("refractive index", INDEX)]
     if radius_um is not None:

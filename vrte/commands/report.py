@@ -26,8 +26,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def report_on_methods(options: argparse.Namespace) -> None:
-    from vrte.report import methods
-    from vrte.report.cost import OthersClock
+    from vrte.studies import methods
+    from vrte.studies.cost import OthersClock
 
     names, curves = methods.matching(options.scenes, options.quick), methods.curves(options.quick)
     methods.require_page()
@@ -42,7 +42,7 @@ def report_on_methods(options: argparse.Namespace) -> None:
 
 
 def radiance_factor_figures(options: argparse.Namespace) -> None:
-    from vrte.report import radiance_factor
+    from vrte.studies import radiance_factor
 
     for path in radiance_factor.write_figures(made_folder(options.output)):
         say_written(path)

@@ -5,9 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from vrte import __version__, brdf, radiance
-from vrte.backends import BACKENDS
-from vrte.brdf import Brdf
+from vrte import __version__
+from vrte.basics.errors import SceneError
+from vrte.calls.brdf import brdf
+from vrte.calls.plan import OPTIONS
+from vrte.calls.radiance import radiance
 from vrte.commands import spectrum
 from vrte.commands.common import (
     Tick,
@@ -23,19 +25,18 @@ from vrte.commands.common import (
     timed,
     whole_number,
 )
-from vrte.discrete_ordinates.choice import ALGORITHMS
-from vrte.errors import SceneError
-from vrte.field import Field
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
 from vrte.formats.result_file import WRITERS
 from vrte.formats.scene_file import SceneFile
-from vrte.illumination import SIDES
 from vrte.optics.truncation import CHOICES
-from vrte.plan_call import OPTIONS
-from vrte.report.pictures import SUFFIXES as PICTURES
-from vrte.request import AUTO, EXACT, METHOD_NAMES, MOST_NODES
-from vrte.spectrum import with_scene
+from vrte.pictures.figures import SUFFIXES as PICTURES
+from vrte.request.backends import BACKENDS
+from vrte.request.request import ALGORITHMS, AUTO, EXACT, METHOD_NAMES, MOST_NODES
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field
+from vrte.results.spectrum import with_scene
+from vrte.scene.illumination import SIDES
 
 HOW = ("threads", *(name for name in OPTIONS if name != "settings"))  # options that win over the scene file
 OUTPUTS = {"output": tuple(WRITERS), "csv": (".csv",), "plot": tuple(PICTURES)}
@@ -161,7 +162,7 @@ def check_outputs(options: argparse.Namespace) -> None:
 
 def check_picture(options: argparse.Namespace, file: SceneFile) -> None:
     if options.plot and file.kind == "brdf":
-        from vrte.over_hemisphere import check_directions
+        from vrte.results.over_hemisphere import check_directions
 
         check_directions(file.request["mu_o"], file.request.get("phi", 0.0))
 
@@ -190,7 +191,7 @@ def written(result: Result, options: argparse.Namespace, name: str, seconds: dic
         elif name == "csv":
             write_csv(result, path)
         else:
-            from vrte.report.lobes import save_plot
+            from vrte.pictures.lobes import save_plot
 
             save_plot(result, path)
     return path

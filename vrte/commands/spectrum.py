@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from vrte import __version__
+from vrte.basics.errors import SceneError
+from vrte.calls.mitsuba import solved_for_table
+from vrte.calls.spectrum import foretold, scenes_at, solved_at
 from vrte.commands.common import Tick, check_output, named_by, reading, timed, wavelengths
-from vrte.errors import SceneError
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats.scene_file import SceneFile, listed_wavelengths, read_content
-from vrte.spectrum import Spectrum, ascending, foretold, scenes_at, solved_at
+from vrte.results.spectrum import Spectrum, ascending
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -88,7 +90,7 @@ def solve(
         return Found(files, result, None)
     phase("directions of the table")
     with timed(seconds, "solver for Mitsuba"), named_by(options.scene):
-        return Found(files, result, mitsuba.solved_for_table(files, at, tick, **asked))
+        return Found(files, result, solved_for_table(files, at, tick, **asked))
 
 
 def write_table(table: tuple[Spectrum, Spectrum], options: argparse.Namespace, seconds: dict[str, float]) -> Path:

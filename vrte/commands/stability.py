@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.commands.common import made_folder, progress, say_written, told_as_one, whole_number
-from vrte.discrete_ordinates.choice import ALGORITHMS
+from vrte.request.request import ALGORITHMS
 
 
 def add(commands: Any) -> None:
@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    from vrte.report import stability
+    from vrte.studies import stability
 
     cases = stability.matching(options.cases, options.quick)
     folder = made_folder(options.output)

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte import __version__, sweep
+from vrte import __version__
+from vrte.basics.errors import SceneError, SweepError
 from vrte.commands.common import Tick, a_time, check_extra, check_output, progress, whole_number
-from vrte.errors import SceneError, SweepError
+from vrte.sweep import sweep
 from vrte.sweep.engines import ENGINES
 from vrte.sweep.run import MOST_WORKERS
 from vrte.sweep.store import SUFFIXES

@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from vrte.basics.errors import SceneError
 from vrte.commands.common import made_folder, progress, say_written, told_as_one, whole_number
-from vrte.errors import SceneError
 
 
 def add(commands: Any) -> None:
@@ -31,8 +31,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def paper_tables(options: argparse.Namespace) -> None:
-    from vrte.report import tables
-    from vrte.report.cost import OthersClock, require_pictures
+    from vrte.studies import tables
+    from vrte.studies.cost import OthersClock, require_pictures
 
     chosen, refused = tables.chosen(options.configurations)
     require_pictures()
@@ -53,7 +53,7 @@ def paper_tables(options: argparse.Namespace) -> None:
 
 
 def cost_figures(options: argparse.Namespace) -> None:
-    from vrte.report import cost
+    from vrte.studies import cost
 
     configurations = cost.configurations(options.threads)
     cost.require_pictures()

@@ -6,8 +6,8 @@ from pathlib import Path
 from signal import SIGTERM
 from typing import Any
 
+from vrte.basics.errors import SceneError
 from vrte.commands.common import check_extra, whole_number
-from vrte.errors import SceneError
 
 PORT = 8765
 OPEN = "--open-to-network"

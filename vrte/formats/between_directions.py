@@ -10,10 +10,10 @@ from typing import Literal
 
 import numpy as np
 
-from vrte.arrays import Array, whole
-from vrte.brdf import Brdf
-from vrte.discrete_ordinates.problem import FLIP
-from vrte.request import SMALLEST_COSINE
+from vrte.basics.arrays import Array, whole
+from vrte.basics.polarization import FLIP
+from vrte.request.request import SMALLEST_COSINE
+from vrte.results.brdf import Brdf
 
 COSINES, AZIMUTHS = 48, 73  # to solve for, by default
 FEWEST, MOST = 8, 1024

@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats.text_file import read_rows
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
 

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vrte.arrays import Array, in_one_line
-from vrte.brdf import Brdf
-from vrte.errors import SceneError
-from vrte.field import Field
-from vrte.spectrum import SCENE, Spectrum
+from vrte.basics.arrays import Array, in_one_line
+from vrte.basics.errors import SceneError
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field
+from vrte.results.spectrum import SCENE, Spectrum
 
 Result = Brdf | Field | Spectrum
 

@@ -10,8 +10,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from vrte.arrays import Array, in_one_line
-from vrte.errors import SceneError
+from vrte.basics.arrays import Array, in_one_line
+from vrte.basics.errors import SceneError
 from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import (
     KINDS,
@@ -27,7 +27,7 @@ from vrte.formats.contents import (
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
 from vrte.formats.text_file import file_name
-from vrte.spectrum import SCENE
+from vrte.results.spectrum import SCENE
 
 LARGEST_HEADER = 50_000_000  # bytes
 LONGEST_ROW = 10_000  # bytes

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array, in_one_line
-from vrte.errors import SceneError
+from vrte.basics.arrays import Array, in_one_line
+from vrte.basics.errors import SceneError
 
 LARGEST_RESULT = 2e9  # bytes of values in memory, unless a caller allows more
 BEST_COMPRESSION = 1100  # times; what is stored by deflate is at most 1032 times smaller

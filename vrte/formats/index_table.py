@@ -2,7 +2,7 @@
 
 import os
 
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats.text_file import file_name, read_rows
 from vrte.optics.refractive_index import IndexTable
 

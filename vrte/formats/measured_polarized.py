@@ -10,25 +10,23 @@ The matrices come from splines through directions that were solved for (between_
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.arrays import Array, number
-from vrte.discrete_ordinates.problem import Progress
-from vrte.errors import SceneError
-from vrte.formats.between_directions import AZIMUTHS, COSINES, FEWEST, MIRROR, MOST, Splines, directions
+from vrte.basics.arrays import Array, number
+from vrte.basics.errors import SceneError
+from vrte.formats.between_directions import FEWEST, MIRROR, MOST, Splines, directions
 from vrte.formats.contents import described
 from vrte.formats.mitsuba_tensor import write_tensors
-from vrte.illumination import SAME
-from vrte.request import EXACT
-from vrte.spectrum import STEPS, Spectrum, ascending, part_of, scenes_at, solved_at
+from vrte.results.spectrum import Spectrum
+from vrte.scene.illumination import SAME
 
 if TYPE_CHECKING:
-    from vrte.formats.scene_file import SceneFile
+    pass
 
 WAVELENGTHS = 5  # in Mitsuba's code
 MOST_COSINES, MOST_AZIMUTHS = 128, 361  # to solve for, where nodes and Fourier orders are many
@@ -58,56 +56,6 @@ class Errors:
             f"off by {self.median:.1e} of I in the median, by less than {self.most:.1e} for 95% of {self.pairs} pairs "
             f"of directions with both cosines above {CHECKED_FROM:g}"
         )
-
-
-def to_mitsuba(
-    scene: str | os.PathLike[str] | Mapping[str, Any],
-    wavelengths_um: Any,
-    path: str | os.PathLike[str],
-    step_deg: float = STEP,
-    progress: Progress | None = None,
-    folder: str | os.PathLike[str] = ".",
-    **asked: Any,
-) -> Errors:
-    """Solves a scene file at five wavelengths and writes a table for Mitsuba 3's BSDF ``measured_polarized``.
-
-    Parameters: ``scene``, ``folder`` and keywords of `vrte.brdf` as for `vrte.spectrum`, but for the directions, which
-    are the table's own; ``wavelengths_um``, five of whole nanometres, ascending; ``path``; ``step_deg`` of its angles
-    theta_d and theta_h, of which phi_d has twice that; ``progress``, called with (steps done, steps). Returns how far
-    the table is off between its angles. Raises what `vrte.spectrum` does, OSError.
-
-    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
-    >>> content = {"nodes": 8, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
-    >>> to_mitsuba(content, [0.45, 0.5, 0.55, 0.6, 0.65], "rayleigh.bsdf", step_deg=15).median < 0.1
-    True
-    """
-    wavelengths = ascending(wavelengths_um)
-    check_wavelengths(wavelengths)
-    angles_of(step_deg)
-    total = 2 * STEPS * wavelengths.size
-    files = scenes_at(scene, wavelengths, folder, part_of(progress, 0, total))
-    table, exact = solved_for_table(files, wavelengths, part_of(progress, total // 2, total), **asked)
-    errors = write_mitsuba(table, path, step_deg, exact)
-    assert errors is not None
-    return errors
-
-
-def solved_for_table(
-    files: Sequence["SceneFile"], wavelengths: Array, progress: Progress | None = None, **asked: Any
-) -> tuple[Spectrum, Spectrum]:
-    """The spectrum that a table is made of, and one at other directions to check it with: as many cosines and azimuths
-    as the scene's BRDF wants. Parameters and errors as for `vrte.spectrum.solved_at`."""
-    asked |= {"transmission": False}
-    sample = np.random.default_rng(0).uniform(size=(3, CHECKED))
-    pairs = CHECKED_FROM + (1.0 - CHECKED_FROM) * sample[:2]
-    exact = solved_at(files, wavelengths, None, **asked, mu_i=pairs[0], mu_o=pairs[1], phi=360.0 * sample[2])
-    orders = max(one.diagnostics.get("orders", 0) for one in exact)
-    nodes = max(one.diagnostics["nodes"] for one in exact)
-    if files[0].keywords(asked).get("method", EXACT) == EXACT:
-        asked["nodes"] = nodes  # left to itself, a solve for cosines of 1e-4 would choose a great many for their sake
-    cosines = int(np.clip(nodes, COSINES, MOST_COSINES))
-    wanted: dict[str, Any] = directions(cosines, int(np.clip(2 * orders + 1, AZIMUTHS, MOST_AZIMUTHS)))
-    return solved_at(files, wavelengths, progress, **asked, **wanted), exact
 
 
 def write_mitsuba(

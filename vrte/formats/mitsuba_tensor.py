@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats.atomic import atomic_write
 from vrte.formats.text_file import file_name
 

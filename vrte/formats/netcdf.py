@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.errors import MissingExtraError, SceneError
+from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.limits import limit_memory, limit_time
 from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import (
     BRDF,
@@ -29,9 +30,8 @@ from vrte.formats.contents import (
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_storage, has_array, linked, read_arrays, read_text
 from vrte.formats.seal import is_sealed, seal_of
 from vrte.formats.text_file import file_name
-from vrte.geometries import Views
-from vrte.limits import limit_memory, limit_time
-from vrte.spectrum import SCENE
+from vrte.results.spectrum import SCENE
+from vrte.results.views import Views
 
 if TYPE_CHECKING:
     import xarray

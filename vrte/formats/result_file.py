@@ -5,8 +5,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from vrte.arrays import number
-from vrte.errors import SceneError
+from vrte.basics.arrays import number
+from vrte.basics.errors import SceneError
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import load_csv, write_csv
 from vrte.formats.hdf5_file import LARGEST_RESULT

@@ -16,20 +16,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from vrte.arrays import in_one_line
-from vrte.errors import SceneError
+from vrte.basics.arrays import in_one_line
+from vrte.basics.errors import SceneError
 from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.index_table import read_index
 from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import Table, is_number, located, nearest, relocated, shortened, shown, shown_key
-from vrte.illumination import SIDES
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.refractive_index import Material, wavelength_range
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.optics.truncation import CHOICES
-from vrte.request import AUTO, COARSEST, FINEST, METHOD_NAMES, MOST_NODES
-from vrte.scene import MOST_LAYERS, Lambertian, Layer, Scene
+from vrte.request.request import AUTO, COARSEST, FINEST, METHOD_NAMES, MOST_NODES
+from vrte.scene.illumination import SIDES
+from vrte.scene.scene import MOST_LAYERS, Lambertian, Layer, Scene
 
 Read = TypeVar("Read")
 LARGEST_FILE = 10_000_000  # bytes

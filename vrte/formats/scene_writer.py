@@ -5,7 +5,7 @@ import math
 import re
 from typing import Any
 
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats.toml_table import shown
 
 PLAIN_KEY = re.compile("[A-Za-z0-9_-]+")

@@ -3,7 +3,7 @@
 import hashlib
 import os
 
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 
 WORD = b"vrte sha256 "
 LENGTH = len(WORD) + 64 + 1

@@ -2,8 +2,8 @@
 
 import os
 
-from vrte.arrays import in_one_line
-from vrte.errors import SceneError
+from vrte.basics.arrays import in_one_line
+from vrte.basics.errors import SceneError
 
 
 def file_name(path: str | bytes | os.PathLike[str]) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.errors import SceneError
+from vrte.basics.errors import SceneError
 
 LARGEST_COUNT = 1_000_000
 RANGE_KEYS = ("start", "stop", "count")
@@ -88,7 +88,7 @@ class Table:
 
     >>> Table("base", {"albdo": 0.3}, ("kind", "albedo"))
     Traceback (most recent call last):
-    vrte.errors.SceneError: base.albdo = 0.3: unknown key; did you mean 'albedo'? Allowed: kind, albedo
+    vrte.SceneError: base.albdo = 0.3: unknown key; did you mean 'albedo'? Allowed: kind, albedo
     """
 
     name: str

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from vrte.errors import MissingExtraError, SceneError
+from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.formats.atomic import atomic_folder
 from vrte.formats.contents import KINDS, Result, reason, restored, undescribed
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
 from vrte.formats.netcdf import to_xarray
 from vrte.formats.text_file import file_name
-from vrte.spectrum import SCENE
+from vrte.results.spectrum import SCENE
 
 FORMAT = 3
 METADATA = "zarr.json"

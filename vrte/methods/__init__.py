@@ -4,13 +4,14 @@ import math
 from dataclasses import replace
 from importlib import import_module
 
-from vrte.arrays import Array
-from vrte.discrete_ordinates.problem import Progress, Run
-from vrte.discrete_ordinates.solver import Solution
-from vrte.forecast import RATE, foretell
+from vrte.basics.arrays import Array
+from vrte.basics.forecast import foretell
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.planning.forecast import RATE
 from vrte.methods.common import NODES
 from vrte.methods.method import Method
-from vrte.request import EXACT, METHODS, Request
+from vrte.request.request import EXACT, METHODS, Request
+from vrte.results.solution import Solution
 
 
 def method_of(name: str) -> Method:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,18 +5,18 @@ import time
 
 import numpy as np
 
-from vrte.arrays import Array, number, whole
-from vrte.blas import single_threaded
-from vrte.discrete_ordinates.problem import Progress, Run
-from vrte.discrete_ordinates.slabs import Pile, cut
-from vrte.discrete_ordinates.solver import Solution
+from vrte.basics.arrays import Array, number, whole
+from vrte.basics.blas import single_threaded
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.orders.slabs import Pile, cut
 from vrte.methods.adding import Slab, doubled, ground, homogeneous, inside
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.in_depth import POINTS
 from vrte.methods.method import Method, Setting, Settings
 from vrte.methods.on_nodes import OnNodes, Scattered, in_turn
 from vrte.methods.thin_layer import thin_slab
-from vrte.request import Request
+from vrte.request.request import Request
+from vrte.results.solution import Solution
 
 THICKEST, THINNEST = 8.0, 1e-6
 LOWEST = 1e-4  # below, starting layers are so thin that rounding is seen

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.discrete_ordinates.node_choice import CAREFUL, LOWEST, estimated_nodes
+from vrte.basics.arrays import Array
+from vrte.discrete_ordinates.planning.node_choice import CAREFUL, LOWEST, estimated_nodes
 from vrte.methods.common import NODES
 from vrte.methods.rules import RULES, Rule
-from vrte.request import EXACT, Request
-from vrte.scene import Layer, MuellerBase
+from vrte.request.request import EXACT, Request
+from vrte.scene.scene import Layer, MuellerBase
 
 EULER = 0.5772156649015329
 ANGLES_A_TERM = 8  # at which a phase function's extremes are looked for

@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.discrete_ordinates.azimuths import fold
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.node_choice import given_nodes
-from vrte.discrete_ordinates.problem import ALL, IntArray, Problem, Run
-from vrte.discrete_ordinates.quadrature import double_gauss
-from vrte.discrete_ordinates.solver import Solution
-from vrte.discrete_ordinates.summing import Light, Wanted, fill
-from vrte.discrete_ordinates.truncating import BoolArray
-from vrte.plan import everything
-from vrte.request import Request
+from vrte.basics.arrays import Array, BoolArray, IntArray
+from vrte.basics.quadrature import double_gauss
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.execution.summing import Light, fill
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.planning.azimuths import fold
+from vrte.discrete_ordinates.planning.node_choice import given_nodes
+from vrte.discrete_ordinates.planning.plan import everything
+from vrte.request.request import Request
+from vrte.request.wanted import Wanted
+from vrte.results.solution import Solution
 
 NODES = 16  # of a hemisphere, where none are asked for
 

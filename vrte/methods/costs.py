@@ -5,14 +5,15 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from vrte.discrete_ordinates.needs import needs_of
-from vrte.discrete_ordinates.operations import A_TERM
-from vrte.discrete_ordinates.problem import Problem, Run
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.planning.needs import needs_of
+from vrte.discrete_ordinates.planning.operations import A_TERM
 from vrte.methods import adding_doubling, imbedding, successive_orders
 from vrte.methods.common import NODES, discrete
 from vrte.methods.method import Settings
 from vrte.methods.on_nodes import OnNodes
-from vrte.request import Request
+from vrte.request.request import Request
 
 ENDLESS = 25  # doublings of a slab without end
 MODES, DIFFERENCES = 500.0, 400.0  # operations over n^3 of complex eigenvectors and functions of them; of a difference

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.discrete_ordinates.problem import Problem, Progress, Run
-from vrte.discrete_ordinates.single_scattering import paths_in_layers
-from vrte.discrete_ordinates.small_angle import Ray
-from vrte.discrete_ordinates.solver import Solution
+from vrte.basics.arrays import Array
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.single_scattering import paths_in_layers
+from vrte.discrete_ordinates.orders.small_angle import Ray
 from vrte.methods.method import Method, Setting, Settings
 from vrte.methods.two_fluxes import (
     Pile,
@@ -34,7 +34,8 @@ from vrte.methods.two_fluxes import (
     piled,
     result,
 )
-from vrte.request import Request, one_of
+from vrte.request.request import Request, one_of
+from vrte.results.solution import Solution
 
 # c of E_0 = c times the net flux out: no flux comes in; no light along P1's node; the exact extrapolation length of a
 # half space that conserves energy and scatters evenly, 0.71045 mean free paths

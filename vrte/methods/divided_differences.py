@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 
 ComplexArray = NDArray[np.complex128]
 Function = Callable[[ComplexArray], ComplexArray]

@@ -6,8 +6,8 @@ to 1e-8 only; the known one is moved away, Guo, Iannazzo and Meini, SIAM J. Matr
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.errors import AccuracyError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import AccuracyError
 from vrte.methods.on_nodes import OnNodes, Scattered
 
 SETTLED = 1e-15

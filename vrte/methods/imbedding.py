@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.errors import AccuracyError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import AccuracyError
 from vrte.methods.in_depth import downward, gauss_depths
 from vrte.methods.on_nodes import OnNodes, Scattered
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.optics.spherical_functions import gauss_legendre
+from vrte.basics.arrays import Array
+from vrte.basics.spherical_functions import gauss_legendre
 
 STEEP = 8.0  # beyond, recurrence over powers is stable up to POINTS
 POINTS = 8  # most depths of a polynomial

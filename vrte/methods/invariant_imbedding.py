@@ -6,16 +6,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vrte.arrays import Array, number
-from vrte.blas import single_threaded
-from vrte.discrete_ordinates.problem import Progress, Run
-from vrte.discrete_ordinates.solver import Solution
+from vrte.basics.arrays import Array, number
+from vrte.basics.blas import single_threaded
+from vrte.basics.running import Progress, Run
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.endless import reflection
 from vrte.methods.imbedding import Count, State, grow
 from vrte.methods.method import Method, Setting, Settings
 from vrte.methods.on_nodes import OnNodes, in_turn
-from vrte.request import Request
+from vrte.request.request import Request
+from vrte.results.solution import Solution
 
 
 @dataclass(eq=False)

@@ -14,22 +14,24 @@ from functools import reduce
 import numpy as np
 import scipy.linalg
 
-from vrte.arrays import Array, whole
-from vrte.blas import single_threaded
-from vrte.discrete_ordinates.base import Base, expand_base
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.phase_assembly import Assembled, assemble
-from vrte.discrete_ordinates.problem import ALL, FLIP, IntArray, Problem, Progress, Run
-from vrte.discrete_ordinates.slabs import distinct_materials, only
-from vrte.discrete_ordinates.solver import Solution
-from vrte.errors import AccuracyError, SceneError
+from vrte.basics.arrays import Array, IntArray, whole
+from vrte.basics.blas import single_threaded
+from vrte.basics.errors import AccuracyError, SceneError
+from vrte.basics.polarization import FLIP
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.orders.base import Base, expand_base
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.slabs import distinct_materials, only
 from vrte.methods.common import NODES, discrete, solution_of
 from vrte.methods.divided_differences import ComplexArray
 from vrte.methods.method import Method, Settings
 from vrte.methods.on_nodes import tell
 from vrte.methods.operators import Modes, Operator, empty
-from vrte.request import MOST_NODES, Request, check_scene
-from vrte.scene import MuellerBase, Scene
+from vrte.request.request import MOST_NODES, Request, check_scene
+from vrte.results.solution import Solution
+from vrte.scene.scene import MuellerBase, Scene
 
 LARGEST_RESIDUAL = 1e-8  # of the eigenvectors
 ROUNDING = 1e-13  # of the largest eigenvalue: below zero by no more

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.discrete_ordinates.problem import Progress, Run
-from vrte.discrete_ordinates.solver import Solution
-from vrte.errors import SceneError
-from vrte.request import EXACT, Request
+from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress, Run
+from vrte.request.request import EXACT, Request
+from vrte.results.solution import Solution
 
 Settings = Mapping[str, Any]
 Solver = Callable[[Request, Settings, Run, Progress | None], tuple[Array, Solution]]

@@ -14,10 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from vrte import _core
-from vrte.arrays import Array
-from vrte.discrete_ordinates.base import mueller_orders
-from vrte.discrete_ordinates.problem import FLIP, IntArray, Problem, Progress, Run
-from vrte.scene import Lambertian, MuellerBase
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.polarization import FLIP
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.orders.base import mueller_orders
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.scene.scene import Lambertian, MuellerBase
 
 
 class Scattered(NamedTuple):

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 from vrte.methods.divided_differences import ComplexArray, Function, first, second
 
 IntArray = NDArray[np.intp]

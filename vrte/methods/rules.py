@@ -1,13 +1,13 @@
 """The rule table of method="auto", written from the report of docs/methods.md; nothing here reads anyone's timings.
 
 The first rule that a request meets is taken. Limits hold for quantities of `vrte.methods.auto.QUANTITIES`, the extremes
-included. `python -m vrte.report.methods.rules docs/methods/methods.csv` holds the table against the runs of a report.
+included. `python -m vrte.studies.methods.rules docs/methods/methods.csv` holds the table against the runs of a report.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from vrte.request import EXACT
+from vrte.request.request import EXACT
 
 
 @dataclass(frozen=True)

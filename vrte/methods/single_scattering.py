@@ -2,12 +2,12 @@
 
 import time
 
-from vrte.arrays import Array
-from vrte.discrete_ordinates.problem import Progress, Run
-from vrte.discrete_ordinates.solver import Solution
+from vrte.basics.arrays import Array
+from vrte.basics.running import Progress, Run
 from vrte.methods.common import diagnostics_of, discrete, fluxes_by_quadrature, summed
 from vrte.methods.method import Method, Settings
-from vrte.request import Request
+from vrte.request.request import Request
+from vrte.results.solution import Solution
 
 
 def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:

@@ -12,16 +12,17 @@ import time
 import numpy as np
 
 from vrte import _core
-from vrte.arrays import Array
-from vrte.discrete_ordinates.azimuths import cos_sin_deg, fold
-from vrte.discrete_ordinates.problem import Problem, Progress, Run
-from vrte.discrete_ordinates.small_angle import Anisotropic, AnySpreading, Beam, exp_difference
-from vrte.discrete_ordinates.solver import Solution
-from vrte.discrete_ordinates.summing import Part, column_kinds, make_parts
+from vrte.basics.arrays import Array
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.execution.summing import Part, column_kinds, make_parts
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam, exp_difference
+from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
 from vrte.methods.common import diagnostics_of, discrete, wanted_of
 from vrte.methods.method import Method, Settings
-from vrte.request import Request
-from vrte.scene import Scene
+from vrte.request.request import Request
+from vrte.results.solution import Solution
+from vrte.scene.scene import Scene
 
 NO_TENSOR = [1, 2, 4, 5]  # a2, a3, b1 and b2, whose functions vanish below degree 2
 NOTE = "small-angle: nothing goes up; radiance there is zero by definition"

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 
 from vrte import _core
-from vrte.arrays import Array, number, whole
-from vrte.blas import single_threaded
-from vrte.discrete_ordinates.problem import IntArray, Problem, Progress, Run
-from vrte.discrete_ordinates.solver import Solution
-from vrte.errors import AccuracyWarning
+from vrte.basics.arrays import Array, IntArray, number, whole
+from vrte.basics.blas import single_threaded
+from vrte.basics.errors import AccuracyWarning
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.methods.common import discrete, solution_of
 from vrte.methods.in_depth import downward, gauss_depths, upward
 from vrte.methods.method import Method, Setting, Settings
 from vrte.methods.on_nodes import OnNodes, Scattered, in_turn
-from vrte.request import EXACT, Request
+from vrte.request.request import EXACT, Request
+from vrte.results.solution import Solution
 
 POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
 FINEST_SCALE = 1e-3  # panels at a face are no finer than light along the lowest cosine asks for, nor than this

@@ -13,24 +13,25 @@ from typing import Any
 
 import numpy as np
 
-from vrte import _core, methods
-from vrte.arrays import Array, whole
-from vrte.blas import single_threaded
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.problem import Problem, Progress, Run
-from vrte.discrete_ordinates.solver import Solution
-from vrte.discrete_ordinates.truncating import flux_of_the_peak
-from vrte.errors import SceneError
+from vrte import _core
+from vrte.basics.arrays import Array, whole
+from vrte.basics.blas import single_threaded
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.truncating import flux_of_the_peak
 from vrte.methods import diffusion, two_stream
 from vrte.methods.common import diagnostics_of, light, summed
 from vrte.methods.method import Method, Setting, Settings
 from vrte.methods.on_nodes import tell
 from vrte.methods.small_angle import expansions
+from vrte.methods.solving import solved
 from vrte.methods.two_fluxes import base_albedo_of, cut_to_two, kernels_of
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.request import EXACT, METHODS, Request, one_of
-from vrte.scene import Scene
-from vrte.solving import solved
+from vrte.request.request import EXACT, METHODS, Request, one_of
+from vrte.results.solution import Solution
+from vrte.scene.scene import Scene
 
 NAME, CLOSED = "synthetic-iteration", ("two-stream", "diffusion")
 NODES = 8  # of a hemisphere, where none are asked for
@@ -118,7 +119,7 @@ def fluxes_by(regular: str, request: Request, run: Run) -> tuple[Array, Array]:
         given=frozenset(),
     )
     quiet = replace(run, stages={})
-    solution = (solved if regular == EXACT else methods.solve)(asked, quiet)[1]
+    solution = solved(asked, quiet)[1]
     return solution.flux_down[..., 0], solution.flux_up[..., 0]
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.discrete_ordinates.small_angle import exp_difference
+from vrte.basics.arrays import Array
+from vrte.discrete_ordinates.orders.small_angle import exp_difference
 from vrte.methods.adding import Slab, homogeneous
 from vrte.methods.in_depth import downward, gauss_depths, upward
 from vrte.methods.on_nodes import Scattered

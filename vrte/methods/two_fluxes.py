@@ -19,24 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.discrete_ordinates.discretise import discretise
-from vrte.discrete_ordinates.problem import Problem, Run
-from vrte.discrete_ordinates.quadrature import double_gauss
-from vrte.discrete_ordinates.single_scattering import distance
-from vrte.discrete_ordinates.small_angle import Ray, exp_difference
-from vrte.discrete_ordinates.solver import Solution
-from vrte.discrete_ordinates.truncating import (
-    BoolArray,
-    Truncation,
-    choose_truncation,
-    flux_of_the_peak,
-    spread_towards,
-)
-from vrte.errors import SceneError
+from vrte.basics.arrays import Array, BoolArray
+from vrte.basics.errors import SceneError
+from vrte.basics.quadrature import double_gauss
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.single_scattering import distance
+from vrte.discrete_ordinates.orders.small_angle import Ray, exp_difference
+from vrte.discrete_ordinates.orders.truncating import Truncation, choose_truncation, flux_of_the_peak, spread_towards
 from vrte.methods.common import NODES, diagnostics_of, light, summed
-from vrte.request import FINEST, Request
-from vrte.scene import Lambertian
+from vrte.request.request import FINEST, Request
+from vrte.results.solution import Solution
+from vrte.scene.scene import Lambertian
 
 CARRIED = 2  # terms of a phase function
 SERIES = 21  # terms of it, for exponents below 1

@@ -8,11 +8,11 @@ import time
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.discrete_ordinates.problem import Problem, Progress, Run
-from vrte.discrete_ordinates.small_angle import Ray
-from vrte.discrete_ordinates.solver import Solution
-from vrte.errors import SceneError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.small_angle import Ray
 from vrte.methods.method import Method, Settings
 from vrte.methods.two_fluxes import (
     Pile,
@@ -27,7 +27,8 @@ from vrte.methods.two_fluxes import (
     piled,
     result,
 )
-from vrte.request import Request
+from vrte.request.request import Request
+from vrte.results.solution import Solution
 
 NODE = 0.5  # the cosine of one Gaussian node on a hemisphere; its weight is 1
 

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, length, listed, number, numbers, settled, shown, vector, whole
-from vrte.errors import SceneError
-from vrte.optics.spherical_functions import wigner_functions
+from vrte.basics.arrays import Array, frozen, length, listed, number, numbers, settled, shown, vector, whole
+from vrte.basics.errors import SceneError
+from vrte.basics.spherical_functions import wigner_functions
+from vrte.basics.views import view
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -134,15 +135,11 @@ class PhaseMatrix:
         return f"g {self.asymmetry:.4g}, {terms}, {'scalar' if self.is_scalar else 'polarizing'}"
 
     def _repr_html_(self) -> str:
-        from vrte.report.notebook import phase_matrix_html
-
-        return phase_matrix_html(self)
+        return view(self, "_repr_html_")
 
     def plot(self) -> "Figure":
         """F11 and the other elements over it against the scattering angle. MissingExtraError without "plot"."""
-        from vrte.report.phase_pictures import phase_matrix_figure
-
-        return phase_matrix_figure(self)
+        return view(self, "plot")
 
     def _elements(self, cosine: Array) -> Array:
         """a1, a2, a3, a4, b1, b2 as functions of the scattering angle's cosine (n,), ascending: (6, n)."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import number, numbers, real, shown
-from vrte.errors import SceneError
+from vrte.basics.arrays import number, numbers, real, shown
+from vrte.basics.errors import SceneError
 
 
 class UnitsWarning(UserWarning):
@@ -161,7 +161,7 @@ def check_range(table: str, wavelength_um: float, low: float, high: float) -> No
 
     >>> check_range("x.csv", 550.0, 0.4, 0.7)
     Traceback (most recent call last):
-    vrte.errors.SceneError: index: x.csv goes from 0.4 to 0.7 um; a wavelength of 550 um is outside: did you mean 0.55?
+    vrte.SceneError: index: x.csv goes from 0.4 to 0.7 um; a wavelength of 550 um is outside: did you mean 0.55?
     """
     if not low <= wavelength_um <= high:
         hint = f": did you mean {wavelength_um / 1e3:g}?" if low <= wavelength_um / 1e3 <= high else ""

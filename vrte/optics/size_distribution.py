@@ -14,8 +14,8 @@ from typing import Protocol
 
 import numpy as np
 
-from vrte.arrays import Array, frozen, number, vector
-from vrte.errors import SceneError
+from vrte.basics.arrays import Array, frozen, number, vector
+from vrte.basics.errors import SceneError
 
 TAIL = 1e-10
 DEVIATIONS = 6.3613  # of a normal distribution, beyond which TAIL of it lies

@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte._core import sphere_coefficients
-from vrte.arrays import Array, in_one_line, number, vector
-from vrte.errors import LongSolveWarning, SceneError
+from vrte.basics.arrays import Array, in_one_line, number, vector
+from vrte.basics.errors import LongSolveWarning, SceneError
+from vrte.basics.spherical_functions import gauss_legendre, wigner_functions
+from vrte.basics.views import view
 from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, mix, pairs_of_mixture, rayleigh
 from vrte.optics.refractive_index import Material, RefractiveIndex, refractive_index
 from vrte.optics.size_distribution import Monodisperse, SizeDistribution
-from vrte.optics.spherical_functions import gauss_legendre, wigner_functions
 
 Complex = NDArray[np.complex128]
 
@@ -83,9 +84,7 @@ class Particles:
         )
 
     def _repr_html_(self) -> str:
-        from vrte.report.notebook import particles_html
-
-        return particles_html(self)
+        return view(self, "_repr_html_")
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +149,7 @@ def check_spheres(
 
     >>> check_spheres(1.5, radius_um=-1.0, wavelength_um=0.5)
     Traceback (most recent call last):
-    vrte.errors.SceneError: radius_um must be a length from 1e-06 to 1e+06 um, not -1.0
+    vrte.SceneError: radius_um must be a length from 1e-06 to 1e+06 um, not -1.0
     """
     index, host, wavelength = _light(material, wavelength_um, host_index)
     relative, distribution = _relative(index, host), _distribution(radius_um, size)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 from vrte.optics.phase_matrix import PhaseMatrix
 
 TRUNCATIONS = ("none", "delta-m", "small-angle")

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.errors import MissingExtraError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import MissingExtraError
 
 FEWEST, MOST = 9, 31  # wavelengths, where their number is given
 FROM_UM, TO_UM = 0.40, 0.70

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.formats.atomic import atomic_write
+from vrte.pictures.figures import require_pictures
+from vrte.pictures.lobes import Lobe, draw_lobe, lobe_colours, lobe_of
 from vrte.render.picture import DPI, Sheet, light_in_words, over_grey
 from vrte.render.rendering import Sphere
 from vrte.render.setting import Material, Setting
-from vrte.report.lobes import Lobe, draw_lobe, lobe_colours, lobe_of
-from vrte.report.pictures import require_pictures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

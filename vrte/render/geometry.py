@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 
 UP = np.array([0.0, 0.0, 1.0])
 

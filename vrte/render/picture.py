@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.formats.atomic import atomic_write
-from vrte.polarization import (
+from vrte.basics.arrays import Array
+from vrte.basics.polarization import (
     angle_of_linear_polarization,
     degree_of_circular_polarization,
     degree_of_linear_polarization,
 )
+from vrte.formats.atomic import atomic_write
+from vrte.pictures.figures import new_figure, require_pictures
 from vrte.render.rendering import Sphere
 from vrte.render.setting import Setting
-from vrte.report.pictures import new_figure, require_pictures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 from vrte.render import colour
 from vrte.render.geometry import UP, camera_at
 from vrte.render.setting import Material, Setting

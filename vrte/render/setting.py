@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.brdf import Brdf
-from vrte.errors import SceneError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
+from vrte.calls.spectrum import spectrum
 from vrte.formats.scene_file import FILE_KEYS, listed_wavelengths, read_content, wavelengths_known
 from vrte.formats.toml_table import Table
 from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, wavelengths
 from vrte.render.sky import KINDS
-from vrte.spectrum import ascending, spectrum
+from vrte.results.brdf import Brdf
+from vrte.results.spectrum import ascending
 
 ACCURACY = 1e-4  # of a BRDF, where the file asks for none
 SMALLEST_SIZE, LARGEST_SIZE = 16, 1024

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.field import radiance
+from vrte.basics.arrays import Array
+from vrte.calls.radiance import radiance
 from vrte.optics.phase_matrix import rayleigh
 from vrte.render.splines import coefficients
-from vrte.scene import Lambertian, Layer, Scene
+from vrte.scene.scene import Lambertian, Layer, Scene
 
 KINDS = ("rayleigh", "uniform", "sun")
 DEPOLARIZATION = 0.0279  # of air; Young, Applied Optics 19, 3427 (1980)

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.brdf import Brdf
-from vrte.discrete_ordinates.problem import FLIP
+from vrte.basics.arrays import Array
+from vrte.basics.polarization import FLIP
 from vrte.render.geometry import UP, Camera, normals, polar, turn, turned
 from vrte.render.sky import Sky, angles_to_the_horizon
 from vrte.render.splines import coefficients, rows, wrapped, wrapped_grid
+from vrte.results.brdf import Brdf
 
 STEEPEST = 1e-3  # smallest cosine of a BRDF's table; light that grazes even more is given the value there
 MARGIN = 0.94  # of a square picture's half side: the sphere's radius

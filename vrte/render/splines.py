@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
+from vrte.basics.arrays import Array
 
 WRAPPED = 16  # points of a period that are repeated at each end: what the ends spoil has faded to 1e-9 there
 

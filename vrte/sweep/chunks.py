@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import in_one_line
-from vrte.batch import solved_together
-from vrte.blas import single_threaded
-from vrte.brdf import Brdf
-from vrte.discrete_ordinates.problem import Run
-from vrte.errors import DeviceError, LongSolveWarning, MissingExtraError, SceneError, SweepError
-from vrte.field import Field
+from vrte.basics.arrays import in_one_line
+from vrte.basics.blas import single_threaded
+from vrte.basics.errors import DeviceError, LongSolveWarning, MissingExtraError, SceneError, SweepError
+from vrte.basics.running import Run, interruptible
+from vrte.calls.brdfs import solved_together
 from vrte.formats.scene_file import scene_of
-from vrte.running import interruptible
-from vrte.solving import run_of, solved
+from vrte.methods.solving import run_of, solved
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field
 from vrte.sweep.results import Question, question_of
 from vrte.sweep.store import Work, work_in
 from vrte.sweep.template import scene_at

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array, number, whole
-from vrte.errors import SceneError
+from vrte.basics.arrays import Array, number, whole
+from vrte.basics.errors import SceneError
 from vrte.formats.scene_file import scene_of
 from vrte.sweep.chunks import in_turn, never_stopped
 from vrte.sweep.results import question_of

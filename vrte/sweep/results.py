@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vrte.arrays import Array, vector
-from vrte.brdf import Brdf, as_brdf
-from vrte.discrete_ordinates.solver import Solution
-from vrte.errors import SceneError
-from vrte.field import Field, field_of
+from vrte.basics.arrays import Array, vector
+from vrte.basics.errors import SceneError
+from vrte.calls.brdf import as_brdf
+from vrte.calls.radiance import field_of
 from vrte.formats.contents import BRDF, FIELDS, STOKES_AXIS, Kind
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.toml_table import shown
-from vrte.request import EXACT, Request, brdf_request, depths, radiance_request, solver_options
+from vrte.request.request import EXACT, Request, brdf_request, depths, radiance_request, solver_options
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field
+from vrte.results.solution import Solution
 
 ALGORITHM = "direct"  # that of vrte.brdf, without what has a tolerance: no engine's numbers differ
 

@@ -11,14 +11,13 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vrte.arrays import number, whole
-from vrte.blas import single_threaded
-from vrte.discrete_ordinates.problem import Progress
-from vrte.errors import SceneError
-from vrte.forecast import LOOKING, foretell_all
+from vrte.basics.arrays import number, whole
+from vrte.basics.blas import single_threaded
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress, usable_cpus
+from vrte.calls.forecast import LOOKING, foretell_all
 from vrte.formats.text_file import file_name
-from vrte.request import Request, one_of
-from vrte.running import usable_cpus
+from vrte.request.request import Request, one_of
 from vrte.sweep import store
 from vrte.sweep.chunks import Task, collected, prepare
 from vrte.sweep.engines import ENGINES

@@ -32,8 +32,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.errors import MissingExtraError, SceneError, SweepError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import MissingExtraError, SceneError, SweepError
 from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import CONVENTIONS, WAVELENGTH
 from vrte.formats.netcdf import STOKES, check_netcdf, new_netcdf

@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from vrte.arrays import Array
-from vrte.errors import SceneError
+from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
 from vrte.formats.scene_file import SceneFile, read_content, scene_of, tables_named
 from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, shown
 from vrte.optics.phase_matrix import isotropic

@@ -8,8 +8,8 @@ from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
 
-from vrte.arrays import in_one_line
-from vrte.errors import MissingExtraError, SweepError
+from vrte.basics.arrays import in_one_line
+from vrte.basics.errors import MissingExtraError, SweepError
 from vrte.sweep.chunks import Task, in_turn, never_stopped, perform, work_of_folder
 from vrte.sweep.store import Work
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from vrte.running import PATIENCE, wait_for
+from vrte.basics.running import PATIENCE, wait_for
 from vrte.sweep.chunks import Task, in_turn, perform
 from vrte.sweep.store import Work
 

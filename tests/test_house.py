@@ -1,0 +1,53 @@
+"""The plan of the house: what may import what, and the one door upward. `make lint` has import-linter for the rest."""
+
+import ast
+import inspect
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import vrte
+from vrte.basics.views import VIEWS, view
+
+PACKAGE = Path(vrte.__file__).parent
+CLASSES = {**vars(vrte), **vars(import_module("vrte.optics.phase_matrix"))}
+
+
+def test_only_the_package_itself_is_loose() -> None:
+    """Every module but the door, the command and the core lies in a folder."""
+    assert {path.name for path in PACKAGE.glob("*.py")} == {"__init__.py", "cli.py"}
+
+
+def test_of_the_package_itself_only_core_and_version_are_imported() -> None:
+    """import-linter takes `from vrte import _core` for an import of all of vrte, and is told to let that pass."""
+    for path in PACKAGE.rglob("*.py"):
+        if path.parent == PACKAGE or "studies" in path.parts:  # what stands above all the rest
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module == "vrte":
+                names = {alias.name for alias in node.names}
+                assert names <= {"_core", "__version__"} or all((PACKAGE / name).is_dir() for name in names), path
+
+
+@pytest.mark.parametrize("row", VIEWS, ids=".".join)
+def test_every_view_is_there_and_takes_what_its_method_takes(row: tuple[str, str]) -> None:
+    """The function of a row has the parameters of the method that calls it."""
+    kind, verb = row
+    module, name = VIEWS[row].split(":")
+    function = getattr(import_module(module), name)
+    asked = list(inspect.signature(getattr(CLASSES[kind], verb)).parameters.values())
+    taken = list(inspect.signature(function).parameters.values())
+    assert len(taken) >= len(asked)
+    assert all(more.default is not inspect.Parameter.empty for more in taken[len(asked) :])
+    assert [each.name for each in asked[1:]] == [each.name for each in taken[1 : len(asked)]]
+
+
+def test_a_view_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A third party's row takes the place of ours, for classes made from ours as well."""
+    monkeypatch.setitem(VIEWS, ("PhaseMatrix", "plot"), "builtins:repr")
+    matrix: Any = vrte.isotropic()
+    assert matrix.plot() == repr(matrix)
+    with pytest.raises(LookupError, match=r"int has no view 'plot'.*VIEWS"):
+        view(1, "plot")

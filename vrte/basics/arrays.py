@@ -1,0 +1,178 @@
+"""Small checks shared by everything that takes numbers from a user."""
+
+import itertools
+import math
+from collections.abc import Iterable, Sized
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics.errors import SceneError
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int32]
+
+MOST_NUMBERS = 100_000_000  # of one argument: beyond, to look at them all would take all the memory
+EXACT = 2**53  # whole numbers below are doubles
+SHOWN = 80  # characters of a value in an error message
+
+
+def frozen(values: Any) -> Array:
+    """A read-only float64 copy, contiguous."""
+    array = np.array(values, dtype=np.float64, order="C")
+    array.setflags(write=False)
+    return array
+
+
+def settled(array: Array) -> Array:
+    """The array itself, from now on read-only."""
+    array.setflags(write=False)
+    return array
+
+
+def is_settled(values: Any) -> bool:
+    """Whether this is a contiguous float64 array that nothing can be written into, nor into what it is a view of.
+
+    >>> table = np.zeros((2, 3))
+    >>> is_settled(table), is_settled(settled(table)), is_settled(table[0])
+    (False, True, True)
+    """
+    if type(values) is not np.ndarray or values.dtype != np.float64 or not values.flags.c_contiguous:
+        return False
+    while isinstance(values, np.ndarray):
+        if values.flags.writeable:
+            return False
+        values = values.base
+    return values is None
+
+
+def numbers(name: str, values: Any) -> Array:
+    """Real numbers of any shape as float64; text, dates, complex numbers and truth values are none."""
+    count = values.size if isinstance(values, np.ndarray) else length(values)
+    if count > MOST_NUMBERS:
+        raise SceneError(f"{name} must be at most {MOST_NUMBERS} numbers, not {count}")
+    try:
+        return _real(values)
+    except Exception:  # whatever a foreign object raises when it is asked for numbers
+        raise SceneError(f"{name} must be real numbers, not {shown(values)}") from None
+
+
+def vector(name: str, values: Any) -> Array:
+    """A read-only, finite 1-D array; a scalar becomes one of length 1."""
+    array = frozen([values] if type(values) is float else np.atleast_1d(numbers(name, values)))
+    if array.ndim != 1 or array.size == 0:
+        raise SceneError(f"{name} must be a number or a non-empty 1-D list, not of shape {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise SceneError(f"{name} must be finite numbers, not {array[~np.isfinite(array)][0]}")
+    return array
+
+
+def number(name: str, value: Any, low: float, high: float, allowed: str) -> float:
+    """A float within [low, high]; `allowed` says in words what the range is."""
+    try:
+        result = real(value)
+    except Exception:  # whatever a foreign object raises when it is asked for a number
+        raise SceneError(f"{name} must be a number ({allowed}), not {shown(value)}") from None
+    if not low <= result <= high:  # also refuses NaN
+        raise SceneError(f"{name} must be {allowed}, not {shown(value)}")
+    return result
+
+
+def whole(name: str, value: Any, low: int, high: int) -> int:
+    """An integer within [low, high]."""
+    try:
+        result = real(value)
+    except Exception:
+        result = math.nan
+    if not (low <= result <= high and result.is_integer()):
+        raise SceneError(f"{name} must be a whole number from {low} to {high}, not {shown(value)}")
+    return int(result)
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False, and nothing that merely counts as such."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise SceneError(f"{name} must be True or False, not {shown(value)}")
+    return bool(value)
+
+
+def listed(name: str, values: Iterable[Any], most: int) -> list[Any]:
+    """The items of whatever can be iterated, at most ``most``: an iterator may have no end."""
+    try:
+        found = list(itertools.islice(values, most + 1))
+    except Exception:
+        raise SceneError(f"{name} must be a list, not {shown(values)}") from None
+    if len(found) > most:
+        raise SceneError(f"{name} must be a list of at most {most}, not of more")
+    return found
+
+
+def real(value: Any) -> float:
+    """One real number as a float, NaN for a whole number that no float can hold; else raises, TypeError or another.
+
+    >>> real(np.float32(0.5)), real(10**400)
+    (0.5, nan)
+    >>> real("0.5")
+    Traceback (most recent call last):
+    TypeError: not a real number
+    """
+    if type(value) is float:
+        return value
+    if type(value) is int and abs(value) < EXACT:
+        return float(value)
+    array = _real(value)
+    if array.ndim:
+        raise TypeError("not one number")
+    result = float(array)
+    return math.nan if math.isinf(result) and isinstance(value, int) else result
+
+
+def _real(values: Any) -> Array:
+    """Conversion without a cast that loses something: numpy's own takes text and drops imaginary parts and masks."""
+    given = np.asarray(values)
+    if given.dtype.kind == "O":
+        return np.array([_real_object(item) for item in given.flat], dtype=np.float64).reshape(given.shape)
+    if given.dtype.kind not in "iuf" or np.ma.is_masked(values):
+        raise TypeError("not a real number")
+    with np.errstate(over="ignore"):  # a long double beyond the range becomes inf
+        return given.astype(np.float64)
+
+
+def _real_object(value: Any) -> float:
+    """A number that numpy has no type for: a fraction, a decimal, a large integer."""
+    if isinstance(value, np.generic):
+        return float(_real(value))
+    if isinstance(value, (str, bytes, bytearray, bool, complex, np.ndarray)):
+        raise TypeError("not a real number")
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
+
+
+def length(value: Any) -> int:
+    """Number of items, 1 for what has none or does not tell."""
+    try:
+        return len(value) if isinstance(value, Sized) else 1
+    except Exception:
+        return 1
+
+
+def shown(value: Any) -> str:
+    """A value in an error message: one line, not too long, whatever it is."""
+    try:
+        return in_one_line(repr(value))
+    except Exception:
+        return f"an object of type {type(value).__name__}"
+
+
+def in_one_line(text: str, most: int = SHOWN) -> str:
+    """A text without line breaks and control characters, cut after ``most`` characters.
+
+    >>> in_one_line("two\\n lines\\x1b[2J"), in_one_line(100 * "x", 10)
+    ('two lines?[2J', 'xxxxxxx...')
+    """
+    line = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))
+    return line if len(line) <= most else f"{line[: most - 3]}..."

@@ -1,0 +1,62 @@
+"""Memory that there is, and shares of it that arrays are cut to."""
+
+import os
+from pathlib import Path
+
+BYTES = 8
+CHUNK_BYTES = 48e6  # meant for the matrices of the orders done at once
+PIECE_BYTES = 16e6  # of the result at a time: it stays in the cache, and a progress bar moves
+TILE_DOUBLES = 32768  # of a thread at the end, more where one direction's azimuths take more
+ALWAYS_THERE = 32e6  # less than what the interpreter has taken already
+LARGEST_SHARE = 0.9  # of what is available
+FILES = (  # what a control group may use, and what it uses: version 2, version 1
+    ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
+    ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
+)
+
+
+def orders_at_once(per_order: float, threads: int) -> int:
+    """Orders whose matrices fit the memory meant for them, at least one a thread."""
+    return max(threads, int(CHUNK_BYTES / (BYTES * per_order)))
+
+
+def available_bytes() -> float:
+    """What this process may still take: of the machine's free memory, of its control group's, and of its own limit."""
+    free = [machine_bytes(), address_bytes()]
+    for limit, used in FILES:
+        try:
+            free.append(float(Path(limit).read_text()) - float(Path(used).read_text()))
+        except (OSError, ValueError):  # no such file, or "max"
+            continue
+    return max(0.0, min(free))
+
+
+def in_gigabytes(size: float) -> str:
+    """Three digits."""
+    return f"{size / 1e9:.3g} GB"
+
+
+def address_bytes() -> float:
+    """What `ulimit -v` leaves, infinite without it."""
+    try:
+        import resource  # on Unix only
+
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if limit == resource.RLIM_INFINITY:
+            return float("inf")
+        return limit - resource.getpagesize() * float(Path("/proc/self/statm").read_text().split()[0])
+    except (ImportError, OSError, ValueError):
+        return float("inf")
+
+
+def machine_bytes() -> float:
+    """Memory of the machine that can be had, infinite where it does not tell."""
+    try:
+        lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
+        return 1024.0 * float(lines["MemAvailable"].split()[0])
+    except (OSError, KeyError, ValueError):
+        pass
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * float(os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, OSError, ValueError):
+        return float("inf")

@@ -1,0 +1,118 @@
+"""How a solve runs: threads, progress, and Ctrl-C."""
+
+import atexit
+import math
+import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray, whole
+
+Progress = Callable[[int, int], None]
+Result = TypeVar("Result")
+BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
+PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
+
+
+@dataclass(eq=False)
+class Run:
+    """One solve's threads, stop flag and clocks; `stages` collects wall and thread seconds by name; ``brief``: it is
+    over in some milliseconds, on one thread; ``kernels``: the stages' loops, those of `_core` or others with the same
+    arguments; ``told``: how long it takes was said, with others."""
+
+    threads: int
+    brief: bool = False
+    kernels: Any = _core
+    stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
+    stages: dict[str, dict[str, float]] = field(default_factory=dict)
+    told: bool = False
+
+    def timed(self, name: str, kernel: Callable[..., None], *arguments: object) -> None:
+        """Calls kernel(*arguments, seconds, stop) and books its time under `name`."""
+        seconds = np.zeros(self.threads)
+        start = time.perf_counter()
+        kernel(*arguments, seconds, self.stop)
+        self.book(name, time.perf_counter() - start, float(seconds.sum()))
+        if self.stop[0]:
+            raise KeyboardInterrupt
+
+    def book(self, name: str, wall: float, busy: float | None = None) -> None:
+        """Adds seconds to a stage."""
+        clock = self.stages.setdefault(name, {"wall_seconds": 0.0, "thread_seconds": 0.0})
+        clock["wall_seconds"] += wall
+        clock["thread_seconds"] += wall if busy is None else busy
+
+    def work(self, doubles: int) -> Array:
+        """Scratch memory, one row a thread."""
+        return np.empty((self.threads, doubles))
+
+    def pivots(self, integers: int) -> IntArray:
+        """Scratch integers, one row a thread."""
+        return np.empty((self.threads, integers), np.int32)
+
+
+def usable_cpus() -> int:
+    """The CPUs this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def new_run(threads: int | None, operations: float = math.inf) -> Run:
+    """A run on `threads` threads, all usable CPUs for None; a brief one has no thread but the one it is called in."""
+    count = usable_cpus() if threads is None else whole("threads", threads, 1, 4096)
+    brief = operations < (BRIEF if count > 1 else BRIEF_ALONE)
+    return Run(1 if brief else count, brief=brief)
+
+
+def interruptible(run: Run, call: Callable[[], Result]) -> Result:
+    """call() in a thread of its own while this one waits, so that Ctrl-C reaches the compiled loops.
+
+    The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own. A brief call
+    goes without: its loops are over before anyone waits for them, and start no threads.
+    """
+    if run.brief:
+        return call()
+    box: dict[str, Any] = {}
+    done = (
+        threading.Event()
+    )  # not Thread.join: interrupted, it takes a running thread for a finished one (CPython 3.11)
+
+    def work() -> None:
+        try:
+            box["result"] = call()
+        except BaseException as error:
+            box["error"] = error
+        finally:
+            done.set()
+
+    threading.Thread(target=work, name="vrte-solve", daemon=True).start()
+    try:
+        while not done.wait(0.2):
+            pass
+    except BaseException:
+        run.stop[0] = 1
+        if not wait_for(done, PATIENCE):
+            # one large eigenproblem cannot be stopped: whoever asked goes on, only the end of the process waits for it
+            atexit.register(wait_for, done, 3600.0)
+        raise
+    if "error" in box:
+        raise box["error"]
+    result: Result = box["result"]
+    return result
+
+
+def wait_for(done: threading.Event, seconds: float) -> bool:
+    """Whether the compiled loops are left within the time: a process that ends before them would crash in BLAS."""
+    end = time.monotonic() + seconds
+    while not done.is_set() and time.monotonic() < end:
+        with suppress(KeyboardInterrupt, SystemExit):  # an impatient second signal
+            done.wait(0.1)
+    return done.is_set()

@@ -1,0 +1,87 @@
+"""vrte.brdf: the Mueller BRDF of a scene, and its transmission."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import frozen, settled
+from vrte.basics.running import Progress, interruptible
+from vrte.methods.solving import chosen, run_of, solved, warn_of_negative
+from vrte.request.request import Request, brdf_request, solver_options
+from vrte.results.brdf import Brdf
+from vrte.results.solution import Solution
+from vrte.scene.illumination import mirrored_mueller
+from vrte.scene.scene import Scene
+
+
+def brdf(
+    scene: Scene,
+    mu_i: Any,
+    mu_o: Any,
+    phi: Any = 0.0,
+    nodes: int | None = None,
+    threads: int | None = None,
+    transmission: bool = False,
+    progress: Progress | None = None,
+    algorithm: str | None = None,
+    verify: bool | None = None,
+    accuracy: float | None = None,
+    truncation: str | None = None,
+    backend: str | None = None,
+    method: str = "discrete-ordinates",
+    settings: Mapping[str, Any] | None = None,
+    illuminate: str = "top",
+    time_limit_s: float | None = None,
+) -> Brdf:
+    """The Mueller BRDF (1:1) for all pairs of directions, four incident Stokes vectors at once, (1:39).
+
+    Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
+    ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend``, ``method``, ``settings``, ``illuminate``,
+    ``time_limit_s`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without end). Lit
+    from the bottom, the BRDF is that of the bottom and the BTDF leads out of the top; cosines are positive as ever.
+    Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError
+    where an OpenCL device is missing or fails.
+
+    >>> import vrte
+    >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
+    >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
+    1.0
+    """
+    options = solver_options(
+        nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate, time_limit_s
+    )
+    request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
+    return brdf_of(chosen(request), threads, transmission, progress)
+
+
+def brdf_of(
+    request: Request, threads: int | None, transmission: bool, progress: Progress | None, told: bool = False
+) -> Brdf:
+    """Of a request with its method named; ``told``: what it takes was said."""
+    run = run_of(request, threads)
+    run.told = told
+    _, solution = interruptible(run, lambda: solved(request, run, progress))
+    return as_brdf(request, solution, transmission)
+
+
+def as_brdf(request: Request, solution: Solution, transmission: bool) -> Brdf:
+    """What was found, as a result."""
+    into, directions = request.mu0, request.mu
+    assert directions is not None
+    # (1, n_in, n_mu, n_phi, 4, column)
+    matrices = [settled(values)[0] for values in solution.parts]
+    if request.illuminate == "bottom":
+        matrices = [mirrored_mueller(values) for values in matrices]
+    for values in matrices:
+        warn_of_negative(request, values[..., 0, 0], solution.diagnostics)
+    return Brdf(
+        mueller=matrices[0],
+        reflectance=frozen(solution.flux_up[0, :, 0] / into),
+        transmission=matrices[1] if transmission else None,
+        direct_transmittance=frozen(np.exp(-request.scene.thickness / into)),
+        mu_i=into,
+        mu_o=directions[directions > 0.0],
+        phi=request.phi,
+        diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
+    )

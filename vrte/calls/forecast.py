@@ -1,0 +1,72 @@
+"""How long many solves will take, told before the first starts, and refused where that is beyond a limit."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from vrte import methods
+from vrte.basics.errors import SceneError
+from vrte.basics.forecast import LONG, foretell
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.planning.forecast import seconds_of_all, seconds_of_planning
+from vrte.request.backends import Backend
+from vrte.request.request import EXACT, Request
+
+FEW, LOOKING = 5, 0.7  # solves of many that are looked at, and seconds after which no other one is
+A_CALL = 3e-3  # seconds of any solve, beside its plan and its operations
+
+
+def foretell_all(
+    count: int,
+    asked_at: Callable[[int], tuple[Request, int, float]],
+    what: str,
+    limit: float | None = None,
+    beside: float = 0.0,
+    workers: int = 1,
+) -> bool:
+    """Says what ``count`` solves take together, by a few that are spread among them; whether it is long.
+
+    ``asked_at``: the request at a place, its threads, and the seconds that its particles took; ``what`` they are;
+    ``limit`` in seconds, by default that of the requests; ``beside``: seconds of other work; ``workers`` share all of
+    it. What cannot be asked is passed over: it will say so itself. Raises SceneError beyond the limit.
+    """
+    if count < 2:
+        return False
+    begin, looked, solving = time.perf_counter(), [], []
+    for place in [0, *np.unique(np.linspace(count - 1, 1, min(FEW, count) - 1).astype(int))[::-1].tolist()]:
+        try:
+            request, threads, made = asked_at(place)
+            start = time.perf_counter()
+            seconds, planned = predicted(request, threads)
+        except SceneError:
+            continue
+        looked.append(made + time.perf_counter() - start + planned + A_CALL)
+        solving.append(seconds)
+        limit = request.time_limit_s if limit is None else limit
+        quick = beside + count * (looked[-1] + seconds) < LONG / 100.0
+        if (place and quick) or time.perf_counter() - begin > LOOKING:
+            break
+    if limit is None or not looked:
+        return False
+    # what is loaded for the first is no matter of each
+    each = float(np.median(looked[1:] or looked) + np.mean(solving))
+    total = (beside + count * each) / workers
+    foretell(total, limit, f" for {what} together", "fewer nodes, a coarser accuracy or fewer of them take less")
+    return total > LONG
+
+
+def predicted(request: Request, threads: int) -> tuple[float, float]:
+    """Seconds of a solve, and of its plan where that is too long to be made here; nothing of a device."""
+    from vrte.discrete_ordinates.planning.plan import plan_of
+
+    if request.backend is Backend.OPENCL:
+        return 0.0, 0.0
+    run = Run(1)  # no threads of OpenMP in the caller's own: a child forked later would wait for them
+    if request.method != EXACT:
+        return methods.predicted(request, run), 0.0
+    planning = seconds_of_planning(request, run)
+    if planning > LOOKING:
+        return 0.0, planning / threads
+    plan = plan_of(request, run)
+    return seconds_of_all(plan) / threads, 0.0

@@ -1,0 +1,76 @@
+"""The radiance in single geometries, as instruments in orbit list them: sun, line of sight and azimuth of each."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics.arrays import Array, number, vector
+from vrte.basics.errors import SceneError
+from vrte.calls.radiance import radiance
+from vrte.results.views import Views
+from vrte.scene.scene import Scene
+
+MOST_GEOMETRIES = 1_000_000
+LARGEST_GRID = 1e6  # directions of all distinct mu0, mu and phi that are solved for together: 32 MB
+
+
+def views(
+    scene: Scene,
+    mu0: Any,
+    mu: Any,
+    phi: Any = 0.0,
+    stokes: Any = (1.0, 0.0, 0.0, 0.0),
+    tau: float = 0.0,
+    **how: Any,
+) -> Views:
+    """The diffuse radiance of many beams, each in one direction of its own.
+
+    Parameters: ``mu0``, ``mu``, ``phi``, numbers or lists that broadcast to one length n, a geometry each; ``stokes``
+    of all beams; ``tau``, one depth, by default the top; all else as for `vrte.radiance`. Geometries are solved for
+    together, few or many as their distinct values allow. Raises SceneError for bad input, and what `vrte.radiance`
+    raises.
+
+    >>> import vrte
+    >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
+    >>> views(scene, mu0=[0.6, 0.61, 0.62], mu=[0.9, 0.8, 0.7], phi=30.0, nodes=8).stokes.shape
+    (3, 4)
+    """
+    given = [vector(name, values) for name, values in (("mu0", mu0), ("mu", mu), ("phi", phi))]
+    depth = number("tau", tau, 0.0, float("inf"), "one optical depth >= 0")
+    try:
+        beams, sights, azimuths = np.broadcast_arrays(*given)
+    except ValueError:
+        sizes = ", ".join(str(each.size) for each in given)
+        raise SceneError(f"mu0, mu and phi must be of one length, a geometry each, not of {sizes}") from None
+    if beams.size > MOST_GEOMETRIES:
+        raise SceneError(f"there must be at most {MOST_GEOMETRIES} geometries, not {beams.size}")
+    seen = np.empty((beams.size, 4))
+    solves: list[dict[str, Any]] = []
+    incident = np.zeros(4)
+    for rows in solved_together(beams, sights, azimuths):
+        axes = [np.unique(each[rows], return_inverse=True) for each in (beams, sights, azimuths)]
+        (of_beam, i), (of_sight, o), (of_azimuth, p) = axes
+        found = radiance(scene, of_beam, stokes, of_sight, of_azimuth, depth, **how)
+        seen[rows] = found.stokes[i, 0, o, p]
+        solves.append(found.diagnostics)
+        incident = found.incident_stokes
+    return Views(seen, beams, sights, azimuths, depth, incident, {"solves": solves})
+
+
+def solved_together(*geometries: Array) -> Iterator[NDArray[np.intp]]:
+    """Rows whose distinct values span no too large a grid, alike ones next to each other."""
+    order = np.lexsort(geometries[::-1])
+    first = 0
+    while first < order.size:
+        last = order.size
+        while last - first > 1 and grid_of(order[first:last], geometries) > LARGEST_GRID:
+            last = first + (last - first + 1) // 2
+        yield order[first:last]
+        first = last
+
+
+def grid_of(rows: NDArray[np.intp], geometries: tuple[Array, ...]) -> float:
+    """How many directions the distinct values of some rows span."""
+    return float(np.prod([float(np.unique(each[rows]).size) for each in geometries]))

@@ -1,0 +1,1 @@
+"""One Fourier order solved: the stages of the GPU paper, and what needs no eigenproblem."""

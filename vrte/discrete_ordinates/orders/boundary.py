@@ -1,0 +1,62 @@
+"""Section 2.C.3, boundary conditions: the amplitudes of all modes in all layers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.errors import AccuracyError
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.base import Base
+from vrte.discrete_ordinates.orders.homogeneous import Modes
+from vrte.discrete_ordinates.orders.particular import Beam
+from vrte.discrete_ordinates.orders.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Amplitudes:
+    """even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n); residual (order, layer)."""
+
+    even: Array
+    odd: Array
+    base_down: Array
+    residual: Array
+
+
+def boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base: Base, run: Run) -> Amplitudes:
+    """Solves the boundary systems of every order. Raises AccuracyError where one is singular."""
+    n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
+    shape = (orders.size, n_layer, n_rhs, n)
+    result = Amplitudes(
+        np.empty(shape), np.empty(shape), np.empty((orders.size, n_rhs, n)), np.zeros((orders.size, n_layer))
+    )
+    info = np.zeros(orders.size, np.int32)
+    run.timed(
+        "boundary",
+        run.kernels.boundary,
+        modes.lam_re,
+        modes.lam_im,
+        modes.X,
+        modes.Y,
+        beam.c,
+        beam.zeta,
+        np.where((problem.albedo == 0.0) & problem.leave_out.clear, 1, 0).astype(np.int32),
+        problem.thickness,
+        problem.mu0,
+        problem.above,
+        base.row[orders],
+        base.matrix,
+        base.source,
+        result.even,
+        result.odd,
+        result.base_down,
+        result.residual,
+        info,
+        run.threads,
+        run.work(_core.boundary_work(n, n_layer, n_rhs)),
+        run.pivots((2 * n_layer + 1) * n),
+    )
+    if info.any():
+        raise AccuracyError(f"the boundary system of order {orders[np.argmax(info != 0)]} is singular")
+    return result

@@ -1,0 +1,70 @@
+"""From a scene and a request to the arrays that every stage works on."""
+
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.quadrature import double_gauss
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.truncating import truncated_layers
+from vrte.scene.scene import Scene
+
+LAST_PLACES = 4.0  # what sums of thicknesses may be off by
+
+
+def discretise(
+    scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int, peaks: str = "none"
+) -> Problem:
+    """Nodes, truncated layers and the one every depth lies in; ``mu`` signed, light going up first.
+
+    ``peaks``: which layers lose theirs, "none", "polarizing" or "all"; all depths of the problem are those of the
+    truncated layers.
+    """
+    points, weights = double_gauss(nodes)
+    layers = truncated_layers(scene, peaks, nodes)
+    terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
+    coefficients = np.zeros((len(scene.layers), int(terms.max()), 6))
+    for k, layer in enumerate(layers):
+        coefficients[k, : terms[k]] = layer.coefficients
+    given = np.array([layer.thickness for layer in scene.layers])
+    level, at = place_levels(tau, tops(given), given, scene.thickness)
+    level = level * np.array([layer.stretch for layer in layers])[at]
+    thickness = np.array([layer.thickness for layer in layers])
+    return Problem(
+        coefficients=coefficients,
+        terms=terms,
+        albedo=np.array([layer.albedo for layer in layers]),
+        thickness=thickness,
+        above=tops(thickness),
+        gain=np.array([layer.gain for layer in layers]),
+        fraction=np.array([layer.fraction for layer in layers]),
+        nodes=points,
+        weights=weights,
+        mu_out=np.abs(mu),
+        n_up=int(np.count_nonzero(mu > 0.0)),
+        mu0=np.ascontiguousarray(mu0),
+        columns=np.ascontiguousarray(columns),
+        level=level,
+        level_layer=at,
+        terms_cut=max(0, max(layer.phase_matrix.terms for layer in scene.layers) - 2 * nodes),
+    )
+
+
+def tops(thickness: Array) -> Array:
+    """Optical depth of the top of each layer."""
+    return np.concatenate([[0.0], np.cumsum(thickness[:-1])])
+
+
+def place_levels(tau: Array, above: Array, thickness: Array, total: float) -> tuple[Array, IntArray]:
+    """The depth of each tau below the top of its layer, and the layer.
+
+    What lies within rounding of an interface lies on it: along a cosine of 1e-8 the last place of 1 is a path of 2e-8.
+    """
+    if thickness[0] > 0.0 and not tau.any():
+        return np.zeros(tau.size), np.zeros(tau.size, np.int32)
+    at = np.clip(np.searchsorted(above, tau, side="right") - 1, 0, None).astype(np.int32)
+    at[tau >= total] = above.size - 1
+    level = np.clip(tau - above[at], 0.0, thickness[at])
+    rounding = LAST_PLACES * np.finfo(float).eps * tau
+    level = np.where(level <= rounding, 0.0, level)
+    level = np.where(thickness[at] - level <= rounding, thickness[at], level)
+    return np.where(tau >= total, thickness[-1], level), at

@@ -1,0 +1,68 @@
+"""Section 2.C.1, homogeneous solution: the halved eigenproblem (1:43), with its complex pairs."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.errors import AccuracyError
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled
+from vrte.discrete_ordinates.orders.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """lam_re, lam_im (order, layer, n); X, Y and X's factors (order, layer, n, n); residual (order, layer)."""
+
+    lam_re: Array
+    lam_im: Array
+    X: Array
+    Y: Array
+    X_lu: Array
+    X_pivots: IntArray
+    residual: Array
+
+
+def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Run, quick: bool = False) -> Modes:
+    """The modes of every order and layer, ``quick`` where E and F are symmetric. Raises AccuracyError without any."""
+    shape, n = (orders.size, problem.albedo.size), problem.size
+    modes = Modes(
+        lam_re=np.empty((*shape, n)),
+        lam_im=np.empty((*shape, n)),
+        X=np.empty((*shape, n, n)),
+        Y=np.empty((*shape, n, n)),
+        X_lu=np.empty((*shape, n, n)),
+        X_pivots=np.empty((*shape, n), np.int32),
+        residual=np.zeros(shape),
+    )
+    info = np.zeros(shape, np.int32)
+    run.timed(
+        "homogeneous",
+        run.kernels.homogeneous,
+        orders,
+        problem.conserves,
+        quick,
+        problem.leave_out.clear,
+        problem.albedo,
+        problem.nodes,
+        problem.weights,
+        matrices.E,
+        matrices.F,
+        modes.lam_re,
+        modes.lam_im,
+        modes.X,
+        modes.Y,
+        modes.X_lu,
+        modes.X_pivots,
+        modes.residual,
+        info,
+        run.threads,
+        run.work(_core.homogeneous_work(n)),
+        run.pivots(6 * n + 8),
+    )
+    if info.any():
+        order, layer = np.argwhere(info)[0]
+        raise AccuracyError(f"the eigenproblem of order {orders[order]}, layer {layer + 1} did not converge")
+    return modes

@@ -1,0 +1,69 @@
+"""The top of a layer without end, by invariance: Ambarzumian's functions as matrices, no eigenproblem, no doubling."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Reflected:
+    """kernels (order, 1, n_in, n_col, n_out, S), public frame; on_nodes (order, n_in n_col, n); residual, steps
+    (order,)."""
+
+    kernels: Array
+    on_nodes: Array
+    residual: Array
+    steps: IntArray
+
+
+def reflect_endless(problem: Problem, orders: IntArray, tolerance: float, run: Run) -> Reflected:
+    """What the first layer of a problem, taken as endless, sends back in each order."""
+    off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
+    n_out, n_in, n_col = problem.mu_out.size, problem.mu0.size, problem.columns.shape[0]
+    stokes, terms = len(problem.stokes), int(problem.terms[0])
+    up = np.empty((orders.size, n_in, n_col, stokes * n_out))
+    found = Reflected(
+        kernels=up.reshape(orders.size, 1, n_in, n_col, n_out, stokes),
+        on_nodes=np.empty((orders.size, n_in * n_col, problem.size)),
+        residual=np.empty(orders.size),
+        steps=np.empty(orders.size, np.int32),
+    )
+    run.timed(
+        "invariance",
+        run.kernels.reflect_endless,
+        orders,
+        np.array(problem.stokes, np.int32),
+        problem.coefficients[0],
+        terms,
+        float(problem.albedo[0]),
+        np.concatenate([problem.nodes, off]),
+        problem.weights,
+        places[:n_out].astype(np.int32),
+        places[n_out:].astype(np.int32),
+        problem.columns,
+        tolerance,
+        problem.leave_out.halves,
+        up,
+        found.on_nodes,
+        found.residual,
+        found.steps,
+        run.threads,
+        run.work(_core.invariance_work(problem.nodes.size, off.size, stokes, terms)),
+    )
+    found.kernels[..., : problem.n_up, :] *= problem.flip / (2.0 * np.pi)
+    found.kernels[..., problem.n_up :, :] = 0.0  # nothing comes down upon the top
+    return found
+
+
+def flux_up(problem: Problem, on_nodes: Array) -> Array:
+    """Diffuse flux up through the top, from order 0's field on the nodes: (1, n_in, n_col)."""
+    n_in, n_col = problem.mu0.size, problem.columns.shape[0]
+    if not problem.conserves:
+        return np.zeros((1, n_in, n_col))
+    flux: Array = on_nodes[:, :: len(problem.stokes)] @ np.sqrt(problem.weights * problem.nodes)
+    return flux.reshape(1, n_in, n_col)

@@ -1,0 +1,84 @@
+"""The discrete problem every stage works on: arrays only, no class of the scene."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.polarization import FLIP
+from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
+
+ALL = (0, 1, 2, 3)  # places of I, Q, U, V
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Layers, directions and incident beams in the solver's frame (docs/conventions.md).
+
+    coefficients (layer, term, 6), truncated to 2 N terms; terms, albedo, thickness, above (layer,), of the truncated
+    layers like all depths; gain, fraction (layer,): as in `vrte.optics.truncation.Truncated`; nodes, weights (N,);
+    mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, S) incident Stokes
+    vectors; stokes (S,): places of the S Stokes parameters at work, ascending; terms_cut: how many terms of the longest
+    phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer; leave_out: what
+    need not be done.
+    """
+
+    coefficients: Array
+    terms: IntArray
+    albedo: Array
+    thickness: Array
+    above: Array
+    gain: Array
+    fraction: Array
+    nodes: Array
+    weights: Array
+    mu_out: Array
+    n_up: int
+    mu0: Array
+    columns: Array
+    level: Array
+    level_layer: IntArray
+    stokes: tuple[int, ...] = ALL
+    terms_cut: int = 0
+    leave_out: LeaveOut = EVERYTHING
+
+    @property
+    def directions(self) -> Array:
+        """Nodes, then outgoing, then incident cosines."""
+        return np.concatenate([self.nodes, self.mu_out, self.mu0])
+
+    @property
+    def depth(self) -> Array:
+        """Optical depths of the levels below the top, (n_tau,), as the truncated layers have them."""
+        found: Array = self.above[self.level_layer] + self.level
+        return found
+
+    @property
+    def size(self) -> int:
+        """n = S N."""
+        return len(self.stokes) * self.nodes.size
+
+    @property
+    def rows_out(self) -> int:
+        """S n_out."""
+        return len(self.stokes) * self.mu_out.size
+
+    @property
+    def flip(self) -> Array:
+        """D of (1:11) on the Stokes parameters at work: the Delta of (1:26)-(1:27), node by node."""
+        return FLIP[list(self.stokes)]
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether I alone is scattered."""
+        return not self.coefficients[..., 1:].any()
+
+    @property
+    def conserves(self) -> bool:
+        """Whether order 0 carries the flux."""
+        return self.stokes[0] == 0
+
+    @property
+    def n_rhs(self) -> int:
+        """Right-hand sides of every order."""
+        return int(self.mu0.size * self.columns.shape[0])

@@ -1,0 +1,93 @@
+"""Section 2.C.4, reconstruction: multiply scattered light at any depth and direction, and fluxes on the nodes."""
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.base import Base
+from vrte.discrete_ordinates.orders.boundary import Amplitudes
+from vrte.discrete_ordinates.orders.homogeneous import Modes
+from vrte.discrete_ordinates.orders.particular import Beam
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled
+from vrte.discrete_ordinates.orders.problem import Problem
+
+
+def reconstruct(
+    problem: Problem,
+    orders: IntArray,
+    matrices: Assembled,
+    modes: Modes,
+    beam: Beam,
+    amplitudes: Amplitudes,
+    base: Base,
+    run: Run,
+) -> Array:
+    """(order, n_tau, n_in, n_col, n_out, S): radiance of each order for a unit beam, public frame."""
+    n_out, n_rhs = problem.mu_out.size, problem.n_rhs
+    out = np.empty((orders.size, problem.level.size, n_rhs, problem.rows_out))
+    run.timed(
+        "reconstruction",
+        run.kernels.reconstruct,
+        matrices.G_E,
+        matrices.G_F,
+        modes.lam_re,
+        modes.lam_im,
+        modes.X,
+        modes.Y,
+        beam.c,
+        beam.zeta,
+        amplitudes.even,
+        amplitudes.odd,
+        amplitudes.base_down,
+        base.row[orders],
+        base.out,
+        problem.thickness,
+        problem.above,
+        problem.mu0,
+        problem.mu_out,
+        problem.n_up,
+        problem.level,
+        problem.level_layer,
+        out,
+        run.threads,
+        run.work(_core.reconstruction_work(problem.size, problem.rows_out, n_rhs, problem.albedo.size)),
+    )
+    out = out.reshape(*out.shape[:2], problem.mu0.size, problem.columns.shape[0], n_out, len(problem.stokes))
+    out[..., : problem.n_up, :] *= problem.flip
+    return out / (2.0 * np.pi)
+
+
+def nodal_fluxes(
+    problem: Problem, orders: IntArray, modes: Modes, beam: Beam, amplitudes: Amplitudes
+) -> tuple[Array, Array]:
+    """Diffuse flux up and down through a horizontal plane at every level, (n_tau, n_in, n_col); 0 without order 0."""
+    shape = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
+    if not problem.conserves or orders[0] > 0:
+        return np.zeros(shape), np.zeros(shape)
+    weight = 0.5 * np.sqrt(problem.weights * problem.nodes)
+    step = len(problem.stokes)
+    total, difference = np.empty(shape), np.empty(shape)
+    for t, (level, layer) in enumerate(zip(problem.level.tolist(), problem.level_layer.tolist(), strict=True)):
+        y, z = mode_coordinates(problem, layer, level, modes, beam, amplitudes)
+        total[t] = (y @ (modes.X[0, layer, :, ::step] @ weight)).reshape(shape[1:])
+        difference[t] = (z @ (modes.Y[0, layer, :, ::step] @ weight)).reshape(shape[1:])
+    return total - difference, total + difference
+
+
+def mode_coordinates(
+    problem: Problem, layer: int, depth: float, modes: Modes, beam: Beam, amplitudes: Amplitudes
+) -> Array:
+    """y, z of order 0 at a depth below a layer's top, (2, n_rhs, n); see `boundary` in _core.pyx."""
+    return _core.mode_coordinates(
+        modes.lam_re[0, layer],
+        modes.lam_im[0, layer],
+        amplitudes.even[0, layer],
+        amplitudes.odd[0, layer],
+        beam.c[0, layer],
+        beam.zeta[0, layer],
+        problem.mu0,
+        float(problem.thickness[layer]),
+        float(problem.above[layer]),
+        depth,
+    )

@@ -1,0 +1,159 @@
+"""The two exact routes from the discrete problem to its field, order by order, behind one signature."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.memory import orders_at_once
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.base import expand_base
+from vrte.discrete_ordinates.orders.boundary import boundary
+from vrte.discrete_ordinates.orders.doubling import double_slabs
+from vrte.discrete_ordinates.orders.homogeneous import Modes as Eigenmodes
+from vrte.discrete_ordinates.orders.homogeneous import homogeneous
+from vrte.discrete_ordinates.orders.invariance import flux_up, reflect_endless
+from vrte.discrete_ordinates.orders.particular import Beam, particular
+from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.reconstruction import nodal_fluxes, reconstruct
+from vrte.discrete_ordinates.orders.slabs import cut, join, materials_of
+from vrte.discrete_ordinates.orders.storage import doubles_of_doubling, doubles_of_modes
+from vrte.scene.scene import Base
+
+QUICK = 3e-12  # accuracy that the symmetric eigensolver is good for on 16 nodes; ten times the largest error measured
+TIGHTER = 0.5  # of the accuracy asked for: where iterations stop
+
+
+@dataclass(frozen=True, eq=False)
+class Orders:
+    """Multiply scattered light of some Fourier orders.
+
+    kernels (order, n_tau, n_in, n_col, n_out, S): radiance for a unit beam, public frame; flux_up, flux_down (n_tau,
+    n_in, n_col): of the first of the orders, all diffuse light on the nodes; residuals: how well the route's own
+    equations hold, by name, each (order,).
+    """
+
+    kernels: Array
+    flux_up: Array
+    flux_down: Array
+    residuals: dict[str, Array]
+
+
+def is_quick(problem: Problem, accuracy: float) -> bool:
+    """Whether the symmetric eigensolver is accurate enough, where there is something symmetric."""
+    return problem.leave_out.symmetric and accuracy >= QUICK * max(1.0, problem.nodes.size / 16.0) ** 3.3
+
+
+class Modes:
+    """Eigenmodes, beam, boundary, reconstruction: section 2.C of Collin, Pattanaik and Bouatouch."""
+
+    name = "modes"
+    # residuals up to which the answer counts
+    allowed: ClassVar = {"residual_of_modes": 1e-9, "residual_of_boundary": 1e-9}
+
+    def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
+        self.problem, self.base = problem, expand_base(base, problem, n_order, accuracy)
+        self.distinct, self.kinds = materials_of(problem)
+        self.quick = is_quick(problem, accuracy)
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        return orders_at_once(doubles_of_modes(self.problem)[0], threads)
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        matrices = assemble(self.distinct, orders, run)
+        modes = homogeneous(self.distinct, orders, matrices, run, self.quick)
+        beam = particular(self.distinct, matrices, modes, run)
+        if self.kinds is not None:
+            matrices, modes, beam = in_layers(self.kinds, matrices, modes, beam)
+        amplitudes = boundary(self.problem, orders, modes, beam, self.base, run)
+        kernels = reconstruct(self.problem, orders, matrices, modes, beam, amplitudes, self.base, run)
+        residuals = {
+            "residual_of_modes": modes.residual.max(axis=1),
+            "residual_of_boundary": amplitudes.residual.max(axis=1),
+        }
+        return Orders(kernels, *nodal_fluxes(self.problem, orders, modes, beam, amplitudes), residuals)
+
+
+def in_layers(
+    kinds: IntArray, matrices: Assembled, modes: Eigenmodes, beam: Beam
+) -> tuple[Assembled, Eigenmodes, Beam]:
+    """What was found for each material, in the layers made of it, (order, layer, ...): what the next stages read."""
+    return (
+        replace(matrices, G_E=np.take(matrices.G_E, kinds, axis=1), G_F=np.take(matrices.G_F, kinds, axis=1)),
+        replace(
+            modes,
+            lam_re=np.take(modes.lam_re, kinds, axis=1),
+            lam_im=np.take(modes.lam_im, kinds, axis=1),
+            X=np.take(modes.X, kinds, axis=1),
+            Y=np.take(modes.Y, kinds, axis=1),
+        ),
+        Beam(np.take(beam.c, kinds, axis=1), np.take(beam.zeta, kinds, axis=1)),
+    )
+
+
+class Doubling:
+    """Impedance doubling of homogeneous slabs, joined by the star product."""
+
+    name = "doubling"
+    allowed: ClassVar = {"residual_of_reflection": 1e-9, "residual_of_transmission": 1e-6, "residual_of_joints": 1e-9}
+
+    def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
+        self.pile = cut(problem)
+        self.base = expand_base(base, self.pile.problem, n_order, accuracy)
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        return orders_at_once(doubles_of_doubling(self.pile)[0], threads)
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        pile = self.pile
+        matrices = assemble(pile.problem, orders, run)
+        slabs = double_slabs(pile.problem, pile.material, pile.thickness, orders, matrices, run)
+        kernels, up, down, residual = join(pile, orders, slabs, self.base, run)
+        worst = slabs.residual.max(axis=1)
+        residuals = {
+            "residual_of_reflection": worst[:, 0],
+            "residual_of_transmission": worst[:, 1],
+            "residual_of_joints": residual,
+        }
+        return Orders(kernels, up, down, residuals)
+
+
+class Invariance:
+    """Fixed points of the invariance equation: the top of a layer without end alone."""
+
+    name = "invariance"
+
+    def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
+        self.problem, self.tolerance = problem, TIGHTER * accuracy
+
+    @property
+    def allowed(self) -> dict[str, float]:
+        """Residuals up to which the answer counts."""
+        return {"residual_of_invariance": max(1e-9, 2.0 * self.tolerance)}
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once: all, their matrices are scratch memory."""
+        return 1 << 20
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        found = reflect_endless(self.problem, orders, self.tolerance, run)
+        up = flux_up(self.problem, found.on_nodes[0])
+        up = np.broadcast_to(up, (self.problem.level.size, *up.shape[1:]))
+        kernels = np.broadcast_to(found.kernels, (orders.size, self.problem.level.size, *found.kernels.shape[2:]))
+        return Orders(kernels, up, np.zeros_like(up), {"residual_of_invariance": found.residual})
+
+
+Route = Modes | Doubling | Invariance
+ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance]] = {
+    "modes": Modes,
+    "doubling": Doubling,
+    "invariance": Invariance,
+}
+OTHER = {"modes": "doubling", "doubling": "modes", "invariance": "doubling"}

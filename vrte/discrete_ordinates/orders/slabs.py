@@ -1,0 +1,146 @@
+"""A scene as a pile of homogeneous slabs, cut wherever the field is wanted, and the slabs joined, (2:8)."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.errors import AccuracyError
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.base import Base
+from vrte.discrete_ordinates.orders.doubling import Slabs
+from vrte.discrete_ordinates.orders.problem import Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Pile:
+    """Which slab lies where; equal slabs are doubled once.
+
+    ``problem``: the distinct materials as its layers, the distinct outgoing cosines as its mu_out; material, thickness
+    (slab,); slabs (place,), top first; above (place + 1,): optical depth of the interfaces; interface (n_tau,): where
+    the field is wanted; out (n_out,): place of each outgoing direction among the distinct ones.
+    """
+
+    problem: Problem
+    material: IntArray
+    thickness: Array
+    slabs: IntArray
+    above: Array
+    interface: IntArray
+    out: IntArray
+
+
+def cut(problem: Problem) -> Pile:
+    """Cuts the layers at the wanted depths and finds what is equal."""
+    materials, kinds = distinct_materials(problem)
+    found: dict[tuple[int, float, int], int] = {}
+    slabs: list[int] = []
+    above = [0.0]
+    interface = np.zeros(problem.level.size, np.int32)
+    for layer, thickness in enumerate(problem.thickness):
+        here = problem.level_layer == layer
+        cuts = np.unique(np.concatenate([[0.0, thickness], problem.level[here]]))
+        interface[here] = len(slabs) + np.searchsorted(cuts, problem.level[here])
+        for piece in np.diff(cuts):
+            which = 0 if problem.leave_out.repeats else len(slabs)
+            slabs.append(found.setdefault((int(kinds[layer]), float(piece), which), len(found)))
+        above += [problem.above[layer] + depth for depth in cuts[1:]]
+    cosines, out = np.unique(problem.mu_out, return_inverse=True)
+    return Pile(
+        problem=replace(only(problem, materials), mu_out=cosines),
+        material=np.array([material for material, _, _ in found], np.int32),
+        thickness=np.array([thickness for _, thickness, _ in found]),
+        slabs=np.array(slabs, np.int32),
+        above=np.array(above),
+        interface=interface,
+        out=out.astype(np.int32),
+    )
+
+
+def distinct_materials(problem: Problem) -> tuple[list[int], IntArray]:
+    """The first layer of each material, and the material of each layer. What does not scatter is all one material."""
+    if not problem.leave_out.repeats:
+        return list(range(problem.albedo.size)), np.arange(problem.albedo.size, dtype=np.int32)
+    first: list[int] = []
+    kinds = np.empty(problem.albedo.size, np.int32)
+    known: dict[tuple[float, int, bytes], int] = {}
+    for layer, (albedo, terms) in enumerate(zip(problem.albedo, problem.terms, strict=True)):
+        key = (float(albedo), int(terms), problem.coefficients[layer].tobytes()) if albedo > 0.0 else (0.0, 0, b"")
+        if key not in known:
+            known[key] = len(first)
+            first.append(layer)
+        kinds[layer] = known[key]
+    return first, kinds
+
+
+def materials_of(problem: Problem) -> tuple[Problem, IntArray | None]:
+    """The problem with its distinct materials as layers, and the material of each layer, None where all differ."""
+    if problem.albedo.size == 1:
+        return problem, None
+    materials, kinds = distinct_materials(problem)
+    return (only(problem, materials), kinds) if len(materials) < kinds.size else (problem, None)
+
+
+def only(problem: Problem, layers: list[int]) -> Problem:
+    """The problem with the materials of some layers; thicknesses and depths stay those of all."""
+    return replace(
+        problem,
+        coefficients=np.ascontiguousarray(problem.coefficients[layers]),
+        terms=problem.terms[layers],
+        albedo=problem.albedo[layers],
+    )
+
+
+def join(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tuple[Array, Array, Array, Array]:
+    """The field at the wanted depths: kernels (order, n_tau, n_in, n_col, n_out, S), flux up and down of order 0
+    (n_tau, n_in, n_col), and the residual of each order. Raises AccuracyError where a joint is singular."""
+    problem = pile.problem
+    levels, n_out = pile.interface.size, problem.mu_out.size
+    shape = (orders.size, levels, problem.n_rhs, problem.rows_out)
+    up, down, flux = np.empty(shape), np.empty(shape), np.empty((orders.size, levels, 2, problem.n_rhs))
+    residual, info = np.zeros((orders.size, max(1, pile.slabs.size))), np.zeros(orders.size, np.int32)
+    run.timed(
+        "joining",
+        run.kernels.join_slabs,
+        orders,
+        problem.conserves,
+        pile.slabs,
+        pile.above,
+        problem.nodes,
+        problem.weights,
+        problem.mu0,
+        n_out,
+        slabs.R,
+        slabs.T,
+        slabs.lost,
+        base.row[orders],
+        base.matrix,
+        base.source,
+        base.out,
+        pile.interface,
+        up,
+        down,
+        flux,
+        residual,
+        info,
+        run.threads,
+        run.work(_core.joining_work(problem.size, pile.slabs.size, problem.n_rhs, problem.rows_out)),
+        run.pivots(problem.size),
+    )
+    if info.any():
+        raise AccuracyError(
+            f"two slabs cannot be joined at order {orders[np.argmax(info != 0)]}: the system is singular"
+        )
+    beams = (problem.mu0.size, problem.columns.shape[0])
+    directions = (orders.size, levels, *beams, n_out, len(problem.stokes))
+    kernels = np.concatenate(
+        [
+            up.reshape(directions)[..., pile.out[: problem.n_up], :] * problem.flip,
+            down.reshape(directions)[..., pile.out[problem.n_up :], :],
+        ],
+        axis=-2,
+    )
+    kernels /= 2.0 * np.pi
+    fluxes = flux[0].reshape(levels, 2, *beams)
+    return kernels, fluxes[:, 0], fluxes[:, 1], residual.max(axis=1)

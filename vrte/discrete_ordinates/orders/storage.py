@@ -1,0 +1,54 @@
+"""Doubles that one Fourier order's arrays take, by each route."""
+
+import numpy as np
+
+from vrte import _core
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.slabs import Pile, cut, materials_of
+
+
+def doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory."""
+    if name == "doubling":
+        return doubles_of_doubling(cut(problem))
+    return doubles_of_invariance(problem) if name == "invariance" else doubles_of_modes(problem)
+
+
+def doubles_of_invariance(problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory, by invariance."""
+    directions = np.union1d(problem.mu_out, problem.mu0)
+    work = _core.invariance_work(problem.nodes.size, directions.size, len(problem.stokes), int(problem.terms.max()))
+    return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
+
+
+def doubles_of_modes(problem: Problem) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory, by modes."""
+    n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
+    out, into = problem.rows_out, len(problem.stokes) * problem.mu0.size
+    materials, kinds = materials_of(problem)
+    per_order = float(materials.albedo.size) * n * (5 * n + 2 * out + 2 * into + 2 * n_rhs)
+    per_order += n_layer * n * (2.0 * n_rhs if kinds is None else 2.0 * n + 2.0 * out + 4.0 * n_rhs)
+    scratch = (
+        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
+        _core.homogeneous_work(n),
+        _core.boundary_work(n, n_layer, n_rhs),
+        _core.reconstruction_work(n, problem.rows_out, n_rhs, n_layer),
+    )
+    return per_order, float(max(scratch))
+
+
+def doubles_of_doubling(pile: Pile) -> tuple[float, float]:
+    """Doubles of an order's arrays, and of a thread's scratch memory, by impedance doubling."""
+    problem = pile.problem
+    n, n_rhs, out, into = problem.size, problem.n_rhs, problem.rows_out, len(problem.stokes) * problem.mu0.size
+    per_order = (
+        2.0 * problem.albedo.size * n * (n + out + into)
+        + 2.0 * max(1, pile.material.size) * _core.extended_size(n, n_rhs, out)
+        + 2.0 * pile.interface.size * n_rhs * out
+    )
+    scratch = (
+        _core.assembly_work(problem.directions.size, problem.coefficients.shape[1], len(problem.stokes)),
+        _core.doubling_work(n, n_rhs, out),
+        _core.joining_work(n, pile.slabs.size, n_rhs, out),
+    )
+    return per_order, float(max(scratch))

@@ -1,0 +1,1 @@
+"""What to solve, what is left out, and why."""

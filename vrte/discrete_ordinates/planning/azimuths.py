@@ -1,0 +1,49 @@
+"""The azimuths of a result, folded by mirror symmetry: Z(-phi) = D Z(phi) D, D = diag(1, 1, -1, -1)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Azimuths:
+    """Distinct azimuths from 0 to 180 degrees, and which of them each azimuth asked for is.
+
+    phi (n_phi,), degrees: what was asked for; distinct (n_angle,), degrees; angle (n_phi,): index into it; sign
+    (n_phi,): -1 for a mirror image, otherwise 1.
+    """
+
+    phi: Array
+    distinct: Array
+    angle: IntArray
+    sign: Array
+
+    def cos_sin(self, orders: IntArray) -> tuple[Array, Array]:
+        """cos and sin of m phi, (order, n_angle) each, twice for m > 0."""
+        twice = np.where(orders == 0, 1.0, 2.0)[:, None]
+        cosine, sine = cos_sin_deg(orders[:, None] * self.distinct)
+        return twice * cosine, twice * sine
+
+
+def fold(phi: Array, mirror: bool = True) -> Azimuths:
+    """The azimuths phi (n_phi,), degrees of any size, folded; without ``mirror`` all that differ are distinct.
+
+    >>> fold(np.array([10.0, 350.0, -10.0, 370.0])).sign.tolist()
+    [1.0, -1.0, -1.0, 1.0]
+    """
+    turn = np.remainder(phi, 360.0)
+    mirrored = (turn > 180.0) & mirror
+    turned = np.where(mirrored, 360.0 - turn, turn)
+    distinct, angle = np.unique(turned, return_inverse=True) if phi.size > 1 else (turned, np.zeros(1, np.int32))
+    return Azimuths(phi, distinct, angle.astype(np.int32), np.where(mirrored, -1.0, 1.0))
+
+
+def cos_sin_deg(angle_deg: Array) -> tuple[Array, Array]:
+    """cos and sin, exact at multiples of 90 degrees."""
+    turn = np.remainder(angle_deg, 360.0)
+    cosine, sine = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    cosine = np.where((turn == 90.0) | (turn == 270.0), 0.0, cosine)
+    sine = np.where((turn == 0.0) | (turn == 180.0), 0.0, sine)
+    return cosine, sine

@@ -1,0 +1,143 @@
+"""Fourier orders that are solved alike: the same Stokes parameters, nodes, layers and algorithm."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from vrte.basics.arrays import Array, IntArray
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.planning.choice import Choice, choose
+from vrte.discrete_ordinates.planning.needs import Needs, layers_reached, nodes_seen, stokes_sets
+from vrte.scene.scene import Base, MuellerBase
+
+WORTH_A_BLOCK = 4e4  # cubes of unknowns: their time is that of one more block's calls
+STEPS = 10  # numbers of nodes that orders are sorted into
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """orders (k,), the Stokes parameters and the incident columns (places in the request's) they are solved for, the
+    reduced problem and its base, and which algorithm takes it."""
+
+    orders: IntArray
+    stokes: tuple[int, ...]
+    columns: tuple[int, ...]
+    problem: Problem
+    base: Base
+    choice: Choice
+
+
+class Part(NamedTuple):
+    """What makes two orders alike; ``stage``: how many times what was found is looked at before they are solved;
+    ``straight``: the Stokes parameters that light them along the normal."""
+
+    stage: int
+    stokes: tuple[int, ...]
+    straight: tuple[int, ...]
+    nodes: int
+    layers: int
+    has_end: bool
+
+
+def make_blocks(
+    problem: Problem,
+    base: Base,
+    orders: IntArray,
+    stages: tuple[int, ...],
+    needs: Needs,
+    brightest: float,
+    accuracy: float,
+    algorithm: str,
+    eigensolver: bool = True,
+) -> list[Block]:
+    """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
+    fed_back, leave_out = isinstance(base, MuellerBase), problem.leave_out
+    everywhere = fed_back or not leave_out.nodes
+    sets = stokes_sets(problem) if leave_out.stokes and not fed_back else [(ALL,)] * problem.coefficients.shape[1]
+    nodes = [problem.nodes.size] * len(sets)
+    if not everywhere:
+        needed = nodes_seen(needs, brightest, accuracy)[: orders.size]
+        nodes = node_counts(
+            problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)
+        )
+    layers, has_end = layers_reached(problem, needs.by_layer, accuracy)
+    along_normal = leave_out.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
+    to_the_end = problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))
+    parts: dict[Part, list[int]] = {}
+    for order in orders.tolist():
+        reached = (layers[order], has_end[order]) if leave_out.depth and not fed_back else to_the_end
+        stage, straight = sum(order >= first for first in stages), lit_by(order) if along_normal else ALL
+        for stokes in sets[order]:
+            parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)
+    blocks = []
+    for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
+        columns = columns_of(problem, part)
+        if not columns:
+            continue
+        reduced = reduce(problem, part, columns)
+        seen = fed_back or (members[0] == 0 and part.stokes[0] == 0) or not leave_out.base
+        below = base if part.has_end and seen else None
+        chosen = np.array(members, np.int32)
+        for places, choice in choose(algorithm, reduced, needs.strength[chosen], accuracy, eigensolver):
+            blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice))
+    return blocks
+
+
+def node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
+    """Nodes of each order of at most so many Stokes parameters: of few different numbers, alike for orders that threads
+    do side by side, and fewer than before only where that saves more than one more block's calls take."""
+    if seen.size * (float(stokes) * total) ** 3 <= WORTH_A_BLOCK:
+        return [total] * seen.size
+    step = max(1, -(-total // STEPS))
+    rounded = np.clip(-(-seen // step) * step, 1, total)
+    evens = rounded[2::2]
+    evens[:] = rounded[1::2][: evens.size]  # orders 1 and 2 alike, 3 and 4, ...
+    now = total
+    for fewer in np.unique(rounded)[::-1].tolist():
+        below = rounded <= fewer
+        if np.count_nonzero(below) * float(stokes) ** 3 * (float(now) ** 3 - float(fewer) ** 3) > WORTH_A_BLOCK:
+            now = fewer
+        rounded[rounded == fewer] = now
+    counts: list[int] = rounded.tolist()
+    return counts
+
+
+def lit_by(order: int) -> tuple[int, ...]:
+    """At normal incidence I and V have order 0 alone, Q and U order 2; at normal exit those orders alone are left."""
+    return {0: (0, 3), 2: (1, 2)}.get(order, ())
+
+
+def columns_of(problem: Problem, part: Part) -> tuple[int, ...]:
+    """Places of the incident Stokes columns that light the part."""
+    if not problem.leave_out.columns:
+        return tuple(range(problem.columns.shape[0]))
+    lit = list(part.stokes)
+    if (problem.mu0 == 1.0).all():
+        lit = [i for i in lit if i in part.straight]
+    elif (problem.mu_out == 1.0).all() and not part.straight:
+        lit = []
+    return tuple(place for place, column in enumerate(problem.columns) if column[lit].any())
+
+
+def reduce(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
+    """The problem on the part's nodes, layers and Stokes parameters."""
+    terms = problem.terms[: part.layers]
+    thickness = problem.thickness[: part.layers].copy()
+    if not part.has_end:
+        thickness[-1] = np.inf
+    incident: Array = problem.columns[np.ix_(columns, part.stokes)]
+    return replace(
+        problem,
+        coefficients=np.ascontiguousarray(problem.coefficients[: part.layers]),
+        terms=terms,
+        albedo=problem.albedo[: part.layers],
+        thickness=thickness,
+        above=problem.above[: part.layers],
+        gain=problem.gain[: part.layers],
+        fraction=problem.fraction[: part.layers],
+        nodes=problem.nodes[: part.nodes],
+        weights=problem.weights[: part.nodes],
+        columns=np.ascontiguousarray(incident),
+        stokes=part.stokes,
+    )

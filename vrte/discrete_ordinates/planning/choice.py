@@ -1,0 +1,129 @@
+"""Which algorithm a block of orders takes: a rule written from measured accuracy and time (docs/accuracy.md)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.slabs import Pile, cut
+from vrte.request.request import BY_RULE
+
+THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
+STEPS_ENDLESS = 8
+JOINT = 0.2  # time of a joint over that of a layer's modes
+ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
+WORTH_IT = 0.7  # predicted times are right to about a third
+GENERAL, SYMMETRIC = 45.0, 18.0  # operations over n^3 of a layer's modes, eigenproblem included
+STRONGEST = 0.98  # q of orders whose iterations settle
+FINEST = 1e-13  # accuracy that iterations are taken for
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The route's name and, in a few words, the reason."""
+
+    name: str
+    reason: str
+
+
+def choose(
+    algorithm: str, problem: Problem, strength: Array, accuracy: float, eigensolver: bool = True
+) -> list[tuple[slice, Choice]]:
+    """The route asked for, or for "auto" and "direct" those that the rule takes, each for some of the orders;
+    ``strength`` (order,): their q, which falls.
+
+    Invariance stands for reflection alone: where it does not apply, modes do the orders that were to be done by it, or
+    doubling where there is no ``eigensolver``.
+    """
+    if not eigensolver:
+        return choose_products(algorithm, problem, strength, accuracy)
+    every = slice(0, strength.size)
+    if algorithm == "invariance" and not sees_top_only(problem):
+        reason = "invariance was asked for, and is for the top of what has no end to these orders"
+        return [(every, Choice("modes", reason))]
+    if algorithm == "invariance":
+        first = int(np.count_nonzero(strength > STRONGEST))
+        found = [(slice(0, first), Choice("modes", f"orders with q above {STRONGEST:g} are not for invariance"))]
+        return (
+            found[: first > 0]
+            + [(slice(first, strength.size), Choice(algorithm, "asked for"))][: first < strength.size]
+        )
+    if algorithm not in BY_RULE:
+        return [(every, Choice(algorithm, "asked for"))]
+    if float(problem.thickness[problem.albedo > 0.0].sum()) < THIN:
+        reason = f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
+        return [(every, Choice("doubling", reason))]
+    first = strength.size
+    if algorithm == "auto" and sees_top_only(problem) and accuracy >= FINEST:
+        share = operations_of_invariance(problem, strength, accuracy) / operations_of_modes(problem)
+        first = int(np.count_nonzero((share >= 1.0) | (strength > STRONGEST)))
+    parts = [(slice(0, first), modes_or_doubling(problem))] if first else []
+    if first < strength.size:
+        reason = f"auto: only the top is seen; predicted to take {share[first]:.2g} of the time of modes and less"
+        parts.append((slice(first, strength.size), Choice("invariance", reason)))
+    return parts
+
+
+def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy: float) -> list[tuple[slice, Choice]]:
+    """The same without modes: products and inverses alone."""
+    first = strength.size
+    if algorithm in ("auto", "invariance") and sees_top_only(problem) and accuracy >= FINEST:
+        first = int(np.count_nonzero(strength > STRONGEST))
+    reason = "asked for" if algorithm == "doubling" else "auto: no eigensolver here"
+    parts = [(slice(0, first), Choice("doubling", reason))] if first else []
+    if first < strength.size:
+        reason = "asked for" if algorithm == "invariance" else "auto: only the top is seen"
+        parts.append((slice(first, strength.size), Choice("invariance", reason)))
+    return parts
+
+
+def modes_or_doubling(problem: Problem) -> Choice:
+    """Which of the two is predicted to be faster."""
+    if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
+        return Choice("modes", "auto: one layer, one eigenproblem")
+    ratio = time_of_doubling(cut(problem)) / problem.albedo.size
+    name = "doubling" if ratio < WORTH_IT else "modes"
+    return Choice(name, f"auto: doubling is predicted to take {ratio:.2g} times the time of modes")
+
+
+def sees_top_only(problem: Problem) -> bool:
+    """Whether nothing but the light reflected by one layer without end is asked for."""
+    return problem.albedo.size == 1 and bool(np.isinf(problem.thickness[0])) and not problem.level.any()
+
+
+def is_symmetric(problem: Problem) -> bool:
+    """Whether E and F are symmetric: U and V do not mix."""
+    return not (2 in problem.stokes and 3 in problem.stokes and problem.coefficients[..., 5].any())
+
+
+def operations_of_modes(problem: Problem) -> float:
+    """Of an order, roughly."""
+    n = problem.size
+    solving = (SYMMETRIC if is_symmetric(problem) else GENERAL) * n**3
+    return problem.albedo.size * (solving + 4.0 * n * n * (problem.n_rhs + problem.rows_out))
+
+
+def operations_of_invariance(problem: Problem, strength: Array, accuracy: float) -> Array:
+    """Of each order, roughly."""
+    rank = 2.0 * problem.terms[0]
+    rows = problem.size + len(problem.stokes) * np.union1d(problem.mu_out, problem.mu0).size
+    return 4.0 * rows * problem.size * rank * iterations(strength, accuracy)
+
+
+def iterations(strength: Array, accuracy: float) -> Array:
+    """What accelerated fixed points of the invariance equation need, like those of conjugate gradients."""
+    root = np.sqrt(1.0 - np.clip(strength, 1e-3, 1.0 - 1e-6))
+    steps: Array = 3.0 + math.log(accuracy) / np.log((1.0 - root) / (1.0 + root))
+    return steps
+
+
+def time_of_doubling(pile: Pile) -> float:
+    """Predicted time of an order, in units of one layer's modes."""
+    problem = pile.problem
+    steepest = 1.0 / float(problem.directions.min())
+    with np.errstate(divide="ignore"):
+        steps = np.clip(np.ceil(np.log2(pile.thickness * steepest)), 0.0, None) + 2.0
+    steps[np.isinf(pile.thickness)] = STEPS_ENDLESS
+    return float(steps.sum()) * (0.1 + problem.size / 1500.0) + JOINT * pile.slabs.size

@@ -1,0 +1,224 @@
+"""What multiple scattering of each Fourier order can do, known beforehand: how much of a scene matters."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.single_scattering import scatterers
+from vrte.scene.scene import Scene
+
+ORDERS = 0.4  # of the accuracy asked for: orders left out
+SHARE = 0.1  # of it: nodes left out; layers left out
+SAMPLES = 5  # directions of each kind that singly scattered light is looked at
+DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may fade with
+LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
+TOGETHER = 4  # orders between two looks, so that threads have work; the same for any number of threads
+WORTH_THREADS = 1e6  # spherical functions: a few milliseconds
+ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
+CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found
+SAFETY = 3.0  # times what was found: orders to come are bounded by no less
+STEEPER = 5.0  # fall from one order to the next, over the one seen, that a bound is not trusted with
+LARGEST_BOUND = 1e150  # as good as infinite, and products and sums of such bounds are numbers
+LOOKED_AT = 3  # orders that bounds are compared with, from order 1 on
+
+
+@dataclass(frozen=True, eq=False)
+class Needs:
+    """by_layer (layer, order), its largest, strength (order,), bounds (order,), effect (order, node): see
+    `order_bounds` in _core.pyx."""
+
+    by_layer: Array
+    strength: Array
+    bounds: Array
+    effect: Array
+
+
+def needs_of(problem: Problem, run: Run) -> Needs:
+    """Strength of each order, and bounds on what it adds and on what passes by way of each node."""
+    n_order, directions = int(problem.terms.max()), problem.directions
+    by_layer = np.empty((problem.albedo.size, n_order))
+    bounds, effect = np.empty(n_order), np.empty((n_order, problem.nodes.size))
+    if directions.size * n_order**2 < WORTH_THREADS:
+        run = replace(run, threads=1)
+    run.timed(
+        "planning",
+        _core.order_bounds,
+        problem.coefficients,
+        problem.terms,
+        problem.albedo,
+        directions,
+        problem.weights,
+        problem.mu_out.size,
+        by_layer,
+        bounds,
+        effect,
+        run.threads,
+        run.work(_core.bounds_work(directions.size, n_order)),
+    )
+    return Needs(by_layer, by_layer.max(axis=0), bounds, effect)
+
+
+def brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
+    """Singly scattered I per unit of incident light, seen along a few of the directions ``mu`` and azimuths ``phi``
+    (degrees): the brightest at each depth for each beam, (n_tau, n_in). Never more than the light there is, so without
+    forward peaks where they are taken off: their light goes on being scattered."""
+    out, into, angles = mu[spread(mu.size)], problem.mu0, np.radians(phi[spread(phi.size)])
+    whole = not problem.fraction.any()
+    levels = np.arange(problem.level.size, dtype=np.int32)
+    light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
+    for coefficients, path in scatterers(scene.layers, problem, levels, out, whole):
+        run.timed(
+            "planning",
+            _core.add_single_scattering,
+            coefficients,
+            path,
+            into,
+            out,
+            np.cos(angles),
+            np.sin(angles),
+            np.arange(angles.size, dtype=np.int32),
+            np.ones(angles.size),
+            np.array([[1.0, 0.0, 0.0, 0.0]]),
+            np.zeros(1, np.int32),
+            np.zeros(1, np.int32),
+            0,
+            into.size,
+            light,
+            1,
+            run.work(_core.scattering_work(1, angles.size)),
+        )
+    brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0)
+    return brightest
+
+
+@cache
+def spread(count: int) -> IntArray:
+    """A few places among ``count``, first and last included."""
+    places: IntArray = np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(np.int32))
+    places.setflags(write=False)  # shared by all who ask
+    return places
+
+
+def orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> int:
+    """So many orders that all others together add less, at every depth, than a share of the accuracy; at least 1.
+
+    bounds (order, n_tau, n_in or 1), brightest (n_tau, n_in).
+    """
+    tail = 2.0 * np.cumsum(np.minimum(bounds, LARGEST_BOUND)[::-1], axis=0)[::-1]
+    matters = ~(tail <= ORDERS * accuracy * brightest).all(axis=(1, 2))
+    return max(1, int(np.count_nonzero(matters)))
+
+
+def stages_of(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ...]:
+    """Orders before which the bounds are compared with what was found: those that would be the first to be left out, at
+    the depth that needs fewest and at the one that needs most, were the bounds too careful by a factor."""
+    depths = range(brightest.shape[0])
+    found = set()
+    for careful in CAREFUL:
+        counts = [orders_that_matter(bounds[:, [t]], brightest[[t]], careful * accuracy) for t in depths]
+        found |= {min(counts), max(counts)}
+    return tuple(sorted({1 + -(-(first - 1) // TOGETHER) * TOGETHER for first in found}))
+
+
+def bounds_at(needs: Needs, depth: Array) -> Array:
+    """What multiple scattering of each order adds at most at each depth, for any beam, (order, n_tau, 1).
+
+    An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
+    bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
+    """
+    bounds: Array = _core.bounds_at(needs.strength, needs.bounds, depth, DECAYS)
+    return bounds[..., None]
+
+
+def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
+    """The bounds (order, n_tau, 1) for each beam, those of orders to come lowered to SAFETY times what the last orders
+    showed of them, (order, n_tau, n_in).
+
+    found: the largest of each order solved, (n_tau, n_in). The bounds are compared less their factor 1/(1 - q), which
+    falls with the order and is the careful part. Nothing is lowered before there are two orders but 0 to look at, nor
+    where the bound of the next one falls much more steeply than light did so far: it is careful in another way then.
+    """
+    orders = sorted(order for order in found if order > 0)[-LOOKED_AT:]
+    if len(orders) < 2 or orders[-1] + 1 >= bounds.shape[0]:
+        return bounds
+    alone = bounds[orders] * (1.0 - np.minimum(needs.strength[orders], ALMOST_ONE))[:, None, None]
+    seen = np.stack([found[order] for order in orders])
+    share = np.minimum(seen / np.maximum(alone, 1.0 / LARGEST_BOUND), LARGEST_BOUND).max(axis=0)
+    fall = (np.minimum(seen[1:], seen[:-1]) / np.maximum(seen[:-1], 1e-300)).max(axis=0)
+    trusted = STEEPER * share * np.minimum(bounds[orders[-1] + 1], LARGEST_BOUND) >= fall * seen[-1]
+    lowered = np.broadcast_to(bounds, (bounds.shape[0], *share.shape)).copy()
+    factor = np.where(trusted, np.minimum(1.0, SAFETY * share), 1.0)
+    np.multiply(bounds, factor, out=lowered, where=np.isfinite(bounds))
+    lowered[: orders[-1] + 1] = bounds[: orders[-1] + 1]
+    return lowered
+
+
+def nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
+    """How many nodes, from the lowest mu, each order needs: what passes by way of the others is less than a share."""
+    allowed = SHARE * accuracy * brightest / needs.strength.size
+    return _core.nodes_seen(needs.strength, needs.effect, allowed, LARGEST_GAIN)
+
+
+def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:
+    """How many layers light of each order comes back from, and whether it comes back from the end of the last of them.
+
+    On its way down from the lowest level asked for, and up again, it fades with kappa = 0.8 (1 - q) at least.
+    """
+    deepest, n_layer, n_order = int(problem.level_layer.max()), problem.albedo.size, strengths.shape[1]
+    start = float(problem.level[problem.level_layer == deepest].max())
+    enough = -0.5 * math.log(SHARE * accuracy)
+    if 0.8 * (float(problem.thickness[deepest:].sum()) - start) < enough:  # no light fades that much on the way
+        return [n_layer] * n_order, [True] * n_order
+    layers, has_end = np.full(n_order, n_layer), np.full(n_order, not math.isinf(problem.thickness[-1]))
+    path, gain, left = np.zeros(n_order), np.ones(n_order), np.ones(n_order, bool)
+    for layer in range(deepest, n_layer):
+        q = np.minimum(strengths[layer], ALMOST_ONE)
+        kappa = np.where(q < ALMOST_ONE, 0.8 * (1.0 - q), 0.0)
+        gain = np.maximum(gain, (0.2 + 0.8 * q) / (0.2 * (1.0 - q)))
+        length = min(float(problem.thickness[layer]), 1e300) - (start if layer == deepest else 0.0)
+        path = path + kappa * length
+        found = left & (path >= np.log(gain) + enough)
+        layers[found], has_end[found] = layer + 1, False
+        left &= ~found
+        if not left.any():
+            break
+    return layers.tolist(), has_end.tolist()
+
+
+def stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
+    """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
+    if problem.is_scalar:
+        return [((0,),)] * problem.coefficients.shape[1]
+    present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=0)
+    present = np.logical_or.accumulate(present[::-1], axis=0)[::-1]  # in the degrees l >= m
+    return [sets_of(order > 0, *row) for order, row in enumerate(present[:, 1:].tolist())]
+
+
+@cache
+def sets_of(turns: bool, a2: bool, a3: bool, a4: bool, b1: bool, b2: bool) -> tuple[tuple[int, ...], ...]:
+    """Which of I, Q, U, V mix, given which coefficients there are, and whether the order turns Q into U."""
+    parent = list(ALL)
+
+    def join(a: int, b: int) -> None:
+        old, new = max(parent[a], parent[b]), min(parent[a], parent[b])
+        parent[:] = [new if p == old else p for p in parent]
+
+    if turns and (a2 or a3):
+        join(1, 2)
+    if b1:
+        join(0, 1)
+        if turns:
+            join(0, 2)
+    if b2:
+        join(2, 3)
+        if turns:
+            join(1, 3)
+    scatters = [True, a2 or a3 or b1, a2 or a3 or b2, a4 or b2]
+    sets = [tuple(i for i in ALL if parent[i] == p) for p in sorted(set(parent))]
+    return tuple(members for members in sets if any(scatters[i] for i in members))

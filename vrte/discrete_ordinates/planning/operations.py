@@ -1,0 +1,56 @@
+"""How many floating-point operations a plan takes, roughly: products and factorisations counted, lower orders not."""
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.slabs import cut, materials_of, only
+from vrte.discrete_ordinates.planning.azimuths import Azimuths
+from vrte.discrete_ordinates.planning.blocks import Block
+from vrte.discrete_ordinates.planning.choice import STEPS_ENDLESS, operations_of_invariance, operations_of_modes
+from vrte.request.wanted import Wanted
+
+PRODUCTS_A_STEP = 6.0  # of a doubling, its inverse included
+PRODUCTS_BESIDE = 16.0  # start, reflection and transmission, and the check by invariance
+JOINT = 8.0  # products where two slabs meet
+BOUNDARY = 14.0  # operations over n^3 of a layer that meets another
+A_TERM = 12.0  # of six series in closed form
+
+
+def operations_of_block(block: Block, strength: Array, accuracy: float) -> float:
+    """Of all its orders; strength (order,): their q."""
+    problem = block.problem
+    if block.choice.name == "invariance":
+        return float(operations_of_invariance(problem, strength, accuracy).sum())
+    each = operations_of_doubling(problem) if block.choice.name == "doubling" else operations_of_layers(problem)
+    return each * block.orders.size
+
+
+def operations_of_layers(problem: Problem) -> float:
+    """Of an order by modes: those of each material that scatters, and of layers that meet others."""
+    materials, _ = materials_of(problem)
+    scatters = (problem.albedo > 0.0) | (not problem.leave_out.clear)
+    solved = [k for k in range(materials.albedo.size) if materials.albedo[k] > 0.0 or not problem.leave_out.clear]
+    joined = BOUNDARY * float(problem.size) ** 3 * int(scatters.sum()) if scatters.size > 1 else 0.0
+    return joined + (operations_of_modes(only(materials, solved)) if solved else 0.0)
+
+
+def operations_of_doubling(problem: Problem) -> float:
+    """Of an order by doubling: every distinct slab that scatters, and where two slabs meet."""
+    pile = cut(problem)
+    n, edges = float(pile.problem.size), float(pile.problem.n_rhs + pile.problem.rows_out)
+    product = 2.0 * n * n * (n + edges) + 2.0 * n * pile.problem.n_rhs * pile.problem.rows_out
+    with np.errstate(divide="ignore"):
+        steps = np.clip(np.ceil(np.log2(pile.thickness / float(pile.problem.directions.min()))), 0.0, None) + 1.0
+    steps[np.isinf(pile.thickness)] = STEPS_ENDLESS
+    scatters = (pile.problem.albedo[pile.material] > 0.0) | (not problem.leave_out.clear)
+    doubled = float((PRODUCTS_A_STEP * steps + PRODUCTS_BESIDE)[scatters].sum())
+    return product * (doubled + JOINT * (pile.slabs.size - 1))
+
+
+def operations_of_sums(problem: Problem, blocks: tuple[Block, ...], wanted: Wanted, azimuths: Azimuths) -> float:
+    """Of the sum over orders, and of single scattering in closed form."""
+    rows = sum(float(levels.size) * directions.size for levels, directions in wanted.parts) * problem.mu0.size
+    entries = sum(float(block.orders.size) * len(block.stokes) * len(block.columns) for block in blocks)
+    pairs = float(problem.mu0.size) * max((directions.size for _, directions in wanted.parts), default=0)
+    return azimuths.distinct.size * (2.0 * rows * entries + A_TERM * pairs * float(problem.terms.sum()))

@@ -1,0 +1,236 @@
+"""What a scene and a request need, what is left out, and why, before any heavy work."""
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.quadrature import double_gauss
+from vrte.basics.running import Run
+from vrte.basics.views import view
+from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.truncating import Truncation, choose_truncation, has_scalar_among_polarizing
+from vrte.discrete_ordinates.planning.blocks import Block, make_blocks
+from vrte.discrete_ordinates.planning.needs import Needs, bounds_at, brightness, needs_of, orders_that_matter, stages_of
+from vrte.discrete_ordinates.planning.node_choice import DISCRETE, NodeChoice, choose_nodes, given_nodes
+from vrte.discrete_ordinates.planning.plan_table import facts_of, text_of
+from vrte.request.request import EXACT, Request
+from vrte.request.wanted import Wanted
+from vrte.scene.scene import MuellerBase, Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
+WORTH_STAGES = 5e6  # cubes of unknowns: about a millisecond
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan:
+    """What the solver will do, and nothing else; print it for a table.
+
+    ``problem``: the scene on ``nodes`` nodes a hemisphere, truncated as ``truncation`` says; ``mu``: the signed
+    cosines, as asked; ``needs``, ``bounds`` (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order,
+    and the light they are compared with; ``orders``: how many there are at most; ``blocks``: how they are solved;
+    ``accuracy``: of the discrete problem; ``choice`` of its nodes; ``threads``: on how many; ``parts``: the plans of
+    light that comes in unpolarized and polarized, where they are carried out instead.
+    """
+
+    request: Request
+    problem: Problem
+    truncation: Truncation
+    mu: Array
+    needs: Needs
+    bounds: Array
+    brightest: Array
+    wanted: Wanted
+    orders: int
+    blocks: tuple[Block, ...]
+    accuracy: float
+    choice: NodeChoice
+    threads: int = 1
+    parts: tuple["Plan", ...] = ()
+
+    def __str__(self) -> str:
+        return text_of(self)
+
+    def __repr__(self) -> str:
+        return f"Plan({self.request.kind}, {self.orders} orders at most, {len(self.blocks)} blocks)"
+
+    def _repr_html_(self) -> str:
+        return view(self, "_repr_html_")
+
+    def plot(self) -> "Figure":
+        """Operations of each Fourier order, and the orders left out. MissingExtraError without the extra "plot"."""
+        return view(self, "plot")
+
+    def as_dict(self) -> dict[str, Any]:
+        """The printed table as numbers and strings: blocks, what is left out and shared, operations, bytes."""
+        return facts_of(self)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What cannot be promised."""
+        return self.choice.notes
+
+    @property
+    def fed_back(self) -> bool:
+        """Whether the base mixes orders and Stokes parameters as it likes."""
+        return isinstance(self.request.scene.base, MuellerBase) and self.request.scene.base_is_reached
+
+    @property
+    def counts_again(self) -> bool:
+        """Whether the orders are counted once more with the light that the first of them found."""
+        return self.problem.leave_out.orders and not self.fed_back
+
+    def diagnostics(self) -> dict[str, Any]:
+        """What a result says of how it was made."""
+        longest = max(layer.phase_matrix.terms for layer in self.request.scene.layers)
+        nodes = self.problem.nodes.size
+        names = {block.choice.name: block.choice.reason for block in self.blocks}
+        ruled = {"method_rule": self.request.method_rule} if self.request.method_rule else {}
+        return {
+            "method": EXACT,
+            **ruled,
+            "backend": self.request.backend.label,
+            "algorithm": " and ".join(sorted(names)),
+            "algorithm_rule": "; ".join(dict.fromkeys(names.values())),
+            "accuracy": self.request.accuracy,
+            "nodes": nodes,
+            "nodes_rule": self.choice.rule,
+            "promised": not self.notes,
+            "notes": list(self.notes),
+            "orders_of_phase_matrix": longest,
+            "terms_cut": max(0, longest - 2 * nodes),
+            "truncation": self.truncation.name,
+            "truncation_rule": self.truncation.reason,
+            "peak_fractions": self.problem.fraction.tolist(),
+            "base": base_statement(self.request.scene),
+        }
+
+
+def base_statement(scene: Scene) -> str:
+    """What the base is, and whether light gets there."""
+    name = "black" if scene.base is None else type(scene.base).__name__
+    return name if scene.base_is_reached or scene.base is None else f"{name}, not reached below an infinite layer"
+
+
+def plan_of(request: Request, run: Run) -> Plan:
+    """The plan of a request, with those of its parts where polarized incident light wants another truncation."""
+    whole = make_plan(request, run)
+    if not wants_two(whole):
+        return whole
+    known = whole.choice, whole.accuracy
+    parts = (make_plan(lit_by(request, part), run, known=known) for part in (UNPOLARIZED, POLARIZED))
+    return replace(whole, parts=tuple(parts))
+
+
+def wants_two(plan: Plan) -> bool:
+    """Whether the rule of `choose_truncation` has two answers: for light that arrives unpolarized, and for Q, U, V."""
+    columns, scene = plan.request.columns, plan.request.scene
+    if plan.request.truncation != "auto" or not (columns[:, 0].any() and columns[:, 1:].any()):
+        return False
+    peaks = plan.problem.fraction.tolist()
+    peaked = any(f > 0.0 and layer.phase_matrix.is_scalar for f, layer in zip(peaks, scene.layers, strict=True))
+    return peaked and has_scalar_among_polarizing(scene)
+
+
+def lit_by(request: Request, part: Array) -> Request:
+    """The request for a part (4, 4) of the incident Stokes vectors."""
+    columns = request.columns @ part
+    kept = columns.any(axis=1)
+    wanted = request.wanted
+    if wanted is not None:
+        wanted = replace(wanted, place=wanted.place[kept])
+    return replace(request, columns=columns[kept], wanted=wanted)
+
+
+def make_plan(
+    request: Request, run: Run, leave_out: LeaveOut = EVERYTHING, known: tuple[NodeChoice, float] | None = None
+) -> Plan:
+    """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves; ``known``:
+    the choice of nodes and the accuracy of another plan, where they are to be the same."""
+    if not leave_out.columns:
+        request = every_column(request)
+    choice, accuracy = known or nodes_for(request, run)
+    nodes = choice.nodes
+    mu = np.concatenate([double_gauss(nodes)[0], -double_gauss(nodes)[0]]) if request.mu is None else request.mu
+    scene = request.scene
+    rank = np.argsort(mu < 0.0, kind="stable")
+    truncation = choose_truncation(
+        request.truncation, scene, request.mu0, request.columns, mu, request.tau, nodes, accuracy
+    )
+    problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks)
+    if leave_out != EVERYTHING:
+        problem = replace(problem, leave_out=leave_out)
+    needs = needs_of(problem, run)
+    brightest = brightness(scene, problem, mu, request.phi, run)
+    bounds = bounds_at(needs, problem.depth)
+    base = scene.base if scene.base_is_reached else None
+    stages: tuple[int, ...] = ()
+    if request.fluxes_only and leave_out.fluxes and not isinstance(base, MuellerBase):
+        count = 1
+    elif isinstance(base, MuellerBase) or not leave_out.orders:
+        count = int(problem.terms.max())
+    else:
+        count = orders_that_matter(bounds, brightest, accuracy)
+        stages = stages_of(bounds, brightest, accuracy) if worth_stages(problem, count) else ()
+    orders = np.arange(count, dtype=np.int32)
+    faintest = float(brightest.min())
+    eigensolver = request.backend.linear_algebra == "lapack"
+    blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm, eigensolver)
+    wanted = request.wanted or everything(request, mu)
+    return Plan(
+        request,
+        problem,
+        truncation,
+        mu,
+        needs,
+        bounds,
+        brightest,
+        wanted,
+        count,
+        tuple(blocks),
+        accuracy,
+        choice,
+        run.threads,
+    )
+
+
+def worth_stages(problem: Problem, orders: int) -> bool:
+    """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
+    unknowns = problem.nodes.size if problem.is_scalar else problem.size
+    return orders * float(unknowns) ** 3 > WORTH_STAGES
+
+
+def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
+    """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
+    if request.nodes is not None:
+        if request.method_rule:  # estimated, with what stays cut
+            return NodeChoice(request.nodes, request.nodes_rule, ()), DISCRETE * request.accuracy
+        return given_nodes(request.scene, request.nodes, request.nodes_rule), request.accuracy
+    asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
+    begin = time.perf_counter()
+    peaks = "none" if request.truncation == "none" else "all"
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}), peaks)
+    run.book("choice of nodes", time.perf_counter() - begin)
+    return choice, DISCRETE * request.accuracy
+
+
+def everything(request: Request, mu: Array) -> Wanted:
+    """All depths and directions ``mu`` of every beam, its columns added up."""
+    n_tau, n_mu, n_col = request.tau.size, mu.size, request.columns.shape[0]
+    part = np.arange(n_tau, dtype=np.int32), np.arange(n_mu, dtype=np.int32)
+    return Wanted([part], np.zeros(n_col, np.int32), np.ones(request.mu0.size))
+
+
+def every_column(request: Request) -> Request:
+    """The request with its incident light in (I, Q) and in (U, V), one of which may be dark."""
+    if request.columns.shape[0] != 1:
+        return request
+    total = request.columns[0]
+    return replace(request, columns=np.array([total * [1, 1, 0, 0], total * [0, 0, 1, 1]]))

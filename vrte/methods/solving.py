@@ -1,0 +1,134 @@
+"""A request solved: planned and executed, in two parts where polarized incident light wants another truncation."""
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import AccuracyWarning, SceneError
+from vrte.basics.running import Progress, Run, new_run
+from vrte.discrete_ordinates.execution.kernels import kernels_of
+from vrte.discrete_ordinates.execution.solver import sized, solve, steps
+from vrte.discrete_ordinates.planning.forecast import foretell_plan, foretell_planning
+from vrte.discrete_ordinates.planning.node_choice import CAREFUL, OF_NODES, estimated_nodes
+from vrte.discrete_ordinates.planning.plan import Plan, plan_of
+from vrte.request.backends import Backend
+from vrte.request.request import AUTO, EXACT, Request, operations_of
+from vrte.results.solution import NO_LIGHT, Solution
+
+GOOD = 1e-2  # accuracy that nodes are told for where there are too few
+
+
+def chosen(request: Request) -> Request:
+    """The request with its method named: for "auto", the one that the rules take. Raises SceneError where another
+    method than discrete ordinates does not take it."""
+    if request.method == EXACT:
+        return request
+    from vrte.methods import method_of
+    from vrte.methods.auto import by_rule
+
+    if request.method == AUTO:
+        return by_rule(request)
+    method_of(request.method).checked(request)
+    return request
+
+
+def run_of(request: Request, threads: Any) -> Run:
+    """The run of a request: its threads, one of a sequential backend, and its backend's kernels."""
+    backend = request.backend
+    if backend.kernels == "sequential":
+        if threads not in (None, 1):
+            raise SceneError(f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'")
+        threads = 1
+    run = new_run(threads, operations_of(request))
+    if backend.needs_device and backend is not Backend.OPENCL:
+        run.kernels = kernels_of(backend)
+    return run
+
+
+def solved(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """The signed cosines of a request and its solution, incident columns added up as wanted."""
+    if request.method != EXACT:
+        from vrte import methods
+
+        return methods.solve(request, run, progress)
+    if request.verify and request.backend is Backend.OPENCL:
+        return verified(request, run, progress)
+    foretell_planning(request, run)
+    plan = plan_of(request, run)
+    foretell_plan(plan, run)
+    execute = executor(request.backend)
+    if not plan.parts:
+        return plan.mu, execute(plan, run, progress)
+    first, second = plan.parts
+    total = steps(first) + steps(second)
+    one = execute(first, run, counted(progress, 0, total))
+    return plan.mu, joined(one, execute(second, run, counted(progress, steps(first), total)))
+
+
+def executor(backend: Backend) -> Callable[[Plan, Run, Progress | None], Solution]:
+    """What executes a plan: the stages in turn, or all of them on the device."""
+    if backend is not Backend.OPENCL:
+        return solve
+    from vrte.discrete_ordinates.execution import on_device
+
+    return on_device.solve
+
+
+def verified(request: Request, run: Run, progress: Progress | None) -> tuple[Array, Solution]:
+    """The device's solution, and what it differs by from that of the processor's eigensolver."""
+    mu, found = solved(replace(request, verify=False), run, progress)
+    other = replace(request, verify=False, backend=Backend.OPENMP, algorithm="modes")
+    again = solved(other, Run(run.threads, stop=run.stop))[1]
+    radiance = [gaps_of(*pair) for pair in zip(found.parts, again.parts, strict=True)]
+    fluxes = [np.stack([each.flux_up, each.flux_down], axis=1) for each in (found, again)]
+    agreement = {
+        "with": "openmp: modes",
+        "orders_compared": again.diagnostics["orders"],
+        "radiance": max(radiance),
+        "flux": gaps_of(*fluxes),
+    }
+    return mu, replace(found, diagnostics=found.diagnostics | {"agreement": agreement})
+
+
+def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[str, Any]) -> None:
+    """Warns (AccuracyWarning) where light of the exact method is less than nothing, by more than the accuracy of the
+    largest for the same beam, axis 0, and terms of phase matrices are cut."""
+    if request.method != EXACT or not (diagnostics["terms_cut"] and intensity.size):
+        return
+    each = intensity.reshape(intensity.shape[0], -1)
+    least = (each.min(axis=1) / np.maximum(np.abs(each).max(axis=1), NO_LIGHT)).min()
+    if least < -request.accuracy:
+        mu = np.concatenate([OF_NODES, -OF_NODES]) if request.mu is None else request.mu
+        enough = estimated_nodes(request.scene, request.mu0, mu, request.tau, CAREFUL * GOOD)
+        warnings.warn(
+            f"{diagnostics['nodes']} nodes are too few for the phase matrix: light comes out negative, {least:.1g} of "
+            f"the largest; {enough} nodes do by an estimate for an accuracy of {GOOD:g}, or leave nodes out",
+            AccuracyWarning,
+            stacklevel=4,
+        )
+
+
+def gaps_of(found: Array, expected: Array) -> float:
+    """The largest difference at each depth, axis 0, over the largest there."""
+    size, gap = (np.abs(values).reshape(values.shape[0], -1).max(axis=1) for values in (expected, found - expected))
+    return float((gap / np.maximum(size, NO_LIGHT)).max())
+
+
+def counted(progress: Progress | None, before: int, total: int) -> Progress:
+    """The call-back of one of two solutions."""
+    told = sized(progress, before, total)
+    return lambda done, _: told(done)
+
+
+def joined(one: Solution, other: Solution) -> Solution:
+    """Both together: radiances added place by place, fluxes side by side."""
+    for values, more in zip(other.parts, one.parts, strict=True):
+        values[..., : more.shape[-1]] += more
+    flux_up, flux_down = (
+        np.concatenate(pair, axis=-1) for pair in ((one.flux_up, other.flux_up), (one.flux_down, other.flux_down))
+    )
+    return Solution(other.parts, flux_up, flux_down, one.diagnostics | {"polarized_light": other.diagnostics})

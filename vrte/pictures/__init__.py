@@ -1,0 +1,1 @@
+"""Results, scenes and plans as pictures, and as a notebook shows them."""

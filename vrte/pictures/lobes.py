@@ -1,0 +1,341 @@
+"""A result as a picture: the lobes of a BRDF with their polar cuts, a radiance field against the direction cosine.
+
+The light is inside the host medium, before any refraction at its surface: every title says "subsurface". What is drawn
+ends where the directions of the result end.
+"""
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
+from vrte.basics.polarization import degree_of_linear_polarization, degree_of_polarization
+from vrte.pictures.figures import finish, new_figure, plot_suffix, save_figure
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field
+from vrte.results.over_hemisphere import between_angles, check_directions, light_in_plane, light_on_mesh
+from vrte.results.spectrum import Spectrum
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_LOBES = 4  # beside each other; with more incident directions, these are spread evenly over them
+MOST_DEPTHS = 6
+MOST_AZIMUTHS = 3
+FEW = 40  # directions of a line, or fewer: each is marked
+COLOURS = "plasma"
+COLOURED_TO = 80.0  # [degrees]; what is brighter nearer to the horizon takes the last colour
+INCIDENT = "#d62728"
+INK, FAINT = "#222222", "#b5b5b5"
+CUTS = ((0.0, "in the plane of incidence", "#1f4e79", "-"), (90.0, "across it", "#d98200", "--"))
+ELEVATION, AZIMUTH = np.radians([24.0, -72.0])  # of the eye that sees a lobe, from far away
+TOWARD = np.array([np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)])
+RIGHT = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
+UPRIGHT = np.cross(TOWARD, RIGHT)
+LAMP = np.array([-0.45, -0.6, 0.66])
+
+
+def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> None:
+    """Draws ``result`` into the file ``path``, PNG, SVG or PDF by its suffix, all of it or nothing.
+
+    A BRDF gives a lobe for each mu_i, its radius f00 and its colour the degree of linear polarization for
+    unpolarized incident light, above cuts in and across the plane of incidence. A field gives I and the degree of
+    polarization against mu, a spectrum its reflectance and its cuts. Raises MissingExtraError without the extra
+    "plot", SceneError where there are too few directions for a picture or for another suffix, OSError.
+
+    >>> save_plot(brdf, "lobes.png")
+    """
+    plot_suffix(path)
+    save_figure(result.plot(), path)
+
+
+@dataclass(frozen=True, eq=False)
+class Lobe:
+    """f00 ``radius`` and degree of linear polarization ``polarized`` (theta, phi) of light that falls in unpolarized at
+    ``mu_i``, on the rings ``theta`` and spokes ``phi`` [degrees] of a fine mesh that ends at the last mu_o."""
+
+    mu_i: float
+    theta: Array
+    phi: Array
+    radius: Array
+    polarized: Array
+
+    @property
+    def most_polarized(self) -> float:
+        """The largest degree, but nearest to the horizon."""
+        return float(self.polarized[self.theta <= COLOURED_TO].max())
+
+
+def lobe_of(brdf: Brdf, place: int) -> Lobe:
+    """The lobe for light from ``mu_i[place]``. Raises SceneError for too few directions, or what is not finite."""
+    theta, phi, light = light_on_mesh(brdf, place)
+    polarized = np.clip(np.nan_to_num(degree_of_linear_polarization(light)), 0.0, 1.0)
+    return Lobe(float(brdf.mu_i[place]), theta, phi, np.maximum(light[..., 0], 0.0), polarized)
+
+
+def brdf_figure(brdf: Brdf) -> "Figure":
+    """The lobes of a BRDF, all on one scale, and its polar cuts.
+
+    Raises SceneError where there are too few directions, MissingExtraError without matplotlib.
+    """
+    check_directions(brdf.mu_o, brdf.phi)
+    chosen = spread(brdf.mu_i.size, MOST_LOBES)
+    figure = new_figure(width=max(4.6 * len(chosen), 8.0), height=8.2)
+    lobes = [lobe_of(brdf, place) for place in chosen]
+    scale = max(float(lobe.radius.max()) for lobe in lobes) or 1.0  # a dark scene is drawn as a point
+    colours = lobe_colours(max(lobe.most_polarized for lobe in lobes))
+    for column, (place, lobe) in enumerate(zip(chosen, lobes, strict=True)):
+        axes: Any = figure.add_axes(_slot(column, len(chosen), 0.40, 0.48))
+        draw_lobe(axes, lobe, 1.0 / scale, colours)
+        _lobe_title(axes, lobe)
+        below: Any = figure.add_axes(_slot(column, len(chosen), 0.05, 0.34, 0.06), projection="polar")
+        _draw_cuts(below, brdf, place, scale, legend=column == 0)
+    _colour_bar(figure, colours)
+    figure.suptitle("Subsurface BRDF: radius $f_{00}$, colour degree of linear polarization", y=0.965, fontsize=14)
+    return figure
+
+
+def spread(size: int, most: int) -> list[int]:
+    """At most so many indices, evenly over all.
+
+    >>> spread(9, 3), spread(2, 4)
+    ([0, 4, 8], [0, 1])
+    """
+    return sorted({round(place) for place in np.linspace(0, size - 1, min(size, most)).tolist()})
+
+
+def _slot(
+    column: int, columns: int, bottom: float, height: float, margin: float = 0.0
+) -> tuple[float, float, float, float]:
+    """The rectangle of a panel; the colour bar keeps the right edge."""
+    width = 0.88 / columns
+    return (0.01 + width * (column + margin / 2.0), bottom, width * (1.0 - margin), height)
+
+
+def lobe_colours(largest: float) -> Any:
+    """The colours of degrees of polarization from 0 to ``largest``."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    return ScalarMappable(Normalize(0.0, max(largest, 1e-3)), COLOURS)
+
+
+def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any) -> None:
+    """A lobe, its radius times ``factor``, 0 to 1, above the surface, and the ray that comes in along phi = 0.
+
+    It is seen from far away and above: nothing of the ground is in front of it, and it is drawn from its far side to
+    its near one, colours running evenly over each triangle.
+    """
+    from matplotlib.collections import TriMesh
+    from matplotlib.tri import Triangulation
+
+    theta, phi = np.meshgrid(np.radians(lobe.theta), np.radians(lobe.phi), indexing="ij")
+    along = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    points = factor * lobe.radius[..., None] * along
+    triangles = _triangles(*lobe.radius.shape)
+    nearness = (points @ TOWARD).ravel()[triangles].sum(axis=1)
+    x, y = _seen(points.reshape(-1, 3))
+    mesh = TriMesh(Triangulation(x, y, triangles[np.argsort(nearness, kind="stable")]), rasterized=True, zorder=2)
+    corners: Any = _shaded(colours.to_rgba(lobe.polarized), points).reshape(-1, 4)
+    mesh.set_facecolor(corners)
+    _draw_ground(axes)
+    mesh.set_in_layout(False)
+    axes.add_collection(mesh, autolim=False)  # its limits would be those of half a million paths
+    ring = int(np.argmin(np.abs(lobe.theta - np.degrees(np.arccos(lobe.mu_i)))))
+    _draw_ray(axes, lobe.mu_i, factor * float(lobe.radius[ring, lobe.phi.size // 2]))
+    axes.set_xlim(-1.19, 1.19), axes.set_ylim(-0.55, 1.2)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
+def _seen(points: Array) -> tuple[Array, Array]:
+    """Where points (n, 3) are in the picture, to the right and up."""
+    return points @ RIGHT, points @ UPRIGHT
+
+
+def _triangles(rings: int, spokes: int) -> Any:
+    """Corners (n, 3) of the triangles of a mesh, two between neighbours, places in (rings, spokes)."""
+    corner = np.arange(rings * spokes).reshape(rings, spokes)
+    here, below, beside, across = corner[:-1, :-1], corner[1:, :-1], corner[:-1, 1:], corner[1:, 1:]
+    return np.concatenate(
+        [np.stack(three, axis=-1).reshape(-1, 3) for three in ((here, below, across), (here, across, beside))]
+    )
+
+
+def _shaded(colours: Array, points: Array) -> Array:
+    """The colours (theta, phi, 4), a little darker where the body turns away from the lamp."""
+    normal = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
+    size = np.linalg.norm(normal, axis=-1)
+    facing = normal @ LAMP / np.where(size > 0.0, size, 1.0)
+    facing[0] = facing[1].mean()  # all of ring 0 is one point
+    shaded = colours.copy()
+    shaded[..., :3] *= (0.80 + 0.20 * facing)[..., None]
+    return np.clip(shaded, 0.0, 1.0)
+
+
+def _draw_ground(axes: Any) -> None:
+    """The surface as a disc, with its azimuths."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 181)
+    rim = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
+    style = {"color": FAINT, "linewidth": 0.8, "zorder": 1}
+    for radius in (0.5, 1.0):
+        axes.plot(*_seen(radius * rim), **style)
+    for degrees in range(0, 360, 90):
+        end = rim[degrees // 2]
+        axes.plot(*_seen(np.stack([0.0 * end, end])), **style)
+        x, y = _seen(1.13 * end)
+        axes.text(x, y, f"{degrees}°", color=INK, fontsize=9, ha="center", va="center", zorder=1)
+
+
+def _draw_ray(axes: Any, mu_i: float, inside: float) -> None:
+    """The incident ray, travelling down along phi = 0; it ends where it meets the lobe, at the radius ``inside``."""
+    toward = np.array([-np.sqrt(1.0 - mu_i**2), 0.0, mu_i])
+    tip, far = (_seen(radius * toward) for radius in (inside + 0.02, 1.2))
+    arrow = {"arrowstyle": "-|>,head_length=0.7,head_width=0.3", "color": INCIDENT, "linewidth": 2.2}
+    axes.annotate("", tip, far, arrowprops=arrow | {"shrinkA": 0.0, "shrinkB": 0.0, "zorder": 20})
+
+
+def _lobe_title(axes: Any, lobe: Lobe) -> None:
+    angle, largest = np.degrees(np.arccos(lobe.mu_i)), float(lobe.radius.max())
+    text = f"$\\mu_i$ = {lobe.mu_i:.4g}  ({angle:.0f}° from the normal)\nlargest $f_{{00}}$ = {largest:.3g} sr$^{{-1}}$"
+    axes.set_title(text, fontsize=11, color=INK)
+
+
+def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) -> None:
+    """f00 against the angle of exit: right of the vertical on the azimuth of the cut, left of it half a turn away."""
+    for phi, label, colour, style in CUTS:
+        angle, light = light_in_plane(brdf, place, phi)
+        cut = np.maximum(light[:, 0], 0.0)
+        axes.plot(np.radians(angle), cut, color=colour, linestyle=style, linewidth=1.8, label=label)
+    axes.plot(
+        [-np.arccos(brdf.mu_i[place])] * 2, [0.0, 1.05 * scale], color=INCIDENT, linewidth=1.4, label="incident light"
+    )
+    axes.set_theta_zero_location("N"), axes.set_theta_direction(-1)
+    axes.set_thetalim(-np.pi / 2.0, np.pi / 2.0), axes.set_ylim(0.0, 1.05 * scale)
+    axes.set_thetagrids(range(-90, 91, 30), fontsize=8)
+    axes.set_rlabel_position(90.0), axes.tick_params(axis="y", labelsize=8)
+    axes.yaxis.set_major_locator(_few_ticks())
+    axes.grid(color=FAINT, linewidth=0.6)
+    axes.text(0.75, 0.11, "$f_{00}$  [sr$^{-1}$]", transform=axes.transAxes, fontsize=9, ha="center")
+    if legend:
+        axes.figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=3, fontsize=9, frameon=False)
+
+
+def _few_ticks() -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
+
+
+def _colour_bar(figure: Any, colours: Any) -> None:
+    bar = figure.colorbar(colours, cax=figure.add_axes((0.918, 0.44, 0.014, 0.38)), extend="max")
+    bar.set_label("degree of linear polarization, unpolarized incidence", fontsize=10)
+    bar.ax.yaxis.set_major_locator(_few_ticks())
+    bar.ax.tick_params(labelsize=9)
+
+
+def field_figure(field: Field) -> "Figure":
+    """I and the degree of polarization against mu: a column an azimuth, or a beam of several, a line a depth.
+
+    Raises SceneError for a field of fluxes alone, MissingExtraError without matplotlib.
+    """
+    if not field.mu.size:
+        raise SceneError("a picture of a field needs directions mu: this one holds fluxes alone")
+    columns = field_columns(field)
+    depths = spread(field.tau.size, MOST_DEPTHS)
+    figure = new_figure(width=max(4.4 * len(columns), 6.4), height=6.6)
+    panels: Any = figure.subplots(2, len(columns), sharex=True, sharey="row", squeeze=False)
+    for column, (beam, azimuth, title) in zip(panels.T, columns, strict=True):
+        for order, depth in enumerate(depths):
+            draw_depth(column, beam, depth, azimuth, depth_colour(order, len(depths)))
+        column[0].set_title(title, fontsize=11)
+        column[1].set_xlabel("$\\mu$  (< 0 down, > 0 up)", fontsize=10)
+    panels[0, 0].set_ylabel("I  [W m$^{-2}$ sr$^{-1}$]", fontsize=10)
+    panels[1, 0].set_ylabel("degree of polarization", fontsize=10)
+    for panel in panels.flat:
+        panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)
+        panel.axvline(0.0, color=FAINT, linewidth=1.0)
+        panel.set_ylim(bottom=0.0)
+    panels[0, 0].legend(fontsize=9, frameon=False)
+    common = f"$\\mu_0$ = {field.mu0:g}" if isinstance(field.mu0, float) else f"$\\phi$ = {field.phi[0]:g}°"
+    figure.suptitle(f"Subsurface radiance, diffuse light, {common}", fontsize=14)
+    figure.tight_layout()
+    return figure
+
+
+def field_columns(field: Field) -> list[tuple[Field, int, str]]:
+    """What is drawn beside each other: fields of one beam, azimuths, and titles."""
+    if isinstance(field.mu0, float):
+        chosen = spread(field.phi.size, MOST_AZIMUTHS)
+        return [(field, azimuth, f"$\\phi$ = {field.phi[azimuth]:g}°") for azimuth in chosen]
+    beams = [field.beam(place) for place in spread(field.mu0.size, MOST_AZIMUTHS)]
+    return [(beam, 0, f"$\\mu_0$ = {beam.mu0:g}") for beam in beams]
+
+
+def depth_colour(order: int, count: int) -> Any:
+    from matplotlib import colormaps
+
+    return colormaps[COLOURS](0.9 * order / max(count - 1, 1))
+
+
+def draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any) -> None:
+    """One depth at one azimuth: the directions computed as marks where they are few, and smooth lines through them.
+
+    Down and up are separate lines, because the radiance may jump at the horizon.
+    """
+    label: str | None = f"$\\tau$ = {field.tau[depth]:g}"
+    for side in (field.mu < 0.0, field.mu > 0.0):
+        if not side.any():
+            continue
+        mu, first = np.unique(field.mu[side], return_index=True)
+        given = field.stokes[depth, side, azimuth][first]
+        angle, light = between_angles(np.arccos(mu), given)
+        for panel, quantity in zip(panels, (intensity, degree_of_polarization), strict=True):
+            panel.plot(np.cos(angle), quantity(light), color=colour, linewidth=1.7, label=label)
+            if mu.size < FEW:
+                panel.plot(mu, quantity(given), color=colour, linestyle="none", marker="o", markersize=4)
+            label = None if panel is panels[0] else label
+        label = None
+
+
+def intensity(stokes: Array) -> Array:
+    """I of Stokes vectors (..., 4)."""
+    return stokes[..., 0]
+
+
+def spectrum_figure(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -> "Figure":
+    """Reflectance against wavelength, a line an incident direction, and beside it f00 in the plane of incidence of the
+    first of them, a line a wavelength, where there are enough directions. Raises MissingExtraError without matplotlib.
+    """
+    figure = new_figure(width, height)
+    first = spectrum[0]
+    try:
+        check_directions(first.mu_o, first.phi)
+        cuts = 1
+    except SceneError:
+        cuts = 0
+    panels: Any = figure.subplots(1, 1 + cuts, squeeze=False)[0]
+    places = spread(first.mu_i.size, MOST_LOBES)
+    reflectance = spectrum.reflectance
+    for order, place in enumerate(places):
+        panels[0].plot(
+            spectrum.wavelength_um,
+            reflectance[:, place],
+            label=f"μ incident = {first.mu_i[place]:.4g}",
+            color=depth_colour(order, len(places)),
+            marker="o" if len(spectrum) < FEW else None,
+            markersize=3,
+        )
+    finish(panels[:1], ("reflectance",), "wavelength [µm]")
+    if cuts:
+        shown = spread(len(spectrum), MOST_DEPTHS)
+        for order, place in enumerate(shown):
+            angle, light = light_in_plane(spectrum[place], 0)
+            label, colour = f"{spectrum.wavelength_um[place]:.4g} µm", depth_colour(order, len(shown))
+            panels[1].plot(angle, light[:, 0], label=label, color=colour, linewidth=1.5)
+        finish(panels[1:], (f"f00 [sr⁻¹], μ incident = {first.mu_i[0]:.4g}",), "angle of exit [°], forward > 0")
+    figure.subplots_adjust(left=0.09, right=0.98, bottom=0.2 if height < 4.0 else 0.13, top=0.89, wspace=0.2)
+    return figure

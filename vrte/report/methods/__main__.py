@@ -1,7 +1,0 @@
-"""`python -m vrte.report.methods docs/methods.md` brings the tables of methods and rules there up to date."""
-
-import sys
-
-from vrte.report.methods.registry import main
-
-sys.exit(main(sys.argv[1]))

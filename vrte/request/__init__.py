@@ -1,0 +1,1 @@
+"""What is asked for, and how, checked before any work."""

@@ -1,0 +1,117 @@
+"""The polarized subsurface BRDF of a scene, and its transmission."""
+
+import os
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
+from vrte.basics.views import view
+from vrte.results.field import freeze
+from vrte.scene.illumination import check_azimuths, incident_light, outgoing, weights_of
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Brdf:
+    """Mueller matrices of the light that comes back out: radiance out = mueller @ irradiance in.
+
+    ``mueller`` (mu_i, mu_o, phi, 4, 4) [sr-1] is the subsurface BRDF in the meridian planes; ``reflectance`` (mu_i,) is
+    directional-hemispherical, for unpolarized light. ``transmission`` (same shape as mueller, or None) is the like for
+    diffuse light out of the face that is not lit (going down at the bottom, base included), ``direct_transmittance``
+    (mu_i,) or None the beam's share that gets through unscattered. The lit face is the top, or as
+    ``diagnostics["illuminate"]`` says. ``mu_i``, ``mu_o`` are positive cosines; ``phi`` [deg] is outgoing minus
+    incident, both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only. Raises
+    SceneError where the shapes do not fit together.
+    """
+
+    mueller: Array
+    reflectance: Array
+    mu_i: Array
+    mu_o: Array
+    phi: Array
+    diagnostics: dict[str, Any]
+    transmission: Array | None = None
+    direct_transmittance: Array | None = None
+
+    def __post_init__(self) -> None:
+        incident = (len(self.mu_i),)
+        matrices = (*incident, len(self.mu_o), len(self.phi), 4, 4)
+        shapes = {
+            "mueller": matrices,
+            "reflectance": incident,
+            "mu_i": incident,
+            "mu_o": (len(self.mu_o),),
+            "phi": (len(self.phi),),
+        }
+        if self.transmission is not None:
+            shapes["transmission"] = matrices
+        if self.direct_transmittance is not None:
+            shapes["direct_transmittance"] = incident
+        freeze(self, shapes)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # through the constructor: an unpickled array would otherwise be writable
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+
+    def __repr__(self) -> str:
+        extra = "" if self.transmission is None else ", with transmission"
+        return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
+
+    def under(self, light: Any, weights: Any = None, transmitted: bool = False) -> Array:
+        """Stokes radiance (mu_o, phi, 4) that comes out under any incident light, (2:2).
+
+        Parameters: ``light``, Stokes radiance on the face that is lit, a function of broadcastable (mu_i, phi_deg) or
+        an array that broadcasts to (mu_i, phi, 4), azimuths along the direction of travel; ``weights`` (mu_i,) of a
+        quadrature over mu_i from 0 to 1, those of `vrte.hemisphere` where left out; ``transmitted`` for what leaves the
+        other face (scattered light only: unscattered light goes on as it came). The BRDF needs ``phi`` all around in
+        equal steps from 0, more of them than Fourier orders of BRDF and light together; the sum over mu_i is as good as
+        the weights. Raises SceneError for bad input.
+
+        >>> import vrte
+        >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
+        >>> f = vrte.brdf(white, vrte.hemisphere(4)[0], mu_o=0.5, phi=[0, 90, 180, 270], nodes=4)
+        >>> round(float(f.under([1.0, 0.0, 0.0, 0.0])[0, 0, 0]), 12)
+        0.25
+        """
+        matrices = self.transmission if transmitted else self.mueller
+        if matrices is None:
+            raise SceneError("no transmission here: ask vrte.brdf for it with transmission=True")
+        check_azimuths(self.phi)
+        falls_in = incident_light(light, self.mu_i, self.phi)
+        return outgoing(matrices, falls_in, self.mu_i, weights_of(self.mu_i, weights))
+
+    def diffuse_reflectance(self, weights: Any = None) -> Array:
+        """The radiance factor (mu_o,) under an evenly white, unpolarized sky: radiance out over that of a white
+        Lambertian surface. Parameters and errors as for `under`."""
+        return self.under([1.0, 0.0, 0.0, 0.0], weights)[..., 0].mean(axis=1)
+
+    def bihemispherical_reflectance(self, weights: Any = None) -> float:
+        """Flux out over flux in under such a sky, from ``reflectance``; any ``phi`` will do. ``weights`` as for
+        `under`."""
+        return float(2.0 * (weights_of(self.mu_i, weights) * self.mu_i) @ self.reflectance)
+
+    def _repr_html_(self) -> str:
+        return view(self, "_repr_html_")
+
+    def plot(self) -> "Figure":
+        """Lobes of f00 and polar cuts. Raises SceneError where there are too few directions, MissingExtraError without
+        the extra "plot"."""
+        return view(self, "plot")
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """An xarray.Dataset: ``mueller`` with dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in).
+
+        Raises MissingExtraError without xarray.
+        """
+        return view(self, "to_xarray")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes NetCDF, CSV or Zarr as the name ends in .nc, .csv or .zarr, all or nothing; `vrte.load` reads it back.
+
+        Raises SceneError for another ending, OSError, but for CSV MissingExtraError without the extra "files".
+        """
+        return view(self, "save", path)

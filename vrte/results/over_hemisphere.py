@@ -1,0 +1,169 @@
+"""The light that leaves, in any direction of the hemisphere: splines through the given directions of a BRDF.
+
+Pictures take it from here, as Stokes vectors: whatever is divided, a degree or an angle of polarization, is divided
+after the splines. It ends where the data end: at the last mu_o, and around the normal where no mu_o is near.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
+from vrte.basics.polarization import FLIP
+from vrte.results.brdf import Brdf
+
+EDGE = 1e-9  # [degrees] beyond the last mu_o: rounding
+HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to it: a spline across would be invention
+
+
+def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
+    """Stokes vectors (theta, phi, 4) [sr-1] of the light that leaves at ``theta``, ``phi`` [degrees].
+
+    Light of the Stokes vector ``incident`` (4,) falls in at ``mu_i[place]``. Splines run through the given directions:
+    periodic in azimuth, and over the pole along great circles, so that intensity and degrees of polarization have no
+    dent there. Nearer to the horizon than the last mu_o nothing is known, nor around the normal where no mu_o is within
+    25 degrees of it: NaN. At the pole itself the meridian plane,
+    and with it Q and U, is that of each phi. Raises SceneError for a BRDF that is not finite.
+
+    >>> import vrte
+    >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
+    >>> f = vrte.brdf(base, 0.5, mu_o=[0.5, 1.0], phi=[0, 90, 180], nodes=4)
+    >>> (stokes_over_hemisphere(f, 0, np.array([10.0]), np.array([33.0]))[0, 0] * np.pi).round(12).tolist()
+    [1.0, 0.0, 0.0, 0.0]
+    """
+    azimuths, smooth = _smooth_around(brdf.phi, brdf.mueller[place], np.asarray(incident, float))
+    given, rows = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
+    found = _over_the_pole(given, azimuths, smooth[rows], theta, phi)
+    polarized = found[..., 1] * np.exp(2j * np.radians(phi))
+    return np.stack([found[..., 0].real, polarized.real, polarized.imag, found[..., 2].real], axis=-1)
+
+
+def light_on_mesh(
+    brdf: Brdf, place: int, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
+) -> tuple[Array, Array, Array]:
+    """Rings theta and spokes phi [degrees], and the Stokes vectors (theta, phi, 4) [sr-1] there: a mesh for a picture.
+
+    Rings go from the normal (or the first mu_o, beyond 25 degrees) to the last mu_o and spokes once around, 0 and 360
+    both, in steps of at most ``step_deg``.
+    ``incident`` and errors as for `stokes_over_hemisphere`, and SceneError for too few directions.
+
+    >>> import vrte
+    >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
+    >>> theta, phi, light = light_on_mesh(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)
+    >>> theta.round(9).tolist(), phi.size, light.shape
+    ([0.0, 30.0, 60.0], 13, (3, 13, 4))
+    """
+    theta = _to_the_edge(brdf, step_deg)
+    phi = np.linspace(0.0, 360.0, 1 + _steps(360.0, step_deg))
+    return theta, phi, stokes_over_hemisphere(brdf, place, theta, phi, incident)
+
+
+def light_in_plane(
+    brdf: Brdf, place: int, phi_deg: float = 0.0, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
+) -> tuple[Array, Array]:
+    """Angles (n,) [degrees] from the normal and the Stokes vectors (n, 4) [sr-1] in an upright plane: a cut.
+
+    Angles above 0 are on the azimuth ``phi_deg``, those below half a turn away; both end at the last mu_o, and NaN lies
+    between them where nothing is known around the normal. Everything else as for `light_on_mesh`.
+
+    >>> import vrte
+    >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
+    >>> light_in_plane(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)[0].round(9).tolist()
+    [-60.0, -30.0, 0.0, 30.0, 60.0]
+    """
+    theta = _to_the_edge(brdf, step_deg)
+    there, opposite = stokes_over_hemisphere(
+        brdf, place, theta, np.array([phi_deg, phi_deg + 180.0]), incident
+    ).swapaxes(0, 1)
+    if theta[0] > 0.0:
+        theta, there, opposite = (
+            np.insert(part, 0, gap, axis=0) for part, gap in ((theta, 0.0), (there, np.nan), (opposite, np.nan))
+        )
+    return np.concatenate([-theta[:0:-1], theta]), np.concatenate([opposite[:0:-1], there])
+
+
+def _to_the_edge(brdf: Brdf, step_deg: float) -> Array:
+    """Angles [degrees] from the normal, or the first mu_o far from it, to the last. Raises SceneError for too few
+    directions."""
+    check_directions(brdf.mu_o, brdf.phi)
+    first, last = np.degrees(np.arccos([brdf.mu_o.max(), brdf.mu_o.min()])).tolist()
+    first = first if first > HOLE else 0.0
+    return np.linspace(first, last, 1 + _steps(last - first, step_deg))
+
+
+def _steps(length: float, most: float) -> int:
+    """So many steps of at most ``most``, whatever the rounding."""
+    return max(1, int(np.ceil(length / most - 1e-9)))
+
+
+def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, Array]:
+    """Angles (m,) so many times as fine and the Stokes vectors (m, 4) there, of distinct angles (n,) and (n, 4).
+
+    Each parameter is a monotone cubic between its neighbours: it passes through what is given and never overshoots,
+    so that no I turns negative; degrees of polarization are divided after it. Fewer than 3 angles, and light that is
+    not finite, come back as they are, in ascending order.
+
+    >>> angle, light = between_angles(np.array([0.0, 1.0, 2.0]), np.eye(4)[[0, 1, 0]], times=2)
+    >>> angle.tolist(), light[2].tolist()
+    ([0.0, 0.5, 1.0, 1.5, 2.0], [0.0, 1.0, 0.0, 0.0])
+    """
+    from scipy.interpolate import PchipInterpolator
+
+    order = np.argsort(angle)
+    angle, stokes = angle[order], stokes[order]
+    if angle.size < 3 or not np.isfinite(stokes).all():
+        return angle, stokes
+    finer = np.interp(np.arange((angle.size - 1) * times + 1) / times, np.arange(angle.size), angle)
+    return finer, PchipInterpolator(angle, stokes, axis=0)(finer)
+
+
+def check_directions(mu_o: Any, phi: Any) -> None:
+    """Raises SceneError where there are too few directions for a picture of the lobes.
+
+    >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
+    """
+    if _all_around(np.atleast_1d(phi))[0].size < 4 or np.unique(mu_o).size < 2:
+        raise SceneError(
+            "a picture of the lobes needs at least 2 different mu_o and 3 different phi_deg from 0 to 180 (of the "
+            "others, the mirror images are taken)"
+        )
+
+
+def _all_around(phi: Array) -> tuple[Array, Any]:
+    """Ascending azimuths of phi and its mirror images, below 360, and where they are in the two one after the other."""
+    found: tuple[Array, Any] = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
+    return found
+
+
+def _smooth_around(phi: Array, matrices: Array, incident: Array) -> tuple[Array, Any]:
+    """Azimuths over one turn, both ends included, and I, (Q + iU) exp(-2i phi), V there: (mu_o, azimuth, 3), complex.
+
+    Missing azimuths are mirror images, f(-phi) = D f(phi) D. Q and U are those of axes that do not turn with the
+    azimuth: smooth at the pole, where meridian planes are not.
+    """
+    azimuths, columns = _all_around(phi)
+    light = np.concatenate([matrices @ incident, matrices @ (FLIP * incident) * FLIP], axis=1)[:, columns]
+    if not np.isfinite(light).all():
+        raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
+    polarized = (light[..., 1] + 1j * light[..., 2]) * np.exp(-2j * np.radians(azimuths))
+    smooth = np.stack([light[..., 0] + 0j, polarized, light[..., 3] + 0j], axis=-1)
+    return np.append(azimuths, azimuths[0] + 360.0), np.append(smooth, smooth[:, :1], axis=1)
+
+
+def _over_the_pole(given: Array, azimuths: Array, values: Any, theta: Array, phi: Array) -> Any:
+    """(theta, phi, ...) from values (given, azimuths, ...), along great circles: half a turn away theta is negative."""
+    from scipy.interpolate import CubicSpline
+
+    around = CubicSpline(azimuths, values, axis=1, bc_type="periodic")
+    here, opposite = (around(azimuths[0] + (turned - azimuths[0]) % 360.0) for turned in (phi, phi + 180.0))
+    behind = given > 1e-6  # the pole itself counts once
+    circle = CubicSpline(
+        np.concatenate([-given[behind][::-1], given]), np.concatenate([opposite[behind][::-1], here]), axis=0
+    )
+    theta = np.asarray(theta)
+    found = circle(np.minimum(theta, given[-1]))
+    found[theta > given[-1] + EDGE] = np.nan
+    if given[0] > HOLE:
+        found[theta < given[0] - EDGE] = np.nan
+    return found

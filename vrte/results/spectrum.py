@@ -1,0 +1,169 @@
+"""The BRDF of a scene at several wavelengths."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from vrte.basics.arrays import Array, in_one_line, settled, vector
+from vrte.basics.errors import SceneError
+from vrte.basics.views import view
+from vrte.results.brdf import Brdf
+from vrte.results.field import Field
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+
+MOST_WAVELENGTHS = 10_000
+SCENE = "scene_toml"  # in diagnostics: the text of the scene file
+Found = TypeVar("Found", bound=Brdf | Field)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Spectrum:
+    """BRDFs at ascending wavelengths, all for the same directions.
+
+    ``wavelength_um`` (n,) in vacuum; ``brdfs``, n of them, with or without transmission all alike. An item of the
+    spectrum is the BRDF at that place. Raises SceneError where they do not fit together.
+
+    >>> import numpy as np
+    >>> white = Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {})
+    >>> Spectrum([0.45, 0.65], [white, white]).mueller.shape
+    (2, 1, 1, 1, 4, 4)
+    """
+
+    wavelength_um: Array
+    brdfs: tuple[Brdf, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "wavelength_um", ascending(self.wavelength_um))
+        object.__setattr__(self, "brdfs", tuple(self.brdfs))
+        if not all(isinstance(one, Brdf) for one in self.brdfs):
+            raise SceneError("brdfs must be vrte.Brdf")
+        if len(self.brdfs) != self.wavelength_um.size:
+            raise SceneError(f"brdfs must be one a wavelength, {self.wavelength_um.size}, not {len(self.brdfs)}")
+        for one in self.brdfs[1:]:
+            check_alike(self.brdfs[0], one)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # through the constructor: an unpickled array would otherwise be writable
+        return type(self), (self.wavelength_um, self.brdfs)
+
+    def __len__(self) -> int:
+        return len(self.brdfs)
+
+    def __getitem__(self, place: int) -> Brdf:
+        return self.brdfs[place]
+
+    def __iter__(self) -> Iterator[Brdf]:
+        return iter(self.brdfs)
+
+    def __repr__(self) -> str:
+        first, last = self.wavelength_um[[0, -1]]
+        return f"Spectrum({len(self)} wavelengths from {first:g} to {last:g} um, {self.brdfs[0]!r} at each)"
+
+    @property
+    def mu_i(self) -> Array:
+        """Cosines of incidence (mu_i,)."""
+        return self.brdfs[0].mu_i
+
+    @property
+    def mu_o(self) -> Array:
+        """Cosines of exit (mu_o,)."""
+        return self.brdfs[0].mu_o
+
+    @property
+    def phi(self) -> Array:
+        """Azimuths (phi,) [deg]."""
+        return self.brdfs[0].phi
+
+    @property
+    def mueller(self) -> Array:
+        """The BRDFs (wavelength, mu_i, mu_o, phi, 4, 4) [sr-1], a new read-only array."""
+        return settled(np.stack([one.mueller for one in self.brdfs]))
+
+    @property
+    def reflectance(self) -> Array:
+        """Directional-hemispherical reflectances (wavelength, mu_i)."""
+        return settled(np.stack([one.reflectance for one in self.brdfs]))
+
+    @property
+    def transmission(self) -> Array | None:
+        """The BTDFs, of the same shape as ``mueller``, or None."""
+        return stacked([one.transmission for one in self.brdfs])
+
+    @property
+    def direct_transmittance(self) -> Array | None:
+        """The share of the beam that gets through unscattered (wavelength, mu_i), or None."""
+        return stacked([one.direct_transmittance for one in self.brdfs])
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """An xarray.Dataset: ``mueller`` with dims (wavelength_um, mu_i, mu_o, phi_deg, stokes_out, stokes_in).
+
+        Raises MissingExtraError without xarray.
+        """
+        return view(self, "to_xarray")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes NetCDF, CSV or Zarr as the name ends in .nc, .csv or .zarr, all or nothing; `vrte.load` reads it back.
+
+        Raises SceneError for another ending, OSError, but for CSV MissingExtraError without the extra "files".
+        """
+        return view(self, "save", path)
+
+    def _repr_html_(self) -> str:
+        return view(self, "_repr_html_")
+
+    def plot(self) -> "Figure":
+        """Reflectance against wavelength, and f00 in the plane of incidence where there are enough directions.
+
+        Raises MissingExtraError without the extra "plot"."""
+        return view(self, "plot")
+
+    def at(self, wavelengths_um: Any) -> "Spectrum":
+        """The spectrum at some of its own wavelengths, to 1e-9 um. Raises SceneError for one that it has not."""
+        wanted = ascending(wavelengths_um)
+        places = [int(np.argmin(np.abs(self.wavelength_um - one))) for one in wanted]
+        for one, place in zip(wanted, places, strict=True):
+            if abs(self.wavelength_um[place] - one) > 1e-9:
+                raise SceneError(
+                    f"wavelength {one:g} um is none of the spectrum's: the next is at {self.wavelength_um[place]:g} um"
+                )
+        return Spectrum(self.wavelength_um[places], tuple(self.brdfs[place] for place in places))
+
+
+def ascending(wavelengths_um: Any) -> Array:
+    """Wavelengths above 0, each above the one before."""
+    found = vector("wavelength_um", wavelengths_um)
+    if found.size > MOST_WAVELENGTHS:
+        raise SceneError(f"wavelength_um must be at most {MOST_WAVELENGTHS} wavelengths, not {found.size}")
+    if found[0] <= 0.0 or np.any(np.diff(found) <= 0.0):
+        raise SceneError(f"wavelength_um must be positive and ascending, not {in_one_line(str(found.tolist()))}")
+    return found
+
+
+def check_alike(first: Brdf, other: Brdf) -> None:
+    """Whether two BRDFs are for the same directions, lit from the same side, and hold the same."""
+    for name in ("mu_i", "mu_o", "phi"):
+        if not np.array_equal(getattr(first, name), getattr(other, name)):
+            raise SceneError(f"brdfs must be for the same directions: {name} differs")
+    for name in ("transmission", "direct_transmittance"):
+        if (getattr(first, name) is None) != (getattr(other, name) is None):
+            raise SceneError(f"brdfs must all have {name}, or none of them")
+    if first.diagnostics.get("illuminate") != other.diagnostics.get("illuminate"):
+        raise SceneError("brdfs must all be lit from the same side")
+
+
+def stacked(arrays: Sequence[Array | None]) -> Array | None:
+    """Arrays as one, read-only; None where there are none."""
+    there = [array for array in arrays if array is not None]
+    return settled(np.stack(there)) if there else None
+
+
+def with_scene(found: Found, text: str) -> Found:
+    """The same with the text of its scene file in its diagnostics, where there is one."""
+    return replace(found, diagnostics=found.diagnostics | {SCENE: text}) if text else found

@@ -1,0 +1,1 @@
+"""What light meets, and the light that comes in."""

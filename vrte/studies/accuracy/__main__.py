@@ -1,0 +1,31 @@
+"""Runs the sweep and writes accuracy.csv, accuracy.md and accuracy.png; 1 if a request was not kept."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from vrte.studies import accuracy
+from vrte.studies.cost import require_pictures
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Asks all scenes for their accuracies and writes what came; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m vrte.studies.accuracy", description=accuracy.__doc__)
+    parser.add_argument("-o", "--output", required=True, metavar="FOLDER", help="an existing folder")
+    parser.add_argument("--quick", action="store_true", help="a few small scenes, every third request")
+    options = parser.parse_args(arguments)
+    require_pictures()
+    names = accuracy.quick_names() if options.quick else tuple(accuracy.PROBES)
+    step = 3 if options.quick else 1
+    outcomes = []
+    for given, requests in ((True, accuracy.GIVEN), (False, accuracy.CHOSEN)):
+        for outcome in accuracy.sweep(names, given, requests[::step]):
+            outcomes.append(outcome)
+            print(accuracy.as_text(outcome), flush=True)
+    for path in accuracy.write_pages(outcomes, options.output):
+        print(path)
+    return 0 if all(outcome.kept for outcome in outcomes) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,132 @@
+"""The fewest nodes that hold, by trying: the errors of more and more nodes, which the choice of nodes is judged by.
+
+``python -m vrte.studies.accuracy.fewest docs/accuracy/errors.csv`` measures the scenes that the file has not, a few
+minutes for all of them; `python -m vrte.studies.accuracy` sets what is chosen beside it.
+"""
+
+import argparse
+import csv
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from vrte.basics.errors import AccuracyError
+from vrte.studies.accuracy.scenes import PROBES, Probe, probe
+from vrte.studies.accuracy.sweep import CONTINUOUS, Answer, Outcome, answer, difference, references
+from vrte.studies.pages import markdown_table, write_rows
+
+FIRST, GROWTH = 4, 1.06  # nodes tried: every number first, then so many times more each time
+BELOW = 3e-10  # errors that are not followed further
+TABLE = "errors.csv"
+HEADER = ("scene", "nodes", "error")
+
+Errors = Mapping[int, float]
+
+
+def numbers_tried(most: int) -> Iterator[int]:
+    """Nodes to try, ascending.
+
+    >>> list(numbers_tried(10)), max(numbers_tried(100))
+    ([4, 5, 6, 7, 8, 9], 96)
+    """
+    nodes = FIRST
+    while nodes < most:
+        yield nodes
+        nodes = max(nodes + 1, round(GROWTH * nodes))
+
+
+def measure(case: Probe) -> dict[int, float]:
+    """The error of more and more nodes, until it is as small as the reference's, infinite where they are refused."""
+    right, uncertain = references(case, given=False)
+    errors: dict[int, float] = {}
+    for nodes in numbers_tried(case.more[0]):
+        errors[nodes] = error_of(case, nodes, right)
+        if max(list(errors.values())[-2:]) < max(BELOW, 2.0 * uncertain):
+            break
+    return errors
+
+
+def error_of(case: Probe, nodes: int, right: Sequence[Answer]) -> float:
+    """Of so many nodes given, relative to the largest I."""
+    try:
+        found = answer(case, CONTINUOUS, nodes)
+    except AccuracyError:
+        return float("inf")
+    return max(difference(found, one) for one in right)
+
+
+def fewest_that_hold(errors: Errors, requested: float) -> int:
+    """The fewest nodes tried from which on no number of them that was tried has a larger error; 0 where all have.
+
+    >>> fewest_that_hold({4: 1e-2, 5: 1e-4, 6: 2e-3, 7: 1e-4}, 1e-3)
+    7
+    """
+    held = 0
+    for nodes in sorted(errors, reverse=True):
+        if not errors[nodes] <= requested:
+            break
+        held = nodes
+    return held
+
+
+def read_errors(path: str | os.PathLike[str]) -> dict[str, dict[int, float]]:
+    """The table of a file, scene -> nodes -> error; empty where there is no file."""
+    found: dict[str, dict[int, float]] = {}
+    if Path(path).exists():
+        with open(path, encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                found.setdefault(row["scene"], {})[int(row["nodes"])] = float(row["error"])
+    return found
+
+
+def write_errors(path: str | os.PathLike[str], table: Mapping[str, Errors]) -> None:
+    """Writes the errors of each scene on each number of nodes as CSV."""
+    rows = [(name, nodes, f"{error:.3g}") for name, errors in table.items() for nodes, error in errors.items()]
+    write_rows(Path(path), list(HEADER), rows)
+
+
+def ratios(table: Mapping[str, Errors], outcomes: Sequence[Outcome]) -> dict[tuple[str, float], tuple[int, int]]:
+    """Nodes chosen and the fewest that hold, by scene and request, where those are known."""
+    found = {}
+    for one in outcomes:
+        fewest = fewest_that_hold(table.get(one.scene, {}), one.requested)
+        if fewest and not one.given:
+            found[one.scene, one.requested] = one.nodes, fewest
+    return found
+
+
+def as_table(table: Mapping[str, Errors], outcomes: Sequence[Outcome]) -> str:
+    """Scenes down, requests across: nodes chosen over the fewest that hold; empty where nothing is known."""
+    found = ratios(table, outcomes)
+    if not found:
+        return ""
+    requests = sorted({requested for _, requested in found}, reverse=True)
+    rows = []
+    for name in dict.fromkeys(scene for scene, _ in found):
+        pairs = [found.get((name, requested)) for requested in requests]
+        rows.append([name, *(f"{pair[0]}/{pair[1]} = {pair[0] / pair[1]:.2f}" if pair else "?" for pair in pairs)])
+    worst = max(chosen / fewest for chosen, fewest in found.values())
+    note = (
+        f"\nNodes chosen over the fewest from which on all that were tried hold, at most {worst:.2f}; ? where the\n"
+        f"reference is not good enough to tell. Errors of all nodes tried: {TABLE}.\n"
+    )
+    return markdown_table(["scene", *(f"{requested:.0e}" for requested in requests)], rows) + note
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Solves all scenes on more and more nodes and writes their errors; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m vrte.studies.accuracy.fewest", description=__doc__)
+    parser.add_argument("table", help="the CSV file of errors, added to where scenes are missing")
+    path = parser.parse_args(arguments).table
+    table = read_errors(path)
+    for name in PROBES:
+        if name not in table:
+            table[name] = measure(probe(name))
+            write_errors(path, table)
+            print(f"{name}: to {max(table[name])} nodes", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,118 @@
+"""The sweep as a CSV file, a Markdown page and a picture."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vrte.formats.atomic import atomic_write
+from vrte.studies.accuracy.fewest import TABLE, Errors, as_table, read_errors
+from vrte.studies.accuracy.sweep import Outcome, median_slack
+from vrte.studies.cost.figures import COLOURS, CONFIGURATIONS, FAINT, MARKERS, OTHERS, save
+from vrte.studies.pages import made_with, markdown_list, markdown_table, write_rows
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+KINDS = ((True, "nodes given: the discrete problem"), (False, "nodes chosen: the continuous problem"))
+LINES = tuple(dict.fromkeys([*CONFIGURATIONS, *COLOURS.values(), *OTHERS]))
+
+
+def as_text(outcome: Outcome) -> str:
+    """One line.
+
+    >>> as_text(Outcome("a scene", True, 1e-3, 2e-5, 1e-14, 8, 3, 96, 0.1, True, True))
+    'a scene, 8 nodes given: requested 1e-03, achieved 2e-05, 3 orders'
+    """
+    how = "given" if outcome.given else "chosen"
+    kept = "" if outcome.kept else ", NOT KEPT"
+    return (
+        f"{outcome.scene}, {outcome.nodes} nodes {how}: requested {outcome.requested:.0e}, "
+        f"achieved {outcome.achieved:.0e}, {outcome.orders} orders{kept}"
+    )
+
+
+def write_pages(outcomes: Sequence[Outcome], folder: str | os.PathLike[str]) -> list[Path]:
+    """Writes accuracy.csv, accuracy.md and accuracy.png into the folder; their paths.
+
+    Raises MissingExtraError without matplotlib, OSError.
+    """
+    table, page, picture = (Path(folder) / f"accuracy.{ending}" for ending in ("csv", "md", "png"))
+    write_rows(table, [item.name for item in fields(Outcome)], [csv_cells(outcome) for outcome in outcomes])
+    with atomic_write(page) as part:
+        part.write_text(as_markdown(outcomes, read_errors(Path(folder) / TABLE)), encoding="utf-8")
+    save(as_figure(outcomes), picture)
+    return [table, page, picture]
+
+
+def csv_cells(outcome: Outcome) -> list[object]:
+    """Numbers with as many digits as they have."""
+    return [f"{value:.3g}" if isinstance(value, float) else value for value in asdict(outcome).values()]
+
+
+def as_markdown(outcomes: Sequence[Outcome], errors: Mapping[str, Errors]) -> str:
+    """A table for each kind of request: achieved, and the nodes and orders that did; and the nodes chosen over the
+    fewest that hold, where ``errors`` of scenes and nodes are known."""
+    text = "# Requested and achieved accuracy\n\n" + markdown_list(made_with("the sweep of vrte.studies.accuracy"))
+    for given, title in KINDS:
+        part = [outcome for outcome in outcomes if outcome.given == given]
+        if part:
+            text += f"\n## {title.capitalize()}\n\n{summary(part)}\n\n" + table_of(part)
+    fewest = as_table(errors, outcomes)
+    return text + (f"\n## Nodes chosen over the fewest that hold\n\n{fewest}" if fewest else "")
+
+
+def summary(outcomes: Sequence[Outcome]) -> str:
+    """What the sweep showed, in a sentence or two."""
+    broken = sum(not outcome.kept for outcome in outcomes)
+    closest = min(outcome.slack for outcome in outcomes)
+    saved = [outcome for outcome in outcomes if outcome.saved]
+    return (
+        f"{len(outcomes)} requests, {broken} not kept; requested over achieved: at least {closest:.2g}, median "
+        f"{median_slack(outcomes):.2g} over the {len(saved)} that did with fewer nodes or orders than the finest."
+    )
+
+
+def table_of(outcomes: Sequence[Outcome]) -> str:
+    """Scenes down, requests across."""
+    requests = sorted({outcome.requested for outcome in outcomes}, reverse=True)
+    header = ["scene", "reference within", *(f"{requested:.0e}" for requested in requests)]
+    rows: dict[str, list[str]] = {}
+    for outcome in outcomes:
+        row = rows.setdefault(outcome.scene, [outcome.scene, f"{outcome.uncertain:.0e}"])
+        row.append(f"{outcome.achieved:.0e} ({outcome.nodes}, {outcome.orders}){'' if outcome.promised else ' ?'}")
+    note = "\nAchieved (nodes, orders); ? where the plan does not promise it.\n"
+    return markdown_table(header, rows.values()) + note
+
+
+def as_figure(outcomes: Sequence[Outcome]) -> "Figure":
+    """Achieved over requested, a panel for each kind of request, a line a scene."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.6), layout="constrained")
+    panels: Any = figure.subplots(1, 2, sharey=True)
+    names = list(dict.fromkeys(outcome.scene for outcome in outcomes))
+    for panel, (given, title) in zip(panels, KINDS, strict=True):
+        for place, name in enumerate(names):
+            line = [outcome for outcome in outcomes if outcome.given == given and outcome.scene == name]
+            x, y = [outcome.requested for outcome in line], [max(outcome.achieved, 1e-16) for outcome in line]
+            style = {"color": LINES[place % len(LINES)], "marker": MARKERS[place % len(MARKERS)]}
+            panel.plot(x, y, markersize=3.5, linewidth=0.8, label=name, **style)
+        finish(panel, [outcome.requested for outcome in outcomes if outcome.given == given], title)
+    panels[0].set_ylabel("achieved, relative to the largest I")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    return figure
+
+
+def finish(panel: Any, requests: Sequence[float], title: str) -> None:
+    """Axes, and the line that no point may lie above."""
+    ends = [min(requests, default=1e-9), max(requests, default=1e-3)]
+    panel.plot(ends, ends, color="black", linewidth=1.2)
+    panel.fill_between(ends, ends, [10.0 * end for end in ends], color=FAINT, alpha=0.5, linewidth=0)
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    panel.set_xlabel("requested")
+    panel.set_title(title, fontsize=10)
+    panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)

@@ -1,0 +1,134 @@
+"""Requested against achieved accuracy: every scene at every request, against a reference of its own."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.calls.brdf import brdf
+from vrte.calls.radiance import radiance
+from vrte.studies.accuracy.scenes import PHI, POLARIZED, PROBES, Probe, probe
+
+GIVEN = tuple(10.0**-k for k in range(3, 12))
+CHOSEN = tuple(10.0**-k for k in range(2, 10))
+EXACT, CONTINUOUS = 1e-15, 1e-12  # accuracy of the references: on the same nodes, on many more
+QUICK = ("Rayleigh, thickness 10", "HG 0.5", "spheroids", "gold powder, without end", "clear spheres, grazing")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One request: ``given``, whether its nodes were; nodes and unknowns (Stokes parameters and nodes of all orders)
+    that it was solved with, orders; achieved, and what the reference is uncertain by; seconds; whether it was
+    promised; ``saved``: whether fewer unknowns did than for the finest request."""
+
+    scene: str
+    given: bool
+    requested: float
+    achieved: float
+    uncertain: float
+    nodes: int
+    orders: int
+    unknowns: int
+    seconds: float
+    promised: bool
+    saved: bool
+
+    @property
+    def slack(self) -> float:
+        """Requested over achieved."""
+        return self.requested / max(self.achieved, 1e-300)
+
+    @property
+    def kept(self) -> bool:
+        """Whether no more was achieved amiss than was requested; NaN is not."""
+        return self.achieved <= self.requested
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Light of each beam at each depth, (depth, beam, values), the largest I, (depth, beam), fluxes over pi, (depth,
+    beam, up and down or one of them), and how they were found."""
+
+    light: Array
+    largest: Array
+    flux: Array
+    diagnostics: dict[str, Any]
+
+
+def answer(case: Probe, accuracy: float, nodes: int | None, algorithm: str = "auto") -> Answer:
+    """What is asked of the case."""
+    options: dict[str, Any] = {"accuracy": accuracy, "nodes": nodes, "algorithm": algorithm}
+    if case.tau:
+        field = radiance(case.scene, case.mu0[0], POLARIZED, case.signed_mu, PHI, case.tau, **options)
+        flux = np.stack([field.flux_up, field.flux_down], axis=-1)[:, None] / np.pi
+        light = field.stokes[:, None]
+        return Answer(light, np.abs(light[..., 0]).max(axis=(2, 3)), flux, field.diagnostics)
+    ends = bool(np.isfinite(case.scene.thickness))
+    found = brdf(case.scene, case.mu0, case.mu, PHI, transmission=ends, **options)
+    matrices = [found.mueller] + ([] if found.transmission is None else [found.transmission])
+    light = np.stack(matrices)
+    # of the transmitted light no flux is told
+    flux = np.stack([found.reflectance] + [np.zeros_like(found.reflectance)] * (len(matrices) - 1))[..., None] / np.pi
+    return Answer(light, np.abs(light[..., 0, 0]).max(axis=(2, 3)), flux, found.diagnostics)
+
+
+def difference(one: Answer, other: Answer) -> float:
+    """The largest of light and flux over pi, relative to the largest I of `other` at that depth for that beam."""
+    light = np.abs(one.light - other.light).max(axis=tuple(range(2, one.light.ndim)))
+    flux = np.abs(one.flux - other.flux).max(axis=2)
+    return float((np.maximum(light, flux) / np.maximum(other.largest, 1e-290)).max())
+
+
+def references(case: Probe, given: bool) -> tuple[list[Answer], float]:
+    """What is right, and how well it is known: by both algorithms on the nodes given, and what they differ by; or on
+    many more nodes, and what still more of them differ by, which are taken."""
+    if given:
+        first, second = (answer(case, EXACT, case.nodes, name) for name in ("modes", "doubling"))
+        return [first, second], difference(first, second)
+    first, second = (answer(case, CONTINUOUS, nodes) for nodes in case.more)
+    return [second], difference(first, second)
+
+
+def sweep(names: Sequence[str], given: bool, requests: Sequence[float]) -> Iterator[Outcome]:
+    """Every scene at every request; with nodes given those that carry all terms, the others have no accuracy."""
+    for name in names:
+        case = probe(name)
+        if given and 2 * case.nodes < max(layer.phase_matrix.terms for layer in case.scene.layers):
+            continue
+        right, uncertain = references(case, given)
+        nodes = case.nodes if given else None
+        finest = unknowns_of(answer(case, EXACT if given else min(requests), nodes))
+        for requested in requests:
+            found = answer(case, requested, nodes)
+            told = found.diagnostics
+            yield Outcome(
+                scene=name,
+                given=given,
+                requested=requested,
+                achieved=max(difference(found, answered) for answered in right),
+                uncertain=uncertain,
+                nodes=told["nodes"],
+                orders=told["orders"],
+                unknowns=unknowns_of(found),
+                seconds=told["wall_seconds"],
+                promised=told["promised"],
+                saved=unknowns_of(found) < finest,
+            )
+
+
+def quick_names() -> tuple[str, ...]:
+    """Scenes that take least time."""
+    return tuple(name for name in PROBES if name.startswith(QUICK))
+
+
+def unknowns_of(found: Answer) -> int:
+    """Of all orders."""
+    return int(found.diagnostics["unknowns"])
+
+
+def median_slack(outcomes: Sequence[Outcome]) -> float:
+    """Of requested over achieved, where a looser request did with less; NaN where none did."""
+    saved = [outcome.slack for outcome in outcomes if outcome.saved]
+    return float(np.median(saved)) if saved else float("nan")

@@ -1,0 +1,182 @@
+"""What each method is told, from coarse to fine: a curve of the report is one method over one knob."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from vrte.basics.errors import DeviceError
+from vrte.methods import method_of
+from vrte.request.request import AUTO, EXACT, METHODS
+from vrte.studies.methods import peers
+from vrte.studies.methods.score import EXPONENTS, EXPONENTS_QUICK
+
+Options = Mapping[str, Any]  # keywords of vrte.radiance
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A point of a curve: what hovering tells, and the keywords."""
+
+    label: str
+    options: Options = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A method, or a peer, over its knob; ``made_by``: a peer's version."""
+
+    name: str
+    method: str
+    settings: tuple[Setting, ...]
+    made_by: str = ""
+
+    def key(self, setting: Setting) -> str:
+        """Of one point, whatever the order of its keywords."""
+        return json.dumps([self.name, self.method, setting.label, setting.options, self.made_by], sort_keys=True)
+
+
+def over_nodes(counts: tuple[int, ...], **options: Any) -> tuple[Setting, ...]:
+    """The same with more and more nodes.
+
+    >>> over_nodes((4, 8))[1].label
+    '8 nodes'
+    """
+    return tuple(Setting(f"{count} nodes", {"nodes": count, **options}) for count in counts)
+
+
+def over_accuracies(exponents: tuple[int, ...], **options: Any) -> tuple[Setting, ...]:
+    """The same with finer and finer requests, nodes left to the plan."""
+    return tuple(Setting(f"accuracy 1e-{k}", {"accuracy": 10.0**-k, **options}) for k in exponents)
+
+
+def told(*each: tuple[int | None, dict[str, Any]]) -> tuple[Setting, ...]:
+    """Nodes (None: the method's own) and settings of each point.
+
+    >>> told((8, {"orders": 3}))[0].label
+    '8 nodes, orders 3'
+    """
+    return tuple(
+        Setting(
+            ", ".join([*([f"{nodes} nodes"] if nodes else []), *(f"{name} {value}" for name, value in values.items())])
+            or "no knob",
+            ({"nodes": nodes} if nodes else {}) | ({"settings": values} if values else {}),
+        )
+        for nodes, values in each
+    )
+
+
+NODES, NODES_QUICK = (2, 4, 8, 16, 32, 64), (2, 8)
+ACCURACIES, ACCURACIES_QUICK = (2, 3, 4, 6, 8, 10), (3, 6)
+FINE = 1e-12  # accuracy where the nodes are the knob
+# (name of the curve, settings) of each method other than the exact one; one that is not here goes over its nodes
+KNOBS: dict[str, tuple[tuple[str, tuple[Setting, ...]], ...]] = {
+    "adding-doubling": (
+        ("adding-doubling", over_nodes((2, 4, 8, 16, 32))),
+        ("adding-doubling, start", told(*((16, {"start": start, "thin": 0.25}) for start in (0, 1, 3)))),
+    ),
+    "diffusion": (("diffusion", told(*((None, {"boundary": boundary}) for boundary in ("marshak", "mark", "milne")))),),
+    "invariant-imbedding": (
+        ("invariant-imbedding", over_nodes((2, 4, 8, 16))),
+        ("invariant-imbedding, rtol", told(*((8, {"rtol": 10.0**-k}) for k in (2, 5, 8)))),
+    ),
+    "matrix-operator": (("matrix-operator", over_nodes((2, 4, 8, 16, 32))),),
+    "single-scattering": (("single-scattering", told((None, {}))),),
+    "small-angle": (("small-angle", told((None, {}))),),
+    "successive-orders": (
+        ("successive-orders", over_nodes((2, 4, 8, 16, 32))),
+        ("successive-orders, orders", told(*((16, {"orders": orders}) for orders in (1, 2, 4, 8, 16, 64)))),
+    ),
+    "synthetic-iteration": (
+        *(
+            (
+                f"synthetic-iteration, {regular}",
+                told(*((None, {"regular": regular, "iterations": count}) for count in (1, 2, 3))),
+            )
+            for regular in ("two-stream", "diffusion")
+        ),
+        (f"synthetic-iteration, {EXACT}", told(*((nodes, {"regular": EXACT}) for nodes in (2, 4, 8)))),
+    ),
+    "two-stream": (("two-stream", told((None, {}))),),
+}
+
+
+def exact_curves(quick: bool) -> tuple[Curve, ...]:
+    """Discrete ordinates: over nodes by each algorithm, over the accuracy asked for, on an OpenCL device."""
+    nodes, accuracies = (NODES_QUICK, ACCURACIES_QUICK) if quick else (NODES, ACCURACIES)
+    found = [
+        *(
+            Curve(f"{EXACT}, {name}", EXACT, over_nodes(nodes, algorithm=name, accuracy=FINE))
+            for name in ("modes", "doubling")
+        ),
+        Curve(f"{EXACT}, accuracy", EXACT, over_accuracies(accuracies)),
+    ]
+    if not quick:
+        found.append(Curve(f"{EXACT}, sequential", EXACT, over_accuracies((3, 6, 10), backend="sequential")))
+        if device_name() is not None:
+            found.append(Curve(f"{EXACT}, opencl", EXACT, over_accuracies(accuracies, backend="opencl")))
+    return tuple(found)
+
+
+def other_curves(quick: bool) -> tuple[Curve, ...]:
+    """Of every method registered beside the exact one; the coarsest and a middle point of each where quick."""
+    found = []
+    for method in METHODS:
+        if method == EXACT:
+            continue
+        for name, settings in KNOBS.get(method, ((method, over_nodes(NODES)),)):
+            found.append(Curve(name, method, coarse_and_middle(settings) if quick else settings))
+    return tuple(found)
+
+
+def coarse_and_middle(settings: tuple[Setting, ...]) -> tuple[Setting, ...]:
+    """The first setting and the one halfway."""
+    half = len(settings) // 2
+    return settings[: half + 1 : max(1, half)]
+
+
+def peer_curves(quick: bool) -> tuple[Curve, ...]:
+    """Of every peer that is installed, over its streams, two for a node of a hemisphere."""
+    found = []
+    for peer in peers.installed():
+        settings = tuple(Setting(f"{streams} streams", {"streams": streams}) for streams in peer.streams)
+        settings = coarse_and_middle(settings) if quick else settings
+        found.append(Curve(f"{peer.name}{peer.lacks}", peer.name, settings, peer.made_by))
+    return tuple(found)
+
+
+def curves(quick: bool = False) -> tuple[Curve, ...]:
+    """All of them.
+
+    >>> [curve.name for curve in curves(quick=True)][0]
+    'discrete-ordinates, modes'
+    """
+    return (*exact_curves(quick), *other_curves(quick), auto_curve(quick), *peer_curves(quick))
+
+
+def auto_curve(quick: bool) -> Curve:
+    """Whatever the rules take, over the accuracy asked for; its rows say which method that was."""
+    return Curve(AUTO, AUTO, over_accuracies(EXPONENTS_QUICK if quick else EXPONENTS))
+
+
+def device_name() -> str | None:
+    """The OpenCL device that a solve would take; None without one."""
+    try:
+        from vrte.cl import device
+
+        return device.chosen().name
+    except (ImportError, DeviceError):
+        return None
+
+
+def unknown_settings() -> list[str]:
+    """Settings in KNOBS that their method does not have; none where the table is right."""
+    return [
+        f"{method}: {name}"
+        for method, each in KNOBS.items()
+        if method in METHODS
+        for _, settings in each
+        for setting in settings
+        for name in setting.options.get("settings", {})
+        if name not in method_of(method).settings
+    ]

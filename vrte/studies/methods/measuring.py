@@ -1,0 +1,199 @@
+"""Every case by every curve: seconds on one thread, errors against the reference; what is done is not done again."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import AccuracyError, SceneError
+from vrte.request.request import AUTO
+from vrte.results.field import Field
+from vrte.studies.methods import peers
+from vrte.studies.methods.knobs import Curve, Options, Setting
+from vrte.studies.methods.operations import operations
+from vrte.studies.methods.records import (
+    FAILED,
+    LEFT_OUT,
+    MEASURED,
+    REFUSED,
+    STOKES,
+    Row,
+    append,
+    fingerprint,
+    read,
+    write,
+)
+from vrte.studies.methods.reference import Reference, answered, ask, reference
+from vrte.studies.methods.scenes import Case, case
+
+CSV = "methods.csv"
+Told = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Rounds of a run: as many as fit into ``seconds``, at least ``fewest`` and at most ``most``, after a first one
+    that builds and fills caches; one that takes longer than ``alone`` counts, and is the only one. A curve ends after a
+    run of more than ``longest`` seconds."""
+
+    seconds: float = 0.2
+    fewest: int = 2
+    most: int = 9
+    alone: float = 1.0
+    longest: float = 2.0
+
+
+FULL, HASTE = Pace(), Pace(seconds=0.005, fewest=1, most=3)
+
+
+def measure(
+    names: Sequence[str], curves: Sequence[Curve], folder: Path, pace: Pace, told: Told, fresh: bool = False
+) -> list[Row]:
+    """All rows, in the order of cases and curves; methods.csv in the folder has them, too. A row there that was made by
+    the same settings, sources and machine is taken as it is, unless ``fresh``. Raises OSError."""
+    path = folder / CSV
+    known = {} if fresh else read(path)
+    # what is stale goes first, so that the file never mixes versions
+    write([row for row in known.values() if row.fingerprint in marks(names, curves)], path)
+    rows, total = list[Row](), steps_of(names, curves)
+    for name in names:
+        told(len(rows), total, f"{name}: reference")
+        rows += rows_of(case(name), curves, folder, pace, known, counted(told, len(rows), total))
+    told(total, total, "pages")
+    write(rows, path)
+    return rows
+
+
+def counted(told: Told, before: int, total: int) -> Callable[[int, str], None]:
+    """Tells what one case has done, after the cases before it."""
+    return lambda done, what: told(before + done, total, what)
+
+
+def steps_of(names: Sequence[str], curves: Sequence[Curve]) -> int:
+    """How many runs there are."""
+    return len(names) * sum(len(curve.settings) for curve in curves)
+
+
+def marks(names: Sequence[str], curves: Sequence[Curve]) -> set[str]:
+    """Fingerprints of all runs."""
+    return {mark(case(name), curve, setting) for name in names for curve in curves for setting in curve.settings}
+
+
+def mark(one: Case, curve: Curve, setting: Setting) -> str:
+    """The fingerprint of a run."""
+    return fingerprint(one.fingerprint, curve.key(setting))
+
+
+def rows_of(
+    one: Case,
+    curves: Sequence[Curve],
+    folder: Path,
+    pace: Pace,
+    known: dict[str, Row],
+    told: Callable[[int, str], None],
+) -> list[Row]:
+    """Of one case; the reference is solved only if a run is to be measured."""
+    runs = [(curve, setting) for curve in curves for setting in curve.settings]
+    if all(mark(one, *run) in known for run in runs):
+        return [known[mark(one, *run)] for run in runs]
+    right, rows = reference(one, folder), list[Row]()
+    for curve in curves:
+        for row in along(one, curve, right, pace, known):
+            told(len(rows), f"{one.name}: {row.curve}, {row.setting}")
+            if row.fingerprint not in known:
+                append(row, folder / CSV)
+            rows.append(row)
+    return rows
+
+
+def along(one: Case, curve: Curve, right: Reference, pace: Pace, known: dict[str, Row]) -> Iterator[Row]:
+    """A curve from its coarse end, as far as it is worth the time."""
+    before: Row | None = None
+    for setting in curve.settings:
+        blank = Row(one.name, curve.name, curve.method, setting.label, "", fingerprint=mark(one, curve, setting))
+        if blank.fingerprint in known:
+            row = known[blank.fingerprint]
+        elif before is not None and before.status.startswith(LEFT_OUT):
+            row = replace(blank, status=before.status)
+        elif before is not None and before.least > pace.longest:
+            row = replace(blank, status=f"{LEFT_OUT}: {before.setting} took {before.least:.1f} s")
+        else:
+            row = run(one, curve.method, setting, right, pace, blank)
+        before = row
+        yield row
+
+
+def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, blank: Row) -> Row:
+    """A run: refused, failed, or its seconds and errors."""
+    try:
+        with threadpool_limits(1):
+            field, seconds = timed(solver(one, method, setting.options), pace)
+    except SceneError as error:
+        return replace(blank, status=f"{REFUSED}: {error}")
+    except (AccuracyError, ArithmeticError, peers.PeerError) as error:
+        return replace(blank, status=f"{FAILED}: {error}")
+    taken = field.diagnostics["method"] if method == AUTO else method
+    return replace(
+        blank,
+        method=taken,
+        status=MEASURED,
+        seconds=float(np.median(seconds)),
+        least=min(seconds),
+        greatest=max(seconds),
+        rounds=len(seconds),
+        nodes=int(field.diagnostics.get("nodes", 0)),
+        orders=int(field.diagnostics.get("orders", 0)),
+        operations=operations(one, taken, {"method": method, **setting.options}, field),
+        reference_within=right.within,
+        **errors(one, field, right, blank.is_peer),
+    )
+
+
+def solver(one: Case, method: str, options: Options) -> Callable[[], Field]:
+    """What is timed. Raises SceneError, PeerError where a peer does not get that far."""
+    if method in peers.PEERS:
+        return peers.solver(method, one.asked, **options)
+    return partial(ask, one, method=method, threads=1, **options)
+
+
+def timed(solve: Callable[[], Field], pace: Pace) -> tuple[Field, list[float]]:
+    """The field, and the seconds of each round."""
+    seconds, rounds = list[float](), 1
+    while len(seconds) < rounds:
+        start = time.perf_counter()
+        field = solve()
+        seconds.append(time.perf_counter() - start)
+        if len(seconds) == 1 and seconds[0] < pace.alone:
+            rounds = 1 + min(pace.most, max(pace.fewest, int(pace.seconds / seconds[0])))
+    return field, seconds[1:] or seconds
+
+
+def errors(one: Case, field: Field, right: Reference, is_partial: bool = False) -> dict[str, Any]:
+    """Of I, Q, U, V, largest and root mean square over directions (the larger of the depths), and of energy.
+
+    ``is_partial``: what is NaN was not to be found and does not count; otherwise it makes the error NaN.
+    """
+    found = answered(one, field, right.largest)
+    gaps = np.abs(found.light - right.answer.light)
+    level = np.nonzero(one.outgoing)[0]
+    result = {}
+    for place, letter in enumerate(STOKES):
+        by_depth = [told(gaps[level == depth, :, place], is_partial) for depth in range(len(one.tau))]
+        by_depth = [part for part in by_depth if part.size] or [np.array([np.nan])]
+        result[f"{letter}_max"] = float(max(part.max() for part in by_depth))
+        result[f"{letter}_rms"] = float(max(np.sqrt(np.mean(part**2)) for part in by_depth))
+    lost = told(found.shares - right.answer.shares, is_partial)
+    if one.is_conservative and lost.size == found.shares.size:
+        return result | {"energy": float(abs(1.0 - found.shares.sum()))}
+    return result | {"energy": float(np.abs(lost).max())}
+
+
+def told(values: Array, is_partial: bool) -> Array:
+    """The values, (any,), without those that are NaN where that is no error."""
+    return values[~np.isnan(values)] if is_partial else values.ravel()

@@ -1,0 +1,160 @@
+"""The processes of the two SIMD settings, seen from the one that measures.
+
+OpenBLAS takes its kernels once, when it is loaded: two settings are two processes. Both are started before any timing
+and solve one message after another; what is timed is the solve alone, in the process itself, so that both pay alike.
+"""
+
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
+
+from vrte.basics.errors import AccuracyError, DeviceError, SceneError
+from vrte.studies.tables.configurations import Configuration
+from vrte.studies.tables.messages import Failure, Hello, Reply, Task
+
+VARIABLE, BASELINE_CORE = "OPENBLAS_CORETYPE", "Prescott"
+BASELINE_NAMES = ("Katmai", "Prescott")  # what OpenBLAS calls it once loaded; SciPy's says Katmai
+START = "import sys; sys.path[:] = {path!r}; from vrte.studies.tables.child import main; main()"
+PATIENCE = 5.0  # seconds that a process gets to end by itself
+ERRORS = {error.__name__: error for error in (SceneError, AccuracyError, DeviceError, MemoryError)}
+
+
+class Child:
+    """One process; ``simd`` is "baseline" or "full". Of a session of its own: Ctrl-C reaches its parent alone."""
+
+    def __init__(self, simd: str) -> None:
+        self.simd, self.cpu_seconds = simd, 0.0
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115  open as long as the process is
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", START.format(path=sys.path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._said,
+            env=environment(simd),
+            start_new_session=True,
+        )
+        self._hello: Hello | None = None
+
+    @property
+    def hello(self) -> Hello:
+        """Waits until it is ready. Raises SceneError where its linear algebra is not what it is to be."""
+        if self._hello is None:
+            found: Hello = self._receive()
+            if (reason := unfit(self.simd, found.cores)) is not None:
+                raise SceneError(reason)
+            self._hello, self.cpu_seconds = found, found.cpu_seconds
+        return self._hello
+
+    def solve(self, task: Task) -> Reply:
+        """Sends the task and waits. Raises what the solver raises, ChildProcessError where the process has died."""
+        assert self._process.stdin is not None
+        try:
+            pickle.dump(task, self._process.stdin)
+            self._process.stdin.flush()
+        except OSError as error:
+            raise self._died() from error
+        found: Reply | Failure = self._receive()
+        if isinstance(found, Failure):
+            raise error_of(found)
+        self.cpu_seconds = found.cpu_seconds
+        return found
+
+    def _receive(self) -> Any:
+        assert self._process.stdout is not None
+        try:
+            return pickle.load(self._process.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError) as error:
+            raise self._died() from error
+
+    def _died(self) -> ChildProcessError:
+        """In one sentence, with the last thing that it said."""
+        self._stop()
+        self._said.seek(0)
+        lines = self._said.read().decode(errors="replace").split("\n")
+        last = next((line for line in reversed(lines) if line.strip()), "it said nothing")
+        return ChildProcessError(
+            f"the process for {self.simd} SIMD has died with code {self._process.returncode}: {last}"
+        )
+
+    def _stop(self) -> None:
+        for stream in (self._process.stdin, self._process.stdout):
+            assert stream is not None
+            with suppress(OSError):  # it may have gone before it read all
+                stream.close()
+        try:
+            self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def end(self) -> None:
+        """Ends it: by itself when its input ends, by force where it does not."""
+        self._stop()
+        self._said.close()
+
+
+def error_of(failure: Failure) -> Exception:
+    """What a failed solve raises here: its own error where that is one that users meet.
+
+    >>> error_of(Failure("SceneError", "no layer")), error_of(Failure("KeyError", "'modes'"))
+    (SceneError('no layer'), ChildProcessError("KeyError: 'modes'"))
+    """
+    if failure.kind in ERRORS:
+        return ERRORS[failure.kind](failure.message)
+    return ChildProcessError(f"{failure.kind}: {failure.message}")
+
+
+def environment(simd: str) -> dict[str, str]:
+    """Of the process: the setting alone differs."""
+    kept = {name: value for name, value in os.environ.items() if name != VARIABLE}
+    return kept | {VARIABLE: BASELINE_CORE} if simd == "baseline" else kept
+
+
+def unfit(simd: str, cores: Iterable[str]) -> str | None:
+    """Why a process with these kernels of BLAS must not be measured, None where it may.
+
+    >>> unfit("baseline", ["Katmai", "Katmai"]) is None, unfit("full", ["SkylakeX", "SkylakeX"]) is None
+    (True, True)
+    >>> unfit("baseline", ["Katmai", "SkylakeX"])
+    'OpenBLAS took its kernels for Katmai, SkylakeX where baseline SIMD was asked for: nothing is measured'
+    """
+    cores = list(cores)
+    is_baseline = [core in BASELINE_NAMES for core in cores]
+    if cores and (all(is_baseline) if simd == "baseline" else not any(is_baseline)):
+        return None
+    found = ", ".join(cores) or "no processor that it names"
+    return f"OpenBLAS took its kernels for {found} where {simd} SIMD was asked for: nothing is measured"
+
+
+@contextmanager
+def started(settings: Iterable[str]) -> Iterator[dict[str, Child]]:
+    """A process for each SIMD setting, ready; all have ended when the block ends, however it ends."""
+    with ExitStack() as stack:
+        children: dict[str, Child] = {}
+        for simd in dict.fromkeys(settings):
+            children[simd] = Child(simd)
+            stack.callback(children[simd].end)
+        for child in children.values():
+            _ = child.hello
+        yield children
+
+
+def facts(children: Mapping[str, Child], configurations: Iterable[Configuration]) -> list[str]:
+    """With what linear algebra and on what device they computed, a sentence each."""
+    told = [f"linear algebra, {simd} SIMD: {', '.join(child.hello.versions)}" for simd, child in children.items()]
+    return [*told, device_in_words()] if any(each.needs_device for each in configurations) else told
+
+
+def device_in_words() -> str:
+    """The OpenCL device that is taken, and through what."""
+    from importlib.metadata import version
+
+    from vrte.cl.device import chosen
+
+    device = chosen()
+    return f"OpenCL device: {device.name} ({device.platform} {device.driver}), pyopencl {version('pyopencl')}"
