@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from glob import glob
 from pathlib import Path
 
 import numpy
@@ -45,7 +46,8 @@ class BuildCore(build_ext):
 core = Extension(
     "vrte._core",
     ["vrte/_core.pyx"],
-    include_dirs=[numpy.get_include()],
+    include_dirs=[numpy.get_include(), "vrte"],
+    depends=sorted(glob("vrte/core/*")),  # its stages: a change of one builds the core anew
     define_macros=[("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION")],
     extra_compile_args=[] if os.name == "nt" else ["-O3", "-fno-math-errno"],
 )

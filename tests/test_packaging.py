@@ -24,7 +24,7 @@ from vrte.optics.refractive_index import refractive_index
 for module in (vrte, vrte._core):
     assert module.__file__.startswith(sys.prefix), module.__file__
 assert importlib.metadata.version("vrte") == vrte.__version__
-for name in ("py.typed", "_core.pyx", "cl/common.cl", "app/page.css"):
+for name in ("py.typed", "_core.pyx", "core/assembly.pxi", "core/scattering.h", "cl/common.cl", "app/page.css"):
     assert importlib.resources.files("vrte").joinpath(name).is_file(), name
 from vrte.cl.session import sources
 assert "__kernel void product(" in sources()
@@ -119,9 +119,10 @@ class TestWheel:
         names = zipfile.ZipFile(wheel).namelist()
         assert not [name for name in names if name.endswith(".c")]
         assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
-        kernels = {f"vrte/cl/{path.name}" for path in (ROOT / "vrte" / "cl").glob("*.cl")}
-        assert kernels
-        assert kernels <= set(names)
+        for folder, pattern in (("cl", "*.cl"), ("core", "*")):
+            loops = {f"vrte/{folder}/{path.name}" for path in (ROOT / "vrte" / folder).glob(pattern)}
+            assert loops
+            assert loops <= set(names)
         use_elsewhere(wheel, tmp_path / "elsewhere")
         shutil.copy(ROOT / "conftest.py", sources)
         python, few = tmp_path / "elsewhere" / "bin" / "python", "tests/test_scene.py"
@@ -134,6 +135,10 @@ class TestWheel:
         (archive,) = wheel.parent.glob("*.tar.gz")
         with tarfile.open(archive) as content:
             names = {name.partition("/")[2] for name in content.getnames()}
-        assert {"vrte/_core.pyx", "setup.py", "LICENSE", "tests/conftest.py", "examples/gold_powder.toml"} <= names
+        stages = {f"vrte/core/{path.name}" for path in (ROOT / "vrte" / "core").iterdir()}
+        assert (
+            stages | {"vrte/_core.pyx", "setup.py", "LICENSE", "tests/conftest.py", "examples/gold_powder.toml"}
+            <= names
+        )
         assert not [name for name in names if name.endswith((".c", ".so", ".pyc"))]
         use_elsewhere(wheel, tmp_path / "elsewhere")

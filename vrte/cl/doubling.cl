@@ -1,4 +1,4 @@
-// Impedance doubling of many slabs at once; the equations are those of `double_one` in _core.pyx.
+// Impedance doubling of many slabs at once; the equations are those of `double_one` in core/doubling.pxi.
 //
 // A matrix with its incident and outgoing directions is one of (p + o) rows and (n + r) columns, p being n padded to a
 // multiple of 8: N (n, n) and NI (n, r) on top, ON (o, n) and OI (o, r) below. What has no direction but its own is

@@ -1,4 +1,4 @@
-"""Impedance doubling of many slabs in one call, `double_one` of _core.pyx on a device."""
+"""Impedance doubling of many slabs in one call, `double_one` of core/doubling.pxi on a device."""
 
 import time
 from dataclasses import dataclass

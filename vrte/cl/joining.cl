@@ -1,4 +1,4 @@
-// Slabs joined by the star product, `join_one` of _core.pyx for many Fourier orders and scenes at once. Vectors are
+// Slabs joined by the star product, `join_one` of core/joining.pxi for many Fourier orders and scenes at once. Vectors are
 // stacks (n, r) or (o, r), one column an incident beam and Stokes column.
 
 // One stack of extended matrices from another: the item place[item] of it. Global size: columns, items.

@@ -1,4 +1,4 @@
-"""Slabs joined by the star product, (2:8), and the field between them: `join_one` of _core.pyx for many at once."""
+"""Slabs joined by the star product, (2:8), and the field between them: core/joining.pxi for many at once."""
 
 import time
 from dataclasses import dataclass

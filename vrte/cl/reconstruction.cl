@@ -1,5 +1,5 @@
 // Reconstruction by source-function integration, (1:36)-(1:38), without singly scattered light. The equations are those
-// of `reconstruct` in _core.pyx, which explains them.
+// of `reconstruct` in core/reconstruction.pxi, which explains them.
 //
 // Arrays as there: a mode's column has S n_out rows, those of light going up first; n modes a layer. Light is wanted at
 // n_level depths; behind them stand the faces that it leaves each layer through: n_level + n_layer "stops" in all.

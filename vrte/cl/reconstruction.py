@@ -50,8 +50,8 @@ class Sizes:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """Of each order, on the device, column by column, as `reconstruct` in _core.pyx takes it; fades (order, layer) int:
-    of `modes_fade` in _core.pyx; base_row (order,) int."""
+    """Of each order, on the device, column by column, as core/reconstruction.pxi has it; fades (order, layer) int:
+    of `modes_fade` in core/boundary.pxi; base_row (order,) int."""
 
     G_E: Any
     G_F: Any

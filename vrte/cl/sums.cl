@@ -51,7 +51,7 @@ void sum_group(__global const double* row, long column_stride, long stokes_strid
 // of each of the four, Stokes component of each, which of the waves, where in a row (in fours); sense (group, 4): 1 or
 // -1, 0 for none; waves (pattern, wave_rows, angle, 4), wave_ld doubles an order: cos or sin of m times the distinct
 // angles; mirrored (pattern, 4): 1 for cos, -1 for sin; first_use (n_angle + 1,): where in azimuth (n_phi,) those begin
-// that are an angle or its mirror image, mirror -1; levels, rows, scale as `azimuthal_sum` in _core.pyx; factors
+// that are an angle or its mirror image, mirror -1; levels, rows, scale as `azimuthal_sum` in core/sums.pxi; factors
 // (n_out, S): of a row of the kernels; out (scene, n_level, n_in, n_mu, n_phi, 4, n_place).
 // Global size: n_mu / mu_each, tiles of angles / tiles_each, scenes times n_level times n_here.
 __attribute__((reqd_work_group_size(1, 1, 1)))

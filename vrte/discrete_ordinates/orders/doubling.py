@@ -14,7 +14,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Slabs:
-    """R, T (order, slab, blocks), see `double_slabs` in _core.pyx; lost (order, slab, n); residual (order, slab, 2) of
+    """R, T (order, slab, blocks), see core/doubling.pxi; lost (order, slab, n); residual (order, slab, 2) of
     R and of T; doublings (order, slab)."""
 
     R: Array

@@ -14,7 +14,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Beam:
-    """c, zeta (order, layer, n_rhs, n): see the formulas at `particular` in _core.pyx."""
+    """c, zeta (order, layer, n_rhs, n): see the formulas at `particular` in core/particular.pxi."""
 
     c: Array
     zeta: Array

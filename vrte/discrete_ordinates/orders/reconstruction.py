@@ -78,7 +78,7 @@ def nodal_fluxes(
 def mode_coordinates(
     problem: Problem, layer: int, depth: float, modes: Modes, beam: Beam, amplitudes: Amplitudes
 ) -> Array:
-    """y, z of order 0 at a depth below a layer's top, (2, n_rhs, n); see `boundary` in _core.pyx."""
+    """y, z of order 0 at a depth below a layer's top, (2, n_rhs, n); see `boundary` in core/boundary.pxi."""
     return _core.mode_coordinates(
         modes.lam_re[0, layer],
         modes.lam_im[0, layer],

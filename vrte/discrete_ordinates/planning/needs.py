@@ -31,7 +31,7 @@ LOOKED_AT = 3  # orders that bounds are compared with, from order 1 on
 @dataclass(frozen=True, eq=False)
 class Needs:
     """by_layer (layer, order), its largest, strength (order,), bounds (order,), effect (order, node): see
-    `order_bounds` in _core.pyx."""
+    `order_bounds` in core/bounds.pxi."""
 
     by_layer: Array
     strength: Array

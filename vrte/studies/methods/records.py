@@ -127,7 +127,7 @@ def made_by() -> str:
     """The package's version and sources (the reports aside), NumPy's and SciPy's versions, the processor."""
     folder = Path(os.path.dirname(vrte.__file__))
     found = hashlib.sha256()
-    for path in sorted(path for path in folder.rglob("*") if path.suffix in {".py", ".pyx", ".cl"}):
+    for path in sorted(path for path in folder.rglob("*") if path.suffix in {".py", ".pyx", ".pxi", ".h", ".cl"}):
         if folder / "report" not in path.parents:
             found.update(path.read_bytes())
     return f"{vrte.__version__} {found.hexdigest()} {np.__version__} {scipy.__version__} {processor()}"

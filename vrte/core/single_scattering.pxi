@@ -1,0 +1,145 @@
+# Single scattering over all Fourier orders in closed form, added straight into the result; as in sums.pxi.
+
+cdef extern from "core/scattering.h":
+    const int VRTE_BLOCK, VRTE_SERIES
+    ctypedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
+                                 const double*, double*, size_t) noexcept nogil
+    vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
+
+
+def series_table(const double[:, :] coefficients):
+    """The phase matrix with coefficients (terms, 6) as `add_single_scattering` takes it, (terms, 13), terms made even: the
+    factors of the recurrences, then the coefficients."""
+    cdef int terms = <int>coefficients.shape[0], l
+    cdef double[:, ::1] table = np.zeros((terms + terms % 2, VRTE_SERIES))
+    cdef double degree, here, above  # degree: the square of an int ends at 46340
+    for l in range(terms):
+        degree = l
+        table[l, 0], table[l, 1] = (2.0 * degree + 1.0) / (degree + 1.0), degree / (degree + 1.0)
+        if l >= 2:
+            here, above = sqrt(degree * degree - 4.0), sqrt((degree + 1.0) * (degree + 1.0) - 4.0)
+            table[l, 2], table[l, 3] = (2.0 * degree + 1.0) / above, here / above
+            table[l, 4] = (2.0 * degree + 1.0) * (degree + 1.0) / (above * above)
+            table[l, 5] = 4.0 * (2.0 * degree + 1.0) / (degree * above * above)
+            table[l, 6] = (degree + 1.0) * here * here / (degree * above * above)
+        table[l, 7], table[l, 8] = coefficients[l, 0], coefficients[l, 3]
+        table[l, 9], table[l, 10] = coefficients[l, 4], coefficients[l, 5]
+        table[l, 11], table[l, 12] = coefficients[l, 1] + coefficients[l, 2], coefficients[l, 1] - coefficients[l, 2]
+    return np.asarray(table)
+
+
+def path_integrals(const double[::1] above, const double[::1] thickness, const double[::1] level,
+                   const int[::1] level_layer, const int[::1] chosen, const double[::1] mu0, const double[::1] mu):
+    """Optical path integrals of one scattering in each layer, (layer, chosen, n_in, n_mu); mu signed, > 0 up.
+
+    The integral of e^(-t/mu0) e^(-|t - tau|/|mu|) dt/|mu| over the part of the layer that light at tau comes from.
+    above, thickness (layer,); level, level_layer (n_tau,): depths below the top of a layer; chosen: which of them.
+    """
+    cdef int n_layer = <int>above.shape[0], n_in = <int>mu0.shape[0], n_mu = <int>mu.shape[0], layer, place, i, j, at
+    cdef double[:, :, :, ::1] out = np.zeros((n_layer, chosen.shape[0], n_in, n_mu))
+    cdef double depth, length, start, way, rate, rate_in
+    with nogil:
+        for place in range(<int>chosen.shape[0]):
+            at = level_layer[chosen[place]]
+            depth = level[chosen[place]]
+            for layer in range(n_layer):
+                way = path_between(layer, at, depth, &thickness[0])
+                for i in range(n_in):
+                    rate_in = 1.0 / mu0[i]
+                    for j in range(n_mu):
+                        if mu[j] > 0.0 and layer >= at:        # light going up comes from below tau
+                            rate = 1.0 / mu[j]
+                            start = above[layer] + depth if layer == at else above[layer]
+                            length = thickness[layer] - depth if layer == at else thickness[layer]
+                            out[layer, place, i, j] = (exp(-start * rate_in - way * rate) * -expm1(-length * (rate_in + rate))
+                                                       * rate / (rate_in + rate))
+                        elif mu[j] < 0.0 and layer <= at:
+                            rate = -1.0 / mu[j]
+                            length = depth if layer == at else thickness[layer]
+                            if length > 0.0:
+                                out[layer, place, i, j] = (length * rate * exp(-above[layer] * rate_in - way * rate)
+                                                           * exp_difference(make(-length * rate_in, 0.0), make(-length * rate, 0.0)).real)
+    return np.asarray(out)
+
+
+cdef double path_between(int layer, int at, double depth, const double* thickness) noexcept nogil:
+    """Optical depth between a level and the nearer face of a layer, 0 inside it: a sum of thicknesses, never a difference
+    of depths, whose last place would be seen along a cosine of 1e-8."""
+    cdef int i
+    cdef double way
+    if layer == at:
+        return 0.0
+    way = thickness[at] - depth if layer > at else depth
+    for i in range(min(layer, at) + 1, max(layer, at)):
+        way += thickness[i]
+    return way
+
+
+def scattering_work(n_col, n_angle):
+    """Doubles of `work` that one thread of `add_single_scattering` needs."""
+    return 4 * n_col * n_angle
+
+
+# (1:5)
+def add_single_scattering(const double[:, ::1] table, const double[:, :, ::1] path, const double[::1] mu0,
+                          const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
+                          const double[::1] sign, const double[:, ::1] columns, const int[::1] kind,
+                          const int[::1] place, int first, int last, double[:, :, :, :, :, ::1] out, int threads,
+                          double[:, ::1] work, double[::1] seconds, const int[::1] stop, bint wide=True):
+    """Adds path Z(mu, -mu0, phi) columns, Z the phase matrix of all terms between meridian planes.
+
+    table: of `series_table`; path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
+    (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
+    `wide=False` leaves AVX2 unused.
+    """
+    cdef int n_mu = <int>mu.shape[0], n_level = <int>path.shape[0], n_col = <int>columns.shape[0], item, thread
+    cdef vrte_scatterer* scatter = vrte_best_scatterer(wide)
+    cdef double start
+    if 4 * n_col > MOST_ENTRIES:
+        raise ValueError(f"at most {MOST_ENTRIES // 4} columns")
+    if table.shape[0] % 2 or table.shape[1] != VRTE_SERIES:
+        raise ValueError("the table must be one of series_table")
+    if out.size == 0:
+        return
+    for item in prange((last - first) * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            scatter_pair(scatter, <int>table.shape[0], &table[0, 0], path, mu0[first + item // n_mu], mu[item % n_mu], first + item // n_mu,
+                         item % n_mu, cos_phi, sin_phi, angle, sign, columns, kind, place, out, &work[thread, 0])
+            seconds[thread] += vrte_seconds() - start
+
+
+cdef void scatter_pair(vrte_scatterer* scatter, int terms, const double* table, const double[:, :, ::1] path, double mu0,
+                       double mu, int i, int j, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
+                       const double[::1] sign, const double[:, ::1] columns, const int[::1] kind, const int[::1] place,
+                       double[:, :, :, :, :, ::1] out, double* z) noexcept nogil:
+    """All azimuths and depths of one pair of directions; z (column, Stokes, angle)."""
+    cdef int n_angle = <int>cos_phi.shape[0], n_col = <int>columns.shape[0], n_place = <int>out.shape[5]
+    cdef int n_level = <int>path.shape[0], n_phi = <int>angle.shape[0], first = 0, t, f, k
+    cdef int target[MOST_ENTRIES]
+    cdef double factor[2][MOST_ENTRIES]     # as computed, and mirrored
+    cdef double* to
+    cdef const double* now
+    cdef bint lit = False
+    for t in range(n_level):
+        lit = lit or path[t, i, j] != 0.0
+    if not lit:
+        return
+    while first < n_angle:
+        scatter(terms, table, mu0, mu, min(<int>VRTE_BLOCK, n_angle - first), &cos_phi[first], &sin_phi[first], n_col,
+                &kind[0], &columns[0, 0], z + first, n_angle)
+        first += VRTE_BLOCK
+    for t in range(n_level):
+        if path[t, i, j] == 0.0:
+            continue
+        for k in range(4 * n_col):
+            target[k] = k % 4 * n_place + place[k // 4]
+            factor[0][k] = path[t, i, j]
+            factor[1][k] = path[t, i, j] if (k % 4 >= 2) == (kind[k // 4] == 1) else -path[t, i, j]
+        to = &out[t, i, j, 0, 0, 0]
+        for f in range(n_phi):
+            now = &factor[sign[f] < 0.0][0]
+            for k in range(4 * n_col):
+                to[target[k]] += now[k] * z[<size_t>k * n_angle + angle[f]]
+            to += 4 * n_place

@@ -1,0 +1,144 @@
+# Spherical functions and the phase matrices A^m, (1:9).
+
+cdef inline double to_the_power(double x, int m) noexcept nogil:
+    """x^m, m >= 0."""
+    cdef double result = 1.0
+    while m > 0:
+        if m & 1:
+            result *= x
+        x *= x
+        m >>= 1
+    return result
+
+
+cdef void wigner_starts(int m, bint polar, const double* mu, int n_mu, double* zero, double* plus, double* minus) noexcept nogil:
+    """d^l_{m,0} at l = m, then d^l_{m,2} and d^l_{m,-2} at l = max(m, 2) unless the polar ones are not wanted."""
+    cdef double factor = 1.0 if m % 2 == 0 else -1.0, growth = factor, sine, power
+    cdef int i, j
+    for j in range(1, m + 1):
+        factor *= sqrt((2.0 * j - 1.0) / (2.0 * j))
+    for j in range(2, m):
+        growth *= 0.5 * sqrt((2.0 * j + 2.0) * (2.0 * j + 1.0) / ((j - 1.0) * (j + 3.0)))
+    for i in range(n_mu):
+        sine = sqrt((1.0 - mu[i]) * (1.0 + mu[i]))
+        zero[i] = factor * to_the_power(sine, m)
+        if not polar:
+            continue
+        if m == 0:
+            plus[i] = minus[i] = sqrt(6.0) / 4.0 * sine * sine
+        elif m == 1:
+            plus[i], minus[i] = 0.5 * sine * (1.0 + mu[i]), -0.5 * sine * (1.0 - mu[i])
+        else:
+            power = 0.25 * growth * to_the_power(sine, m - 2)
+            plus[i], minus[i] = (1.0 + mu[i]) * (1.0 + mu[i]) * power, (1.0 - mu[i]) * (1.0 - mu[i]) * power
+
+
+cdef void wigner_step(int m, int k, int l, const double* mu, int n_mu, const double* before, const double* now,
+                      double* after) noexcept nogil:
+    """d^{l+1}_{m,k} from d^l and, above the first l, d^{l-1}; (n_mu,) each."""
+    cdef double lower, upper, odd = 2.0 * l + 1.0, steep = <double>l * (l + 1.0), shift = <double>m * k
+    cdef int i
+    if l == 0:
+        memcpy(after, mu, sizeof(double) * n_mu)
+        return
+    # factors that all mu share are whole numbers where m = 0: rounded ones would make P_l and 1 overlap at every node alike
+    lower = (l + 1.0) * sqrt((<double>l * l - <double>m * m) * (<double>l * l - <double>k * k))
+    upper = l * sqrt(((l + 1.0) * (l + 1.0) - <double>m * m) * ((l + 1.0) * (l + 1.0) - <double>k * k))
+    if lower == 0.0:      # before is not there yet
+        for i in range(n_mu):
+            after[i] = odd * (steep * mu[i] - shift) * now[i] / upper
+    else:
+        for i in range(n_mu):
+            after[i] = (odd * (steep * mu[i] - shift) * now[i] - lower * before[i]) / upper
+
+
+cdef void spherical(int m, int terms, bint polar, const double* mu, int n_mu, double* out) noexcept nogil:
+    """out (l, 3, mu) = p, r, t of the handbook for l = m .. terms - 1; r and t only if `polar`."""
+    cdef int i, l, first = max(m, 2)
+    cdef size_t row = 3 * n_mu
+    cdef double* now
+    cdef double plus, minus
+    if terms <= m:
+        return
+    now = out + row * min(first, terms - 1)
+    wigner_starts(m, polar and first < terms, mu, n_mu, out + row * m, now + n_mu, now + 2 * n_mu)
+    for l in range(m, terms - 1):
+        now = out + row * l
+        wigner_step(m, 0, l, mu, n_mu, now - row, now, now + row)
+    if not polar:
+        return
+    for l in range(m, min(first, terms)):
+        memset(out + row * l + n_mu, 0, sizeof(double) * 2 * n_mu)
+    for l in range(first, terms - 1):
+        now = out + row * l + n_mu
+        wigner_step(m, 2, l, mu, n_mu, now - row, now, now + row)
+        wigner_step(m, -2, l, mu, n_mu, now + n_mu - row, now + n_mu, now + n_mu + row)
+    for l in range(first, terms):
+        now = out + row * l + n_mu
+        for i in range(n_mu):
+            plus, minus = now[i], now[n_mu + i]
+            now[i], now[n_mu + i] = 0.5 * (plus + minus), 0.5 * (plus - minus)
+
+
+def generalized_spherical_functions(int m, int terms, mu):
+    """The elements of the associated Legendre matrices P_l^m (1:9)-(1:10).
+
+    Parameters: Fourier order ``m`` >= 0, number of ``terms`` (degrees l = 0..terms-1), cosines ``mu`` (n_mu,)
+    in [-1, 1]. Returns (terms, n_mu, 3): p = d^l_{m,0}, r = (d^l_{m,2} + d^l_{m,-2})/2 and
+    t = (d^l_{m,2} - d^l_{m,-2})/2 with Wigner's d; zero for l < m. Raises ValueError for a negative order, no
+    terms or a cosine outside [-1, 1].
+
+    >>> generalized_spherical_functions(0, 3, [0.5])[:, 0, 0]  # Legendre polynomials
+    array([ 1.   ,  0.5  , -0.125])
+    """
+    cdef double[::1] cosines = np.ascontiguousarray(np.atleast_1d(mu), dtype=float)
+    if m < 0 or terms < 1:
+        raise ValueError(f"need an order m >= 0 and at least one term, not m = {m} and {terms} terms")
+    if cosines.shape[0] and not np.all(np.abs(cosines) <= 1.0):
+        raise ValueError("cosines must lie in [-1, 1]")
+    cdef double[:, :, ::1] out = np.zeros((terms, 3, cosines.shape[0]))
+    if cosines.shape[0]:
+        with nogil:
+            spherical(m, terms, True, &cosines[0], <int>cosines.shape[0], &out[0, 0, 0])
+    return np.ascontiguousarray(np.asarray(out).transpose(0, 2, 1))
+
+
+def phase_matrices(int m, coefficients, mu, mu_from):
+    """A^m(mu, mu_from) = sum_l P_l^m(mu) B_l P_l^m(mu_from), (1:9), as matrix products.
+
+    Parameters: order ``m``; ``coefficients`` (terms, 6), columns a1, a2, a3, a4, b1, b2; cosines ``mu`` (n,) and
+    ``mu_from`` (k,), positive *downward* as in the solver (for public cosines pass -mu, -mu_from). Returns
+    (n, k, 4, 4). Raises ValueError for wrong shapes or cosines.
+
+    >>> phase_matrices(0, [[1.0, 0, 0, 0, 0, 0]], [0.3], [-0.7])[0, 0, 0, 0]  # isotropic
+    np.float64(1.0)
+    """
+    table = np.ascontiguousarray(coefficients, dtype=float)
+    if table.ndim != 2 or table.shape[1] != 6:
+        raise ValueError(f"coefficients must have the shape (terms, 6), not {table.shape}")
+    to, frm = np.atleast_1d(np.asarray(mu, float)), np.atleast_1d(np.asarray(mu_from, float))
+    result = np.zeros((to.size, frm.size, 4, 4))
+    terms = table.shape[0]
+    if m >= terms or to.size == 0 or frm.size == 0:
+        return result
+    left = legendre_matrices(generalized_spherical_functions(m, terms, to)[m:])
+    right = legendre_matrices(generalized_spherical_functions(m, terms, frm)[m:])
+    middle = np.zeros((terms - m, 4, 4))
+    a1, a2, a3, a4, b1, b2 = table[m:].T
+    middle[:, 0, 0], middle[:, 1, 1], middle[:, 2, 2], middle[:, 3, 3] = a1, a2, a3, a4
+    middle[:, 0, 1] = middle[:, 1, 0] = -b1
+    middle[:, 2, 3], middle[:, 3, 2] = -b2, b2
+    # rows (mu, i), inner (l, j), columns (mu_from, k)
+    scaled = np.matmul(left, middle[:, None]).transpose(1, 2, 0, 3).reshape(4 * to.size, -1)
+    columns = right.transpose(0, 2, 1, 3).reshape(-1, 4 * frm.size)
+    return (scaled @ columns).reshape(to.size, 4, frm.size, 4).transpose(0, 2, 1, 3)
+
+
+def legendre_matrices(functions):
+    """P_l^m as 4x4 matrices (terms, n_mu, 4, 4) from p, r, t (terms, n_mu, 3)."""
+    p, r, t = np.moveaxis(functions, -1, 0)
+    matrices = np.zeros((*p.shape, 4, 4))
+    matrices[..., 0, 0] = matrices[..., 3, 3] = p
+    matrices[..., 1, 1] = matrices[..., 2, 2] = r
+    matrices[..., 1, 2] = matrices[..., 2, 1] = -t
+    return matrices
