@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.discrete_ordinates.orders.base import mueller_orders
+from vrte.discrete_ordinates.orders.base import reflected_orders
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.problem import Problem
 
@@ -89,7 +89,7 @@ def test_the_sea_that_is_published(rough_sea: Function) -> None:
 def test_orders_are_those_of_another_quadrature(name: str, rough_sea: Function) -> None:
     """R^m of every pair, weighted as it acts, against 160 Gauss points from 0 to 180 degrees: cusps are at its ends."""
     base, problem = problem_over({"sea": rough_sea, "hapke": hapke}[name], 6, [0.35], [0.7])
-    found, _ = mueller_orders(base, problem, 5, accuracy=1e-9)
+    found, _ = reflected_orders(base, problem, 5, accuracy=1e-9)
     x, weight = np.polynomial.legendre.leggauss(160)
     phi = 90.0 * (x + 1.0)
     angle = np.arange(5)[:, None] * np.radians(phi)
@@ -114,7 +114,7 @@ def test_a_rough_sea_at_32_nodes_is_quick(rough_sea: Function) -> None:
 
     base, problem = problem_over(counted, 32, [0.5], [0.8])
     sampled.clear()
-    mueller_orders(base, problem, 3, accuracy=1e-8)
+    reflected_orders(base, problem, 3, accuracy=1e-8)
     samples = np.concatenate(sampled)
     assert len(np.unique(samples, axis=0)) == len(samples) < 1.2e5
     start = time.process_time()

@@ -51,3 +51,14 @@ def test_a_view_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
     assert matrix.plot() == repr(matrix)
     with pytest.raises(LookupError, match=r"int has no view 'plot'.*VIEWS"):
         view(1, "plot")
+
+
+def test_nobody_asks_for_the_class_of_a_boundary() -> None:
+    """Outside vrte/scene a boundary is asked what it does; only who makes one, or shows it, knows its class."""
+    bases = {"Boundary", "Lambertian", "MuellerBase", "Transparent"}
+    for path in PACKAGE.rglob("*.py"):
+        if path.parent.name == "scene":
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "isinstance":
+                assert not bases & {each.id for each in ast.walk(node.args[1]) if isinstance(each, ast.Name)}, path

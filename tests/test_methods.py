@@ -82,7 +82,7 @@ def test_energy(method: Method) -> None:
     phase = vrte.henyey_greenstein(0.7, 30)
     layers = [vrte.Layer(phase, 1.0, 0.3), vrte.Layer(vrte.isotropic(), 1.0, 4.0)] if method.layers else []
     layers = layers or [vrte.Layer(phase, 1.0, 4.0)]
-    bases = [None, vrte.Lambertian(1.0)] if method.base else [None]
+    bases = [None, vrte.Lambertian(1.0)] if method.base != "none" else [None]
     lost = []
     for base in bases:
         scene = vrte.Scene(layers, base)

@@ -9,7 +9,9 @@ import pytest
 from vrte.basics.errors import SceneError
 from vrte.optics.phase_matrix import isotropic, rayleigh
 from vrte.optics.spheres import Particles, spheres
-from vrte.scene.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
+from vrte.scene.boundary import Lambertian, MuellerBase
+from vrte.scene.layer import IndependentScatteringWarning, Layer
+from vrte.scene.scene import Scene
 
 DUST = Particles(rayleigh(), 0.9, 0.0, extinction_um2=2.0, scattering_um2=1.8, volume_um3=0.5)
 FLIP = np.diag([1.0, 1.0, -1.0, -1.0])

@@ -43,8 +43,10 @@ from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.spectrum import Spectrum
 from vrte.results.views import Views
+from vrte.scene.boundary import Lambertian, MuellerBase
 from vrte.scene.illumination import hemisphere
-from vrte.scene.scene import IndependentScatteringWarning, Lambertian, Layer, MuellerBase, Scene
+from vrte.scene.layer import IndependentScatteringWarning, Layer
+from vrte.scene.scene import Scene
 from vrte.sweep import interpolate, sweep
 
 __version__ = "0.1.0"

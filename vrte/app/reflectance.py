@@ -10,7 +10,8 @@ from vrte.app.style import axis, plain, plotly
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
 from vrte.results.brdf import Brdf
-from vrte.scene.scene import Lambertian, Scene
+from vrte.scene.boundary import Lambertian
+from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -45,7 +46,7 @@ def other_base(scene: Scene) -> tuple[Scene | None, tuple[str, str]]:
         return None, ("no base is reached", "")
     if scene.base is None:
         return replace(scene, base=Lambertian(1.0)), ("over black", "over white (albedo 1)")
-    albedo = f" (albedo {scene.base.albedo:g})" if isinstance(scene.base, Lambertian) else ""
+    albedo = f" (albedo {scene.base.even_albedo:g})" if scene.base.orders_reflected == 1 else ""
     return replace(scene, base=None), (f"over the base{albedo}", "over black")
 
 

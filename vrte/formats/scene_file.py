@@ -28,8 +28,10 @@ from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.optics.truncation import CHOICES
 from vrte.request.request import AUTO, COARSEST, FINEST, METHOD_NAMES, MOST_NODES
+from vrte.scene.boundary import Lambertian
 from vrte.scene.illumination import SIDES
-from vrte.scene.scene import MOST_LAYERS, Lambertian, Layer, Scene
+from vrte.scene.layer import Layer
+from vrte.scene.scene import MOST_LAYERS, Scene
 
 Read = TypeVar("Read")
 LARGEST_FILE = 10_000_000  # bytes

@@ -32,7 +32,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     start = time.perf_counter()
     mu, problem = discrete(request)
     pile = cut(problem)
-    on_nodes = OnNodes(pile.problem, request.scene.base)
+    on_nodes = OnNodes(pile.problem, request.scene.below)
     doublings: list[int] = []
 
     def field(order: int, base: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from vrte.discrete_ordinates.planning.node_choice import CAREFUL, LOWEST, estima
 from vrte.methods.common import NODES
 from vrte.methods.rules import RULES, Rule
 from vrte.request.request import EXACT, Request
-from vrte.scene.scene import Layer, MuellerBase
+from vrte.scene.layer import Layer
 
 EULER = 0.5772156649015329
 ANGLES_A_TERM = 8  # at which a phase function's extremes are looked for
@@ -47,10 +47,9 @@ def holds(rule: Rule, request: Request) -> bool:
 def special_wishes(request: Request) -> float:
     """How many things are asked for besides a scene, directions and an accuracy, or lie beyond what rules were tried
     on: the nodes as directions, a base that is no Lambertian one, an algorithm, a truncation, a check, a device."""
-    base = request.scene.base if request.scene.base_is_reached else None
     return float(
         (request.mu is None)
-        + isinstance(base, MuellerBase)
+        + (request.scene.below.orders_reflected > 1)
         + (request.algorithm != "auto")
         + (request.truncation != "auto")
         + request.verify
@@ -120,7 +119,7 @@ def scattered_again_over_accuracy(request: Request) -> float:
     polarized light that polarizing particles scatter once can be arbitrarily faint.
     """
     scene, layer = request.scene, request.scene.layers[0]
-    if len(scene.layers) > 1 or (scene.base is not None and scene.base_is_reached):
+    if len(scene.layers) > 1 or (scene.below.orders_reflected > 0):
         return math.inf
     if request.kind == "radiance" and request.columns[:, 1:].any() and not layer.phase_matrix.is_scalar:
         return math.inf

@@ -89,7 +89,7 @@ def of_single_scattering(request: Request, settings: Settings, run: Run) -> floa
 
 def sizes(request: Request, problem: Problem) -> tuple[float, float, float]:
     """Unknowns of a hemisphere, rows with the outgoing directions, columns with the beams."""
-    on_nodes = OnNodes(problem, request.scene.base)
+    on_nodes = OnNodes(problem, request.scene.below)
     n = float(on_nodes.n)
     return n, n + np.unique(problem.mu_out).size * float(len(on_nodes.members)), float(on_nodes.columns.size)
 

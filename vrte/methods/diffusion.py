@@ -114,6 +114,7 @@ def scattered_across(problem: Problem) -> Array:
 METHOD = Method(
     name="diffusion",
     solve=solve,
+    base="even",
     purpose="fluxes of thick layers that absorb little; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="(2:16)-(2:20)",

@@ -31,7 +31,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     start = time.perf_counter()
     mu, problem = discrete(request)
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
-    on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.base)
+    on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.below)
     work, at_bottom = Work(), request.tau > 0.0
 
     def field_of(order: int, base: Array) -> tuple[Array, Array]:

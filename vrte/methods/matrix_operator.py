@@ -31,7 +31,7 @@ from vrte.methods.on_nodes import tell
 from vrte.methods.operators import Modes, Operator, empty
 from vrte.request.request import MOST_NODES, Request, check_scene
 from vrte.results.solution import Solution
-from vrte.scene.scene import MuellerBase, Scene
+from vrte.scene.scene import Scene
 
 LARGEST_RESIDUAL = 1e-8  # of the eigenvectors
 ROUNDING = 1e-13  # of the largest eigenvalue: below zero by no more
@@ -311,12 +311,12 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     """Every Fourier order that the nodes carry, one after another."""
     start = time.perf_counter()
     mu, full = discrete(request)
-    scene_base = request.scene.base if request.scene.base_is_reached else None
-    problem, out = at_work(full, isinstance(scene_base, MuellerBase))
+    below = request.scene.below
+    problem, out = at_work(full, below.mixes_stokes)
     materials, kinds = distinct_materials(problem)
     orders = np.arange(int(problem.terms.max()), dtype=np.int32)
     with single_threaded():
-        base = expand_base(scene_base, problem, orders.size)
+        base = expand_base(below, problem, orders.size)
         distinct = only(problem, materials)
         matrices = assemble(distinct, orders, run)
         kernels = []

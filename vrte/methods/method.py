@@ -1,8 +1,9 @@
 """What a method says of itself: what it takes, what it can be told, what it is for."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from vrte.basics.running import Progress, Run
 from vrte.request.request import EXACT, Request
 from vrte.results.solution import Solution
 
+Taken = Literal["none", "even", "any"]  # boundaries below
+REFLECTED: Mapping[Taken, float] = {"none": 0, "even": 1, "any": math.inf}  # Fourier orders that they send back
 Settings = Mapping[str, Any]
 Solver = Callable[[Request, Settings, Run, Progress | None], tuple[Array, Solution]]
 
@@ -30,7 +33,8 @@ class Method:
     """name; solve, which returns the cosines and the solution; purpose and conserves: words for the table of methods;
     source: paper and equations; conserves_energy: whether fluxes balance to rounding where nothing absorbs, which is
     tested; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more
-    than one), base, depths (other than the faces), transmission, endless layers, options (of the call)."""
+    than one), base (any, even: one that is Lambertian, none), depths (other than the faces), transmission, endless
+    layers, options (of the call)."""
 
     name: str
     solve: Solver
@@ -40,7 +44,7 @@ class Method:
     conserves_energy: bool = False
     polarization: bool = True
     layers: bool = True
-    base: bool = True
+    base: Taken = "any"
     depths: bool = True
     transmission: bool = True
     endless: bool = True
@@ -83,7 +87,10 @@ class Method:
         found = [
             (not self.polarization and not scalar, "phase matrix that polarizes"),
             (not self.layers and len(scene.layers) > 1, "pile of several layers"),
-            (not self.base and scene.base is not None and scene.base_is_reached, "base"),
+            (
+                scene.below.orders_reflected > REFLECTED[self.base],
+                "base but a Lambertian one" if self.base == "even" else "base",
+            ),
             (not self.depths and bool(inside.any()), "depth inside a layer"),
             (not self.transmission and bool(below.any()), "light below the top"),
             (not self.endless and not np.isfinite(scene.thickness), "layer without end"),

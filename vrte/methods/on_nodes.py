@@ -17,9 +17,9 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.orders.base import mueller_orders
+from vrte.discrete_ordinates.orders.base import reflected_orders
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.scene.scene import Lambertian, MuellerBase
+from vrte.scene.boundary import Boundary
 
 
 class Scattered(NamedTuple):
@@ -34,12 +34,12 @@ class OnNodes:
     """A problem with distinct outgoing cosines, seen as rows and columns, over a base."""
 
     problem: Problem
-    base: Lambertian | MuellerBase | None
+    base: Boundary
 
     @cached_property
     def members(self) -> list[int]:
         """Stokes parameters at work: I alone where it is the only one that is scattered."""
-        return [0] if self.problem.is_scalar and not isinstance(self.base, MuellerBase) else [0, 1, 2, 3]
+        return [0] if self.problem.is_scalar and not self.base.mixes_stokes else [0, 1, 2, 3]
 
     @property
     def n(self) -> int:
@@ -74,16 +74,10 @@ class OnNodes:
 
     def ground(self) -> Array:
         """What the base sends back of light that falls onto it, (order, r, c): R^m mu W, (1:35), (1:66)."""
-        problem, base = self.problem, self.base
+        problem = self.problem
         result = np.zeros((self.n_order, self.rows.size, self.columns.size))
-        if base is None or not np.isfinite(problem.thickness[-1]):
-            return result
         into = np.concatenate([problem.nodes, problem.mu0])
-        if isinstance(base, Lambertian):
-            orders = np.zeros((1, into.size, problem.nodes.size + problem.mu_out.size, 4, 4))
-            orders[..., 0, 0] = 2.0 * base.albedo
-        else:
-            orders = mueller_orders(base, problem, self.n_order)[0]
+        orders = reflected_orders(self.base, problem, self.n_order)[0]
         for found, matrix in zip(result, orders, strict=False):
             found[:] = self.operator((matrix * into[:, None, None, None] * FLIP[:, None]).transpose(1, 0, 2, 3))
         return result

@@ -120,6 +120,6 @@ METHOD = Method(
     purpose="light near the beam below or within a layer with a strong forward peak",
     conserves="nothing: no light turns back, and slanting paths are as short as the beam's",
     source="(2:28)-(2:29)",
-    base=False,
+    base="none",
     endless=True,
 )

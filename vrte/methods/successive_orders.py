@@ -306,7 +306,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     start = time.perf_counter()
     mu, problem = discrete(request)
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
-    on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.base)
+    on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.below)
     convergence = Convergence()
 
     def field_of(order: int, base: Array) -> tuple[Array, Array]:

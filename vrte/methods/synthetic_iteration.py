@@ -328,6 +328,7 @@ def swept(grid: Grid, mu: Array, source: Array, base_light: Array) -> Array:
 METHOD = Method(
     name=NAME,
     solve=solve,
+    base="even",
     purpose="light near the beam below layers with a strong forward peak; no quicker than discrete ordinates here",
     conserves="fluxes as the regular part does; the radiance does not sum to them",
     source="section 5, (2:4), (2:25)-(2:29)",

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray
-from vrte.basics.errors import SceneError
 from vrte.basics.quadrature import double_gauss
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise
@@ -31,7 +30,6 @@ from vrte.discrete_ordinates.orders.truncating import Truncation, choose_truncat
 from vrte.methods.common import NODES, diagnostics_of, light, summed
 from vrte.request.request import FINEST, Request
 from vrte.results.solution import Solution
-from vrte.scene.scene import Lambertian
 
 CARRIED = 2  # terms of a phase function
 SERIES = 21  # terms of it, for exponents below 1
@@ -262,10 +260,7 @@ def levels_of(problem: Problem, pile: Pile) -> tuple[Array, Array]:
 
 def cut_to_two(request: Request) -> tuple[Array, Problem]:
     """The signed cosines of the result, and the scene with two terms of each phase function: longer ones are cut or
-    lose their forward peak, as discrete ordinates with one node would have it. Raises SceneError for a base that is not
-    Lambertian."""
-    if request.scene.base is not None and not isinstance(request.scene.base, Lambertian):
-        raise SceneError(f"method {request.method!r} takes no base but a Lambertian one: ask for 'discrete-ordinates'")
+    lose their forward peak, as discrete ordinates with one node would have it."""
     points = double_gauss(request.nodes or NODES)[0]
     mu = np.concatenate([points, -points]) if request.mu is None else request.mu
     rank = np.argsort(mu < 0.0, kind="stable")
@@ -300,8 +295,7 @@ def direct_beam(problem: Problem, base_albedo: float) -> Array:
 
 def base_albedo_of(request: Request) -> float:
     """Of the base, 0 for none and for one that light does not reach."""
-    base = request.scene.base
-    return base.albedo if isinstance(base, Lambertian) and request.scene.base_is_reached else 0.0
+    return request.scene.below.even_albedo
 
 
 def kernels_of(problem: Problem, orders: Sequence[Array]) -> Array:

@@ -106,6 +106,7 @@ def scattered(problem: Problem, pile: Pile, order: int) -> Array:
 METHOD = Method(
     name="two-stream",
     solve=solve,
+    base="even",
     purpose="fluxes of any layer without a matrix; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="4.1, (2:5)-(2:9) with N = 1",

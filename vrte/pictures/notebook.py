@@ -21,7 +21,8 @@ from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.over_hemisphere import check_directions, light_in_plane
 from vrte.results.spectrum import Spectrum
-from vrte.scene.scene import Layer, Scene
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

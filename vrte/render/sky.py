@@ -14,7 +14,9 @@ from vrte.basics.arrays import Array
 from vrte.calls.radiance import radiance
 from vrte.optics.phase_matrix import rayleigh
 from vrte.render.splines import coefficients
-from vrte.scene.scene import Lambertian, Layer, Scene
+from vrte.scene.boundary import Lambertian
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 
 KINDS = ("rayleigh", "uniform", "sun")
 DEPOLARIZATION = 0.0279  # of air; Young, Applied Optics 19, 3427 (1980)

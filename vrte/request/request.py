@@ -13,7 +13,7 @@ from vrte.optics.truncation import CHOICES
 from vrte.request.backends import BACKENDS, Backend, backend_of
 from vrte.request.wanted import Wanted
 from vrte.scene.illumination import SIDES, check_physical, lit_from, mirrored_stokes
-from vrte.scene.scene import MuellerBase, Scene
+from vrte.scene.scene import Scene
 
 EXACT = "discrete-ordinates"
 AUTO = "auto"  # one of the methods, by the rules of vrte/methods/rules.py
@@ -78,7 +78,7 @@ class Request:
 def operations_of(request: Request) -> float:
     """Predicted of a request, roughly, whichever way it is solved; infinite where that takes a plan to say."""
     scene, mu = request.scene, request.mu
-    if isinstance(scene.base, MuellerBase) or request.nodes is None or mu is None:
+    if scene.below.mixes_stokes or request.nodes is None or mu is None:
         return math.inf
     scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
     terms = max(layer.phase_matrix.terms for layer in scene.layers)

@@ -16,7 +16,8 @@ from vrte.calls.radiance import radiance
 from vrte.optics.phase_matrix import henyey_greenstein
 from vrte.pictures.figures import FAINT, require_pictures, save
 from vrte.request.request import EXACT, METHODS
-from vrte.scene.scene import Layer, Scene
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 from vrte.studies.stability.phases import haze_l
 
 if TYPE_CHECKING:

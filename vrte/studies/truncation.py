@@ -22,7 +22,8 @@ from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein
 from vrte.optics.size_distribution import Gamma
 from vrte.optics.spheres import spheres
 from vrte.optics.truncation import TRUNCATIONS
-from vrte.scene.scene import Layer, Scene
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 from vrte.studies.stability.phases import haze_l
 
 if TYPE_CHECKING:

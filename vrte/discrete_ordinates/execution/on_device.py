@@ -111,7 +111,7 @@ class Piece:
         shape: tuple[Any, ...] = ()
         if name == "doubling":
             pile = cut(problem)
-            shape = pile.slabs.size, pile.interface.tobytes(), self.block.base is not None
+            shape = pile.slabs.size, pile.interface.tobytes(), self.block.base.orders_reflected > 0
         return name, problem.stokes, problem.n_up, *(a.tobytes() for a in arrays), *shape
 
     def halves(self) -> tuple["Piece", "Piece"]:
@@ -461,7 +461,7 @@ def places_of_slabs(batch: Batch) -> IntArray:
 
 def ground_of(batch: Batch) -> joining.Ground | None:
     """The base of every item; None where all are black."""
-    if batch.pieces[0].block.base is None:
+    if not batch.pieces[0].block.base.orders_reflected:
         return None
     grounds = []
     for piece, pile in zip(batch.pieces, batch.piles, strict=True):

@@ -24,7 +24,7 @@ from vrte.discrete_ordinates.planning.needs import calibrated, orders_that_matte
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.request.wanted import Wanted
 from vrte.results.solution import NO_LIGHT, Solution
-from vrte.scene.scene import Base
+from vrte.scene.boundary import Boundary
 
 WORTH_THREADS = 1e5  # products of matrices, in multiplications: about a millisecond of all stages
 
@@ -165,7 +165,7 @@ def worth_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
 
 def solve_orders(
     problem: Problem,
-    base: Base,
+    base: Boundary,
     orders: IntArray,
     name: str,
     run: Run,

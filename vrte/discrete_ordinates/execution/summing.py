@@ -85,7 +85,7 @@ def fill(
                 add(part, first, last)
             begin = time.perf_counter()
             add_base_reflected(
-                scene.base,
+                scene.below,
                 problem,
                 part.levels,
                 part.mu,

@@ -152,6 +152,6 @@ def finish(task: Task, part: Part, azimuths: Azimuths, run: Run, spreads: bool) 
         prepare_spreading(wanted, scene, problem, kind, azimuths, run)(part, 0, n_in)
     begin = time.perf_counter()
     add_base_reflected(
-        scene.base, problem, part.levels, part.mu, azimuths.phi, wanted.place, wanted.scale, 0, n_in, part.values
+        scene.below, problem, part.levels, part.mu, azimuths.phi, wanted.place, wanted.scale, 0, n_in, part.values
     )
     run.book("single scattering", time.perf_counter() - begin)

@@ -20,7 +20,7 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.orders.slabs import cut, join, materials_of
 from vrte.discrete_ordinates.orders.storage import doubles_of_doubling, doubles_of_modes
-from vrte.scene.scene import Base
+from vrte.scene.boundary import Boundary
 
 QUICK = 3e-12  # accuracy that the symmetric eigensolver is good for on 16 nodes; ten times the largest error measured
 TIGHTER = 0.5  # of the accuracy asked for: where iterations stop
@@ -53,7 +53,7 @@ class Modes:
     # residuals up to which the answer counts
     allowed: ClassVar = {"residual_of_modes": 1e-9, "residual_of_boundary": 1e-9}
 
-    def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         self.problem, self.base = problem, expand_base(base, problem, n_order, accuracy)
         self.distinct, self.kinds = materials_of(problem)
         self.quick = is_quick(problem, accuracy)
@@ -101,7 +101,7 @@ class Doubling:
     name = "doubling"
     allowed: ClassVar = {"residual_of_reflection": 1e-9, "residual_of_transmission": 1e-6, "residual_of_joints": 1e-9}
 
-    def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         self.pile = cut(problem)
         self.base = expand_base(base, self.pile.problem, n_order, accuracy)
 
@@ -129,7 +129,7 @@ class Invariance:
 
     name = "invariance"
 
-    def __init__(self, problem: Problem, base: Base, n_order: int, accuracy: float) -> None:
+    def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         self.problem, self.tolerance = problem, TIGHTER * accuracy
 
     @property

@@ -8,7 +8,8 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.scene.scene import Lambertian, Layer, MuellerBase
+from vrte.scene.boundary import Boundary
+from vrte.scene.layer import Layer
 
 
 def scatterers(
@@ -72,7 +73,7 @@ def distance(problem: Problem, t: int, k: int) -> float:
 
 
 def add_base_reflected(
-    base: Lambertian | MuellerBase | None,
+    below: Boundary,
     problem: Problem,
     levels: IntArray,
     mu: Array,
@@ -83,27 +84,22 @@ def add_base_reflected(
     last: int,
     out: Array,
 ) -> None:
-    """Adds the beam, reflected by the base and attenuated both ways, for the incident directions first .. last - 1.
+    """Adds the beam, reflected by what lies below and fading on both ways, for the beams first .. last - 1.
 
     levels (n_level,), mu (n_mu,): depths and signed cosines of out (n_level, n_in, n_mu, n_phi, 4, n_place); place
     (n_col,): where the columns go; scale (n_in,): factor of each incident direction.
     """
     total = problem.above[-1] + problem.thickness[-1]
     up = mu > 0.0
-    if base is None or not np.isfinite(total) or not up.any():
+    if not below.orders_reflected or not np.isfinite(total) or not up.any():
         return
     mu0 = problem.mu0[first:last]
     strength = scale[first:last] * mu0 * np.exp(-total / mu0)
     left = np.array([distance(problem, int(t), problem.albedo.size) for t in levels])
     fade = np.where(up, strength[:, None] * np.exp(-left[:, None, None] / np.abs(mu)), 0.0)
-    f: Array | None = None
-    if isinstance(base, Lambertian):
-        fade *= base.albedo / np.pi
-    else:
-        f = base(mu0[:, None, None], np.abs(mu)[None, :, None], phi)
+    f = below.reflect(mu0[:, None, None], np.abs(mu)[None, :, None], phi)
+    seen = f.shape[-1]
     for column, at in zip(problem.columns, place, strict=True):
+        light = f @ column[:seen]
         for values, share in zip(out, fade, strict=True):
-            if f is None:  # (1:66), the same at every azimuth
-                values[first:last, ..., 0, at] += (column[0] * share)[..., None]
-            else:
-                values[first:last, ..., at] += share[..., None, None] * (f @ column)
+            values[first:last, ..., :seen, at] += share[..., None, None] * light

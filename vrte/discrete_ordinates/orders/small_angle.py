@@ -29,7 +29,8 @@ from vrte.discrete_ordinates.orders.single_scattering import distance
 from vrte.discrete_ordinates.orders.truncating import is_scalar
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.optics.truncation import peak
-from vrte.scene.scene import Layer, Scene
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 
 NEARLY_EQUAL = 1e-7  # eigenvalues of S_l, which are of size 1 at most: closer ones take the derivative
 STEP = 1e-6  # of the derivative: rounding of 1e-10, and as much times (tau/mu0)^2

@@ -7,7 +7,7 @@ import numpy as np
 from vrte.basics.arrays import Array, BoolArray
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.optics.truncation import Truncated, truncated
-from vrte.scene.scene import MuellerBase, Scene
+from vrte.scene.scene import Scene
 
 # which layers lose their forward peak, and towards which directions the beam spreads by small angles
 NAMED = {"none": ("none", "none"), "delta-m": ("all", "none"), "small-angle": ("all", "all")}
@@ -88,7 +88,7 @@ def has_scalar_among_polarizing(scene: Scene) -> bool:
 
 def is_scalar(scene: Scene) -> bool:
     """True where polarized light matters nowhere: no layer scatters it and the base does not reflect it."""
-    return not isinstance(scene.base, MuellerBase) and all(layer.phase_matrix.is_scalar for layer in scene.layers)
+    return not scene.below.mixes_stokes and all(layer.phase_matrix.is_scalar for layer in scene.layers)
 
 
 def flux_of_the_peak(problem: Problem, tau: Array) -> Array:

@@ -9,7 +9,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.planning.choice import Choice, choose
 from vrte.discrete_ordinates.planning.needs import Needs, layers_reached, nodes_seen, stokes_sets
-from vrte.scene.scene import Base, MuellerBase
+from vrte.scene.boundary import BLACK, Boundary
 
 WORTH_A_BLOCK = 4e4  # cubes of unknowns: their time is that of one more block's calls
 STEPS = 10  # numbers of nodes that orders are sorted into
@@ -24,7 +24,7 @@ class Block:
     stokes: tuple[int, ...]
     columns: tuple[int, ...]
     problem: Problem
-    base: Base
+    base: Boundary
     choice: Choice
 
 
@@ -42,7 +42,7 @@ class Part(NamedTuple):
 
 def make_blocks(
     problem: Problem,
-    base: Base,
+    base: Boundary,
     orders: IntArray,
     stages: tuple[int, ...],
     needs: Needs,
@@ -52,7 +52,7 @@ def make_blocks(
     eigensolver: bool = True,
 ) -> list[Block]:
     """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
-    fed_back, leave_out = isinstance(base, MuellerBase), problem.leave_out
+    fed_back, leave_out = base.mixes_stokes, problem.leave_out
     everywhere = fed_back or not leave_out.nodes
     sets = stokes_sets(problem) if leave_out.stokes and not fed_back else [(ALL,)] * problem.coefficients.shape[1]
     nodes = [problem.nodes.size] * len(sets)
@@ -77,7 +77,7 @@ def make_blocks(
             continue
         reduced = reduce(problem, part, columns)
         seen = fed_back or (members[0] == 0 and part.stokes[0] == 0) or not leave_out.base
-        below = base if part.has_end and seen else None
+        below = base if part.has_end and seen else BLACK
         chosen = np.array(members, np.int32)
         for places, choice in choose(algorithm, reduced, needs.strength[chosen], accuracy, eigensolver):
             blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice))

@@ -17,7 +17,6 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.storage import doubles_of_route
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.discrete_ordinates.planning.blocks import Block
-from vrte.scene.scene import MuellerBase
 
 
 def check_memory(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> None:
@@ -37,7 +36,7 @@ def doubles_needed(problem: Problem, blocks: Sequence[Block], result: float, azi
     """Doubles at the peak: one block after another, beside what they add up to."""
     sums = threads * (TILE_DOUBLES + 8.0 * problem.columns.shape[0] * azimuths.distinct.size)
     base = 0.0
-    if any(isinstance(block.base, MuellerBase) for block in blocks):  # its samples for one piece of the result
+    if any(block.base.mixes_stokes for block in blocks):  # its samples for one piece of the result
         base = 4.0 * max(4.0 * result / problem.mu0.size, PIECE_BYTES / BYTES)
     kernels = sum(doubles_of_kernels(block) for block in blocks)
     matrices = max((doubles_of_block(block, threads) for block in blocks), default=0.0)
@@ -55,6 +54,6 @@ def doubles_of_block(block: Block, threads: int) -> float:
     problem, n_order = block.problem, float(block.orders.size)
     per_order, per_thread = doubles_of_route(block.choice.name, problem)
     base = 0.0
-    if isinstance(block.base, MuellerBase):
+    if block.base.mixes_stokes:
         base = n_order * 48.0 * (problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
     return min(n_order, orders_at_once(per_order, threads)) * per_order + threads * per_thread + base

@@ -25,7 +25,7 @@ from vrte.discrete_ordinates.orders.small_angle import Anisotropic
 from vrte.discrete_ordinates.orders.truncating import flux_of_the_peak
 from vrte.discrete_ordinates.planning.choice import THIN
 from vrte.discrete_ordinates.planning.needs import brightness
-from vrte.scene.scene import MuellerBase, Scene
+from vrte.scene.scene import Scene
 
 FEWEST, MOST = 4, 256
 LOWEST = 0.02  # |mu| that accuracy is promised for
@@ -98,7 +98,7 @@ def orders_looked_at(scene: Scene, nodes: int, cut: float, aim: float) -> IntArr
     """0 alone, or with a geometric series of others where what is ``cut`` by so many nodes matters. What a Mueller base
     does to others takes too long to find, and of many layers they take too much memory."""
     others = STEP ** np.arange(math.ceil(math.log(2 * nodes, STEP)), dtype=np.int32)
-    too_much = isinstance(scene.base, MuellerBase) or bytes_of_check(scene, nodes) * others.size > CHECKED_BYTES
+    too_much = scene.below.mixes_stokes or bytes_of_check(scene, nodes) * others.size > CHECKED_BYTES
     return np.concatenate([np.zeros(1, np.int32), others[: 0 if cut < SMALL * aim or too_much else None]])
 
 
@@ -293,8 +293,8 @@ def indicator(
     beams = few(mu0, BEAMS)
     directions = np.concatenate([few(mu[mu > 0.0], DIRECTIONS), few(mu[mu < 0.0], DIRECTIONS)])
     depths = few(tau, DEPTHS)
-    base = scene.base if scene.base_is_reached else None
-    stokes = ALL if isinstance(base, MuellerBase) else (0,)
+    base = scene.below
+    stokes = ALL if base.mixes_stokes else (0,)
     light = np.array([[1.0, 0.0, 0.0, 0.0]])
     single = brightness(scene, discretise(scene, beams, light, directions, depths, FEWEST), directions, phi, run)
     weights, ahead = weights_of(orders), not (phi % 360.0).all()
@@ -368,7 +368,7 @@ class ScatteredOnce:
         light[..., spread] = 0.0
         out = np.zeros((levels.size, self.mu0.size, self.mu.size, AZIMUTHS.size, 4, 1))
         place, scale = np.zeros(1, np.int32), np.ones(self.mu0.size)
-        add_base_reflected(self.scene.base, problem, levels, self.mu, AZIMUTHS, place, scale, 0, scale.size, out)
+        add_base_reflected(self.scene.below, problem, levels, self.mu, AZIMUTHS, place, scale, 0, scale.size, out)
         light[0] += out[..., 0, 0].mean(axis=3)
         if spread.any():
             self.add_spread(problem, np.flatnonzero(spread), light)

@@ -20,7 +20,7 @@ from vrte.discrete_ordinates.planning.node_choice import DISCRETE, NodeChoice, c
 from vrte.discrete_ordinates.planning.plan_table import facts_of, text_of
 from vrte.request.request import EXACT, Request
 from vrte.request.wanted import Wanted
-from vrte.scene.scene import MuellerBase, Scene
+from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -80,7 +80,7 @@ class Plan:
     @property
     def fed_back(self) -> bool:
         """Whether the base mixes orders and Stokes parameters as it likes."""
-        return isinstance(self.request.scene.base, MuellerBase) and self.request.scene.base_is_reached
+        return self.request.scene.below.mixes_stokes
 
     @property
     def counts_again(self) -> bool:
@@ -115,8 +115,9 @@ class Plan:
 
 def base_statement(scene: Scene) -> str:
     """What the base is, and whether light gets there."""
-    name = "black" if scene.base is None else type(scene.base).__name__
-    return name if scene.base_is_reached or scene.base is None else f"{name}, not reached below an infinite layer"
+    if scene.base is None or scene.base_is_reached:
+        return scene.below.name
+    return f"{scene.base.name}, not reached below an infinite layer"
 
 
 def plan_of(request: Request, run: Run) -> Plan:
@@ -170,11 +171,11 @@ def make_plan(
     needs = needs_of(problem, run)
     brightest = brightness(scene, problem, mu, request.phi, run)
     bounds = bounds_at(needs, problem.depth)
-    base = scene.base if scene.base_is_reached else None
+    base = scene.below
     stages: tuple[int, ...] = ()
-    if request.fluxes_only and leave_out.fluxes and not isinstance(base, MuellerBase):
+    if request.fluxes_only and leave_out.fluxes and not base.mixes_stokes:
         count = 1
-    elif isinstance(base, MuellerBase) or not leave_out.orders:
+    elif base.mixes_stokes or not leave_out.orders:
         count = int(problem.terms.max())
     else:
         count = orders_that_matter(bounds, brightest, accuracy)

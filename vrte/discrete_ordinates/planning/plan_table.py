@@ -326,7 +326,7 @@ def why_base(plan: "Plan") -> str:
         return "the base: it lies below a layer without end" if scene.base is not None else ""
     if scene.base is None:
         return "reflection by the base: it is black"
-    return "reflection by the base beyond order 0 and beyond I: it is Lambertian" if plan.orders > 1 else ""
+    return "reflection by the base beyond order 0 and beyond I: it reflects evenly" if plan.orders > 1 else ""
 
 
 def why_azimuths(plan: "Plan") -> str:

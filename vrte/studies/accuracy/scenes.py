@@ -11,7 +11,9 @@ from vrte.basics.arrays import Array
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, rayleigh
 from vrte.optics.size_distribution import Gamma
 from vrte.optics.spheres import spheres
-from vrte.scene.scene import Lambertian, Layer, Scene
+from vrte.scene.boundary import Lambertian
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 from vrte.studies.stability.phases import haze_l
 
 MU = (0.02, 0.1, 0.35, 0.6, 0.85, 1.0)

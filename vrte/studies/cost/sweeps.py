@@ -16,7 +16,8 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.optics.spheres import Particles, spheres
-from vrte.scene.scene import Layer, Scene
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 
 WAVELENGTH_UM = 0.4
 THICKNESS = 100.0

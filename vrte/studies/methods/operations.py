@@ -41,7 +41,7 @@ class Shape:
     @staticmethod
     def of(request: Request, problem: Problem) -> "Shape":
         """Of the problem that methods on nodes solve; directions up and down along the same cosine are one row."""
-        on_nodes = OnNodes(problem, request.scene.base)
+        on_nodes = OnNodes(problem, request.scene.below)
         n, distinct = on_nodes.n, np.unique(problem.mu_out).size
         return Shape(n, n + distinct * len(on_nodes.members), on_nodes.columns.size, on_nodes.n_order)
 

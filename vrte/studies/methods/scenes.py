@@ -14,7 +14,9 @@ from vrte.basics.errors import SceneError
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.size_distribution import Gamma
 from vrte.optics.spheres import Particles, spheres
-from vrte.scene.scene import Lambertian, Layer, Scene
+from vrte.scene.boundary import Lambertian
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 from vrte.studies.accuracy.scenes import POLARIZED, glass, one_layer, smooth, spheroids
 from vrte.studies.methods.peers.asked import Asked
 from vrte.studies.stability.phases import haze_l

@@ -16,7 +16,9 @@ from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import double_gauss
-from vrte.scene.scene import Lambertian, Layer, MuellerBase, Scene
+from vrte.scene.boundary import Lambertian, MuellerBase
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 from vrte.studies.stability.covering import Row, covering_array
 from vrte.studies.stability.phases import PHASES, group, phase_matrix
 

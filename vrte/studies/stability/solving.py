@@ -118,7 +118,7 @@ def solve_few_orders(case: Case, scene: Scene, algorithm: str, threads: int | No
             problem = discretise(scene, np.array([case.mu0, SECOND_DIRECTION]), np.eye(4), mu, case.tau, case.nodes)
             orders = np.arange(min(FEW, int(problem.terms.max())), dtype=np.int32)
             name = choose(algorithm, problem, np.ones(1), FINEST)[0][1].name
-            base = scene.base if scene.base_is_reached else None
+            base = scene.below
             found, _ = solve_orders(problem, base, orders, name, run, FINEST)
         return FewOrders(found.kernels, found.flux_up, found.flux_down, name)
 

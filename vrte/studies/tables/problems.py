@@ -18,7 +18,8 @@ from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.optics.spheres import spheres
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.scene.scene import Layer, Scene
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
 
 # Siewert (2000), problem IIA: a1, a2, a3, a4, b1, b2 of the twelve degrees
 SIEWERT_IIA = [

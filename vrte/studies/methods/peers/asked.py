@@ -7,7 +7,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.results.field import Field
-from vrte.scene.scene import Lambertian, Scene
+from vrte.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Asked:
     @property
     def base_albedo(self) -> float:
         """Of a Lambertian base, 0 of a black one."""
-        return self.scene.base.albedo if isinstance(self.scene.base, Lambertian) else 0.0
+        return self.scene.below.even_albedo
 
     def legendre(self, terms: int) -> Array:
         """Moments of the phase functions without the factor 2 l + 1, (layer, terms), zeros behind what there is."""
@@ -65,8 +65,8 @@ class Asked:
         this one does not."""
         if not np.isfinite(self.scene.thickness):
             raise SceneError(f"{name} takes no layer without end")
-        if not isinstance(self.scene.base, Lambertian | None):
-            raise SceneError(f"{name} takes no base {type(self.scene.base).__name__} here: black or Lambertian alone")
+        if self.scene.base is not None and self.scene.base.orders_reflected > 1:
+            raise SceneError(f"{name} takes no base {self.scene.base.name} here: black or Lambertian alone")
         if self.stokes[1:].any():
             raise SceneError(f"{name} takes no polarized beam")
         if not (polarization or self.is_scalar):

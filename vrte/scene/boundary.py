@@ -1,0 +1,333 @@
+"""What bounds a pile of layers above and below: what it reflects, and what it lets through.
+
+A boundary answers for itself, and nobody asks for its class. A new one is a class made from `Boundary`, and a scene
+takes its objects as base (docs/extending.md).
+"""
+
+import math
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics.arrays import Array, BoolArray, in_one_line, number, numbers, settled, vector
+from vrte.basics.errors import AccuracyError, SceneError
+from vrte.optics.phase_matrix import NEGATIVE_ALLOWED
+
+LARGEST_BASE = 1e100  # of an element of a base's Mueller matrix [1/sr]
+CHECKED_COSINES = settled(np.array([0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0]))  # mu_i of a base's energy
+GRAZING = 0.05  # mu_i below which a base may give back more than it gets
+ENERGY_ALLOWED = 1e-3  # relative: what quadratures of coarse functions leave
+COARSE = 24  # points of a first look at a base's energy
+FEWEST_AZIMUTHS, MOST_AZIMUTHS = 32, 1 << 13  # from 0 to 180 degrees
+SAMPLES_AT_ONCE = 1 << 16  # of 4 x 4 numbers
+PAULI = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])  # of I, Q, U, V
+
+Allowed = Callable[[Array], Array]  # how far R^m may be off, (in, out), from the largest element of each, (in, out)
+
+
+class Boundary:
+    """What lies above or below a pile of layers; by itself it is black: nothing comes back, and nothing gets through.
+
+    ``orders_reflected``: of how many Fourier orders light comes back (0: none, 1: evenly, math.inf: all);
+    ``mixes_stokes``: whether it comes back, or gets through, as other Stokes parameters than it came.
+
+    >>> bool(Boundary().transmit_straight(np.array([0.5])).any()), Boundary().name
+    (False, 'black')
+    """
+
+    orders_reflected: float = 0
+    mixes_stokes: bool = False
+
+    @property
+    def name(self) -> str:
+        """What it is called in diagnostics, and in the lists of boundaries that methods take."""
+        return "black" if type(self) is Boundary else type(self).__name__
+
+    @property
+    def even_albedo(self) -> float:
+        """The share of light that comes back evenly and unpolarized."""
+        return 0.0
+
+    def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
+        """Mueller matrices f [1/sr] of a beam's reflection, (..., S, S) of the first S Stokes parameters, which all
+        others leave dark, on a shape that broadcasts with that of the directions."""
+        return np.zeros((1, 1))
+
+    def reflect_orders(
+        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
+    ) -> tuple[Array, int]:
+        """R^m of diffuse light from mu_i (in,) to mu_o (out,), (order, in, out, 4, 4), and how many azimuths it took.
+
+        Orders beyond those given back are dark. ``pairs`` (in, out): which are wanted; ``allowed``: how far each may be
+        off.
+        """
+        return np.zeros((0, mu_i.size, mu_o.size, 4, 4)), 0
+
+    def transmit_straight(self, mu: Array) -> Array:
+        """Mueller matrices of light that goes through and keeps its direction, (n, 4, 4) along mu (n,)."""
+        return np.zeros((mu.size, 4, 4))
+
+
+class Transparent(Boundary):
+    """Nothing at all: light leaves as it comes, and none comes back. It lies above every pile.
+
+    >>> TRANSPARENT.transmit_straight(np.array([0.5]))[0].diagonal().tolist()
+    [1.0, 1.0, 1.0, 1.0]
+    """
+
+    @property
+    def name(self) -> str:
+        return "transparent"
+
+    def transmit_straight(self, mu: Array) -> Array:
+        return np.broadcast_to(np.eye(4), (mu.size, 4, 4))
+
+
+BLACK, TRANSPARENT = Boundary(), Transparent()
+
+
+@dataclass(frozen=True)
+class Lambertian(Boundary):
+    """A base that reflects ``albedo`` (0..1) of the light evenly and unpolarized, f_00 = albedo/pi, (1:66).
+
+    Raises SceneError for an albedo outside.
+
+    >>> Lambertian(0.3).albedo
+    0.3
+    """
+
+    albedo: float
+
+    orders_reflected = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "albedo", number("base: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
+
+    @property
+    def even_albedo(self) -> float:
+        return self.albedo
+
+    def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
+        return np.array([[self.albedo / np.pi]])
+
+    def reflect_orders(
+        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
+    ) -> tuple[Array, int]:
+        orders = np.zeros((1, mu_i.size, mu_o.size, 4, 4))
+        orders[..., 0, 0] = 2.0 * self.albedo
+        return orders, 0
+
+
+@dataclass(frozen=True)
+class MuellerBase(Boundary):
+    """A base with any mirror-symmetric Mueller BRDF.
+
+    ``function(mu_i, mu_o, phi_deg)`` is called with broadcastable arrays (positive cosines, azimuth in
+    degrees relative to the incident light's, both along the direction of travel) and returns (..., 4, 4),
+    unit 1/sr, in the meridian planes. Raises SceneError where samples are not finite, have the wrong shape,
+    f_00 < 0, break f(-phi) = D f(phi) D, D = diag(1, 1, -1, -1), by more than 1e-8 of the largest, are no
+    sum of reflections (a coherency eigenvalue below -1e-4 f_00), or give back more than arrives: of light
+    along 8 mu_i from 0.01 to 1, by more than 1e-3, below mu_i = 0.05 more than 0.05/mu_i times as much, which
+    facets without shadows do. Source: (1:35), (1:60).
+
+    >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))(1.0, [0.5, 1.0], 0.0).shape
+    (2, 4, 4)
+    """
+
+    function: Callable[[Any, Any, Any], Any]
+
+    orders_reflected = math.inf
+    mixes_stokes = True
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise SceneError(f"base: function must be callable, not {type(self.function).__name__}")
+        mu_i, mu_o = CHECKED_COSINES[:, None, None], np.array([0.1, 0.6, 0.95])[:, None]
+        phi = np.array([0.0, 20.0, 75.0, 160.0, 180.0])
+        there, mirrored = self(mu_i, mu_o, phi), self(mu_i, mu_o, -phi)
+        flip = np.array([1.0, 1.0, -1.0, -1.0])
+        gap = np.abs(mirrored - flip[:, None] * there * flip).max()
+        if gap > 1e-8 * max(np.abs(there).max(), 1e-300):
+            raise SceneError(
+                "base: f(-phi) must equal D f(phi) D with D = diag(1, 1, -1, -1), as for every "
+                f"mirror-symmetric surface; the given function breaks this by {gap:.3g}"
+            )
+        self._check_physical(there, *np.broadcast_arrays(mu_i, mu_o, phi))
+        self._check_energy()
+
+    def _check_physical(self, f: Array, mu_i: Array, mu_o: Array, phi: Array) -> None:
+        """Sums of what single reflections do to the field have coherency matrices without negative eigenvalues."""
+        lowest, intensity = np.linalg.eigvalsh(coherency(f))[..., 0], f[..., 0, 0]
+        floor = -NEGATIVE_ALLOWED * intensity - 1e-12 * np.abs(f).max()
+        worst = np.unravel_index(np.argmin(lowest - floor), lowest.shape)
+        if lowest[worst] < floor[worst]:
+            raise SceneError(
+                f"base: the Mueller matrix from mu_i {mu_i[worst]:g} to mu_o {mu_o[worst]:g} at phi_deg {phi[worst]:g} "
+                f"is not physical: its coherency matrix has the eigenvalue {lowest[worst]:.3g} where f_00 is "
+                f"{intensity[worst]:.3g}; at least -{NEGATIVE_ALLOWED:g} f_00 is allowed (check signs and order)"
+            )
+
+    def _check_energy(self) -> None:
+        """Looks closer, until the quadrature settles, only at what seems to be too much."""
+        most = (1.0 + ENERGY_ALLOWED) * np.maximum(1.0, GRAZING / CHECKED_COSINES)
+        excess = self.reflectance(CHECKED_COSINES, COARSE) / most
+        for place in np.argsort(-excess)[: np.count_nonzero(excess > 1.0)]:  # the worst first
+            mu_i, before = CHECKED_COSINES[place : place + 1], np.inf
+            for points in (2 * COARSE, 4 * COARSE, 8 * COARSE, 16 * COARSE):
+                now = self.reflectance(mu_i, points)[0]
+                if now <= most[place] or abs(now - before) <= ENERGY_ALLOWED * now:
+                    break
+                before = now
+            else:
+                continue  # too narrow for this quadrature: the solver's own will tell
+            if now > most[place]:
+                raise SceneError(
+                    f"base: the function gives back {now:.4g} of the light that comes along mu_i = {mu_i[0]:g}, and "
+                    f"at most {most[place]:.4g} is allowed there (facets without shadows give back too much near the "
+                    "horizon)"
+                )
+
+    def reflectance(self, mu_i: Any, points: int = 64) -> Array:
+        """Share of unpolarized light along ``mu_i`` (n,) that comes back into all directions, (n,).
+
+        Parameters: ``points``, of the quadrature over mu_o and over half of the azimuths. Source: (1:35), order 0.
+
+        >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0])).reflectance([0.5]).round(12) / np.pi
+        array([0.1])
+        """
+        root, weight = np.polynomial.legendre.leggauss(points)
+        mu_o = (0.5 * (root + 1.0)) ** 2  # dense at the horizon, where lobes of grazing light are
+        phi, share = azimuth_rule(np.arange(1, points), points)
+        found = self(vector("mu_i", mu_i)[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]
+        total: Array = 2.0 * (found @ share) @ (weight * np.sqrt(mu_o) * mu_o)
+        return total
+
+    def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
+        return self(mu_i, mu_o, phi_deg)
+
+    def reflect_orders(
+        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
+    ) -> tuple[Array, int]:
+        """R^m of (1:35), the integral of f with cos, sin(m phi): each pair of directions is sampled until twice as many
+        azimuths change it by no more than it may be off. Raises AccuracyError where MOST_AZIMUTHS do not settle it."""
+        here, there = np.nonzero(pairs)
+        into, out = mu_i[here], mu_o[there]
+        azimuths = FEWEST_AZIMUTHS
+        while azimuths < n_order:
+            azimuths *= 2
+        before = self.sum_over_azimuths(into, out, n_order, np.arange(1, azimuths), azimuths)
+        found = np.zeros((n_order, mu_i.size, mu_o.size, 4, 4))
+        left = np.arange(here.size)
+        while azimuths < MOST_AZIMUTHS:
+            azimuths *= 2
+            between = self.sum_over_azimuths(into[left], out[left], n_order, np.arange(1, azimuths, 2), azimuths)
+            now = 0.5 * before + between
+            found[:, here[left], there[left]] = now
+            error = np.abs(now - before).max(axis=(0, 2, 3))
+            most = allowed(np.abs(found).max(axis=(0, 3, 4)))[here, there][left]
+            open_ = error > most
+            if not open_.any():
+                return found, azimuths
+            before, left, error, most = now[:, open_], left[open_], error[open_], most[open_]
+        worst = int(np.argmax(error / most))
+        pair = left[worst]
+        raise AccuracyError(
+            f"the base's azimuthal orders do not settle with {azimuths} azimuths: from mu_i {into[pair]:.3g} to mu_o "
+            f"{out[pair]:.3g} they change by {error[worst]:.2g}, and {most[worst]:.2g} is allowed"
+        )
+
+    def sum_over_azimuths(
+        self, mu_i: Array, mu_o: Array, n_order: int, steps: NDArray[np.int64], azimuths: int
+    ) -> Array:
+        """What ``steps`` of the rule of so many azimuths add to R^m of each pair of directions, (n_order, pair, 4, 4).
+
+        cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V), as in (1:6); azimuths
+        beyond 180 degrees are the mirror image.
+        """
+        phi, weight = azimuth_rule(steps, azimuths)
+        angle = np.arange(n_order)[:, None] * phi
+        cosine, sine = 2.0 * weight * np.cos(angle), 2.0 * weight * np.sin(angle)
+        sums = np.empty((n_order, mu_i.size, 4, 4))
+        for part in np.array_split(
+            np.arange(mu_i.size), -(-mu_i.size * steps.size // SAMPLES_AT_ONCE)
+        ):  # bounds memory
+            f = self(mu_i[part], mu_o[part], np.degrees(phi)[:, None]).reshape(steps.size, -1)
+            even, odd = ((matrix @ f).reshape(n_order, part.size, 4, 4) for matrix in (cosine, sine))
+            even[..., 2:, :2], even[..., :2, 2:] = odd[..., 2:, :2], -odd[..., :2, 2:]
+            sums[:, part] = even
+        return sums
+
+    def __call__(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
+        """f on the broadcast shape of the arguments, checked: (..., 4, 4), 1/sr."""
+        named = {"mu_i": mu_i, "mu_o": mu_o, "phi_deg": phi_deg}
+        directions = [numbers(f"base: {name}", values) for name, values in named.items()]
+        try:
+            shape = np.broadcast_shapes(*(values.shape for values in directions))
+        except ValueError:
+            shapes = ", ".join(str(values.shape) for values in directions)
+            raise SceneError(f"base: mu_i, mu_o and phi_deg must broadcast, not be of the shapes {shapes}") from None
+        values = numbers("base: what the function returns", self._called(directions, shape))
+        try:
+            values = np.broadcast_to(values, (*shape, 4, 4))
+        except ValueError:
+            raise SceneError(
+                f"base: the function must return the shape {(*shape, 4, 4)} for arguments that broadcast to "
+                f"{shape}, not {values.shape}"
+            ) from None
+        if not np.isfinite(values).all():
+            raise SceneError("base: the function must return finite values; NaN or inf was found")
+        if np.abs(values).max(initial=0.0) > LARGEST_BASE:
+            raise SceneError(f"base: the function must return values of at most {LARGEST_BASE:g} in size")
+        if (values[..., 0, 0] < 0.0).any():
+            raise SceneError(f"base: f_00 must be >= 0, not {values[..., 0, 0].min():.3g}")
+        return values
+
+    def _called(self, directions: list[Array], shape: tuple[int, ...]) -> Any:
+        """What the function makes of copies, which it may change as it likes."""
+        try:
+            return self.function(*(values.copy() for values in directions))
+        except Exception as reason:
+            raise SceneError(
+                f"base: the function, called with arrays that broadcast to {shape}, failed with "
+                f"{in_one_line(f'{type(reason).__name__}: {reason}', 200)}"
+            ) from reason
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        try:
+            pickle.dumps(self.function)
+        except Exception as reason:
+            name = getattr(self.function, "__qualname__", repr(self.function))
+            raise SceneError(
+                f"base: the MuellerBase function {name} cannot be pickled: {in_one_line(str(reason), 200)}"
+            ) from reason
+        return (MuellerBase, (self.function,))
+
+
+def coherency(mueller: Array) -> NDArray[np.complex128]:
+    """H = sum_ij f_ij (sigma_i x sigma_j^*)/4 of Mueller matrices (..., 4, 4), Hermitian, of trace f_00: (..., 4, 4).
+
+    What a mixture of Jones matrices does has eigenvalues >= 0. Source: Cloude, Optik 75, 26 (1986).
+
+    >>> np.linalg.eigvalsh(coherency(np.eye(4))).round(12).tolist()  # one Jones matrix, that changes nothing
+    [0.0, 0.0, 0.0, 1.0]
+    """
+    products = 0.25 * np.einsum("iab,jcd->ijacbd", PAULI, PAULI.conj()).reshape(4, 4, 4, 4)
+    found: NDArray[np.complex128] = np.einsum("...ij,ijab->...ab", mueller, products)
+    return found
+
+
+def azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
+    """Azimuths from 0 to pi [rad] and weights of the trapezoidal rule in t, phi = t - sin(2 t)/2, t = pi steps/count.
+
+    Dense at both ends, where surfaces have their lobes, narrow at grazing angles, and their cusps, of which t leaves
+    little. The ends themselves, steps 0 and ``count``, weigh nothing.
+
+    >>> round(float(azimuth_rule(np.arange(1, 4), 4)[1].sum()), 12)
+    3.14159265359
+    """
+    t = np.pi * steps / count
+    return t - 0.5 * np.sin(2.0 * t), 2.0 * np.pi / count * np.sin(t) ** 2
