@@ -1,15 +1,19 @@
 """Scene files: what is right is read as meant, what is wrong is named by its dotted key."""
 
 import math
+import pickle
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
+from vrte.basics.errors import Place
 from vrte.formats.scene_file import SceneFile, henyey_greenstein_terms, read_scene, scene_of
+from vrte.formats.toml_table import dotted
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "gold_powder.toml"
 SCENE = """
@@ -359,6 +363,44 @@ def test_a_mistake_is_named(read: Reader, old: str, new: str, complaint: str) ->
         read(SCENE, (old, new), kind="brdf" if "[field]" in new else None)
     assert complaint in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(dotted(caught.value.place))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("nodes", "node", ("node",)),
+        ("2.0", "-2.0", ("layer", 0, "thickness")),
+        ("thickness = 2.0", "", ("layer", 0)),
+        ('= "gold"\nthick', "= { gold = -1 }\nthick", ("layer", 0, "particles", "gold")),
+        ("radius_um = 0.1", "diameter_um = -1", ("particles", "gold", "diameter_um")),
+        ("wavelength_um = 0.64", "wavelength_um = -1", ("wavelength_um",)),  # told of the particles
+        (
+            "0.1",
+            "{ lognormal = { median_um = 0.1, sigma = 0.5 } }",
+            ("particles", "gold", "size", "lognormal", "sigma"),
+        ),
+        ("= 12", "== 12", ()),
+    ],
+)
+def test_an_error_carries_its_place(read: Reader, old: str, new: str, place: Place) -> None:
+    with pytest.raises(vrte.SceneError) as caught:
+        read(SCENE, (old, new), *[("radius_um = {", "size = {")] * ("{ log" in new))
+    assert caught.value.place == place
+    assert pickle.loads(pickle.dumps(caught.value)).place == place
+
+
+@pytest.mark.parametrize(
+    ("asked", "place"),
+    [({"phi": math.inf}, ("brdf", "phi_deg")), ({"mu_o": 2.0}, ("brdf", "mu_o")), ({"nodes": 0}, ("nodes",))],
+)
+def test_a_request_is_complained_about_by_the_keys_of_the_file(
+    read: Reader, asked: dict[str, Any], place: Place
+) -> None:
+    file = read(SCENE)
+    with pytest.raises(vrte.SceneError, match=rf"^{dotted(place)} must ") as caught, file.located():
+        vrte.brdf(file.scene, **file.keywords(asked))
+    assert caught.value.place == place
 
 
 @pytest.mark.parametrize(

@@ -433,10 +433,8 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
             keywords = keywords_of(file)
             if any(is_geometric(layer) for layer in content["layer"]):
                 keywords.pop("tau", None)  # how deep that is optically is not known yet
-            try:
+            with file.located():
                 request_of("brdf" if kind == "brdf" else "radiance", file.scene, (), keywords)
-            except SceneError as error:
-                raise SceneError(file.located(str(error))) from error
 
 
 def lightened(content: Content) -> Content:

@@ -144,10 +144,8 @@ def with_scene(result: Any, text: str) -> Any:
 
 def checked(file: SceneFile, solve: Callable[[Any, dict[str, Any]], Any], tick: Callable[[int, int], None]) -> Any:
     """A solve, complained about by the keys of the form."""
-    try:
+    with file.located():
         return solve(file.scene, {**keywords_of(file), "progress": tick})
-    except SceneError as error:
-        raise SceneError(file.located(str(error))) from error
 
 
 def particles_of(file: SceneFile, content: dict[str, Any]) -> Callable[..., Any]:
@@ -178,10 +176,8 @@ def planned_of(file: SceneFile, tell: Tell) -> Planned | None:
     keywords = keywords_of(file)
     if keywords.get("method", EXACT) not in (EXACT, "auto"):
         return None
-    try:
+    with file.located():
         made = plan("brdf", file.scene, **keywords)
-    except SceneError as error:
-        raise SceneError(file.located(str(error))) from error
     facts = made.as_dict()
     parts = list(facts["parts"].values()) if "parts" in facts else [facts]
     found = Planned(

@@ -52,20 +52,20 @@ def numbers(name: str, values: Any) -> Array:
     """Real numbers of any shape as float64; text, dates, complex numbers and truth values are none."""
     count = values.size if isinstance(values, np.ndarray) else length(values)
     if count > MOST_NUMBERS:
-        raise SceneError(f"{name} must be at most {MOST_NUMBERS} numbers, not {count}")
+        raise SceneError.of(name, f"must be at most {MOST_NUMBERS} numbers, not {count}")
     try:
         return _real(values)
     except Exception:  # whatever a foreign object raises when it is asked for numbers
-        raise SceneError(f"{name} must be real numbers, not {shown(values)}") from None
+        raise SceneError.of(name, f"must be real numbers, not {shown(values)}") from None
 
 
 def vector(name: str, values: Any) -> Array:
     """A read-only, finite 1-D array; a scalar becomes one of length 1."""
     array = frozen([values] if type(values) is float else np.atleast_1d(numbers(name, values)))
     if array.ndim != 1 or array.size == 0:
-        raise SceneError(f"{name} must be a number or a non-empty 1-D list, not of shape {array.shape}")
+        raise SceneError.of(name, f"must be a number or a non-empty 1-D list, not of shape {array.shape}")
     if not np.all(np.isfinite(array)):
-        raise SceneError(f"{name} must be finite numbers, not {array[~np.isfinite(array)][0]}")
+        raise SceneError.of(name, f"must be finite numbers, not {array[~np.isfinite(array)][0]}")
     return array
 
 
@@ -74,9 +74,9 @@ def number(name: str, value: Any, low: float, high: float, allowed: str) -> floa
     try:
         result = real(value)
     except Exception:  # whatever a foreign object raises when it is asked for a number
-        raise SceneError(f"{name} must be a number ({allowed}), not {shown(value)}") from None
+        raise SceneError.of(name, f"must be a number ({allowed}), not {shown(value)}") from None
     if not low <= result <= high:  # also refuses NaN
-        raise SceneError(f"{name} must be {allowed}, not {shown(value)}")
+        raise SceneError.of(name, f"must be {allowed}, not {shown(value)}")
     return result
 
 
@@ -87,14 +87,14 @@ def whole(name: str, value: Any, low: int, high: int) -> int:
     except Exception:
         result = math.nan
     if not (low <= result <= high and result.is_integer()):
-        raise SceneError(f"{name} must be a whole number from {low} to {high}, not {shown(value)}")
+        raise SceneError.of(name, f"must be a whole number from {low} to {high}, not {shown(value)}")
     return int(result)
 
 
 def flag(name: str, value: Any) -> bool:
     """True or False, and nothing that merely counts as such."""
     if not isinstance(value, (bool, np.bool_)):
-        raise SceneError(f"{name} must be True or False, not {shown(value)}")
+        raise SceneError.of(name, f"must be True or False, not {shown(value)}")
     return bool(value)
 
 
@@ -103,9 +103,9 @@ def listed(name: str, values: Iterable[Any], most: int) -> list[Any]:
     try:
         found = list(itertools.islice(values, most + 1))
     except Exception:
-        raise SceneError(f"{name} must be a list, not {shown(values)}") from None
+        raise SceneError.of(name, f"must be a list, not {shown(values)}") from None
     if len(found) > most:
-        raise SceneError(f"{name} must be a list of at most {most}, not of more")
+        raise SceneError.of(name, f"must be a list of at most {most}, not of more")
     return found
 
 

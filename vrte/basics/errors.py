@@ -1,8 +1,31 @@
 """The errors a user meets, each one clear sentence."""
 
+Place = tuple[str | int, ...]  # keys of tables and places in lists, these from 0 on: ("layer", 0, "thickness")
+
 
 class SceneError(ValueError):
-    """The scene or the request is wrong: what, where and what is allowed."""
+    """The scene or the request is wrong: what, where and what is allowed, in one sentence.
+
+    ``place`` says where, as data, so that nobody has to read the sentence for it: the argument of a call, ("mu_i",), or
+    the way to a key of a scene file, ("layer", 0, "thickness"), which the sentence calls layer[1].thickness; () where
+    it is nothing in particular. What is put in front of a sentence, the name of a file, leaves the place as it is.
+
+    >>> SceneError.of("layer: albedo", "must be between 0 and 1, not 2").behind("scene.toml").place
+    ('albedo',)
+    """
+
+    def __init__(self, message: str, *place: str | int) -> None:
+        super().__init__(message)
+        self.place: Place = place
+
+    @classmethod
+    def of(cls, name: str, words: str) -> "SceneError":
+        """What is wrong with an argument; ``name`` may say before a colon whose it is, "layer: albedo"."""
+        return cls(f"{name} {words}", name.rpartition(": ")[2])
+
+    def behind(self, words: object) -> "SceneError":
+        """The same error, its sentence behind words that say what it is about."""
+        return SceneError(f"{words}: {self}", *self.place)
 
 
 class AccuracyError(ArithmeticError):

@@ -52,7 +52,7 @@ def brdfs(
         try:
             requests.append(brdf_request(scene, mu_i, mu_o, phi, transmission, options)[0])
         except SceneError as error:
-            raise SceneError(f"scene {place + 1} of {len(given)}: {error}") from error
+            raise error.behind(f"scene {place + 1} of {len(given)}") from error
     if not requests:
         return []
     run = run_of(requests[0], threads)

@@ -46,7 +46,7 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     """
     request, threads = request_of(kind, scene, arguments, keywords)
     if request.method != EXACT and not request.method_rule:
-        raise SceneError(f"method {request.method!r} has no plan: there are plans of {EXACT!r} and 'auto'")
+        raise SceneError(f"method {request.method!r} has no plan: there are plans of {EXACT!r} and 'auto'", "method")
     run = new_run(threads)
     found = interruptible(run, lambda: plan_of(request, run))
     # what the rules gave to another method has no Fourier order to solve
@@ -56,7 +56,7 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
 def request_of(kind: Any, scene: Any, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> tuple[Request, Any]:
     """The request that vrte.brdf or vrte.radiance would make of its arguments, and the threads asked for."""
     if not (isinstance(kind, str) and kind in DIRECTIONS):
-        raise SceneError(f"kind must be 'brdf' or 'radiance', not {shown(kind)}")
+        raise SceneError(f"kind must be 'brdf' or 'radiance', not {shown(kind)}", "kind")
     given = signature(brdf if kind == "brdf" else radiance).bind(scene, *arguments, **keywords)
     given.apply_defaults()
     values = given.arguments

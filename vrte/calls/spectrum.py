@@ -99,7 +99,7 @@ def scene_at(
             return scene_of({**scene, "wavelength_um": wavelength}, "brdf", Path(folder))
         return read_scene(scene, "brdf", wavelength)
     except SceneError as error:
-        raise SceneError(f"at {wavelength:g} um: {error}") from error
+        raise error.behind(f"at {wavelength:g} um") from error
 
 
 def scenes_at(
@@ -129,7 +129,7 @@ def solved_at(
     """The spectrum of what `scenes_at` made; ``asked`` as for `spectrum`; ``told``: whether it was said that all takes
     long, None where nobody looked."""
     calls = [file.keywords(asked) for file in files]
-    try:
+    with files[0].located():
         asks_for_more = PLAIN | calls[0] != calls[0] | PLAIN
         if not asks_for_more and calls[0].get("backend") == "opencl":
             common = {name: value for name, value in calls[0].items() if name not in PLAIN}
@@ -143,8 +143,6 @@ def solved_at(
                 request, threads = request_of("brdf", file.scene, (), call)
                 there = hundredths(progress, place, len(files))
                 found.append(brdf_of(request, threads, bool(call.get("transmission", False)), there, told))
-    except SceneError as error:
-        raise SceneError(files[0].located(str(error))) from error
     return Spectrum(wavelengths, tuple(with_scene(one, files[0].text) for one in found))
 
 

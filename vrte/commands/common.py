@@ -130,7 +130,7 @@ def named_by(path: Path) -> Iterator[None]:
     try:
         yield
     except SceneError as error:
-        raise SceneError(f"{path}: {error}") from error
+        raise error.behind(path) from error
 
 
 @contextmanager

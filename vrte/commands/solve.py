@@ -175,11 +175,8 @@ def how(options: argparse.Namespace) -> dict[str, Any]:
 
 def solved(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
     solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    with named_by(options.scene):
-        try:
-            found = solve(file.scene, progress=tick, **file.keywords(how(options)))
-        except SceneError as error:
-            raise SceneError(file.located(str(error))) from error
+    with named_by(options.scene), file.located():
+        found = solve(file.scene, progress=tick, **file.keywords(how(options)))
     return with_scene(found, file.text)
 
 

@@ -72,7 +72,7 @@ def made(options: argparse.Namespace, tick: Tick) -> "xarray.Dataset":
             time_limit_s=options.time_limit_s,
         )
     except SceneError as error:
-        raise SceneError(f"{options.file}: {error}") from error
+        raise error.behind(options.file) from error
 
 
 def describe(options: argparse.Namespace, table: "xarray.Dataset", seconds: float) -> None:

@@ -21,7 +21,7 @@ from vrte.basics.errors import SceneError
 from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.index_table import read_index
 from vrte.formats.text_file import read_text
-from vrte.formats.toml_table import Table, is_number, located, nearest, relocated, shortened, shown, shown_key
+from vrte.formats.toml_table import Table, is_number, located, nearest, shortened, shown, shown_key
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.refractive_index import Material, wavelength_range
 from vrte.optics.size_distribution import Gamma, Lognormal
@@ -40,8 +40,9 @@ LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 KINDS = ("brdf", "field")
 TABLE = ".csv"  # the suffix of tables of one's own
 NAMED = {"truncation": CHOICES, "method": METHOD_NAMES, "illuminate": SIDES}
+WAVE_KEYS = ("wavelength_um", "host_index")  # of the light, for all particles
 OPTION_KEYS = ("nodes", "accuracy", *NAMED, "settings")
-FILE_KEYS = ("wavelength_um", "host_index", *OPTION_KEYS, "particles", "layer", "base", "render", *KINDS)
+FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "render", *KINDS)
 PARTICLE_KEYS = ("index", "radius_um", "diameter_um", "size")
 FILLINGS = ("particles", "volume_fractions", "phase")  # what a layer holds, in one of these ways
 LAYER_KEYS = (*FILLINGS, "tolerance", "albedo", "thickness", "thickness_um", "volume_fraction")
@@ -111,17 +112,27 @@ class SceneFile:
             found["settings"] = of_file | asked.get("settings", {})
         return found
 
-    def located(self, message: str) -> str:
-        """The library's complaint about the request, with the dotted key of the file in front.
+    @contextmanager
+    def located(self) -> Iterator[None]:
+        """Puts the dotted key of the file in front of the library's complaints about the request.
 
-        >>> SceneFile(None, "brdf", {}, {}, {}).located("phi must be finite, not nan")
-        'brdf.phi_deg must be finite, not nan'
+        >>> with SceneFile(None, "brdf", {}, {}, {}).located():
+        ...     raise SceneError.of("phi", "must be finite, not nan")
+        Traceback (most recent call last):
+        vrte.SceneError: brdf.phi_deg must be finite, not nan
         """
-        message = message.replace("phi ", "phi_deg ", 1) if message.startswith("phi ") else message
-        name = message.split(" ", 1)[0].rstrip(":,")
-        if name in self.angles:
-            return f"{self.kind}.{ANGLES[name]}: {message}"
-        return relocated(message, self.kind, REQUEST_KEYS[self.kind]) if name in REQUEST_KEYS[self.kind] else message
+        try:
+            yield
+        except SceneError as error:
+            name, message = str(error.place[0]) if error.place else "", str(error)
+            key = ANGLES[name] if name in self.angles else "phi_deg" if name == "phi" else name
+            if key not in REQUEST_KEYS[self.kind]:
+                raise
+            if name in self.angles:
+                message = f"{self.kind}.{key}: {message}"
+            elif message.startswith(name):  # it may be that of one scene of several
+                message = f"{self.kind}.{key}{message[len(name) :]}"
+            raise SceneError(message, self.kind, key) from error
 
 
 def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength_um: float | None = None) -> SceneFile:
@@ -153,7 +164,7 @@ def listed_wavelengths(content: dict[str, Any]) -> list[float] | None:
     """
     if not isinstance(content.get("wavelength_um"), (list, dict)):
         return None
-    return Table("", content, FILE_KEYS).numbers("wavelength_um")
+    return Table((), content, FILE_KEYS).numbers("wavelength_um")
 
 
 def scene_of(
@@ -171,7 +182,7 @@ def scene_of(
     >>> scene_of({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness
     0.5
     """
-    file = Table("", content, FILE_KEYS)
+    file = Table((), content, FILE_KEYS)
     kind = _kind(file, kind)
     request = _request(file, kind)
     options = _options(file)
@@ -236,7 +247,7 @@ def _kind(file: Table, kind: str | None) -> str:
     if kind is not None:
         if kind not in there:
             other = f" (there is [{there[0]}], for `vrte {there[0]}`)" if there else ""
-            raise SceneError(f"{kind} is missing: the file needs a table [{kind}]{other}")
+            raise SceneError(f"{kind} is missing: the file needs a table [{kind}]{other}", kind)
         return kind
     if len(there) != 1:
         raise SceneError(f"exactly one of the tables [brdf] and [field] is needed, not {len(there)}")
@@ -300,7 +311,7 @@ def _cosines(table: Table, name: str) -> list[float]:
     if key not in table:
         return table.numbers(name)
     if name in table:
-        raise SceneError(f"{table.name}: exactly one of {name} and {key} is needed")
+        raise table.unfit(f"exactly one of {name} and {key} is needed")
     degrees = table.numbers(key)
     if not all(0.0 <= angle < 90.0 for angle in degrees):
         raise table.wrong(key, f"must be {ANGLE}")
@@ -320,8 +331,8 @@ def _layer_tables(file: Table) -> list[Table]:
     if not isinstance(layers, list) or not layers or not all(isinstance(layer, dict) for layer in layers):
         raise file.wrong("layer", "must be tables headed [[layer]], top first")
     if len(layers) > MOST_LAYERS:
-        raise SceneError(f"layer: there must be at most {MOST_LAYERS} of them, not {len(layers)}")
-    return [Table(f"layer[{place}]", layer, LAYER_KEYS) for place, layer in enumerate(layers, 1)]
+        raise SceneError(f"layer: there must be at most {MOST_LAYERS} of them, not {len(layers)}", "layer")
+    return [Table(("layer", place), layer, LAYER_KEYS) for place, layer in enumerate(layers)]
 
 
 def _particle_tables(file: Table) -> dict[str, Table]:
@@ -329,11 +340,11 @@ def _particle_tables(file: Table) -> dict[str, Table]:
     content = file.content.get("particles", {})
     if not isinstance(content, dict) or not all(isinstance(kind, dict) for kind in content.values()):
         raise file.wrong("particles", "must be tables headed [particles.NAME]")
-    tables = {name: Table(f"particles.{shown_key(name)}", kind, PARTICLE_KEYS) for name, kind in content.items()}
+    tables = {name: Table(("particles", name), kind, PARTICLE_KEYS) for name, kind in content.items()}
     for table in tables.values():
         table.required("index", INDEX)
         if sum(key in table for key in PARTICLE_KEYS[1:]) != 1:
-            raise SceneError(f"{table.name}: exactly one of radius_um, diameter_um and size is needed")
+            raise table.unfit("exactly one of radius_um, diameter_um and size is needed")
         _index(table), _size(table)  # checked also where no layer asks for them
     return tables
 
@@ -341,7 +352,7 @@ def _particle_tables(file: Table) -> dict[str, Table]:
 def _check_layer(layer: Table, kinds: dict[str, Table]) -> None:
     """Whether the keys of a layer go together."""
     if sum(key in layer for key in FILLINGS) != 1:
-        raise SceneError(f"{layer.name}: exactly one of {', '.join(FILLINGS)} is needed")
+        raise layer.unfit(f"exactly one of {', '.join(FILLINGS)} is needed")
     if "tolerance" in layer and not str(layer.content.get("phase")).endswith(TABLE):
         raise layer.wrong("tolerance", "goes with a phase from a .csv only: how far below zero it may be")
     if "phase" in layer:
@@ -363,7 +374,7 @@ def _check_thickness(layer: Table) -> None:
         raise layer.wrong("volume_fraction", "is the sum of volume_fractions; leave it out")
     if optical == geometrical or ("volume_fraction" in layer) != (geometrical and not by_volume):
         alone = "" if by_volume else " with volume_fraction"
-        raise SceneError(f"{layer.name}: either thickness (optical) or thickness_um{alone} is needed")
+        raise layer.unfit(f"either thickness (optical) or thickness_um{alone} is needed")
     for key in THICKNESS_KEYS[:2]:
         if key in layer:
             layer.number(key, "a number >= 0")
@@ -419,7 +430,7 @@ class _Particles:
         parts = [(self.kind(name), fraction) for name, fraction in fractions]
         if "volume_fractions" in layer:  # how many of them make such a part of the volume
             parts = [(kind, fraction / kind.volume_um3) for kind, fraction in parts]
-        with located(layer.name, LAYER_KEYS):
+        with located(layer.place, LAYER_KEYS):
             return mixture(parts)
 
     def kind(self, name: str) -> Particles:
@@ -431,7 +442,7 @@ class _Particles:
         wavelength = self.file.number("wavelength_um", ONE_WAVELENGTH)
         host = self.file.number("host_index") if "host_index" in self.file else 1.0
         index, size = _material(table, self.folder), _size(table)
-        with located(table.name, PARTICLE_KEYS), _told_in_diameters(table):
+        with located(table.place, PARTICLE_KEYS, WAVE_KEYS), _told_in_diameters(table):
             return self.spheres_of(index, wavelength_um=wavelength, host_index=host, **size)
 
 
@@ -475,12 +486,12 @@ def _size(table: Table) -> dict[str, Any]:
     distribution, keys = SIZES[name]
     numbers = size.table(name, (*keys, DIAMETERS[keys[0]]))
     if keys[0] in numbers and DIAMETERS[keys[0]] in numbers:
-        raise SceneError(f"{numbers.name}: exactly one of {keys[0]} and {DIAMETERS[keys[0]]} is needed")
+        raise numbers.unfit(f"exactly one of {keys[0]} and {DIAMETERS[keys[0]]} is needed")
     values = {
         key: 0.5 * numbers.number(twice) if (twice := DIAMETERS.get(key, "")) in numbers else numbers.number(key)
         for key in keys
     }
-    with located(numbers.name, numbers.allowed), _told_in_diameters(numbers):
+    with located(numbers.place, numbers.allowed), _told_in_diameters(numbers):
         return {"size": distribution(**values)}
 
 
@@ -490,11 +501,11 @@ def _told_in_diameters(table: Table) -> Iterator[None]:
     try:
         yield
     except SceneError as error:
-        message = str(error).removeprefix("lognormal: ").removeprefix("gamma: ")
-        key = DIAMETERS.get(message.split(" ", 1)[0], "")
+        key = DIAMETERS.get(str(error.place[0]), "") if error.place else ""
         if key not in table:
             raise
-        raise SceneError(f"{key}: half of it, {message}") from error
+        message = str(error).removeprefix("lognormal: ").removeprefix("gamma: ")
+        raise SceneError(f"{key}: half of it, {message}", key) from error
 
 
 def _layer(layer: Table, particles: _Particles, folder: Path) -> Layer:
@@ -503,17 +514,17 @@ def _layer(layer: Table, particles: _Particles, folder: Path) -> Layer:
         lengths = {key: layer.share(key, PART) for key in THICKNESS_KEYS if key in layer}
         if "volume_fractions" in layer and "thickness_um" in layer:
             lengths["volume_fraction"] = math.fsum(share for _, share in _fractions(layer, particles.kinds))
-        with located(layer.name, LAYER_KEYS):
+        with located(layer.place, LAYER_KEYS):
             return Layer.of(inside, **lengths)
     matrix, albedo, thickness = _phase(layer, folder), layer.share("albedo", ALBEDO), layer.number("thickness")
-    with located(layer.name, LAYER_KEYS):
+    with located(layer.place, LAYER_KEYS):
         return Layer(matrix, albedo, thickness)
 
 
 def _phase(layer: Table, folder: Path) -> PhaseMatrix:
     value = layer.content["phase"]
     if isinstance(value, dict):
-        return _parametric_phase(layer.table("phase", PHASE_KEYS))
+        return _parametric_phase(layer)
     if not isinstance(value, str):
         raise layer.wrong("phase", f"must be {PHASES}")
     if value in NAMED_PHASES:
@@ -524,15 +535,16 @@ def _phase(layer: Table, folder: Path) -> PhaseMatrix:
     return _read_beside(layer, "phase", partial(read_coefficients, tolerance=tolerance), folder)
 
 
-def _parametric_phase(table: Table) -> PhaseMatrix:
+def _parametric_phase(layer: Table) -> PhaseMatrix:
+    table = layer.table("phase", PHASE_KEYS)
     names = [name for name in PHASE_KEYS[:2] if name in table]
     if len(names) != 1 or ("terms" in table and "rayleigh" in table):
-        raise SceneError(f"{table.name} = {shown(table.content)}: must be {PHASES}")
+        raise layer.wrong("phase", f"must be {PHASES}")
     value = table.number(names[0])
     terms = table.whole("terms", 1, MOST_TERMS) if "terms" in table else henyey_greenstein_terms(value)
     if abs(value) < 1.0 and terms > MOST_TERMS:
         raise table.wrong(names[0], f"it takes {terms} terms, and at most {MOST_TERMS} are allowed")
-    with located(table.dotted(names[0])):
+    with located((*table.place, names[0])):
         return rayleigh(value) if "rayleigh" in table else henyey_greenstein(value, terms)
 
 
@@ -558,5 +570,5 @@ def _base(file: Table) -> Lambertian | None:
             raise base.wrong("albedo", 'goes with kind = "lambertian" only')
         return None
     albedo = base.share("albedo", ALBEDO)
-    with located(base.name, BASE_KEYS):
+    with located(base.place, BASE_KEYS):
         return Lambertian(albedo)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import Place, SceneError
 
 LARGEST_COUNT = 1_000_000
 RANGE_KEYS = ("start", "stop", "count")
@@ -82,16 +82,16 @@ def _quoted(text: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """The ``content`` of one table; ``name`` is its dotted key ("" for the file), ``allowed`` its keys.
+    """The ``content`` of one table; ``place`` is the way to it (() for the file), ``allowed`` its keys.
 
     Raises SceneError for a key that is not allowed.
 
-    >>> Table("base", {"albdo": 0.3}, ("kind", "albedo"))
+    >>> Table(("base",), {"albdo": 0.3}, ("kind", "albedo"))
     Traceback (most recent call last):
     vrte.SceneError: base.albdo = 0.3: unknown key; did you mean 'albedo'? Allowed: kind, albedo
     """
 
-    name: str
+    place: Place
     content: dict[str, Any]
     allowed: tuple[str, ...]
 
@@ -104,14 +104,15 @@ class Table:
     def __contains__(self, key: str) -> bool:
         return key in self.content
 
-    def dotted(self, key: str) -> str:
-        """The full name of a key of this table."""
-        return f"{self.name}.{shown_key(key)}" if self.name else shown_key(key)
-
     def wrong(self, key: str, complaint: str) -> SceneError:
         """The error to raise: dotted key, value given, complaint."""
+        place = (*self.place, key)
         given = f" = {shown(self.content[key])}" if key in self.content else ""
-        return SceneError(f"{self.dotted(key)}{given}: {complaint}")
+        return SceneError(f"{dotted(place)}{given}: {complaint}", *place)
+
+    def unfit(self, complaint: str) -> SceneError:
+        """The error to raise about the table: its keys do not go together."""
+        return SceneError(f"{dotted(self.place)}: {complaint}", *self.place)
 
     def required(self, key: str, allowed: str) -> Any:
         """The value of a key that must be there; ``allowed`` says in words what it may be."""
@@ -124,7 +125,7 @@ class Table:
         value = self.content[key]
         if not isinstance(value, dict):
             raise self.wrong(key, f"must be a table with the keys {', '.join(allowed)}")
-        return Table(self.dotted(key), value, allowed)
+        return Table((*self.place, key), value, allowed)
 
     def number(self, key: str, allowed: str = "a number") -> float:
         """The real number at ``key``; inf passes, NaN does not."""
@@ -185,26 +186,34 @@ class Table:
         return np.linspace(start, stop, count).tolist()
 
 
+def dotted(place: Place) -> str:
+    """A place as complaints name it, layers counted from 1.
+
+    >>> dotted(("layer", 0, "particles", "gold"))
+    'layer[1].particles.gold'
+    """
+    steps = (f"[{step + 1}]" if isinstance(step, int) else f".{shown_key(step)}" for step in place)
+    return "".join(steps).removeprefix(".")
+
+
 @contextmanager
-def located(name: str, keys: Iterable[str] = ()) -> Iterator[None]:
-    """Puts the dotted key of a table, or of one of its ``keys``, in front of a SceneError of the library."""
+def located(place: Place, keys: Iterable[str] = (), outside: Iterable[str] = ()) -> Iterator[None]:
+    """Puts the dotted key of a table in front of a SceneError of the library, or of one of its ``keys`` where the error
+    is about an argument of that name; one of the names ``outside`` stays the place of the error.
+
+    >>> with located(("layer", 0), ["albedo"]):
+    ...     raise SceneError.of("layer: albedo", "must be between 0 and 1, not 2")
+    Traceback (most recent call last):
+    vrte.SceneError: layer[1].albedo must be between 0 and 1, not 2
+    """
     try:
         yield
     except SceneError as error:
-        raise SceneError(relocated(str(error), name, keys)) from error
-
-
-def relocated(message: str, name: str, keys: Iterable[str]) -> str:
-    """``message`` with a dotted key in front: of the one of ``keys`` it starts with, else of the table.
-
-    >>> relocated("albedo must be between 0 and 1, not 2", "layer[1]", ["albedo"])
-    'layer[1].albedo must be between 0 and 1, not 2'
-    >>> relocated("no such entry", "layer[1]", ["albedo"])
-    'layer[1]: no such entry'
-    """
-    message = message.removeprefix(f"{name.split('[')[0].split('.')[-1]}: ")
-    known = message.split(" ", 1)[0].rstrip(":,") in set(keys)
-    return f"{name}.{message}" if known else f"{name}: {message}"
+        inside = error.place[:1] if error.place and error.place[0] in {*keys} else ()
+        within = error.place if error.place and error.place[0] in {*outside} else (*place, *inside)
+        own = next(step for step in reversed(place) if isinstance(step, str))
+        message = str(error).removeprefix(f"{own}: ")
+        raise SceneError(f"{dotted(place)}{'.' if inside else ': '}{message}", *within) from error
 
 
 def is_number(value: Any) -> bool:

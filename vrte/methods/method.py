@@ -54,23 +54,27 @@ class Method:
     def checked(self, request: Request) -> Settings:
         """The settings, all of them. Raises SceneError where the method does not take the request."""
         for obstacle in self.obstacles(request):
-            raise SceneError(f"method {self.name!r} takes no {obstacle}: ask for {EXACT!r}")
+            raise SceneError(f"method {self.name!r} takes no {obstacle}: ask for {EXACT!r}", "method")
         unused = ", ".join(sorted(request.given - {*self.options}))
         if unused:
-            raise SceneError(f"method {self.name!r} takes no {unused}: {self.instead()}")
+            raise SceneError(f"method {self.name!r} takes no {unused}: {self.instead()}", "method")
         if request.backend.needs_device:
             raise SceneError(
                 f"method {self.name!r} takes no backend {request.backend.label!r}: it is at home on the processor, "
-                "backend 'openmp' or 'sequential'"
+                "backend 'openmp' or 'sequential'",
+                "method",
             )
         unknown = [name for name in request.settings if name not in self.settings]
         if unknown:
             known = ", ".join(map(repr, self.settings)) or "none"
-            raise SceneError(f"method {self.name!r} has no setting {unknown[0]!r}: there are {known}")
-        return {
-            name: setting.checked(request.settings[name]) if name in request.settings else setting.default
-            for name, setting in self.settings.items()
-        }
+            raise SceneError(f"method {self.name!r} has no setting {unknown[0]!r}: there are {known}", "method")
+        found = {name: setting.default for name, setting in self.settings.items()}
+        for name, value in request.settings.items():
+            try:
+                found[name] = self.settings[name].checked(value)
+            except SceneError as error:
+                raise SceneError(str(error), "settings", name) from error
+        return found
 
     def instead(self) -> str:
         """What it goes by in place of the options that it does not take."""

@@ -41,7 +41,9 @@ def run_of(request: Request, threads: Any) -> Run:
     backend = request.backend
     if backend.kernels == "sequential":
         if threads not in (None, 1):
-            raise SceneError(f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'")
+            raise SceneError(
+                f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'", "backend"
+            )
         threads = 1
     run = new_run(threads, operations_of(request))
     if backend.needs_device and backend is not Backend.OPENCL:

@@ -67,7 +67,7 @@ class PhaseMatrix:
         given = {name: getattr(self, name) for name in SEQUENCES}
         for name, values in given.items():
             if length(values) > MOST_TERMS:
-                raise SceneError(f"{name} must be at most {MOST_TERMS} coefficients, not {length(values)}")
+                raise SceneError.of(name, f"must be at most {MOST_TERMS} coefficients, not {length(values)}")
         lists = {name: vector(name, [0.0] if value is None else value) for name, value in given.items()}
         scale = lists["a1"][0]
         if abs(scale - 1.0) > 1e-6:
@@ -75,7 +75,7 @@ class PhaseMatrix:
         for name, values in lists.items():
             largest = float(np.abs(values).max())
             if largest > LARGEST_COEFFICIENT:
-                raise SceneError(f"{name} holds {largest:g}: a coefficient is at most 2 l + 1 in size")
+                raise SceneError.of(name, f"holds {largest:g}: a coefficient is at most 2 l + 1 in size")
         terms = max(values.size for values in lists.values())
         for name, values in lists.items():
             object.__setattr__(self, name, frozen(np.pad(values, (0, terms - values.size)) / scale))

@@ -100,13 +100,14 @@ class IndexTable:
         if not rows or len(self.n) != rows or len(self.k) != rows:
             raise SceneError(
                 "index: a table needs as many n and k as wavelengths, at least one, not "
-                f"{rows} wavelengths, {len(self.n)} n and {len(self.k)} k"
+                f"{rows} wavelengths, {len(self.n)} n and {len(self.k)} k",
+                "index",
             )
         for row, (wavelength, n, k) in enumerate(zip(self.wavelengths_um, self.n, self.k, strict=True), 1):
             _wavelength(wavelength)
             _checked(n, k, f"row {row} of {self.source}")
         if (np.diff(self.wavelengths_um) <= 0.0).any():
-            raise SceneError(f"index: the wavelengths must ascend ({self.source})")
+            raise SceneError(f"index: the wavelengths must ascend ({self.source})", "index")
 
     def at(self, wavelength_um: float) -> complex:
         """n + i k at a wavelength [um] within the table. Raises SceneError with its range."""
@@ -166,7 +167,8 @@ def check_range(table: str, wavelength_um: float, low: float, high: float) -> No
     if not low <= wavelength_um <= high:
         hint = f": did you mean {wavelength_um / 1e3:g}?" if low <= wavelength_um / 1e3 <= high else ""
         raise SceneError(
-            f"index: {table} goes from {low:g} to {high:g} um; a wavelength of {wavelength_um:g} um is outside{hint}"
+            f"index: {table} goes from {low:g} to {high:g} um; a wavelength of {wavelength_um:g} um is outside{hint}",
+            "index",
         )
 
 
@@ -202,21 +204,24 @@ def _pair(material: Any) -> tuple[float, float]:
         return n, k
     except Exception:  # whatever a foreign object raises when it is asked for numbers
         raise SceneError(
-            f"index: a name, a database path, a number n + i k or a pair (n, k) is needed, not {shown(material)}"
+            f"index: a name, a database path, a number n + i k or a pair (n, k) is needed, not {shown(material)}",
+            "index",
         ) from None
 
 
 def _checked(n: float, k: float, source: str) -> RefractiveIndex:
     if not (math.isfinite(n) and math.isfinite(k)):
-        raise SceneError(f"index: n and k must be finite numbers, not {n:g} and {k:g} ({source})")
+        raise SceneError(f"index: n and k must be finite numbers, not {n:g} and {k:g} ({source})", "index")
     if max(n, k) > LARGEST_INDEX:
-        raise SceneError(f"index: n and k must be at most {LARGEST_INDEX:g}, not {n:g} and {k:g} ({source})")
+        raise SceneError(f"index: n and k must be at most {LARGEST_INDEX:g}, not {n:g} and {k:g} ({source})", "index")
     if n <= 0.0:
-        raise SceneError(f"index: n must be above 0, not {n:g} ({source})")
+        raise SceneError(f"index: n must be above 0, not {n:g} ({source})", "index")
     if n < SMALLEST_INDEX:
-        raise SceneError(f"index: n must be at least {SMALLEST_INDEX:g}, not {n:g} ({source})")
+        raise SceneError(f"index: n must be at least {SMALLEST_INDEX:g}, not {n:g} ({source})", "index")
     if k < 0.0:
-        raise SceneError(f"index: k must be >= 0 (absorption; k < 0 would amplify light), not {k:g} ({source})")
+        raise SceneError(
+            f"index: k must be >= 0 (absorption; k < 0 would amplify light), not {k:g} ({source})", "index"
+        )
     return RefractiveIndex(float(n), float(k), source)
 
 
@@ -261,7 +266,7 @@ def _opened(path: str) -> tuple[Any, tuple[float, float]]:
     try:
         low, high = table.get_wl_range(unit="um")
     except Exception as reason:  # the package raises bare Exception where a page has no n
-        raise SceneError(f"index: the database page {path} cannot be used: {reason}") from None
+        raise SceneError(f"index: the database page {path} cannot be used: {reason}", "index") from None
     return table, (float(low), float(high))
 
 
@@ -286,7 +291,8 @@ def _unknown(name: str) -> SceneError:
     hint = f"; did you mean {' or '.join(suggestions)}?" if suggestions else ""
     return SceneError(
         f"index: {shown(name)} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "
-        f"such as 'main/Au/Johnson'{hint}"
+        f"such as 'main/Au/Johnson'{hint}",
+        "index",
     )
 
 

@@ -89,7 +89,7 @@ def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material
             ours = _common(table)
             materials.append(_material(path, content, table, count))
         except SceneError as error:
-            raise SceneError(f"{path}: {error}") from error
+            raise error.behind(path) from error
         except OSError as error:
             raise SceneError(f"{path}: {error.strerror or error}") from error
         for key, value in ours.items():
@@ -102,9 +102,9 @@ def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material
 
 
 def _table(content: dict[str, Any]) -> Table:
-    file = Table("", content, FILE_KEYS)
+    file = Table((), content, FILE_KEYS)
     keys = (*OWN, *(field.name for field in fields(Setting)))
-    return file.table("render", keys) if "render" in file else Table("render", {}, keys)
+    return file.table("render", keys) if "render" in file else Table(("render",), {}, keys)
 
 
 def _common(table: Table) -> dict[str, Any]:
@@ -141,7 +141,7 @@ def _count(table: Table) -> int:
 def _own_wavelengths(content: dict[str, Any], table: Table) -> Array | None:
     """Those that [render] lists; without a word there, those of a scene file for a spectrum."""
     if "wavelengths" in table and "wavelengths_um" in table:
-        raise SceneError(f"{table.name}: at most one of wavelengths and wavelengths_um")
+        raise table.unfit("at most one of wavelengths and wavelengths_um")
     if "wavelengths_um" in table:
         found = np.array(table.numbers("wavelengths_um"))
         if not (0 < found.size <= MOST and found[0] > 0.0 and (np.diff(found) > 0.0).all()):

@@ -96,7 +96,7 @@ def operations_of(request: Request) -> float:
 def check_scene(scene: Any) -> Scene:
     """The scene, or a SceneError that says what was given."""
     if not isinstance(scene, Scene):
-        raise SceneError(f"scene must be a vrte.Scene, not {type(scene).__name__}")
+        raise SceneError.of("scene", f"must be a vrte.Scene, not {type(scene).__name__}")
     return scene
 
 
@@ -107,7 +107,7 @@ def cosines(name: str, values: Any, signed: bool = False) -> Array:
     bad = ~((size >= SMALLEST_COSINE) & (size <= 1.0))
     if bad.any():
         allowed = "1e-8 <= |mu| <= 1 (above 0: up, below 0: down)" if signed else "1e-8 <= mu <= 1"
-        raise SceneError(f"{name} must satisfy {allowed}, not {array[bad][0]}")
+        raise SceneError.of(name, f"must satisfy {allowed}, not {array[bad][0]}")
     return array
 
 
@@ -115,7 +115,7 @@ def stokes_vector(values: Any) -> Array:
     """Four numbers of any sensible unit that are light. Raises SceneError."""
     array = vector("stokes", values)
     if array.shape != (4,):
-        raise SceneError(f"stokes must be four numbers I, Q, U, V, not {array.size}")
+        raise SceneError.of("stokes", f"must be four numbers I, Q, U, V, not {array.size}")
     check_physical("stokes", array)
     return array
 
@@ -124,21 +124,23 @@ def depths(values: Any, scene: Scene) -> Array:
     """Optical depths from 0 to the scene's total; what is beyond by rounding alone counts as the face."""
     given = values if type(values) is float else numbers("tau", values)
     if np.isinf(given).any():
-        raise SceneError("tau must be finite, also inside a layer without end")
+        raise SceneError.of("tau", "must be finite, also inside a layer without end")
     array = vector("tau", given)
     total = scene.thickness
     within = np.clip(array, 0.0, total)
     rounding = len(scene.layers) * np.finfo(float).eps * total if math.isfinite(total) else 0.0  # of any sum of layers
     bad = np.abs(array - within) > rounding
     if bad.any():
-        raise SceneError(f"tau must lie between 0 and the total optical thickness {total:g}, not at {array[bad][0]}")
+        raise SceneError.of(
+            "tau", f"must lie between 0 and the total optical thickness {total:g}, not at {array[bad][0]}"
+        )
     return settled(np.where(total - within <= rounding, total, within)) if rounding else array
 
 
 def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
     """One of the names allowed."""
     if not (isinstance(value, str) and value in allowed):
-        raise SceneError(f"{name} must be {', '.join(map(repr, allowed))}, not {shown(value)}")
+        raise SceneError.of(name, f"must be {', '.join(map(repr, allowed))}, not {shown(value)}")
     return value
 
 
@@ -168,12 +170,14 @@ def solver_options(
     )
     method = one_of("method", method, METHOD_NAMES)
     if not (settings is None or (isinstance(settings, Mapping) and all(isinstance(name, str) for name in settings))):
-        raise SceneError(f"settings must be a dictionary by names of settings, not {shown(settings)}")
+        raise SceneError.of("settings", f"must be a dictionary by names of settings, not {shown(settings)}")
     if settings and method == EXACT:
-        raise SceneError(f"method {EXACT!r} has no settings: it is told by nodes, accuracy, algorithm and truncation")
+        raise SceneError(
+            f"method {EXACT!r} has no settings: it is told by nodes, accuracy, algorithm and truncation", "method"
+        )
     if method == AUTO and (settings or nodes is not None):
         name = "settings" if settings else "nodes"
-        raise SceneError(f"method {AUTO!r} takes no {name}: it goes by accuracy; for {name} name the method")
+        raise SceneError(f"method {AUTO!r} takes no {name}: it goes by accuracy; for {name} name the method", "method")
     if accuracy is None:
         accuracy = WITHOUT_NODES if nodes is None else WITH_NODES
     found = backend_of(one_of("backend", backend, BACKENDS))
@@ -181,7 +185,8 @@ def solver_options(
     if algorithm == "modes" and found.linear_algebra == "device":
         raise SceneError(
             f"algorithm 'modes' needs an eigensolver, which backend {found.label!r} does not have: "
-            "ask for algorithm 'auto', 'direct', 'doubling' or 'invariance', or for another backend"
+            "ask for algorithm 'auto', 'direct', 'doubling' or 'invariance', or for another backend",
+            "algorithm",
         )
     return {
         "nodes": None if nodes is None else whole("nodes", nodes, 1, MOST_NODES),
@@ -208,7 +213,7 @@ def brdf_request(
     into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
     azimuths = vector("phi", phi)
     if flag("transmission", transmission) and not np.isfinite(scene.thickness):
-        raise SceneError("transmission needs a finite thickness: nothing comes out below a layer without end")
+        raise SceneError.of("transmission", "needs a finite thickness: nothing comes out below a layer without end")
     levels = np.array([0.0, scene.thickness] if transmission else [0.0])
     directions = np.concatenate([out, -out]) if transmission else out
     # light going up at the top, and light going down at the bottom

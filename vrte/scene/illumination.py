@@ -24,9 +24,13 @@ def lit_from(side: str, scene: Scene) -> Scene:
     if side == "top":
         return scene
     if scene.base is not None:
-        raise SceneError("illuminate='bottom' needs a scene without a base: light from below would come through it")
+        raise SceneError(
+            "illuminate='bottom' needs a scene without a base: light from below would come through it", "illuminate"
+        )
     if not np.isfinite(scene.thickness):
-        raise SceneError("illuminate='bottom' needs a finite thickness: a layer without end has no bottom")
+        raise SceneError(
+            "illuminate='bottom' needs a finite thickness: a layer without end has no bottom", "illuminate"
+        )
     return Scene(tuple(reversed(scene.layers)))
 
 
@@ -48,11 +52,13 @@ def check_physical(name: str, stokes: Array) -> None:
     light = stokes.reshape(-1, 4)
     largest = np.abs(light).max(initial=0.0)
     if not largest <= LARGEST_STOKES:
-        raise SceneError(f"{name} must be numbers of at most {LARGEST_STOKES:g} in size, not {largest:g}")
+        raise SceneError.of(name, f"must be numbers of at most {LARGEST_STOKES:g} in size, not {largest:g}")
     polarized = np.linalg.norm(light[:, 1:], axis=1)
     wrong = np.flatnonzero((light[:, 0] < 0.0) | (polarized > light[:, 0] * (1.0 + OVERPOLARIZED)))
     if wrong.size:
-        raise SceneError(f"{name} must be light, I >= 0 and I^2 >= Q^2 + U^2 + V^2: {light[wrong[0]].tolist()} is none")
+        raise SceneError.of(
+            name, f"must be light, I >= 0 and I^2 >= Q^2 + U^2 + V^2: {light[wrong[0]].tolist()} is none"
+        )
 
 
 def hemisphere(n: int) -> tuple[Array, Array]:
@@ -74,11 +80,11 @@ def weights_of(mu_i: Array, weights: Any) -> Array:
     if weights is None:
         points, found = hemisphere(mu_i.size)
         if np.abs(points - mu_i).max() > SAME:
-            raise SceneError("weights are missing: mu_i are not the cosines of vrte.hemisphere")
+            raise SceneError.of("weights", "are missing: mu_i are not the cosines of vrte.hemisphere")
         return found
     given = vector("weights", weights)
     if given.shape != mu_i.shape:
-        raise SceneError(f"weights must be {mu_i.size} numbers, one for each mu_i, not {given.size}")
+        raise SceneError.of("weights", f"must be {mu_i.size} numbers, one for each mu_i, not {given.size}")
     return given
 
 

@@ -37,7 +37,8 @@ class Scene:
             if not isinstance(layer, Layer):
                 raise SceneError(f"layer {position} must be a vrte.Layer, not {type(layer).__name__}")
             if math.isinf(layer.thickness) and position < len(layers):
-                raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only")
+                place = "layer", position - 1, "thickness"
+                raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *place)
         if not isinstance(self.base, Boundary | None):
             raise SceneError(
                 f"base must be None (black), vrte.Lambertian or vrte.MuellerBase, not {type(self.base).__name__}"

@@ -50,12 +50,10 @@ def question_of(file: SceneFile, backend: str = "openmp") -> Question:
     """What is asked of a scene. Raises SceneError."""
     how = {"algorithm": ALGORITHM, "verify": False, "backend": backend} | file.options
     if how.get("method", EXACT) != EXACT:
-        raise SceneError(f"method = {shown(how['method'])}: a sweep is made by {EXACT!r} alone")
+        raise SceneError(f"method = {shown(how['method'])}: a sweep is made by {EXACT!r} alone", "method")
     options = solver_options(how.pop("nodes", None), how.pop("accuracy", None), **how, time_limit_s=math.inf)
-    try:
+    with file.located():
         return of_brdf(file, options) if file.kind == "brdf" else of_field(file, options)
-    except SceneError as error:
-        raise SceneError(file.located(str(error))) from error
 
 
 def of_brdf(file: SceneFile, options: dict[str, object]) -> Question:
@@ -68,7 +66,9 @@ def of_brdf(file: SceneFile, options: dict[str, object]) -> Question:
 def of_field(file: SceneFile, options: dict[str, object]) -> Question:
     asked = {"stokes": (1.0, 0.0, 0.0, 0.0), "phi": 0.0, "tau": 0.0} | file.request
     if "mu" not in asked:
-        raise SceneError("mu is missing: all scenes of a table share their directions; mu = [] asks for fluxes alone")
+        raise SceneError.of(
+            "mu", "is missing: all scenes of a table share their directions; mu = [] asks for fluxes alone"
+        )
     request, incident = radiance_request(
         file.scene, asked["mu0"], asked["stokes"], asked["mu"], asked["phi"], asked["tau"], options
     )

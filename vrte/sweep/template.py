@@ -144,8 +144,7 @@ def plainly(value: Any) -> Any:
 
 def axis_of(name: str, value: Any) -> Axis:
     """One entry of [axes]."""
-    values = Table("axes", {name: value}, (name,))
-    table = Table(values.dotted(name), value if isinstance(value, dict) else {"values": value}, AXIS_KEYS)
+    table = Table(("axes", name), value if isinstance(value, dict) else {"values": value}, AXIS_KEYS)
     key, dimension = table.content.get("key", name), table.content.get("along", name)
     for word, given in (("key", key), ("along", dimension)):
         if not isinstance(given, str) or not given:
@@ -153,7 +152,7 @@ def axis_of(name: str, value: Any) -> Axis:
     try:
         places = places_of(key)
     except SceneError as error:
-        raise SceneError(f"{table.name}: {error}") from error
+        raise table.unfit(str(error)) from error
     return Axis(name, key, places, values_of(table), dimension)
 
 
@@ -183,7 +182,7 @@ def places_of(key: str) -> tuple[Place, ...]:
 def values_of(table: Table) -> Array:
     """The values of an axis: a list, or a range in equal steps or equal ratios."""
     if ("values" in table) == any(key in table for key in RANGE_KEYS):
-        raise SceneError(f"{table.name}: needs either values or start, stop and count")
+        raise table.unfit("needs either values or start, stop and count")
     if "values" in table:
         given = table.content["values"]
         if not isinstance(given, list) or not given or not all(is_number(item) and item == item for item in given):
@@ -192,7 +191,8 @@ def values_of(table: Table) -> Array:
             raise table.wrong("spacing", "goes with start, stop and count")
         return np.array(given, np.float64)
     steps = {key: table.required(key, "a number") for key in RANGE_KEYS}
-    found = np.array(Table("axes", {table.name: steps}, (table.name,)).numbers(table.name))
+    name = str(table.place[-1])
+    found = np.array(Table(("axes",), {name: steps}, (name,)).numbers(name))
     if "spacing" not in table or table.choice("spacing", ("linear", "log")) == "linear":
         return found
     if min(found[0], found[-1]) <= 0.0:
@@ -272,7 +272,7 @@ def check_values(sweep: Sweep, axis: Axis) -> None:
         try:
             scene_at(sweep, tuple(place), unseen)
         except SceneError as error:
-            raise SceneError(f"axes.{axis.name}, value {value + 1}: {error}") from error
+            raise error.behind(f"axes.{axis.name}, value {value + 1}") from error
 
 
 def unseen(*_: Any, **__: Any) -> Particles:
