@@ -120,7 +120,12 @@ def test_henyey_greenstein_is_the_closed_form():
 def test_henyey_greenstein_says_how_many_terms_it_takes(g, terms):
     with pytest.raises(SceneError, match=r"turns negative somewhere\); \d+ are enough") as error:
         henyey_greenstein(g, terms)
-    henyey_greenstein(g, int(str(error.value).split("; ")[-1].split()[0]))
+    assert henyey_greenstein(g).terms == int(str(error.value).split("; ")[-1].split()[0])
+
+
+def test_henyey_greenstein_of_too_many_terms_is_refused():
+    with pytest.raises(SceneError, match=r"g = 0\.9999 takes \d+ terms, and at most 100000 are allowed"):
+        henyey_greenstein(0.9999)
 
 
 def test_isotropic_and_mixtures():

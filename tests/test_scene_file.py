@@ -12,8 +12,9 @@ import pytest
 
 import vrte
 from vrte.basics.errors import Place
-from vrte.formats.scene_file import SceneFile, henyey_greenstein_terms, read_scene, scene_of
+from vrte.formats.scene_file import SceneFile, read_scene, scene_of
 from vrte.formats.toml_table import dotted
+from vrte.optics.phase_matrix import henyey_greenstein_terms
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "gold_powder.toml"
 SCENE = """

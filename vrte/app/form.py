@@ -23,14 +23,13 @@ from vrte.formats.scene_file import (
     PARTICLE_KEYS,
     REQUEST_KEYS,
     SceneFile,
-    henyey_greenstein_terms,
     listed_wavelengths,
     scene_of,
     tables_named,
 )
 from vrte.formats.scene_writer import toml_text
 from vrte.formats.toml_table import RANGE_KEYS, is_number, shown, shown_key
-from vrte.optics.phase_matrix import MOST_TERMS
+from vrte.optics.phase_matrix import MOST_TERMS, henyey_greenstein_terms
 from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.spheres import check_spheres
 from vrte.results.spectrum import ascending

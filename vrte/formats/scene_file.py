@@ -22,7 +22,14 @@ from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.index_table import read_index
 from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import Table, is_number, located, nearest, shortened, shown, shown_key
-from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix, henyey_greenstein, isotropic, rayleigh
+from vrte.optics.phase_matrix import (
+    MOST_TERMS,
+    PhaseMatrix,
+    henyey_greenstein,
+    henyey_greenstein_terms,
+    isotropic,
+    rayleigh,
+)
 from vrte.optics.refractive_index import Material, wavelength_range
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
@@ -75,7 +82,6 @@ PART = 'from 0 to below 1, or per cent in quotes, "5 %"'
 ALBEDO = 'a number between 0 and 1, or per cent in quotes, "30 %"'
 ANGLE = "degrees from the normal, from 0 to below 90"
 ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
-LEFT_OUT = 1e-12  # of a Henyey-Greenstein phase function, in the terms beyond the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -546,19 +552,6 @@ def _parametric_phase(layer: Table) -> PhaseMatrix:
         raise table.wrong(names[0], f"it takes {terms} terms, and at most {MOST_TERMS} are allowed")
     with located((*table.place, names[0])):
         return rayleigh(value) if "rayleigh" in table else henyey_greenstein(value, terms)
-
-
-def henyey_greenstein_terms(g: float) -> int:
-    """So many terms that all those left out add up to less than 1e-12 of the phase function's mean.
-
-    >>> henyey_greenstein_terms(0.0), henyey_greenstein_terms(0.5) > 40
-    (2, True)
-    """
-    size = min(abs(g), 1.0 - 1e-6)  # beyond that the library's own check speaks first
-    terms = 2
-    while size and size**terms * (2 * terms + 1) / (1.0 - size) ** 2 > LEFT_OUT:
-        terms = math.ceil(1.05 * terms)
-    return terms
 
 
 def _base(file: Table) -> Lambertian | None:

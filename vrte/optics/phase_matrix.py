@@ -5,6 +5,7 @@ a3, a4 on its diagonal, b1 in its upper block and b2 in its lower one; a1 and a4
 P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 """
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 CHECK_ANGLES_DEG = np.linspace(180.0, 0.0, 721)  # cosine ascending
 MOST_TERMS = 100_000  # more than any particle has that can be computed; as many take seconds to check
+LEFT_OUT = 1e-12  # of a Henyey-Greenstein phase function, in the terms beyond the last
 MOST_KINDS = 10_000  # in a mixture
 LARGEST_COEFFICIENT = 1e9  # far above the 2 l + 1 of any particle, far below overflow
 NEGATIVE_ALLOWED = 1e-4  # of F11, for a coherency eigenvalue: tables rounded to a few digits pass
@@ -230,21 +232,24 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
     )
 
 
-def henyey_greenstein(g: float, terms: int) -> PhaseMatrix:
+def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
     """The scalar phase function a1[l] = (2l+1) g^l, cut after ``terms`` degrees; g in (-1, 1).
 
-    Raises SceneError for another g, for no terms, or where the cut leaves a phase function that is negative
-    somewhere: it then takes more terms. Source: Henyey and Greenstein, Astrophys. J. 93, 70 (1941).
+    Without ``terms`` it has so many that all those left out add up to less than 1e-12 of its mean, as in a scene file.
+    Raises SceneError for another g, for no terms or more than 100000, or where the cut leaves a phase function that is
+    negative somewhere: it then takes more terms. Source: Henyey and Greenstein, Astrophys. J. 93, 70 (1941).
 
-    >>> henyey_greenstein(0.5, 40).asymmetry
-    0.5
+    >>> henyey_greenstein(0.5, 40).asymmetry, henyey_greenstein(0.5).terms
+    (0.5, 50)
     """
     value = number("g", g, -1.0 + 1e-12, 1.0 - 1e-12, "between -1 and 1, both excluded")
-    degrees = np.arange(whole("terms", terms, 1, MOST_TERMS))
+    enough = henyey_greenstein_terms(value)
+    if terms is None and enough > MOST_TERMS:
+        raise SceneError(f"g = {value!r} takes {enough} terms, and at most {MOST_TERMS} are allowed")
+    degrees = np.arange(whole("terms", enough if terms is None else terms, 1, MOST_TERMS))
     try:
         return PhaseMatrix((2.0 * degrees + 1.0) * value**degrees)
     except SceneError:
-        enough = _henyey_greenstein_terms(value)
         advice = (
             f"{enough} are enough" if enough <= MOST_TERMS else f"{enough} would be, at most {MOST_TERMS} are allowed"
         )
@@ -254,13 +259,16 @@ def henyey_greenstein(g: float, terms: int) -> PhaseMatrix:
         ) from None
 
 
-def _henyey_greenstein_terms(g: float) -> int:
-    """So many that all the terms left out together are below the phase function's smallest value."""
-    g = abs(g)
-    smallest = (1.0 - g) / (1.0 + g) ** 2  # (1 - g^2)/(1 + g^2 - 2 g cos)^(3/2) at cos = -1
-    terms = 1
-    while g**terms * ((2 * terms + 1) / (1.0 - g) + 2.0 * g / (1.0 - g) ** 2) > smallest:
-        terms += max(1, terms // 20)
+def henyey_greenstein_terms(g: float) -> int:
+    """So many terms that all those left out add up to less than 1e-12 of the phase function's mean.
+
+    >>> henyey_greenstein_terms(0.0), henyey_greenstein_terms(0.5)
+    (2, 50)
+    """
+    size = min(abs(g), 1.0 - 1e-6)  # what is nearer to 1 has far too many anyway
+    terms = 2
+    while size and size**terms * (2 * terms + 1) / (1.0 - size) ** 2 > LEFT_OUT:
+        terms = math.ceil(1.05 * terms)
     return terms
 
 
