@@ -20,7 +20,7 @@ import pytest
 import vrte
 from vrte import cli
 from vrte.basics.errors import DeviceError, MissingExtraError
-from vrte.cl import building, device, faults, trial
+from vrte.cl import device, faults, trial
 from vrte.cl import session as sessions
 from vrte.cl.device import Device, choose
 from vrte.cl.faults import check_room
@@ -292,18 +292,10 @@ class TestFaults:
         opened.launch("fine", (1,), values)
         assert opened.download(values) == [1.0]
 
-    def test_kernels_that_a_cache_lost(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-        once, calls = building._built_once, []
-
-        def forgetful(*arguments: Any) -> Any:
-            calls.append(arguments)
-            program, kernels = once(*arguments)
-            return program, kernels if len(calls) > 1 else {}
-
-        monkeypatch.setattr(building, "_built_once", forgetful)
-        monkeypatch.setattr(sessions, "sources", lambda: "__kernel void fine(__global double* x) { x[0] = 1.0; }\n")
-        assert set(open_session(opencl.device).kernels) == {"fine"}
-        assert len(calls) == 2
+    def test_kernels_that_the_compiler_left_out(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(pyopencl.Program, "all_kernels", lambda program: [])
+        with pytest.raises(DeviceError, match=r"the compiler of .* left out .*, product, "):
+            open_session(opencl.device)
 
 
 USE_ALL_MEMORY = """

@@ -1,252 +1,164 @@
-"""What the OpenCL libraries keep on disk between processes: looked through before they read it, and done without where
-it cannot be used.
+"""What was compiled, kept from process to process in a folder of vrte's own; no other cache is read, mended or removed.
 
-PoCL keeps a folder a program: `program.bc` and one shared library a kernel. It ends the process (no exception) where
-one of them is damaged, and shows no device at all where its folder cannot be written. So each file's checksum is noted
-at the end of a process that used it, and at the start of the next whatever differs is removed: it is compiled again.
+The folder holds one archive with its checksum. A process unpacks it into a folder that nobody else uses, where drivers
+read and write while it runs, and at its end adds what is new: no driver ever meets a damaged or half-written file, or
+one of another account's.
 """
 
 import atexit
 import hashlib
-import json
+import io
 import os
-import re
 import shutil
 import tempfile
 import threading
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import DeviceError
+from vrte.cl.drivers import variable
 
-CHECKSUMS = "vrte-checksums.json"
-SHORT, LONG = re.compile("[A-P]{2}"), re.compile("[A-P]{30,}")  # names of PoCL's folders
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+VARIABLE = "POCL_CACHE_DIR"
+POCL, PYOPENCL, WRAPPERS = "pocl", "pyopencl", "wrappers"  # of a process's folder; the first two are kept
 _lock = threading.Lock()
-_state: dict[str, Any] = {"prepared": False, "noted": False}
+_own: dict[str, Any] = {}
 
 
-def prepare() -> None:
-    """Once a process, before OpenCL is first asked for anything."""
+def kept_folder() -> Path:
+    """Where archives lie: below POCL_CACHE_DIR where that is set, else in the account's folder of caches."""
+    import platformdirs
+
+    given = os.environ.get(VARIABLE)
+    return Path(given, "vrte") if given else Path(platformdirs.user_cache_dir("vrte", False), "opencl")
+
+
+@contextmanager
+def all_private() -> Iterator[None]:
+    """While pyopencl and its drivers are first asked for anything: they are told to keep their files here."""
+    folder = own_folder()
+    with variable("XDG_CACHE_HOME", str(folder / WRAPPERS)):
+        import pyopencl.invoker  # noqa: F401  where Python wrappers of kernels are kept is settled by its import
+    with variable(VARIABLE, str(folder / POCL)):  # children choose for themselves
+        yield
+
+
+def own_folder() -> Path:
+    """This process's folder, made and filled when it is first asked for.
+
+    Raises DeviceError where no file can be written anywhere.
+    """
     with _lock:
-        if _state["prepared"]:
-            return
-        _state["prepared"] = True
-        folder = pocl_folder()
-        if can_write_in(folder):
-            remove_misplaced(folder)
-            remove_damaged(folder)
-        else:
-            _use_temporary_folder(folder)
+        if not _own:
+            _own["folder"] = _prepare(kept_folder())
+        found: Path = _own["folder"]
+        return found
 
 
-def pocl_folder() -> Path:
-    """Where PoCL keeps what it compiled: its own rule."""
-    given = os.environ.get("POCL_CACHE_DIR")
-    if given:
-        return Path(given)
-    if os.environ.get("XDG_CACHE_HOME"):
-        return Path(os.environ["XDG_CACHE_HOME"], "pocl", "kcache")
-    if os.environ.get("HOME"):
-        return Path(os.environ["HOME"], ".cache", "pocl", "kcache")
-    return Path(tempfile.gettempdir(), "pocl", "kcache")
-
-
-def can_write_in(folder: Path) -> bool:
-    """Whether it is a folder, or can be made one, and takes files: tried, because permissions do not tell all."""
+def _prepare(kept: Path) -> Path:
+    archive = kept / f"kernels-{_sources_checksum()}.zip"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
-    except OSError:
-        return False
+        kept.mkdir(parents=True, exist_ok=True, mode=0o700)
+        remove_abandoned(kept)
+        handle, name = tempfile.mkstemp(prefix="process-", suffix=".lock", dir=kept)
+        if fcntl:
+            fcntl.flock(handle, fcntl.LOCK_EX)  # as long as this process lives: see `remove_abandoned`
+        folder = Path(name).with_suffix("")
+        folder.mkdir(mode=0o700)
+        content = read_archive(archive)
+        for path, data in content.items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(data)
+    except OSError as error:
+        folder = _temporary_folder(kept, error)
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    else:
+        atexit.register(keep_new, archive, folder, set(content), os.getpid())
+    (folder / PYOPENCL).mkdir(exist_ok=True)
+    return folder
 
 
-def _use_temporary_folder(unusable: Path) -> None:
+def _sources_checksum() -> str:
+    texts = sorted(file.read_bytes() for file in files("vrte.cl").iterdir() if file.name.endswith(".cl"))
+    return hashlib.sha256(b"".join(texts)).hexdigest()[:16]
+
+
+def _temporary_folder(unusable: Path, error: OSError) -> Path:
     try:
         folder = tempfile.mkdtemp(prefix="vrte-opencl-")
-    except OSError as error:
-        raise DeviceError(f"OpenCL kernels cannot be compiled: neither {unusable} nor {error}") from error
-    os.environ["POCL_CACHE_DIR"] = folder
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    except OSError as second:
+        raise DeviceError(f"OpenCL kernels cannot be compiled: neither {unusable} ({error}) nor {second}") from second
     warnings.warn(
         f"OpenCL kernels are compiled anew by each process: no files can be written in {unusable} "
-        "(POCL_CACHE_DIR names another folder)",
+        f"({VARIABLE} names another folder)",
         UserWarning,
         stacklevel=2,
     )
+    return Path(folder)
 
 
-def remove_misplaced(folder: Path) -> None:
-    """Files where PoCL has folders of programs and of this package's kernels: it cannot compile there."""
-    ours = our_kernels()
-    for program in programs(folder):
-        kernels = [program / name for name in ours] if program.is_dir() else []
-        for path in (program, *kernels):
-            if path.is_file():
-                with suppress(OSError):
-                    path.unlink()
+def remove_abandoned(kept: Path) -> None:
+    """Folders of processes that were killed: nobody holds their lock."""
+    for lock in kept.glob("process-*.lock") if fcntl else ():
+        with suppress(OSError), lock.open() as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _remove(lock.with_suffix(""))
 
 
-def programs(folder: Path) -> Iterator[Path]:
-    """What has the name of a program of PoCL's: many letters from A to P, in a folder of two."""
-    for path in folder.glob("??/*"):
-        if SHORT.fullmatch(path.parent.name) and LONG.fullmatch(path.name):
-            yield path
+def _remove(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.with_suffix(".lock").unlink(missing_ok=True)
 
 
-def programs_of_ours(folder: Path) -> Iterator[Path]:
-    """Folders of programs that hold no kernels but this package's: others' are left alone."""
-    ours = our_kernels()
-    for program in programs(folder):
-        try:
-            kernels = {entry.name for entry in os.scandir(program) if entry.is_dir()}
-        except OSError:  # no folder, or gone since
-            continue
-        if kernels <= ours and (program / "program.bc").is_file():
-            yield program
-
-
-def our_kernels() -> set[str]:
-    """Names of all kernels of the package."""
-    from vrte.cl.building import kernel_names
-
-    texts = (file.read_text(encoding="utf-8") for file in files("vrte.cl").iterdir() if file.name.endswith(".cl"))
-    return set().union(*map(kernel_names, texts))
-
-
-def remove_damaged(folder: Path) -> None:
-    """Whatever differs from its checksum, or has none and does not look like what it is, goes with its program."""
-    for program in programs_of_ours(folder):
-        known = noted_checksums(program)
-        if any(is_damaged(path, known.get(str(path.relative_to(program)))) for path in compiled(program)):
-            shutil.rmtree(program, ignore_errors=True)
-
-
-def compiled(program: Path) -> list[Path]:
-    """What PoCL compiled of a program."""
-    return [path for path in program.rglob("*") if path.suffix in LOOKS]
-
-
-def is_damaged(path: Path, checksum: str | None) -> bool:
-    """Against its checksum; without one, by how it begins and whether it is all there."""
+def read_archive(path: Path) -> dict[str, bytes]:
+    """Its files by name; nothing where there is none, where it is not this account's, or where a byte is not as it was
+    written."""
     try:
-        content = path.read_bytes()
+        if hasattr(os, "getuid") and path.stat().st_uid != os.getuid():
+            return {}
+        whole = path.read_bytes()
     except OSError:
-        return path.exists()
-    if checksum is not None:
-        return hashlib.sha256(content).hexdigest() != checksum
-    beginning, size = LOOKS[path.suffix]
-    return not content.startswith(beginning) or len(content) < size(content)
-
-
-def elf_size(content: bytes) -> int:
-    """Bytes that a 64-bit little-endian ELF file must have: its section headers come last.
-
-    >>> header = bytearray(64)
-    >>> header[40:48], header[58:60], header[60:62] = (5000).to_bytes(8, "little"), b"\\x40\\0", b"\\x03\\0"
-    >>> elf_size(bytes(header))
-    5192
-    """
-    begin, size, count = (
-        int.from_bytes(content[first:last], "little") for first, last in ((40, 48), (58, 60), (60, 62))
-    )
-    return max(64, begin + size * count)
-
-
-def bitcode_size(content: bytes) -> int:
-    """Bytes that LLVM's bitcode must have: four, then blocks that say how many words follow their first two.
-
-    >>> bitcode_size(b"BC\\xc0\\xde" + bytes(4) + (5).to_bytes(4, "little") + bytes(20))
-    32
-    """
-    at = 4
-    while at + 8 <= len(content):
-        at += 8 + 4 * int.from_bytes(content[at + 4 : at + 8], "little")
-    return max(12, at)
-
-
-LOOKS: dict[str, tuple[bytes, Callable[[bytes], int]]] = {
-    ".so": (b"\x7fELF", elf_size),
-    ".bc": (b"BC\xc0\xde", bitcode_size),
-}
-
-
-def noted_checksums(program: Path) -> dict[str, str]:
-    """By path in the program's folder; none where the list itself is damaged."""
-    try:
-        found = json.loads((program / CHECKSUMS).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    checksum, content = whole[:32], whole[32:]
+    if hashlib.sha256(content).digest() != checksum:
+        return {}
+    with zipfile.ZipFile(io.BytesIO(content)) as packed:
+        return {name: packed.read(name) for name in packed.namelist()}
 
 
-def note_use() -> None:
-    """Checksums are noted at the end of this process: by then each file in use has proved to load."""
-    with _lock:
-        if not _state["noted"]:
-            _state["noted"] = True
-            atexit.register(note_checksums, pocl_folder(), os.getpid())
+def write_archive(path: Path, content: dict[str, bytes]) -> None:
+    """All of it or nothing, whoever else writes it."""
+    memory = io.BytesIO()
+    with zipfile.ZipFile(memory, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as packed:
+        for name, data in content.items():
+            packed.writestr(name, data)
+    handle, name = tempfile.mkstemp(dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(hashlib.sha256(memory.getvalue()).digest() + memory.getvalue())
+        os.replace(name, path)
+    except OSError:
+        os.unlink(name)
+        raise
 
 
-def note_checksums(folder: Path, process: int) -> None:
-    """Adds the checksums of what has none yet; in a forked process, nothing."""
+def keep_new(archive: Path, folder: Path, known: set[str], process: int) -> None:
+    """At the end of a process, not of one forked from it: what it compiled goes to the archive, beside what others have
+    put there meanwhile; its folder goes."""
     if os.getpid() != process:
         return
-    for program in programs_of_ours(folder):
-        known, paths = noted_checksums(program), compiled(program)
-        missing = [path for path in paths if str(path.relative_to(program)) not in known]
-        try:
-            if missing:
-                found = {str(path.relative_to(program)): checksum_of(path) for path in missing}
-                write_whole(program / CHECKSUMS, json.dumps(known | found, indent=0))
-        except OSError:  # another process removed it, or the disk is full: the next one notes it
-            continue
-
-
-def checksum_of(path: Path) -> str:
-    """SHA-256 in hexadecimal."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def write_whole(path: Path, text: str) -> None:
-    """All of the file or nothing of it, whoever else writes it."""
-    handle, name = tempfile.mkstemp(dir=path.parent)
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-    os.replace(name, path)
-
-
-def past_the_invokers(make: Callable[[], Any]) -> Any:
-    """What ``make`` makes of kernels, without pyopencl's cache of their Python wrappers where that cannot be used."""
-    import pyopencl
-
-    if not pyopencl._PYOPENCL_NO_CACHE and not can_write_in(invoker_folder()):
-        _without_invoker_cache()
-    try:
-        return make()
-    except pyopencl.Error:
-        raise
-    except Exception:
-        # a damaged file: sqlite3 and pickle raise all sorts of things
-        if pyopencl._PYOPENCL_NO_CACHE:
-            raise
-        _without_invoker_cache()
-        return make()
-
-
-def _without_invoker_cache() -> None:
-    """As PYOPENCL_NO_CACHE does, which pyopencl reads once, when it is imported."""
-    import pyopencl
-
-    pyopencl._PYOPENCL_NO_CACHE = True
-
-
-def invoker_folder() -> Path:
-    """Where pyopencl keeps them: the folder of pytools' dictionaries."""
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("pytools", "pytools"))
+    with suppress(OSError):  # a full disk: compiled again another time
+        found = [path for part in (POCL, PYOPENCL) for path in (folder / part).rglob("*") if path.is_file()]
+        names = {str(path.relative_to(folder)): path for path in found if not path.name.startswith("tempfile")}
+        if set(names) - known:
+            write_archive(archive, read_archive(archive) | {name: path.read_bytes() for name, path in names.items()})
+    _remove(folder)

@@ -64,13 +64,12 @@ def _listed() -> tuple[Device, ...]:
     except ImportError as error:
         raise MissingExtraError("OpenCL", "opencl") from error
     _state["process"] = os.getpid()
-    caches.prepare()
-    try:
-        with drivers.all_visible():
-            platforms = pyopencl.get_platforms()
-    except pyopencl.Error as error:
-        raise DeviceError(f"there is no OpenCL platform: {INSTALL} ({faults.name_of(error)})") from error
-    with device_errors():
+    with caches.all_private(), device_errors():
+        try:
+            with drivers.all_visible():
+                platforms = pyopencl.get_platforms()
+        except pyopencl.Error as error:
+            raise DeviceError(f"there is no OpenCL platform: {INSTALL} ({faults.name_of(error)})") from error
         found = tuple(_described(platform, handle) for platform in platforms for handle in _devices_of(platform))
     if not found:
         names = ", ".join(platform.name.strip() for platform in platforms)
