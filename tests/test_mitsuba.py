@@ -10,7 +10,6 @@ import vrte
 from vrte import SceneError, Spectrum
 from vrte.basics.arrays import Array
 from vrte.calls import mitsuba as mitsuba_call
-from vrte.calls.spectrum import scenes_at
 from vrte.formats import between_directions, measured_polarized
 from vrte.formats.mitsuba_tensor import read_tensors, write_tensors
 from vrte.optics.spheres import spheres
@@ -51,22 +50,7 @@ def random_directions(count: int, seed: int, lowest: float = 0.0) -> Array:
     return measured_polarized.direction(random.uniform(lowest, 1.0, count), random.uniform(-np.pi, np.pi, count))
 
 
-class TestBetweenDirections:
-    @pytest.mark.parametrize("lowest", [0.0, 0.9999])  # all of the hemisphere, and around the pole
-    def test_splines_are_the_brdf(self, lowest: float, gold: Spectrum) -> None:
-        scene = scenes_at(GOLD, np.array([0.65]))[0].scene
-        random = np.random.default_rng(3)
-        mu_i, mu_o = random.uniform(max(lowest, 0.02), 1.0, (2, 6))
-        phi = random.uniform(-180.0, 180.0, 6)
-        exact = vrte.brdf(scene, mu_i, mu_o, phi, nodes=16).mueller.reshape(-1, 4, 4)
-        grids = (axis.ravel() for axis in np.meshgrid(mu_i, mu_o, np.radians(phi), indexing="ij"))
-        cos_in, cos_out, turned = grids
-        heading = random.uniform(-np.pi, np.pi, cos_in.size)  # of the light as it travels
-        into = measured_polarized.direction(cos_in, heading + np.pi)
-        out = measured_polarized.direction(cos_out, heading + turned)
-        found = between_directions.Splines(gold[4])(into, out)
-        assert np.abs(found - exact).max() < 2e-5 * exact[:, 0, 0].max()
-
+class TestTable:
     def test_a_convergent_table(self, gold: Spectrum) -> None:
         """The error of linear interpolation falls with the square of the step."""
         pairs = np.linspace(0.15, 0.95, 6)

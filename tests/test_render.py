@@ -23,7 +23,7 @@ from vrte.render.rendering import interpolation_error, rendered
 from vrte.render.setting import Setting, read
 from vrte.render.sky import Sky, optical_thickness, sky_of
 from vrte.render.spheres import MARGIN, Resolution, Table, View, irradiance, table_of
-from vrte.render.splines import rows
+from vrte.results.splines import rows
 
 COARSE = Resolution(angles=20, azimuths=36, around=24, along=12, across=8)
 WHITE = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(1.0))

@@ -12,21 +12,19 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array, number
 from vrte.basics.errors import SceneError
-from vrte.formats.between_directions import FEWEST, MIRROR, MOST, Splines, directions
+from vrte.formats.between_directions import FEWEST, MOST, Splines, directions
 from vrte.formats.contents import described
 from vrte.formats.mitsuba_tensor import write_tensors
 from vrte.results.spectrum import Spectrum
+from vrte.results.splines import MIRROR
 from vrte.scene.illumination import SAME
-
-if TYPE_CHECKING:
-    pass
 
 WAVELENGTHS = 5  # in Mitsuba's code
 MOST_COSINES, MOST_AZIMUTHS = 128, 361  # to solve for, where nodes and Fourier orders are many

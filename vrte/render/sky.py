@@ -13,7 +13,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.calls.radiance import radiance
 from vrte.optics.phase_matrix import rayleigh
-from vrte.render.splines import coefficients
+from vrte.results.splines import coefficients
 from vrte.scene.boundary import Lambertian
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene

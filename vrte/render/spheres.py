@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.polarization import FLIP
 from vrte.render.geometry import UP, Camera, normals, polar, turn, turned
 from vrte.render.sky import Sky, angles_to_the_horizon
-from vrte.render.splines import coefficients, rows, wrapped, wrapped_grid
 from vrte.results.brdf import Brdf
+from vrte.results.splines import around, coefficients, repeated, rows
 
 STEEPEST = 1e-3  # smallest cosine of a BRDF's table; light that grazes even more is given the value there
 MARGIN = 0.94  # of a square picture's half side: the sphere's radius
@@ -55,6 +54,11 @@ class Resolution:
         """Azimuths [deg] of the table: half a turn, the other half is its mirror image."""
         return np.asarray(np.arange(self.azimuths // 2 + 1) * (360.0 / self.azimuths), dtype=np.float64)
 
+    @property
+    def turn(self) -> Array:
+        """The table's azimuths [rad] once around, and beyond both ends."""
+        return steps_around(self.azimuths)[0]
+
 
 @dataclass(frozen=True, eq=False)
 class Table:
@@ -75,7 +79,7 @@ class Table:
 
     def rows(self, mu_i: Array, mu_o: Array, phi: Array) -> Any:
         """The matrix from the flat splines to directions (n,), phi in radians."""
-        grids = self.resolution.theta, self.resolution.theta, wrapped_grid(self.resolution.azimuths)
+        grids = self.resolution.theta, self.resolution.theta, self.resolution.turn
         return rows(grids, (np.arccos(mu_i), np.arccos(mu_o), phi % (2.0 * np.pi)))
 
     def mueller(self, mu_i: Array, mu_o: Array, phi: Array) -> Array:
@@ -90,10 +94,14 @@ def table_of(brdf: Brdf, resolution: Resolution) -> Table:
     thickness = float(-np.log(brdf.direct_transmittance[0])) if brdf.direct_transmittance[0] else np.inf
     plain = Table(np.empty(0), thickness, resolution)
     half = brdf.mueller / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
-    full = np.concatenate([half, half[:, :, -2:0:-1] * np.outer(FLIP, FLIP)], axis=2)  # f(-phi) = D f(phi) D
-    values = wrapped(full.reshape(*full.shape[:3], 16), axis=2)
-    grids = resolution.theta, resolution.theta, wrapped_grid(resolution.azimuths)
-    return replace(plain, splines=coefficients(grids, values))
+    _, full = around(brdf.phi, half)
+    grids = resolution.theta, resolution.theta, resolution.turn
+    return replace(plain, splines=coefficients(grids, full.reshape(*full.shape[:3], 16)))
+
+
+def steps_around(count: int) -> tuple[Array, Any]:
+    """Equal steps of one turn [rad] and beyond both ends, and which of ``count`` each is."""
+    return repeated(np.arange(count, dtype=np.float64) * (2.0 * np.pi / count))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +142,8 @@ class View:
         mu_i = -(normal @ self.sky.beam)
         lit = np.flatnonzero(mu_i > 0.0)
         cosine, azimuth, _ = polar(self.sky.beam, x[lit], np.cross(normal[lit], x[lit]), normal[lit])
-        grid = wrapped_grid(self.resolution.azimuths)
         points = np.arccos(-cosine), theta[lit], -azimuth % (2.0 * np.pi)
-        matrix = rows((self.resolution.theta, self.resolution.theta, grid), points)
+        matrix = rows((self.resolution.theta, self.resolution.theta, self.resolution.turn), points)
         return lit, matrix, mu_i[lit], np.cos(theta[lit])
 
     @cached_property
@@ -148,8 +155,7 @@ class View:
     def to_pixels(self) -> Any:
         """The matrix from spline coefficients on all rings to the pixels."""
         _, theta, psi = self.pixels
-        grid = wrapped_grid(self.resolution.around)
-        return rows((self.resolution.theta, grid), (theta, psi % (2.0 * np.pi)))
+        return rows((self.resolution.theta, steps_around(self.resolution.around)[0]), (theta, psi % (2.0 * np.pi)))
 
     def stokes(self, table: Table, place: int) -> Array:
         """Stokes radiance (pixel, 4) to the camera at the wavelength ``place``, of a material with this table."""
@@ -164,15 +170,14 @@ class View:
 
     def from_the_sky(self, table: Table, place: int) -> Array:
         """The sky's part of it: (pixel, 4)."""
-        around = self.resolution.around
-        values = np.zeros((len(self.rings), around, 4))
+        values = np.zeros((len(self.rings), self.resolution.around, 4))
         if self.sky.splines[place].any() or self.sky.ground[place]:
             on_rings = splines_on_rings(table)
             for ring, here in enumerate(self.rings):
                 slab = table.slab(here.mu_i, self.resolution.mu[ring])
                 values[ring] = here.stokes(on_rings[ring], slab, self.sky, place)
-        grid = wrapped_grid(around)
-        smooth = coefficients((self.resolution.theta, grid), wrapped(values, axis=1))
+        grid, places = steps_around(self.resolution.around)
+        smooth = coefficients((self.resolution.theta, grid), values[:, places])
         found: Array = self.to_pixels @ smooth.reshape(-1, 4)
         return found
 
@@ -217,7 +222,7 @@ class Ring:
         points = np.arccos(-cosine), -azimuth % (2.0 * np.pi)
         return cls(
             psi,
-            rows((resolution.theta, wrapped_grid(resolution.azimuths)), points),
+            rows((resolution.theta, resolution.turn), points),
             rows((view.sky.theta,), (np.arccos(-height[from_sky]),)),
             heading,
             turn(travel, in_world, on_facet),

@@ -1,4 +1,4 @@
-"""The light that leaves, in any direction of the hemisphere: splines through the given directions of a BRDF.
+"""The light that leaves, in any direction of the hemisphere: the spline through the given directions of a BRDF.
 
 Pictures take it from here, as Stokes vectors: whatever is divided, a degree or an angle of polarization, is divided
 after the splines. It ends where the data end: at the last mu_o, and around the normal where no mu_o is near.
@@ -10,8 +10,8 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.basics.polarization import FLIP
 from vrte.results.brdf import Brdf
+from vrte.results.splines import around, mirrored, over_pole, weights
 
 EDGE = 1e-9  # [degrees] beyond the last mu_o: rounding
 HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to it: a spline across would be invention
@@ -32,11 +32,25 @@ def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, inc
     >>> (stokes_over_hemisphere(f, 0, np.array([10.0]), np.array([33.0]))[0, 0] * np.pi).round(12).tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
-    azimuths, smooth = _smooth_around(brdf.phi, brdf.mueller[place], np.asarray(incident, float))
-    given, rows = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
-    found = _over_the_pole(given, azimuths, smooth[rows], theta, phi)
-    polarized = found[..., 1] * np.exp(2j * np.radians(phi))
-    return np.stack([found[..., 0].real, polarized.real, polarized.imag, found[..., 2].real], axis=-1)
+    azimuths, matrices = around(brdf.phi, brdf.mueller[place])
+    if not np.isfinite(matrices).all():
+        raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
+    # Q and U of axes that do not turn with the azimuth: smooth at the pole, where meridian planes are not
+    smooth = _turned(matrices @ np.asarray(incident, float), -azimuths)
+    given, places = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
+    here, opposite = (weights(azimuths, turned % 360.0) @ smooth[places] for turned in (phi, phi + 180.0))
+    circle, light = over_pole(given, here, opposite)
+    found = np.einsum("tc,cps->tps", weights(circle, theta), light)
+    found[theta > given[-1] + EDGE] = np.nan
+    if given[0] > HOLE:
+        found[theta < given[0] - EDGE] = np.nan
+    return _turned(found, phi)
+
+
+def _turned(light: Array, degrees: Array) -> Array:
+    """Stokes vectors (..., n, 4) in axes turned by angles (n,)."""
+    linear = (light[..., 1] + 1j * light[..., 2]) * np.exp(2j * np.radians(degrees))
+    return np.stack([light[..., 0], linear.real, linear.imag, light[..., 3]], axis=-1)
 
 
 def light_on_mesh(
@@ -123,47 +137,8 @@ def check_directions(mu_o: Any, phi: Any) -> None:
 
     >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
     """
-    if _all_around(np.atleast_1d(phi))[0].size < 4 or np.unique(mu_o).size < 2:
+    if mirrored(np.atleast_1d(phi))[0].size < 4 or np.unique(mu_o).size < 2:
         raise SceneError(
             "a picture of the lobes needs at least 2 different mu_o and 3 different phi_deg from 0 to 180 (of the "
             "others, the mirror images are taken)"
         )
-
-
-def _all_around(phi: Array) -> tuple[Array, Any]:
-    """Ascending azimuths of phi and its mirror images, below 360, and where they are in the two one after the other."""
-    found: tuple[Array, Any] = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
-    return found
-
-
-def _smooth_around(phi: Array, matrices: Array, incident: Array) -> tuple[Array, Any]:
-    """Azimuths over one turn, both ends included, and I, (Q + iU) exp(-2i phi), V there: (mu_o, azimuth, 3), complex.
-
-    Missing azimuths are mirror images, f(-phi) = D f(phi) D. Q and U are those of axes that do not turn with the
-    azimuth: smooth at the pole, where meridian planes are not.
-    """
-    azimuths, columns = _all_around(phi)
-    light = np.concatenate([matrices @ incident, matrices @ (FLIP * incident) * FLIP], axis=1)[:, columns]
-    if not np.isfinite(light).all():
-        raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
-    polarized = (light[..., 1] + 1j * light[..., 2]) * np.exp(-2j * np.radians(azimuths))
-    smooth = np.stack([light[..., 0] + 0j, polarized, light[..., 3] + 0j], axis=-1)
-    return np.append(azimuths, azimuths[0] + 360.0), np.append(smooth, smooth[:, :1], axis=1)
-
-
-def _over_the_pole(given: Array, azimuths: Array, values: Any, theta: Array, phi: Array) -> Any:
-    """(theta, phi, ...) from values (given, azimuths, ...), along great circles: half a turn away theta is negative."""
-    from scipy.interpolate import CubicSpline
-
-    around = CubicSpline(azimuths, values, axis=1, bc_type="periodic")
-    here, opposite = (around(azimuths[0] + (turned - azimuths[0]) % 360.0) for turned in (phi, phi + 180.0))
-    behind = given > 1e-6  # the pole itself counts once
-    circle = CubicSpline(
-        np.concatenate([-given[behind][::-1], given]), np.concatenate([opposite[behind][::-1], here]), axis=0
-    )
-    theta = np.asarray(theta)
-    found = circle(np.minimum(theta, given[-1]))
-    found[theta > given[-1] + EDGE] = np.nan
-    if given[0] > HOLE:
-        found[theta < given[0] - EDGE] = np.nan
-    return found

@@ -1,9 +1,10 @@
 """Between the scenes of a table: piecewise cubic, in variables in which light is smooth, and how far that is wrong.
 
 Along an axis that is positive and spans a decade or more the logarithm counts, along others the value itself: particles
-of 0.1 and 1 um differ as those of 1 and 10 um do, wavelengths within the visible are as good as evenly spaced. Of a
-Mueller matrix the logarithm of f_00, which then stays positive, and the others over f_00, which hardly change where the
-brightness does; of a transmittance the logarithm, which is linear in the depth.
+of 0.1 and 1 um differ as those of 1 and 10 um do, wavelengths within the visible are as good as evenly spaced. Of
+directions the angle counts: in its cosine light is steep at the normal. Of a Mueller matrix the logarithm of f_00,
+which then stays positive, and the others over f_00, which hardly change where the brightness does; of a transmittance
+the logarithm, which is linear in the depth.
 """
 
 import json
@@ -18,6 +19,7 @@ import numpy as np
 from vrte.basics.arrays import Array, number, whole
 from vrte.basics.errors import SceneError
 from vrte.formats.scene_file import scene_of
+from vrte.results.splines import weights
 from vrte.sweep.chunks import in_turn, never_stopped
 from vrte.sweep.results import question_of
 from vrte.sweep.template import Sweep, places_of, plain, put, sweep_of
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 DEGREE = 3
 DECADE = 10.0
-DIRECTIONS = ("mu_i", "mu_o", "phi_deg")
+COSINES = ("mu_i", "mu_o", "mu0", "mu")
 MATRICES = ("mueller", "transmission")
 STOKES = ("stokes_out", "stokes_in", "stokes_parameter")
 
@@ -54,9 +56,10 @@ def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.
 
     ``point`` holds a value for any of the axes, and of mu_i, mu_o and phi_deg; dimensions that it leaves out stay as
     they are. Piecewise polynomials, cubic where an axis has four values or more: along a decade or more in the axis's
-    logarithm, of f_00 as its logarithm and of other Mueller elements over f_00. Only the scenes around the point are
-    read. How far it is wrong, `held_out` of vrte.sweep.interpolation measures (docs/sweeps.md). Raises SceneError for a
-    point outside, an unknown axis, axes that are no grid, and where a scene nearby has no result.
+    logarithm, along a cosine in its angle; of f_00 as its logarithm, of other Mueller elements over f_00. Only the
+    scenes around the point are read. How far it is wrong, `held_out` of vrte.sweep.interpolation measures
+    (docs/sweeps.md). Raises SceneError for a point outside, an unknown axis, axes that are no grid, and where a scene
+    nearby has no result.
 
     >>> from vrte.sweep import sweep
     >>> layer = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
@@ -70,12 +73,12 @@ def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.
 
     if not isinstance(point, Mapping):
         raise SceneError(f"point must be a dictionary of values by axis, not {type(point).__name__}")
-    near, weights = table, {}
+    near, shares = table, {}
     for name, value in point.items():
-        places, weights[str(name)] = around(table, str(name), value)
+        places, shares[str(name)] = around(table, str(name), value)
         near = near.isel({name: places})
     check_results(near)
-    found = {name: between(near[name].load(), weights) for name in table.data_vars if name != "error"}
+    found = {name: between(near[name].load(), shares) for name in table.data_vars if name != "error"}
     here = {name: float(value) for name, value in point.items()}
     kept = {name: table[name] for name in table.coords if not set(table[name].dims) & set(point)}
     return xarray.Dataset(found, kept | here, table.attrs)
@@ -103,8 +106,8 @@ def around(table: "xarray.Dataset", name: str, value: float) -> tuple[list[int],
     first = int(np.searchsorted(ascending, wanted)) - (DEGREE + 1) // 2
     start = max(0, min(first, ascending.size - (DEGREE + 1)))
     here = slice(start, start + DEGREE + 1)
-    scale = np.log if is_logarithmic(ascending) else np.positive
-    return order[here].tolist(), weights_at(scale(ascending[here]), float(scale(wanted)))
+    scale = np.arcsin if name in COSINES else np.log if is_logarithmic(ascending) else np.positive
+    return order[here].tolist(), weights(scale(ascending[here]), scale(np.array([wanted])))[0]
 
 
 def is_logarithmic(values: Array) -> bool:
@@ -114,14 +117,6 @@ def is_logarithmic(values: Array) -> bool:
     (True, False, False)
     """
     return bool(values[0] > 0.0 and values[-1] / values[0] >= DECADE)
-
-
-def weights_at(values: Array, wanted: float) -> Array:
-    """Of each of a few values in the polynomial through all of them."""
-    from scipy.interpolate import make_interp_spline
-
-    found: Array = make_interp_spline(values, np.eye(values.size), k=values.size - 1)(wanted)
-    return found
 
 
 def check_results(near: "xarray.Dataset") -> None:

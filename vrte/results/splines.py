@@ -1,0 +1,111 @@
+"""The one spline of a BRDF: cubic in the angles from the normal and in the azimuth, for pictures, tables and renderers.
+
+Directions do not depend on the wavelength, values do: a spline is its `coefficients`, and a sparse matrix, `rows`, that
+takes them to directions; `weights` is both in one, for few points. Grids go on beyond the data: `around` periodically
+in azimuth, `over_pole` along great circles.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics.arrays import Array
+from vrte.basics.polarization import FLIP
+
+MARGIN = 16  # points repeated beyond each end: what the ends spoil has faded to 1e-9 there
+MIRROR = np.outer(FLIP, FLIP)  # f(-phi) = f(phi) times this
+POLE = 1e-6  # of the unit of a grid: nearer to the normal is on it
+
+
+def coefficients(grids: tuple[Array, ...], values: Array) -> Array:
+    """B-spline coefficients of ``values`` (n_1, n_2, ..., more) on ascending grids (n_1,), (n_2,), ...: as many."""
+    from scipy.interpolate import make_interp_spline
+
+    for axis, grid in enumerate(grids):
+        values = np.moveaxis(make_interp_spline(grid, np.moveaxis(values, axis, 0), k=degree(grid)).c, 0, axis)
+    return values
+
+
+def rows(grids: tuple[Array, ...], points: tuple[Array, ...]) -> Any:
+    """The sparse matrix (n, n_1 n_2 ...) that takes flattened coefficients to the points, one coordinate (n,) a grid.
+
+    Points beyond a grid are taken at its end.
+    """
+    from scipy.interpolate import BSpline, make_interp_spline
+    from scipy.sparse import csr_array
+
+    columns, shares = np.zeros((points[0].size, 1), dtype=np.int32), np.ones((points[0].size, 1))
+    for grid, point in zip(grids, points, strict=True):
+        knots = make_interp_spline(grid, np.zeros(grid.size), k=degree(grid)).t
+        one = BSpline.design_matrix(np.clip(point, grid[0], grid[-1]), knots, degree(grid))
+        place, share = (part.reshape(len(point), -1) for part in (one.indices.astype(np.int32), one.data))
+        columns = (columns[:, :, None] * np.int32(grid.size) + place[:, None, :]).reshape(len(point), -1)
+        shares = (shares[:, :, None] * share[:, None, :]).reshape(len(point), -1)
+    count, each = columns.shape
+    shape = count, int(np.prod([grid.size for grid in grids]))
+    starts = np.arange(0, count * each + 1, each, dtype=np.int32)
+    return csr_array((shares.ravel(), columns.ravel(), starts), shape=shape)
+
+
+def weights(grid: Array, points: Array) -> Array:
+    """The weight (points, n) of each value on a grid (n,) at the points; polynomials through all of up to four values.
+
+    >>> weights(np.array([0.0, 1.0, 2.0]), np.array([0.5])).tolist()
+    [[0.375, 0.75, -0.125]]
+    """
+    found: Array = rows((grid,), (points,)) @ coefficients((grid,), np.eye(grid.size))
+    return found
+
+
+def degree(grid: Array) -> int:
+    """Of the polynomials: 3 where there are enough points."""
+    return min(3, grid.size - 1)
+
+
+def repeated(
+    grid: Array, period: float = 2.0 * np.pi, low: float = 0.0, high: float = np.inf
+) -> tuple[Array, NDArray[np.intp]]:
+    """The points of one period, ascending from 0 on, between ``low`` and ``high``, by default once around, and MARGIN
+    more at each end; and which of ``grid`` (n,) each is.
+
+    >>> [part.size for part in repeated(np.arange(36) * (np.pi / 18))]
+    [69, 69]
+    """
+    turns = -(-MARGIN // grid.size) + 1
+    count = np.arange(-turns * grid.size, (turns + 1) * grid.size + 1)
+    going_on = grid[count % grid.size] + period * (count // grid.size)
+    first, last = np.searchsorted(going_on, [low, min(high, period)])
+    there = slice(max(0, first - MARGIN), last + MARGIN + 1)
+    return going_on[there], count[there] % grid.size
+
+
+def mirrored(phi: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Ascending azimuths [degrees] of ``phi`` (n,) and its mirror images, from 0 to below 360, and where each is in the
+    two one after the other.
+
+    >>> mirrored(np.array([0.0, 90.0]))[0].tolist()
+    [0.0, 90.0, 270.0]
+    """
+    found, places = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
+    return found, places
+
+
+def around(phi: Array, matrices: Array, low: float = 0.0, high: float = 360.0) -> tuple[Array, Array]:
+    """Azimuths (m,) [degrees] from ``low`` to ``high`` and beyond, and the Mueller matrices (..., m, 4, 4) there.
+
+    ``matrices`` (..., n, 4, 4) are those at ``phi`` (n,) [degrees]; missing azimuths are mirror images.
+    """
+    azimuths, places = mirrored(phi)
+    grid, turn = repeated(azimuths, 360.0, low, high)
+    sign = np.where((places[turn] >= phi.size)[:, None, None], MIRROR, 1.0)
+    return grid, matrices[..., places[turn] % phi.size, :, :] * sign
+
+
+def over_pole(theta: Array, here: Array, opposite: Array, axis: int = 0) -> tuple[Array, Array]:
+    """Angles from the normal (m,) and values along great circles: half a turn away the angle is negative.
+
+    ``theta`` (n,) ascends from 0 or above; ``here`` and ``opposite``, half a turn away, have it as their ``axis``.
+    """
+    behind = np.flatnonzero(theta > POLE)[:MARGIN][::-1]  # the pole itself counts once
+    return np.concatenate([-theta[behind], theta]), np.concatenate([opposite.take(behind, axis), here], axis)
