@@ -5,8 +5,8 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -48,6 +48,16 @@ class Run:
         clock = self.stages.setdefault(name, {"wall_seconds": 0.0, "thread_seconds": 0.0})
         clock["wall_seconds"] += wall
         clock["thread_seconds"] += wall if busy is None else busy
+
+    @contextmanager
+    def booked(self, name: str, wait: Callable[[], object] = lambda: None) -> Iterator[None]:
+        """Books the time of what is done within it under `name`; at the end it calls ``wait``."""
+        start = time.perf_counter()
+        yield
+        wait()
+        self.book(name, time.perf_counter() - start)
+        if self.stop[0]:
+            raise KeyboardInterrupt
 
     def work(self, doubles: int) -> Array:
         """Scratch memory, one row a thread."""

@@ -124,6 +124,11 @@ class Doubling:
         return Orders(kernels, up, down, residuals)
 
 
+def allowed_of_invariance(accuracy: float) -> dict[str, float]:
+    """Residuals up to which the answer of invariance counts."""
+    return {"residual_of_invariance": max(1e-9, 2.0 * TIGHTER * accuracy)}
+
+
 class Invariance:
     """Fixed points of the invariance equation: the top of a layer without end alone."""
 
@@ -131,11 +136,7 @@ class Invariance:
 
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         self.problem, self.tolerance = problem, TIGHTER * accuracy
-
-    @property
-    def allowed(self) -> dict[str, float]:
-        """Residuals up to which the answer counts."""
-        return {"residual_of_invariance": max(1e-9, 2.0 * self.tolerance)}
+        self.allowed = allowed_of_invariance(accuracy)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once: all, their matrices are scratch memory."""

@@ -1,0 +1,216 @@
+"""Plans carried out: block after block of Fourier orders on an engine, what fails once more by another algorithm."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import AccuracyError
+from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.execution.agreement import Agreement
+from vrte.discrete_ordinates.execution.engines.engine import Answer, Engine, Piece
+from vrte.discrete_ordinates.execution.sums import Light, Target, fill, number_of_pieces
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.truncating import flux_of_the_peak, spread_towards
+from vrte.discrete_ordinates.planning.azimuths import fold
+from vrte.discrete_ordinates.planning.needs import calibrated, orders_that_matter
+from vrte.discrete_ordinates.planning.plan import Plan
+from vrte.results.solution import Solution
+
+
+@dataclass(eq=False)
+class Steps:
+    """Tells how many orders and pieces of results are done, of how many."""
+
+    progress: Progress | None
+    total: int
+    done: int = 0
+
+    def ahead(self, more: int) -> None:
+        """So many more than what is done for good."""
+        if self.progress is not None:
+            self.progress(self.done + more, self.total)
+
+    def reach(self, done: int) -> None:
+        """So many are done for good."""
+        self.done = done
+        self.ahead(0)
+
+
+@dataclass(eq=False)
+class Task:
+    """A plan on its way.
+
+    brightest (n_tau, n_in): light that orders are compared with; left: how many of them matter; flux (2, n_tau, n_in,
+    n_col), up and down; blocks and steps: how far it is; found: the largest radiance of each order that is solved,
+    (n_tau, n_in); lights: theirs; by: how many orders each algorithm solved; repeated: which were solved again, by
+    which; residuals: the largest, by name; unknowns: of a hemisphere, of all orders together.
+    """
+
+    plan: Plan
+    brightest: Array
+    left: int
+    flux: Array
+    blocks: int = 0
+    steps: int = 0
+    found: dict[int, Array] = field(default_factory=dict)
+    lights: list[Light] = field(default_factory=list)
+    by: dict[str, int] = field(default_factory=dict)
+    repeated: dict[str, set[int]] = field(default_factory=dict)
+    residuals: dict[str, float] = field(default_factory=dict)
+    unknowns: int = 0
+    agreement: Agreement | None = None
+
+    def next_pieces(self, place: int) -> list[Piece]:
+        """Blocks that come before the next look at how many orders are left, with their orders."""
+        blocks = self.plan.blocks
+        if self.blocks < len(blocks) and blocks[self.blocks].orders[0] > max(self.found, default=self.left):
+            self.left = orders_left(self.plan, self.brightest, self.found, self.left)
+        taken: list[Piece] = []
+        last = -1
+        while self.blocks < len(blocks) and (not taken or blocks[self.blocks].orders[0] <= last):
+            block = blocks[self.blocks]
+            orders = block.orders[block.orders < self.left]
+            self.blocks, self.steps, last = self.blocks + 1, self.steps + block.orders.size, int(block.orders[-1])
+            if orders.size:
+                taken.append(Piece(place, self.plan, block, orders, block.choice.name))
+        return taken
+
+    def note(self, piece: Piece, answer: Answer) -> None:
+        """Puts down what was found for a piece."""
+        block, light, orders = piece.block, answer.light, answer.light.orders.tolist()
+        self.lights.append(light)
+        for order, largest in zip(orders, answer.largest, strict=True):
+            self.found[order] = np.maximum(self.found[order], largest) if order in self.found else largest
+        if orders[0] == 0:
+            self.flux[..., list(block.columns)] += answer.flux
+            if block.stokes[0] == 0:
+                self.brightest = np.maximum(self.brightest, answer.brightest)
+        self.unknowns += len(orders) * block.problem.size
+        self.by[piece.name] = self.by.get(piece.name, 0) + len(orders)
+        if piece.tried:
+            self.repeated.setdefault(piece.name, set()).update(orders)
+        for name, values in answer.residuals.items():
+            self.residuals[name] = max(self.residuals.get(name, 0.0), float(values.max()))
+
+
+def carry_out(plans: Sequence[Plan], engine: Engine, run: Run, progress: Progress | None = None) -> list[Solution]:
+    """The diffuse fields of plans: together where the engine takes many, otherwise in turn.
+
+    Raises AccuracyError where no algorithm can vouch for an order, SceneError or DeviceError where there is too little
+    memory, DeviceError where a device fails.
+    """
+    steps = Steps(progress, sum(steps_of(plan, engine) for plan in plans))
+    batches = [plans] if engine.takes_many else [[plan] for plan in plans]
+    return [solution for batch in batches for solution in carry_out_together(batch, engine, run, steps)]
+
+
+def steps_of(plan: Plan, engine: Engine) -> int:
+    """What `progress` counts: orders, and pieces of the result."""
+    pieces = number_of_pieces(plan.wanted, plan.request.phi.size, engine.piece_bytes)
+    return sum(block.orders.size for block in plan.blocks) + pieces
+
+
+def carry_out_together(plans: Sequence[Plan], engine: Engine, run: Run, steps: Steps) -> list[Solution]:
+    """The same of plans that the engine works on side by side."""
+    start, before = time.perf_counter(), steps.done
+    with engine.at_work():
+        engine.check_memory(plans, run)
+        tasks = [task_of(plan) for plan in plans]
+        while pieces := [piece for place, task in enumerate(tasks) for piece in task.next_pieces(place)]:
+            for group in engine.grouped(pieces):
+                solve_group(engine, tasks, group, run, steps.ahead)
+                steps.reach(steps.done + sum(piece.orders.size for piece in group))
+            steps.reach(before + sum(task.steps for task in tasks))
+        return [finished(task, engine, run, steps, start) for task in tasks]
+
+
+def task_of(plan: Plan) -> Task:
+    """A plan not begun."""
+    request = plan.request
+    flux = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
+    return Task(plan, plan.brightest, plan.orders, flux, agreement=Agreement() if request.verify else None)
+
+
+def target_of(plan: Plan) -> Target:
+    """What the light of a plan is added up into."""
+    request, problem = plan.request, plan.problem
+    azimuths = fold(request.phi, problem.leave_out.azimuths)
+    spreads = spread_towards(plan.truncation, problem, plan.mu)
+    return Target(plan.wanted, request.scene, problem, plan.mu, azimuths, spreads)
+
+
+def orders_left(plan: Plan, brightest: Array, found: dict[int, Array], left: int) -> int:
+    """How many orders matter, now that some are solved."""
+    if not plan.counts_again:
+        return left
+    bounds = calibrated(plan.needs, plan.bounds, found)
+    return min(left, orders_that_matter(bounds, brightest, plan.accuracy))
+
+
+def solve_group(
+    engine: Engine,
+    tasks: Sequence[Task],
+    group: list[Piece],
+    run: Run,
+    told: Callable[[int], None] = lambda done: None,
+) -> None:
+    """Solves pieces that go together and notes what was found with their tasks; orders in doubt are solved again."""
+    again = []
+    for piece, answer in zip(group, engine.solve(group, run, told), strict=True):
+        task = tasks[piece.place]
+        if answer.doubts:
+            again.append(repeated(engine, piece, answer))
+        if answer.light.orders.size:
+            task.note(piece, answer)
+        if task.agreement is not None and not piece.tried:
+            task.agreement.compare(engine, piece, answer, run)
+    for pieces in engine.grouped(again):
+        solve_group(engine, tasks, pieces, run)
+
+
+def repeated(engine: Engine, piece: Piece, answer: Answer) -> Piece:
+    """The orders in doubt as a piece for another algorithm. Raises AccuracyError where there is none left."""
+    order, reason = next(iter(answer.doubts.items()))
+    if piece.tried or piece.name not in engine.others:
+        raise AccuracyError(engine.failure(piece, order, reason) + advice(piece.problem))
+    tried = {order: (piece.name, reason) for order, reason in answer.doubts.items()}
+    return replace(piece, orders=np.array(sorted(tried), np.int32), name=engine.others[piece.name], tried=tried)
+
+
+def advice(problem: Problem) -> str:
+    """What a user can do about a scene that no algorithm solves."""
+    resolved = problem.terms_cut == 0
+    return "" if resolved else f"; {problem.nodes.size} nodes do not resolve the phase matrix, use more"
+
+
+def finished(task: Task, engine: Engine, run: Run, steps: Steps, start: float) -> Solution:
+    """All light of a plan added up, and how it was found."""
+    plan, target = task.plan, target_of(task.plan)
+    parts = fill(target, task.lights, engine, run, steps.ahead)
+    steps.done += steps_of(plan, engine) - task.steps
+    task.flux[1] += flux_of_the_peak(plan.problem, plan.request.tau)
+    diagnostics = {
+        **plan.diagnostics(),
+        "threads": run.threads,
+        **engine.diagnostics(),
+        "orders": len(task.found),
+        "unknowns": task.unknowns,
+        "orders_by": task.by,
+        "orders_repeated": statement_of(task.repeated),
+        **dict(sorted(task.residuals.items())),
+        **({"agreement": task.agreement.statement(target, parts, task.flux)} if task.agreement else {}),
+        "stages": run.stages,
+        "wall_seconds": time.perf_counter() - start,
+    }
+    return Solution(parts, *task.flux, diagnostics)
+
+
+def statement_of(repeated: dict[str, set[int]]) -> dict[str, Any] | None:
+    """Which orders were solved again and by which algorithms, None without any."""
+    if not repeated:
+        return None
+    return {"by": " and ".join(sorted(repeated)), "orders": sorted(set().union(*repeated.values()))}

@@ -1,0 +1,203 @@
+"""The processor: one block of orders after another by the compiled core, or by other stages on the same arrays."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.blas import single_threaded
+from vrte.basics.errors import AccuracyError
+from vrte.basics.memory import PIECE_BYTES
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, no_answer
+from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target, prepare_closed_form
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES, Orders, Route
+from vrte.discrete_ordinates.orders.single_scattering import scatterers
+from vrte.discrete_ordinates.orders.small_angle import scratch_doubles
+from vrte.discrete_ordinates.orders.truncating import spread_towards
+from vrte.discrete_ordinates.planning.azimuths import fold
+from vrte.discrete_ordinates.planning.memory import check_memory
+from vrte.discrete_ordinates.planning.plan import Plan
+
+WORTH_THREADS = 1e5  # products of matrices, in multiplications: about a millisecond of all stages
+
+
+@dataclass(frozen=True)
+class Processor:
+    """See `Engine`."""
+
+    stages: Any = _core
+    piece_bytes: float = PIECE_BYTES
+    others: ClassVar[Mapping[str, str]] = OTHER
+    takes_many: ClassVar[bool] = False
+
+    def at_work(self) -> AbstractContextManager[Any]:
+        """One thread of BLAS in each of ours."""
+        return single_threaded()
+
+    def check_memory(self, plans: Sequence[Plan], run: Run) -> None:
+        """Raises SceneError where a plan needs more memory than there is."""
+        for plan in plans:
+            request, problem = plan.request, plan.problem
+            spreads = spread_towards(plan.truncation, problem, plan.mu).any()
+            if not run.brief or spreads:
+                result = plan.wanted.doubles(request.phi.size) + (scratch_doubles(request.scene) if spreads else 0.0)
+                azimuths = fold(request.phi, problem.leave_out.azimuths)
+                check_memory(problem, plan.blocks, result, azimuths, run.threads)
+
+    def grouped(self, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
+        """One after the other."""
+        return ([piece] for piece in pieces)
+
+    def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
+        """All orders of the one piece, a few at a time to bound memory."""
+        (piece,) = pieces
+        problem, orders = piece.problem, piece.orders
+        run = worth_threads(run, problem, orders)
+        return [answer_of(piece, *solve_orders(problem, piece.block.base, orders, piece.name, run, piece.plan.accuracy, told))]
+
+    def failure(self, piece: Piece, order: int, reason: str) -> str:
+        """Both algorithms and what was wrong."""
+        tried, before = piece.tried[order]
+        return (
+            f"neither algorithm can vouch for Fourier order {order}: {tried} ({before}), {piece.name} ({reason})"
+        )
+
+    def diagnostics(self) -> dict[str, Any]:
+        """Whether threads share the work."""
+        return {"openmp": _core.HAS_OPENMP}
+
+    def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
+        """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""
+        azimuths, wanted, kind = target.azimuths, target.wanted, target.kind
+        prepared = []
+        for light in lights:
+            sizes = light.orders.size, light.columns.size, light.stokes.size, azimuths.distinct.size
+            columns = kind[light.columns], wanted.place[light.columns]
+            prepared.append((light, columns, azimuths.cos_sin(light.orders), run.work(_core.azimuthal_work(*sizes))))
+
+        def add(share: Share) -> None:
+            part = share.part
+            for light, columns, waves, work in prepared:
+                run.timed(
+                    "fourier sum",
+                    run.kernels.azimuthal_sum,
+                    light.kernels,
+                    light.stokes,
+                    *columns,
+                    *waves,
+                    azimuths.angle,
+                    azimuths.sign,
+                    part.levels,
+                    part.rows,
+                    wanted.scale,
+                    share.first,
+                    share.last,
+                    part.values,
+                    run.threads,
+                    work,
+                )
+
+        return add
+
+    def prepare_scattering(self, target: Target, parts: Sequence[Part], run: Run) -> Adder:
+        """What adds single scattering in all layers to a share, but where small angles are separated."""
+        scatter, problem, scale = prepare_closed_form(target, run), target.problem, target.wanted.scale
+        with run.booked("single scattering"):
+            tables = {
+                id(part): [
+                    (table, np.where(part.spreads, 0.0, scale[:, None] * path))
+                    for table, path in scatterers(target.scene.layers, problem, part.levels, part.mu)
+                ]
+                for part in parts
+            }
+
+        def add(share: Share) -> None:
+            part = share.part
+            for table, path in tables[id(part)]:
+                place = problem.mu0, part.mu, share.first, share.last
+                scatter("single scattering", table, path, *place, part.values)
+
+        return add
+
+    @contextmanager
+    def opened(self, share: Share, run: Run) -> Iterator[Share]:
+        """In place."""
+        yield share
+
+
+PROCESSOR = Processor()
+
+
+def worth_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
+    """The run, on one thread where starting another would take longer than the solve."""
+    n = float(problem.size)
+    work = orders.size * n * (n * n + problem.n_rhs * problem.rows_out)
+    return run if work > WORTH_THREADS and orders.size * problem.albedo.size > 1 else replace(run, threads=1)
+
+
+def solve_orders(
+    problem: Problem,
+    base: Base,
+    orders: IntArray,
+    name: str,
+    run: Run,
+    accuracy: float,
+    told: Callable[[int], None] = lambda done: None,
+) -> tuple[IntArray, list[Orders], dict[int, str]]:
+    """Orders by the named algorithm, a few at a time to bound memory: which of them it vouches for, what it found for
+    them, and what is wrong with each of the others."""
+    route: Route = ROUTES[name](problem, base, int(orders[-1]) + 1, accuracy)
+    right, found, doubts = [orders[:0]], [], {}  # type: tuple[list[IntArray], list[Orders], dict[int, str]]
+    step = route.chunk(run.threads)
+    for first in range(0, orders.size, step):
+        kept, result, doubtful = attempt(route, orders[first : first + step], run)
+        if result is not None and kept.size:
+            found.append(result)
+        right.append(kept)
+        doubts |= doubtful
+        told(min(first + step, orders.size))
+    return np.concatenate(right), found, doubts
+
+
+def attempt(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orders | None, dict[int, str]]:
+    """Which of the orders a route vouches for, what it finds for them, and what is wrong with each of the others."""
+    try:
+        found = route.solve(orders, run)
+    except AccuracyError as error:
+        return orders[:0], None, dict.fromkeys(orders.tolist(), str(error))
+    doubts: dict[int, str] = {}
+    for name, values in found.residuals.items():
+        for place in np.flatnonzero(~(values <= route.allowed[name])).tolist():
+            doubts[place] = f"{name} {values[place]:.2g}, allowed {route.allowed[name]:g}"
+    finite = np.isfinite(found.kernels)
+    if not finite.all():
+        for place in np.flatnonzero(~finite.all(axis=tuple(range(1, finite.ndim)))).tolist():
+            doubts[place] = "the answer is not finite"
+    if not doubts:
+        return orders, found, {}
+    kept = np.setdiff1d(np.arange(orders.size), list(doubts))
+    residuals = {name: values[kept] for name, values in found.residuals.items()}
+    right = replace(found, kernels=found.kernels[kept], residuals=residuals)
+    return orders[kept], right, {int(orders[place]): doubts[place] for place in sorted(doubts)}
+
+
+def answer_of(piece: Piece, orders: IntArray, found: list[Orders], doubts: dict[int, str]) -> Answer:
+    """The orders that were vouched for, in one piece; the fluxes are those of the first."""
+    if not found:
+        return no_answer(doubts)
+    block, problem = piece.block, piece.problem
+    kernels = found[0].kernels if len(found) == 1 else np.concatenate([part.kernels for part in found])
+    residuals = {name: np.concatenate([part.residuals[name] for part in found]) for name in found[0].residuals}
+    light = Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), kernels)
+    # order by order, because the absolute values of all of them would take as much memory again
+    largest = np.stack([np.abs(values).max(axis=(2, 3, 4), initial=0.0) for values in kernels])
+    lit = np.abs(problem.columns).max(axis=1)  # not I alone, which may be none
+    brightest = np.abs(kernels[0, :, :, int(np.argmax(lit)), :, 0]).max(axis=2, initial=0.0)
+    flux = np.stack([found[0].flux_up, found[0].flux_down])
+    return Answer(light, flux, largest, brightest / max(float(lit.max()), 1e-300), residuals, doubts)

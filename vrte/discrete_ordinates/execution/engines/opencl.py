@@ -1,0 +1,530 @@
+"""An OpenCL device: all orders of many plans in one call, by products and inverses alone.
+
+What the loops need goes up, what was asked for comes down; in between come only a few numbers an order, which steer:
+norms, gaps, residuals, and the largest light, which says how many orders are left.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.memory import ALWAYS_THERE, BYTES, available_bytes
+from vrte.basics.running import Run
+from vrte.cl import assembly, doubling, invariance, joining, reconstruction, sums
+from vrte.cl.device import chosen, device_errors
+from vrte.cl.device import session as open_session
+from vrte.cl.doubling import Frame, Items
+from vrte.cl.faults import check_room
+from vrte.cl.session import Session
+from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, no_answer
+from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target
+from vrte.discrete_ordinates.orders.base import expand_base
+from vrte.discrete_ordinates.orders.doubling import asymmetry_of
+from vrte.discrete_ordinates.orders.invariance import flux_up
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.routes import TIGHTER, Doubling, allowed_of_invariance
+from vrte.discrete_ordinates.orders.single_scattering import scatterers
+from vrte.discrete_ordinates.orders.slabs import Pile, cut
+from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg
+from vrte.discrete_ordinates.planning.memory import doubles_of_kernels
+from vrte.discrete_ordinates.planning.plan import Plan
+
+STACKS = 14  # extended matrices that an item needs at once, R and T included
+SHARE = 0.5  # of the device's memory
+LARGEST_SHARE = 0.5  # of the largest allocation: of a result at once
+CACHED = 256e6  # bytes of matrices at once on a processor: more does not make it faster
+
+
+def device_stages() -> Any:
+    """The stages that run on the device by themselves, with the arguments of those of `_core`.
+
+    Raises DeviceError where there is no device, MissingExtraError without pyopencl; whatever fails on the device while
+    they run is a DeviceError, too.
+    """
+    opened = open_session()
+    stages: dict[str, Callable[..., None]] = {
+        "assemble": assembly.assemble_arrays,
+        "reconstruct": reconstruction.reconstruct,
+        "azimuthal_sum": sums.azimuthal_sum,
+        "add_single_scattering": sums.add_single_scattering,
+        "double_slabs": doubling.double_slabs,
+        "join_slabs": joining.join_slabs,
+        "reflect_endless": invariance.reflect_endless_arrays,
+    }
+    return SimpleNamespace(**{name: partial(run_alone, stage, opened) for name, stage in stages.items()})
+
+
+def run_alone(stage: Callable[..., None], opened: Session, *arguments: Any, **named: Any) -> None:
+    """One call of a stage, no other thread's kernels beside it."""
+    with opened.lock, device_errors():
+        stage(opened, *arguments, **named)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a group's items are, one behind the other: kernels (item, n_tau, n_in, n_col, n_out, S) on the device,
+    ``shape`` that; what they are to be multiplied with, (n_out, S); flux (item, n_tau, 2, n_in, n_col); residuals by
+    name, (item,); singular (item,): above 0 where a matrix was."""
+
+    kernels: Any
+    shape: tuple[int, ...]
+    factors: Array
+    flux: Array
+    residuals: dict[str, Array]
+    singular: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Device:
+    """See `Engine`."""
+
+    stages: ClassVar[Any] = _core
+    others: ClassVar[Mapping[str, str]] = {"invariance": "doubling"}
+    takes_many: ClassVar[bool] = True
+
+    @cached_property
+    def session(self) -> Session:
+        """The device at work."""
+        return open_session()
+
+    @property
+    def piece_bytes(self) -> float:
+        """Of a result at once."""
+        return LARGEST_SHARE * float(self.session.device.max_mem_alloc_size)
+
+    @contextmanager
+    def at_work(self) -> Iterator[None]:
+        """No other thread's kernels beside; what fails on the device is a DeviceError."""
+        with self.session.lock, device_errors():
+            yield
+
+    def check_memory(self, plans: Sequence[Plan], run: Run) -> None:
+        """Raises DeviceError where not even one order at a time, what all of them leave and a share of the result
+        fit."""
+        pieces = [Piece(0, plan, block, block.orders[:1], block.choice.name) for plan in plans for block in plan.blocks]
+        kernels = [BYTES * doubles_of_kernels(piece.block) for piece in pieces]
+        matrices = max(map(bytes_of, pieces), default=0.0)
+        result = max(BYTES * plan.wanted.doubles(plan.request.phi.size) for plan in plans)
+        if sum(kernels) + matrices + result < ALWAYS_THERE:
+            return
+        needed = sum(kernels) + matrices + min(result, self.piece_bytes)
+        check_room(self.session, needed, max(matrices / STACKS, *kernels, 0.0), max(0.0, available_bytes() - result))
+
+    def grouped(self, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
+        """Pieces that are alike, as many as the device has room for."""
+        groups: dict[tuple[Any, ...], list[Piece]] = {}
+        for piece in pieces:
+            groups.setdefault(key_of(piece), []).append(piece)
+        room = room_for_matrices(self.session)
+        for waiting in groups.values():
+            taken: list[Piece] = []
+            used = 0.0
+            while waiting:
+                piece = waiting.pop(0)
+                size = bytes_of(piece)
+                if size > room and piece.orders.size > 1:
+                    waiting[:0] = piece.halves()
+                    continue
+                if taken and used + size > room:
+                    yield taken
+                    taken, used = [], 0.0
+                taken.append(piece)
+                used += size
+            yield taken
+
+    def solve(self, pieces: list[Piece], run: Run, told: Callable[[int], None]) -> list[Answer]:
+        """All orders of all pieces of a group; where an order is in doubt, its piece is."""
+        found = SOLVERS[pieces[0].name](self.session, pieces, run)
+        lit = np.abs(pieces[0].problem.columns).max(axis=1)
+        largest, brightest = look_at(self.session, found, int(np.argmax(lit)))
+        answers, first = [], 0
+        for piece in pieces:
+            items = slice(first, first + piece.orders.size)
+            doubts, bright = doubts_of(piece, found, items), brightest[first] / max(float(lit.max()), 1e-300)
+            first = items.stop
+            answers.append(no_answer(doubts) if doubts else answer_of(piece, found, items, largest[items], bright))
+        return answers
+
+    def failure(self, piece: Piece, order: int, reason: str) -> str:
+        """What to tell of an order that nothing here can vouch for."""
+        return (
+            f"the OpenCL device cannot vouch for Fourier order {order} by {piece.name} ({reason}): "
+            "backend 'openmp' has another algorithm"
+        )
+
+    def diagnostics(self) -> dict[str, Any]:
+        """Which device it was."""
+        return {"device": chosen().name}
+
+    def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
+        """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""
+
+        def add(share: Share) -> None:
+            with run.booked("fourier sum", self.session.finish):
+                for light in lights:
+                    add_light(self.session, target, light, share)
+
+        return add
+
+    def prepare_scattering(self, target: Target, parts: Sequence[Part], run: Run) -> Adder:
+        """What adds single scattering in all layers to a share, but where small angles are separated."""
+        problem, wanted = target.problem, target.wanted
+        columns: Any = problem.columns, target.kind, wanted.place
+
+        def add(share: Share) -> None:
+            part, (first, last) = share.part, (share.first, share.last)
+            with run.booked("single scattering", self.session.finish):
+                pairs = [
+                    (series, np.where(part.spreads, 0.0, wanted.scale[:, None] * path)[:, first:last])
+                    for series, path in scatterers(target.scene.layers, problem, part.levels, part.mu)
+                ]
+                if pairs:
+                    seen = problem.mu0[first:last], part.mu, *cos_sin_deg(target.azimuths.distinct), *columns
+                    directions = sums.upload_directions(self.session, *seen)
+                    uploaded = sums.upload_scatterers(self.session, [pairs])
+                    where = upload_azimuths(self.session, target)
+                    sums.add_scattering(self.session, uploaded, directions, where, (0, last - first), share.room)
+
+        return add
+
+    @contextmanager
+    def opened(self, share: Share, run: Run) -> Iterator[Share]:
+        """Zeros on the device, added to the result at the end."""
+        n_level, _, *rest = share.part.values.shape
+        shape = (n_level, share.last - share.first, *rest)
+        room = self.session.zeros(shape)
+        yield replace(share, room=sums.Table(room.data, shape))
+        with run.booked("from the device"):
+            share.part.values[:, share.first : share.last] += self.session.download(room)
+
+
+def upload_azimuths(opened: Session, target: Target) -> sums.Azimuths:
+    """Those of a result."""
+    azimuths: Any = target.azimuths
+    return sums.upload_azimuths(opened, azimuths.angle, azimuths.sign, azimuths.distinct.size)
+
+
+def add_light(opened: Session, target: Target, light: Light, share: Share) -> None:
+    """Some orders, added into a share's room."""
+    wanted, azimuths, part, first, last = target.wanted, target.azimuths, share.part, share.first, share.last
+    kind: Any = target.kind[light.columns]
+    stokes: Any = light.stokes
+    place: Any = wanted.place[light.columns]
+    n_place, upload = part.values.shape[5], opened.constant
+
+    def make() -> Any:
+        return sums.upload_entries(opened, stokes, kind, place, n_place, *azimuths.cos_sin(light.orders))
+
+    tables = light.orders, stokes, kind, place, azimuths.distinct
+    entries = opened.remembered(("entries", n_place, *(table.tobytes() for table in tables)), make)
+    held = light.kernels
+    _, per_order, per_level, per_beam, *_ = held.strides
+    levels = part.levels if per_order > per_level else np.zeros_like(part.levels)  # light of the top alone has one
+    sums.add_orders(
+        opened,
+        sums.Kernels(held.data, held.strides, held.first + first * per_beam),
+        upload(np.array([light.orders.size], np.int32)),
+        entries,
+        upload_azimuths(opened, target),
+        upload(levels),
+        upload(part.rows),
+        upload(np.ascontiguousarray(wanted.scale[first:last])),
+        upload(light.factors),
+        (0, last - first),
+        share.room,
+    )
+
+
+def key_of(piece: Piece) -> tuple[Any, ...]:
+    """Alike for pieces that can be solved in one call."""
+    problem = piece.problem
+    arrays = problem.nodes, problem.weights, problem.mu_out, problem.mu0, problem.columns
+    shape: tuple[Any, ...] = ()
+    if piece.name == "doubling":
+        pile = cut(problem)
+        shape = pile.slabs.size, pile.interface.tobytes(), piece.block.base.orders_reflected > 0
+    return piece.name, problem.stokes, problem.n_up, *(a.tobytes() for a in arrays), *shape
+
+
+def room_for_matrices(opened: Session) -> float:
+    """Bytes."""
+    device = opened.device
+    room = min(SHARE * device.global_mem_size, STACKS * float(device.max_mem_alloc_size))
+    return min(room, CACHED) if opened.on_host else room
+
+
+def bytes_of(piece: Piece) -> float:
+    """Of the matrices that a piece needs."""
+    problem = piece.problem
+    rows, columns = problem.size + problem.rows_out + 16, problem.size + problem.n_rhs
+    slabs = cut(problem).thickness.size if piece.name == "doubling" else 1
+    return 8.0 * STACKS * piece.orders.size * slabs * rows * columns
+
+
+def look_at(opened: Session, found: Found, lit: int) -> tuple[Array, Array]:
+    """The largest of each item at each depth for each beam, and I in the column ``lit``, (item, n_tau, n_in)."""
+    items, levels, n_in, n_col, n_mu, stokes = found.shape
+    both = [opened.empty((items, levels, n_in)) for _ in range(2)]
+    seen = int(np.count_nonzero(found.factors.any(axis=1)))
+    shape = (np.int32(k) for k in (levels, n_in, n_col, n_mu, seen, stokes, lit))
+    opened.launch("largest_light", (n_in, levels, items), *shape, found.kernels, *both)
+    largest, brightest = (float(np.abs(found.factors).max()) * opened.download(a) for a in both)
+    return largest, brightest
+
+
+def doubts_of(piece: Piece, found: Found, items: slice) -> dict[int, str]:
+    """What is wrong with the orders of a piece; all of them are in doubt, or none."""
+    allowed: dict[str, float] = Doubling.allowed | allowed_of_invariance(piece.plan.accuracy)
+    doubts = {place: "a matrix is singular" for place in np.flatnonzero(found.singular[items]).tolist()}
+    for name, values in found.residuals.items():
+        for place in np.flatnonzero(~(values[items] <= allowed[name])).tolist():
+            doubts.setdefault(place, f"{name} {values[items][place]:.2g}, allowed {allowed[name]:g}")
+    if not doubts:
+        return {}
+    orders = piece.orders.tolist()
+    first = {orders[place]: reason for place, reason in doubts.items()}
+    return first | {order: "solved together with others in doubt" for order in orders if order not in first}
+
+
+def answer_of(piece: Piece, found: Found, items: slice, largest: Array, brightest: Array) -> Answer:
+    """What a group's items are to a piece."""
+    block, orders, shape = piece.block, piece.orders, found.shape[1:]
+    kernels = sums.dense(found.kernels.data, (orders.size, *shape), items.start * int(np.prod(shape)))
+    stokes, columns = np.array(block.stokes, np.int32), np.array(block.columns, np.int32)
+    light = Light(orders, stokes, columns, kernels, found.factors)
+    everywhere = orders.size, piece.problem.level.size, largest.shape[2]  # light of the top alone has one depth
+    residuals = {name: values[items] for name, values in found.residuals.items()}
+    flux = found.flux[items.start].swapaxes(0, 1)
+    return Answer(light, flux, np.broadcast_to(largest, everywhere), brightest, residuals, {})
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Pieces and their piles, whose materials, pairs of (order, material) and slabs of orders lie one behind the
+    other; directions and Stokes parameters are the same for all."""
+
+    pieces: list[Piece]
+    piles: list[Pile]
+
+    @property
+    def problem(self) -> Problem:
+        """Of the first."""
+        return self.piles[0].problem
+
+    @property
+    def frame(self) -> Frame:
+        """What all slabs share."""
+        problem = self.problem
+        return Frame(problem.nodes, problem.weights, problem.mu0, problem.columns, problem.mu_out)
+
+    def joined(self, make: Callable[[Piece, Pile], NDArray[Any]]) -> Any:
+        """What it makes of each, one behind the other."""
+        return np.concatenate([make(*pair) for pair in zip(self.pieces, self.piles, strict=True)])
+
+    def places(self, make: Callable[[Piece, Pile], NDArray[Any]], size: Callable[[Piece, Pile], int]) -> IntArray:
+        """The same of places among so many of each, counted on through all."""
+        pairs = list(zip(self.pieces, self.piles, strict=True))
+        starts = itertools.accumulate((size(*pair) for pair in pairs), initial=0)
+        return np.concatenate([start + make(*pair) for start, pair in zip(starts, pairs, strict=False)]).astype(np.int32)
+
+
+def materials_in(piece: Piece, pile: Pile) -> int:
+    """Materials of a piece."""
+    return pile.problem.albedo.size
+
+
+def pairs_in(piece: Piece, pile: Pile) -> int:
+    """Pairs of an order and a material."""
+    return piece.orders.size * pile.problem.albedo.size
+
+
+def slabs_in(piece: Piece, pile: Pile) -> int:
+    """Slabs of all orders."""
+    return piece.orders.size * pile.thickness.size
+
+
+def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
+    """Assembly, doubling and joining of all orders of all pieces."""
+    batch = Batch(pieces, [cut(piece.problem) for piece in pieces])
+    problem, frame, pile = batch.problem, batch.frame, batch.piles[0]
+    with run.booked("assembly", opened.finish):
+        matrices = assembled(opened, batch)
+    with run.booked("doubling", opened.finish):
+        slabs = doubling.Doubling(opened, frame, slab_items(batch), matrices).run(run.stop)
+    with run.booked("joining", opened.finish):
+        piles = joining.Piles(
+            slab=batch.places(lambda piece, pile: rows_of(piece, pile.thickness.size) + pile.slabs, slabs_in),
+            above=batch.joined(lambda piece, pile: np.broadcast_to(pile.above, (piece.orders.size, pile.above.size))),
+            turned=batch.joined(lambda piece, pile: piece.orders == 0) & problem.conserves,
+            interface=pile.interface,
+            ground=ground_of(batch),
+        )
+        joint = joining.Joining(opened, frame, piles, slabs.R, slabs.T, slabs.lost).run(run.stop)
+        if run.stop[0]:
+            raise KeyboardInterrupt
+        shape = (piles.slab.shape[0], pile.interface.size, problem.mu0.size, problem.columns.shape[0])
+        directions = pieces[0].problem.mu_out.size, len(problem.stokes)
+        kernels = leaving(opened, batch, joint, (*shape, *directions))
+        residuals, info = worst_of_items(batch, slabs.residual), opened.download(slabs.info)
+        singular = np.maximum(worst_of_items(batch, info)[:, 0], opened.download(joint.info))
+        flux = opened.download(joint.flux).reshape(*shape[:2], 2, *shape[2:])
+    return Found(
+        kernels,
+        (*shape, *directions),
+        np.ones(directions),
+        flux,
+        {
+            "residual_of_reflection": residuals[:, 0],
+            "residual_of_transmission": residuals[:, 1],
+            "residual_of_joints": joint.residual.max(axis=1),
+        },
+        singular,
+    )
+
+
+def rows_of(piece: Piece, size: int) -> IntArray:
+    """Where each order's begin, if it has so many, (order, 1)."""
+    starts: IntArray = np.arange(piece.orders.size, dtype=np.int32)[:, None] * size
+    return starts
+
+
+def worst_of_items(batch: Batch, values: Array) -> Array:
+    """The largest over the slabs of each item: values (slab item, ...), (item, k)."""
+    ends = np.cumsum([slabs_in(*pair) for pair in zip(batch.pieces, batch.piles, strict=True)])
+    each = zip(batch.pieces, batch.piles, np.split(values, ends[:-1]), strict=True)
+    return np.concatenate(
+        [part.reshape(piece.orders.size, pile.thickness.size, -1).max(axis=1) for piece, pile, part in each]
+    )
+
+
+def padded_coefficients(tables: Sequence[Array]) -> Array:
+    """Expansion coefficients (material, term, 6) of several problems, one behind the other, as long as the longest."""
+    found = np.zeros((sum(table.shape[0] for table in tables), max(table.shape[1] for table in tables), 6))
+    first = 0
+    for table in tables:
+        found[first : first + table.shape[0], : table.shape[1]] = table
+        first += table.shape[0]
+    return found
+
+
+def assembled(opened: Session, batch: Batch) -> assembly.Assembled:
+    """E, F, G and sources of every pair of (order, material)."""
+    problem, upload = batch.problem, opened.constant
+    order = batch.joined(lambda piece, pile: np.repeat(piece.orders, pile.problem.albedo.size))
+    material = batch.places(
+        lambda piece, pile: np.tile(np.arange(pile.problem.albedo.size), piece.orders.size), materials_in
+    )
+    return assembly.assemble(
+        opened,
+        upload(np.arange(order.size, dtype=np.int32)),
+        upload(order.astype(np.int32)),
+        upload(material),
+        problem.stokes,
+        upload(padded_coefficients([pile.problem.coefficients for pile in batch.piles])),
+        upload(batch.joined(lambda piece, pile: pile.problem.terms)),
+        upload(batch.joined(lambda piece, pile: pile.problem.albedo)),
+        upload(problem.directions),
+        upload(problem.weights),
+        problem.mu_out.size,
+    )
+
+
+def slab_items(batch: Batch) -> Items:
+    """Every slab of every order."""
+
+    def each(make: Callable[[Pile], Array]) -> Array:
+        found: Array = batch.joined(lambda piece, pile: np.tile(make(pile), piece.orders.size))
+        return found
+
+    albedo = each(lambda pile: pile.problem.albedo[pile.material])
+    orders = batch.joined(lambda piece, pile: np.repeat(piece.orders, pile.thickness.size))
+    return Items(
+        thickness=each(lambda pile: pile.thickness),
+        albedo=albedo,
+        asymmetry=each(lambda pile: asymmetry_of(pile.problem)[pile.material]),
+        of=batch.places(
+            lambda piece, pile: (rows_of(piece, pile.problem.albedo.size) + pile.material).ravel(), pairs_in
+        ),
+        turned=(orders == 0) & batch.problem.conserves,
+        clear=(albedo == 0.0) & batch.problem.leave_out.clear,
+    )
+
+
+def ground_of(batch: Batch) -> joining.Ground | None:
+    """The base of every item; None where all are black."""
+    if not batch.pieces[0].block.base.orders_reflected:
+        return None
+    grounds = []
+    for piece, pile in zip(batch.pieces, batch.piles, strict=True):
+        base = expand_base(piece.block.base, pile.problem, int(piece.orders[-1]) + 1, piece.plan.accuracy)
+        turned = (piece.orders == 0) & pile.problem.conserves
+        row = base.row[piece.orders]
+        grounds.append(joining.ground_of(batch.frame, turned, row, base.matrix, base.source, base.out))
+    names = "matrix", "source", "out", "absorbed"
+    return joining.Ground(*(np.concatenate([getattr(ground, name) for ground in grounds]) for name in names))
+
+
+def leaving(opened: Session, batch: Batch, joint: joining.Joined, shape: tuple[int, ...]) -> Any:
+    """Radiance of every item in the public frame, (item, n_tau, n_in, n_col, n_out, S)."""
+    items, levels, n_in, n_col, n_mu, stokes = shape
+    problem, pile = batch.problem, batch.piles[0]
+    kernels = opened.empty(shape)
+    sizes = n_in * n_col, levels, n_mu, batch.pieces[0].problem.n_up, problem.mu_out.size, stokes
+    factors = opened.constant(problem.flip / (2.0 * np.pi)), opened.constant(np.full(stokes, 1.0 / (2.0 * np.pi)))
+    opened.launch(
+        "leaving",
+        (n_in * n_col, levels, items),
+        *(np.int32(size) for size in sizes),
+        *(opened.constant(pile.out), *factors, joint.up, joint.down, kernels),
+        opened.constant(np.arange(items, dtype=np.int32)),
+    )
+    return kernels
+
+
+def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found:
+    """Fixed points of the invariance equation for all orders of all pieces: the top of layers without end."""
+    problem, upload = pieces[0].problem, opened.constant
+    off, places = np.unique(np.concatenate([problem.mu_out, problem.mu0]), return_inverse=True)
+    n_out, sizes = problem.mu_out.size, [piece.orders.size for piece in pieces]
+    orders = np.concatenate([piece.orders for piece in pieces])
+    with run.booked("invariance", opened.finish):
+        made = invariance.reflect_endless(
+            opened,
+            upload(np.arange(orders.size, dtype=np.int32)),
+            upload(orders),
+            upload(np.repeat(np.arange(len(pieces), dtype=np.int32), sizes)),
+            problem.stokes,
+            upload(padded_coefficients([piece.problem.coefficients[:1] for piece in pieces])),
+            upload(np.array([piece.problem.terms[0] for piece in pieces], np.int32)),
+            upload(np.array([piece.problem.albedo[0] for piece in pieces])),
+            upload(np.concatenate([problem.nodes, off])),
+            upload(problem.weights),
+            upload(places[:n_out].astype(np.int32)),
+            upload(places[n_out:].astype(np.int32)),
+            upload(problem.columns),
+            upload(np.repeat([TIGHTER * piece.plan.accuracy for piece in pieces], sizes)),
+            run.stop,
+        )
+        shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], n_out, len(problem.stokes)
+        flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
+        if (orders == 0).any():
+            flux[:, 0, 0] = np.concatenate([flux_up(problem, nodal) for nodal in opened.download(made.on_nodes)])
+        factors = np.zeros(shape[4:])
+        factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
+    residuals = {"residual_of_invariance": opened.download(made.residual)}
+    return Found(made.up.reshape(shape), shape, factors, flux, residuals, np.zeros(shape[0]))
+
+
+SOLVERS: dict[str, Callable[[Session, list[Piece], Run], Found]] = {
+    "doubling": solve_by_doubling,
+    "invariance": solve_by_invariance,
+}

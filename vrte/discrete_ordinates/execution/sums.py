@@ -1,0 +1,256 @@
+"""Light added up: the sum over Fourier orders, single scattering, light of small angles, the base's reflection."""
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, BoolArray, IntArray
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, scatter_by_orders
+from vrte.discrete_ordinates.orders.small_angle import Anisotropic
+from vrte.discrete_ordinates.planning.azimuths import Azimuths, cos_sin_deg
+from vrte.request.wanted import Wanted
+from vrte.scene.scene import Scene
+
+WORTH_THREADS = 1e5  # bytes of a result: below, starting threads takes longer than the sums
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Multiply scattered light of some Fourier orders, with the same Stokes components and incident columns.
+
+    orders (order,); stokes (S,): which of I, Q, U, V; columns (n_col,): which of the problem's; kernels (order, n_tau,
+    n_in, n_col, n_out, S): multiply scattered radiance for a unit beam, public frame, light going up first, in the
+    keeping of the engine that found it; factors (n_out, S): what that engine has yet to multiply them with.
+    """
+
+    orders: IntArray
+    stokes: IntArray
+    columns: IntArray
+    kernels: Any
+    factors: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What light is added up into: the parts ``wanted`` of the radiance in a scene, and its discrete problem.
+
+    mu (n_mu,): signed cosines in the order of the result; spreads (n_mu,): towards which of them light of small angles
+    stands for single scattering.
+    """
+
+    wanted: Wanted
+    scene: Scene
+    problem: Problem
+    mu: Array
+    azimuths: Azimuths
+    spreads: BoolArray
+
+    @property
+    def kind(self) -> IntArray:
+        """1 for incident Stokes vectors within (U, V), 0 for those within (I, Q), (n_col,)."""
+        return column_kinds(self.problem.columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One array of the result, values (n_level, n_in, n_mu, n_phi, 4, n_place).
+
+    levels (n_level,): indices of depths; rows (n_mu,): places of its directions among the problem's; mu (n_mu,):
+    signed cosines; spreads (n_mu,): whether small angles are separated there.
+    """
+
+    levels: IntArray
+    rows: IntArray
+    mu: Array
+    spreads: BoolArray
+    values: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """The incident directions first .. last - 1 of a part; ``room``: where an engine adds them up, if not in place."""
+
+    part: Part
+    first: int
+    last: int
+    room: Any = None
+
+
+Adder = Callable[[Share], None]
+
+
+class Adding(Protocol):
+    """What an engine does of the sums: it adds to a share of the result that it has opened."""
+
+    piece_bytes: float
+
+    def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
+        """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""
+
+    def prepare_scattering(self, target: Target, parts: Sequence[Part], run: Run) -> Adder:
+        """What adds single scattering in all layers to a share, but where small angles are separated."""
+
+    def opened(self, share: Share, run: Run) -> AbstractContextManager[Share]:
+        """The share as the engine adds to it; at the end the result has it."""
+
+
+def fill(
+    target: Target, lights: Sequence[Light], engine: Adding, run: Run, told: Callable[[int], None] = lambda done: None
+) -> list[Array]:
+    """The radiance of every part that is wanted, (n_level, n_in, n_mu, n_phi, 4, n_place), piece by piece in place.
+
+    An engine adds up Fourier orders and single scattering; light of small angles and the beam that the base reflects
+    come from the processor. told(k) is called when k pieces are done.
+    """
+    parts, problem = make_parts(target), target.problem
+    if sum(part.values.nbytes for part in parts) < WORTH_THREADS:
+        run = replace(run, threads=1)
+    in_closed_form = problem.leave_out.single
+    if not in_closed_form:
+        lights = [*lights, singly_scattered(target, run)]
+    by_engine = [engine.prepare_orders(target, lights, run)]
+    by_processor = [prepare_base(target, run)]
+    if in_closed_form:
+        by_engine.append(engine.prepare_scattering(target, parts, run))
+        if target.spreads.any():
+            by_processor.insert(0, prepare_spreading(target, run))
+    for k, (first, last) in enumerate(pieces(target.wanted, target.azimuths.phi.size, engine.piece_bytes), 1):
+        for part in parts:
+            share = Share(part, first, last)
+            with engine.opened(share, run) as open_share:
+                for add in by_engine:
+                    add(open_share)
+            for add in by_processor:
+                add(share)
+        told(k)
+    return [part.values for part in parts]
+
+
+def make_parts(target: Target) -> list[Part]:
+    """Empty arrays; the problem has light going up first, in the order of the request otherwise."""
+    mu, wanted = target.mu, target.wanted
+    row = np.empty(mu.size, np.int32)
+    row[np.argsort(mu < 0.0, kind="stable")] = np.arange(mu.size, dtype=np.int32)
+    tail = target.azimuths.phi.size, 4, int(wanted.place.max()) + 1
+    return [
+        Part(
+            levels,
+            row[directions],
+            mu[directions],
+            target.spreads[directions],
+            np.zeros((levels.size, wanted.scale.size, directions.size, *tail)),
+        )
+        for levels, directions in wanted.parts
+    ]
+
+
+def column_kinds(columns: Array) -> IntArray:
+    """1 for incident Stokes vectors within (U, V), 0 for those within (I, Q), (n_col,)."""
+    return np.where(columns[:, 2:].any(axis=1), 1, 0).astype(np.int32)
+
+
+def number_of_pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> int:
+    """Pieces that the result is filled in, each some of the incident directions."""
+    return max(1, min(wanted.scale.size, math.ceil(8.0 * wanted.doubles(n_phi) / piece_bytes)))
+
+
+def pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> Iterator[tuple[int, int]]:
+    """First and last + 1 incident direction of every piece."""
+    count = number_of_pieces(wanted, n_phi, piece_bytes)
+    return itertools.pairwise(k * wanted.scale.size // count for k in range(count + 1))
+
+
+def singly_scattered(target: Target, run: Run) -> Light:
+    """Single scattering by Fourier orders, where its closed form shall not be used."""
+    begin = time.perf_counter()
+    kernels = scatter_by_orders(target.scene.layers, target.problem)
+    run.book("single scattering", time.perf_counter() - begin)
+    orders, columns = (np.arange(kernels.shape[axis], dtype=np.int32) for axis in (0, 3))
+    return Light(orders, np.array(ALL, np.int32), columns, kernels)
+
+
+def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
+    """What adds a phase matrix times path (n_level, n_in, n_mu) to values, for the beams mu0 from first to last - 1."""
+    cosine, sine = cos_sin_deg(target.azimuths.distinct)
+    columns, azimuths = target.problem.columns, target.azimuths
+    work = run.work(_core.scattering_work(columns.shape[0], azimuths.distinct.size))
+    kind, place = target.kind, target.wanted.place
+
+    def add(
+        stage: str,
+        table: Array,
+        path: Array,
+        mu0: Array,
+        mu: Array,
+        first: int,
+        last: int,
+        values: Array,
+        threads: int = run.threads,
+    ) -> None:
+        run.timed(
+            stage,
+            run.kernels.add_single_scattering,
+            table,
+            path,
+            mu0,
+            mu,
+            cosine,
+            sine,
+            azimuths.angle,
+            azimuths.sign,
+            columns,
+            kind,
+            place,
+            first,
+            last,
+            values,
+            threads,
+            work,
+        )
+
+    return add
+
+
+def prepare_spreading(target: Target, run: Run) -> Adder:
+    """What adds one scattering of the beam, as it spreads by small angles, (2:4), where that is asked for."""
+    scatter, problem = prepare_closed_form(target, run), target.problem
+    anisotropic = Anisotropic(target.scene, problem)
+
+    def add(share: Share) -> None:
+        part, towards = share.part, np.flatnonzero(share.part.spreads)
+        for i in range(share.first, share.last):
+            begin = time.perf_counter()
+            mu0, strength = float(problem.mu0[i]), np.full((1, 1, 1), target.wanted.scale[i] / (4.0 * np.pi))
+            beams = anisotropic.beams(mu0)
+            for t, level in enumerate(part.levels.tolist()):
+                for places, tables in anisotropic.sources(mu0, beams, level, part.mu[towards]):
+                    run.book("small angles", time.perf_counter() - begin)
+                    for o, table in zip(towards[places].tolist(), tables, strict=True):
+                        here = problem.mu0[i : i + 1], part.mu[o : o + 1], 0, 1
+                        values = part.values[t : t + 1, i : i + 1, o : o + 1]
+                        scatter("small angles", _core.series_table(table), strength, *here, values, 1)
+                    begin = time.perf_counter()
+
+    return add
+
+
+def prepare_base(target: Target, run: Run) -> Adder:
+    """What adds the beam that the base reflects."""
+    wanted, base = target.wanted, target.scene.base
+
+    def add(share: Share) -> None:
+        begin, part = time.perf_counter(), share.part
+        place = wanted.place, wanted.scale, share.first, share.last
+        add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *place, part.values)
+        run.book("single scattering", time.perf_counter() - begin)
+
+    return add
