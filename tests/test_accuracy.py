@@ -11,8 +11,6 @@ import pytest
 import vrte
 from tests import exact
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.execution import solver
-from vrte.discrete_ordinates.orders.routes import Orders
 from vrte.discrete_ordinates.planning import needs, node_choice
 from vrte.studies import accuracy
 from vrte.studies.accuracy.__main__ import main
@@ -243,16 +241,6 @@ def test_nothing_is_lowered_before_two_orders_are_known() -> None:
     lowered = needs.calibrated(known, bounds, found | {2: np.full((1, 1), 1e-10)})
     assert (lowered[3:] < bounds[3:]).all()
     assert np.array_equal(lowered[:3], bounds[:3])
-
-
-def test_read_only_kernels_are_mended() -> None:
-    """Those of the invariance route may be views of one depth."""
-    ones, none = np.ones((2, 1, 1, 1, 1, 1)), np.zeros((1, 1, 1))
-    first = Orders(np.broadcast_to(ones, (2, 3, 1, 1, 1, 1)), none, none, {"a": np.zeros(2)})
-    again = Orders(np.full((1, 3, 1, 1, 1, 1), 2.0), none, none, {"b": np.zeros(1)})
-    both = solver.merged(first, again, [1])
-    assert both.kernels[:, 0, 0, 0, 0, 0].tolist() == [1.0, 2.0]
-    assert ones.max() == 1.0
 
 
 def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:

@@ -602,6 +602,27 @@ def test_an_order_that_fails_its_checks_is_repeated_by_the_other_route(
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize("algorithm", ["modes", "doubling", "invariance"])
+def test_the_orders_of_a_block_that_pass_their_checks_stay(algorithm: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES, Orders
+
+    scene = vrte.Scene([vrte.Layer(spheroids(), 0.9, np.inf)])
+    expected = exact.brdf(scene, MU, MU, PHI, nodes=8, algorithm="doubling")
+    solve = ROUTES[algorithm].solve
+
+    def spoil_two(route: Any, orders: np.ndarray, run: Any) -> Orders:
+        found = solve(route, orders, run)
+        for values in found.residuals.values():
+            values[np.isin(orders, [0, 2])] = 1.0
+        return found
+
+    monkeypatch.setattr(ROUTES[algorithm], "solve", spoil_two)
+    found = exact.brdf(scene, MU, MU, PHI, nodes=8, algorithm=algorithm, accuracy=1e-12)
+    assert found.diagnostics["orders_repeated"] == {"by": OTHER[algorithm], "orders": [0, 2]}
+    assert largest_gap(found.mueller, expected.mueller) < 1e-12
+    np.testing.assert_allclose(found.reflectance, expected.reflectance, atol=1e-12)
+
+
 @pytest.mark.filterwarnings("ignore::vrte.AccuracyWarning")  # 8 nodes are too few for 1500 terms
 def test_growing_modes_are_left_to_doubling() -> None:
     """1500 terms on 8 nodes: FE has negative eigenvalues, which modes refuse; the discrete problem has an answer."""

@@ -101,22 +101,22 @@ def test_many_scenes_by_the_processor() -> None:
 
 
 def test_little_room_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    from vrte.discrete_ordinates.execution import on_device
+    from vrte.discrete_ordinates.execution.engines import opencl as engine
 
     scene = SCENES["over a base"]
     whole = vrte.brdf(scene, MU, MU, PHI, nodes=6, backend="opencl")
-    monkeypatch.setattr(on_device, "CACHED", 1.0)
-    monkeypatch.setattr(on_device, "LARGEST_SHARE", 1e-9)
+    monkeypatch.setattr(engine, "CACHED", 1.0)
+    monkeypatch.setattr(engine, "LARGEST_SHARE", 1e-9)
     close(vrte.brdf(scene, MU, MU, PHI, nodes=6, backend="opencl").mueller, whole.mueller, 1e-14)
 
 
 def test_the_form_for_a_gpu_solves_too(monkeypatch: pytest.MonkeyPatch, opencl: Session) -> None:
-    from vrte.discrete_ordinates.execution import on_device
+    from vrte.discrete_ordinates.execution.engines import opencl as engine
 
     for name in ("over a base", "endless"):
         expected = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6)
         with monkeypatch.context() as patch:
-            patch.setattr(on_device, "session", lambda: replace(opencl, form="gpu"))
+            patch.setattr(engine, "open_session", lambda: replace(opencl, form="gpu"))
             found = vrte.brdf(SCENES[name], MU, MU, PHI, nodes=6, backend="opencl")
         close(found.mueller, expected.mueller, 1e-9)
 

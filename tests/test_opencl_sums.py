@@ -9,7 +9,7 @@ import pytest
 import vrte
 from vrte import _core
 from vrte.cl import sums
-from vrte.discrete_ordinates.execution.summing import column_kinds
+from vrte.discrete_ordinates.execution.sums import column_kinds
 from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
 
 from .test_sums import FULL_TURN, some_kernels

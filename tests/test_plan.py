@@ -13,7 +13,8 @@ import vrte
 from vrte.basics.errors import SceneError
 from vrte.basics.running import new_run
 from vrte.calls.plan import request_of
-from vrte.discrete_ordinates.execution.solver import solve
+from vrte.discrete_ordinates.execution.carry_out import carry_out
+from vrte.discrete_ordinates.execution.engines import cpu
 from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan
 from vrte.results.solution import Solution
@@ -118,7 +119,7 @@ def planned(case: Case, leave_out: LeaveOut = EVERYTHING, **changes: Any) -> Pla
 
 def solved(case: Case, leave_out: LeaveOut = EVERYTHING) -> tuple[Plan, Solution]:
     plan = planned(case, leave_out)
-    return plan, solve(plan, new_run(1))
+    return plan, carry_out([plan], cpu.PROCESSOR, new_run(1))[0]
 
 
 def all_but(name: str) -> LeaveOut:
@@ -170,16 +171,14 @@ def test_fewer_orders_where_order_0_is_bright() -> None:
 @pytest.mark.parametrize("case", [EARLY, CASES[0], CASES[2], CASES[6], CASES[11], CASES[15], CASES[20], CASES[-1]])
 def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Block after block, order after order, by the algorithms named; fewer orders only after order 0, as announced."""
-    import vrte.discrete_ordinates.execution.solver as solver
-
     done: list[tuple[Any, ...]] = []
-    original = solver.solve_orders
+    original = cpu.solve_orders
 
     def watched(problem: Any, base: Any, orders: Any, name: str, *rest: Any) -> Any:
         done.append((orders.tolist(), problem.stokes, problem.size, problem.albedo.size, problem.n_rhs, name))
         return original(problem, base, orders, name, *rest)
 
-    monkeypatch.setattr(solver, "solve_orders", watched)
+    monkeypatch.setattr(cpu, "solve_orders", watched)
     plan, found = solved(case)
     facts = plan.as_dict()
     said = [

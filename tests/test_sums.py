@@ -7,7 +7,8 @@ import pytest
 
 import vrte
 from vrte import _core
-from vrte.discrete_ordinates.execution import summing
+from vrte.discrete_ordinates.execution.engines import Processor
+from vrte.discrete_ordinates.execution.sums import column_kinds
 from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
 
 FULL_TURN = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 33.3])
@@ -169,7 +170,7 @@ def scattered(
     azimuths = fold(phi)
     cosine, sine = cos_sin_deg(azimuths.distinct)
     work = np.empty((threads, _core.scattering_work(len(columns), cosine.size)))
-    kind = summing.column_kinds(columns)
+    kind = column_kinds(columns)
     for first, last in ((0, 1), (1, mu0.size)):
         _core.add_single_scattering(
             _core.series_table(coefficients),
@@ -264,7 +265,7 @@ def test_a_result_does_not_depend_on_its_pieces(base: vrte.Lambertian | vrte.Mue
 
     whole = tables()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(summing, "PIECE_BYTES", 1.0)
+        patch.setattr("vrte.discrete_ordinates.execution.engines.PROCESSOR", Processor(piece_bytes=1.0))
         split = tables(progress=lambda done, total: calls.append((done, total)))
     steps = calls[-1][1]
     assert steps >= whole.diagnostics["orders"] + 3

@@ -10,7 +10,8 @@ import pytest
 import vrte
 from vrte.basics.quadrature import double_gauss
 from vrte.basics.running import Run, new_run
-from vrte.discrete_ordinates.execution.summing import fill
+from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
+from vrte.discrete_ordinates.execution.sums import Target, fill
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.small_angle import Spreading, exp_difference
 from vrte.discrete_ordinates.planning import node_choice
@@ -213,7 +214,7 @@ def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:
     part = np.arange(4, dtype=np.int32), np.arange(MU.size, dtype=np.int32)
     wanted = Wanted([part], np.arange(4, dtype=np.int32), np.ones(2))
     once, spread = (
-        fill(wanted, [], scene, problem, MU, fold(np.array(PHI)), new_run(1), lambda done: None, spreads)[0]
+        fill(Target(wanted, scene, problem, MU, fold(np.array(PHI)), spreads), [], PROCESSOR, new_run(1))[0]
         for spreads in (np.zeros(MU.size, bool), np.ones(MU.size, bool))
     )
     np.testing.assert_allclose(spread, once, atol=1e-13 * np.abs(once).max())

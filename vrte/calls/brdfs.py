@@ -7,9 +7,9 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, interruptible
 from vrte.calls.brdf import as_brdf
 from vrte.calls.forecast import foretell_all
+from vrte.discrete_ordinates.execution.engines import engine_of
 from vrte.discrete_ordinates.planning.plan import plan_of
-from vrte.methods.solving import joined, run_of, solved
-from vrte.request.backends import Backend
+from vrte.methods.solving import run_of, solved, solved_plans
 from vrte.request.request import Request, brdf_request, solver_options
 from vrte.results.brdf import Brdf
 from vrte.scene.scene import Scene
@@ -62,18 +62,10 @@ def brdfs(
 
 def solved_together(requests: Sequence[Request], run: Run, transmission: bool, progress: Progress | None) -> list[Brdf]:
     """All of them at once on a device, otherwise in turn."""
-    if requests[0].backend is not Backend.OPENCL:
+    if not engine_of(requests[0].backend).takes_many:
         return [in_turn(requests, place, run, transmission, progress) for place in range(len(requests))]
-    from vrte.discrete_ordinates.execution import on_device
-
-    plans = [plan_of(request, run) for request in requests]
-    flat = [part for plan in plans for part in plan.parts or (plan,)]
-    solutions = iter(on_device.solve_all(flat, run, progress))
-    found = []
-    for request, plan in zip(requests, plans, strict=True):
-        one = next(solutions)
-        found.append(as_brdf(request, joined(one, next(solutions)) if plan.parts else one, transmission))
-    return found
+    solutions = solved_plans([plan_of(request, run) for request in requests], run, progress)
+    return [as_brdf(request, found, transmission) for request, found in zip(requests, solutions, strict=True)]
 
 
 def in_turn(requests: Sequence[Request], place: int, run: Run, transmission: bool, progress: Progress | None) -> Brdf:

@@ -10,7 +10,8 @@ import numpy as np
 from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.quadrature import double_gauss
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.execution.summing import Light, fill
+from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
+from vrte.discrete_ordinates.execution.sums import Light, Target, fill
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.planning.azimuths import fold
@@ -52,10 +53,13 @@ def summed(
     """The radiance of every part of what is wanted: Fourier orders, single scattering and the beam that the base
     reflects; ``spread``, True or (n_mu,): there one scattering of the beam as it spreads by small angles stands for
     single scattering."""
-    azimuths = fold(request.phi)
+    return fill(target_of(request, problem, mu, spread), lights, PROCESSOR, run)
+
+
+def target_of(request: Request, problem: Problem, mu: Array, spread: bool | BoolArray = False) -> Target:
+    """What light is added up into."""
     spreads = np.broadcast_to(np.asarray(spread), mu.shape)
-    wanted = wanted_of(request, mu)
-    return fill(wanted, lights, request.scene, problem, mu, azimuths, run, lambda done: None, spreads)
+    return Target(wanted_of(request, mu), request.scene, problem, mu, fold(request.phi), spreads)
 
 
 def fluxes_by_quadrature(request: Request, lights_at: Any, run: Run) -> tuple[Array, Array]:

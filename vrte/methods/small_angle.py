@@ -14,11 +14,10 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Progress, Run
-from vrte.discrete_ordinates.execution.summing import Part, column_kinds, make_parts
+from vrte.discrete_ordinates.execution.sums import Part, make_parts, prepare_closed_form
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam, exp_difference
-from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
-from vrte.methods.common import diagnostics_of, discrete, wanted_of
+from vrte.methods.common import diagnostics_of, discrete, target_of
 from vrte.methods.method import Method, Settings
 from vrte.request.request import Request
 from vrte.results.solution import Solution
@@ -32,20 +31,15 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
     """The exact sum (2:29), which solves (2:28); flux down by quadrature without error, flux up zero."""
     start = time.perf_counter()
     mu, problem = discrete(request)
-    wanted, azimuths = wanted_of(request, mu), fold(request.phi)
-    tables = expansions(request.scene, problem)
-    parts = make_parts(wanted, mu, np.zeros(mu.size, bool), azimuths.phi.size)
-    cosine, sine = cos_sin_deg(azimuths.distinct)
-    work = run.work(_core.scattering_work(problem.columns.shape[0], azimuths.distinct.size))
+    target = target_of(request, problem, mu)
+    tables, parts = expansions(request.scene, problem), make_parts(target)
+    scatter = prepare_closed_form(target, run)
 
     def spread(part: Part, t: int, i: int) -> None:
         table = _core.series_table(tables[part.levels[t], i])
-        share = np.where(part.mu < 0.0, wanted.scale[i] / (4.0 * np.pi), 0.0)[None, None]
-        to = problem.mu0[i : i + 1].copy(), part.mu, cosine, sine, azimuths.angle, azimuths.sign
-        light = problem.columns, column_kinds(problem.columns), wanted.place
+        share = np.where(part.mu < 0.0, target.wanted.scale[i] / (4.0 * np.pi), 0.0)[None, None]
         values = part.values[t : t + 1, i : i + 1]
-        kernel = run.kernels.add_single_scattering
-        run.timed("small angles", kernel, table, share, *to, *light, 0, 1, values, run.threads, work)
+        scatter("small angles", table, share, problem.mu0[i : i + 1].copy(), part.mu, 0, 1, values)
 
     for part in parts:
         for t, i in np.ndindex(part.levels.size, problem.mu0.size):

@@ -1,7 +1,7 @@
 """A request solved: planned and executed, in two parts where polarized incident light wants another truncation."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,8 +10,8 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyWarning, SceneError
 from vrte.basics.running import Progress, Run, new_run
-from vrte.discrete_ordinates.execution.kernels import kernels_of
-from vrte.discrete_ordinates.execution.solver import sized, solve, steps
+from vrte.discrete_ordinates.execution.carry_out import carry_out
+from vrte.discrete_ordinates.execution.engines import engine_of
 from vrte.discrete_ordinates.planning.forecast import foretell_plan, foretell_planning
 from vrte.discrete_ordinates.planning.node_choice import CAREFUL, OF_NODES, estimated_nodes
 from vrte.discrete_ordinates.planning.plan import Plan, plan_of
@@ -37,7 +37,7 @@ def chosen(request: Request) -> Request:
 
 
 def run_of(request: Request, threads: Any) -> Run:
-    """The run of a request: its threads, one of a sequential backend, and its backend's kernels."""
+    """The run of a request: its threads, one of a sequential backend, and its engine's stages."""
     backend = request.backend
     if backend.kernels == "sequential":
         if threads not in (None, 1):
@@ -46,8 +46,7 @@ def run_of(request: Request, threads: Any) -> Run:
             )
         threads = 1
     run = new_run(threads, operations_of(request))
-    if backend.needs_device and backend is not Backend.OPENCL:
-        run.kernels = kernels_of(backend)
+    run.kernels = engine_of(backend).stages
     return run
 
 
@@ -62,22 +61,15 @@ def solved(request: Request, run: Run, progress: Progress | None = None) -> tupl
     foretell_planning(request, run)
     plan = plan_of(request, run)
     foretell_plan(plan, run)
-    execute = executor(request.backend)
-    if not plan.parts:
-        return plan.mu, execute(plan, run, progress)
-    first, second = plan.parts
-    total = steps(first) + steps(second)
-    one = execute(first, run, counted(progress, 0, total))
-    return plan.mu, joined(one, execute(second, run, counted(progress, steps(first), total)))
+    (solution,) = solved_plans([plan], run, progress)
+    return plan.mu, solution
 
 
-def executor(backend: Backend) -> Callable[[Plan, Run, Progress | None], Solution]:
-    """What executes a plan: the stages in turn, or all of them on the device."""
-    if backend is not Backend.OPENCL:
-        return solve
-    from vrte.discrete_ordinates.execution import on_device
-
-    return on_device.solve
+def solved_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = None) -> list[Solution]:
+    """The solutions of plans for one backend, together where its engine takes many; a plan's two parts joined."""
+    flat = [part for plan in plans for part in plan.parts or (plan,)]
+    found = iter(carry_out(flat, engine_of(plans[0].request.backend), run, progress))
+    return [joined(next(found), next(found)) if plan.parts else next(found) for plan in plans]
 
 
 def verified(request: Request, run: Run, progress: Progress | None) -> tuple[Array, Solution]:
@@ -118,12 +110,6 @@ def gaps_of(found: Array, expected: Array) -> float:
     """The largest difference at each depth, axis 0, over the largest there."""
     size, gap = (np.abs(values).reshape(values.shape[0], -1).max(axis=1) for values in (expected, found - expected))
     return float((gap / np.maximum(size, NO_LIGHT)).max())
-
-
-def counted(progress: Progress | None, before: int, total: int) -> Progress:
-    """The call-back of one of two solutions."""
-    told = sized(progress, before, total)
-    return lambda done, _: told(done)
 
 
 def joined(one: Solution, other: Solution) -> Solution:

@@ -15,7 +15,8 @@ import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.running import interruptible, new_run
 from vrte.calls.plan import request_of
-from vrte.discrete_ordinates.execution.solver import solve
+from vrte.discrete_ordinates.execution.carry_out import carry_out
+from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan
 from vrte.formats.atomic import atomic_write
@@ -224,7 +225,7 @@ def solved(request: Request, leave_out: LeaveOut, threads: int) -> tuple[Plan, S
     run, clock = new_run(threads), time.process_time if threads == 1 else time.perf_counter
     start = clock()
     plan = make_plan(request, run, leave_out)
-    solution = interruptible(run, lambda: solve(plan, run))
+    (solution,) = interruptible(run, lambda: carry_out([plan], PROCESSOR, run))
     return plan, solution, clock() - start
 
 

@@ -206,7 +206,7 @@ def finished(task: Task, engine: Engine, run: Run, steps: Steps, start: float) -
         "stages": run.stages,
         "wall_seconds": time.perf_counter() - start,
     }
-    return Solution(parts, *task.flux, diagnostics)
+    return Solution(parts, task.flux[0], task.flux[1], diagnostics)
 
 
 def statement_of(repeated: dict[str, set[int]]) -> dict[str, Any] | None:

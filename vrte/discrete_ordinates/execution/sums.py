@@ -91,7 +91,9 @@ Adder = Callable[[Share], None]
 class Adding(Protocol):
     """What an engine does of the sums: it adds to a share of the result that it has opened."""
 
-    piece_bytes: float
+    @property
+    def piece_bytes(self) -> float:
+        """Of a result that is added up at a time."""
 
     def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
         """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""
@@ -245,7 +247,7 @@ def prepare_spreading(target: Target, run: Run) -> Adder:
 
 def prepare_base(target: Target, run: Run) -> Adder:
     """What adds the beam that the base reflects."""
-    wanted, base = target.wanted, target.scene.base
+    wanted, base = target.wanted, target.scene.below
 
     def add(share: Share) -> None:
         begin, part = time.perf_counter(), share.part

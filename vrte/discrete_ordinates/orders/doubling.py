@@ -41,9 +41,6 @@ def double_slabs(
         doublings=np.zeros(shape, np.int32),
     )
     info = np.zeros(shape, np.int32)
-    asymmetry = (
-        problem.coefficients[:, 1, 0] / 3.0 if problem.coefficients.shape[1] > 1 else np.zeros_like(problem.albedo)
-    )
     run.timed(
         "doubling",
         run.kernels.double_slabs,
@@ -54,7 +51,7 @@ def double_slabs(
         material,
         thickness,
         problem.albedo,
-        np.ascontiguousarray(asymmetry),
+        asymmetry_of(problem),
         problem.nodes,
         problem.weights,
         problem.mu0,
@@ -80,3 +77,9 @@ def double_slabs(
         order, slab = np.argwhere(info)[0]
         raise AccuracyError(f"a doubling step of order {orders[order]}, slab {slab + 1} is singular")
     return slabs
+
+
+def asymmetry_of(problem: Problem) -> Array:
+    """g of every material, (material,)."""
+    several = problem.coefficients.shape[1] > 1
+    return np.ascontiguousarray(problem.coefficients[:, 1, 0] / 3.0) if several else np.zeros_like(problem.albedo)

@@ -7,10 +7,11 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.blas import single_threaded
+from vrte.basics.errors import AccuracyError
 from vrte.basics.running import interruptible, new_run
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
-from vrte.discrete_ordinates.execution.solver import solve_orders
+from vrte.discrete_ordinates.execution.engines.cpu import solve_orders
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.routes import OTHER
 from vrte.discrete_ordinates.planning.choice import choose
@@ -118,8 +119,12 @@ def solve_few_orders(case: Case, scene: Scene, algorithm: str, threads: int | No
             problem = discretise(scene, np.array([case.mu0, SECOND_DIRECTION]), np.eye(4), mu, case.tau, case.nodes)
             orders = np.arange(min(FEW, int(problem.terms.max())), dtype=np.int32)
             name = choose(algorithm, problem, np.ones(1), FINEST)[0][1].name
-            base = scene.below
-            found, _ = solve_orders(problem, base, orders, name, run, FINEST)
+            for each in (name, OTHER[name]):
+                _, found, doubts = solve_orders(problem, scene.below, orders, each, run, FINEST)
+                if found is not None and not doubts:
+                    break
+            else:
+                raise AccuracyError(f"neither algorithm can vouch for Fourier order {min(doubts)}")
         return FewOrders(found.kernels, found.flux_up, found.flux_down, name)
 
     return interruptible(run, work)

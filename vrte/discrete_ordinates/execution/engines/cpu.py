@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import IntArray
 from vrte.basics.blas import single_threaded
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import PIECE_BYTES
@@ -23,6 +23,7 @@ from vrte.discrete_ordinates.orders.truncating import spread_towards
 from vrte.discrete_ordinates.planning.azimuths import fold
 from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
+from vrte.scene.boundary import Boundary
 
 WORTH_THREADS = 1e5  # products of matrices, in multiplications: about a millisecond of all stages
 
@@ -59,14 +60,16 @@ class Processor:
         (piece,) = pieces
         problem, orders = piece.problem, piece.orders
         run = worth_threads(run, problem, orders)
-        return [answer_of(piece, *solve_orders(problem, piece.block.base, orders, piece.name, run, piece.plan.accuracy, told))]
+        return [
+            answer_of(
+                piece, *solve_orders(problem, piece.block.base, orders, piece.name, run, piece.plan.accuracy, told)
+            )
+        ]
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
         """Both algorithms and what was wrong."""
         tried, before = piece.tried[order]
-        return (
-            f"neither algorithm can vouch for Fourier order {order}: {tried} ({before}), {piece.name} ({reason})"
-        )
+        return f"neither algorithm can vouch for Fourier order {order}: {tried} ({before}), {piece.name} ({reason})"
 
     def diagnostics(self) -> dict[str, Any]:
         """Whether threads share the work."""
@@ -143,26 +146,32 @@ def worth_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
 
 def solve_orders(
     problem: Problem,
-    base: Base,
+    base: Boundary,
     orders: IntArray,
     name: str,
     run: Run,
     accuracy: float,
     told: Callable[[int], None] = lambda done: None,
-) -> tuple[IntArray, list[Orders], dict[int, str]]:
+) -> tuple[IntArray, Orders | None, dict[int, str]]:
     """Orders by the named algorithm, a few at a time to bound memory: which of them it vouches for, what it found for
-    them, and what is wrong with each of the others."""
+    them, with the fluxes of the first, and what is wrong with each of the others."""
     route: Route = ROUTES[name](problem, base, int(orders[-1]) + 1, accuracy)
-    right, found, doubts = [orders[:0]], [], {}  # type: tuple[list[IntArray], list[Orders], dict[int, str]]
+    right: list[IntArray] = []
+    found: list[Orders] = []
+    doubts: dict[int, str] = {}
     step = route.chunk(run.threads)
     for first in range(0, orders.size, step):
         kept, result, doubtful = attempt(route, orders[first : first + step], run)
         if result is not None and kept.size:
             found.append(result)
-        right.append(kept)
+            right.append(kept)
         doubts |= doubtful
         told(min(first + step, orders.size))
-    return np.concatenate(right), found, doubts
+    if len(found) < 2:
+        return right[0] if right else orders[:0], found[0] if found else None, doubts
+    kernels = np.concatenate([part.kernels for part in found])
+    residuals = {name: np.concatenate([part.residuals[name] for part in found]) for name in found[0].residuals}
+    return np.concatenate(right), replace(found[0], kernels=kernels, residuals=residuals), doubts
 
 
 def attempt(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orders | None, dict[int, str]]:
@@ -187,17 +196,14 @@ def attempt(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orders 
     return orders[kept], right, {int(orders[place]): doubts[place] for place in sorted(doubts)}
 
 
-def answer_of(piece: Piece, orders: IntArray, found: list[Orders], doubts: dict[int, str]) -> Answer:
-    """The orders that were vouched for, in one piece; the fluxes are those of the first."""
-    if not found:
+def answer_of(piece: Piece, orders: IntArray, found: Orders | None, doubts: dict[int, str]) -> Answer:
+    """What is found for the orders that are vouched for."""
+    if found is None:
         return no_answer(doubts)
-    block, problem = piece.block, piece.problem
-    kernels = found[0].kernels if len(found) == 1 else np.concatenate([part.kernels for part in found])
-    residuals = {name: np.concatenate([part.residuals[name] for part in found]) for name in found[0].residuals}
+    block, kernels, lit = piece.block, found.kernels, np.abs(piece.problem.columns).max(axis=1)
     light = Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), kernels)
-    # order by order, because the absolute values of all of them would take as much memory again
+    # order by order: the absolute values of all of them would take as much memory again
     largest = np.stack([np.abs(values).max(axis=(2, 3, 4), initial=0.0) for values in kernels])
-    lit = np.abs(problem.columns).max(axis=1)  # not I alone, which may be none
-    brightest = np.abs(kernels[0, :, :, int(np.argmax(lit)), :, 0]).max(axis=2, initial=0.0)
-    flux = np.stack([found[0].flux_up, found[0].flux_down])
-    return Answer(light, flux, largest, brightest / max(float(lit.max()), 1e-300), residuals, doubts)
+    first = np.abs(kernels[0, :, :, int(np.argmax(lit)), :, 0])  # not of incident I, which may be none
+    brightest = first.max(axis=2, initial=0.0) / max(float(lit.max()), 1e-300)
+    return Answer(light, np.stack([found.flux_up, found.flux_down]), largest, brightest, found.residuals, doubts)

@@ -67,16 +67,19 @@ def no_answer(doubts: Mapping[int, str]) -> Answer:
 
 
 class Engine(Adding, Protocol):
-    """A processor or a device with the stages of a solve as methods; `carry_out` has the loop around them.
+    """A processor or a device with the stages of a solve as methods; `carry_out` has the loop around them."""
 
-    stages: loops that stages on arrays of the host run, with the arguments of `vrte._core`; others: by which algorithm
-    an order is solved again that fails the checks of one; takes_many: whether plans of many scenes go to it together;
-    piece_bytes: of a result that it adds up at a time.
-    """
+    @property
+    def stages(self) -> Any:
+        """Loops that stages on arrays of the host run, with the arguments of those of `vrte._core`."""
 
-    stages: Any
-    others: Mapping[str, str]
-    takes_many: bool
+    @property
+    def others(self) -> Mapping[str, str]:
+        """By which algorithm an order is solved again that fails the checks of one."""
+
+    @property
+    def takes_many(self) -> bool:
+        """Whether the plans of many scenes are carried out together."""
 
     def at_work(self) -> AbstractContextManager[Any]:
         """Held while plans are carried out."""

@@ -334,7 +334,9 @@ class Batch:
         """The same of places among so many of each, counted on through all."""
         pairs = list(zip(self.pieces, self.piles, strict=True))
         starts = itertools.accumulate((size(*pair) for pair in pairs), initial=0)
-        return np.concatenate([start + make(*pair) for start, pair in zip(starts, pairs, strict=False)]).astype(np.int32)
+        return np.concatenate([start + make(*pair) for start, pair in zip(starts, pairs, strict=False)]).astype(
+            np.int32
+        )
 
 
 def materials_in(piece: Piece, pile: Pile) -> int:
