@@ -18,7 +18,7 @@ from vrte.calls.plan import request_of
 from vrte.cli import main
 from vrte.discrete_ordinates.planning import forecast as of_plans
 from vrte.methods import method_of
-from vrte.methods.costs import COSTS, operations_before
+from vrte.methods.parts.costs import COSTS, operations_before
 
 POLARIZING = vrte.mix([(vrte.rayleigh(), 0.5), (vrte.henyey_greenstein(0.7, 40), 0.5)])
 THICK = vrte.Scene([vrte.Layer(POLARIZING, 1.0, 100.0)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.methods.endless import doubled_until_settled
+from vrte.methods.parts.endless import doubled_until_settled
 
 MU, PHI = np.array([0.05, 0.3, 1.0]), np.array([0.0, 40.0, 180.0])
 HAZE = vrte.henyey_greenstein(0.4, 6)

@@ -5,12 +5,13 @@ import pytest
 import scipy.linalg
 
 import vrte
+from vrte.basics import divided_differences
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.methods import divided_differences, operators
 from vrte.methods.matrix_operator import Matter, Slab, matter_of, propagator
+from vrte.methods.parts import operators
 
 from . import exact
 from .test_discrete_ordinates import spheroids

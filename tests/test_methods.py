@@ -9,7 +9,7 @@ import vrte
 from vrte.basics.errors import SceneError
 from vrte.cli import main
 from vrte.methods import method_of
-from vrte.methods.method import Method
+from vrte.methods.parts.method import Method
 from vrte.request.request import EXACT, METHODS
 
 OTHERS = tuple(name for name in METHODS if name != EXACT)

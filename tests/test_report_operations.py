@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.methods import imbedding, matrix_operator, on_nodes, operators, successive_orders
+from vrte.methods import matrix_operator, successive_orders
+from vrte.methods.parts import imbedding, on_nodes, operators
 from vrte.studies.methods import operations, reference, scenes
 
 TALLY = [0.0]

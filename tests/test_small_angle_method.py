@@ -6,7 +6,7 @@ from scipy.linalg import expm
 
 import vrte
 from vrte.basics.spherical_functions import gauss_legendre
-from vrte.methods.common import discrete
+from vrte.methods.parts.task import discrete
 from vrte.methods.small_angle import expansions
 from vrte.request.request import radiance_request, solver_options
 
@@ -24,7 +24,7 @@ def tables_of(layers, tau):
     """The expansion about the beam, (n_tau, terms, 6)."""
     options = solver_options(8, None, "auto", False, method="small-angle")
     request, _ = radiance_request(vrte.Scene(layers), MU0, (1.0, 0.0, 0.0, 0.0), -0.5, 0.0, tau, options)
-    return expansions(request.scene, discrete(request)[1])[:, 0]
+    return expansions(request.scene, discrete(request))[:, 0]
 
 
 @pytest.mark.parametrize("albedo", [1.0, 0.7])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.methods.in_depth import downward, gauss_depths, upward
+from vrte.methods.parts.in_depth import downward, gauss_depths, upward
 
 MU, PHI = np.array([0.2, 0.6, 1.0]), np.array([0.0, 40.0, 180.0])
 PAIR = vrte.Scene(

@@ -7,7 +7,7 @@ import pytest
 
 import vrte
 from vrte.basics.errors import SceneError
-from vrte.methods.method import Method
+from vrte.methods.parts.method import Method
 from vrte.methods.synthetic_iteration import METHOD
 
 MU, PHI, MU0 = np.array([0.3, 0.9, -0.3, -0.9]), [0.0, 50.0, 180.0], 0.6

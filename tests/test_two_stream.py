@@ -6,7 +6,7 @@ import pytest
 import vrte
 from vrte.basics.errors import SceneError
 from vrte.basics.spherical_functions import gauss_legendre
-from vrte.methods.two_fluxes import second_difference
+from vrte.methods.parts.two_fluxes import second_difference
 
 MU, PHI = np.array([1e-3, 0.5, 0.8, 1.0, -1e-3, -0.3, -0.5, -1.0]), [0.0, 40.0, 130.0]
 HG, EVEN = vrte.henyey_greenstein(0.6, 40), vrte.isotropic()

@@ -7,7 +7,8 @@ import numpy as np
 
 from vrte.basics.arrays import frozen, settled
 from vrte.basics.running import Progress, interruptible
-from vrte.methods.solving import chosen, run_of, solved, warn_of_negative
+from vrte.methods import choose_method, run_of, solve_request
+from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.request import Request, brdf_request, solver_options
 from vrte.results.brdf import Brdf
 from vrte.results.solution import Solution
@@ -52,7 +53,7 @@ def brdf(
         nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate, time_limit_s
     )
     request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
-    return brdf_of(chosen(request), threads, transmission, progress)
+    return brdf_of(choose_method(request), threads, transmission, progress)
 
 
 def brdf_of(
@@ -61,7 +62,7 @@ def brdf_of(
     """Of a request with its method named; ``told``: what it takes was said."""
     run = run_of(request, threads)
     run.told = told
-    _, solution = interruptible(run, lambda: solved(request, run, progress))
+    _, solution = interruptible(run, lambda: solve_request(request, run, progress))
     return as_brdf(request, solution, transmission)
 
 

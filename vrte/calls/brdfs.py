@@ -9,7 +9,8 @@ from vrte.calls.brdf import as_brdf
 from vrte.calls.forecast import foretell_all
 from vrte.discrete_ordinates.execution.engines import engine_of
 from vrte.discrete_ordinates.planning.plan import plan_of
-from vrte.methods.solving import run_of, solved, solved_plans
+from vrte.methods import run_of, solve_request
+from vrte.methods.discrete_ordinates import solved_plans
 from vrte.request.request import Request, brdf_request, solver_options
 from vrte.results.brdf import Brdf
 from vrte.scene.scene import Scene
@@ -71,7 +72,7 @@ def solved_together(requests: Sequence[Request], run: Run, transmission: bool, p
 def in_turn(requests: Sequence[Request], place: int, run: Run, transmission: bool, progress: Progress | None) -> Brdf:
     """One of them."""
     fresh = Run(run.threads, run.brief, run.kernels, run.stop, told=run.told)
-    found = as_brdf(requests[place], solved(requests[place], fresh)[1], transmission)
+    found = as_brdf(requests[place], solve_request(requests[place], fresh)[1], transmission)
     if progress is not None:
         progress(place + 1, len(requests))
     return found

@@ -11,7 +11,7 @@ from vrte.basics.running import interruptible, new_run
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.discrete_ordinates.planning.plan import Plan, plan_of
-from vrte.methods.solving import chosen
+from vrte.methods import choose_method
 from vrte.request.request import EXACT, Request, brdf_request, radiance_request, solver_options
 from vrte.scene.scene import Scene
 
@@ -63,4 +63,4 @@ def request_of(kind: Any, scene: Any, arguments: tuple[Any, ...], keywords: dict
     options = solver_options(*(values[name] for name in OPTIONS))
     make: Callable[..., tuple[Request, Array]] = brdf_request if kind == "brdf" else radiance_request
     request, _ = make(scene, *(values[name] for name in DIRECTIONS[kind]), options)
-    return chosen(request), values["threads"]
+    return choose_method(request), values["threads"]

@@ -7,7 +7,8 @@ import numpy as np
 
 from vrte.basics.arrays import Array, frozen, settled
 from vrte.basics.running import Progress, interruptible
-from vrte.methods.solving import chosen, run_of, solved, warn_of_negative
+from vrte.methods import choose_method, run_of, solve_request
+from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.request import Request, depths, radiance_request, solver_options
 from vrte.results.field import Field
 from vrte.results.solution import Solution
@@ -68,9 +69,9 @@ def radiance(
         nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate, time_limit_s
     )
     request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
-    request = chosen(request)
+    request = choose_method(request)
     run = run_of(request, threads)
-    directions, solution = interruptible(run, lambda: solved(request, run, progress))
+    directions, solution = interruptible(run, lambda: solve_request(request, run, progress))
     found = field_of(request, directions, solution, depths(tau, request.scene), incident)
     return found.beam(0) if is_one_number(mu0) else found
 

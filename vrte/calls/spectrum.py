@@ -14,7 +14,7 @@ from vrte.calls.brdf import brdf_of
 from vrte.calls.brdfs import brdfs
 from vrte.calls.forecast import foretell_all
 from vrte.calls.plan import request_of
-from vrte.methods.solving import run_of
+from vrte.methods import run_of
 from vrte.request.request import EXACT, Request
 from vrte.results.spectrum import Spectrum, ascending, with_scene
 

@@ -1,40 +1,70 @@
-"""Other methods for the same scenes, behind the same call: one a file, found by name."""
+"""Methods for the same scenes, behind the same call: one a file of this folder, by whose name it is found."""
 
 import math
 from dataclasses import replace
 from importlib import import_module
+from typing import Any
 
 from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
 from vrte.basics.forecast import foretell
-from vrte.basics.running import Progress, Run
+from vrte.basics.running import Progress, Run, new_run
+from vrte.discrete_ordinates.execution.engines import engine_of
 from vrte.discrete_ordinates.planning.forecast import RATE
-from vrte.methods.common import NODES
-from vrte.methods.method import Method
-from vrte.request.request import EXACT, METHODS, Request
+from vrte.discrete_ordinates.planning.node_choice import NodeChoice, choose_nodes
+from vrte.methods.auto import by_rule
+from vrte.methods.parts.method import Method
+from vrte.methods.parts.task import NODES, Task
+from vrte.request.request import AUTO, EXACT, METHODS, Request, operations_of
 from vrte.results.solution import Solution
 
 
 def method_of(name: str) -> Method:
-    """What a method's file says of it; not for "discrete-ordinates", which is the solver itself.
+    """What a method's file says of it.
 
     >>> method_of("single-scattering").polarization
     True
     """
     assert name in METHODS
-    assert name != EXACT
     found: Method = import_module(f"vrte.methods.{name.replace('-', '_')}").METHOD
     return found
 
 
-def solve(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
-    """The cosines of the result and the solution by the request's method. Raises SceneError, which names the method,
-    where it does not take the scene or what is asked for."""
+def choose_method(request: Request) -> Request:
+    """The request with its method named: for "auto", the one that the rules take. Raises SceneError where the method
+    does not take the request."""
+    if request.method == AUTO:
+        return by_rule(request)
+    method_of(request.method).checked(request)
+    return request
+
+
+def run_of(request: Request, threads: Any) -> Run:
+    """The run of a request: its threads, one of a sequential backend, and its engine's stages."""
+    backend = request.backend
+    if backend.kernels == "sequential":
+        if threads not in (None, 1):
+            raise SceneError(
+                f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'", "backend"
+            )
+        threads = 1
+    run = new_run(threads, operations_of(request))
+    run.kernels = engine_of(backend).stages
+    return run
+
+
+def solve_request(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+    """The signed cosines of the result and the solution by the request's method, incident columns added up as wanted.
+    Raises SceneError, which names the method, where it does not take the scene or what is asked for."""
     method = method_of(request.method)
     settings = method.checked(request)
+    if request.method == EXACT:
+        return method.solve(Task(request, settings, run, progress))
+    request, choice = with_nodes(request, run)
     why = f", most of it for method {request.method!r} on {request.nodes or NODES} nodes"
     change = f"fewer nodes take less, as does {EXACT!r}"
     foretell(predicted(request, run), request.time_limit_s, why, change, run.told)
-    mu, found = method.solve(request, settings, run, progress)
+    mu, found = method.solve(Task(request, settings, run, progress, choice))
     if request.method_rule:
         promised = {"promised": True, "notes": []} | found.diagnostics
         ruled = {"method_rule": request.method_rule, "accuracy": request.accuracy}
@@ -42,9 +72,19 @@ def solve(request: Request, run: Run, progress: Progress | None = None) -> tuple
     return mu, found
 
 
+def with_nodes(request: Request, run: Run) -> tuple[Request, NodeChoice | None]:
+    """The request with the nodes that its accuracy takes, where it asks for one by a method that keeps it."""
+    if request.nodes is not None or "accuracy" not in request.given:
+        return request, None
+    asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
+    return replace(request, nodes=choice.nodes), choice
+
+
 def predicted(request: Request, run: Run) -> float:
-    """Seconds of the request's method. Raises SceneError where it does not take the request."""
-    from vrte.methods.costs import operations_before  # it knows the methods
+    """Seconds of the request's method beside the exact one. Raises SceneError where it does not take the request."""
+    from vrte.methods.parts.costs import operations_before  # it knows the methods
 
     settings = method_of(request.method).checked(request)
+    request = with_nodes(request, run)[0]
     return operations_before(request, settings, run) / RATE.get(request.method, math.inf)

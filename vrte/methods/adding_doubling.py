@@ -1,22 +1,18 @@
 """Adding and doubling: slabs doubled from a thin layer, layers and base added, the field between them, (2:8)."""
 
 import math
-import time
 
 import numpy as np
 
 from vrte.basics.arrays import Array, number, whole
 from vrte.basics.blas import single_threaded
-from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.orders.slabs import Pile, cut
-from vrte.methods.adding import Slab, doubled, ground, homogeneous, inside
-from vrte.methods.common import discrete, solution_of
-from vrte.methods.in_depth import POINTS
-from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes, Scattered, in_turn
-from vrte.methods.thin_layer import thin_slab
-from vrte.request.request import Request
-from vrte.results.solution import Solution
+from vrte.methods.parts.adding import Slab, doubled, ground, homogeneous, inside
+from vrte.methods.parts.in_depth import POINTS
+from vrte.methods.parts.method import Answer, Method, Setting, Settings
+from vrte.methods.parts.on_nodes import OnNodes, Scattered, solve_in_turn
+from vrte.methods.parts.task import Task
+from vrte.methods.parts.thin_layer import thin_slab
 
 THICKEST, THINNEST = 8.0, 1e-6
 LOWEST = 1e-4  # below, starting layers are so thin that rounding is seen
@@ -27,23 +23,20 @@ NEARLY_DARK = (
 )
 
 
-def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+def solve_by_adding_doubling(task: Task) -> Answer:
     """Every Fourier order of the truncated phase matrices in turn."""
-    start = time.perf_counter()
-    mu, problem = discrete(request)
-    pile = cut(problem)
-    on_nodes = OnNodes(pile.problem, request.scene.below)
+    pile = cut(task.problem)
+    on_nodes = OnNodes(pile.problem, task.request.scene.below)
     doublings: list[int] = []
 
     def field(order: int, base: Array) -> tuple[Array, Array]:
-        up, down, most = field_of(pile, on_nodes, order, base, settings)
+        up, down, most = field_of(pile, on_nodes, order, base, task.settings)
         doublings.append(most)
         return up, down
 
     with single_threaded():
-        kernels, fluxes = in_turn(on_nodes, problem, pile.out, field, run, progress)
-    orders = np.arange(on_nodes.n_order, dtype=np.int32)
-    return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, doublings=max(doublings))
+        kernels, fluxes = solve_in_turn(task, on_nodes, pile.out, field)
+    return task.answer_on_nodes(kernels, fluxes, doublings=max(doublings))
 
 
 def field_of(pile: Pile, on_nodes: OnNodes, order: int, base: Array, settings: Settings) -> tuple[Array, Array, int]:
@@ -110,7 +103,7 @@ def conserving(on_nodes: OnNodes, slab: Slab, tau: float) -> Slab:
 
 METHOD = Method(
     name="adding-doubling",
-    solve=solve,
+    solve=solve_by_adding_doubling,
     purpose="thick layers and piles of layers, the field between them too",
     conserves="flux to rounding at albedo 1, otherwise up to the error of the starting layer",
     source="(2:8); van de Hulst's doubling, Fourier order by Fourier order",

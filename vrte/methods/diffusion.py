@@ -10,20 +10,20 @@ E_0 + c E_z = 0 at the top and E_0 - c E_z = 0 at a black base, with c named by 
 source function of this field integrated along each direction, light scattered once with all terms in closed form.
 """
 
-import time
 from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import paths_in_layers
 from vrte.discrete_ordinates.orders.small_angle import Ray
-from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.two_fluxes import (
+from vrte.methods.parts.method import Answer, Method, Setting
+from vrte.methods.parts.task import Task
+from vrte.methods.parts.two_fluxes import (
     Pile,
     Slab,
+    answer_two_fluxes,
     asymmetry,
     base_albedo_of,
     collected,
@@ -32,10 +32,8 @@ from vrte.methods.two_fluxes import (
     from_base,
     levels_of,
     piled,
-    result,
 )
-from vrte.request.request import Request, one_of
-from vrte.results.solution import Solution
+from vrte.request.request import one_of
 
 # c of E_0 = c times the net flux out: no flux comes in; no light along P1's node; the exact extrapolation length of a
 # half space that conserves energy and scatters evenly, 0.71045 mean free paths
@@ -47,15 +45,13 @@ def boundary_of(value: Any) -> str:
     return one_of("setting 'boundary' of method 'diffusion'", value, tuple(BOUNDARIES))
 
 
-def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+def solve_by_diffusion(task: Task) -> Answer:
     """Orders 0 and 1. Half fluxes are (E_0/c +- E_z)/2, so that they vanish where the boundary says so."""
-    start = time.perf_counter()
-    c = BOUNDARIES[settings["boundary"]]
-    mu, problem = cut_to_two(request)
-    base_albedo = base_albedo_of(request)
+    c = BOUNDARIES[task.settings["boundary"]]
+    problem, base_albedo = cut_to_two(task.request), base_albedo_of(task.request)
     pile = pile_of(problem, base_albedo, c)
     orders = field_of(problem, pile, base_albedo, c)
-    return result(request, problem, mu, orders, fluxes_of(problem, pile, c), run, start)
+    return answer_two_fluxes(task, problem, orders, fluxes_of(problem, pile, c))
 
 
 def pile_of(problem: Problem, base_albedo: float, c: float) -> Pile:
@@ -113,12 +109,12 @@ def scattered_across(problem: Problem) -> Array:
 
 METHOD = Method(
     name="diffusion",
-    solve=solve,
-    base="even",
+    solve=solve_by_diffusion,
     purpose="fluxes of thick layers that absorb little; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="(2:16)-(2:20)",
     conserves_energy=True,
+    base="even",
     options=("nodes", "truncation", "backend"),
     polarization=False,
     settings={

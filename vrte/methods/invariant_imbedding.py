@@ -1,21 +1,17 @@
 """Invariant imbedding: reflection and transmission grown from the base up by the matrix Riccati equation, and the
 algebraic one for a layer without end."""
 
-import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from vrte.basics.arrays import Array, number
 from vrte.basics.blas import single_threaded
-from vrte.basics.running import Progress, Run
-from vrte.methods.common import discrete, solution_of
-from vrte.methods.endless import reflection
-from vrte.methods.imbedding import Count, State, grow
-from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes, in_turn
-from vrte.request.request import Request
-from vrte.results.solution import Solution
+from vrte.methods.parts.endless import reflection
+from vrte.methods.parts.imbedding import Count, State, grow
+from vrte.methods.parts.method import Answer, Method, Setting
+from vrte.methods.parts.on_nodes import OnNodes, distinct_directions, solve_in_turn
+from vrte.methods.parts.task import Task
 
 
 @dataclass(eq=False)
@@ -26,29 +22,26 @@ class Work:
     doublings: int = 0
 
 
-def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+def solve_by_invariant_imbedding(task: Task) -> Answer:
     """Every Fourier order of the truncated phase matrices in turn."""
-    start = time.perf_counter()
-    mu, problem = discrete(request)
-    cosines, out = np.unique(problem.mu_out, return_inverse=True)
-    on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.below)
-    work, at_bottom = Work(), request.tau > 0.0
+    distinct, out = distinct_directions(task.problem)
+    on_nodes = OnNodes(distinct, task.request.scene.below)
+    work, at_bottom = Work(), task.request.tau > 0.0
 
     def field_of(order: int, base: Array) -> tuple[Array, Array]:
-        light = faces(on_nodes, order, base, bool(at_bottom.any()), settings["rtol"], work)
+        light = faces(on_nodes, order, base, bool(at_bottom.any()), task.settings["rtol"], work)
         up, down = (pair[at_bottom.astype(int), :, on_nodes.n :] for pair in light)
         return up, down
 
     with single_threaded():
-        kernels, fluxes = in_turn(on_nodes, problem, out.astype(np.int32), field_of, run, progress)
-    orders = np.arange(on_nodes.n_order, dtype=np.int32)
+        kernels, fluxes = solve_in_turn(task, on_nodes, out, field_of)
     more = {
         "steps": work.riccati.steps,
         "steps_repeated": work.riccati.repeated,
         "sweeps": work.riccati.sweeps,
         "doublings": work.doublings,
     }
-    return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, **more)
+    return task.answer_on_nodes(kernels, fluxes, **more)
 
 
 def faces(on_nodes: OnNodes, order: int, base: Array, through: bool, rtol: float, work: Work) -> tuple[Array, Array]:
@@ -74,7 +67,7 @@ def faces(on_nodes: OnNodes, order: int, base: Array, through: bool, rtol: float
 
 METHOD = Method(
     name="invariant-imbedding",
-    solve=solve,
+    solve=solve_by_invariant_imbedding,
     purpose="layers without end, and layers that grow on a base; light at the two faces",
     conserves="flux to rtol; to rounding below a layer without end",
     source="dR/dtau as the thin layer of (2:8) on top; SDA for its algebraic form",

@@ -16,21 +16,20 @@ import scipy.linalg
 
 from vrte.basics.arrays import Array, IntArray, whole
 from vrte.basics.blas import single_threaded
+from vrte.basics.divided_differences import ComplexArray
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.polarization import FLIP
-from vrte.basics.running import Progress, Run
+from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base, expand_base
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.slabs import distinct_materials, only
-from vrte.methods.common import NODES, discrete, solution_of
-from vrte.methods.divided_differences import ComplexArray
-from vrte.methods.method import Method, Settings
-from vrte.methods.on_nodes import tell
-from vrte.methods.operators import Modes, Operator, empty
-from vrte.request.request import MOST_NODES, Request, check_scene
-from vrte.results.solution import Solution
+from vrte.methods.parts.method import Answer, Method
+from vrte.methods.parts.on_nodes import distinct_directions
+from vrte.methods.parts.operators import Modes, Operator, empty
+from vrte.methods.parts.task import NODES, Task
+from vrte.request.request import MOST_NODES, check_scene
 from vrte.scene.scene import Scene
 
 LARGEST_RESIDUAL = 1e-8  # of the eigenvectors
@@ -279,9 +278,9 @@ def incident(problem: Problem) -> Operator:
 def at_work(problem: Problem, polarizing_base: bool) -> tuple[Problem, IntArray]:
     """The problem for the Stokes parameters at work and each outgoing cosine once, and where each of them went."""
     stokes = (0,) if problem.is_scalar and not polarizing_base else ALL
-    cosines, out = np.unique(problem.mu_out, return_inverse=True)
+    distinct, out = distinct_directions(problem)
     columns = np.ascontiguousarray(problem.columns[:, list(stokes)])
-    return replace(problem, mu_out=cosines, columns=columns, stokes=stokes), out.astype(np.int32)
+    return replace(distinct, columns=columns, stokes=stokes), out
 
 
 def public(problem: Problem, n_up: int, out: IntArray, fields: list[Field]) -> Array:
@@ -307,11 +306,9 @@ def fluxes_of(problem: Problem, fields: list[Field]) -> tuple[Array, Array]:
     return up, down
 
 
-def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+def solve_by_matrix_operators(task: Task) -> Answer:
     """Every Fourier order that the nodes carry, one after another."""
-    start = time.perf_counter()
-    mu, full = discrete(request)
-    below = request.scene.below
+    below, full, run = task.request.scene.below, task.problem, task.run
     problem, out = at_work(full, below.mixes_stokes)
     materials, kinds = distinct_materials(problem)
     orders = np.arange(int(problem.terms.max()), dtype=np.int32)
@@ -327,8 +324,8 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
             if order == 0:
                 fluxes = fluxes_of(problem, fields)
             run.book("matrix operators", time.perf_counter() - begin)
-            tell(run, progress, order + 1, orders.size)
-    return solution_of(request, full, mu, orders, np.array(kernels), fluxes, run, start)
+            task.tell(order + 1, orders.size)
+    return task.answer_on_nodes(np.array(kernels), fluxes)
 
 
 def fields_of_order(
@@ -389,7 +386,7 @@ def pile_of(problem: Problem, order: int) -> Slab:
 
 METHOD = Method(
     name="matrix-operator",
-    solve=solve,
+    solve=solve_by_matrix_operators,
     purpose="slabs as matrices, to be joined and looked at; as exact as discrete ordinates on the same nodes",
     conserves="energy and reciprocity, to rounding",
     source="(2:6)-(2:9), (2:10)-(2:15)",

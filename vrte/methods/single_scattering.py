@@ -1,27 +1,42 @@
 """Light scattered once, (2:24)-(2:26) with s = 1, in closed form, and the beam that the base sends back."""
 
-import time
+from dataclasses import replace
+
+import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.running import Progress, Run
-from vrte.methods.common import diagnostics_of, discrete, fluxes_by_quadrature, summed
-from vrte.methods.method import Method, Settings
-from vrte.request.request import Request
-from vrte.results.solution import Solution
+from vrte.basics.quadrature import double_gauss
+from vrte.methods.parts.method import Answer, Method
+from vrte.methods.parts.task import NODES, Task, discrete
+from vrte.request.wanted import Wanted
 
 
-def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+def solve_by_single_scattering(task: Task) -> Answer:
     """Single scattering with all terms of the phase matrix; fluxes by quadrature over its nodes."""
-    start = time.perf_counter()
-    mu, problem = discrete(request)
-    parts = summed(request, problem, mu, [], run)
-    fluxes = fluxes_by_quadrature(request, lambda problem: [], run)
-    return mu, Solution(parts, *fluxes, diagnostics_of(request, problem, run, start))
+    parts = task.sum_orders(task.problem)
+    return task.answer(parts, fluxes_by_quadrature(task), task.problem)
+
+
+def fluxes_by_quadrature(task: Task) -> tuple[Array, Array]:
+    """Diffuse fluxes up and down, (n_tau, n_in, n_col), from the radiance along the nodes averaged over azimuth."""
+    request = task.request
+    points, weights = double_gauss(request.nodes or NODES)
+    mu = np.concatenate([points, -points])
+    terms = max(layer.phase_matrix.terms for layer in request.scene.layers)
+    phi: Array = np.linspace(0.0, 360.0, 2 * terms, endpoint=False)
+    levels, directions = np.arange(request.tau.size, dtype=np.int32), np.arange(mu.size, dtype=np.int32)
+    columns = np.arange(request.columns.shape[0], dtype=np.int32)
+    wanted = Wanted([(levels, directions)], columns, np.ones(request.mu0.size))
+    along = replace(request, mu=mu, phi=phi, wanted=wanted)
+    (values,) = replace(task, request=along).sum_orders(discrete(along))
+    mean = values[..., 0, :].mean(axis=3)  # (n_tau, n_in, n_mu, n_col)
+    up, down = (np.einsum("tioc,o->tic", half, 2.0 * np.pi * weights * points) for half in np.split(mean, 2, axis=2))
+    return up, down
 
 
 METHOD = Method(
     name="single-scattering",
-    solve=solve,
+    solve=solve_by_single_scattering,
     purpose="thin or very dark layers, and the narrow peaks of any layer",
     conserves="nothing: light scattered twice is lost",
     source="(2:24)-(2:26), first order",

@@ -7,33 +7,27 @@ all Fourier orders the generalized spherical functions of (2:29) add up to those
 down only: nothing is reflected, and what the sum leaves above the horizon is taken as zero.
 """
 
-import time
-
 import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array
-from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.sums import Part, make_parts, prepare_closed_form
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam, exp_difference
-from vrte.methods.common import diagnostics_of, discrete, target_of
-from vrte.methods.method import Method, Settings
-from vrte.request.request import Request
-from vrte.results.solution import Solution
+from vrte.methods.parts.method import Answer, Method
+from vrte.methods.parts.task import Task
 from vrte.scene.scene import Scene
 
 NO_TENSOR = [1, 2, 4, 5]  # a2, a3, b1 and b2, whose functions vanish below degree 2
 NOTE = "small-angle: nothing goes up; radiance there is zero by definition"
 
 
-def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+def solve_by_small_angles(task: Task) -> Answer:
     """The exact sum (2:29), which solves (2:28); flux down by quadrature without error, flux up zero."""
-    start = time.perf_counter()
-    mu, problem = discrete(request)
-    target = target_of(request, problem, mu)
-    tables, parts = expansions(request.scene, problem), make_parts(target)
-    scatter = prepare_closed_form(target, run)
+    mu, problem = task.mu, task.problem
+    target = task.target_of(problem)
+    tables, parts = expansions(task.request.scene, problem), make_parts(target)
+    scatter = prepare_closed_form(target, task.run)
 
     def spread(part: Part, t: int, i: int) -> None:
         table = _core.series_table(tables[part.levels[t], i])
@@ -46,9 +40,7 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
             spread(part, t, i)
     down = fluxes_down(problem, tables)
     more = {"notes": [NOTE]} if (mu > 0.0).any() else {}
-    solution = Solution([part.values for part in parts], np.zeros_like(down), down, {})
-    solution.diagnostics.update(diagnostics_of(request, problem, run, start, **more))
-    return mu, solution
+    return task.answer([part.values for part in parts], (np.zeros_like(down), down), problem, **more)
 
 
 def expansions(scene: Scene, problem: Problem) -> Array:
@@ -110,7 +102,7 @@ def hemispheres(terms: int) -> Array:
 
 METHOD = Method(
     name="small-angle",
-    solve=solve,
+    solve=solve_by_small_angles,
     purpose="light near the beam below or within a layer with a strong forward peak",
     conserves="nothing: no light turns back, and slanting paths are as short as the beam's",
     source="(2:28)-(2:29)",

@@ -1,9 +1,8 @@
 """Successive orders of scattering, (2:21)-(2:27): light scattered s times from light scattered s - 1 times."""
 
 import math
-import time
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -13,14 +12,12 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray, number, whole
 from vrte.basics.blas import single_threaded
 from vrte.basics.errors import AccuracyWarning
-from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.methods.common import discrete, solution_of
-from vrte.methods.in_depth import downward, gauss_depths, upward
-from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import OnNodes, Scattered, in_turn
-from vrte.request.request import EXACT, Request
-from vrte.results.solution import Solution
+from vrte.methods.parts.in_depth import downward, gauss_depths, upward
+from vrte.methods.parts.method import Answer, Method, Setting, Settings
+from vrte.methods.parts.on_nodes import OnNodes, Scattered, distinct_directions, solve_in_turn
+from vrte.methods.parts.task import Task
+from vrte.request.request import EXACT
 
 POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
 FINEST_SCALE = 1e-3  # panels at a face are no finer than light along the lowest cosine asks for, nor than this
@@ -297,16 +294,14 @@ class Orders:
         return Light.of(falls, way.up(sources[1], base @ bottom))
 
 
-def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+def solve_by_successive_orders(task: Task) -> Answer:
     """Every Fourier order of the truncated phase matrices in turn.
 
     Diagnostics: "scattering_orders", "last_ratio", "remainder", "converged" and "notes" speak of the orders left out,
     not of the error in depth, which more "levels" make smaller.
     """
-    start = time.perf_counter()
-    mu, problem = discrete(request)
-    cosines, out = np.unique(problem.mu_out, return_inverse=True)
-    on_nodes = OnNodes(replace(problem, mu_out=cosines), request.scene.below)
+    distinct, out = distinct_directions(task.problem)
+    on_nodes, settings = OnNodes(distinct, task.request.scene.below), task.settings
     convergence = Convergence()
 
     def field_of(order: int, base: Array) -> tuple[Array, Array]:
@@ -315,17 +310,16 @@ def solve(request: Request, settings: Settings, run: Run, progress: Progress | N
 
     with single_threaded():
         scene = Orders.of(on_nodes, settings["levels"])
-        kernels, fluxes = in_turn(on_nodes, problem, out.astype(np.int32), field_of, run, progress)
-    orders = np.arange(on_nodes.n_order, dtype=np.int32)
+        kernels, fluxes = solve_in_turn(task, on_nodes, out, field_of)
     more = {"levels": int(scene.depths.layer.size * POINTS), **convergence.diagnostics(settings)}
-    for note in () if "orders" in request.settings else more["notes"]:  # who says how many knows what they are
+    for note in () if "orders" in task.request.settings else more["notes"]:  # who says how many knows what they are
         warnings.warn(note, AccuracyWarning, stacklevel=2)
-    return solution_of(request, problem, mu, orders, kernels, fluxes, run, start, **more)
+    return task.answer_on_nodes(kernels, fluxes, **more)
 
 
 METHOD = Method(
     name="successive-orders",
-    solve=solve,
+    solve=solve_by_successive_orders,
     purpose="thin and absorbing layers; how much each order of scattering adds",
     conserves="nothing at low orders: light scattered more often than they say is lost; flux once they have converged",
     source="(2:21)-(2:27)",

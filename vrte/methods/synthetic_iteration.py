@@ -7,7 +7,6 @@ on a grid, by the whole phase matrices as delta-M leaves them. Q, U and V come f
 these further iterations: the regular part is that of light without polarization.
 """
 
-import time
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,20 +16,17 @@ from vrte import _core
 from vrte.basics.arrays import Array, whole
 from vrte.basics.blas import single_threaded
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress, Run
+from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import flux_of_the_peak
-from vrte.methods import diffusion, two_stream
-from vrte.methods.common import diagnostics_of, light, summed
-from vrte.methods.method import Method, Setting, Settings
-from vrte.methods.on_nodes import tell
+from vrte.methods import diffusion, solve_request, two_stream
+from vrte.methods.parts.method import Answer, Method, Setting
+from vrte.methods.parts.task import Task, discrete
+from vrte.methods.parts.two_fluxes import base_albedo_of, cut_to_two, kernels_of
 from vrte.methods.small_angle import expansions
-from vrte.methods.solving import solved
-from vrte.methods.two_fluxes import base_albedo_of, cut_to_two, kernels_of
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.request.request import EXACT, METHODS, Request, one_of
-from vrte.results.solution import Solution
 from vrte.scene.scene import Scene
 
 NAME, CLOSED = "synthetic-iteration", ("two-stream", "diffusion")
@@ -56,31 +52,26 @@ def depths_of(value: Any) -> int:
     return whole(f"setting 'depths' of method {NAME!r}", value, 2, 1000)
 
 
-def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+def solve_by_synthetic_iteration(task: Task) -> Answer:
     """Radiance by the iterations, fluxes those of the regular part."""
-    start = time.perf_counter()
+    request, settings = task.request, task.settings
     if request.truncation not in ("auto", "small-angle"):
         raise SceneError(f"method {NAME!r} separates small angles: leave truncation out")
     regular, iterations = settings["regular"], settings["iterations"]
     request = replace(request, truncation="delta-m")
-    mu, problem = cut_to_two(request)
-    down, up = fluxes_of(regular, request, request.tau, run)
+    two = problem = cut_to_two(request)
+    down, up = fluxes_of(regular, request, request.tau, task.run)
     if iterations == 1 and regular in CLOSED:
         kernels = kernels_of(problem, closed_form(problem, regular, base_albedo_of(request)))
     else:
         if iterations > 1:
-            rank = np.argsort(mu < 0.0, kind="stable")
-            given = request.scene, request.mu0, request.columns, mu[rank], request.tau
-            problem = discretise(*given, request.nodes or NODES, "all")
+            problem = discrete(request, request.nodes or NODES, "all")
         with single_threaded():
-            kernels = iterated(request, problem, regular, iterations, settings["depths"], run, progress)
-    orders = np.arange(len(kernels), dtype=np.int32)
-    parts = summed(request, problem, mu, [light(orders, kernels)], run, bool(problem.fraction.any()))
+            kernels = iterated(task, request, problem)
+    parts = task.sum_orders(problem, kernels, bool(problem.fraction.any()))
     I = request.columns[:, 0]
-    peaks = flux_of_the_peak(cut_to_two(request)[1], request.tau)
-    more = {"orders": orders.size, "regular": regular, "iterations": iterations}
-    diagnostics = diagnostics_of(request, problem, run, start, **more)
-    return mu, Solution(parts, up[..., None] * I, down[..., None] * I + peaks, diagnostics)
+    fluxes = up[..., None] * I, down[..., None] * I + flux_of_the_peak(two, request.tau)
+    return task.answer(parts, fluxes, problem, orders=len(kernels), regular=regular, iterations=iterations)
 
 
 def closed_form(problem: Problem, regular: str, base_albedo: float) -> list[Array]:
@@ -96,7 +87,7 @@ def fluxes_of(regular: str, request: Request, tau: Array, run: Run) -> tuple[Arr
     of the peaks that delta-M takes off for two terms."""
     unit = np.array([[1.0, 0.0, 0.0, 0.0]])
     request = replace(request, tau=tau, mu=np.ones(1), columns=unit)
-    problem, base_albedo = cut_to_two(request)[1], base_albedo_of(request)
+    problem, base_albedo = cut_to_two(request), base_albedo_of(request)
     if regular == "two-stream":
         return two_stream.fluxes_of(problem, two_stream.pile_of(problem, base_albedo))
     if regular == "diffusion":
@@ -119,7 +110,7 @@ def fluxes_by(regular: str, request: Request, run: Run) -> tuple[Array, Array]:
         given=frozenset(),
     )
     quiet = replace(run, stages={})
-    solution = solved(asked, quiet)[1]
+    solution = solve_request(asked, quiet)[1]
     return solution.flux_down[..., 0], solution.flux_up[..., 0]
 
 
@@ -169,16 +160,9 @@ def grid_of(request: Request, problem: Problem, depths: int) -> Grid:
     return Grid(layer, tau, depth, np.array(asked))
 
 
-def iterated(
-    request: Request,
-    problem: Problem,
-    regular: str,
-    iterations: int,
-    depths: int,
-    run: Run,
-    progress: Progress | None = None,
-) -> Array:
-    """Multiply scattered light of the problem's orders as `light` takes it, (order, n_tau, n_in, n_col, n_out, 4)."""
+def iterated(task: Task, request: Request, problem: Problem) -> Array:
+    """Multiply scattered light of the problem's orders, (order, n_tau, n_in, n_col, n_out, 4)."""
+    regular, iterations, depths = (task.settings[name] for name in ("regular", "iterations", "depths"))
     if not np.isfinite(request.scene.thickness):
         raise SceneError(
             f"method {NAME!r} needs layers that end, but for one iteration with regular 'two-stream' or 'diffusion'"
@@ -187,7 +171,7 @@ def iterated(
     grid, albedo = grid_of(request, problem, depths), base_albedo_of(request)
     out = np.concatenate([-problem.mu_out[: problem.n_up], problem.mu_out[problem.n_up :]])  # > 0 down, as inside
     nodes = np.concatenate([problem.nodes, -problem.nodes])
-    moments = regular_moments(request, grid, regular, run)
+    moments = regular_moments(request, grid, regular, task.run)
     downward = 0.5 * moments[0] + moments[1], moments[1]  # of light even over each hemisphere
     base_light = albedo / np.pi * 0.5 * downward[0][-1][:, None] * problem.columns[:, 0]
     direct = albedo / np.pi * (problem.mu0 * np.exp(-grid.depth[-1] / problem.mu0))[:, None] * problem.columns[:, 0]
@@ -198,12 +182,12 @@ def iterated(
     source = np.array([guess(problem, grid, moments, tables, m, first, members) for m in orders])
     beam = np.array([once(problem, grid, m, nodes, members) for m in orders]) if iterations > 1 else source
     for step in range(iterations - 1):
-        tell(run, progress, step, iterations)
+        task.tell(step, iterations)
         field = swept(grid, nodes, source + beam, base_light + direct)
         source = scattered(grid, towards if step == iterations - 2 else on_nodes, field)
         flux = field[0, :, :, -1, : problem.nodes.size, 0] @ (problem.weights * problem.nodes)
         base_light = 2.0 * albedo * flux
-    tell(run, progress, iterations, iterations)
+    task.tell(iterations, iterations)
     found = swept(grid, out, source, base_light)[:, :, :, grid.asked]
     kernels = np.zeros((*found.shape[:-1], 4))
     kernels[..., members] = found
@@ -232,7 +216,7 @@ def anisotropic_tables(request: Request, problem: Problem, grid: Grid) -> Array:
     degrees = 2.0 * np.arange(terms) + 1.0
     scalar = problem.is_scalar
     spread[..., : 1 if scalar else 4] += (faded[..., None] * degrees)[..., None]
-    two = cut_to_two(whole_scene)[1]
+    two = cut_to_two(whole_scene)
     stretch = 1.0 - np.array([layer.albedo for layer in layers]) * two.fraction
     depth = two.above[grid.layer] + stretch[grid.layer] * (grid.tau - plain.above[grid.layer])
     beam = np.exp(-depth[:, None] / mu0) - np.exp(-grid.depth[:, None] / mu0)
@@ -327,12 +311,12 @@ def swept(grid: Grid, mu: Array, source: Array, base_light: Array) -> Array:
 
 METHOD = Method(
     name=NAME,
-    solve=solve,
-    base="even",
+    solve=solve_by_synthetic_iteration,
     purpose="light near the beam below layers with a strong forward peak; no quicker than discrete ordinates here",
     conserves="fluxes as the regular part does; the radiance does not sum to them",
     source="section 5, (2:4), (2:25)-(2:29)",
     conserves_energy=True,
+    base="even",
     options=("nodes", "truncation", "backend"),
     settings={
         "regular": Setting("two-stream", regular_of, "the method that finds the regular part"),

@@ -4,19 +4,18 @@ One node carries two terms of the phase function and so two Fourier orders, each
 directions come by integration of the source function along them, light scattered once with all terms in closed form.
 """
 
-import time
-
 import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.small_angle import Ray
-from vrte.methods.method import Method, Settings
-from vrte.methods.two_fluxes import (
+from vrte.methods.parts.method import Answer, Method
+from vrte.methods.parts.task import Task
+from vrte.methods.parts.two_fluxes import (
     Pile,
     Slab,
+    answer_two_fluxes,
     asymmetry,
     base_albedo_of,
     collected,
@@ -25,22 +24,17 @@ from vrte.methods.two_fluxes import (
     from_base,
     levels_of,
     piled,
-    result,
 )
-from vrte.request.request import Request
-from vrte.results.solution import Solution
 
 NODE = 0.5  # the cosine of one Gaussian node on a hemisphere; its weight is 1
 
 
-def solve(request: Request, settings: Settings, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
+def solve_by_two_streams(task: Task) -> Answer:
     """Orders 0 and 1; fluxes on the node. ``request.nodes`` says along which directions light is wanted by default."""
-    start = time.perf_counter()
-    mu, problem = cut_to_two(request)
-    base_albedo = base_albedo_of(request)
+    problem, base_albedo = cut_to_two(task.request), base_albedo_of(task.request)
     pile = pile_of(problem, base_albedo)
     orders = field_of(problem, pile, base_albedo)
-    return result(request, problem, mu, orders, fluxes_of(problem, pile), run, start)
+    return answer_two_fluxes(task, problem, orders, fluxes_of(problem, pile))
 
 
 def pile_of(problem: Problem, base_albedo: float) -> Pile:
@@ -105,12 +99,12 @@ def scattered(problem: Problem, pile: Pile, order: int) -> Array:
 
 METHOD = Method(
     name="two-stream",
-    solve=solve,
-    base="even",
+    solve=solve_by_two_streams,
     purpose="fluxes of any layer without a matrix; coarse radiance",
     conserves="energy, to the last digits; the wanted directions do not sum to the fluxes",
     source="4.1, (2:5)-(2:9) with N = 1",
     conserves_energy=True,
+    base="even",
     options=("nodes", "truncation", "backend"),
     polarization=False,
 )

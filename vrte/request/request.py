@@ -3,6 +3,8 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 import numpy as np
@@ -16,19 +18,10 @@ from vrte.scene.illumination import SIDES, check_physical, lit_from, mirrored_st
 from vrte.scene.scene import Scene
 
 EXACT = "discrete-ordinates"
-AUTO = "auto"  # one of the methods, by the rules of vrte/methods/rules.py
-METHODS = (
-    EXACT,
-    "adding-doubling",
-    "diffusion",
-    "invariant-imbedding",
-    "matrix-operator",
-    "single-scattering",
-    "small-angle",
-    "successive-orders",
-    "synthetic-iteration",
-    "two-stream",
-)
+AUTO = "auto"  # one of the methods, by the rules of vrte/methods/auto/rules.py
+_FILES = iter_modules([str(Path(__file__).parents[1] / "methods")])  # each is a method; what they share is in folders
+_NAMES = {file.name.replace("_", "-") for file in _FILES if not file.ispkg}
+METHODS = (EXACT, *sorted(_NAMES - {EXACT}))
 ALGORITHMS = ("auto", "direct", "modes", "doubling", "invariance")
 BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a tolerance
 METHOD_NAMES = (*METHODS, AUTO)  # that can be asked for

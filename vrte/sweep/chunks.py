@@ -18,7 +18,7 @@ from vrte.basics.errors import DeviceError, LongSolveWarning, MissingExtraError,
 from vrte.basics.running import Run, interruptible
 from vrte.calls.brdfs import solved_together
 from vrte.formats.scene_file import scene_of
-from vrte.methods.solving import run_of, solved
+from vrte.methods import run_of, solve_request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.sweep.results import Question, question_of
@@ -130,7 +130,7 @@ def in_turn(threads: Callable[[], int], stop: Any) -> Solve:
         try:
             run = run_of(question.request, threads())
             run.stop = stop
-            return question.answer(*solved(question.request, run))
+            return question.answer(*solve_request(question.request, run))
         except FATAL:
             raise
         except Exception as error:
@@ -146,7 +146,7 @@ def together(questions: Sequence[Question]) -> list[Outcome]:
     run, requests = Run(1), [question.request for question in questions]
     try:
         if requests[0].kind != "brdf":
-            return [questions[0].answer(*interruptible(run, lambda: solved(requests[0], run)))]
+            return [questions[0].answer(*interruptible(run, lambda: solve_request(requests[0], run)))]
         return list(interruptible(run, lambda: solved_together(requests, run, questions[0].transmission, None)))
     except FATAL:
         raise

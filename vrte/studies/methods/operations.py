@@ -16,9 +16,10 @@ import numpy as np
 from vrte.calls.plan import plan, request_of
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import cut, distinct_materials
-from vrte.methods import adding_doubling, imbedding, matrix_operator, method_of, successive_orders
-from vrte.methods.common import discrete
-from vrte.methods.on_nodes import OnNodes
+from vrte.methods import adding_doubling, matrix_operator, method_of, successive_orders
+from vrte.methods.parts import imbedding
+from vrte.methods.parts.on_nodes import OnNodes
+from vrte.methods.parts.task import discrete
 from vrte.request.request import EXACT, Request
 from vrte.results.field import Field
 from vrte.studies.methods.knobs import Options
@@ -65,7 +66,7 @@ def operations(case: Case, method: str, options: Options, field: Field) -> float
     if method not in COUNTS:
         return math.nan
     request, _ = request_of("radiance", case.scene, arguments(case)[1:], {**options, "method": method})
-    problem = discrete(request)[1]
+    problem = discrete(request)
     settings = method_of(method).checked(request)
     return COUNTS[method](request, problem, Shape.of(request, problem), settings, field.diagnostics)
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from vrte.formats.atomic import atomic_write
 from vrte.methods import method_of
-from vrte.methods.method import Method
-from vrte.methods.rules import RULES, Rule
+from vrte.methods.auto.rules import RULES, Rule
+from vrte.methods.parts.method import Method
 from vrte.request.request import EXACT, METHODS
 from vrte.studies.pages import markdown_table
 

@@ -2,7 +2,7 @@
 
 Prints what each rule would take, and every disagreement: a run that is named as evidence and was not good enough or not
 quicker, nodes that were not enough, a scene where another method than the last rule's was the quickest. After a new
-report: run it, and where it disagrees change vrte/methods/rules.py.
+report: run it, and where it disagrees change vrte/methods/auto/rules.py.
 """
 
 import csv
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from vrte.calls.plan import request_of
 from vrte.methods.auto import RULES, taken
-from vrte.methods.rules import Rule
+from vrte.methods.auto.rules import Rule
 from vrte.request.request import AUTO, EXACT, METHODS, Request
 from vrte.studies.methods.advice import TARGETS, quickest, within_of
 from vrte.studies.methods.records import READERS, Row

@@ -20,16 +20,13 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray
-from vrte.basics.quadrature import double_gauss
-from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import distance
 from vrte.discrete_ordinates.orders.small_angle import Ray, exp_difference
 from vrte.discrete_ordinates.orders.truncating import Truncation, choose_truncation, flux_of_the_peak, spread_towards
-from vrte.methods.common import NODES, diagnostics_of, light, summed
+from vrte.methods.parts.method import Answer
+from vrte.methods.parts.task import Task, cosines_of, discrete
 from vrte.request.request import FINEST, Request
-from vrte.results.solution import Solution
 
 CARRIED = 2  # terms of a phase function
 SERIES = 21  # terms of it, for exponents below 1
@@ -258,14 +255,10 @@ def levels_of(problem: Problem, pile: Pile) -> tuple[Array, Array]:
     return down, up
 
 
-def cut_to_two(request: Request) -> tuple[Array, Problem]:
-    """The signed cosines of the result, and the scene with two terms of each phase function: longer ones are cut or
-    lose their forward peak, as discrete ordinates with one node would have it."""
-    points = double_gauss(request.nodes or NODES)[0]
-    mu = np.concatenate([points, -points]) if request.mu is None else request.mu
-    rank = np.argsort(mu < 0.0, kind="stable")
-    given = request.scene, request.mu0, request.columns, mu[rank], request.tau
-    return mu, discretise(*given, CARRIED // 2, truncation_of(request, mu).peaks)
+def cut_to_two(request: Request) -> Problem:
+    """The scene with two terms of each phase function: longer ones are cut or lose their forward peak, as discrete
+    ordinates with one node would have it."""
+    return discrete(request, CARRIED // 2, truncation_of(request, cosines_of(request)).peaks)
 
 
 def truncation_of(request: Request, mu: Array) -> Truncation:
@@ -299,27 +292,18 @@ def base_albedo_of(request: Request) -> float:
 
 
 def kernels_of(problem: Problem, orders: Sequence[Array]) -> Array:
-    """Orders (n_tau, n_in, n_out) of I for unit light as `solution_of` takes them, (order, n_tau, n_in, n_col, n_out,
-    4)."""
+    """Orders (n_tau, n_in, n_out) of I for unit light as `Task.sum_orders` takes them, (order, n_tau, n_in, n_col,
+    n_out, 4)."""
     unit = np.stack(orders)[:, :, :, None, :] * problem.columns[:, 0][:, None]
     kernels = np.zeros((*unit.shape, 4))
     kernels[..., 0] = unit
     return kernels
 
 
-def result(
-    request: Request,
-    problem: Problem,
-    mu: Array,
-    orders: Sequence[Array],
-    fluxes: tuple[Array, Array],
-    run: Run,
-    start: float,
-) -> tuple[Array, Solution]:
-    """Of orders (n_tau, n_in, n_out) and fluxes down and up (n_tau, n_in) of the layers as they were cut."""
-    kernels = light(np.arange(len(orders)), kernels_of(problem, orders))
-    parts = summed(request, problem, mu, [kernels], run, spread_of(request, problem, mu))
-    truncation = truncation_of(request, mu).name
-    diagnostics = diagnostics_of(request, problem, run, start, orders=len(orders), truncation=truncation)
+def answer_two_fluxes(task: Task, problem: Problem, orders: Sequence[Array], fluxes: tuple[Array, Array]) -> Answer:
+    """The result of orders (n_tau, n_in, n_out) and fluxes down and up (n_tau, n_in) of the layers as they were cut."""
+    request, mu = task.request, task.mu
+    parts = task.sum_orders(problem, kernels_of(problem, orders), spread_of(request, problem, mu))
     down, up = (flux[..., None] * problem.columns[:, 0] for flux in fluxes)
-    return mu, Solution(parts, up, down + flux_of_the_peak(problem, request.tau), diagnostics)
+    down = down + flux_of_the_peak(problem, request.tau)
+    return task.answer(parts, (up, down), problem, orders=len(orders), truncation=truncation_of(request, mu).name)

@@ -1,4 +1,4 @@
-"""A request solved: planned and executed, in two parts where polarized incident light wants another truncation."""
+"""Discrete ordinates, the exact method: planned and executed, in two parts where polarized light wants another cut."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -8,60 +8,31 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.errors import AccuracyWarning, SceneError
-from vrte.basics.running import Progress, Run, new_run
+from vrte.basics.errors import AccuracyWarning
+from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import engine_of
 from vrte.discrete_ordinates.planning.forecast import foretell_plan, foretell_planning
 from vrte.discrete_ordinates.planning.node_choice import CAREFUL, OF_NODES, estimated_nodes
 from vrte.discrete_ordinates.planning.plan import Plan, plan_of
+from vrte.methods.parts.method import Answer, Method
+from vrte.methods.parts.task import Task
 from vrte.request.backends import Backend
-from vrte.request.request import AUTO, EXACT, Request, operations_of
+from vrte.request.request import EXACT, Request
 from vrte.results.solution import NO_LIGHT, Solution
 
 GOOD = 1e-2  # accuracy that nodes are told for where there are too few
 
 
-def chosen(request: Request) -> Request:
-    """The request with its method named: for "auto", the one that the rules take. Raises SceneError where another
-    method than discrete ordinates does not take it."""
-    if request.method == EXACT:
-        return request
-    from vrte.methods import method_of
-    from vrte.methods.auto import by_rule
-
-    if request.method == AUTO:
-        return by_rule(request)
-    method_of(request.method).checked(request)
-    return request
-
-
-def run_of(request: Request, threads: Any) -> Run:
-    """The run of a request: its threads, one of a sequential backend, and its engine's stages."""
-    backend = request.backend
-    if backend.kernels == "sequential":
-        if threads not in (None, 1):
-            raise SceneError(
-                f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'", "backend"
-            )
-        threads = 1
-    run = new_run(threads, operations_of(request))
-    run.kernels = engine_of(backend).stages
-    return run
-
-
-def solved(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
-    """The signed cosines of a request and its solution, incident columns added up as wanted."""
-    if request.method != EXACT:
-        from vrte import methods
-
-        return methods.solve(request, run, progress)
+def solve_by_discrete_ordinates(task: Task) -> Answer:
+    """The plan of the request, carried out; on a device checked against the processor where that is asked for."""
+    request, run = task.request, task.run
     if request.verify and request.backend is Backend.OPENCL:
-        return verified(request, run, progress)
+        return verified(task)
     foretell_planning(request, run)
     plan = plan_of(request, run)
     foretell_plan(plan, run)
-    (solution,) = solved_plans([plan], run, progress)
+    (solution,) = solved_plans([plan], run, task.progress)
     return plan.mu, solution
 
 
@@ -72,11 +43,12 @@ def solved_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = No
     return [joined(next(found), next(found)) if plan.parts else next(found) for plan in plans]
 
 
-def verified(request: Request, run: Run, progress: Progress | None) -> tuple[Array, Solution]:
+def verified(task: Task) -> Answer:
     """The device's solution, and what it differs by from that of the processor's eigensolver."""
-    mu, found = solved(replace(request, verify=False), run, progress)
-    other = replace(request, verify=False, backend=Backend.OPENMP, algorithm="modes")
-    again = solved(other, Run(run.threads, stop=run.stop))[1]
+    plain = replace(task.request, verify=False)
+    mu, found = solve_by_discrete_ordinates(replace(task, request=plain))
+    other = replace(plain, backend=Backend.OPENMP, algorithm="modes")
+    again = solve_by_discrete_ordinates(Task(other, {}, Run(task.run.threads, stop=task.run.stop)))[1]
     radiance = [gaps_of(*pair) for pair in zip(found.parts, again.parts, strict=True)]
     fluxes = [np.stack([each.flux_up, each.flux_down], axis=1) for each in (found, again)]
     agreement = {
@@ -120,3 +92,15 @@ def joined(one: Solution, other: Solution) -> Solution:
         np.concatenate(pair, axis=-1) for pair in ((one.flux_up, other.flux_up), (one.flux_down, other.flux_down))
     )
     return Solution(other.parts, flux_up, flux_down, one.diagnostics | {"polarized_light": other.diagnostics})
+
+
+METHOD = Method(
+    name=EXACT,
+    solve=solve_by_discrete_ordinates,
+    purpose="everything, to the accuracy asked for",
+    conserves="energy, to rounding",
+    source="(1:12)-(1:66), (2:5)-(2:15)",
+    conserves_energy=True,
+    devices=True,
+    options=("nodes", "accuracy", "algorithm", "truncation", "backend", "verify"),
+)

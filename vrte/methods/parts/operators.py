@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array
-from vrte.methods.divided_differences import ComplexArray, Function, first, second
+from vrte.basics.divided_differences import ComplexArray, Function, first, second
 
 IntArray = NDArray[np.intp]
 AT_ONCE = 2e6  # divided differences held in memory: some hundred MB

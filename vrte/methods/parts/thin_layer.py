@@ -4,9 +4,9 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.small_angle import exp_difference
-from vrte.methods.adding import Slab, homogeneous
-from vrte.methods.in_depth import downward, gauss_depths, upward
-from vrte.methods.on_nodes import Scattered
+from vrte.methods.parts.adding import Slab, homogeneous
+from vrte.methods.parts.in_depth import downward, gauss_depths, upward
+from vrte.methods.parts.on_nodes import Scattered
 
 
 def thin_slab(scattered: Scattered, tau: float, rows: Array, columns: Array, n: int, points: int) -> Slab:

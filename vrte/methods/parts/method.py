@@ -1,31 +1,36 @@
-"""What a method says of itself: what it takes, what it can be told, what it is for."""
+"""What a method says of itself: what it takes, what it can be told, what it is for, how it is carried out."""
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress, Run
+from vrte.discrete_ordinates.planning.node_choice import DISCRETE
 from vrte.request.request import EXACT, Request
 from vrte.results.solution import Solution
+
+if TYPE_CHECKING:
+    from vrte.methods.parts.task import Task
 
 Taken = Literal["none", "even", "any"]  # boundaries below
 REFLECTED: Mapping[Taken, float] = {"none": 0, "even": 1, "any": math.inf}  # Fourier orders that they send back
 Settings = Mapping[str, Any]
-Solver = Callable[[Request, Settings, Run, Progress | None], tuple[Array, Solution]]
+Answer = tuple[Array, Solution]  # the signed cosines of the result, and the result
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A knob: its default, what makes of a value given a right one or raises SceneError, and what it means."""
+    """A knob: its default, what makes of a value given a right one or raises SceneError, and what it means;
+    ``for_accuracy``: its default where an accuracy of the discrete problem is asked for."""
 
     default: Any
     checked: Callable[[Any], Any]
     meaning: str
+    for_accuracy: Callable[[float], Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -34,10 +39,11 @@ class Method:
     source: paper and equations; conserves_energy: whether fluxes balance to rounding where nothing absorbs, which is
     tested; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more
     than one), base (any, even: one that is Lambertian, none), depths (other than the faces), transmission, endless
-    layers, options (of the call)."""
+    layers, devices, options (of the call). What takes an "accuracy" solves the discrete problem to it, on nodes chosen
+    for it."""
 
     name: str
-    solve: Solver
+    solve: Callable[["Task"], Answer]
     purpose: str
     conserves: str
     source: str
@@ -48,6 +54,7 @@ class Method:
     depths: bool = True
     transmission: bool = True
     endless: bool = True
+    devices: bool = False
     options: tuple[str, ...] = ("nodes", "backend")
     settings: Mapping[str, Setting] = field(default_factory=dict)
 
@@ -58,7 +65,7 @@ class Method:
         unused = ", ".join(sorted(request.given - {*self.options}))
         if unused:
             raise SceneError(f"method {self.name!r} takes no {unused}: {self.instead()}", "method")
-        if request.backend.needs_device:
+        if request.backend.needs_device and not self.devices:
             raise SceneError(
                 f"method {self.name!r} takes no backend {request.backend.label!r}: it is at home on the processor, "
                 "backend 'openmp' or 'sequential'",
@@ -68,7 +75,11 @@ class Method:
         if unknown:
             known = ", ".join(map(repr, self.settings)) or "none"
             raise SceneError(f"method {self.name!r} has no setting {unknown[0]!r}: there are {known}", "method")
-        found = {name: setting.default for name, setting in self.settings.items()}
+        accuracy = request.accuracy * (DISCRETE if request.nodes is None else 1.0)
+        found = {}
+        for name, setting in self.settings.items():
+            by_accuracy = setting.for_accuracy if "accuracy" in request.given else None
+            found[name] = by_accuracy(accuracy) if by_accuracy else setting.default
         for name, value in request.settings.items():
             try:
                 found[name] = self.settings[name].checked(value)
@@ -78,7 +89,7 @@ class Method:
 
     def instead(self) -> str:
         """What it goes by in place of the options that it does not take."""
-        told = " and ".join(name for name in ("nodes", "truncation") if name in self.options)
+        told = " and ".join(name for name in ("nodes", "accuracy", "truncation") if name in self.options)
         own = f", and its settings {', '.join(self.settings)}" if self.settings else ""
         return f"it goes by {told}{own}; leave that out, or ask for {EXACT!r} or 'auto'"
 

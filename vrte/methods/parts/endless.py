@@ -8,7 +8,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError
-from vrte.methods.on_nodes import OnNodes, Scattered
+from vrte.methods.parts.on_nodes import OnNodes, Scattered
 
 SETTLED = 1e-15
 MOST_DOUBLINGS = 60

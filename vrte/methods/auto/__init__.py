@@ -1,4 +1,4 @@
-"""method="auto": the first rule of vrte/methods/rules.py that a request meets, by what is known before any solve."""
+"""method="auto": the first rule of vrte/methods/auto/rules.py that a request meets, by what is known before a solve."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -8,8 +8,8 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.planning.node_choice import CAREFUL, LOWEST, estimated_nodes
-from vrte.methods.common import NODES
-from vrte.methods.rules import RULES, Rule
+from vrte.methods.auto.rules import RULES, Rule
+from vrte.methods.parts.task import NODES
 from vrte.request.request import EXACT, Request
 from vrte.scene.layer import Layer
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError
-from vrte.methods.in_depth import downward, gauss_depths
-from vrte.methods.on_nodes import OnNodes, Scattered
+from vrte.methods.parts.in_depth import downward, gauss_depths
+from vrte.methods.parts.on_nodes import OnNodes, Scattered
 
 POINTS = 5
 MARGIN = 10.0

@@ -9,10 +9,11 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.planning.needs import needs_of
 from vrte.discrete_ordinates.planning.operations import A_TERM
-from vrte.methods import adding_doubling, imbedding, successive_orders
-from vrte.methods.common import NODES, discrete
-from vrte.methods.method import Settings
-from vrte.methods.on_nodes import OnNodes
+from vrte.methods import adding_doubling, successive_orders
+from vrte.methods.parts import imbedding
+from vrte.methods.parts.method import Settings
+from vrte.methods.parts.on_nodes import OnNodes
+from vrte.methods.parts.task import NODES, discrete
 from vrte.request.request import Request
 
 ENDLESS = 25  # doublings of a slab without end
@@ -30,7 +31,7 @@ def operations_before(request: Request, settings: Settings, run: Run) -> float:
 
 def of_adding_doubling(request: Request, settings: Settings, run: Run) -> float:
     """Doublings of each distinct slab, starting layers, joints."""
-    problem = discrete(request)[1]
+    problem = discrete(request)
     n, r, c = sizes(request, problem)
     thin = settings["thin"] * max(adding_doubling.LOWEST, float(np.min([*problem.nodes, *problem.mu0])))
     cuts = np.unique(
@@ -48,7 +49,7 @@ def of_adding_doubling(request: Request, settings: Settings, run: Run) -> float:
 
 def of_matrix_operator(request: Request, settings: Settings, run: Run) -> float:
     """Modes of each layer, functions of them, and what goes from beams by way of modes into directions."""
-    problem = discrete(request)[1]
+    problem = discrete(request)
     n, r, c = sizes(request, problem)
     each = MODES * n**3 + DIFFERENCES * n * (c - n) * max(1.0, (r - n) / 4.0) + OF_MODES
     return orders_of(problem) * (problem.albedo.size + problem.level.size) * each
@@ -56,7 +57,7 @@ def of_matrix_operator(request: Request, settings: Settings, run: Run) -> float:
 
 def of_invariant_imbedding(request: Request, settings: Settings, run: Run) -> float:
     """Sweeps of all steps: their number grows with what an order scatters on its way."""
-    problem = discrete(request)[1]
+    problem = discrete(request)
     n, r, c = sizes(request, problem)
     finite = np.where(np.isfinite(problem.thickness), problem.thickness, 0.0)
     strength = np.minimum(needs_of(problem, run).by_layer, 1.0)  # (layer, order)
@@ -68,7 +69,7 @@ def of_invariant_imbedding(request: Request, settings: Settings, run: Run) -> fl
 
 def of_successive_orders(request: Request, settings: Settings, run: Run) -> float:
     """As many orders as it takes, by how strongly a Fourier order scatters and how much leaves through the faces."""
-    problem = discrete(request)[1]
+    problem = discrete(request)
     n, _, c = sizes(request, problem)
     levels = successive_orders.depths_of(problem, settings["levels"]).layer.size * successive_orders.POINTS
     depth = float(problem.thickness.sum())

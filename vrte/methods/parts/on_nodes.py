@@ -7,7 +7,7 @@ orders, so that what these matrices lead to is multiple scattering alone.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,9 +16,9 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
-from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.orders.base import reflected_orders
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.methods.parts.task import Task
 from vrte.scene.boundary import Boundary
 
 
@@ -115,18 +115,14 @@ class OnNodes:
         return found.reshape(*found.shape[:-1], problem.mu0.size, problem.columns.shape[0])
 
 
-def in_turn(
-    on_nodes: OnNodes,
-    problem: Problem,
-    out: IntArray,
-    field: Callable[[int, Array], tuple[Array, Array]],
-    run: Run,
-    progress: Progress | None,
+def solve_in_turn(
+    task: Task, on_nodes: OnNodes, out: IntArray, field: Callable[[int, Array], tuple[Array, Array]]
 ) -> tuple[Array, tuple[Array, Array]]:
     """Kernels of all Fourier orders (order, n_tau, n_in, n_col, n_out, 4) and fluxes up and down (n_tau, n_in, n_col).
 
     ``field``(order, what the base sends back): light up and down at the depths wanted, each (n_tau, r, n_rhs).
     """
+    problem = task.problem
     beams = problem.mu0.size, problem.columns.shape[0]
     shape = (on_nodes.n_order, problem.level.size, *beams, out.size, 4)
     kernels, fluxes = np.empty(shape), (np.zeros(shape[1:4]), np.zeros(shape[1:4]))
@@ -136,13 +132,11 @@ def in_turn(
         kernels[order] = on_nodes.kernels(up, down, out, problem.n_up)
         if order == 0:
             fluxes = on_nodes.flux(up), on_nodes.flux(down)
-        tell(run, progress, order + 1, on_nodes.n_order)
+        task.tell(order + 1, on_nodes.n_order)
     return kernels, fluxes
 
 
-def tell(run: Run, progress: Progress | None, done: int, total: int) -> None:
-    """Says how many orders are done. Raises KeyboardInterrupt where the user wants no more."""
-    if run.stop[0]:
-        raise KeyboardInterrupt
-    if progress is not None:
-        progress(done, total)
+def distinct_directions(problem: Problem) -> tuple[Problem, IntArray]:
+    """The problem with each outgoing cosine once, and which of them each direction has."""
+    cosines, out = np.unique(problem.mu_out, return_inverse=True)
+    return replace(problem, mu_out=cosines), out.astype(np.int32)
