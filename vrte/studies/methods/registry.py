@@ -6,44 +6,50 @@ from vrte.formats.atomic import atomic_write
 from vrte.methods import method_of
 from vrte.methods.auto.rules import RULES, Rule
 from vrte.methods.parts.method import Method
-from vrte.request.request import EXACT, METHODS
+from vrte.request.request import METHODS
 from vrte.studies.pages import markdown_table
 
 BEGIN, END = "<!-- begin: python -m vrte.studies.methods docs/methods.md -->", "<!-- end -->"
+BEGIN_TAKEN = "<!-- begin, as well: python -m vrte.studies.methods docs/methods.md -->"
 BEGIN_RULES = "<!-- begin, too: python -m vrte.studies.methods docs/methods.md -->"
 HEADER_RULES = ("rule", "where", "method", "nodes", "why")
-HEADER = ("method", "source", "conserves", "for", "does not take", "settings (default)")
+HEADER = ("method", "source", "conserves", "for", "settings (default)")
 ABILITIES = {
     "polarization": "polarization",
     "layers": "several layers",
-    "base": "a base",
+    "base": "base",
     "depths": "depths inside",
     "transmission": "light below the top",
-    "endless": "a layer without end",
+    "endless": "layer without end",
 }
-OF_EXACT = (
-    f"`{EXACT}`",
-    "(1:12)-(1:66), (2:5)-(2:15)",
-    "energy, to rounding",
-    "everything, to the accuracy asked for",
-    "-",
-    "none: `nodes`, `accuracy`, `algorithm`, `truncation`",
-)
+OPTIONS = ("nodes", "accuracy", "truncation", "algorithm", "verify")
+BASES = {"any": "any", "even": "Lambertian", "none": "-"}
 
 
 def registry_table() -> str:
-    """Markdown, a row a method, in the registry's order; the exact one first."""
-    rows = [OF_EXACT, *(row_of(method_of(name)) for name in METHODS if name != EXACT)]
-    return markdown_table(HEADER, rows)
+    """Markdown, a row a method: what it is; the exact one first."""
+    return markdown_table(HEADER, (row_of(method_of(name)) for name in METHODS))
 
 
 def row_of(method: Method) -> tuple[str, ...]:
     """What a method says of itself."""
-    lacking = ", ".join(words for name, words in ABILITIES.items() if not getattr(method, name))
     settings = "; ".join(
         f"`{name}` ({setting.default!r}): {setting.meaning}" for name, setting in method.settings.items()
     )
-    return f"`{method.name}`", method.source, method.conserves, method.purpose, lacking or "-", settings or "-"
+    return f"`{method.name}`", method.source, method.conserves, method.purpose, settings or "-"
+
+
+def taken_table() -> str:
+    """Markdown, a row a method: which scenes it takes, which options and backends."""
+    header = ("method", *ABILITIES.values(), *(f"`{name}`" for name in OPTIONS), "devices")
+    return markdown_table(header, (row_of_taken(method_of(name)) for name in METHODS))
+
+
+def row_of_taken(method: Method) -> tuple[str, ...]:
+    """Yes or -, of a method."""
+    abilities = (getattr(method, name) for name in ABILITIES)
+    taken = [*abilities, *(name in method.options for name in OPTIONS), method.devices]
+    return f"`{method.name}`", *(BASES.get(each, "yes" if each else "-") for each in taken)
 
 
 def rules_table() -> str:
@@ -63,7 +69,7 @@ def row_of_rule(place: int, rule: Rule) -> tuple[str, ...]:
 
 def refreshed(text: str) -> str:
     """A page with its tables as they are now. Raises ValueError where the page has no place for one."""
-    for mark, table in ((BEGIN, registry_table()), (BEGIN_RULES, rules_table())):
+    for mark, table in ((BEGIN, registry_table()), (BEGIN_TAKEN, taken_table()), (BEGIN_RULES, rules_table())):
         before, begin, rest = text.partition(mark)
         _, end, after = rest.partition(END)
         if not (begin and end):
