@@ -74,6 +74,11 @@ class Problem:
         return not self.coefficients[..., 1:].any()
 
     @property
+    def is_symmetric(self) -> bool:
+        """Whether E and F are symmetric: U and V do not mix."""
+        return not (2 in self.stokes and 3 in self.stokes and self.coefficients[..., 5].any())
+
+    @property
     def conserves(self) -> bool:
         """Whether order 0 carries the flux."""
         return self.stokes[0] == 0

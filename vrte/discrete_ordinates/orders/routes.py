@@ -18,7 +18,7 @@ from vrte.discrete_ordinates.orders.particular import Beam, particular
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import nodal_fluxes, reconstruct
-from vrte.discrete_ordinates.orders.slabs import cut, join, materials_of
+from vrte.discrete_ordinates.orders.slabs import cut, distinct_materials, join, materials_of
 from vrte.discrete_ordinates.orders.storage import doubles_of_doubling, doubles_of_modes
 from vrte.scene.boundary import Boundary
 
@@ -157,4 +157,24 @@ ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance]] = {
     "doubling": Doubling,
     "invariance": Invariance,
 }
+SETTLES = 80.0  # optical thickness: half of it passes less than the rounding of 1
+
+
+def left_out_by(name: str, problem: Problem, accuracy: float) -> list[tuple[str, str]]:
+    """What a route leaves out of the orders of a problem: the name of a switch, and the reason with {orders} in it."""
+    if name == "invariance":
+        return [("halves", "the other is its mirror image")]
+    if name == "doubling":
+        pile = cut(problem)
+        twice, kind = pile.slabs.size - pile.material.size, "slab"
+        thick = (pile.thickness > SETTLES) & np.isfinite(pile.thickness)
+        found = [("doublings", "its transmission alone is squared")] if thick.any() else []
+    else:
+        materials, kinds = distinct_materials(problem)
+        twice, kind = kinds.size - len(materials), "layer"
+        quick = problem.is_symmetric and is_quick(problem, accuracy)
+        found = [("symmetric", "{orders}")] if quick else []
+    return [*found, *([("repeats", f"{twice} {kind}{'s'[: twice > 1]}")] if twice else [])]
+
+
 OTHER = {"modes": "doubling", "doubling": "modes", "invariance": "doubling"}

@@ -18,7 +18,8 @@ STEPS = 10  # numbers of nodes that orders are sorted into
 @dataclass(frozen=True, eq=False)
 class Block:
     """orders (k,), the Stokes parameters and the incident columns (places in the request's) they are solved for, the
-    reduced problem and its base, and which algorithm takes it."""
+    reduced problem and its base, which algorithm takes it, and what is left out of it: the name of a switch and
+    the reason, with {orders} in the place of the block's."""
 
     orders: IntArray
     stokes: tuple[int, ...]
@@ -26,6 +27,7 @@ class Block:
     problem: Problem
     base: Boundary
     choice: Choice
+    left_out: tuple[tuple[str, str], ...]
 
 
 class Part(NamedTuple):
@@ -79,9 +81,23 @@ def make_blocks(
         seen = fed_back or (members[0] == 0 and part.stokes[0] == 0) or not leave_out.base
         below = base if part.has_end and seen else BLACK
         chosen = np.array(members, np.int32)
+        left_out = reasons_of(problem, part, columns)
         for places, choice in choose(algorithm, reduced, needs.strength[chosen], accuracy, eigensolver):
-            blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice))
+            blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice, left_out))
     return blocks
+
+
+def reasons_of(problem: Problem, part: Part, columns: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
+    """What a part leaves out of the problem, see `Block`."""
+    nodes, layers, n_col = problem.nodes.size, problem.albedo.size, problem.columns.shape[0]
+    ends_early = not part.has_end and (part.layers < layers or bool(np.isfinite(problem.thickness[-1])))
+    reasons = (
+        (len(columns) < n_col, "columns", f"of {n_col} incident Stokes columns each block takes its own alone"),
+        (part.nodes < nodes, "nodes", f"{{orders}}, down to {part.nodes} of {nodes}"),
+        (part.layers < layers, "depth", f"below layer {part.layers} of {layers} for {{orders}}"),
+        (ends_early, "depth", "the bottom of the last layer reached, optically infinite for {orders}"),
+    )
+    return tuple((name, reason) for holds, name, reason in reasons if holds)
 
 
 def node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
@@ -106,6 +122,14 @@ def node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
 def lit_by(order: int) -> tuple[int, ...]:
     """At normal incidence I and V have order 0 alone, Q and U order 2; at normal exit those orders alone are left."""
     return {0: (0, 3), 2: (1, 2)}.get(order, ())
+
+
+def why_normal(problem: Problem) -> str:
+    """Why orders that are zero along the normal are left out, "" where they are not."""
+    for name, cosines in (("incidence", problem.mu0), ("exit", problem.mu_out)):
+        if (cosines == 1.0).all():
+            return f"all orders but 0 (I, V) and 2 (Q, U): there are no others at normal {name}"
+    return ""
 
 
 def columns_of(problem: Problem, part: Part) -> tuple[int, ...]:

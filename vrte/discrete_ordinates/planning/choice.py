@@ -93,15 +93,10 @@ def sees_top_only(problem: Problem) -> bool:
     return problem.albedo.size == 1 and bool(np.isinf(problem.thickness[0])) and not problem.level.any()
 
 
-def is_symmetric(problem: Problem) -> bool:
-    """Whether E and F are symmetric: U and V do not mix."""
-    return not (2 in problem.stokes and 3 in problem.stokes and problem.coefficients[..., 5].any())
-
-
 def operations_of_modes(problem: Problem) -> float:
     """Of an order, roughly."""
     n = problem.size
-    solving = (SYMMETRIC if is_symmetric(problem) else GENERAL) * n**3
+    solving = (SYMMETRIC if problem.is_symmetric else GENERAL) * n**3
     return problem.albedo.size * (solving + 4.0 * n * n * (problem.n_rhs + problem.rows_out))
 
 

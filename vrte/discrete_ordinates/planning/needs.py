@@ -222,3 +222,18 @@ def sets_of(turns: bool, a2: bool, a3: bool, a4: bool, b1: bool, b2: bool) -> tu
     scatters = [True, a2 or a3 or b1, a2 or a3 or b2, a4 or b2]
     sets = [tuple(i for i in ALL if parent[i] == p) for p in sorted(set(parent))]
     return tuple(members for members in sets if any(scatters[i] for i in members))
+
+
+def why_apart(problem: Problem, order_0: bool) -> str:
+    """Why Stokes parameters are solved apart, or not at all; ``order_0``: whether it is among the orders solved."""
+    if problem.is_scalar:
+        return "Q, U and V: the phase functions are scalar and scatter I alone"
+    present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=(0, 1))[1:].tolist()
+    missing = set(ALL) - {place for members in sets_of(True, *present) for place in members}
+    letters = " ".join("IQUV"[place] for place in sorted(missing))
+    reasons = (
+        (order_0, "order 0 keeps I, Q and U, V apart"),
+        (not present[-1], "b2 = 0 keeps V apart from I, Q, U"),
+        (bool(missing), f"{letters} does not scatter"),
+    )
+    return f"couplings of Stokes parameters: {'; '.join(reason for holds, reason in reasons if holds)}"

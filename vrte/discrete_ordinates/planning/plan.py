@@ -15,9 +15,17 @@ from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import Truncation, choose_truncation, has_scalar_among_polarizing
 from vrte.discrete_ordinates.planning.blocks import Block, make_blocks
-from vrte.discrete_ordinates.planning.needs import Needs, bounds_at, brightness, needs_of, orders_that_matter, stages_of
+from vrte.discrete_ordinates.planning.needs import (
+    ORDERS,
+    Needs,
+    bounds_at,
+    brightness,
+    needs_of,
+    orders_that_matter,
+    stages_of,
+)
 from vrte.discrete_ordinates.planning.node_choice import DISCRETE, NodeChoice, choose_nodes, given_nodes
-from vrte.discrete_ordinates.planning.plan_table import facts_of, text_of
+from vrte.discrete_ordinates.planning.plan_table import facts_of, spelled, text_of
 from vrte.request.request import EXACT, Request
 from vrte.request.wanted import Wanted
 from vrte.scene.scene import Scene
@@ -36,7 +44,8 @@ class Plan:
     ``problem``: the scene on ``nodes`` nodes a hemisphere, truncated as ``truncation`` says; ``mu``: the signed
     cosines, as asked; ``needs``, ``bounds`` (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order,
     and the light they are compared with; ``orders``: how many there are at most; ``blocks``: how they are solved;
-    ``accuracy``: of the discrete problem; ``choice`` of its nodes; ``threads``: on how many; ``parts``: the plans of
+    ``accuracy``: of the discrete problem; ``choice`` of its nodes; ``left_out``: why orders are, by the name of the
+    switch; ``threads``: on how many; ``parts``: the plans of
     light that comes in unpolarized and polarized, where they are carried out instead.
     """
 
@@ -52,6 +61,7 @@ class Plan:
     blocks: tuple[Block, ...]
     accuracy: float
     choice: NodeChoice
+    left_out: dict[str, str]
     threads: int = 1
     parts: tuple["Plan", ...] = ()
 
@@ -173,13 +183,19 @@ def make_plan(
     bounds = bounds_at(needs, problem.depth)
     base = scene.below
     stages: tuple[int, ...] = ()
+    last, left_out = int(problem.terms.max()) - 1, {}
     if request.fluxes_only and leave_out.fluxes and not base.mixes_stokes:
-        count = 1
+        count, left_out["fluxes"] = 1, "all orders but 0: fluxes alone are asked for"
     elif base.mixes_stokes or not leave_out.orders:
-        count = int(problem.terms.max())
+        count = last + 1
     else:
         count = orders_that_matter(bounds, brightest, accuracy)
         stages = stages_of(bounds, brightest, accuracy) if worth_stages(problem, count) else ()
+        if count <= last:
+            left_out["orders"] = (
+                f"multiple scattering of {spelled(range(count, last + 1), 'order')}: together they add less than "
+                f"{ORDERS:g} of the accuracy"
+            )
     orders = np.arange(count, dtype=np.int32)
     faintest = float(brightest.min())
     eigensolver = request.backend.linear_algebra == "lapack"
@@ -198,6 +214,7 @@ def make_plan(
         tuple(blocks),
         accuracy,
         choice,
+        left_out,
         run.threads,
     )
 

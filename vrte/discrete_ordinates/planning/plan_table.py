@@ -3,28 +3,38 @@
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.basics.memory import BYTES
-from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.routes import OTHER, is_quick
-from vrte.discrete_ordinates.orders.slabs import cut, distinct_materials
+from vrte.discrete_ordinates.orders.leave_out import LeaveOut
+from vrte.discrete_ordinates.orders.problem import ALL
+from vrte.discrete_ordinates.orders.routes import OTHER, left_out_by
 from vrte.discrete_ordinates.planning.azimuths import fold
-from vrte.discrete_ordinates.planning.blocks import Block
-from vrte.discrete_ordinates.planning.choice import is_symmetric
+from vrte.discrete_ordinates.planning.blocks import Block, why_normal
 from vrte.discrete_ordinates.planning.memory import doubles_needed
-from vrte.discrete_ordinates.planning.needs import sets_of
+from vrte.discrete_ordinates.planning.needs import why_apart
 from vrte.discrete_ordinates.planning.operations import operations_of_block, operations_of_sums
 from vrte.request.request import EXACT
+from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
     from vrte.discrete_ordinates.planning.plan import Plan
 
 HEADER = ("orders", "Stokes", "nodes", "layers", "unknowns", "right-hand sides", "algorithm", "operations")
 LEFT = ("orders", "Stokes", "algorithm")  # columns of text
-SETTLES = 80.0  # optical thickness: half of it passes less than the rounding of 1
+SWITCHES = (*(switch.name for switch in fields(LeaveOut)), "transmission")
+OF_BLOCKS = {  # what blocks and their algorithms give reasons for
+    "columns": "right-hand sides without light: {}",
+    "nodes": "nodes near mu = 1 that an order does not see: {}",
+    "depth": "what no light comes back from: {}",
+    "repeats": "{} like another: the same material is solved once",
+    "doublings": "doublings of reflection once a slab passes less than the rounding of 1: {}",
+    "symmetric": "the general eigensolver for {}: U and V do not mix, E and F are symmetric",
+    "halves": "half of each symmetric product of the invariance equation: {}",
+}
 WIDTH = 120
 
 
@@ -156,212 +166,55 @@ def remarks(plan: "Plan") -> list[str]:
 
 
 def left_out(plan: "Plan") -> dict[str, str]:
-    """What is not done, by the name of its switch, and why."""
-    reasons = {
-        "stokes": why_stokes(plan),
-        "columns": why_columns(plan),
-        "orders": why_orders(plan),
-        "single": why_single(plan),
-        "fluxes": why_fluxes(plan),
-        "normal": why_normal(plan),
-        "nodes": why_nodes(plan),
-        "depth": why_depth(plan),
-        "clear": why_clear(plan),
-        "repeats": why_repeats(plan),
-        "doublings": why_doublings(plan),
-        "base": why_base(plan),
-        "azimuths": why_azimuths(plan),
-        "symmetric": why_symmetric(plan),
-        "halves": why_halves(plan),
-        "transmission": why_transmission(plan),
-    }
-    allowed = plan.problem.leave_out
-    return {name: reason for name, reason in reasons.items() if reason and getattr(allowed, name, True)}
-
-
-def why_stokes(plan: "Plan") -> str:
-    """Sets of Stokes parameters solved apart, or not at all."""
-    sets = {block.stokes for block in plan.blocks}
-    if plan.fed_back or sets <= {ALL}:
-        return ""
-    a2, a3, a4, b1, b2 = present(plan.problem)
-    if not (a2 or a3 or a4 or b1 or b2):
-        return "Q, U and V: the phase functions are scalar and scatter I alone"
-    reasons = []
-    if any(block.orders[0] == 0 for block in plan.blocks) and plan.orders > 0:
-        reasons.append("order 0 keeps I, Q and U, V apart")
-    if not b2:
-        reasons.append("b2 = 0 keeps V apart from I, Q, U")
-    missing = set(ALL) - {place for members in sets_of(True, a2, a3, a4, b1, b2) for place in members}
-    if missing:
-        reasons.append(f"{named(missing)} does not scatter")
-    return f"couplings of Stokes parameters: {'; '.join(reasons)}"
-
-
-def present(problem: Problem) -> tuple[bool, ...]:
-    """Which of a2, a3, a4, b1, b2 any layer has."""
-    found: list[bool] = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=(0, 1)).tolist()
-    return tuple(found[1:])
-
-
-def why_columns(plan: "Plan") -> str:
-    """Right-hand sides without light."""
-    request = plan.request
-    if request.kind == "radiance" and request.columns.shape[0] == 1:
-        dark = "I, Q" if request.columns[0, 2:].any() else "U, V"
-        part = 1 if dark == "I, Q" else 2
-        return f"right-hand sides of light that comes in as {dark}: there is none (no k = {part} part)"
-    count = request.columns.shape[0]
-    if any(len(block.columns) < count for block in plan.blocks):
-        return f"right-hand sides without light: of {count} incident Stokes columns each block takes its own alone"
-    return ""
-
-
-def why_orders(plan: "Plan") -> str:
-    """Orders of multiple scattering."""
-    last = int(plan.problem.terms.max()) - 1
-    if plan.fed_back or plan.request.fluxes_only or plan.orders > last:
-        return ""
-    orders = spelled(range(plan.orders, last + 1), "order")
-    return f"multiple scattering of {orders}: together they add less than 0.4 of the accuracy"
-
-
-def why_single(plan: "Plan") -> str:
-    """Single scattering by orders."""
-    layers = [layer for layer in plan.request.scene.layers if layer.albedo > 0.0]
-    if not layers or plan.request.fluxes_only:
-        return ""
-    terms = max(layer.phase_matrix.terms for layer in layers)
-    return f"single scattering order by order: all {terms} in closed form, at the scattering angle of every pair"
-
-
-def why_fluxes(plan: "Plan") -> str:
-    """Orders that carry no flux."""
-    return "all orders but 0: fluxes alone are asked for" if plan.request.fluxes_only and not plan.fed_back else ""
-
-
-def why_normal(plan: "Plan") -> str:
-    """Orders that are zero along the normal."""
-    if plan.request.fluxes_only or plan.orders == 1:
-        return ""
-    for name, cosines in (("incidence", plan.problem.mu0), ("exit", plan.problem.mu_out)):
-        if (cosines == 1.0).all():
-            return f"all orders but 0 (I, V) and 2 (Q, U): there are no others at normal {name}"
-    return ""
-
-
-def why_nodes(plan: "Plan") -> str:
-    """Nodes near the normal."""
-    total = plan.problem.nodes.size
-    fewest = min((block.problem.nodes.size for block in plan.blocks), default=total)
-    if fewest == total:
-        return ""
-    orders = [order for block in plan.blocks if block.problem.nodes.size < total for order in block.orders.tolist()]
-    return f"nodes near mu = 1 that an order does not see: {spelled(orders, 'order')}, down to {fewest} of {total}"
-
-
-def why_depth(plan: "Plan") -> str:
-    """Layers and the bottom of layers."""
-    total, reasons = plan.problem.albedo.size, []
-    ended = bool(np.isfinite(plan.problem.thickness[-1]))
-    shallow = {block.problem.albedo.size: [] for block in plan.blocks}  # type: dict[int, list[int]]
-    endless: list[int] = []
+    """What is not done, by the name of its switch, and why: as the plan, its blocks and their algorithms say."""
+    of_blocks: dict[str, dict[str, set[int]]] = {}
     for block in plan.blocks:
-        shallow[block.problem.albedo.size] += block.orders.tolist()
-        if np.isinf(block.problem.thickness[-1]) and (ended or block.problem.albedo.size < total):
-            endless += block.orders.tolist()
-    for layers, orders in shallow.items():
-        if layers < total:
-            reasons.append(f"below layer {layers} of {total} for {spelled(orders, 'order')}")
-    if endless:
-        reasons.append(f"the bottom of the last layer reached, optically infinite for {spelled(endless, 'order')}")
-    return f"what no light comes back from: {'; '.join(reasons)}" if reasons else ""
+        for name, reason in [*block.left_out, *left_out_by(block.choice.name, block.problem, plan.accuracy)]:
+            of_blocks.setdefault(name, {}).setdefault(reason, set()).update(block.orders.tolist())
+    found = {}
+    for name, reasons in of_blocks.items():
+        texts = [reason.format(orders=spelled(orders, "order")) for reason, orders in reasons.items()]
+        found[name] = OF_BLOCKS[name].format("; ".join(texts))
+    found |= reasons_of_plan(plan)
+    return {name: found[name] for name in SWITCHES if found.get(name) and getattr(plan.problem.leave_out, name, True)}
 
 
-def why_clear(plan: "Plan") -> str:
-    """Eigenproblems and doublings of clear layers."""
+def reasons_of_plan(plan: "Plan") -> dict[str, str]:
+    """What is left out of the whole, "" where it is not."""
+    request, problem, scene = plan.request, plan.problem, plan.request.scene
+    found = dict(plan.left_out)
+    if {block.stokes for block in plan.blocks} - {ALL} and not plan.fed_back:
+        found["stokes"] = why_apart(problem, any(block.orders[0] == 0 for block in plan.blocks))
+    if request.kind == "radiance" and request.columns.shape[0] == 1:
+        dark, part = ("I, Q", 1) if request.columns[0, 2:].any() else ("U, V", 2)
+        found["columns"] = f"right-hand sides of light that comes in as {dark}: there is none (no k = {part} part)"
+    terms = [layer.phase_matrix.terms for layer in scene.layers if layer.albedo > 0.0]
+    if terms and not request.fluxes_only:
+        closed = f"all {max(terms)} in closed form, at the scattering angle of every pair"
+        found["single"] = f"single scattering order by order: {closed}"
+    if plan.orders > 1 and not request.fluxes_only:
+        found["normal"] = why_normal(problem)
     reached = max((block.problem.albedo.size for block in plan.blocks), default=0)
-    clear = [layer + 1 for layer in range(reached) if plan.problem.albedo[layer] == 0.0]
-    return f"eigenproblem and doublings of {spelled(clear, 'layer')}: no scattering there" if clear else ""
+    if clear := [layer + 1 for layer in range(reached) if problem.albedo[layer] == 0.0]:
+        found["clear"] = f"eigenproblem and doublings of {spelled(clear, 'layer')}: no scattering there"
+    if not plan.fed_back:
+        found["base"] = why_base(scene, plan.orders)
+    if repeated := request.phi.size - fold(request.phi).distinct.size:
+        found["azimuths"] = f"{repeated} of {request.phi.size} azimuths: mirror images of others, or equal to them"
+    if request.kind == "brdf" and request.tau.size == 1 and np.isfinite(scene.thickness):
+        found["transmission"] = "transmission: not asked for"
+    if request.backend.linear_algebra == "device":
+        found["halves"] = ""
+    return found
 
 
-def why_repeats(plan: "Plan") -> str:
-    """Materials and slabs met before."""
-    twice = {"slab" if block.choice.name == "doubling" else "layer": repeated(block) for block in plan.blocks}
-    found = [counted(count, name) for name, count in twice.items() if count]
-    return f"{' and '.join(found)} like another: the same material is solved once" if found else ""
-
-
-def repeated(block: Block) -> int:
-    """Layers of a block, or slabs that they are cut into, that need no solution of their own."""
-    if block.choice.name == "doubling":
-        pile = cut(block.problem)
-        return int(pile.slabs.size - pile.material.size)
-    materials, kinds = distinct_materials(block.problem)
-    return int(kinds.size) - len(materials)
-
-
-def why_doublings(plan: "Plan") -> str:
-    """Doublings of slabs that are thick already."""
-    thick = [
-        thickness
-        for block in plan.blocks
-        if block.choice.name == "doubling"
-        for thickness in cut(block.problem).thickness
-        if SETTLES < thickness < np.inf
-    ]
-    return (
-        "doublings of reflection once a slab passes less than the rounding of 1: its transmission alone is squared"
-        if thick
-        else ""
-    )
-
-
-def why_base(plan: "Plan") -> str:
-    """Orders that the base does not reflect."""
-    scene = plan.request.scene
-    if plan.fed_back:
-        return ""
+def why_base(scene: Scene, orders: int) -> str:
+    """What the base does not reflect."""
     if not scene.base_is_reached:
-        return "the base: it lies below a layer without end" if scene.base is not None else ""
+        return "" if scene.base is None else "the base: it lies below a layer without end"
     if scene.base is None:
         return "reflection by the base: it is black"
-    return "reflection by the base beyond order 0 and beyond I: it reflects evenly" if plan.orders > 1 else ""
-
-
-def why_azimuths(plan: "Plan") -> str:
-    """Mirror images and repetitions."""
-    azimuths = fold(plan.request.phi)
-    count = azimuths.phi.size - azimuths.distinct.size
-    return f"{count} of {azimuths.phi.size} azimuths: mirror images of others, or equal to them" if count else ""
-
-
-def why_symmetric(plan: "Plan") -> str:
-    """Eigenproblems that need not be general."""
-    orders = [
-        order
-        for block in plan.blocks
-        if block.choice.name == "modes" and is_symmetric(block.problem) and is_quick(block.problem, plan.accuracy)
-        for order in block.orders.tolist()
-    ]
-    return (
-        f"the general eigensolver for {spelled(orders, 'order')}: U and V do not mix, E and F are symmetric"
-        if orders
-        else ""
-    )
-
-
-def why_halves(plan: "Plan") -> str:
-    """Halves of products."""
-    on_processor = plan.request.backend.linear_algebra == "lapack"
-    used = on_processor and any(block.choice.name == "invariance" for block in plan.blocks)
-    return "half of each symmetric product of the invariance equation: the other is its mirror image" if used else ""
-
-
-def why_transmission(plan: "Plan") -> str:
-    """The bottom of a BRDF."""
-    top_only = plan.request.kind == "brdf" and plan.request.tau.size == 1
-    return "transmission: not asked for" if top_only and np.isfinite(plan.request.scene.thickness) else ""
+    return "reflection by the base beyond order 0 and beyond I: it reflects evenly" if orders > 1 else ""
 
 
 def shared(plan: "Plan") -> list[str]:
