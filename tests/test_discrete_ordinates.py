@@ -14,7 +14,7 @@ import vrte
 from tests import exact
 from vrte import _core
 from vrte.basics.quadrature import double_gauss
-from vrte.basics.running import usable_cpus
+from vrte.basics.running import Crew, usable_cpus
 
 from .oracle import azimuthal_sum, brdf_orders, legendre_matrix
 
@@ -79,24 +79,21 @@ def fourier_phase_matrix(matrix: vrte.PhaseMatrix, mu: float, mu0: float, phi: f
 def closed_form(matrix: vrte.PhaseMatrix, mu: float, mu0: float, phi: float) -> np.ndarray:
     out, one = np.zeros((1, 1, 1, 1, 4, 4)), np.zeros(1, np.int32)
     _core.add_single_scattering(
-        _core.series_table(matrix.coefficients),
-        np.ones((1, 1, 1)),
-        np.array([mu0]),
-        np.array([mu]),
-        np.cos([phi]),
-        np.sin([phi]),
-        one,
-        np.ones(1),
-        np.eye(4),
-        np.array([0, 0, 1, 1], np.int32),
-        np.arange(4, dtype=np.int32),
-        0,
-        1,
-        out,
-        1,
-        np.empty((1, _core.scattering_work(4, 1))),
-        np.zeros(1),
-        one,
+        Crew(1, np.zeros(1), one),
+        table=_core.series_table(matrix.coefficients),
+        path=np.ones((1, 1, 1)),
+        mu0=np.array([mu0]),
+        mu=np.array([mu]),
+        cos_phi=np.cos([phi]),
+        sin_phi=np.sin([phi]),
+        angle=one,
+        sign=np.ones(1),
+        columns=np.eye(4),
+        kind=np.array([0, 0, 1, 1], np.int32),
+        place=np.arange(4, dtype=np.int32),
+        first=0,
+        last=1,
+        out=out,
     )
     return out[0, 0, 0, 0]
 

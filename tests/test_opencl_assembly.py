@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from vrte import _core
+from vrte.basics.running import Crew
 from vrte.cl import assembly
 
 ALL = (0, 1, 2, 3)
@@ -48,6 +49,9 @@ def test_phase_matrices(either_form: Any, m: int) -> None:
     np.testing.assert_allclose(found, _core.phase_matrices(m, coefficients, to, frm), rtol=0, atol=1e-13)
 
 
+MATRICES = ("E", "F", "G_E", "G_F", "source_s", "source_d")
+
+
 def assembled_by_both(
     either_form: Any, stokes: Sequence[int], orders: np.ndarray, n_node: int, n_out: int, n_in: int, n_term: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -55,16 +59,24 @@ def assembled_by_both(
     rng = np.random.default_rng(n_term)
     directions, weights = directions_and_weights(n_node, n_out + n_in)
     terms = np.array([n_term, n_term, (n_term + 1) // 2], np.int32)
-    given = (rng.normal(size=(3, n_term, 6)), terms, np.array([0.9, 0.0, 0.4]), directions, weights, n_out)
+    given = {
+        "orders": orders,
+        "members": np.array(stokes, np.int32),
+        "coefficients": rng.normal(size=(3, n_term, 6)),
+        "terms": terms,
+        "albedo": np.array([0.9, 0.0, 0.4]),
+        "directions": directions,
+        "weights": weights,
+        "n_out": n_out,
+    }
     n, out, into = (len(stokes) * size for size in (n_node, n_out, n_in))
     shapes = [(n, n), (n, n), (n, out), (n, out), (into, n), (into, n)]
     found, expected = ([np.full((orders.size, 3, *shape), np.nan) for shape in shapes] for _ in range(2))
-    work = np.empty((2, _core.assembly_work(directions.size, n_term, len(stokes))))
     for kernel, arrays in ((_core.assemble, expected), (assembly.assemble_arrays, found)):
         session = () if kernel is _core.assemble else (either_form,)
-        seconds = np.zeros(2)
-        kernel(*session, orders, np.array(stokes, np.int32), *given, *arrays, 2, work, seconds, np.zeros(1, np.int32))
-        assert seconds.sum() > 0.0
+        crew = Crew(2, np.zeros(2), np.zeros(1, np.int32))
+        kernel(*session, crew, **given, **dict(zip(MATRICES, arrays, strict=True)))
+        assert crew.seconds.sum() > 0.0
     return list(zip(found, expected, strict=True))
 
 
@@ -100,9 +112,16 @@ def test_items_are_pairs_of_order_and_material(either_form: Any) -> None:
     assert (matrices_of([2, 0]) == whole[[2, 0]]).all()
     E = np.empty((2, 2, 20, 20))
     rest = [np.empty((2, 2, *shape)) for shape in [(20, 20), (20, 4), (20, 4), (8, 20), (8, 20)]]
-    work = np.empty((1, _core.assembly_work(8, 6, 4)))
     _core.assemble(
-        *(np.array([0, 1], np.int32), np.array(ALL, np.int32), coefficients, terms, np.array([0.8, 0.6])),
-        *(directions, weights, 1, E, *rest, 1, work, np.zeros(1), np.zeros(1, np.int32)),
+        Crew(1, np.zeros(1), np.zeros(1, np.int32)),
+        orders=np.array([0, 1], np.int32),
+        members=np.array(ALL, np.int32),
+        coefficients=coefficients,
+        terms=terms,
+        albedo=np.array([0.8, 0.6]),
+        directions=directions,
+        weights=weights,
+        n_out=1,
+        **dict(zip(MATRICES, (E, *rest), strict=True)),
     )
     np.testing.assert_allclose(whole[[3, 1, 2]], E[[0, 0, 1], [0, 1, 1]], rtol=0, atol=1e-13)

@@ -60,7 +60,7 @@ def test_joining(opencl: Session, name: str, stokes: tuple[int, ...], nodes: int
     pile = cut(problem_of(SCENES[name], nodes, stokes))
     orders = ORDERS if stokes == ALL else ORDERS[:1]
     slabs = doubled(pile, orders, Run(1).kernels)
-    base = expand_base(SCENES[name].base, pile.problem, int(orders[-1]) + 1)
+    base = expand_base(SCENES[name].below, pile.problem, int(orders[-1]) + 1)
     expected = join(pile, orders, slabs, base, Run(1))
     found = join(pile, orders, slabs, base, Run(1, kernels=kernels_with(opencl, join_slabs=join_on_device)))
     for one, other in zip(found[:3], expected[:3], strict=True):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from vrte import _core
+from vrte.basics.running import Crew
 from vrte.cl import invariance
 
 from .test_opencl_assembly import ALL, SETS, directions_and_weights, largest_gap
@@ -46,9 +47,20 @@ def by_both(
     directions, weights = directions_and_weights(n_node, N_OUT + N_IN)
     S, count = len(stokes), len(orders)
     columns = np.random.default_rng(S).normal(size=(2, S))
-    given = (some_coefficients(terms), terms, albedo, directions, weights)
-    places = np.array([1, 0], np.int32), np.array([2, 4, 3], np.int32)
-    work = np.empty((2, _core.invariance_work(n_node, N_OUT + N_IN, S, terms)))
+    given = {
+        "orders": np.array(orders, np.int32),
+        "members": np.array(stokes, np.int32),
+        "coefficients": some_coefficients(terms),
+        "terms": terms,
+        "albedo": albedo,
+        "directions": directions,
+        "weights": weights,
+        "out": np.array([1, 0], np.int32),
+        "into": np.array([2, 4, 3], np.int32),
+        "columns": columns,
+        "tolerance": tolerance,
+        "halves": True,
+    }
     answers = []
     for kernel, session in ((invariance.reflect_endless_arrays, [either_form]), (_core.reflect_endless, [])):
         answer = Answer(
@@ -57,10 +69,7 @@ def by_both(
             np.full(count, np.nan),
             np.full(count, -1, np.int32),
         )
-        arrays = answer.up, answer.on_nodes, answer.residual, answer.steps
-        first = np.array(orders, np.int32), np.array(stokes, np.int32)
-        last = 2, work, np.zeros(2), np.zeros(1, np.int32)
-        kernel(*session, *first, *given, *places, columns, tolerance, True, *arrays, *last)
+        kernel(*session, Crew(2, np.zeros(2), np.zeros(1, np.int32)), **given, **vars(answer))
         answers.append(answer)
     return answers[0], answers[1]
 

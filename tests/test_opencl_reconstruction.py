@@ -8,7 +8,7 @@ import pytest
 
 import vrte
 from vrte import _core
-from vrte.basics.running import Run
+from vrte.basics.running import Crew, Run
 from vrte.cl import reconstruction
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.boundary import boundary
@@ -31,52 +31,54 @@ def solved(
     nodes: int = 5,
     orders: tuple[int, ...] = (0, 1, 3),
     stokes: tuple[int, ...] = (0, 1, 2, 3),
-) -> tuple[Any, ...]:
-    """A scene solved by modes: the arguments of `reconstruct`, all threads' scratch memory for the core included."""
+) -> dict[str, Any]:
+    """A scene solved by modes: the arguments of `reconstruct`."""
     problem = discretise(scene, np.array(mu0), np.eye(4), mu, np.array(tau), nodes)
     problem = replace(problem, stokes=stokes, columns=np.eye(len(stokes)))
     places, run = np.array(orders, np.int32), Run(1)
     matrices = assemble(problem, places, run)
     modes = homogeneous(problem, places, matrices, run)
     beam = particular(problem, matrices, modes, run)
-    base = expand_base(scene.base, problem, max(orders) + 1)
+    base = expand_base(scene.below, problem, max(orders) + 1)
     amplitudes = boundary(problem, places, modes, beam, base, run)
-    doubles = _core.reconstruction_work(problem.size, problem.rows_out, problem.n_rhs, problem.albedo.size)
-    return (
-        matrices.G_E,
-        matrices.G_F,
-        modes.lam_re,
-        modes.lam_im,
-        modes.X,
-        modes.Y,
-        beam.c,
-        beam.zeta,
-        amplitudes.even,
-        amplitudes.odd,
-        amplitudes.base_down,
-        base.row[places],
-        base.out,
-        problem.thickness,
-        problem.above,
-        problem.mu0,
-        problem.mu_out,
-        problem.n_up,
-        problem.level,
-        problem.level_layer,
-        np.full((places.size, problem.level.size, problem.n_rhs, problem.rows_out), np.nan),
-        1,
-        np.empty((1, doubles)),
-        np.zeros(1),
-        np.zeros(1, np.int32),
-    )
+    return {
+        "G_E": matrices.G_E,
+        "G_F": matrices.G_F,
+        "lam_re": modes.lam_re,
+        "lam_im": modes.lam_im,
+        "X": modes.X,
+        "Y": modes.Y,
+        "c": beam.c,
+        "zeta": beam.zeta,
+        "even": amplitudes.even,
+        "odd": amplitudes.odd,
+        "base_down": amplitudes.base_down,
+        "base_row": base.row[places],
+        "base_out": base.out,
+        "thickness": problem.thickness,
+        "above": problem.above,
+        "mu0": problem.mu0,
+        "mu_out": problem.mu_out,
+        "n_up": problem.n_up,
+        "level": problem.level,
+        "level_layer": problem.level_layer,
+        "out": np.full((places.size, problem.level.size, problem.n_rhs, problem.rows_out), np.nan),
+    }
 
 
-def both(opencl: Any, arguments: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
+def both(opencl: Any, arguments: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """What the core and what the device make of the same arguments."""
-    results = arguments[20].copy(), arguments[20].copy()
-    _core.reconstruct(*arguments[:20], results[0], *arguments[21:])
-    reconstruction.reconstruct(opencl, *arguments[:20], results[1], *arguments[21:])
-    return results
+    expected = arguments["out"].copy()
+    _core.reconstruct(Crew(1, np.zeros(1), np.zeros(1, np.int32)), **{**arguments, "out": expected})
+    return expected, on_device(opencl, arguments)
+
+
+def on_device(opencl: Any, arguments: dict[str, Any], stopped: bool = False) -> np.ndarray:
+    """What the device makes of the arguments."""
+    out: np.ndarray = arguments["out"].copy()
+    crew = Crew(1, np.zeros(1), np.full(1, stopped, np.int32))
+    reconstruction.reconstruct(opencl, crew, **{**arguments, "out": out})
+    return out
 
 
 def assert_alike(found: np.ndarray, expected: np.ndarray, tolerance: float = 1e-13, cancelling: float = 0.0) -> None:
@@ -131,12 +133,13 @@ def test_sets_of_stokes_parameters(
 def test_resonances(opencl: Any, thickness: float) -> None:
     """Directions and a beam on reciprocals of eigenvalues, beside them, and on each other."""
     scene, tau = vrte.Scene([vrte.Layer(spheroids(), 0.99, thickness)]), [0.1, 0.9 * thickness]
-    rates = np.sqrt(np.array(solved(scene, tau)[2:4]).T @ [1.0, 1.0j]).ravel()
+    modes = solved(scene, tau)
+    rates = np.sqrt(modes["lam_re"] + 1.0j * modes["lam_im"]).ravel()
     near = np.sort(1.0 / np.abs(rates[np.abs(rates) > 1.0]))[[0, 7, 20]]
     mu = np.concatenate([near, -near, -near * 1.005, -near * 1.03, [-0.45]])
     arguments = solved(scene, tau, (0.45, near[1], near[2] * 1.001), mu)
-    k = np.sqrt(arguments[2] + 1j * arguments[3])
-    close = np.abs(arguments[16][arguments[17] :, None] * k.ravel() - 1.0) < 0.02
+    k = np.sqrt(arguments["lam_re"] + 1j * arguments["lam_im"])
+    close = np.abs(arguments["mu_out"][arguments["n_up"] :, None] * k.ravel() - 1.0) < 0.02
     assert close[:, k.ravel().imag == 0.0].any()
     assert close[:, k.ravel().imag != 0.0].any()
     expected, found = both(opencl, arguments)
@@ -154,27 +157,23 @@ def test_sizes(opencl: Any, nodes: int, mu: np.ndarray) -> None:
 
 def test_orders_may_be_done_in_groups_and_stopped(opencl: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments = solved(vrte.Scene([vrte.Layer(spheroids(), 0.9, 0.5), vrte.Layer(GOLD, 0.6, 2.0)]), [0.0, 1.5])
-    whole, split, stopped = (arguments[20].copy() for _ in range(3))
-    reconstruction.reconstruct(opencl, *arguments[:20], whole, *arguments[21:])
+    whole = on_device(opencl, arguments)
     monkeypatch.setattr(reconstruction, "MOST_DOUBLES", 1)
-    reconstruction.reconstruct(opencl, *arguments[:20], split, *arguments[21:])
-    np.testing.assert_array_equal(split, whole)
-    reconstruction.reconstruct(opencl, *arguments[:20], stopped, *arguments[21:24], np.ones(1, np.int32))
-    assert np.isnan(stopped).all()
+    np.testing.assert_array_equal(on_device(opencl, arguments), whole)
+    assert np.isnan(on_device(opencl, arguments, stopped=True)).all()
 
 
 def test_which_modes_fade_is_decided_once(opencl: Any) -> None:
     """Thicknesses about which the core's own judgement turns, to the last digit: the device follows it."""
     arguments = solved(vrte.Scene([vrte.Layer(GOLD, 0.9, 1.0)]), [0.0, 0.3, 1.0])
-    lam_re, lam_im = arguments[2], arguments[3]
+    lam_re, lam_im = arguments["lam_re"], arguments["lam_im"]
     slowest = np.sqrt(lam_re[0, 0][lam_im[0, 0] == 0.0].min())
     judged = []
     for steps in range(-3, 4):
         thickness = np.array([4.0 / slowest])
         for _ in range(abs(steps)):
             thickness = np.nextafter(thickness, np.inf if steps > 0 else 0.0)
-        fades = np.empty(lam_re.shape[:2], np.int32)
-        _core.modes_fade(lam_re, lam_im, thickness, fades)
+        fades = _core.modes_fade(lam_re=lam_re, lam_im=lam_im, thickness=thickness)
         judged.append(int(fades[0, 0]))
     assert judged == sorted(judged)
     assert set(judged) == {0, 1}

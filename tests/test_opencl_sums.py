@@ -8,6 +8,7 @@ import pytest
 
 import vrte
 from vrte import _core
+from vrte.basics.running import Crew
 from vrte.cl import sums
 from vrte.discrete_ordinates.execution.sums import column_kinds
 from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
@@ -17,23 +18,25 @@ from .test_sums import FULL_TURN, some_kernels
 MANY_AZIMUTHS = np.append(FULL_TURN, np.arange(0.0, 360.0, 7.5))
 
 
-def core_arguments(threads: int, doubles: int) -> tuple[Any, ...]:
-    """What the core's kernels take last."""
-    return threads, np.empty((threads, doubles)), np.zeros(threads), np.zeros(1, np.int32)
+def a_crew(threads: int) -> Crew:
+    """Who has not worked yet."""
+    return Crew(threads, np.zeros(threads), np.zeros(1, np.int32))
 
 
 def integers(*lists: Sequence[int]) -> list[np.ndarray]:
     return [np.array(values, np.int32) for values in lists]
 
 
-def both_sums(opencl: Any, arguments: tuple[Any, ...], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+SUMMED = ("kernels", "stokes", "kind", "place", "cosine", "sine", "angle", "sign", "levels", "rows", "scale")
+
+
+def both_sums(opencl: Any, values: tuple[Any, ...], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """A table of ones, and what the core and the device add to it, in two pieces."""
     tables = np.ones(shape), np.ones(shape)
-    n_order, n_angle = arguments[4].shape
-    last = core_arguments(2, _core.azimuthal_work(n_order, arguments[2].size, arguments[1].size, n_angle))
-    for piece in ((0, 1), (1, shape[1])):
-        _core.azimuthal_sum(*arguments, *piece, tables[0], *last)
-        sums.azimuthal_sum(opencl, *arguments, *piece, tables[1], *last)
+    arguments = dict(zip(SUMMED, values, strict=True))
+    for first, last in ((0, 1), (1, shape[1])):
+        _core.azimuthal_sum(a_crew(2), **arguments, first=first, last=last, out=tables[0])
+        sums.azimuthal_sum(opencl, a_crew(2), **arguments, first=first, last=last, out=tables[1])
     return tables
 
 
@@ -103,9 +106,9 @@ def test_orders_of_many_scenes_are_added_at_once(opencl: Any) -> None:
     for scene, count in enumerate(n_order):
         expected = np.ones(shape)
         kernels = stack[5 * scene : 5 * scene + count, :, :20].reshape(count, 1, 2, 4, n_out, 4) * factors
-        last = core_arguments(1, _core.azimuthal_work(5, 4, 4, cosine.shape[1]))
         tables = cosine[:count], sine[:count], azimuths.angle, azimuths.sign, *integers([0]), rows
-        _core.azimuthal_sum(kernels, stokes, kind, place, *tables, np.array([0.5, 2.0]), 0, 2, expected, *last)
+        given = zip(SUMMED, (kernels, stokes, kind, place, *tables, np.array([0.5, 2.0])), strict=True)
+        _core.azimuthal_sum(a_crew(1), **dict(given), first=0, last=2, out=expected)
         found = values[first + scene * size : first + (scene + 1) * size].reshape(shape)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
 
@@ -113,23 +116,25 @@ def test_orders_of_many_scenes_are_added_at_once(opencl: Any) -> None:
 MU0, MU = np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3, 0.05])
 
 
-def scattering_arguments(coefficients: np.ndarray, columns: np.ndarray, place: Sequence[int]) -> tuple[Any, ...]:
+def scattering_arguments(coefficients: np.ndarray, columns: np.ndarray, place: Sequence[int]) -> dict[str, Any]:
     """Arguments of `add_single_scattering` but for the piece."""
     azimuths = fold(MANY_AZIMUTHS)
     path = np.random.default_rng(2).uniform(0.5, 2.0, (2, MU0.size, MU.size))
     path[1, 2, 4] = path[:, 0, 1] = 0.0
-    return (
-        _core.series_table(coefficients),
-        path,
-        MU0,
-        MU,
-        *cos_sin_deg(azimuths.distinct),
-        azimuths.angle,
-        azimuths.sign,
-        columns,
-        column_kinds(columns),
-        np.array(place, np.int32),
-    )
+    cosine, sine = cos_sin_deg(azimuths.distinct)
+    return {
+        "table": _core.series_table(coefficients),
+        "path": path,
+        "mu0": MU0,
+        "mu": MU,
+        "cos_phi": cosine,
+        "sin_phi": sine,
+        "angle": azimuths.angle,
+        "sign": azimuths.sign,
+        "columns": columns,
+        "kind": column_kinds(columns),
+        "place": np.array(place, np.int32),
+    }
 
 
 SPHERE = vrte.spheres(1.5, radius_um=0.6, wavelength_um=0.5).phase_matrix.coefficients
@@ -142,10 +147,9 @@ def test_single_scattering(opencl: Any, terms: int, columns: np.ndarray, place: 
     """Straight on and straight back included, where a plane has to be chosen."""
     arguments = scattering_arguments(SPHERE[:terms], columns, place)
     tables = [np.ones((2, MU0.size, MU.size, MANY_AZIMUTHS.size, 4, max(place) + 1)) for _ in range(2)]
-    last = core_arguments(2, _core.scattering_work(len(columns), arguments[4].size))
-    for piece in ((0, 1), (1, MU0.size)):
-        _core.add_single_scattering(*arguments, *piece, tables[0], *last)
-        sums.add_single_scattering(opencl, *arguments, *piece, tables[1], *last)
+    for first, last in ((0, 1), (1, MU0.size)):
+        _core.add_single_scattering(a_crew(2), **arguments, first=first, last=last, out=tables[0])
+        sums.add_single_scattering(opencl, a_crew(2), **arguments, first=first, last=last, out=tables[1])
     np.testing.assert_allclose(tables[1], tables[0], rtol=0, atol=1e-14 * np.abs(SPHERE[:terms]).sum())
     np.testing.assert_array_equal(tables[1][:, 0, 1], 1.0)
 
@@ -155,8 +159,9 @@ def test_scatterers_of_many_scenes_are_added_at_once(opencl: Any) -> None:
     rng = np.random.default_rng(4)
     tables = [_core.series_table(SPHERE[:terms]) for terms in (27, 3, 10)]
     paths = [rng.uniform(0.5, 2.0, (2, MU0.size, MU.size)) for _ in tables]
-    _, _, _, _, *directions = scattering_arguments(SPHERE, np.eye(4), range(4))
-    cosine, sine, angle, sign, columns, kind, place = directions
+    arguments = scattering_arguments(SPHERE, np.eye(4), range(4))
+    names = "cos_phi", "sin_phi", "angle", "sign", "columns", "kind", "place"
+    cosine, sine, angle, sign, columns, kind, place = (arguments[name] for name in names)
     shape = (2, MU0.size, MU.size, MANY_AZIMUTHS.size, 4, 4)
     size = int(np.prod(shape))
     result = opencl.zeros((3 * size + 4,))
@@ -170,9 +175,9 @@ def test_scatterers_of_many_scenes_are_added_at_once(opencl: Any) -> None:
         sums.Table(result, shape, 3, 4, size),
     )
     expected = np.zeros((3, *shape))
-    last = core_arguments(1, _core.scattering_work(4, cosine.size))
     for scene, (table, path) in zip((1, 1, 2), pairs, strict=True):
-        _core.add_single_scattering(table, path, MU0, MU, *directions, 0, MU0.size, expected[scene], *last)
+        given = {**arguments, "table": table, "path": path}
+        _core.add_single_scattering(a_crew(1), **given, first=0, last=MU0.size, out=expected[scene])
     found = opencl.download(result)[4:].reshape(3, *shape)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14 * np.abs(expected).max())
 
@@ -180,16 +185,8 @@ def test_scatterers_of_many_scenes_are_added_at_once(opencl: Any) -> None:
 def test_what_cannot_be_scattered_is_refused(opencl: Any) -> None:
     arguments = scattering_arguments(SPHERE, np.tile(np.eye(4), (5, 1)), [0] * 20)
     with pytest.raises(ValueError, match="at most 16 columns"):
-        sums.add_single_scattering(opencl, *arguments, 0, 1, np.zeros((2, 3, 7, 1, 4, 1)), *core_arguments(1, 1))
+        sums.add_single_scattering(opencl, a_crew(1), **arguments, first=0, last=1, out=np.zeros((2, 3, 7, 1, 4, 1)))
+    arguments = scattering_arguments(SPHERE, np.eye(4), range(4))
+    arguments["table"] = arguments["table"][:-1]
     with pytest.raises(ValueError, match="series_table"):
-        sums.add_single_scattering(
-            opencl,
-            arguments[0][:-1],
-            *arguments[1:8],
-            np.eye(4),
-            *arguments[9:],
-            0,
-            1,
-            np.zeros(1),
-            *core_arguments(1, 1),
-        )
+        sums.add_single_scattering(opencl, a_crew(1), **arguments, first=0, last=1, out=np.zeros(1))

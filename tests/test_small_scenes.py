@@ -103,7 +103,7 @@ def test_path_integrals_by_quadrature() -> None:
 
 def test_nodes_seen_and_their_counts() -> None:
     effect = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 0.1, 0.01], [1.0, 0.0, 0.0, 0.0]])
-    seen = _core.nodes_seen(np.array([0.5, 0.0, 0.0]), effect, 0.02, 1e4)
+    seen = _core.nodes_seen(strength=np.array([0.5, 0.0, 0.0]), effect=effect, allowed=0.02, largest_gain=1e4)
     assert seen.tolist() == [4, 3, 1]
     assert node_counts(4, seen, 1) == [4, 4, 4]  # another block takes longer than all of them
     wide = np.repeat(np.array([100, 70, 30], np.int32), 9)

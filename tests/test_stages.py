@@ -21,6 +21,7 @@ from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import mode_coordinates, reconstruct
 from vrte.discrete_ordinates.orders.slabs import cut, join
+from vrte.scene.boundary import BLACK
 
 from .oracle import slab
 from .test_discrete_ordinates import spheroids
@@ -103,7 +104,7 @@ def test_the_field_obeys_its_equation_and_its_boundaries(problem: Problem, matri
     first = Assembled(*(getattr(matrices, name)[:1] for name in Assembled.__dataclass_fields__))
     found = homogeneous(problem, order, first, run)
     beam = particular(problem, first, found, run)
-    amplitudes = boundary(problem, order, found, beam, expand_base(None, problem, 1), run)
+    amplitudes = boundary(problem, order, found, beam, expand_base(BLACK, problem, 1), run)
 
     def field(depth: float) -> tuple[np.ndarray, np.ndarray]:
         y, z = mode_coordinates(problem, 0, depth, found, beam, amplitudes)
@@ -137,7 +138,7 @@ def test_stages_do_not_depend_on_threads(problem: Problem, stage: str) -> None:
         built = assemble(problem, ORDERS, run)
         found = homogeneous(problem, ORDERS, built, run)
         beam = particular(problem, built, found, run)
-        base = expand_base(None, problem, 4)
+        base = expand_base(BLACK, problem, 4)
         amplitudes = boundary(problem, ORDERS, found, beam, base, run)
         out = reconstruct(problem, ORDERS, built, found, beam, amplitudes, base, run)
         return {
@@ -221,7 +222,7 @@ def test_joining(problem: Problem) -> None:
     problem = discretise(scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), levels, NODES)
     pile = cut(problem)
     assert (pile.material.size, pile.slabs.tolist(), pile.interface.tolist()) == (2, [0, 1, 0], [0, 1, 2, 3])
-    base = expand_base(scene.base, pile.problem, 4)
+    base = expand_base(scene.below, pile.problem, 4)
     run = Run(1)
     slabs = double_slabs(pile.problem, pile.material, pile.thickness, ORDERS, assemble(pile.problem, ORDERS, run), run)
     kernels, up, down, residual = join(pile, ORDERS, slabs, base, run)

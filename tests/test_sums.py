@@ -7,6 +7,7 @@ import pytest
 
 import vrte
 from vrte import _core
+from vrte.basics.running import Crew
 from vrte.discrete_ordinates.execution.engines import Processor
 from vrte.discrete_ordinates.execution.sums import column_kinds
 from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
@@ -43,27 +44,22 @@ def summed(
     """The kernel under test, in two pieces of the incident directions."""
     azimuths = fold(phi)
     cosine, sine = azimuths.cos_sin(orders)
-    work = np.empty((threads, _core.azimuthal_work(orders.size, len(kind), len(stokes), azimuths.distinct.size)))
-    integers = [np.array(values, np.int32) for values in (stokes, kind, place)]
-    where = [np.array(values, np.int32) for values in (levels, rows)]
+    listed = {"stokes": stokes, "kind": kind, "place": place, "levels": levels, "rows": rows}
+    integers = {name: np.array(values, np.int32) for name, values in listed.items()}
     middle = out.shape[1] // 2
     for first, last in ((0, middle), (middle, out.shape[1])):
         _core.azimuthal_sum(
-            np.ascontiguousarray(kernels),
-            *integers,
-            cosine,
-            sine,
-            azimuths.angle,
-            azimuths.sign,
-            *where,
-            scale,
-            first,
-            last,
-            out,
-            threads,
-            work,
-            np.zeros(threads),
-            np.zeros(1, np.int32),
+            Crew(threads, np.zeros(threads), np.zeros(1, np.int32)),
+            kernels=np.ascontiguousarray(kernels),
+            **integers,
+            cosine=cosine,
+            sine=sine,
+            angle=azimuths.angle,
+            sign=azimuths.sign,
+            scale=scale,
+            first=first,
+            last=last,
+            out=out,
         )
 
 
@@ -169,29 +165,25 @@ def scattered(
     """The kernel under test, in two pieces of the incident directions."""
     azimuths = fold(phi)
     cosine, sine = cos_sin_deg(azimuths.distinct)
-    work = np.empty((threads, _core.scattering_work(len(columns), cosine.size)))
     kind = column_kinds(columns)
     for first, last in ((0, 1), (1, mu0.size)):
         _core.add_single_scattering(
-            _core.series_table(coefficients),
-            path,
-            mu0,
-            mu,
-            cosine,
-            sine,
-            azimuths.angle,
-            azimuths.sign,
-            columns,
-            kind,
-            np.array(place, np.int32),
-            first,
-            last,
-            out,
-            threads,
-            work,
-            np.zeros(threads),
-            np.zeros(1, np.int32),
-            wide,
+            Crew(threads, np.zeros(threads), np.zeros(1, np.int32)),
+            table=_core.series_table(coefficients),
+            path=path,
+            mu0=mu0,
+            mu=mu,
+            cos_phi=cosine,
+            sin_phi=sine,
+            angle=azimuths.angle,
+            sign=azimuths.sign,
+            columns=columns,
+            kind=kind,
+            place=np.array(place, np.int32),
+            first=first,
+            last=last,
+            out=out,
+            wide=wide,
         )
 
 

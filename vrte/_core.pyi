@@ -1,42 +1,300 @@
-"""Types of the compiled core; shapes and units are in the docstrings of _core.pyx."""
+"""Types of the compiled core; shapes and units are in the docstrings of core/*.pxi."""
 
-from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.running import Crew
+
 HAS_OPENMP: bool
 
 def sphere_coefficients(relative_index: complex, size: float, orders: int) -> NDArray[np.complex128]: ...
-def generalized_spherical_functions(m: int, terms: int, mu: ArrayLike) -> NDArray[np.float64]: ...
-def phase_matrices(m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: ArrayLike) -> NDArray[np.float64]: ...
-def bounds_work(n_all: int, n_term: int) -> int: ...
+def generalized_spherical_functions(m: int, terms: int, mu: ArrayLike) -> Array: ...
+def phase_matrices(m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: ArrayLike) -> Array: ...
+def series_table(coefficients: Array) -> Array: ...
+def bounds_at(*, strength: Array, bounds: Array, depth: Array, decays: Array) -> Array: ...
+def nodes_seen(*, strength: Array, effect: Array, allowed: float, largest_gain: float) -> IntArray: ...
+def modes_fade(*, lam_re: Array, lam_im: Array, thickness: Array) -> IntArray: ...
+def path_integrals(
+    *, above: Array, thickness: Array, level: Array, level_layer: IntArray, chosen: IntArray, mu0: Array, mu: Array
+) -> Array: ...
+def mode_coordinates(
+    *,
+    lam_re: Array,
+    lam_im: Array,
+    even: Array,
+    odd: Array,
+    c: Array,
+    zeta: Array,
+    mu0: Array,
+    thickness: float,
+    above: float,
+    depth: float,
+) -> Array: ...
+
+# doubles of scratch memory that a thread needs, and of a matrix with its incident and outgoing directions
 def assembly_work(n_all: int, n_term: int, stokes: int) -> int: ...
 def homogeneous_work(n: int) -> int: ...
-def particular_work(n: int, n_in: int, stokes: int) -> int: ...
 def boundary_work(n: int, n_layer: int, n_rhs: int) -> int: ...
 def extended_size(n: int, r: int, o: int) -> int: ...
 def doubling_work(n: int, r: int, o: int) -> int: ...
 def joining_work(n: int, n_slab: int, n_rhs: int, o: int) -> int: ...
 def reconstruction_work(n: int, rows: int, n_rhs: int, n_layer: int) -> int: ...
 def invariance_work(n_node: int, n_off: int, stokes: int, n_term: int) -> int: ...
-def azimuthal_work(n_order: int, n_col: int, n_stokes: int, n_angle: int) -> int: ...
-def series_table(coefficients: NDArray[np.float64]) -> NDArray[np.float64]: ...
-def scattering_work(n_col: int, n_angle: int) -> int: ...
-def bounds_at(*arguments: object) -> NDArray[np.float64]: ...
-def nodes_seen(*arguments: object) -> NDArray[np.int32]: ...
-def modes_fade(*arguments: object) -> None: ...
-def path_integrals(*arguments: object) -> NDArray[np.float64]: ...
-def mode_coordinates(*arguments: object) -> NDArray[np.float64]: ...
 
-order_bounds: Callable[..., None]
-assemble: Callable[..., None]
-homogeneous: Callable[..., None]
-particular: Callable[..., None]
-boundary: Callable[..., None]
-double_slabs: Callable[..., None]
-join_slabs: Callable[..., None]
-reflect_endless: Callable[..., None]
-reconstruct: Callable[..., None]
-azimuthal_sum: Callable[..., None]
-add_single_scattering: Callable[..., None]
+class Stages(Protocol):
+    """The loops of a solve: those of the core, or others that stand in for them."""
+
+    def order_bounds(
+        self,
+        crew: Crew,
+        *,
+        coefficients: Array,
+        terms: IntArray,
+        albedo: Array,
+        directions: Array,
+        weights: Array,
+        n_out: int,
+        strength: Array,
+        bounds: Array,
+        effect: Array,
+    ) -> None: ...
+    def assemble(
+        self,
+        crew: Crew,
+        *,
+        orders: IntArray,
+        members: IntArray,
+        coefficients: Array,
+        terms: IntArray,
+        albedo: Array,
+        directions: Array,
+        weights: Array,
+        n_out: int,
+        E: Array,
+        F: Array,
+        G_E: Array,
+        G_F: Array,
+        source_s: Array,
+        source_d: Array,
+    ) -> None: ...
+    def homogeneous(
+        self,
+        crew: Crew,
+        *,
+        orders: IntArray,
+        conserving: bool,
+        quick: bool,
+        clear: bool,
+        albedo: Array,
+        directions: Array,
+        weights: Array,
+        E: Array,
+        F: Array,
+        lam_re: Array,
+        lam_im: Array,
+        X: Array,
+        Y: Array,
+        X_lu: Array,
+        X_pivots: IntArray,
+        residual: Array,
+        info: IntArray,
+    ) -> None: ...
+    def particular(
+        self,
+        crew: Crew,
+        *,
+        F: Array,
+        source_s: Array,
+        source_d: Array,
+        mu0: Array,
+        columns: Array,
+        lam_re: Array,
+        lam_im: Array,
+        X: Array,
+        Y: Array,
+        X_lu: Array,
+        X_pivots: IntArray,
+        c: Array,
+        zeta: Array,
+    ) -> None: ...
+    def boundary(
+        self,
+        crew: Crew,
+        *,
+        lam_re: Array,
+        lam_im: Array,
+        X: Array,
+        Y: Array,
+        c: Array,
+        zeta: Array,
+        clear: IntArray,
+        thickness: Array,
+        mu0: Array,
+        above: Array,
+        base_row: IntArray,
+        base: Array,
+        base_source: Array,
+        even: Array,
+        odd: Array,
+        base_down: Array,
+        residual: Array,
+        info: IntArray,
+    ) -> None: ...
+    def reconstruct(
+        self,
+        crew: Crew,
+        *,
+        G_E: Array,
+        G_F: Array,
+        lam_re: Array,
+        lam_im: Array,
+        X: Array,
+        Y: Array,
+        c: Array,
+        zeta: Array,
+        even: Array,
+        odd: Array,
+        base_down: Array,
+        base_row: IntArray,
+        base_out: Array,
+        thickness: Array,
+        above: Array,
+        mu0: Array,
+        mu_out: Array,
+        n_up: int,
+        level: Array,
+        level_layer: IntArray,
+        out: Array,
+    ) -> None: ...
+    def double_slabs(
+        self,
+        crew: Crew,
+        *,
+        orders: IntArray,
+        conserving: bool,
+        clear: bool,
+        settled: bool,
+        material: IntArray,
+        thickness: Array,
+        albedo: Array,
+        asymmetry: Array,
+        nodes: Array,
+        weights: Array,
+        mu0: Array,
+        columns: Array,
+        mu_out: Array,
+        E: Array,
+        F: Array,
+        G_E: Array,
+        G_F: Array,
+        source_s: Array,
+        source_d: Array,
+        R: Array,
+        T: Array,
+        lost: Array,
+        residual: Array,
+        doublings: IntArray,
+        info: IntArray,
+    ) -> None: ...
+    def join_slabs(
+        self,
+        crew: Crew,
+        *,
+        orders: IntArray,
+        conserving: bool,
+        slabs: IntArray,
+        above: Array,
+        nodes: Array,
+        weights: Array,
+        mu0: Array,
+        n_out: int,
+        R: Array,
+        T: Array,
+        lost: Array,
+        base_row: IntArray,
+        base: Array,
+        base_source: Array,
+        base_out: Array,
+        interface: IntArray,
+        up: Array,
+        down: Array,
+        flux: Array,
+        residual: Array,
+        info: IntArray,
+    ) -> None: ...
+    def reflect_endless(
+        self,
+        crew: Crew,
+        *,
+        orders: IntArray,
+        members: IntArray,
+        coefficients: Array,
+        terms: int,
+        albedo: float,
+        directions: Array,
+        weights: Array,
+        out: IntArray,
+        into: IntArray,
+        columns: Array,
+        tolerance: float,
+        halves: bool,
+        up: Array,
+        on_nodes: Array,
+        residual: Array,
+        steps: IntArray,
+    ) -> None: ...
+    def azimuthal_sum(
+        self,
+        crew: Crew,
+        *,
+        kernels: Array,
+        stokes: IntArray,
+        kind: IntArray,
+        place: IntArray,
+        cosine: Array,
+        sine: Array,
+        angle: IntArray,
+        sign: Array,
+        levels: IntArray,
+        rows: IntArray,
+        scale: Array,
+        first: int,
+        last: int,
+        out: Array,
+    ) -> None: ...
+    def add_single_scattering(
+        self,
+        crew: Crew,
+        *,
+        table: Array,
+        path: Array,
+        mu0: Array,
+        mu: Array,
+        cos_phi: Array,
+        sin_phi: Array,
+        angle: IntArray,
+        sign: Array,
+        columns: Array,
+        kind: IntArray,
+        place: IntArray,
+        first: int,
+        last: int,
+        out: Array,
+        wide: bool = ...,
+    ) -> None: ...
+
+_stages: Stages
+order_bounds = _stages.order_bounds
+assemble = _stages.assemble
+homogeneous = _stages.homogeneous
+particular = _stages.particular
+boundary = _stages.boundary
+reconstruct = _stages.reconstruct
+double_slabs = _stages.double_slabs
+join_slabs = _stages.join_slabs
+reflect_endless = _stages.reflect_endless
+azimuthal_sum = _stages.azimuthal_sum
+add_single_scattering = _stages.add_single_scattering

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,14 @@ BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hu
 PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
 
 
+class Crew(NamedTuple):
+    """Who does one loop of `_core`: so many threads, their seconds (thread,), and the flag that stops them (1,)."""
+
+    threads: int
+    seconds: Array
+    stop: IntArray
+
+
 @dataclass(eq=False)
 class Run:
     """One solve's threads, stop flag and clocks; `stages` collects wall and thread seconds by name; ``brief``: it is
@@ -29,17 +37,18 @@ class Run:
 
     threads: int
     brief: bool = False
-    kernels: Any = _core
+    kernels: "_core.Stages" = _core
     stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
     stages: dict[str, dict[str, float]] = field(default_factory=dict)
     told: bool = False
 
-    def timed(self, name: str, kernel: Callable[..., None], *arguments: object) -> None:
-        """Calls kernel(*arguments, seconds, stop) and books its time under `name`."""
-        seconds = np.zeros(self.threads)
+    @contextmanager
+    def timed(self, name: str) -> Iterator[Crew]:
+        """A crew for one loop of `_core`, whose time is booked under `name`; KeyboardInterrupt where it was stopped."""
+        crew = Crew(self.threads, np.zeros(self.threads), self.stop)
         start = time.perf_counter()
-        kernel(*arguments, seconds, self.stop)
-        self.book(name, time.perf_counter() - start, float(seconds.sum()))
+        yield crew
+        self.book(name, time.perf_counter() - start, float(crew.seconds.sum()))
         if self.stop[0]:
             raise KeyboardInterrupt
 
@@ -58,14 +67,6 @@ class Run:
         self.book(name, time.perf_counter() - start)
         if self.stop[0]:
             raise KeyboardInterrupt
-
-    def work(self, doubles: int) -> Array:
-        """Scratch memory, one row a thread."""
-        return np.empty((self.threads, doubles))
-
-    def pivots(self, integers: int) -> IntArray:
-        """Scratch integers, one row a thread."""
-        return np.empty((self.threads, integers), np.int32)
 
 
 def usable_cpus() -> int:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.running import Crew
 from vrte.cl.matrices import GROUP, STRIP, TILE, Stack, download_stack, padded
 from vrte.cl.session import Session
 
@@ -286,6 +287,8 @@ def generalized_spherical_functions(session: Session, m: int, terms: int, mu: Ar
 
 def assemble_arrays(
     session: Session,
+    crew: Crew,
+    *,
     orders: IntArray,
     members: IntArray,
     coefficients: Array,
@@ -300,16 +303,12 @@ def assemble_arrays(
     G_F: Array,
     source_s: Array,
     source_d: Array,
-    threads: int,
-    work: Array,
-    seconds: Array,
-    stop: IntArray,
 ) -> None:
-    """As `_core.assemble`: fills E, F, G_E, G_F, source_s and source_d; threads and work are the processor's."""
+    """As `_core.assemble`: fills E, F, G_E, G_F, source_s and source_d."""
     start = time.perf_counter()
     order, material = np.meshgrid(orders, np.arange(terms.size, dtype=np.int32), indexing="ij")
     upload = session.constant
-    if order.size and not stop[0]:
+    if order.size and not crew.stop[0]:
         items = upload(np.arange(order.size, dtype=np.int32))
         pairs = items, upload(order.ravel()), upload(material.ravel())
         materials = upload(coefficients), upload(terms), upload(albedo)
@@ -319,7 +318,7 @@ def assemble_arrays(
         for stack, array in [*targets, (made.source_s, source_s), (made.source_d, source_d)]:
             if array.size:
                 array[...] = download_stack(session, stack).reshape(array.shape)
-    seconds[0] += time.perf_counter() - start
+    crew.seconds[0] += time.perf_counter() - start
 
 
 def phase_matrices(session: Session, m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: ArrayLike) -> Array:

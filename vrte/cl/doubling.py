@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array
+from vrte.basics.running import Crew
 from vrte.cl.assembly import Assembled
 from vrte.cl.extended import COMPLEMENT, FADE, NOTHING, TANH, Algebra, BoolArray, Extended, Sizes
 from vrte.cl.matrices import STRIP, product, upload_stack
@@ -447,6 +448,8 @@ class Doubling:
 
 def double_slabs(
     session: Session,
+    crew: Crew,
+    *,
     orders: NDArray[np.int32],
     conserving: bool,
     clear: bool,
@@ -472,13 +475,8 @@ def double_slabs(
     residual: Array,
     doublings: NDArray[np.int32],
     info: NDArray[np.int32],
-    threads: int,
-    work: Array,
-    pivots: NDArray[np.int32],
-    seconds: Array,
-    stop: NDArray[np.int32],
 ) -> None:
-    """`_core.double_slabs` on a device: the same arrays. settled, threads, work and pivots play no part."""
+    """`_core.double_slabs` on a device: the same arrays. settled plays no part."""
     start = time.perf_counter()
     frame = Frame(nodes, weights, mu0, columns, mu_out)
     shape = orders.size, material.size
@@ -491,12 +489,12 @@ def double_slabs(
     items = Items(thick, scattering, forward, of.ravel(), turned.ravel(), (scattering == 0.0) & clear)
     with session.lock:
         stacks = (upload_stack(session, a.reshape(-1, *a.shape[2:])) for a in (E, F, G_E, G_F, source_s, source_d))
-        found = Doubling(session, frame, items, Assembled(*stacks)).run(stop)
+        found = Doubling(session, frame, items, Assembled(*stacks)).run(crew.stop)
         R[:], T[:] = (blocks(session, matrix).reshape(*shape, -1) for matrix in (found.R, found.T))
         lost[:] = session.download(found.lost).reshape(lost.shape)
         info[:] = session.download(found.info).reshape(shape)
     residual[:], doublings[:] = found.residual.reshape(residual.shape), found.doublings.reshape(shape)
-    seconds[0] += time.perf_counter() - start
+    crew.seconds[0] += time.perf_counter() - start
 
 
 def blocks(session: Session, matrix: Extended) -> Array:

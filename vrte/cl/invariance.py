@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.running import Crew
 from vrte.cl.assembly import (
     Columns,
     Scattering,
@@ -289,6 +290,8 @@ def results(
 
 def reflect_endless_arrays(
     session: Session,
+    crew: Crew,
+    *,
     orders: IntArray,
     members: IntArray,
     coefficients: Array,
@@ -305,21 +308,17 @@ def reflect_endless_arrays(
     on_nodes: Array,
     residual: Array,
     steps: IntArray,
-    threads: int,
-    work: Array,
-    seconds: Array,
-    stop: IntArray,
 ) -> None:
-    """As `_core.reflect_endless`: fills up, on_nodes, residual and steps; threads and work are the processor's, halves
-    plays no part: R on the nodes is made up to its diagonal on a CPU, wholly on a GPU."""
+    """As `_core.reflect_endless`: fills up, on_nodes, residual and steps. halves plays no part: R on
+    the nodes is made up to its diagonal on a CPU, wholly on a GPU."""
     start = time.perf_counter()
-    if orders.size and not stop[0]:
+    if orders.size and not crew.stop[0]:
         upload, count = session.constant, orders.size
         pairs = upload(np.arange(count, dtype=np.int32)), upload(orders), upload(np.zeros(count, np.int32))
         materials = upload(coefficients[np.newaxis]), upload(np.array([terms], np.int32)), upload(np.array([albedo]))
         cosines = upload(directions), upload(weights), upload(out), upload(into), upload(columns)
         tolerances = upload(np.full(count, tolerance))
-        found = reflect_endless(session, *pairs, members.tolist(), *materials, *cosines, tolerances, stop)
+        found = reflect_endless(session, *pairs, members.tolist(), *materials, *cosines, tolerances, crew.stop)
         for array, values in (
             (up, found.up),
             (on_nodes, found.on_nodes),
@@ -327,4 +326,4 @@ def reflect_endless_arrays(
             (steps, found.steps),
         ):
             array[...] = session.download(values)
-    seconds[0] += time.perf_counter() - start
+    crew.seconds[0] += time.perf_counter() - start

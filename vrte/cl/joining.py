@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array
+from vrte.basics.running import Crew
 from vrte.cl.doubling import Frame, axis_of, turning
 from vrte.cl.extended import Algebra, Extended
 from vrte.cl.matrices import PANEL, Stack, invert, new_stack, product, upload_stack
@@ -367,6 +368,8 @@ class Joining:
 
 def join_slabs(
     session: Session,
+    crew: Crew,
+    *,
     orders: IntArray,
     conserving: bool,
     slabs: IntArray,
@@ -388,13 +391,8 @@ def join_slabs(
     flux: Array,
     residual: Array,
     info: IntArray,
-    threads: int,
-    work: Array,
-    pivots: IntArray,
-    seconds: Array,
-    stop: IntArray,
 ) -> None:
-    """`_core.join_slabs` on a device: the same arrays. threads, work and pivots play no part."""
+    """`_core.join_slabs` on a device: the same arrays."""
     start = time.perf_counter()
     stokes = up.shape[3] // n_out
     n_col = up.shape[2] // mu0.size
@@ -408,12 +406,12 @@ def join_slabs(
         reflected, through = (extended_of(session, frame, a.reshape(-1, a.shape[2])) for a in (R, T))
         uploaded = session.upload(lost.reshape(-1, lost.shape[2]))
         piles = Piles(slab, depths, turned, interface, ground)
-        found = Joining(session, frame, piles, reflected, through, uploaded).run(stop)
+        found = Joining(session, frame, piles, reflected, through, uploaded).run(crew.stop)
         info[:] = session.download(found.info)
-        if not stop[0]:
+        if not crew.stop[0]:
             up[:], down[:], flux[:] = (session.download(a) for a in (found.up, found.down, found.flux))
     residual[:] = found.residual
-    seconds[0] += time.perf_counter() - start
+    crew.seconds[0] += time.perf_counter() - start
 
 
 def extended_of(session: Session, frame: Frame, rows: Array) -> Extended:

@@ -9,6 +9,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array
+from vrte.basics.running import Crew
 from vrte.cl.lending import lent
 from vrte.cl.matrices import STRIP, padded
 from vrte.cl.session import Session
@@ -124,6 +125,8 @@ def reconstruct_orders(
 
 def reconstruct(
     session: Session,
+    crew: Crew,
+    *,
     G_E: Array,
     G_F: Array,
     lam_re: Array,
@@ -145,19 +148,15 @@ def reconstruct(
     level: Array,
     level_layer: Array,
     out: Array,
-    threads: int,
-    work: Array,
-    seconds: Array,
-    stop: Array,
 ) -> None:
-    """`vrte._core.reconstruct` on a device: fills out (order, n_tau, n_rhs, S n_out). ``threads`` and ``work`` are not
-    used; as many orders are done at once as scratch memory is meant for, and none once ``stop`` is set."""
+    """`vrte._core.reconstruct` on a device: fills out (order, n_tau, n_rhs, S n_out).
+    As many orders are done at once as scratch memory is meant for, and none once the crew is stopped."""
     start = time.perf_counter()
     (n_order, n_layer, n), n_out = lam_re.shape, mu_out.size
     sizes = Sizes(n_order, n_layer, n, out.shape[3] // max(n_out, 1), n_out, n_up, mu0.size, c.shape[2], level.size)
     per_order = (G_E, G_F, lam_re, lam_im, X, Y, c, zeta, even, odd, base_down, base_row)
-    fades = np.empty((n_order, n_layer), np.int32)
-    _core.modes_fade(lam_re, lam_im, thickness, fades)  # what the amplitudes are of, decided as the boundary system did
+    # what the amplitudes are of, decided as the boundary system did
+    fades = _core.modes_fade(lam_re=lam_re, lam_im=lam_im, thickness=thickness)
     with ExitStack() as stack:
 
         def lend(values: Any) -> Any:
@@ -166,11 +165,11 @@ def reconstruct(
         places = Places(*(lend(values) for values in (base_out, thickness, above, mu0, mu_out, level, level_layer)))
         each = max(1, MOST_DOUBLES // max(1, sum(sizes.doubles)))
         for first in range(0, n_order if out.size else 0, each):
-            if stop[0]:
+            if crew.stop[0]:
                 break
             here = slice(first, min(first + each, n_order))
             solved = Solved(*(lend(values[here]) for values in (*per_order, fades)))
             with lent(session, out[here]) as result:
                 group = Sizes(**{**vars(sizes), "orders": here.stop - first})
                 reconstruct_orders(session, group, solved, places, result, bool((base_row >= 0).any()))
-    seconds[0] += time.perf_counter() - start
+    crew.seconds[0] += time.perf_counter() - start

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.basics.running import Crew
 from vrte.cl.lending import lent
 from vrte.cl.matrices import padded
 from vrte.cl.session import Session
@@ -259,6 +260,8 @@ def add_scattering(
 
 def azimuthal_sum(
     session: Session,
+    crew: Crew,
+    *,
     kernels: Array,
     stokes: Array,
     kind: Array,
@@ -273,13 +276,9 @@ def azimuthal_sum(
     first: int,
     last: int,
     out: Array,
-    threads: int,
-    work: Array,
-    seconds: Array,
-    stop: Array,
 ) -> None:
     """`vrte._core.azimuthal_sum` on a device: adds to out (n_level, n_in, n_mu, n_phi, 4, n_place) what Fourier orders
-    hold. ``threads`` and ``work`` are not used."""
+    hold."""
     start = time.perf_counter()
     if kernels.size and out.size and last > first:
         here = np.ascontiguousarray(kernels)
@@ -298,11 +297,13 @@ def azimuthal_sum(
                 (first, last),
                 Table(result, out.shape),
             )
-    seconds[0] += time.perf_counter() - start
+    crew.seconds[0] += time.perf_counter() - start
 
 
 def add_single_scattering(
     session: Session,
+    crew: Crew,
+    *,
     table: Array,
     path: Array,
     mu0: Array,
@@ -317,14 +318,10 @@ def add_single_scattering(
     first: int,
     last: int,
     out: Array,
-    threads: int,
-    work: Array,
-    seconds: Array,
-    stop: Array,
     wide: bool = True,
 ) -> None:
     """`vrte._core.add_single_scattering` on a device: adds path times the phase matrix times columns to out (n_level,
-    n_in, n_mu, n_phi, 4, n_place). ``threads``, ``work`` and ``wide`` are not used. Raises ValueError for too many
+    n_in, n_mu, n_phi, 4, n_place). ``wide`` is not used. Raises ValueError for too many
     columns or a table that is not of `series_table`."""
     if columns.shape[0] > MOST_COLUMNS:
         raise ValueError(f"at most {MOST_COLUMNS} columns")
@@ -341,4 +338,4 @@ def add_single_scattering(
                 (first, last),
                 Table(result, out.shape),
             )
-    seconds[0] += time.perf_counter() - start
+    crew.seconds[0] += time.perf_counter() - start

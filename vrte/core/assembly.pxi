@@ -5,53 +5,51 @@ def assembly_work(n_all, n_term, stokes):
     return 3 * n_all * n_term + 4 * (stokes * n_all) * (2 * n_term) + n_all
 
 
+cdef struct Assembly:
+    int n_layer, n_term, n_node, n_out, n_in, stokes
+    given_ints orders, members, terms
+    given coefficients, albedo, directions, weights
+    doubles E, F, G_E, G_F, source_s, source_d
+
+
 # (1:4), the beam's direction of travel
-def assemble(const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients, const int[::1] terms,
-             const double[::1] albedo, const double[::1] directions, const double[::1] weights, int n_out,
-             double[:, :, :, ::1] E, double[:, :, :, ::1] F, double[:, :, :, ::1] G_E, double[:, :, :, ::1] G_F,
-             double[:, :, :, ::1] source_s, double[:, :, :, ::1] source_d, int threads, double[:, ::1] work,
-             double[::1] seconds, const int[::1] stop):
+def assemble(crew, *, const int[::1] orders, const int[::1] members, const double[:, :, ::1] coefficients,
+             const int[::1] terms, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
+             int n_out, double[:, :, :, ::1] E, double[:, :, :, ::1] F, double[:, :, :, ::1] G_E,
+             double[:, :, :, ::1] G_F, double[:, :, :, ::1] source_s, double[:, :, :, ::1] source_d):
     """E and F of (1:41) in the symmetric scaling, the rows that lead out of them and the beam's sources.
 
     members (S,): the Stokes parameters, ascending; directions: nodes, then n_out outgoing, then incident cosines (all
-    positive); weights of the nodes. E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E, G_F
-    (order, layer, n, S n_out): from the scaled field on the nodes to the sum and difference of the two sources of
+    positive); weights of the nodes. E, F (order, layer, n, n): M^-1 - omega/2 (Pp +- Pm), unit 1/optical depth; G_E,
+    G_F (order, layer, n, S n_out): from the scaled field on the nodes to the sum and difference of the two sources of
     (1:38); source_s, source_d (order, layer, S n_in, n): M^-1 omega (Pp -+ Pm)(., mu0), (1:14) for a unit beam but for
     1/(2 pi).
     """
-    cdef int n_order = <int>orders.shape[0], n_layer = <int>coefficients.shape[0], stokes = <int>members.shape[0]
-    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0]
-    cdef int item, thread, n_in = n_all - n_node - n_out, n_item = n_order * n_layer
-    cdef double start
-    for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            assemble_one(orders[item // n_layer], parity_of(orders[item // n_layer], stokes, &members[0]),
-                         terms[item % n_layer], albedo[item % n_layer],
-                         &coefficients[item % n_layer, 0, 0], &directions[0], &weights[0], n_node, n_out, n_in,
-                         <int>coefficients.shape[1],
-                         &E[item // n_layer, item % n_layer, 0, 0], &F[item // n_layer, item % n_layer, 0, 0],
-                         &G_E[item // n_layer, item % n_layer, 0, 0], &G_F[item // n_layer, item % n_layer, 0, 0],
-                         &source_s[item // n_layer, item % n_layer, 0, 0],
-                         &source_d[item // n_layer, item % n_layer, 0, 0], &work[thread, 0])
-            seconds[thread] += vrte_seconds() - start
+    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], n_term = <int>coefficients.shape[1]
+    cdef Assembly task = Assembly(
+        <int>coefficients.shape[0], n_term, n_node, n_out, n_all - n_node - n_out, <int>members.shape[0], &orders[0],
+        &members[0], &terms[0], &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], &E[0, 0, 0, 0],
+        &F[0, 0, 0, 0], &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &source_s[0, 0, 0, 0], &source_d[0, 0, 0, 0])
+    run_items(crew, assemble_one, &task, <int>orders.shape[0] * task.n_layer, assembly_work(n_all, n_term, task.stokes), 0,
+              NULL)
 
 
 # (1:13), (1:16)-(1:23)
-cdef void assemble_one(int m, Parity p, int terms, double albedo, const double* coefficients, const double* directions,
-                       const double* weights, int n_node, int n_out, int n_in, int n_term, double* E, double* F,
-                       double* G_E, double* G_F, double* source_s, double* source_d, double* work) noexcept nogil:
-    cdef int n_all = n_node + n_out + n_in, n = p.stokes * n_node, into = p.stokes * n_in, out = p.stokes * n_out
+cdef int assemble_one(const void* task, int item, Desk desk) noexcept nogil:
+    cdef const Assembly* a = <const Assembly*>task
+    cdef int m = a.orders[item // a.n_layer], layer = item % a.n_layer, terms = a.terms[layer]
+    cdef int n_node = a.n_node, n_out = a.n_out, n_in = a.n_in, n_all = n_node + n_out + n_in, stokes = a.stokes
+    cdef int n = stokes * n_node, into = stokes * n_in, out = stokes * n_out
+    cdef size_t at = item, room = <size_t>(2 * stokes * n_all) * a.n_term
+    cdef Parity p = parity_of(m, stokes, a.members)
+    cdef double albedo = a.albedo[layer]
+    cdef given coefficients = a.coefficients + <size_t>6 * layer * a.n_term, directions = a.directions
+    cdef doubles E = a.E + at * n * n, F = a.F + at * n * n, G_E = a.G_E + at * n * out, G_F = a.G_F + at * n * out
+    cdef doubles source_s = a.source_s + at * into * n, source_d = a.source_d + at * into * n
+    cdef doubles prt = desk.work, phi = prt + <size_t>3 * n_all * a.n_term, psi = phi + room, phi_in = psi + room
+    cdef doubles psi_in = phi_in + room, scale = psi_in + room
     cdef int i, j, kind, inner
-    cdef size_t room = <size_t>(2 * p.stokes * n_all) * n_term
-    cdef double* prt = work
-    cdef double* phi = prt + <size_t>3 * n_all * n_term
-    cdef double* psi = phi + room
-    cdef double* phi_in = psi + room
-    cdef double* psi_in = phi_in + room
-    cdef double* scale = psi_in + room
-    cdef double* matrix
+    cdef doubles matrix
     if terms <= m or albedo == 0.0:
         memset(E, 0, sizeof(double) * n * n)
         memset(F, 0, sizeof(double) * n * n)
@@ -62,7 +60,7 @@ cdef void assemble_one(int m, Parity p, int terms, double albedo, const double* 
     else:
         spherical(m, terms, is_polar(p), directions, n_all, prt)
         for i in range(n_node):
-            scale[i] = sqrt(weights[i] / directions[i])
+            scale[i] = sqrt(a.weights[i] / directions[i])
         for kind in range(2):       # 0: E, 1: F
             matrix = F if kind else E
             inner = columns_of(p, m, terms, kind)
@@ -77,5 +75,6 @@ cdef void assemble_one(int m, Parity p, int terms, double albedo, const double* 
             product(b"N", b"T", out, n, inner, 1.0, phi, out, psi, n, 0.0, G_F if kind else G_E, out)
     for i in range(n):
         j = i * n + i
-        E[j] += 1.0 / directions[i // p.stokes]
-        F[j] += 1.0 / directions[i // p.stokes]
+        E[j] += 1.0 / directions[i // stokes]
+        F[j] += 1.0 / directions[i // stokes]
+    return 0

@@ -4,7 +4,7 @@
 # product from the base up, as in (2:8). In a layer so thick that every mode fades (`fades`), "even" is e^(-k tau)
 # and "odd" e^(-k (thickness - tau)), each referred to its own face as in (2:12)-(2:15): faint light keeps its digits.
 
-cdef inline double slowest_rate(int n, const double* lam_re, const double* lam_im) noexcept nogil:
+cdef inline double slowest_rate(int n, given lam_re, given lam_im) noexcept nogil:
     cdef int j
     cdef double rate = INFINITY, smallest = INFINITY
     for j in range(n):
@@ -15,19 +15,21 @@ cdef inline double slowest_rate(int n, const double* lam_re, const double* lam_i
     return min(rate, c_sqrt(make(smallest, 0.0)).real)
 
 
-cdef inline bint fades(int n, const double* lam_re, const double* lam_im, double thickness) noexcept nogil:
+cdef inline bint fades(int n, given lam_re, given lam_im, double thickness) noexcept nogil:
     """Whether every mode loses e^4 from face to face; always in a layer without end."""
     return thickness > 1e300 or slowest_rate(n, lam_re, lam_im) * thickness > 4.0
 
 
-def modes_fade(const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[::1] thickness, int[:, ::1] out):
-    """Whether every mode of each order and layer fades, out (order, layer), 0 or 1: what `boundary` and `reconstruct`
+def modes_fade(*, const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[::1] thickness):
+    """Whether every mode of each order and layer fades, (order, layer), 0 or 1: what `boundary` and `reconstruct`
     decide, for who does one of them elsewhere."""
+    cdef int[:, ::1] out = np.empty((lam_re.shape[0], lam_re.shape[1]), np.int32)
     cdef Py_ssize_t order, layer
     cdef int n = <int>lam_re.shape[2]
     for order in range(lam_re.shape[0]):
         for layer in range(lam_re.shape[1]):
             out[order, layer] = fades(n, &lam_re[order, layer, 0], &lam_im[order, layer, 0], thickness[layer])
+    return np.asarray(out)
 
 
 cdef inline cplx half_tangent(cplx k, double thickness) noexcept nogil:
@@ -49,54 +51,62 @@ def boundary_work(n, n_layer, n_rhs):
     return 5 * n_layer * n * n + 5 * n_layer * n * n_rhs + 4 * n * n + 5 * n * n_rhs + 10 * n
 
 
-def boundary(const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
+cdef struct Boundary:
+    int n, n_layer, n_in, n_rhs
+    given lam_re, lam_im, X, Y, c, zeta
+    given_ints clear
+    given thickness, mu0, above
+    given_ints base_row
+    given base, base_source
+    doubles even, odd, base_down, residual
+
+
+def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
              const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
-             const int[::1] clear, const double[::1] thickness, const double[::1] mu0, const double[::1] above, const int[::1] base_row,
-             const double[:, :, ::1] base, const double[:, :, ::1] base_source, double[:, :, :, ::1] even,
-             double[:, :, :, ::1] odd, double[:, :, ::1] base_down, double[:, ::1] residual, int[::1] info, int threads,
-             double[:, ::1] work, int[:, ::1] pivots, double[::1] seconds, const int[::1] stop):
+             const int[::1] clear, const double[::1] thickness, const double[::1] mu0, const double[::1] above,
+             const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
+             double[:, :, :, ::1] even, double[:, :, :, ::1] odd, double[:, :, ::1] base_down, double[:, ::1] residual,
+             int[::1] info):
     """The amplitudes of the even and odd modes of every layer.
 
     clear (layer,): not 0 for layers known not to scatter; thickness (layer,), inf allowed last; above (layer,): optical
-    depth of each layer's top; base_row (order,): the
-    row of `base` (row, n, n) and `base_source` (row, n_rhs, n) of that order, or -1 for black: the base's operator
-    and its reflection of the unattenuated beam, scaled and flipped. even, odd (order, layer, n_rhs, n); base_down
-    (order, n_rhs, n): the scaled diffuse field that falls on the base; residual (order, layer): of the linear
-    systems, relative. `pivots`: 2 n n_layer + n integers a thread.
+    depth of each layer's top; base_row (order,): the row of `base` (row, n, n) and `base_source` (row, n_rhs, n) of that
+    order, or -1 for black: the base's operator and its reflection of the unattenuated beam, scaled and flipped. even,
+    odd (order, layer, n_rhs, n); base_down (order, n_rhs, n): the scaled diffuse field that falls on the base; residual
+    (order, layer): of the linear systems, relative.
     """
-    cdef int n_order = <int>X.shape[0], o, thread
-    cdef double start
-    for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            info[o] = boundary_one(
-                <int>X.shape[3], <int>X.shape[1], <int>mu0.shape[0], <int>c.shape[2], &lam_re[o, 0, 0], &lam_im[o, 0, 0],
-                &X[o, 0, 0, 0], &Y[o, 0, 0, 0], &c[o, 0, 0, 0], &zeta[o, 0, 0, 0], &clear[0], &thickness[0], &mu0[0],
-                &above[0], &base[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
-                &base_source[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
-                &even[o, 0, 0, 0], &odd[o, 0, 0, 0], &base_down[o, 0, 0], &residual[o, 0], &work[thread, 0],
-                &pivots[thread, 0])
-            seconds[thread] += vrte_seconds() - start
+    cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2]
+    cdef Boundary task = Boundary(
+        n, n_layer, <int>mu0.shape[0], n_rhs, &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
+        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &clear[0], &thickness[0], &mu0[0], &above[0], &base_row[0], &base[0, 0, 0],
+        &base_source[0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &residual[0, 0])
+    run_items(crew, boundary_one, &task, <int>X.shape[0], boundary_work(n, n_layer, n_rhs), (2 * n_layer + 1) * n, &info[0])
 
 
-cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam_re, const double* lam_im, const double* X,
-                      const double* Y, const double* c, const double* zeta, const int* clear, const double* thickness,
-                      const double* mu0, const double* above, const double* base, const double* base_source, double* even, double* odd,
-                      double* base_down, double* residual, double* work, int* pivots) noexcept nogil:
+cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
+    cdef const Boundary* t = <const Boundary*>task
+    cdef int n = t.n, n_layer = t.n_layer, n_in = t.n_in, n_rhs = t.n_rhs, layer, info, row = t.base_row[item]
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, per_beam = <size_t>(n_rhs // n_in) * n
-    cdef int layer, info
+    cdef size_t first = <size_t>item * n_layer
+    cdef given lam_re = t.lam_re + first * n, lam_im = t.lam_im + first * n
+    cdef given X = t.X + first * nn, Y = t.Y + first * nn, c = t.c + first * nr, zeta = t.zeta + first * nr
+    cdef given thickness = t.thickness, mu0 = t.mu0, above = t.above
+    cdef given base = t.base + row * nn if row >= 0 else NULL
+    cdef given base_source = t.base_source + row * nr if row >= 0 else NULL
+    cdef doubles even = t.even + first * nr, odd = t.odd + first * nr, residual = t.residual + first
+    cdef doubles base_down = t.base_down + item * nr
+    cdef ints pivots = desk.pivots
     cdef bint joined = n_layer > 1 or base != NULL
-    cdef double* systems = work                             # per layer: LU even, LU odd, R, T, G
-    cdef double* vectors = systems + 5 * n_layer * nn       # per layer: beam down at the top, up and down at the
-    cdef double* scratch = vectors + 5 * n_layer * nr       # bottom; emitted down; g: sent up from below
-    cdef double* below = scratch + 3 * nn + 8 * n
-    cdef double* up = below + nn
-    cdef double* down = up + nr
-    cdef double* falling = down + nr
-    cdef double* spare = falling + nr                       # 2 n n_rhs + 2 n
-    cdef double* system
-    cdef double* vector
+    cdef doubles systems = desk.work                         # per layer: LU even, LU odd, R, T, G
+    cdef doubles vectors = systems + 5 * n_layer * nn       # per layer: beam down at the top, up and down at the
+    cdef doubles scratch = vectors + 5 * n_layer * nr       # bottom; emitted down; g: sent up from below
+    cdef doubles below = scratch + 3 * nn + 8 * n
+    cdef doubles up = below + nn
+    cdef doubles down = up + nr
+    cdef doubles falling = down + nr
+    cdef doubles spare = falling + nr                       # 2 n n_rhs + 2 n
+    cdef doubles system
+    cdef doubles vector
     for layer in range(n_layer):
         info = slab_systems(n, n_in, n_rhs, lam_re + layer * n, lam_im + layer * n, X + layer * nn, Y + layer * nn,
                             c + layer * nr, zeta + layer * nr, thickness[layer], mu0, above[layer],
@@ -111,7 +121,7 @@ cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam
             for i in range(nr):
                 up[i] = base_source[i] * exp(-(above[n_layer - 1] + thickness[n_layer - 1]) / mu0[i // per_beam])
         for layer in range(n_layer - 1, -1, -1):
-            if clear[layer]:
+            if t.clear[layer]:
                 join_clear_layer(n, n_rhs, lam_re + layer * n, thickness[layer], systems + 5 * layer * nn,
                                  vectors + 5 * layer * nr, below, up)
                 continue
@@ -147,8 +157,8 @@ cdef int boundary_one(int n, int n_layer, int n_in, int n_rhs, const double* lam
 
 
 # (1:45)
-cdef void slab_matrix(int n, bint is_odd, const double* lam_re, const double* lam_im, const double* X, const double* Y,
-                      double thickness, double* matrix, double* spare) noexcept nogil:
+cdef void slab_matrix(int n, bint is_odd, given lam_re, given lam_im, given X, given Y,
+                      double thickness, doubles matrix, doubles spare) noexcept nogil:
     """Even: X + Y lambda f (where all fades: X + Y k); odd: X f + Y; f = tanh(k h)/k."""
     cdef int j
     cdef size_t i
@@ -168,16 +178,16 @@ cdef void slab_matrix(int n, bint is_odd, const double* lam_re, const double* la
         matrix[i] += Y[i] if is_odd else X[i]
 
 
-cdef int slab_systems(int n, int n_in, int n_rhs, const double* lam_re, const double* lam_im, const double* X,
-                      const double* Y, const double* c, const double* zeta, double thickness, const double* mu0,
-                      double above, double* systems, int* pivots, double* vectors, double* scratch,
-                      double* spare) noexcept nogil:
+cdef int slab_systems(int n, int n_in, int n_rhs, given lam_re, given lam_im, given X,
+                      given Y, given c, given zeta, double thickness, given mu0,
+                      double above, doubles systems, ints pivots, doubles vectors, doubles scratch,
+                      doubles spare) noexcept nogil:
     """Factorises the two systems of a slab; the beam's field at its top and bottom."""
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, r, i
     cdef int info, per_beam = n_rhs // n_in, beam, j
-    cdef double* y = scratch
-    cdef double* z = scratch + n
-    cdef double* xy = scratch + 2 * n
+    cdef doubles y = scratch
+    cdef doubles z = scratch + n
+    cdef doubles xy = scratch + 2 * n
     cdef cplx* response = <cplx*>(scratch + 4 * n)
     cdef cplx k
     cdef double at_top, at_bottom
@@ -213,16 +223,16 @@ cdef int slab_systems(int n, int n_in, int n_rhs, const double* lam_re, const do
     return info
 
 
-cdef int fading_slab(int n, const double* lam_re, const double* lam_im, const double* X, const double* Y, double thickness,
-                     const double* systems, const int* pivots, int* pivots_inner, double* R, double* T, double* scratch,
-                     double* spare) noexcept nogil:
+cdef int fading_slab(int n, given lam_re, given lam_im, given X, given Y, double thickness,
+                     given systems, given_ints pivots, ints pivots_inner, doubles R, doubles T, doubles scratch,
+                     doubles spare) noexcept nogil:
     """R and T from those of the endless layer, R0 = (X - Y k) P^-1, and S = P e^(-k thickness) P^-1, P = X + Y k:
     R = (R0 - S W) a and T = (S - R0 W) a with W = R0 S, a = (1 - W^2)^-1."""
     cdef size_t nn = <size_t>n * n, i
     cdef int j, info = 0
     cdef double rate = slowest_rate(n, lam_re, lam_im)
-    cdef double* W = scratch
-    cdef double* M = scratch + nn
+    cdef doubles W = scratch
+    cdef doubles M = scratch + nn
     cdef cplx* fade = <cplx*>spare
     transpose(n, X, W)
     solve(b"T", n, n, systems, n, pivots, W, n)
@@ -256,7 +266,7 @@ cdef int fading_slab(int n, const double* lam_re, const double* lam_im, const do
     return info
 
 
-cdef inline void times_inverse(int n, const double* lu, const int* pivots, double* a, double* spare) noexcept nogil:
+cdef inline void times_inverse(int n, given lu, given_ints pivots, doubles a, doubles spare) noexcept nogil:
     """a <- a M^-1, M given by its factors."""
     transpose(n, a, spare)
     solve(b"T", n, n, lu, n, pivots, spare, n)
@@ -264,18 +274,18 @@ cdef inline void times_inverse(int n, const double* lu, const int* pivots, doubl
 
 
 # (1:57)-(1:65)
-cdef int join_layer(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X, const double* Y,
-                    double thickness, double* systems,
-                    const int* pivots, int* pivots_below, double* vectors, double* below, double* up, double* scratch,
-                    double* spare) noexcept nogil:
+cdef int join_layer(int n, int n_rhs, given lam_re, given lam_im, given X, given Y,
+                    double thickness, doubles systems,
+                    given_ints pivots, ints pivots_below, doubles vectors, doubles below, doubles up, doubles scratch,
+                    doubles spare) noexcept nogil:
     """R and T of the layer, then (star product) what lies below its top: `below` its reflection, `up` its emission."""
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, j
-    cdef double* R = systems + 2 * nn
-    cdef double* T = systems + 3 * nn
-    cdef double* G = systems + 4 * nn
-    cdef double* falling = vectors + 3 * nr
-    cdef double* g = vectors + 4 * nr
-    cdef double* old = scratch
+    cdef doubles R = systems + 2 * nn
+    cdef doubles T = systems + 3 * nn
+    cdef doubles G = systems + 4 * nn
+    cdef doubles falling = vectors + 3 * nr
+    cdef doubles g = vectors + 4 * nr
+    cdef doubles old = scratch
     cdef int info
     if fades(n, lam_re, lam_im, thickness):
         info = fading_slab(n, lam_re, lam_im, X, Y, thickness, systems, pivots, pivots_below, R, T, scratch, spare)
@@ -321,13 +331,13 @@ cdef int join_layer(int n, int n_rhs, const double* lam_re, const double* lam_im
     return info
 
 
-cdef void join_clear_layer(int n, int n_rhs, const double* lam_re, double thickness, double* systems, double* vectors,
-                           double* below, double* up) noexcept nogil:
+cdef void join_clear_layer(int n, int n_rhs, given lam_re, double thickness, doubles systems, doubles vectors,
+                           doubles below, doubles up) noexcept nogil:
     """join_layer where nothing scatters: R = 0, T = e^(-thickness/mu), and the beam has no field of its own."""
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs
     cdef int i, j
     cdef double passed
-    cdef double* T = systems + 3 * nn
+    cdef doubles T = systems + 3 * nn
     memset(systems + 2 * nn, 0, sizeof(double) * 2 * nn)
     for i in range(n):
         T[<size_t>i * n + i] = exp(-thickness * sqrt(lam_re[i]))
@@ -344,9 +354,9 @@ cdef void join_clear_layer(int n, int n_rhs, const double* lam_re, double thickn
 
 
 # (1:49)-(1:56)
-cdef double amplitudes(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X, const double* Y,
-                       double thickness, const double* systems, const int* pivots, const double* top, const double* bottom,
-                       double* even, double* odd, double* scratch, double* spare) noexcept nogil:
+cdef double amplitudes(int n, int n_rhs, given lam_re, given lam_im, given X, given Y,
+                       double thickness, given systems, given_ints pivots, given top, given bottom,
+                       doubles even, doubles odd, doubles scratch, doubles spare) noexcept nogil:
     """even = (X + Y lambda f)^-1 (top + bottom), odd = (X f + Y)^-1 (bottom - top); the relative residual."""
     cdef size_t nr = <size_t>n * n_rhs, nn = <size_t>n * n, i
     cdef double worst, largest = 0.0
@@ -371,10 +381,10 @@ cdef double amplitudes(int n, int n_rhs, const double* lam_re, const double* lam
 
 
 # (2:12)-(2:15)
-cdef double fading_amplitudes(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X,
-                              const double* Y, double thickness, const double* systems, const int* pivots,
-                              const double* top, const double* bottom, double* from_top, double* from_bottom,
-                              double* scratch, double* spare) noexcept nogil:
+cdef double fading_amplitudes(int n, int n_rhs, given lam_re, given lam_im, given X,
+                              given Y, double thickness, given systems, given_ints pivots,
+                              given top, given bottom, doubles from_top, doubles from_bottom,
+                              doubles scratch, doubles spare) noexcept nogil:
     """from_top = P^-1 (2 top - Q e^(-k thickness) from_bottom), from_bottom = P^-1 (2 bottom - Q e^(-k thickness) from_top)
     by turns, P, Q = X +- Y k: each gains the factor e^(-k thickness) squared. The relative residual at the top."""
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i
@@ -402,9 +412,9 @@ cdef double fading_amplitudes(int n, int n_rhs, const double* lam_re, const doub
     return largest_of(nr, spare + nr) / largest if largest > 1e-280 else 0.0
 
 
-cdef void other_face(int n, int n_rhs, const double* lam_re, const double* lam_im, const double* X, const double* Y,
-                     double thickness, const double* entering, const double* amplitude, double* out, double* scratch,
-                     double* spare) noexcept nogil:
+cdef void other_face(int n, int n_rhs, given lam_re, given lam_im, given X, given Y,
+                     double thickness, given entering, given amplitude, doubles out, doubles scratch,
+                     doubles spare) noexcept nogil:
     """out = 2 entering - (X - Y k) e^(-k thickness) amplitude."""
     cdef size_t nr = <size_t>n * n_rhs, i
     cdef int j, r

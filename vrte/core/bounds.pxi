@@ -1,65 +1,63 @@
 # What multiple scattering can do at most, order by order, before anything is solved.
 
-def bounds_work(n_all, n_term):
-    """Doubles of `work` that one thread of `order_bounds` needs."""
-    return 4 * n_all * n_term + 3 * n_all + 3 * n_term
+cdef struct Bounding:
+    bint polar
+    int n_term, n_layer, n_all, n_node, n_out
+    given_ints terms
+    given coefficients, albedo, directions, weights
+    doubles strength, bounds, effect
 
 
-def order_bounds(const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
+def order_bounds(crew, *, const double[:, :, ::1] coefficients, const int[::1] terms, const double[::1] albedo,
                  const double[::1] directions, const double[::1] weights, int n_out, double[:, ::1] strength,
-                 double[::1] bounds, double[:, ::1] effect, int threads, double[:, ::1] work, double[::1] seconds,
-                 const int[::1] stop):
+                 double[::1] bounds, double[:, ::1] effect):
     """What multiple scattering can do, order by order, before anything is solved.
 
-    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. strength (layer, order): the
-    norm q of one scattering, the largest omega |B_l|/(2 l + 1) of the degrees l >= m; bounds (order,): what all light
-    scattered at least twice adds, times 1 - q, to the radiance of one order for a unit beam: with the norm of L2 over
-    depth and direction, u v sqrt(mu0/mu)/(16 pi), where u and v are the norms of A^m's row to an outgoing direction and
-    of its column from an incident one. effect (order, node): what light that is scattered by way of one node adds,
-    times (1 - q)^2.
+    coefficients (layer, term, 6); directions: nodes, then n_out outgoing, then incident cosines. strength (layer,
+    order): the norm q of one scattering, the largest omega |B_l|/(2 l + 1) of the degrees l >= m; bounds (order,): what
+    all light scattered at least twice adds, times 1 - q, to the radiance of one order for a unit beam: with the norm of
+    L2 over depth and direction, u v sqrt(mu0/mu)/(16 pi), where u and v are the norms of A^m's row to an outgoing
+    direction and of its column from an incident one. effect (order, node): what light that is scattered by way of one
+    node adds, times (1 - q)^2.
     """
-    cdef int n_term = <int>coefficients.shape[1], m, thread
-    cdef double start
-    cdef bint polar = np.any(np.asarray(coefficients)[:, :, 1:])
-    for m in prange(n_term, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            order_bound(m, polar, n_term, <int>coefficients.shape[0], &coefficients[0, 0, 0], &terms[0], &albedo[0],
-                        &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], n_out, &strength[0, m],
-                        &bounds[m], &effect[m, 0], &work[thread, 0])
-            seconds[thread] += vrte_seconds() - start
+    cdef Bounding task = Bounding(
+        np.any(np.asarray(coefficients)[:, :, 1:]), <int>coefficients.shape[1], <int>coefficients.shape[0],
+        <int>directions.shape[0], <int>weights.shape[0], n_out, &terms[0], &coefficients[0, 0, 0], &albedo[0],
+        &directions[0], &weights[0], &strength[0, 0], &bounds[0], &effect[0, 0])
+    run_items(crew, order_bound, &task, task.n_term, 4 * task.n_all * task.n_term + 3 * task.n_all + 3 * task.n_term, 0, NULL)
 
 
-cdef inline double norm_of_coefficients(const double* c) noexcept nogil:
+cdef inline double norm_of_coefficients(given c) noexcept nogil:
     """Of both 2 x 2 blocks of B_l, the larger norm, or a little more."""
     cdef double first = 0.5 * fabs(c[0] + c[1]) + hypot(0.5 * (c[0] - c[1]), c[4])
     return max(first, max(fabs(c[2]), fabs(c[3])) + fabs(c[5]))
 
 
-cdef void order_bound(int m, bint polar, int n_term, int n_layer, const double* coefficients, const int* terms,
-                      const double* albedo, const double* directions, int n_all, const double* weights, int n_node, int n_out,
-                      double* strength, double* bound, double* effect, double* work) noexcept nogil:
-    cdef double* prt = work
-    cdef double* norms = prt + <size_t>3 * n_all * n_term      # (l, direction): |P_l^m|
-    cdef double* u = norms + <size_t>n_all * n_term
-    cdef double* to_out = u + n_all                            # (node,): by way of it
-    cdef double* to_in = to_out + n_all
-    cdef double* size = to_in + n_all
-    cdef double* out = size + n_term                           # (l,): the largest norm of an outgoing, an incident
-    cdef double* into = out + n_term                           # direction
+cdef int order_bound(const void* task, int m, Desk desk) noexcept nogil:
+    cdef const Bounding* b = <const Bounding*>task
+    cdef int n_term = b.n_term, n_all = b.n_all, n_node = b.n_node, n_out = b.n_out
+    cdef given directions = b.directions, albedo = b.albedo
+    cdef doubles bound = b.bounds + m, effect = b.effect + <size_t>m * n_node
+    cdef doubles prt = desk.work
+    cdef doubles norms = prt + <size_t>3 * n_all * n_term      # (l, direction): |P_l^m|
+    cdef doubles u = norms + <size_t>n_all * n_term
+    cdef doubles to_out = u + n_all                            # (node,): by way of it
+    cdef doubles to_in = to_out + n_all
+    cdef doubles size = to_in + n_all
+    cdef doubles out = size + n_term                           # (l,): the largest norm of an outgoing, an incident
+    cdef doubles into = out + n_term                           # direction
     cdef int l, i, layer
     cdef double worst_u, worst_v, factor, out_factor, in_factor
-    cdef const double* p
-    cdef double* norm
-    cdef double* q
+    cdef given p
+    cdef doubles norm
+    cdef doubles q
     bound[0] = 0.0
     memset(effect, 0, sizeof(double) * n_node)
-    spherical(m, n_term, polar, directions, n_all, prt)
+    spherical(m, n_term, b.polar, directions, n_all, prt)
     for l in range(m, n_term):
         p = prt + <size_t>3 * l * n_all
         norm = norms + <size_t>l * n_all
-        if polar:
+        if b.polar:
             for i in range(n_all):
                 norm[i] = max(fabs(p[i]), fabs(p[n_all + i]) + fabs(p[2 * n_all + i]))
         else:
@@ -67,14 +65,14 @@ cdef void order_bound(int m, bint polar, int n_term, int n_layer, const double* 
                 norm[i] = fabs(p[i])
         out[l] = largest_of(n_out, norm + n_node)
         into[l] = largest_of(n_all - n_node - n_out, norm + n_node + n_out)
-    for layer in range(n_layer):
+    for layer in range(b.n_layer):
         worst_u = worst_v = 0.0
-        q = strength + <size_t>layer * n_term
+        q = b.strength + <size_t>layer * n_term + m
         q[0] = 0.0
         memset(u, 0, sizeof(double) * 3 * n_all)
-        for l in range(m, terms[layer]):
+        for l in range(m, b.terms[layer]):
             norm = norms + <size_t>l * n_all
-            size[l] = albedo[layer] * norm_of_coefficients(coefficients + (<size_t>layer * n_term + l) * 6)
+            size[l] = albedo[layer] * norm_of_coefficients(b.coefficients + (<size_t>layer * n_term + l) * 6)
             q[0] = max(q[0], size[l] / (2.0 * l + 1.0))
             factor = 2.0 / (2.0 * l + 1.0) * size[l] * size[l]
             out_factor, in_factor = size[l] * out[l], size[l] * into[l]
@@ -89,10 +87,11 @@ cdef void order_bound(int m, bint polar, int n_term, int n_layer, const double* 
             worst_v = max(worst_v, u[i] * directions[i])
         bound[0] = max(bound[0], sqrt(worst_u * worst_v) / (16.0 * PI))
         for i in range(n_node):
-            effect[i] = max(effect[i], weights[i] * to_out[i] * to_in[i] / (8.0 * PI))
+            effect[i] = max(effect[i], b.weights[i] * to_out[i] * to_in[i] / (8.0 * PI))
+    return 0
 
 
-def bounds_at(const double[::1] strength, const double[::1] bounds, const double[::1] depth, const double[::1] decays):
+def bounds_at(*, const double[::1] strength, const double[::1] bounds, const double[::1] depth, const double[::1] decays):
     """What multiple scattering of each order adds at most at each depth, (order, n_tau).
 
     An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
@@ -116,7 +115,7 @@ def bounds_at(const double[::1] strength, const double[::1] bounds, const double
     return np.asarray(out)
 
 
-def nodes_seen(const double[::1] strength, const double[:, ::1] effect, double allowed, double largest_gain):
+def nodes_seen(*, const double[::1] strength, const double[:, ::1] effect, double allowed, double largest_gain):
     """How many nodes, from the lowest mu, each order needs (order,): what passes by way of the others is less than
     `allowed`. All for order 0; no more than the order before."""
     cdef int n_order = <int>effect.shape[0], n_node = <int>effect.shape[1], m, count, most = 1

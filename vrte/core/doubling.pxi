@@ -3,59 +3,67 @@ def doubling_work(n, r, o):
     return 8 * extended_size(n, r, o) + 4 * n
 
 
-def double_slabs(const int[::1] orders, bint conserving, bint clear, bint settled, const int[::1] material, const double[::1] thickness, const double[::1] albedo,
-                 const double[::1] asymmetry, const double[::1] nodes, const double[::1] weights, const double[::1] mu0,
+cdef struct Doubling:
+    int stokes, n_node, n_in, n_col, n_out, n_slab, n_material
+    bint conserving, clear, settled
+    given_ints orders, material
+    given thickness, albedo, asymmetry, nodes, weights, mu0, columns, mu_out
+    given E, F, G_E, G_F, source_s, source_d
+    doubles R, T, lost, residual
+    ints doublings
+
+
+def double_slabs(crew, *, const int[::1] orders, bint conserving, bint clear, bint settled, const int[::1] material,
+                 const double[::1] thickness, const double[::1] albedo, const double[::1] asymmetry,
+                 const double[::1] nodes, const double[::1] weights, const double[::1] mu0,
                  const double[:, ::1] columns, const double[::1] mu_out, const double[:, :, :, ::1] E,
                  const double[:, :, :, ::1] F, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
                  const double[:, :, :, ::1] source_s, const double[:, :, :, ::1] source_d, double[:, :, ::1] R,
                  double[:, :, ::1] T, double[:, :, ::1] lost, double[:, :, ::1] residual, int[:, ::1] doublings,
-                 int[:, ::1] info, int threads, double[:, ::1] work, int[:, ::1] pivots, double[::1] seconds,
-                 const int[::1] stop):
+                 int[:, ::1] info):
     """Reflection and transmission of homogeneous slabs, on the nodes and for directions off them.
 
-    conserving: whether order 0 has I; clear: whether slabs without scattering are not doubled; settled: whether doublings
-    that change R no more are cut short; material (slab,): place of the slab's material in albedo, asymmetry (material,) and in the matrices that `assemble`
-    left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, S) the incident Stokes vectors, mu_out (n_out,).
-    R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks N, NI, ON, OI, OO, II one behind the other, T with
-    the unscattered light on its diagonal; in order 0 the nodes are turned so that one axis (`flux_axis`) carries the flux.
-    lost (order, slab, n): what the slab absorbs of it, its row of 1 - R - T. residual (order, slab, 2): how well
-    R, and T, satisfy invariance, relative; doublings (order, slab).
+    conserving: whether order 0 has I; clear: whether slabs without scattering are not doubled; settled: whether
+    doublings that change R no more are cut short; material (slab,): place of the slab's material in albedo, asymmetry
+    (material,) and in the matrices that `assemble` left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, S)
+    the incident Stokes vectors, mu_out (n_out,). R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks N,
+    NI, ON, OI, OO, II one behind the other, T with the unscattered light on its diagonal; in order 0 the nodes are
+    turned so that one axis (`flux_axis`) carries the flux. lost (order, slab, n): what the slab absorbs of it, its row
+    of 1 - R - T. residual (order, slab, 2): how well R, and T, satisfy invariance, relative; doublings (order, slab).
     """
-    cdef int n_order = <int>orders.shape[0], n_slab = <int>material.shape[0], item, thread, o, k, m
-    cdef int n_item = n_order * n_slab
-    cdef double start
-    for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            o = item // n_slab
-            k = item % n_slab
-            m = material[k]
-            info[o, k] = double_one(
-                orders[o] if conserving else max(orders[o], 1), clear, settled, <int>columns.shape[1], <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0],
-                thickness[k], albedo[m], asymmetry[m], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0],
-                &E[o, m, 0, 0], &F[o, m, 0, 0], &G_E[o, m, 0, 0], &G_F[o, m, 0, 0], &source_s[o, m, 0, 0],
-                &source_d[o, m, 0, 0], &R[o, k, 0], &T[o, k, 0], &lost[o, k, 0], &residual[o, k, 0], &doublings[o, k],
-                &work[thread, 0], &pivots[thread, 0], &stop[0])
-            seconds[thread] += vrte_seconds() - start
+    cdef int stokes = <int>columns.shape[1], n_slab = <int>material.shape[0]
+    cdef Doubling task = Doubling(
+        stokes, <int>weights.shape[0], <int>mu0.shape[0], <int>columns.shape[0], <int>mu_out.shape[0], n_slab,
+        <int>albedo.shape[0], conserving, clear, settled, &orders[0], &material[0], &thickness[0], &albedo[0],
+        &asymmetry[0], &nodes[0], &weights[0], &mu0[0], &columns[0, 0], &mu_out[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0],
+        &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &source_s[0, 0, 0, 0], &source_d[0, 0, 0, 0], &R[0, 0, 0], &T[0, 0, 0],
+        &lost[0, 0, 0], &residual[0, 0, 0], &doublings[0, 0])
+    cdef int n = stokes * task.n_node
+    run_items(crew, double_one, &task, <int>orders.shape[0] * n_slab,
+              doubling_work(n, task.n_in * task.n_col, stokes * task.n_out), n, &info[0, 0])
 
 
-cdef int double_one(int m, bint clear, bint settled, int stokes, int n_node, int n_in, int n_col, int n_out, double thickness, double albedo, double asymmetry,
-                    const double* nodes, const double* weights, const double* mu0, const double* columns,
-                    const double* mu_out, const double* E, const double* F, const double* G_E, const double* G_F,
-                    const double* source_s, const double* source_d, double* R, double* T, double* lost, double* residual,
-                    int* doublings, double* work, int* pivots, const int* stop) noexcept nogil:
-    cdef Sizes s
-    cdef int info, i
-    cdef size_t each
-    s.n, s.r, s.o, s.stokes = stokes * n_node, n_in * n_col, stokes * n_out, stokes
-    each = size_extended(s)
+cdef int double_one(const void* task, int item, Desk desk) noexcept nogil:
+    cdef const Doubling* d = <const Doubling*>task
+    cdef int order = item // d.n_slab, k = item % d.n_slab, material = d.material[k], stokes = d.stokes, info, i
+    cdef int n_in = d.n_in, n_col = d.n_col, m = d.orders[order] if d.conserving else max(d.orders[order], 1)
+    cdef Sizes s = Sizes(stokes * d.n_node, n_in * n_col, stokes * d.n_out, stokes)
+    cdef size_t each = size_extended(s), at = <size_t>order * d.n_material + material, n = s.n
+    cdef double thickness = d.thickness[k], albedo = d.albedo[material]
+    cdef given nodes = d.nodes, weights = d.weights, mu0 = d.mu0, columns = d.columns, mu_out = d.mu_out
+    cdef given E = d.E + at * n * n, F = d.F + at * n * n
+    cdef given G_E = d.G_E + at * n * s.o, G_F = d.G_F + at * n * s.o
+    cdef given source_s = d.source_s + at * stokes * n_in * n, source_d = d.source_d + at * stokes * n_in * n
+    cdef doubles R = d.R + item * each, T = d.T + item * each, lost = d.lost + item * n
+    cdef doubles residual = d.residual + 2 * <size_t>item, work = desk.work
+    cdef ints doublings = d.doublings + item, pivots = desk.pivots
+    cdef given_ints stop = desk.stop
     cdef Extended e = extended_at(s, work), f = extended_at(s, work + each)
     cdef Extended Ze = extended_at(s, work + 2 * each), Zo = extended_at(s, work + 3 * each)
     cdef Extended C = extended_at(s, work + 4 * each), a = extended_at(s, work + 5 * each)
     cdef Extended b = extended_at(s, work + 6 * each), spare = extended_at(s, work + 7 * each)
     cdef Extended r = extended_at(s, R), t = extended_at(s, T)
-    cdef double* v = work + 8 * each
+    cdef doubles v = work + 8 * each
     cdef double steepest = 0.0
     memset(R, 0, sizeof(double) * each)
     memset(T, 0, sizeof(double) * each)
@@ -63,7 +71,7 @@ cdef int double_one(int m, bint clear, bint settled, int stokes, int n_node, int
     residual[0] = residual[1] = 0.0
     doublings[0] = 0
     rates(s, n_col, nodes, mu0, mu_out, e, &steepest)
-    if albedo == 0.0 and clear:
+    if albedo == 0.0 and d.clear:
         clear_slab(s, thickness, nodes, weights, e, t, m, lost, v, spare.N)
         return 0
     extend(s, n_col, n_in, columns, E, G_E, source_d, mu_out, e)
@@ -72,9 +80,9 @@ cdef int double_one(int m, bint clear, bint settled, int stokes, int n_node, int
     if m == 0:
         turn_extended(s, albedo, nodes, weights, columns, n_col, mu_out, v, e, f, spare.N)
     if thickness < 1e300:
-        info = double_plainly(s, m, settled, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
+        info = double_plainly(s, m, d.settled, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
     else:
-        info = double_endless(s, m, albedo, asymmetry, steepest, e, f, Ze, Zo, a, b, spare, doublings, pivots, stop)
+        info = double_endless(s, m, albedo, d.asymmetry[material], steepest, e, f, Ze, Zo, a, b, spare, doublings, pivots, stop)
     if info != 0 or stop[0]:
         return info
     info = reflect_and_transmit(s, thickness, Ze, Zo, C, a, b, spare, r, t, lost, m, pivots)
@@ -86,8 +94,8 @@ cdef int double_one(int m, bint clear, bint settled, int stokes, int n_node, int
     return info
 
 
-cdef void rates(Sizes s, int n_col, const double* nodes, const double* mu0, const double* mu_out, Extended a,
-                double* steepest) noexcept nogil:
+cdef void rates(Sizes s, int n_col, given nodes, given mu0, given mu_out, Extended a,
+                doubles steepest) noexcept nogil:
     """1/mu of the incident and outgoing directions on the diagonal; the largest of all."""
     cdef int i
     for i in range(s.o):
@@ -100,8 +108,8 @@ cdef void rates(Sizes s, int n_col, const double* nodes, const double* mu0, cons
         steepest[0] = max(steepest[0], 1.0 / nodes[i])
 
 
-cdef void clear_slab(Sizes s, double thickness, const double* nodes, const double* weights, Extended rate, Extended t, int m,
-                     double* lost, double* v, double* spare) noexcept nogil:
+cdef void clear_slab(Sizes s, double thickness, given nodes, given weights, Extended rate, Extended t, int m,
+                     doubles lost, doubles v, doubles spare) noexcept nogil:
     """A slab that does not scatter: T alone."""
     cdef int i
     cdef double size = 0.0
@@ -122,8 +130,8 @@ cdef void clear_slab(Sizes s, double thickness, const double* nodes, const doubl
     turn_columns(s.n, s.stokes, 1, v, lost)
 
 
-cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const double* matrix, const double* G,
-                 const double* source, const double* mu_out, Extended a) noexcept nogil:
+cdef void extend(Sizes s, int n_col, int n_in, given columns, given matrix, given G,
+                 given source, given mu_out, Extended a) noexcept nogil:
     """E or F with its incident and outgoing directions: the sources with the other sign, no OI."""
     cdef int i, j
     memcpy(a.N, matrix, sizeof(double) * <size_t>s.n * s.n)
@@ -136,8 +144,8 @@ cdef void extend(Sizes s, int n_col, int n_in, const double* columns, const doub
     memset(a.OI, 0, sizeof(double) * <size_t>s.r * s.o)
 
 
-cdef void turn_extended(Sizes s, double albedo, const double* nodes, const double* weights, const double* columns, int n_col,
-                        const double* mu_out, double* v, Extended e, Extended f, double* spare) noexcept nogil:
+cdef void turn_extended(Sizes s, double albedo, given nodes, given weights, given columns, int n_col,
+                        given mu_out, doubles v, Extended e, Extended f, doubles spare) noexcept nogil:
     """Order 0: one axis becomes sqrt(weight mu) on I, whose row and column of E are known exactly (2 N terms)."""
     cdef int i, axis = flux_axis(s.n, s.stokes)
     cdef double size = 0.0
@@ -156,7 +164,7 @@ cdef void turn_extended(Sizes s, double albedo, const double* nodes, const doubl
         e.ON[<size_t>axis * s.o + i] = 0.0 if i % s.stokes else albedo / (mu_out[i // s.stokes] * size)
 
 
-cdef inline void turn_edges(Sizes s, const double* v, Extended a, double* spare) noexcept nogil:
+cdef inline void turn_edges(Sizes s, given v, Extended a, doubles spare) noexcept nogil:
     """NI <- (1 - v v^T) NI, ON <- ON (1 - v v^T)."""
     turn_columns(s.n, s.stokes, s.r, v, a.NI)
     turn_rows(s.n, s.stokes, s.o, v, a.ON, spare)
@@ -166,8 +174,8 @@ cdef double SETTLED = 1e-17     # below the rounding of 1
 
 
 cdef int double_plainly(Sizes s, int m, bint settled, double thickness, double steepest, Extended e, Extended f, Extended Ze, Extended Zo,
-                        Extended C, Extended a, Extended b, Extended spare, int* doublings, int* pivots,
-                        const int* stop) noexcept nogil:
+                        Extended C, Extended a, Extended b, Extended spare, ints doublings, ints pivots,
+                        given_ints stop) noexcept nogil:
     """Ze, Zo and C = 1 - Zo Ze of a finite slab: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1, L = 1 + Zo Ze.
 
     C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
@@ -246,7 +254,7 @@ cdef inline double one_over_cosh_squared(double x) noexcept nogil:
 
 
 cdef int rational_start(Sizes s, double h, Extended e, Extended f, Extended Ze, Extended Zo, Extended z, Extended power,
-                        Extended above, Extended below, int* pivots) noexcept nogil:
+                        Extended above, Extended below, ints pivots) noexcept nogil:
     """Ze = E f, Zo = f F with the seventh convergent of tanh's continued fraction (2e-16 for h sqrt(A) <= 1/2).
 
     z: F E on entry. power, above, below: scratch.
@@ -281,8 +289,8 @@ cdef int rational_start(Sizes s, double h, Extended e, Extended f, Extended Ze, 
 
 
 cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double steepest, Extended e, Extended f,
-                        Extended Ze, Extended Zo, Extended a, Extended b, Extended spare, int* doublings, int* pivots,
-                        const int* stop) noexcept nogil:
+                        Extended Ze, Extended Zo, Extended a, Extended b, Extended spare, ints doublings, ints pivots,
+                        given_ints stop) noexcept nogil:
     """Ze and Zo of a slab without end, where Zo Ze = 1, by scaled doublings.
 
     Before each, both are multiplied by ratio^(-1/2), `ratio` being the smallest over the largest eigenvalue of
@@ -333,7 +341,7 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
 
 
 cdef int reflect_and_transmit(Sizes s, double thickness, Extended Ze, Extended Zo, Extended C, Extended a, Extended b,
-                              Extended spare, Extended r, Extended t, double* lost, int m, int* pivots) noexcept nogil:
+                              Extended spare, Extended r, Extended t, doubles lost, int m, ints pivots) noexcept nogil:
     """r = So - Se and t = (1 + Zo)^-1 C (1 + Ze)^-1; without end r = 1 - 2 Se and t = 0. lost = 2 Se, the flux's row."""
     cdef int info, i, axis = flux_axis(s.n, s.stokes)
     cdef bint endless = thickness > 1e300
@@ -407,16 +415,16 @@ cdef void reflect_by_invariance(Sizes s, Extended alpha, Extended beta, Extended
 
 
 cdef void invariance(Sizes s, double thickness, Extended alpha, Extended beta, Extended r, Extended t, Extended a, Extended b,
-                     Extended c, double* residual) noexcept nogil:
+                     Extended c, doubles residual) noexcept nogil:
     """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative:
     beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R).
 
     R counts relative to the light that it meets, not to itself: where albedo is 1e-12, nobody sees its last digits."""
     cdef size_t i, nn = <size_t>s.n * s.n
     cdef int n = s.n
-    cdef double* x = a.N
-    cdef double* y = b.N
-    cdef double* z = c.N
+    cdef doubles x = a.N
+    cdef doubles y = b.N
+    cdef doubles z = c.N
     cdef double largest
     memcpy(x, alpha.N, sizeof(double) * nn)
     product(b"N", b"N", n, n, n, 1.0, r.N, n, beta.N, n, 1.0, x, n)      # alpha + R beta

@@ -7,12 +7,12 @@
 # it is left at zero, because single scattering has a closed form; what OI then holds is multiple scattering alone.
 
 cdef struct Extended:
-    double* N
-    double* NI
-    double* ON
-    double* OI
-    double* OO
-    double* II
+    doubles N
+    doubles NI
+    doubles ON
+    doubles OI
+    doubles OO
+    doubles II
 
 
 cdef struct Sizes:
@@ -31,7 +31,7 @@ cdef inline size_t size_extended(Sizes s) noexcept nogil:
     return <size_t>s.n * s.n + <size_t>s.r * s.n + <size_t>s.n * s.o + <size_t>s.r * s.o + s.o + s.r
 
 
-cdef inline Extended extended_at(Sizes s, double* memory) noexcept nogil:
+cdef inline Extended extended_at(Sizes s, doubles memory) noexcept nogil:
     cdef Extended x
     x.N = memory
     x.NI = x.N + <size_t>s.n * s.n
@@ -93,7 +93,7 @@ cdef void product_extended(Sizes s, double factor, Extended a, Extended b, Exten
     product(b"N", b"N", s.o, s.r, s.n, factor, a.ON, s.o, b.NI, s.n, 1.0, c.OI, s.o)
 
 
-cdef int invert_extended(Sizes s, Extended a, Extended spare, int* pivots) noexcept nogil:
+cdef int invert_extended(Sizes s, Extended a, Extended spare, ints pivots) noexcept nogil:
     """a <- a^-1."""
     cdef int i, j, info = factorise(s.n, a.N, s.n, pivots), room = s.n * s.n
     cdef size_t k
@@ -122,7 +122,7 @@ cdef int invert_extended(Sizes s, Extended a, Extended spare, int* pivots) noexc
     return 0
 
 
-cdef inline double norm_1(int n, const double* a) noexcept nogil:
+cdef inline double norm_1(int n, given a) noexcept nogil:
     """The largest sum of a column's |elements|."""
     cdef int i, j
     cdef double largest = 0.0, total

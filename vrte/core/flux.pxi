@@ -6,7 +6,7 @@ cdef inline int flux_axis(int n, int stokes) noexcept nogil:
     return n - stokes
 
 
-cdef void conserving_axis(int n, int stokes, const double* directions, const double* weights, double* v) noexcept nogil:
+cdef void conserving_axis(int n, int stokes, given directions, given weights, doubles v) noexcept nogil:
     """v: the Householder vector that turns sqrt(weight mu) on I, the null vector of E at omega = 1, to the flux's axis."""
     cdef int i
     cdef double size = 0.0
@@ -23,7 +23,7 @@ cdef void conserving_axis(int n, int stokes, const double* directions, const dou
         v[stokes * i] *= size
 
 
-cdef inline void turn_columns(int n, int stokes, int columns, const double* v, double* a) noexcept nogil:
+cdef inline void turn_columns(int n, int stokes, int columns, given v, doubles a) noexcept nogil:
     """a <- (1 - v v^T) a, a of n rows."""
     cdef int i, j
     cdef double total
@@ -35,7 +35,7 @@ cdef inline void turn_columns(int n, int stokes, int columns, const double* v, d
             a[<size_t>j * n + i * stokes] -= total * v[i * stokes]
 
 
-cdef inline void turn_rows(int n, int stokes, int rows, const double* v, double* a, double* spare) noexcept nogil:
+cdef inline void turn_rows(int n, int stokes, int rows, given v, doubles a, doubles spare) noexcept nogil:
     """a <- a (1 - v v^T), a of n columns."""
     cdef int i, j
     memset(spare, 0, sizeof(double) * rows)
@@ -47,14 +47,14 @@ cdef inline void turn_rows(int n, int stokes, int rows, const double* v, double*
             a[<size_t>j * stokes * rows + i] -= spare[i] * v[j * stokes]
 
 
-cdef void reflect_both(int n, int stokes, const double* v, double* a, double* spare) noexcept nogil:
+cdef void reflect_both(int n, int stokes, given v, doubles a, doubles spare) noexcept nogil:
     """a <- (1 - v v^T) a (1 - v v^T)."""
     turn_columns(n, stokes, n, v, a)
     turn_rows(n, stokes, n, v, a, spare)
 
 
-cdef void exact_conservation(int n, int stokes, double albedo, const double* directions, const double* weights, const double* v,
-                             double* e, double* row) noexcept nogil:
+cdef void exact_conservation(int n, int stokes, double albedo, given directions, given weights, given v,
+                             doubles e, doubles row) noexcept nogil:
     """The flux's row and column of the turned E: (1 - omega) M^-1 v exactly (2 N terms at most), zero at omega = 1."""
     cdef int i, axis = flux_axis(n, stokes)
     cdef double size = 0.0, total = 0.0

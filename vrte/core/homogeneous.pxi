@@ -5,43 +5,55 @@ def homogeneous_work(n):
     return 5 * n * n + 50 * n + 8
 
 
-def homogeneous(const int[::1] orders, bint conserving, bint quick, bint clear, const double[::1] albedo, const double[::1] directions, const double[::1] weights,
-                const double[:, :, :, ::1] E, const double[:, :, :, ::1] F, double[:, :, ::1] lam_re,
-                double[:, :, ::1] lam_im, double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu,
-                int[:, :, ::1] X_pivots, double[:, ::1] residual, int[:, ::1] info, int threads, double[:, ::1] work,
-                int[:, ::1] pivots, double[::1] seconds, const int[::1] stop):
+cdef struct Homogeneous:
+    int n, n_layer, stokes
+    bint conserving, quick, clear
+    given_ints orders
+    given albedo, directions, weights, E, F
+    doubles lam_re, lam_im, X, Y, X_lu
+    ints X_pivots
+    doubles residual
+
+
+def homogeneous(crew, *, const int[::1] orders, bint conserving, bint quick, bint clear, const double[::1] albedo,
+                const double[::1] directions, const double[::1] weights, const double[:, :, :, ::1] E,
+                const double[:, :, :, ::1] F, double[:, :, ::1] lam_re, double[:, :, ::1] lam_im,
+                double[:, :, :, ::1] X, double[:, :, :, ::1] Y, double[:, :, :, ::1] X_lu, int[:, :, ::1] X_pivots,
+                double[:, ::1] residual, int[:, ::1] info):
     """The modes F E X = X lambda, (1:43), and Y = F^-1 X, (1:44), without a division by lambda.
 
     conserving: whether order 0 has I, so that its flux is conserved; quick: whether symmetric E and F go to the
     symmetric eigensolver, which is several times faster and loses a digit; clear: whether layers without scattering go
-    without an eigenproblem. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical depth
-    squared, complex pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X, or X_pivots starts
-    with -1, X_lu is not filled and X^-1 = Y^T (symmetric modes); residual (order, layer):
-    the largest of |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading,
-    which only a phase matrix with more terms than the nodes carry has.
+    without an eigenproblem. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical
+    depth squared, complex pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X, or X_pivots
+    starts with -1, X_lu is not filled and X^-1 = Y^T (symmetric modes); residual (order, layer): the largest of
+    |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading, which only a phase
+    matrix with more terms than the nodes carry has.
     """
-    cdef int n_order = <int>orders.shape[0], n_layer = <int>albedo.shape[0], n = <int>X.shape[3]
-    cdef int item, thread, o, k, n_item = n_order * n_layer, stokes = n // <int>weights.shape[0]
-    cdef double start
-    for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            o = item // n_layer
-            k = item % n_layer
-            if clear and albedo[k] == 0.0:
-                clear_modes(n, stokes, &directions[0], &lam_re[o, k, 0], &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0],
-                            &X_lu[o, k, 0, 0], &X_pivots[o, k, 0])
-            else:
-                info[o, k] = homogeneous_one(
-                    n, stokes, conserving and orders[o] == 0, quick, albedo[k], &directions[0], &weights[0], &E[o, k, 0, 0], &F[o, k, 0, 0], &lam_re[o, k, 0],
-                    &lam_im[o, k, 0], &X[o, k, 0, 0], &Y[o, k, 0, 0], &X_lu[o, k, 0, 0], &X_pivots[o, k, 0],
-                    &residual[o, k], &work[thread, 0], &pivots[thread, 0])
-            seconds[thread] += vrte_seconds() - start
+    cdef int n_layer = <int>albedo.shape[0], n = <int>X.shape[3]
+    cdef Homogeneous task = Homogeneous(
+        n, n_layer, n // <int>weights.shape[0], conserving, quick, clear, &orders[0], &albedo[0], &directions[0],
+        &weights[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
+        &X_lu[0, 0, 0, 0], &X_pivots[0, 0, 0], &residual[0, 0])
+    run_items(crew, modes_of_layer, &task, <int>orders.shape[0] * n_layer, homogeneous_work(n), 6 * n + 8, &info[0, 0])
 
 
-cdef void clear_modes(int n, int stokes, const double* directions, double* lam_re, double* lam_im, double* X, double* Y,
-                      double* X_lu, int* X_pivots) noexcept nogil:
+cdef int modes_of_layer(const void* task, int item, Desk desk) noexcept nogil:
+    cdef const Homogeneous* h = <const Homogeneous*>task
+    cdef size_t n = h.n, at = item * n, nn = item * n * n
+    cdef double albedo = h.albedo[item % h.n_layer]
+    if h.clear and albedo == 0.0:
+        clear_modes(h.n, h.stokes, h.directions, h.lam_re + at, h.lam_im + at, h.X + nn, h.Y + nn, h.X_lu + nn,
+                    h.X_pivots + at)
+        return 0
+    return homogeneous_one(
+        h.n, h.stokes, h.conserving and h.orders[item // h.n_layer] == 0, h.quick, albedo, h.directions, h.weights,
+        h.E + nn, h.F + nn, h.lam_re + at, h.lam_im + at, h.X + nn, h.Y + nn, h.X_lu + nn, h.X_pivots + at,
+        h.residual + item, desk.work, desk.pivots)
+
+
+cdef void clear_modes(int n, int stokes, given directions, doubles lam_re, doubles lam_im, doubles X, doubles Y,
+                      doubles X_lu, ints X_pivots) noexcept nogil:
     """A layer that does not scatter: E = F = 1/mu, so X = 1, lambda = 1/mu^2 and Y = mu."""
     cdef int i
     cdef size_t size = sizeof(double) * <size_t>n * n
@@ -57,14 +69,14 @@ cdef void clear_modes(int n, int stokes, const double* directions, double* lam_r
 
 
 # (1:40)-(1:44)
-cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double albedo, const double* directions, const double* weights, const double* E,
-                         const double* F, double* lam_re, double* lam_im, double* X, double* Y, double* X_lu,
-                         int* X_pivots, double* residual, double* work, int* pivots) noexcept nogil:
-    cdef double* e = work
-    cdef double* f = e + n * n
-    cdef double* a = f + n * n
-    cdef double* v = a + n * n
-    cdef double* spare = v + n
+cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double albedo, given directions, given weights, given E,
+                         given F, doubles lam_re, doubles lam_im, doubles X, doubles Y, doubles X_lu,
+                         ints X_pivots, doubles residual, doubles work, ints pivots) noexcept nogil:
+    cdef doubles e = work
+    cdef doubles f = e + n * n
+    cdef doubles a = f + n * n
+    cdef doubles v = a + n * n
+    cdef doubles spare = v + n
     cdef int info, i, together
     cdef bint paired = False       # X^-1 = Y^T
     cdef bint growing = False      # a mode that neither fades nor grows: only a phase matrix with too many terms has one
@@ -103,7 +115,7 @@ cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double 
     return factorise(n, X_lu, n, X_pivots)
 
 
-cdef int eigenproblem(int n, double* a, double* lam_re, double* lam_im, double* X, double* spare, int* pivots) noexcept nogil:
+cdef int eigenproblem(int n, doubles a, doubles lam_re, doubles lam_im, doubles X, doubles spare, ints pivots) noexcept nogil:
     """a X = X lambda; destroys a. Neither permutes nor scales: steep nodes have to stay on top, else small eigenvalues are
     known to 1e-16 of the largest only."""
     cdef char no = b"N", yes = b"V"
@@ -114,8 +126,8 @@ cdef int eigenproblem(int n, double* a, double* lam_re, double* lam_im, double* 
     return info
 
 
-cdef int modes_by_stokes(int n, int stokes, bint quick, const double* E, const double* F, double* lam_re, double* lam_im, double* X, double* Y,
-                         bint* paired, double* room, double* spare, int* pivots, int* together) noexcept nogil:
+cdef int modes_by_stokes(int n, int stokes, bint quick, given E, given F, doubles lam_re, doubles lam_im, doubles X, doubles Y,
+                         bint* paired, doubles room, doubles spare, ints pivots, ints together) noexcept nogil:
     """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set. Y, unless
     NULL, is filled where all is one set of symmetric modes, which `paired` says.
 
@@ -150,16 +162,16 @@ cdef int modes_by_stokes(int n, int stokes, bint quick, const double* E, const d
     return info
 
 
-cdef int modes_of_set(int n, int stokes, bint quick, int which, int members, const int* set_of, const double* E, const double* F,
-                      double* lam_re, double* lam_im, double* X, double* Y, bint* paired, double* room, double* spare,
-                      int* pivots) noexcept nogil:
+cdef int modes_of_set(int n, int stokes, bint quick, int which, int members, given_ints set_of, given E, given F,
+                      doubles lam_re, doubles lam_im, doubles X, doubles Y, bint* paired, doubles room, doubles spare,
+                      ints pivots) noexcept nogil:
     """The modes of one set: columns of X, zero in the other rows."""
     cdef int h = members * (n // stokes), i, j, row, column, info
     cdef size_t hh = <size_t>h * h
-    cdef double* e = room
-    cdef double* f = e + hh
-    cdef double* a = f + hh
-    cdef double* x = X if members == stokes else a + hh
+    cdef doubles e = room
+    cdef doubles f = e + hh
+    cdef doubles a = f + hh
+    cdef doubles x = X if members == stokes else a + hh
     column = 0
     if members == stokes:
         memcpy(e, E, sizeof(double) * hh)
@@ -193,7 +205,7 @@ cdef int modes_of_set(int n, int stokes, bint quick, int which, int members, con
     return info
 
 
-cdef bint symmetric(int n, const double* a) noexcept nogil:
+cdef bint symmetric(int n, given a) noexcept nogil:
     """But for rounding."""
     cdef int i, j
     cdef double gap = 0.0
@@ -205,15 +217,15 @@ cdef bint symmetric(int n, const double* a) noexcept nogil:
     return True
 
 
-cdef int symmetric_modes(int n, const double* e, const double* f, double* lam_re, double* lam_im, double* X, double* Y,
-                         double* a, double* spare, int* pivots) noexcept nogil:
+cdef int symmetric_modes(int n, given e, given f, doubles lam_re, doubles lam_im, doubles X, doubles Y,
+                         doubles a, doubles spare, ints pivots) noexcept nogil:
     """Modes of symmetric E and F = L L^T: L^T E L W = W lambda, X = L W, Y = F^-1 X = L^-T W unless NULL, so X^-1 = Y^T;
     steep nodes first, where the reduction to tridiagonal form starts. Not 0 where F is not positive; f is kept, for a
     second try."""
     cdef char side = b"L", lower = b"L", yes = b"V", no = b"N", transposed = b"T", right = b"R"
     cdef int info = 0, lwork = 2 * n * n + 6 * n + 1, liwork = 5 * n + 3
     cdef double one = 1.0
-    cdef double* L = a
+    cdef doubles L = a
     memcpy(L, f, sizeof(double) * <size_t>n * n)
     dpotrf(&lower, &n, L, &n, &info)
     if info != 0:
@@ -231,18 +243,18 @@ cdef int symmetric_modes(int n, const double* e, const double* f, double* lam_re
     return info
 
 
-cdef void polish_smallest(int n, int stokes, int together, double albedo, const double* directions, const double* weights, const double* v,
-                          const double* e, const double* f_lu, const int* f_pivots, double* lam_re, double* lam_im,
-                          double* X, double* work, double* spare, int* pivots) noexcept nogil:
+cdef void polish_smallest(int n, int stokes, int together, double albedo, given directions, given weights, given v,
+                          given e, given f_lu, given_ints f_pivots, doubles lam_re, doubles lam_im,
+                          doubles X, doubles work, doubles spare, ints pivots) noexcept nogil:
     """The diffusion mode, whose small lambda is else known only to 1e-16 of the largest: at omega = 1 the null vector
     itself, below by inverse iteration with e, the turned E, whose row and column of the flux are exact."""
     cdef int inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n, stokes)
     cdef double smallest = 0.05, pivot, top, norm, growth = 1.0
-    cdef double* lu = work                       # (n-1, n-1), e without the axis
-    cdef double* row = spare                     # (n-1,)
-    cdef double* column = row + inner            # e''^-1 row, e is symmetric there
-    cdef double* part = column + inner
-    cdef double* x
+    cdef doubles lu = work                       # (n-1, n-1), e without the axis
+    cdef doubles row = spare                     # (n-1,)
+    cdef doubles column = row + inner            # e''^-1 row, e is symmetric there
+    cdef doubles part = column + inner
+    cdef doubles x
     for j in range(together):     # those that have I
         if lam_im[j] == 0.0 and fabs(lam_re[j]) < smallest:
             best, smallest = j, fabs(lam_re[j])
@@ -285,14 +297,14 @@ cdef void polish_smallest(int n, int stokes, int together, double albedo, const 
     lam_re[best] = 1.0 / growth
 
 
-cdef inline void leave_out(int n, int axis, const double* x, double* out) noexcept nogil:
+cdef inline void leave_out(int n, int axis, given x, doubles out) noexcept nogil:
     """x (n,) without one element."""
     memcpy(out, x, sizeof(double) * axis)
     memcpy(out + axis, x + axis + 1, sizeof(double) * (n - 1 - axis))
 
 
-cdef double mode_residual(int n, const double* e, const double* f, const double* lam_re, const double* lam_im,
-                          const double* X, double* a, double* b) noexcept nogil:
+cdef double mode_residual(int n, given e, given f, given lam_re, given lam_im,
+                          given X, doubles a, doubles b) noexcept nogil:
     cdef int i, j = 0
     cdef double worst = 0.0, largest = 0.0, re, im
     product(b"N", b"N", n, n, n, 1.0, e, n, X, n, 0.0, a, n)

@@ -11,42 +11,47 @@ def invariance_work(n_node, n_off, stokes, n_term):
     return 3 * (n_node + n_off) * n_term + n_node + 12 * n_term * (n + u) + n * n + u * n + u * u + 6 * n * max(n, u) + u * u
 
 
-def reflect_endless(const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients, int terms,
-                    double albedo, const double[::1] directions, const double[::1] weights, const int[::1] out,
-                    const int[::1] into, const double[:, ::1] columns, double tolerance, bint halves,
-                    double[:, :, :, ::1] up, double[:, :, ::1] on_nodes, double[::1] residual, int[::1] steps, int threads, double[:, ::1] work,
-                    double[::1] seconds, const int[::1] stop):
+cdef struct Endless:
+    int stokes, terms, n_all, n_node, n_out, n_in, n_col
+    bint halves
+    double albedo, tolerance
+    given_ints orders, members, out, into
+    given coefficients, directions, weights, columns
+    doubles up, on_nodes, residual
+    ints steps
+
+
+def reflect_endless(crew, *, const int[::1] orders, const int[::1] members, const double[:, ::1] coefficients,
+                    int terms, double albedo, const double[::1] directions, const double[::1] weights,
+                    const int[::1] out, const int[::1] into, const double[:, ::1] columns, double tolerance,
+                    bint halves, double[:, :, :, ::1] up, double[:, :, ::1] on_nodes, double[::1] residual,
+                    int[::1] steps):
     """The light that a layer without end sends back, one Fourier order after another, single scattering left out.
 
     members (S,): the Stokes parameters; coefficients (term, 6); directions: nodes, then off the nodes; weights (N,);
     out (n_out,), into (n_in,): places among the latter; columns (n_col, S); halves: whether one half of each symmetric
-    product is computed and the other mirrored. up (order, n_in, n_col, S n_out): radiance times 2 pi for a unit beam, flipped by D; on_nodes (order, n_in n_col, n): the scaled diffuse field on the nodes, all
-    of it. residual (order,): what is still missing of R, estimated from the last steps, relative to its largest element;
-    steps (order,).
+    product is computed and the other mirrored. up (order, n_in, n_col, S n_out): radiance times 2 pi for a unit beam,
+    flipped by D; on_nodes (order, n_in n_col, n): the scaled diffuse field on the nodes, all of it. residual (order,):
+    what is still missing of R, estimated from the last steps, relative to its largest element; steps (order,).
     """
-    cdef int n_order = <int>orders.shape[0], o, thread, stokes = <int>members.shape[0]
-    cdef double start
-    for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            endless_one(orders[o], parity_of(orders[o], stokes, &members[0]), terms, albedo, &coefficients[0, 0],
-                        &directions[0], <int>directions.shape[0], &weights[0], <int>weights.shape[0], &out[0],
-                        <int>out.shape[0], &into[0], <int>into.shape[0], &columns[0, 0], <int>columns.shape[0], tolerance, halves,
-                        &up[o, 0, 0, 0], &on_nodes[o, 0, 0], &residual[o], &steps[o], &work[thread, 0], &stop[0])
-            seconds[thread] += vrte_seconds() - start
+    cdef int n_all = <int>directions.shape[0], n_node = <int>weights.shape[0], stokes = <int>members.shape[0]
+    cdef Endless task = Endless(
+        stokes, terms, n_all, n_node, <int>out.shape[0], <int>into.shape[0], <int>columns.shape[0], halves, albedo,
+        tolerance, &orders[0], &members[0], &out[0], &into[0], &coefficients[0, 0], &directions[0], &weights[0],
+        &columns[0, 0], &up[0, 0, 0, 0], &on_nodes[0, 0, 0], &residual[0], &steps[0])
+    run_items(crew, endless_one, &task, <int>orders.shape[0], invariance_work(n_node, n_all - n_node, stokes, terms), 0, NULL)
 
 
 cdef struct Sheet:
     # what one kind (E or F) has on some rows: phi, H and H C, column by column
     int rows
     int columns
-    double* phi
-    double* H
-    double* HC
+    doubles phi
+    doubles H
+    doubles HC
 
 
-cdef double* sheet_at(double* memory, Parity p, int m, int terms, int kind, int n_mu, Sheet* sheet) noexcept nogil:
+cdef doubles sheet_at(doubles memory, Parity p, int m, int terms, int kind, int n_mu, Sheet* sheet) noexcept nogil:
     """Places a sheet; what lies behind it."""
     sheet.rows, sheet.columns = p.stokes * n_mu, columns_of(p, m, terms, kind)
     sheet.phi = memory
@@ -55,13 +60,13 @@ cdef double* sheet_at(double* memory, Parity p, int m, int terms, int kind, int 
     return sheet.HC + <size_t>sheet.rows * sheet.columns
 
 
-cdef void step_of(Sheet rows, Sheet nodes, double sign, double* HC_H, double add) noexcept nogil:
+cdef void step_of(Sheet rows, Sheet nodes, double sign, doubles HC_H, double add) noexcept nogil:
     """HC_H = sign H C H_nodes^T + add HC_H."""
     product(b"N", b"T", rows.rows, nodes.rows, rows.columns, sign, rows.HC, rows.rows, nodes.H, nodes.rows, add, HC_H,
             rows.rows)
 
 
-cdef void half_step_of(Sheet nodes, double sign, double* HC_H, double add) noexcept nogil:
+cdef void half_step_of(Sheet nodes, double sign, doubles HC_H, double add) noexcept nogil:
     """step_of on the nodes, where it is symmetric: STRIPS strips of columns, each from the diagonal down."""
     cdef int strip, first, last
     for strip in range(STRIPS):
@@ -71,7 +76,7 @@ cdef void half_step_of(Sheet nodes, double sign, double* HC_H, double add) noexc
                     nodes.H + first, nodes.rows, add, HC_H + <size_t>first * nodes.rows + first, nodes.rows)
 
 
-cdef void mirror(int n, double* a) noexcept nogil:
+cdef void mirror(int n, doubles a) noexcept nogil:
     """a's lower triangle above the diagonal."""
     cdef int i, j
     for j in range(n):
@@ -79,19 +84,19 @@ cdef void mirror(int n, double* a) noexcept nogil:
             a[<size_t>i * n + j] = a[<size_t>j * n + i]
 
 
-cdef void renew(Sheet rows, Sheet nodes, double sign, const double* R) noexcept nogil:
+cdef void renew(Sheet rows, Sheet nodes, double sign, given R) noexcept nogil:
     """H = phi + sign R phi_nodes."""
     memcpy(rows.H, rows.phi, sizeof(double) * <size_t>rows.rows * rows.columns)
     product(b"N", b"N", rows.rows, rows.columns, nodes.rows, sign, R, rows.rows, nodes.phi, nodes.rows, 1.0, rows.H,
             rows.rows)
 
 
-cdef void divide_by_rates(Parity p, int n_row, const double* mu_row, int n_column, const double* mu_column,
-                          double* new) noexcept nogil:
+cdef void divide_by_rates(Parity p, int n_row, given mu_row, int n_column, given mu_column,
+                          doubles new) noexcept nogil:
     """new <- new Q/2 over 1/mu + 1/mu'."""
     cdef int i, j, a, b, rows = p.stokes * n_row
     cdef double share, sign
-    cdef double* column
+    cdef doubles column
     for j in range(n_column):
         for i in range(n_row):
             share = 0.5 * mu_row[i] * mu_column[j] / (mu_row[i] + mu_column[j])
@@ -102,28 +107,28 @@ cdef void divide_by_rates(Parity p, int n_row, const double* mu_row, int n_colum
                     column[a] *= sign
 
 
-cdef inline double largest_in(int size, const double* a) noexcept nogil:
+cdef inline double largest_in(int size, given a) noexcept nogil:
     cdef int one = 1
-    return fabs(a[idamax(&size, <double*>a, &one) - 1]) if size > 0 else 0.0
+    return fabs(a[idamax(&size, <doubles>a, &one) - 1]) if size > 0 else 0.0
 
 
-cdef inline double scalar_product(int size, const double* a, const double* b) noexcept nogil:
+cdef inline double scalar_product(int size, given a, given b) noexcept nogil:
     cdef int one = 1
-    return ddot(&size, <double*>a, &one, <double*>b, &one)
+    return ddot(&size, <doubles>a, &one, <doubles>b, &one)
 
 
 cdef struct Past:
     # what the last fixed-point steps led to, by how much they moved, this one first; products of the movements
     int steps
-    double* led[3]
-    double* moved[3]
+    doubles led[3]
+    doubles moved[3]
     double products[3][3]
 
 
 cdef void remember(int size, Past* past) noexcept nogil:
     """The step just done becomes the last one; room for a new one is where the oldest was."""
-    cdef double* led = past.led[2]
-    cdef double* moved = past.moved[2]
+    cdef doubles led = past.led[2]
+    cdef doubles moved = past.moved[2]
     past.led[2], past.led[1], past.led[0] = past.led[1], past.led[0], led
     past.moved[2], past.moved[1], past.moved[0] = past.moved[1], past.moved[0], moved
     past.products[2][2], past.products[1][1] = past.products[1][1], past.products[0][0]
@@ -131,13 +136,13 @@ cdef void remember(int size, Past* past) noexcept nogil:
     past.steps += 1
 
 
-cdef void accelerate(int size, Past* past, double* R) noexcept nogil:
+cdef void accelerate(int size, Past* past, doubles R) noexcept nogil:
     """R <- the combination of this step and the last two that would have moved least (Anderson's acceleration)."""
     cdef int k
     cdef double a11, a12, a22 = 0.0, b1, b2 = 0.0, det, g1 = 0.0, g2 = 0.0, c0, c1
-    cdef const double* x = past.led[0]
-    cdef const double* y = past.led[1]
-    cdef const double* z = past.led[2]
+    cdef given x = past.led[0]
+    cdef given y = past.led[1]
+    cdef given z = past.led[2]
     for k in range(min(past.steps, 2) + 1):
         past.products[0][k] = scalar_product(size, past.moved[0], past.moved[k])
     if past.steps > 0:
@@ -164,14 +169,14 @@ cdef void accelerate(int size, Past* past, double* R) noexcept nogil:
             R[k] = c0 * x[k] + c1 * y[k] + g2 * z[k]
 
 
-cdef double settle(Parity p, int m, int terms, double albedo, const double* coefficients, Sheet* rows, Sheet* nodes,
-                   const double* mu_row, const double* mu_node, double rate, double tolerance, bint halves,
-                   double* R, double* room, int* steps, const int* stop) noexcept nogil:
+cdef double settle(Parity p, int m, int terms, double albedo, given coefficients, Sheet* rows, Sheet* nodes,
+                   given mu_row, given mu_node, double rate, double tolerance, bint halves,
+                   doubles R, doubles room, ints steps, given_ints stop) noexcept nogil:
     """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate: what
     a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
     cdef double gap, largest, missing = 1.0
-    cdef double* new
+    cdef doubles new
     cdef bint done
     cdef Past past
     past.steps = 0
@@ -214,19 +219,25 @@ cdef enum:
     STRIPS = 4     # that a symmetric product is made in
 
 
-cdef void endless_one(int m, Parity p, int terms, double albedo, const double* coefficients, const double* directions,
-                      int n_all, const double* weights, int n_node, const int* out, int n_out, const int* into, int n_in,
-                      const double* columns, int n_col, double tolerance, bint halves, double* up, double* on_nodes, double* residual,
-                      int* steps, double* work, const int* stop) noexcept nogil:
-    cdef int n_off = n_all - n_node, n = p.stokes * n_node, u = p.stokes * n_off, kind, i, j, a, b, c, beam, rhs
-    cdef const double* off = directions + n_node
-    cdef double* prt = work
-    cdef double* scale = prt + <size_t>3 * n_all * terms
-    cdef double* R = scale + n_node
-    cdef double* Ru = R + <size_t>n * n                   # (u, n)
-    cdef double* Ruu = Ru + <size_t>u * n                 # (u, u)
-    cdef double* new = Ruu + <size_t>u * u                # room for steps
-    cdef double* memory = new + 6 * <size_t>n * max(n, u) + <size_t>u * u
+cdef int endless_one(const void* task, int item, Desk desk) noexcept nogil:
+    cdef const Endless* t = <const Endless*>task
+    cdef int m = t.orders[item], terms = t.terms, n_all = t.n_all, n_node = t.n_node, n_out = t.n_out, n_col = t.n_col
+    cdef int n_off = n_all - n_node, n = t.stokes * n_node, u = t.stokes * n_off, kind, i, j, a, b, c, beam, rhs
+    cdef Parity p = parity_of(m, t.stokes, t.members)
+    cdef double albedo = t.albedo, tolerance = t.tolerance
+    cdef given_ints out = t.out, into = t.into, stop = desk.stop
+    cdef given coefficients = t.coefficients, columns = t.columns, directions = t.directions
+    cdef given off = directions + n_node
+    cdef doubles up = t.up + <size_t>item * t.n_in * n_col * t.stokes * n_out, residual = t.residual + item
+    cdef doubles on_nodes = t.on_nodes + <size_t>item * t.n_in * n_col * n
+    cdef ints steps = t.steps + item
+    cdef doubles prt = desk.work
+    cdef doubles scale = prt + <size_t>3 * n_all * terms
+    cdef doubles R = scale + n_node
+    cdef doubles Ru = R + <size_t>n * n                   # (u, n)
+    cdef doubles Ruu = Ru + <size_t>u * n                 # (u, u)
+    cdef doubles new = Ruu + <size_t>u * u                # room for steps
+    cdef doubles memory = new + 6 * <size_t>n * max(n, u) + <size_t>u * u
     cdef Sheet nodes[2]
     cdef Sheet rows[2]
     cdef double total, sign, rate = 0.0
@@ -235,14 +246,14 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
         rate = max(rate, albedo * norm_of_coefficients(coefficients + 6 * i) / (2.0 * i + 1.0))
     rate = min(rate, 0.999)
     for i in range(n_node):
-        scale[i] = sqrt(weights[i] / directions[i])
+        scale[i] = sqrt(t.weights[i] / directions[i])
     for kind in range(2):
         memory = sheet_at(memory, p, m, terms, kind, n_node, &nodes[kind])
         memory = sheet_at(memory, p, m, terms, kind, n_off, &rows[kind])
         parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
         parity_columns(p, m, terms, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
     steps[0] = 0
-    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, rate, tolerance, halves, R,
+    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, rate, tolerance, t.halves, R,
                          new, steps, stop)
     residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, rate, tolerance, False,
                                           Ru, new, steps, stop))
@@ -255,7 +266,7 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
         product(b"N", b"T", u, u, rows[kind].columns, -sign, rows[kind].HC, u, rows[kind].phi, u, 1.0, new, u)
     divide_by_rates(p, n_off, off, n_off, off, new)
     memcpy(Ruu, new, sizeof(double) * <size_t>u * u)
-    for beam in range(n_in):
+    for beam in range(t.n_in):
         for c in range(n_col):
             rhs = beam * n_col + c
             for i in range(n_out):
@@ -270,3 +281,4 @@ cdef void endless_one(int m, Parity p, int terms, double albedo, const double* c
                     sign = -1.0 if (b == p.place[3]) != (j % p.stokes == p.place[3]) else 1.0
                     total += sign * Ru[<size_t>j * u + p.stokes * into[beam] + b] * columns[c * p.stokes + b]
                 on_nodes[<size_t>rhs * n + j] = total
+    return 0

@@ -5,57 +5,72 @@ def joining_work(n, n_slab, n_rhs, o):
     return n_slab * (n * n + n * n_rhs) + (n_slab + 1) * 2 * n * n_rhs + 5 * n * n + 4 * n * n_rhs + 5 * n + 2 * o * (n + n_rhs)
 
 
-def join_slabs(const int[::1] orders, bint conserving, const int[::1] slabs, const double[::1] above, const double[::1] nodes,
-               const double[::1] weights, const double[::1] mu0, int n_out, const double[:, :, ::1] R,
-               const double[:, :, ::1] T, const double[:, :, ::1] lost, const int[::1] base_row,
-               const double[:, :, ::1] base, const double[:, :, ::1] base_source, const double[:, :, ::1] base_out,
-               const int[::1] interface, double[:, :, :, ::1] up, double[:, :, :, ::1] down, double[:, :, :, ::1] flux,
-               double[:, ::1] residual, int[::1] info, int threads, double[:, ::1] work, int[:, ::1] pivots,
-               double[::1] seconds, const int[::1] stop):
+cdef struct Joining:
+    Sizes s
+    int n_slab, n_place, n_in, n_level, residuals
+    bint conserving
+    given_ints orders, slabs
+    given above, nodes, weights, mu0
+    doubles R, T
+    given lost
+    given_ints base_row
+    given base, base_source, base_out
+    given_ints interface
+    doubles up, down, flux, residual
+
+
+def join_slabs(crew, *, const int[::1] orders, bint conserving, const int[::1] slabs, const double[::1] above,
+               const double[::1] nodes, const double[::1] weights, const double[::1] mu0, int n_out,
+               const double[:, :, ::1] R, const double[:, :, ::1] T, const double[:, :, ::1] lost,
+               const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
+               const double[:, :, ::1] base_out, const int[::1] interface, double[:, :, :, ::1] up,
+               double[:, :, :, ::1] down, double[:, :, :, ::1] flux, double[:, ::1] residual, int[::1] info):
     """The multiply scattered field at the interfaces of a pile of slabs, one Fourier order after another.
 
-    conserving: whether order 0 has I. slabs (place,): which slab of R, T and lost (order, slab, ...) lies there, top first; above (place + 1,): optical
-    depth of each interface, the last below the pile; base_row (order,): row of base (row, n, n), base_source (row,
-    n_rhs, n) and base_out (row, n, S n_out), or -1 for black; interface (level,): where the field is wanted. up, down
-    (order, level, n_rhs, S n_out): radiance times 2 pi for a unit beam, upward flipped by D; flux (order, level, 2,
-    n_rhs): up and down through a horizontal plane, in order 0; residual (order, place): of the joints' systems.
+    conserving: whether order 0 has I. slabs (place,): which slab of R, T and lost (order, slab, ...) lies there, top
+    first; above (place + 1,): optical depth of each interface, the last below the pile; base_row (order,): row of base
+    (row, n, n), base_source (row, n_rhs, n) and base_out (row, n, S n_out), or -1 for black; interface (level,): where
+    the field is wanted. up, down (order, level, n_rhs, S n_out): radiance times 2 pi for a unit beam, upward flipped by
+    D; flux (order, level, 2, n_rhs): up and down through a horizontal plane, in order 0; residual (order, place): of the
+    joints' systems.
     """
-    cdef int n_order = <int>orders.shape[0], o, thread
-    cdef Sizes s
-    cdef double start
-    s.stokes = <int>up.shape[3] // n_out
-    s.n, s.r, s.o = s.stokes * <int>nodes.shape[0], <int>up.shape[2], s.stokes * n_out
-    for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            info[o] = join_one(
-                s, conserving and orders[o] == 0, <int>slabs.shape[0], <int>mu0.shape[0], <int>interface.shape[0], &slabs[0], &above[0],
-                &nodes[0], &weights[0], &mu0[0], <double*>&R[o, 0, 0], <double*>&T[o, 0, 0], &lost[o, 0, 0],
-                &base[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
-                &base_source[base_row[o], 0, 0] if base_row[o] >= 0 else NULL,
-                &base_out[base_row[o], 0, 0] if base_row[o] >= 0 else NULL, &interface[0], &up[o, 0, 0, 0],
-                &down[o, 0, 0, 0], &flux[o, 0, 0, 0], &residual[o, 0], &work[thread, 0], &pivots[thread, 0], &stop[0])
-            seconds[thread] += vrte_seconds() - start
+    cdef int stokes = <int>up.shape[3] // n_out, n = stokes * <int>nodes.shape[0], n_place = <int>slabs.shape[0]
+    cdef Sizes s = Sizes(n, <int>up.shape[2], stokes * n_out, stokes)
+    cdef Joining task = Joining(
+        s, <int>R.shape[1], n_place, <int>mu0.shape[0], <int>interface.shape[0],
+        <int>residual.shape[1], conserving, &orders[0], &slabs[0],
+        &above[0], &nodes[0], &weights[0], &mu0[0], <doubles>&R[0, 0, 0], <doubles>&T[0, 0, 0], &lost[0, 0, 0],
+        &base_row[0], &base[0, 0, 0], &base_source[0, 0, 0], &base_out[0, 0, 0], &interface[0], &up[0, 0, 0, 0],
+        &down[0, 0, 0, 0], &flux[0, 0, 0, 0], &residual[0, 0])
+    run_items(crew, join_one, &task, <int>orders.shape[0], joining_work(n, n_place, s.r, s.o), n, &info[0])
 
 
 # (2:10)-(2:11)
-cdef int join_one(Sizes s, bint conserving, int n_place, int n_in, int n_level, const int* slabs, const double* above,
-                  const double* nodes, const double* weights, const double* mu0, double* R, double* T,
-                  const double* lost, const double* base, const double* base_source, const double* base_out,
-                  const int* interface, double* up, double* down, double* flux, double* residual, double* work, int* pivots,
-                  const int* stop) noexcept nogil:
+cdef int join_one(const void* task, int item, Desk desk) noexcept nogil:
+    cdef const Joining* pile = <const Joining*>task
+    cdef Sizes s = pile.s
+    cdef int n_place = pile.n_place, n_in = pile.n_in, n_level = pile.n_level, row = pile.base_row[item]
+    cdef bint conserving = pile.conserving and pile.orders[item] == 0
     cdef size_t nn = <size_t>s.n * s.n, nr = <size_t>s.n * s.r, no = <size_t>s.n * s.o, each = size_extended(s), i
-    cdef double* G = work                                # per place: from falling at its bottom to up there,
-    cdef double* g = G + n_place * nn                    # and what comes up by itself
-    cdef double* going_up = g + n_place * nr             # per interface
-    cdef double* going_down = going_up + (n_place + 1) * nr
-    cdef double* below = going_down + (n_place + 1) * nr
-    cdef double* scratch = below + nn                    # 4 n^2
-    cdef double* vectors = scratch + 4 * nn              # 4 n n_rhs
-    cdef double* absorbed = vectors + 4 * nr             # row of 1 - below that belongs to the flux
-    cdef double* v = absorbed + s.n                      # then 3 n spare
-    cdef double* out = v + 4 * s.n                       # base_out, turned, then running and spare
+    cdef size_t first = <size_t>item * pile.n_slab, wanted = <size_t>item * n_level
+    cdef given_ints slabs = pile.slabs, interface = pile.interface
+    cdef given above = pile.above, nodes = pile.nodes, weights = pile.weights, mu0 = pile.mu0, lost = pile.lost + first * s.n
+    cdef given base = pile.base + row * nn if row >= 0 else NULL
+    cdef given base_source = pile.base_source + row * nr if row >= 0 else NULL
+    cdef given base_out = pile.base_out + row * no if row >= 0 else NULL
+    cdef doubles R = pile.R + first * each, T = pile.T + first * each, residual = pile.residual + <size_t>item * pile.residuals
+    cdef doubles up = pile.up + wanted * s.r * s.o, down = pile.down + wanted * s.r * s.o, flux = pile.flux + wanted * 2 * s.r
+    cdef ints pivots = desk.pivots
+    cdef doubles G = desk.work                           # per place: from falling at its bottom to up there,
+    cdef doubles g = G + n_place * nn                    # and what comes up by itself
+    cdef doubles going_up = g + n_place * nr             # per interface
+    cdef doubles going_down = going_up + (n_place + 1) * nr
+    cdef doubles below = going_down + (n_place + 1) * nr
+    cdef doubles scratch = below + nn                    # 4 n^2
+    cdef doubles vectors = scratch + 4 * nn              # 4 n n_rhs
+    cdef doubles absorbed = vectors + 4 * nr             # row of 1 - below that belongs to the flux
+    cdef doubles v = absorbed + s.n                      # then 3 n spare
+    cdef doubles out = v + 4 * s.n                       # base_out, turned, then running and spare
     cdef Extended r, t
     cdef int place, info, b, axis = flux_axis(s.n, s.stokes)
     cdef double size = 0.0
@@ -71,7 +86,7 @@ cdef int join_one(Sizes s, bint conserving, int n_place, int n_in, int n_level, 
         put_base(s, conserving, n_in, v, base, base_source, base_out, above[n_place], mu0, below,
                  going_up + n_place * nr, out, absorbed, scratch)
     for place in range(n_place - 1, -1, -1):
-        if stop[0]:
+        if desk.stop[0]:
             return 0
         r = extended_at(s, R + slabs[place] * each)
         t = extended_at(s, T + slabs[place] * each)
@@ -99,9 +114,9 @@ cdef int join_one(Sizes s, bint conserving, int n_place, int n_in, int n_level, 
     return 0
 
 
-cdef void put_base(Sizes s, bint conserving, int n_in, const double* v, const double* base, const double* base_source,
-                   const double* base_out, double depth, const double* mu0, double* below, double* up, double* out,
-                   double* absorbed, double* spare) noexcept nogil:
+cdef void put_base(Sizes s, bint conserving, int n_in, given v, given base, given base_source,
+                   given base_out, double depth, given mu0, doubles below, doubles up, doubles out,
+                   doubles absorbed, doubles spare) noexcept nogil:
     """The base's operator, the beam that it reflects, its rows out, and (order 0) the row of what it absorbs."""
     cdef size_t nr = <size_t>s.n * s.r, i
     cdef int axis = flux_axis(s.n, s.stokes)
@@ -120,7 +135,7 @@ cdef void put_base(Sizes s, bint conserving, int n_in, const double* v, const do
             absorbed[i] = 0.0
 
 
-cdef inline void emitted(Sizes s, int n_in, double depth, const double* mu0, const double* NI, double* out) noexcept nogil:
+cdef inline void emitted(Sizes s, int n_in, double depth, given mu0, given NI, doubles out) noexcept nogil:
     """What a slab below optical depth `depth` sends out of the attenuated beam."""
     cdef size_t i
     cdef int j
@@ -132,9 +147,9 @@ cdef inline void emitted(Sizes s, int n_in, double depth, const double* mu0, con
 
 
 # (2:8)
-cdef int join_below(Sizes s, bint conserving, int n_in, double depth, const double* mu0, Extended r, Extended t,
-                    const double* lost, double* below, double* absorbed, const double* up, double* up_above, double* G,
-                    double* g, double* scratch, double* vectors, double* row, double* residual, int* pivots) noexcept nogil:
+cdef int join_below(Sizes s, bint conserving, int n_in, double depth, given mu0, Extended r, Extended t,
+                    given lost, doubles below, doubles absorbed, given up, doubles up_above, doubles G,
+                    doubles g, doubles scratch, doubles vectors, doubles row, doubles residual, ints pivots) noexcept nogil:
     """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T.
 
     In order 0 the flux's row of 1 - below R, which is small where nothing absorbs, is summed from what is lost:
@@ -142,11 +157,11 @@ cdef int join_below(Sizes s, bint conserving, int n_in, double depth, const doub
     """
     cdef size_t nn = <size_t>s.n * s.n, nr = <size_t>s.n * s.r, i
     cdef int n = s.n, info, axis = flux_axis(s.n, s.stokes)
-    cdef double* M = scratch
-    cdef double* kept = M + nn
-    cdef double* GT = kept + nn
+    cdef doubles M = scratch
+    cdef doubles kept = M + nn
+    cdef doubles GT = kept + nn
     cdef double largest
-    cdef double* rhs = vectors
+    cdef doubles rhs = vectors
     memset(M, 0, sizeof(double) * nn)
     for i in range(<size_t>n):
         M[i * n + i] = 1.0
@@ -195,13 +210,13 @@ cdef int join_below(Sizes s, bint conserving, int n_in, double depth, const doub
     return 0
 
 
-cdef void leave(Sizes s, int n_place, int n_in, int n_level, const int* slabs, const double* above, const double* mu0,
-                double* R, double* T, bint has_base, const double* base_out, const double* going_up,
-                const double* going_down, const int* interface, double* up, double* down, double* work) noexcept nogil:
+cdef void leave(Sizes s, int n_place, int n_in, int n_level, given_ints slabs, given above, given mu0,
+                doubles R, doubles T, bint has_base, given base_out, given going_up,
+                given going_down, given_ints interface, doubles up, doubles down, doubles work) noexcept nogil:
     """The field off the nodes at every wanted interface, first up through the slabs, then down."""
     cdef size_t nr = <size_t>s.n * s.r, size = <size_t>s.o * s.r, each = size_extended(s)
-    cdef double* running = work
-    cdef double* next = running + size
+    cdef doubles running = work
+    cdef doubles next = running + size
     cdef Extended r, t
     cdef int place, level
     memset(running, 0, sizeof(double) * size)
@@ -230,9 +245,9 @@ cdef void leave(Sizes s, int n_place, int n_in, int n_level, const int* slabs, c
             memcpy(running, next, sizeof(double) * size)
 
 
-cdef inline void off_nodes(Sizes s, int n_in, double depth, const double* mu0, Extended r, Extended t,
-                           const double* through, const double* turned, const double* OI, const double* direct,
-                           const double* entering, double* out) noexcept nogil:
+cdef inline void off_nodes(Sizes s, int n_in, double depth, given mu0, Extended r, Extended t,
+                           given through, given turned, given OI, given direct,
+                           given entering, doubles out) noexcept nogil:
     """out = direct entering + T_ON through + R_ON turned + OI of the attenuated beam."""
     cdef int i, j
     cdef size_t k

@@ -1,7 +1,7 @@
 # Matrices stored by columns.
 
 cdef inline void product(char a_form, char b_form, int rows, int columns, int inner, double scale,
-                         const double* a, int lda, const double* b, int ldb, double add, double* c, int ldc) noexcept nogil:
+                         given a, int lda, given b, int ldb, double add, doubles c, int ldc) noexcept nogil:
     """c = scale op(a) op(b) + add c."""
     cdef int one = 1, i, k
     cdef double factor
@@ -9,7 +9,7 @@ cdef inline void product(char a_form, char b_form, int rows, int columns, int in
         return
     if columns == 1 and a_form == b"N" and b_form == b"N":
         if rows * inner > 4096:
-            dgemv(&a_form, &rows, &inner, &scale, <double*>a, &lda, <double*>b, &one, &add, c, &one)
+            dgemv(&a_form, &rows, &inner, &scale, <doubles>a, &lda, <doubles>b, &one, &add, c, &one)
             return
         for i in range(rows):      # here a call of BLAS would take longer than its work
             c[i] = add * c[i] if add != 0.0 else 0.0
@@ -18,31 +18,31 @@ cdef inline void product(char a_form, char b_form, int rows, int columns, int in
             for i in range(rows):
                 c[i] += factor * a[<size_t>k * lda + i]
     else:
-        dgemm(&a_form, &b_form, &rows, &columns, &inner, &scale, <double*>a, &lda, <double*>b, &ldb, &add, c, &ldc)
+        dgemm(&a_form, &b_form, &rows, &columns, &inner, &scale, <doubles>a, &lda, <doubles>b, &ldb, &add, c, &ldc)
 
 
-cdef inline int factorise(int n, double* a, int lda, int* pivots) noexcept nogil:
+cdef inline int factorise(int n, doubles a, int lda, ints pivots) noexcept nogil:
     cdef int info = 0
     if n > 0:
         dgetrf(&n, &n, a, &lda, pivots, &info)
     return info
 
 
-cdef inline void solve(char form, int n, int columns, const double* lu, int lda, const int* pivots,
-                       double* b, int ldb) noexcept nogil:
+cdef inline void solve(char form, int n, int columns, given lu, int lda, given_ints pivots,
+                       doubles b, int ldb) noexcept nogil:
     cdef int info = 0
     if n > 0 and columns > 0:
-        dgetrs(&form, &n, &columns, <double*>lu, &lda, <int*>pivots, b, &ldb, &info)
+        dgetrs(&form, &n, &columns, <doubles>lu, &lda, <ints>pivots, b, &ldb, &info)
 
 
-cdef inline void transpose(int n, const double* a, double* b) noexcept nogil:
+cdef inline void transpose(int n, given a, doubles b) noexcept nogil:
     cdef int i, j
     for j in range(n):
         for i in range(n):
             b[j * n + i] = a[i * n + j]
 
 
-cdef inline void scale_columns(int n, int rows, const double* lam_im, const cplx* f, const double* a, double* b) noexcept nogil:
+cdef inline void scale_columns(int n, int rows, given lam_im, const cplx* f, given a, doubles b) noexcept nogil:
     """b = a f: the columns of mode j, each row (Re, Im) of a pair, times f[j]."""
     cdef int i, j = 0
     cdef double fr, fi, x, y
@@ -60,7 +60,7 @@ cdef inline void scale_columns(int n, int rows, const double* lam_im, const cplx
             j = j + 2
 
 
-cdef inline void scale_coordinates(int n, const double* lam_im, const cplx* f, const double* y, double* out) noexcept nogil:
+cdef inline void scale_coordinates(int n, given lam_im, const cplx* f, given y, doubles out) noexcept nogil:
     """out = f y on the coordinates of one right-hand side."""
     cdef int j = 0
     cdef double a, b
@@ -76,7 +76,7 @@ cdef inline void scale_coordinates(int n, const double* lam_im, const cplx* f, c
             j = j + 2
 
 
-cdef inline double largest_of(size_t n, const double* a) noexcept nogil:
+cdef inline double largest_of(size_t n, given a) noexcept nogil:
     cdef size_t i
     cdef double largest = 0.0
     for i in range(n):

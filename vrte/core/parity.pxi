@@ -8,7 +8,7 @@ cdef struct Parity:
     int stokes
 
 
-cdef Parity parity_of(int m, int stokes, const int* members) noexcept nogil:
+cdef Parity parity_of(int m, int stokes, given_ints members) noexcept nogil:
     """From P_l^m the left column is I, or Q and U where the parity is the other; the right one Q and U, or V."""
     cdef Parity p
     cdef int i
@@ -39,15 +39,15 @@ cdef inline int columns_of(Parity p, int m, int terms, int even_kind) noexcept n
 
 
 # (1:10)-(1:11)
-cdef void parity_columns(Parity p, int m, int terms, int even_kind, const double* prt, int n_all, int first, int n_mu,
-                         const double* scale, double* out) noexcept nogil:
+cdef void parity_columns(Parity p, int m, int terms, int even_kind, given prt, int n_all, int first, int n_mu,
+                         given scale, doubles out) noexcept nogil:
     """out, S n_mu rows by `columns_of`: from P_l^m its columns I, Q where l - m has the parity of `even_kind`, else
     U, V (the rest of (1:41) cancels), those that the set has; rows times scale."""
     cdef int l, i, kind, rows = p.stokes * n_mu
     cdef size_t column = 0
-    cdef double* left
-    cdef double* right
-    cdef const double* value
+    cdef doubles left
+    cdef doubles right
+    cdef given value
     cdef double f
     memset(out, 0, sizeof(double) * <size_t>rows * columns_of(p, m, terms, even_kind))
     for l in range(m, terms):
@@ -75,15 +75,15 @@ cdef void parity_columns(Parity p, int m, int terms, int even_kind, const double
 
 
 cdef void times_coefficients(Parity p, int m, int terms, int even_kind, double factor, double v_sign,
-                             const double* coefficients, int rows, const double* phi, double* out) noexcept nogil:
+                             given coefficients, int rows, given phi, doubles out) noexcept nogil:
     """out = factor phi B^T, column by column: B_l of (1:9) cut to the kept columns; V's column of phi counts v_sign
     times."""
     cdef int l, i, kind
     cdef size_t column = 0
     cdef double b00, b01, b10, b11
-    cdef const double* c
-    cdef const double* x
-    cdef double* y
+    cdef given c
+    cdef given x
+    cdef doubles y
     for l in range(m, terms):
         c = coefficients + 6 * l
         kind = (l - m) % 2 != even_kind

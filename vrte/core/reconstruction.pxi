@@ -51,14 +51,22 @@ def reconstruction_work(n, rows, n_rhs, n_layer):
     return 2 * rows * n * n_layer + 5 * rows * n_rhs + 3 * rows * n + n * n_rhs + 2 * n + rows
 
 
-def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, const double[:, :, ::1] lam_re,
-                const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X, const double[:, :, :, ::1] Y,
-                const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta, const double[:, :, :, ::1] even,
-                const double[:, :, :, ::1] odd, const double[:, :, ::1] base_down, const int[::1] base_row,
-                const double[:, :, ::1] base_out, const double[::1] thickness, const double[::1] above,
-                const double[::1] mu0, const double[::1] mu_out, int n_up, const double[::1] level,
-                const int[::1] level_layer, double[:, :, :, ::1] out, int threads, double[:, ::1] work, double[::1] seconds,
-                const int[::1] stop):
+cdef struct Reconstruction:
+    int n, stokes, n_out, n_up, n_layer, n_in, n_rhs, n_level
+    given G_E, G_F, lam_re, lam_im, X, Y, c, zeta, even, odd, base_down
+    given_ints base_row
+    given base_out, thickness, above, mu0, mu_out, level
+    given_ints level_layer
+    doubles out
+
+
+def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F,
+                const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
+                const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
+                const double[:, :, :, ::1] even, const double[:, :, :, ::1] odd, const double[:, :, ::1] base_down,
+                const int[::1] base_row, const double[:, :, ::1] base_out, const double[::1] thickness,
+                const double[::1] above, const double[::1] mu0, const double[::1] mu_out, int n_up,
+                const double[::1] level, const int[::1] level_layer, double[:, :, :, ::1] out):
     """The field at any depth and direction, one Fourier order after another, without singly scattered light.
 
     mu_out (n_out,): positive cosines, the first n_up of them for light going up, the others down; level (n_tau,):
@@ -66,33 +74,35 @@ def reconstruct(const double[:, :, :, ::1] G_E, const double[:, :, :, ::1] G_F, 
     field on its nodes. out (order, n_tau, n_rhs, S n_out): radiance times 2 pi for a unit beam; upward rows are
     flipped by D.
     """
-    cdef int n_order = <int>X.shape[0], o, thread
-    cdef double start
-    for o in prange(n_order, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            reconstruct_one(
-                <int>X.shape[3], <int>(out.shape[3] // mu_out.shape[0]), <int>mu_out.shape[0], n_up, <int>X.shape[1], <int>mu0.shape[0], <int>c.shape[2],
-                <int>level.shape[0], &G_E[o, 0, 0, 0], &G_F[o, 0, 0, 0], &lam_re[o, 0, 0], &lam_im[o, 0, 0],
-                &X[o, 0, 0, 0], &Y[o, 0, 0, 0], &c[o, 0, 0, 0], &zeta[o, 0, 0, 0], &even[o, 0, 0, 0], &odd[o, 0, 0, 0],
-                &base_down[o, 0, 0], &base_out[base_row[o], 0, 0] if base_row[o] >= 0 else NULL, &thickness[0], &above[0],
-                &mu0[0], &mu_out[0], &level[0], &level_layer[0], &out[o, 0, 0, 0], &work[thread, 0])
-            seconds[thread] += vrte_seconds() - start
+    cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2], n_out = <int>mu_out.shape[0]
+    cdef Reconstruction task = Reconstruction(
+        n, <int>out.shape[3] // max(1, n_out), n_out, n_up, n_layer, <int>mu0.shape[0], n_rhs, <int>level.shape[0],
+        &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
+        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &base_row[0],
+        &base_out[0, 0, 0], &thickness[0], &above[0], &mu0[0], &mu_out[0], &level[0], &level_layer[0], &out[0, 0, 0, 0])
+    run_items(crew, reconstruct_one, &task, <int>X.shape[0], reconstruction_work(n, <int>out.shape[3], n_rhs, n_layer), 0,
+              NULL)
 
 
-cdef void reconstruct_one(int n, int stokes, int n_out, int n_up, int n_layer, int n_in, int n_rhs, int n_level, const double* G_E,
-                          const double* G_F, const double* lam_re, const double* lam_im, const double* X, const double* Y,
-                          const double* c, const double* zeta, const double* even, const double* odd,
-                          const double* base_down, const double* base_out, const double* thickness, const double* above,
-                          const double* mu0, const double* mu_out, const double* level, const int* level_layer,
-                          double* out, double* work) noexcept nogil:
+cdef int reconstruct_one(const void* task, int item, Desk desk) noexcept nogil:
+    cdef const Reconstruction* a = <const Reconstruction*>task
+    cdef int n = a.n, stokes = a.stokes, n_out = a.n_out, n_up = a.n_up, n_layer = a.n_layer, n_in = a.n_in
+    cdef int n_rhs = a.n_rhs, n_level = a.n_level, row = a.base_row[item]
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, rows = stokes * n_out, size = rows * n_rhs, i, r
-    cdef double* g_e = work                             # G_E X and G_F Y, per layer
-    cdef double* g_f = g_e + rows * n * n_layer
-    cdef double* running = g_f + rows * n * n_layer     # the field that enters the present layer
-    cdef double* part = running + size
-    cdef double* spare = part + size
+    cdef size_t first = <size_t>item * n_layer
+    cdef given G_E = a.G_E + first * n * rows, G_F = a.G_F + first * n * rows
+    cdef given lam_re = a.lam_re + first * n, lam_im = a.lam_im + first * n
+    cdef given X = a.X + first * nn, Y = a.Y + first * nn, c = a.c + first * nr, zeta = a.zeta + first * nr
+    cdef given even = a.even + first * nr, odd = a.odd + first * nr, base_down = a.base_down + item * nr
+    cdef given thickness = a.thickness, above = a.above, mu0 = a.mu0, mu_out = a.mu_out, level = a.level
+    cdef given base_out = a.base_out + row * n * rows if row >= 0 else NULL
+    cdef given_ints level_layer = a.level_layer
+    cdef doubles out = a.out + item * n_level * size
+    cdef doubles g_e = desk.work                        # G_E X and G_F Y, per layer
+    cdef doubles g_f = g_e + rows * n * n_layer
+    cdef doubles running = g_f + rows * n * n_layer     # the field that enters the present layer
+    cdef doubles part = running + size
+    cdef doubles spare = part + size
     cdef int layer, t
     for layer in range(n_layer):
         product(b"N", b"N", <int>rows, n, n, 1.0, G_E + layer * rows * n, <int>rows, X + layer * nn, n, 0.0,
@@ -130,13 +140,14 @@ cdef void reconstruct_one(int n, int stokes, int n_out, int n_up, int n_layer, i
                           (out + t * size if t < n_level else part) + stokes * n_up, spare)
         if layer < n_layer - 1:
             memcpy(running, part, sizeof(double) * size)
+    return 0
 
 
 # (1:36)-(1:38)
-cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
-                        const double* lam_re, const double* lam_im, const double* c, const double* zeta,
-                        const double* even, const double* odd, double thickness, double above, const double* mu0,
-                        const double* mu_out, double depth, const double* entering, double* out, double* work) noexcept nogil:
+cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, given g_e, given g_f,
+                        given lam_re, given lam_im, given c, given zeta,
+                        given even, given odd, double thickness, double above, given mu0,
+                        given mu_out, double depth, given entering, doubles out, doubles work) noexcept nogil:
     """out = what arrives at `depth`: entering light attenuated, plus the layer's source between its far face and depth.
 
     g_e, g_f, entering and out have S n_mu used rows of `rows`.
@@ -146,15 +157,15 @@ cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int 
     cdef bint fading
     cdef double left = thickness - depth if upward else depth     # optical path over mu
     cdef double sign = -1.0 if upward else 1.0, fade, light, far
-    cdef double* even_gain = work                     # (n, used): amplitude of the even modes -> radiance
-    cdef double* odd_gain = even_gain + used * n
-    cdef double* beam_gain = odd_gain + used * n      # (g_e -+ k g_f)/(1 + k mu) or /(k mu - 1)
-    cdef double* fed = beam_gain + used * n           # coordinates c D(.) of all right-hand sides
-    cdef double* first = fed + <size_t>n * n_rhs      # beam_gain c, beam_gain c D, g_f zeta
-    cdef double* second = first + used * n_rhs
-    cdef double* third = second + used * n_rhs
+    cdef doubles even_gain = work                     # (n, used): amplitude of the even modes -> radiance
+    cdef doubles odd_gain = even_gain + used * n
+    cdef doubles beam_gain = odd_gain + used * n      # (g_e -+ k g_f)/(1 + k mu) or /(k mu - 1)
+    cdef doubles fed = beam_gain + used * n           # coordinates c D(.) of all right-hand sides
+    cdef doubles first = fed + <size_t>n * n_rhs      # beam_gain c, beam_gain c D, g_f zeta
+    cdef doubles second = first + used * n_rhs
+    cdef doubles third = second + used * n_rhs
     cdef cplx* response = <cplx*>(third + used * n_rhs)
-    cdef double* faded = <double*>(response + n)      # (n_mu,): e^(-left/mu)
+    cdef doubles faded = <doubles>(response + n)      # (n_mu,): e^(-left/mu)
     if n_mu == 0:
         return
     if left == 0.0:
@@ -206,9 +217,9 @@ cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int 
         resonances(n, stokes, rows, n_mu, n_in, n_rhs, g_e, g_f, lam_re, lam_im, c, mu0, mu_out, depth, above, out)
 
 
-cdef void real_gains(bint upward, bint fading, int stokes, int rows, int n_mu, const double* g_e, const double* g_f, double lam,
-                     double thickness, double left, double far, const double* mu_out, const double* faded, double* even_gain,
-                     double* odd_gain, double* beam_gain) noexcept nogil:
+cdef void real_gains(bint upward, bint fading, int stokes, int rows, int n_mu, given g_e, given g_f, double lam,
+                     double thickness, double left, double far, given mu_out, given faded, doubles even_gain,
+                     doubles odd_gain, doubles beam_gain) noexcept nogil:
     """Columns of the gains of `through_layer` for one real mode. left: the path; far: depth of its end below the face that
     e^(-k x) fades from; faded: e^(-left/mu). The integrals are those of `fading_integrals`, `hyperbolic_integrals`."""
     cdef double k = sqrt(lam), mode_faded = exp(-left * k), at_far = exp(-far * k), sign = -1.0 if upward else 1.0
@@ -251,9 +262,9 @@ cdef void real_gains(bint upward, bint fading, int stokes, int rows, int n_mu, c
             even_gain[i], odd_gain[i], beam_gain[i] = 0.5 * a, 0.5 * b, bottom * (g_e[i] + sign * k * g_f[i])
 
 
-cdef void pair_gains(bint upward, bint fading, int stokes, int rows, int n_mu, const double* g_e, const double* g_f, cplx lam,
-                     double thickness, double left, double far, const double* mu_out, double* even_gain, double* odd_gain,
-                     double* beam_gain) noexcept nogil:
+cdef void pair_gains(bint upward, bint fading, int stokes, int rows, int n_mu, given g_e, given g_f, cplx lam,
+                     double thickness, double left, double far, given mu_out, doubles even_gain, doubles odd_gain,
+                     doubles beam_gain) noexcept nogil:
     """As `real_gains`, the two columns of a complex pair as the real and imaginary parts of one."""
     cdef size_t used = <size_t>stokes * n_mu
     cdef double sign = -1.0 if upward else 1.0
@@ -287,8 +298,8 @@ cdef void pair_gains(bint upward, bint fading, int stokes, int rows, int n_mu, c
             beam_gain[i], beam_gain[i + used] = a.real, a.imag
 
 
-cdef void feed(int n, int n_in, int n_rhs, const double* lam_re, const double* lam_im, const double* c, const double* mu0,
-               double depth, cplx* response, double* fed) noexcept nogil:
+cdef void feed(int n, int n_in, int n_rhs, given lam_re, given lam_im, given c, given mu0,
+               double depth, cplx* response, doubles fed) noexcept nogil:
     """fed = c D(depth), all right-hand sides."""
     cdef int r, j, per_beam = n_rhs // n_in
     for r in range(n_rhs):
@@ -298,14 +309,14 @@ cdef void feed(int n, int n_in, int n_rhs, const double* lam_re, const double* l
         scale_coordinates(n, lam_im, response, c + <size_t>r * n, fed + <size_t>r * n)
 
 
-cdef void resonances(int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, const double* g_e, const double* g_f,
-                     const double* lam_re, const double* lam_im, const double* c, const double* mu0, const double* mu_out,
-                     double depth, double above, double* out) noexcept nogil:
+cdef void resonances(int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, given g_e, given g_f,
+                     given lam_re, given lam_im, given c, given mu0, given mu_out,
+                     double depth, double above, doubles out) noexcept nogil:
     """Adds the beam's part of the modes with k mu close to 1, left out above: int D e^(-(depth - x)/mu) dx/mu is
     depth^2/mu exp[-depth/mu, -k depth, -depth/mu0]."""
     cdef int mu, j, width, r, i, per_beam = n_rhs // n_in
     cdef cplx k, value, gain
-    cdef const double* y
+    cdef given y
     cdef size_t row
     j = 0
     while j < n:
@@ -326,9 +337,9 @@ cdef void resonances(int n, int stokes, int rows, int n_mu, int n_in, int n_rhs,
         j = j + width
 
 
-def mode_coordinates(const double[::1] lam_re, const double[::1] lam_im, const double[:, ::1] even, const double[:, ::1] odd,
-                     const double[:, ::1] c, const double[:, ::1] zeta, const double[::1] mu0, double thickness, double above,
-                     double depth):
+def mode_coordinates(*, const double[::1] lam_re, const double[::1] lam_im, const double[:, ::1] even,
+                     const double[:, ::1] odd, const double[:, ::1] c, const double[:, ::1] zeta,
+                     const double[::1] mu0, double thickness, double above, double depth):
     """y and z of the modes of one order and layer (n,) at a depth below its top: (2, n_rhs, n); see `boundary`.
 
     even, odd, c, zeta (n_rhs, n); mu0 (n_in,); above: optical depth of the layer's top.
@@ -356,7 +367,7 @@ def mode_coordinates(const double[::1] lam_re, const double[::1] lam_im, const d
 
 
 # (1:24)-(1:25)
-cdef void profiles(int n, const double* lam_re, const double* lam_im, double thickness, double depth, cplx* out) noexcept nogil:
+cdef void profiles(int n, given lam_re, given lam_im, double thickness, double depth, cplx* out) noexcept nogil:
     """The even and the odd mode's y and z at a depth, (n,) each: y_even, z_even, y_odd, z_odd; see `boundary`."""
     cdef int j
     cdef bint fading = fades(n, lam_re, lam_im, thickness)

@@ -1,7 +1,44 @@
-# Threads and clocks.
+# One mechanism for every parallel loop: the items of a stage, Fourier orders or orders and layers, done by the threads
+# of a crew, (threads, seconds, stop) of vrte/basics/running.py. No item depends on another, so results do not depend on
+# the number of threads.
+
+ctypedef double* doubles
+ctypedef const double* given
+ctypedef int* ints
+ctypedef const int* given_ints
 
 cdef extern from "core/clock.h":
     const int vrte_openmp
     double vrte_seconds() noexcept nogil
 
 HAS_OPENMP = bool(vrte_openmp)
+
+
+cdef struct Desk:
+    # what a thread works with: a row of scratch memory, one of scratch integers, and the flag that stops it
+    doubles work
+    ints pivots
+    given_ints stop
+
+
+# one item of a stage's task; LAPACK's verdict, 0: fine
+ctypedef int (*Stage)(const void* task, int item, Desk desk) noexcept nogil
+
+
+cdef void run_items(crew, Stage stage, const void* task, int n_item, size_t doubles, size_t integers, ints info):
+    """All items of a task, each with its own `doubles` and `integers`; verdicts go to info (item,) unless NULL, seconds to
+    the crew's. Begins no item once the crew's flag is set."""
+    cdef int item, thread, verdict, threads = crew.threads
+    cdef double[:, ::1] work = np.empty((threads, doubles))
+    cdef int[:, ::1] pivots = np.empty((threads, integers), np.int32)
+    cdef double[::1] seconds = crew.seconds
+    cdef const int[::1] stop = crew.stop
+    cdef double start
+    for item in prange(n_item, nogil=True, schedule="dynamic", num_threads=threads):
+        thread = threadid()
+        if not stop[0]:
+            start = vrte_seconds()
+            verdict = stage(task, item, Desk(&work[thread, 0], &pivots[thread, 0], &stop[0]))
+            if info != NULL:
+                info[item] = verdict
+            seconds[thread] += vrte_seconds() - start

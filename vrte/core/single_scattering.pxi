@@ -28,7 +28,7 @@ def series_table(const double[:, :] coefficients):
     return np.asarray(table)
 
 
-def path_integrals(const double[::1] above, const double[::1] thickness, const double[::1] level,
+def path_integrals(*, const double[::1] above, const double[::1] thickness, const double[::1] level,
                    const int[::1] level_layer, const int[::1] chosen, const double[::1] mu0, const double[::1] mu):
     """Optical path integrals of one scattering in each layer, (layer, chosen, n_in, n_mu); mu signed, > 0 up.
 
@@ -62,7 +62,7 @@ def path_integrals(const double[::1] above, const double[::1] thickness, const d
     return np.asarray(out)
 
 
-cdef double path_between(int layer, int at, double depth, const double* thickness) noexcept nogil:
+cdef double path_between(int layer, int at, double depth, given thickness) noexcept nogil:
     """Optical depth between a level and the nearer face of a layer, 0 inside it: a sum of thicknesses, never a difference
     of depths, whose last place would be seen along a cosine of 1e-8."""
     cdef int i
@@ -75,71 +75,72 @@ cdef double path_between(int layer, int at, double depth, const double* thicknes
     return way
 
 
-def scattering_work(n_col, n_angle):
-    """Doubles of `work` that one thread of `add_single_scattering` needs."""
-    return 4 * n_col * n_angle
+cdef struct Scattering:
+    vrte_scatterer* scatter
+    int terms, n_level, n_in, n_mu, n_angle, n_phi, n_col, n_place, first
+    given_ints angle, kind, place
+    given table, path, mu0, mu, cos_phi, sin_phi, sign, columns
+    doubles out
 
 
 # (1:5)
-def add_single_scattering(const double[:, ::1] table, const double[:, :, ::1] path, const double[::1] mu0,
-                          const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
-                          const double[::1] sign, const double[:, ::1] columns, const int[::1] kind,
-                          const int[::1] place, int first, int last, double[:, :, :, :, :, ::1] out, int threads,
-                          double[:, ::1] work, double[::1] seconds, const int[::1] stop, bint wide=True):
+def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :, ::1] path, const double[::1] mu0,
+                          const double[::1] mu, const double[::1] cos_phi, const double[::1] sin_phi,
+                          const int[::1] angle, const double[::1] sign, const double[:, ::1] columns,
+                          const int[::1] kind, const int[::1] place, int first, int last,
+                          double[:, :, :, :, :, ::1] out, bint wide=True):
     """Adds path Z(mu, -mu0, phi) columns, Z the phase matrix of all terms between meridian planes.
 
     table: of `series_table`; path (n_level, n_in, n_mu): whatever multiplies Z, nothing is done where it is zero; mu0
     (n_in,) > 0: light going down; mu (n_mu,): signed public cosines; cos_phi, sin_phi (n_angle,); columns (n_col, 4).
     `wide=False` leaves AVX2 unused.
     """
-    cdef int n_mu = <int>mu.shape[0], n_level = <int>path.shape[0], n_col = <int>columns.shape[0], item, thread
-    cdef vrte_scatterer* scatter = vrte_best_scatterer(wide)
-    cdef double start
+    cdef int n_mu = <int>mu.shape[0], n_col = <int>columns.shape[0], n_angle = <int>cos_phi.shape[0]
     if 4 * n_col > MOST_ENTRIES:
         raise ValueError(f"at most {MOST_ENTRIES // 4} columns")
     if table.shape[0] % 2 or table.shape[1] != VRTE_SERIES:
         raise ValueError("the table must be one of series_table")
     if out.size == 0:
         return
-    for item in prange((last - first) * n_mu, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            scatter_pair(scatter, <int>table.shape[0], &table[0, 0], path, mu0[first + item // n_mu], mu[item % n_mu], first + item // n_mu,
-                         item % n_mu, cos_phi, sin_phi, angle, sign, columns, kind, place, out, &work[thread, 0])
-            seconds[thread] += vrte_seconds() - start
+    cdef Scattering task = Scattering(
+        vrte_best_scatterer(wide), <int>table.shape[0], <int>path.shape[0], <int>path.shape[1], n_mu, n_angle,
+        <int>angle.shape[0], n_col, <int>out.shape[5], first, &angle[0], &kind[0], &place[0], &table[0, 0],
+        &path[0, 0, 0], &mu0[0], &mu[0], &cos_phi[0], &sin_phi[0], &sign[0], &columns[0, 0], &out[0, 0, 0, 0, 0, 0])
+    run_items(crew, scatter_pair, &task, (last - first) * n_mu, 4 * n_col * n_angle, 0, NULL)
 
 
-cdef void scatter_pair(vrte_scatterer* scatter, int terms, const double* table, const double[:, :, ::1] path, double mu0,
-                       double mu, int i, int j, const double[::1] cos_phi, const double[::1] sin_phi, const int[::1] angle,
-                       const double[::1] sign, const double[:, ::1] columns, const int[::1] kind, const int[::1] place,
-                       double[:, :, :, :, :, ::1] out, double* z) noexcept nogil:
+cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
     """All azimuths and depths of one pair of directions; z (column, Stokes, angle)."""
-    cdef int n_angle = <int>cos_phi.shape[0], n_col = <int>columns.shape[0], n_place = <int>out.shape[5]
-    cdef int n_level = <int>path.shape[0], n_phi = <int>angle.shape[0], first = 0, t, f, k
+    cdef const Scattering* s = <const Scattering*>task
+    cdef int n_angle = s.n_angle, n_col = s.n_col, n_phi = s.n_phi, n_place = s.n_place, n_level = s.n_level, first = 0, t, f, k
+    cdef int i = s.first + item // s.n_mu, j = item % s.n_mu
+    cdef size_t each = <size_t>s.n_in * s.n_mu, pair = <size_t>i * s.n_mu + j    # levels apart; the pair's place in one
+    cdef given path = s.path + pair
+    cdef doubles z = desk.work
     cdef int target[MOST_ENTRIES]
     cdef double factor[2][MOST_ENTRIES]     # as computed, and mirrored
-    cdef double* to
-    cdef const double* now
+    cdef doubles to
+    cdef given now
     cdef bint lit = False
     for t in range(n_level):
-        lit = lit or path[t, i, j] != 0.0
+        lit = lit or path[t * each] != 0.0
     if not lit:
-        return
+        return 0
     while first < n_angle:
-        scatter(terms, table, mu0, mu, min(<int>VRTE_BLOCK, n_angle - first), &cos_phi[first], &sin_phi[first], n_col,
-                &kind[0], &columns[0, 0], z + first, n_angle)
+        s.scatter(s.terms, s.table, s.mu0[i], s.mu[j], min(<int>VRTE_BLOCK, n_angle - first), s.cos_phi + first,
+                  s.sin_phi + first, n_col, s.kind, s.columns, z + first, n_angle)
         first += VRTE_BLOCK
     for t in range(n_level):
-        if path[t, i, j] == 0.0:
+        if path[t * each] == 0.0:
             continue
         for k in range(4 * n_col):
-            target[k] = k % 4 * n_place + place[k // 4]
-            factor[0][k] = path[t, i, j]
-            factor[1][k] = path[t, i, j] if (k % 4 >= 2) == (kind[k // 4] == 1) else -path[t, i, j]
-        to = &out[t, i, j, 0, 0, 0]
+            target[k] = k % 4 * n_place + s.place[k // 4]
+            factor[0][k] = path[t * each]
+            factor[1][k] = path[t * each] if (k % 4 >= 2) == (s.kind[k // 4] == 1) else -path[t * each]
+        to = s.out + (t * each + pair) * n_phi * 4 * n_place
         for f in range(n_phi):
-            now = &factor[sign[f] < 0.0][0]
+            now = &factor[s.sign[f] < 0.0][0]
             for k in range(4 * n_col):
-                to[target[k]] += now[k] * z[<size_t>k * n_angle + angle[f]]
+                to[target[k]] += now[k] * z[<size_t>k * n_angle + s.angle[f]]
             to += 4 * n_place
+    return 0

@@ -11,7 +11,7 @@ cdef inline double to_the_power(double x, int m) noexcept nogil:
     return result
 
 
-cdef void wigner_starts(int m, bint polar, const double* mu, int n_mu, double* zero, double* plus, double* minus) noexcept nogil:
+cdef void wigner_starts(int m, bint polar, given mu, int n_mu, doubles zero, doubles plus, doubles minus) noexcept nogil:
     """d^l_{m,0} at l = m, then d^l_{m,2} and d^l_{m,-2} at l = max(m, 2) unless the polar ones are not wanted."""
     cdef double factor = 1.0 if m % 2 == 0 else -1.0, growth = factor, sine, power
     cdef int i, j
@@ -33,8 +33,8 @@ cdef void wigner_starts(int m, bint polar, const double* mu, int n_mu, double* z
             plus[i], minus[i] = (1.0 + mu[i]) * (1.0 + mu[i]) * power, (1.0 - mu[i]) * (1.0 - mu[i]) * power
 
 
-cdef void wigner_step(int m, int k, int l, const double* mu, int n_mu, const double* before, const double* now,
-                      double* after) noexcept nogil:
+cdef void wigner_step(int m, int k, int l, given mu, int n_mu, given before, given now,
+                      doubles after) noexcept nogil:
     """d^{l+1}_{m,k} from d^l and, above the first l, d^{l-1}; (n_mu,) each."""
     cdef double lower, upper, odd = 2.0 * l + 1.0, steep = <double>l * (l + 1.0), shift = <double>m * k
     cdef int i
@@ -52,11 +52,11 @@ cdef void wigner_step(int m, int k, int l, const double* mu, int n_mu, const dou
             after[i] = (odd * (steep * mu[i] - shift) * now[i] - lower * before[i]) / upper
 
 
-cdef void spherical(int m, int terms, bint polar, const double* mu, int n_mu, double* out) noexcept nogil:
+cdef void spherical(int m, int terms, bint polar, given mu, int n_mu, doubles out) noexcept nogil:
     """out (l, 3, mu) = p, r, t of the handbook for l = m .. terms - 1; r and t only if `polar`."""
     cdef int i, l, first = max(m, 2)
     cdef size_t row = 3 * n_mu
-    cdef double* now
+    cdef doubles now
     cdef double plus, minus
     if terms <= m:
         return

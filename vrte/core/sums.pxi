@@ -37,21 +37,20 @@ cdef void list_entries(const int[::1] stokes, const int[::1] kind, const int[::1
             e.cosines = e.count
 
 
-cdef inline int tile_of(int n_entry, int n_angle) noexcept nogil:
-    return max(1, min(<int>TILE, <int>TILE_DOUBLES // max(1, n_entry * n_angle)))
+cdef struct Summing:
+    Entries entries
+    int n_here, n_mu, tile, tiles, first, n_order, n_angle, n_phi, n_place, n_in
+    given_ints angle, levels, rows
+    given cosine, sine, sign, scale
+    const char* kernels
+    Py_ssize_t strides[6]
+    doubles out
 
 
-def azimuthal_work(n_order, n_col, n_stokes, n_angle):
-    """Doubles of `work` that one thread of `azimuthal_sum` needs."""
-    n_entry = n_col * n_stokes
-    return tile_of(n_entry, n_angle) * n_entry * (n_order + n_angle)
-
-
-def azimuthal_sum(const double[:, :, :, :, :, :] kernels, const int[::1] stokes, const int[::1] kind, const int[::1] place,
-                  const double[:, ::1] cosine, const double[:, ::1] sine, const int[::1] angle, const double[::1] sign,
-                  const int[::1] levels, const int[::1] rows, const double[::1] scale, int first, int last,
-                  double[:, :, :, :, :, ::1] out, int threads, double[:, ::1] work, double[::1] seconds,
-                  const int[::1] stop):
+def azimuthal_sum(crew, *, const double[:, :, :, :, :, :] kernels, const int[::1] stokes, const int[::1] kind,
+                  const int[::1] place, const double[:, ::1] cosine, const double[:, ::1] sine,
+                  const int[::1] angle, const double[::1] sign, const int[::1] levels, const int[::1] rows,
+                  const double[::1] scale, int first, int last, double[:, :, :, :, :, ::1] out):
     """Adds the sum over Fourier orders of kernels times cos or sin(m phi), (1:6)-(1:8) and (1:12) without its 1/2.
 
     kernels (order, n_tau, n_in, n_col, n_out, S), in any order in memory, hold the Stokes components `stokes` (S,) for
@@ -59,63 +58,70 @@ def azimuthal_sum(const double[:, :, :, :, :, :] kernels, const int[::1] stokes,
     m > 0; levels (n_level,), rows (n_mu,): what of the kernels' n_tau and n_out is wanted; scale (n_in,): factor of
     each incident direction.
     """
-    cdef int n_mu = <int>rows.shape[0], n_here = last - first, n_angle = <int>cosine.shape[1], tile, tiles, item, thread
-    cdef Entries entries
-    cdef double start
+    cdef Summing task
+    cdef int n_angle = <int>cosine.shape[1], n_mu = <int>rows.shape[0], k
     if kind.shape[0] * stokes.shape[0] > MOST_ENTRIES:
         raise ValueError(f"at most {MOST_ENTRIES} columns times Stokes components")
-    list_entries(stokes, kind, place, <int>out.shape[5], &entries)
     if kernels.size == 0 or out.size == 0:
         return
-    tile = tile_of(entries.count, n_angle)
-    tiles = (n_mu + tile - 1) // tile
-    for item in prange(<int>levels.shape[0] * n_here * tiles, nogil=True, schedule="dynamic", num_threads=threads):
-        thread = threadid()
-        if not stop[0]:
-            start = vrte_seconds()
-            sum_tile(kernels, &entries, cosine, sine, angle, sign, levels[item // (n_here * tiles)],
-                     first + item // tiles % n_here, rows, item % tiles * tile, min(n_mu, (item % tiles + 1) * tile),
-                     scale[first + item // tiles % n_here],
-                     &out[item // (n_here * tiles), first + item // tiles % n_here, 0, 0, 0, 0], <int>out.shape[5],
-                     &work[thread, 0])
-            seconds[thread] += vrte_seconds() - start
+    list_entries(stokes, kind, place, <int>out.shape[5], &task.entries)
+    task.n_here, task.n_mu, task.first, task.n_in = last - first, n_mu, first, <int>out.shape[1]
+    task.tile = max(1, min(<int>TILE, <int>TILE_DOUBLES // max(1, task.entries.count * n_angle)))
+    task.tiles = (n_mu + task.tile - 1) // task.tile
+    task.n_order, task.n_angle = <int>kernels.shape[0], n_angle
+    task.n_phi, task.n_place = <int>angle.shape[0], <int>out.shape[5]
+    task.angle, task.levels, task.rows = &angle[0], &levels[0], &rows[0]
+    task.cosine, task.sine, task.sign, task.scale = &cosine[0, 0], &sine[0, 0], &sign[0], &scale[0]
+    task.kernels, task.out = <const char*>&kernels[0, 0, 0, 0, 0, 0], &out[0, 0, 0, 0, 0, 0]
+    for k in range(6):
+        task.strides[k] = kernels.strides[k]
+    run_items(crew, sum_tile, &task, <int>levels.shape[0] * task.n_here * task.tiles,
+              task.tile * task.entries.count * (task.n_order + n_angle), 0, NULL)
 
 
-cdef void sum_tile(const double[:, :, :, :, :, :] kernels, const Entries* e, const double[:, ::1] cosine,
-                   const double[:, ::1] sine, const int[::1] angle, const double[::1] sign, int level, int i,
-                   const int[::1] rows, int begin, int end, double scale, double* out, int n_place,
-                   double* work) noexcept nogil:
-    """Some outgoing directions of one incident direction; out (n_mu, n_phi, 4, n_place)."""
-    cdef int n_order = <int>kernels.shape[0], n_angle = <int>cosine.shape[1], n_phi = <int>angle.shape[0]
+cdef inline double kernel_at(const Summing* t, const char* here, int order, int column, int row, int component) noexcept nogil:
+    return (<given>(here + order * t.strides[0] + column * t.strides[3] + row * t.strides[4]
+                            + component * t.strides[5]))[0]
+
+
+cdef int sum_tile(const void* task, int item, Desk desk) noexcept nogil:
+    """Some outgoing directions of one incident direction and one level."""
+    cdef const Summing* t = <const Summing*>task
+    cdef const Entries* e = &t.entries
+    cdef int n_order = t.n_order, n_angle = t.n_angle, n_phi = t.n_phi, n_place = t.n_place, level = item // (t.n_here * t.tiles)
+    cdef int i = t.first + item // t.tiles % t.n_here, begin = item % t.tiles * t.tile, end = min(t.n_mu, begin + t.tile)
     cdef int wide = end - begin, with_cosine = wide * e.cosines, with_sine = wide * (e.count - e.cosines)
+    cdef const char* kernels = t.kernels + t.levels[level] * t.strides[1] + i * t.strides[2]
+    cdef double scale = t.scale[i]
     cdef int m, k, p, f
-    cdef double* a = work                                    # (order, wide, entry): cosines
-    cdef double* b = a + <size_t>n_order * with_cosine       # the same for sines
-    cdef double* at_cosine = b + <size_t>n_order * with_sine  # (angle, wide, entry)
-    cdef double* at_sine = at_cosine + <size_t>n_angle * with_cosine
-    cdef double* to
-    cdef const double* from_cosine
-    cdef const double* from_sine
+    cdef doubles a = desk.work                               # (order, wide, entry): cosines
+    cdef doubles b = a + <size_t>n_order * with_cosine       # the same for sines
+    cdef doubles at_cosine = b + <size_t>n_order * with_sine  # (angle, wide, entry)
+    cdef doubles at_sine = at_cosine + <size_t>n_angle * with_cosine
+    cdef doubles to
+    cdef given from_cosine
+    cdef given from_sine
     for m in range(n_order):
         for p in range(wide):
             for k in range(e.cosines):
                 a[(<size_t>m * wide + p) * e.cosines + k] = (
-                    scale * kernels[m, level, i, e.column[k], rows[begin + p], e.component[k]])
+                    scale * kernel_at(t, kernels, m, e.column[k], t.rows[begin + p], e.component[k]))
             for k in range(e.cosines, e.count):
                 b[(<size_t>m * wide + p) * (e.count - e.cosines) + k - e.cosines] = (
-                    scale * e.factor[k] * kernels[m, level, i, e.column[k], rows[begin + p], e.component[k]])
+                    scale * e.factor[k] * kernel_at(t, kernels, m, e.column[k], t.rows[begin + p], e.component[k]))
     if with_cosine:
-        product(b"N", b"T", with_cosine, n_angle, n_order, 1.0, a, with_cosine, &cosine[0, 0], n_angle, 0.0, at_cosine,
+        product(b"N", b"T", with_cosine, n_angle, n_order, 1.0, a, with_cosine, t.cosine, n_angle, 0.0, at_cosine,
                 with_cosine)
     if with_sine:
-        product(b"N", b"T", with_sine, n_angle, n_order, 1.0, b, with_sine, &sine[0, 0], n_angle, 0.0, at_sine, with_sine)
+        product(b"N", b"T", with_sine, n_angle, n_order, 1.0, b, with_sine, t.sine, n_angle, 0.0, at_sine, with_sine)
     for p in range(wide):
-        to = out + <size_t>(begin + p) * n_phi * 4 * n_place
+        to = t.out + ((<size_t>level * t.n_in + i) * t.n_mu + begin + p) * n_phi * 4 * n_place
         for f in range(n_phi):
-            from_cosine = at_cosine + (<size_t>angle[f] * wide + p) * e.cosines
+            from_cosine = at_cosine + (<size_t>t.angle[f] * wide + p) * e.cosines
             for k in range(e.cosines):
                 to[e.target[k]] += from_cosine[k]
-            from_sine = at_sine + (<size_t>angle[f] * wide + p) * (e.count - e.cosines) - e.cosines
+            from_sine = at_sine + (<size_t>t.angle[f] * wide + p) * (e.count - e.cosines) - e.cosines
             for k in range(e.cosines, e.count):
-                to[e.target[k]] += sign[f] * from_sine[k]
+                to[e.target[k]] += t.sign[f] * from_sine[k]
             to += 4 * n_place
+    return 0

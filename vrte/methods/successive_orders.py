@@ -41,7 +41,7 @@ class Depths:
     place: IntArray
 
     @cached_property
-    def at(self) -> Pair:
+    def at(self) -> tuple[Array, IntArray]:
         """Depths below the layers' tops, and layers, of the Gauss points of every panel, each (panel * POINTS,)."""
         depth = self.top[:, None] + self.size[:, None] * gauss_depths(POINTS)
         return depth.ravel(), np.repeat(self.layer, POINTS)
@@ -226,7 +226,15 @@ class Orders:
         layer = np.concatenate([layer, depths.layer, [problem.albedo.size - 1]]).astype(np.int32)
         mu = np.concatenate([problem.nodes, -problem.nodes])
         every = np.arange(level.size, dtype=np.int32)
-        paths = _core.path_integrals(problem.above, problem.thickness, level, layer, every, problem.mu0, mu)
+        paths = _core.path_integrals(
+            above=problem.above,
+            thickness=problem.thickness,
+            level=level,
+            level_layer=layer,
+            chosen=every,
+            mu0=problem.mu0,
+            mu=mu,
+        )
         paths = np.repeat(np.abs(mu) * paths, len(on_nodes.members), axis=3)
         paths = np.repeat(paths, problem.columns.shape[0], axis=2).swapaxes(2, 3)
         return Orders(

@@ -184,7 +184,6 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
     """What adds a phase matrix times path (n_level, n_in, n_mu) to values, for the beams mu0 from first to last - 1."""
     cosine, sine = cos_sin_deg(target.azimuths.distinct)
     columns, azimuths = target.problem.columns, target.azimuths
-    work = run.work(_core.scattering_work(columns.shape[0], azimuths.distinct.size))
     kind, place = target.kind, target.wanted.place
 
     def add(
@@ -198,26 +197,24 @@ def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
         values: Array,
         threads: int = run.threads,
     ) -> None:
-        run.timed(
-            stage,
-            run.kernels.add_single_scattering,
-            table,
-            path,
-            mu0,
-            mu,
-            cosine,
-            sine,
-            azimuths.angle,
-            azimuths.sign,
-            columns,
-            kind,
-            place,
-            first,
-            last,
-            values,
-            threads,
-            work,
-        )
+        with replace(run, threads=threads).timed(stage) as crew:
+            run.kernels.add_single_scattering(
+                crew,
+                table=table,
+                path=path,
+                mu0=mu0,
+                mu=mu,
+                cos_phi=cosine,
+                sin_phi=sine,
+                angle=azimuths.angle,
+                sign=azimuths.sign,
+                columns=columns,
+                kind=kind,
+                place=place,
+                first=first,
+                last=last,
+                out=values,
+            )
 
     return add
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
@@ -32,31 +31,28 @@ def boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base:
         np.empty(shape), np.empty(shape), np.empty((orders.size, n_rhs, n)), np.zeros((orders.size, n_layer))
     )
     info = np.zeros(orders.size, np.int32)
-    run.timed(
-        "boundary",
-        run.kernels.boundary,
-        modes.lam_re,
-        modes.lam_im,
-        modes.X,
-        modes.Y,
-        beam.c,
-        beam.zeta,
-        np.where((problem.albedo == 0.0) & problem.leave_out.clear, 1, 0).astype(np.int32),
-        problem.thickness,
-        problem.mu0,
-        problem.above,
-        base.row[orders],
-        base.matrix,
-        base.source,
-        result.even,
-        result.odd,
-        result.base_down,
-        result.residual,
-        info,
-        run.threads,
-        run.work(_core.boundary_work(n, n_layer, n_rhs)),
-        run.pivots((2 * n_layer + 1) * n),
-    )
+    with run.timed("boundary") as crew:
+        run.kernels.boundary(
+            crew,
+            lam_re=modes.lam_re,
+            lam_im=modes.lam_im,
+            X=modes.X,
+            Y=modes.Y,
+            c=beam.c,
+            zeta=beam.zeta,
+            clear=np.where((problem.albedo == 0.0) & problem.leave_out.clear, 1, 0).astype(np.int32),
+            thickness=problem.thickness,
+            mu0=problem.mu0,
+            above=problem.above,
+            base_row=base.row[orders],
+            base=base.matrix,
+            base_source=base.source,
+            even=result.even,
+            odd=result.odd,
+            base_down=result.base_down,
+            residual=result.residual,
+            info=info,
+        )
     if info.any():
         raise AccuracyError(f"the boundary system of order {orders[np.argmax(info != 0)]} is singular")
     return result

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
@@ -38,30 +37,27 @@ def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Ru
         residual=np.zeros(shape),
     )
     info = np.zeros(shape, np.int32)
-    run.timed(
-        "homogeneous",
-        run.kernels.homogeneous,
-        orders,
-        problem.conserves,
-        quick,
-        problem.leave_out.clear,
-        problem.albedo,
-        problem.nodes,
-        problem.weights,
-        matrices.E,
-        matrices.F,
-        modes.lam_re,
-        modes.lam_im,
-        modes.X,
-        modes.Y,
-        modes.X_lu,
-        modes.X_pivots,
-        modes.residual,
-        info,
-        run.threads,
-        run.work(_core.homogeneous_work(n)),
-        run.pivots(6 * n + 8),
-    )
+    with run.timed("homogeneous") as crew:
+        run.kernels.homogeneous(
+            crew,
+            orders=orders,
+            conserving=problem.conserves,
+            quick=quick,
+            clear=problem.leave_out.clear,
+            albedo=problem.albedo,
+            directions=problem.nodes,
+            weights=problem.weights,
+            E=matrices.E,
+            F=matrices.F,
+            lam_re=modes.lam_re,
+            lam_im=modes.lam_im,
+            X=modes.X,
+            Y=modes.Y,
+            X_lu=modes.X_lu,
+            X_pivots=modes.X_pivots,
+            residual=modes.residual,
+            info=info,
+        )
     if info.any():
         order, layer = np.argwhere(info)[0]
         raise AccuracyError(f"the eigenproblem of order {orders[order]}, layer {layer + 1} did not converge")

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -33,28 +32,26 @@ def reflect_endless(problem: Problem, orders: IntArray, tolerance: float, run: R
         residual=np.empty(orders.size),
         steps=np.empty(orders.size, np.int32),
     )
-    run.timed(
-        "invariance",
-        run.kernels.reflect_endless,
-        orders,
-        np.array(problem.stokes, np.int32),
-        problem.coefficients[0],
-        terms,
-        float(problem.albedo[0]),
-        np.concatenate([problem.nodes, off]),
-        problem.weights,
-        places[:n_out].astype(np.int32),
-        places[n_out:].astype(np.int32),
-        problem.columns,
-        tolerance,
-        problem.leave_out.halves,
-        up,
-        found.on_nodes,
-        found.residual,
-        found.steps,
-        run.threads,
-        run.work(_core.invariance_work(problem.nodes.size, off.size, stokes, terms)),
-    )
+    with run.timed("invariance") as crew:
+        run.kernels.reflect_endless(
+            crew,
+            orders=orders,
+            members=np.array(problem.stokes, np.int32),
+            coefficients=problem.coefficients[0],
+            terms=terms,
+            albedo=float(problem.albedo[0]),
+            directions=np.concatenate([problem.nodes, off]),
+            weights=problem.weights,
+            out=places[:n_out].astype(np.int32),
+            into=places[n_out:].astype(np.int32),
+            columns=problem.columns,
+            tolerance=tolerance,
+            halves=problem.leave_out.halves,
+            up=up,
+            on_nodes=found.on_nodes,
+            residual=found.residual,
+            steps=found.steps,
+        )
     found.kernels[..., : problem.n_up, :] *= problem.flip / (2.0 * np.pi)
     found.kernels[..., problem.n_up :, :] = 0.0  # nothing comes down upon the top
     return found

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.homogeneous import Modes
@@ -24,23 +23,21 @@ def particular(problem: Problem, matrices: Assembled, modes: Modes, run: Run) ->
     """The beam's own field, every order, layer and right-hand side."""
     shape = (*modes.lam_re.shape[:2], problem.n_rhs, problem.size)
     beam = Beam(np.empty(shape), np.empty(shape))
-    run.timed(
-        "particular",
-        run.kernels.particular,
-        matrices.F,
-        matrices.source_s,
-        matrices.source_d,
-        problem.mu0,
-        problem.columns,
-        modes.lam_re,
-        modes.lam_im,
-        modes.X,
-        modes.Y,
-        modes.X_lu,
-        modes.X_pivots,
-        beam.c,
-        beam.zeta,
-        run.threads,
-        run.work(_core.particular_work(problem.size, problem.mu0.size, len(problem.stokes))),
-    )
+    with run.timed("particular") as crew:
+        run.kernels.particular(
+            crew,
+            F=matrices.F,
+            source_s=matrices.source_s,
+            source_d=matrices.source_d,
+            mu0=problem.mu0,
+            columns=problem.columns,
+            lam_re=modes.lam_re,
+            lam_im=modes.lam_im,
+            X=modes.X,
+            Y=modes.Y,
+            X_lu=modes.X_lu,
+            X_pivots=modes.X_pivots,
+            c=beam.c,
+            zeta=beam.zeta,
+        )
     return beam

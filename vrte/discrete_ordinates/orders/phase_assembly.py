@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -30,25 +29,22 @@ def assemble(problem: Problem, orders: IntArray, run: Run) -> Assembled:
         *(np.empty((*shape, *tail)) for tail in [(n, n), (n, n), (n, out), (n, out), (into, n), (into, n)])
     )
     directions = problem.directions
-    work = run.work(_core.assembly_work(directions.size, problem.coefficients.shape[1], len(problem.stokes)))
-    run.timed(
-        "assembly",
-        run.kernels.assemble,
-        orders,
-        np.array(problem.stokes, np.int32),
-        problem.coefficients,
-        problem.terms,
-        problem.albedo,
-        directions,
-        problem.weights,
-        problem.mu_out.size,
-        result.E,
-        result.F,
-        result.G_E,
-        result.G_F,
-        result.source_s,
-        result.source_d,
-        run.threads,
-        work,
-    )
+    with run.timed("assembly") as crew:
+        run.kernels.assemble(
+            crew,
+            orders=orders,
+            members=np.array(problem.stokes, np.int32),
+            coefficients=problem.coefficients,
+            terms=problem.terms,
+            albedo=problem.albedo,
+            directions=directions,
+            weights=problem.weights,
+            n_out=problem.mu_out.size,
+            E=result.E,
+            F=result.F,
+            G_E=result.G_E,
+            G_F=result.G_F,
+            source_s=result.source_s,
+            source_d=result.source_d,
+        )
     return result

@@ -26,33 +26,31 @@ def reconstruct(
     """(order, n_tau, n_in, n_col, n_out, S): radiance of each order for a unit beam, public frame."""
     n_out, n_rhs = problem.mu_out.size, problem.n_rhs
     out = np.empty((orders.size, problem.level.size, n_rhs, problem.rows_out))
-    run.timed(
-        "reconstruction",
-        run.kernels.reconstruct,
-        matrices.G_E,
-        matrices.G_F,
-        modes.lam_re,
-        modes.lam_im,
-        modes.X,
-        modes.Y,
-        beam.c,
-        beam.zeta,
-        amplitudes.even,
-        amplitudes.odd,
-        amplitudes.base_down,
-        base.row[orders],
-        base.out,
-        problem.thickness,
-        problem.above,
-        problem.mu0,
-        problem.mu_out,
-        problem.n_up,
-        problem.level,
-        problem.level_layer,
-        out,
-        run.threads,
-        run.work(_core.reconstruction_work(problem.size, problem.rows_out, n_rhs, problem.albedo.size)),
-    )
+    with run.timed("reconstruction") as crew:
+        run.kernels.reconstruct(
+            crew,
+            G_E=matrices.G_E,
+            G_F=matrices.G_F,
+            lam_re=modes.lam_re,
+            lam_im=modes.lam_im,
+            X=modes.X,
+            Y=modes.Y,
+            c=beam.c,
+            zeta=beam.zeta,
+            even=amplitudes.even,
+            odd=amplitudes.odd,
+            base_down=amplitudes.base_down,
+            base_row=base.row[orders],
+            base_out=base.out,
+            thickness=problem.thickness,
+            above=problem.above,
+            mu0=problem.mu0,
+            mu_out=problem.mu_out,
+            n_up=problem.n_up,
+            level=problem.level,
+            level_layer=problem.level_layer,
+            out=out,
+        )
     out = out.reshape(*out.shape[:2], problem.mu0.size, problem.columns.shape[0], n_out, len(problem.stokes))
     out[..., : problem.n_up, :] *= problem.flip
     return out / (2.0 * np.pi)
@@ -80,14 +78,14 @@ def mode_coordinates(
 ) -> Array:
     """y, z of order 0 at a depth below a layer's top, (2, n_rhs, n); see `boundary` in core/boundary.pxi."""
     return _core.mode_coordinates(
-        modes.lam_re[0, layer],
-        modes.lam_im[0, layer],
-        amplitudes.even[0, layer],
-        amplitudes.odd[0, layer],
-        beam.c[0, layer],
-        beam.zeta[0, layer],
-        problem.mu0,
-        float(problem.thickness[layer]),
-        float(problem.above[layer]),
-        depth,
+        lam_re=modes.lam_re[0, layer],
+        lam_im=modes.lam_im[0, layer],
+        even=amplitudes.even[0, layer],
+        odd=amplitudes.odd[0, layer],
+        c=beam.c[0, layer],
+        zeta=beam.zeta[0, layer],
+        mu0=problem.mu0,
+        thickness=float(problem.thickness[layer]),
+        above=float(problem.above[layer]),
+        depth=depth,
     )

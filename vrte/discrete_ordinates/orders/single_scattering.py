@@ -38,8 +38,15 @@ def scatterers(
 
 def paths_in_layers(problem: Problem, levels: IntArray, mu: Array) -> Array:
     """Optical path integrals of one scattering in each layer, (layer, n_level, n_in, n_mu); mu signed, > 0 up."""
-    place = problem.above, problem.thickness, problem.level, problem.level_layer
-    return _core.path_integrals(*place, levels, problem.mu0, mu)
+    return _core.path_integrals(
+        above=problem.above,
+        thickness=problem.thickness,
+        level=problem.level,
+        level_layer=problem.level_layer,
+        chosen=levels,
+        mu0=problem.mu0,
+        mu=mu,
+    )
 
 
 def scatter_by_orders(layers: Sequence[Layer], problem: Problem) -> Array:

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
@@ -100,34 +99,31 @@ def join(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tu
     shape = (orders.size, levels, problem.n_rhs, problem.rows_out)
     up, down, flux = np.empty(shape), np.empty(shape), np.empty((orders.size, levels, 2, problem.n_rhs))
     residual, info = np.zeros((orders.size, max(1, pile.slabs.size))), np.zeros(orders.size, np.int32)
-    run.timed(
-        "joining",
-        run.kernels.join_slabs,
-        orders,
-        problem.conserves,
-        pile.slabs,
-        pile.above,
-        problem.nodes,
-        problem.weights,
-        problem.mu0,
-        n_out,
-        slabs.R,
-        slabs.T,
-        slabs.lost,
-        base.row[orders],
-        base.matrix,
-        base.source,
-        base.out,
-        pile.interface,
-        up,
-        down,
-        flux,
-        residual,
-        info,
-        run.threads,
-        run.work(_core.joining_work(problem.size, pile.slabs.size, problem.n_rhs, problem.rows_out)),
-        run.pivots(problem.size),
-    )
+    with run.timed("joining") as crew:
+        run.kernels.join_slabs(
+            crew,
+            orders=orders,
+            conserving=problem.conserves,
+            slabs=pile.slabs,
+            above=pile.above,
+            nodes=problem.nodes,
+            weights=problem.weights,
+            mu0=problem.mu0,
+            n_out=n_out,
+            R=slabs.R,
+            T=slabs.T,
+            lost=slabs.lost,
+            base_row=base.row[orders],
+            base=base.matrix,
+            base_source=base.source,
+            base_out=base.out,
+            interface=pile.interface,
+            up=up,
+            down=down,
+            flux=flux,
+            residual=residual,
+            info=info,
+        )
     if info.any():
         raise AccuracyError(
             f"two slabs cannot be joined at order {orders[np.argmax(info != 0)]}: the system is singular"

@@ -46,21 +46,19 @@ def needs_of(problem: Problem, run: Run) -> Needs:
     bounds, effect = np.empty(n_order), np.empty((n_order, problem.nodes.size))
     if directions.size * n_order**2 < WORTH_THREADS:
         run = replace(run, threads=1)
-    run.timed(
-        "planning",
-        _core.order_bounds,
-        problem.coefficients,
-        problem.terms,
-        problem.albedo,
-        directions,
-        problem.weights,
-        problem.mu_out.size,
-        by_layer,
-        bounds,
-        effect,
-        run.threads,
-        run.work(_core.bounds_work(directions.size, n_order)),
-    )
+    with run.timed("planning") as crew:
+        _core.order_bounds(
+            crew,
+            coefficients=problem.coefficients,
+            terms=problem.terms,
+            albedo=problem.albedo,
+            directions=directions,
+            weights=problem.weights,
+            n_out=problem.mu_out.size,
+            strength=by_layer,
+            bounds=bounds,
+            effect=effect,
+        )
     return Needs(by_layer, by_layer.max(axis=0), bounds, effect)
 
 
@@ -73,26 +71,24 @@ def brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) 
     levels = np.arange(problem.level.size, dtype=np.int32)
     light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
     for coefficients, path in scatterers(scene.layers, problem, levels, out, whole):
-        run.timed(
-            "planning",
-            _core.add_single_scattering,
-            coefficients,
-            path,
-            into,
-            out,
-            np.cos(angles),
-            np.sin(angles),
-            np.arange(angles.size, dtype=np.int32),
-            np.ones(angles.size),
-            np.array([[1.0, 0.0, 0.0, 0.0]]),
-            np.zeros(1, np.int32),
-            np.zeros(1, np.int32),
-            0,
-            into.size,
-            light,
-            1,
-            run.work(_core.scattering_work(1, angles.size)),
-        )
+        with replace(run, threads=1).timed("planning") as crew:
+            _core.add_single_scattering(
+                crew,
+                table=coefficients,
+                path=path,
+                mu0=into,
+                mu=out,
+                cos_phi=np.cos(angles),
+                sin_phi=np.sin(angles),
+                angle=np.arange(angles.size, dtype=np.int32),
+                sign=np.ones(angles.size),
+                columns=np.array([[1.0, 0.0, 0.0, 0.0]]),
+                kind=np.zeros(1, np.int32),
+                place=np.zeros(1, np.int32),
+                first=0,
+                last=into.size,
+                out=light,
+            )
     brightest: Array = light[..., 0, 0].max(axis=(2, 3), initial=0.0)
     return brightest
 
@@ -132,7 +128,7 @@ def bounds_at(needs: Needs, depth: Array) -> Array:
     An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
     bound e^(-kappa tau)/((1 - kappa) (1 - q/(1 - kappa))).
     """
-    bounds: Array = _core.bounds_at(needs.strength, needs.bounds, depth, DECAYS)
+    bounds: Array = _core.bounds_at(strength=needs.strength, bounds=needs.bounds, depth=depth, decays=DECAYS)
     return bounds[..., None]
 
 
@@ -162,7 +158,7 @@ def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
 def nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
     """How many nodes, from the lowest mu, each order needs: what passes by way of the others is less than a share."""
     allowed = SHARE * accuracy * brightest / needs.strength.size
-    return _core.nodes_seen(needs.strength, needs.effect, allowed, LARGEST_GAIN)
+    return _core.nodes_seen(strength=needs.strength, effect=needs.effect, allowed=allowed, largest_gain=LARGEST_GAIN)
 
 
 def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:

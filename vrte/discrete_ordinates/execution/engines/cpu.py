@@ -78,33 +78,29 @@ class Processor:
     def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
         """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""
         azimuths, wanted, kind = target.azimuths, target.wanted, target.kind
-        prepared = []
-        for light in lights:
-            sizes = light.orders.size, light.columns.size, light.stokes.size, azimuths.distinct.size
-            columns = kind[light.columns], wanted.place[light.columns]
-            prepared.append((light, columns, azimuths.cos_sin(light.orders), run.work(_core.azimuthal_work(*sizes))))
+        prepared = [(light, *azimuths.cos_sin(light.orders)) for light in lights]
 
         def add(share: Share) -> None:
             part = share.part
-            for light, columns, waves, work in prepared:
-                run.timed(
-                    "fourier sum",
-                    run.kernels.azimuthal_sum,
-                    light.kernels,
-                    light.stokes,
-                    *columns,
-                    *waves,
-                    azimuths.angle,
-                    azimuths.sign,
-                    part.levels,
-                    part.rows,
-                    wanted.scale,
-                    share.first,
-                    share.last,
-                    part.values,
-                    run.threads,
-                    work,
-                )
+            for light, cosine, sine in prepared:
+                with run.timed("fourier sum") as crew:
+                    run.kernels.azimuthal_sum(
+                        crew,
+                        kernels=light.kernels,
+                        stokes=light.stokes,
+                        kind=kind[light.columns],
+                        place=wanted.place[light.columns],
+                        cosine=cosine,
+                        sine=sine,
+                        angle=azimuths.angle,
+                        sign=azimuths.sign,
+                        levels=part.levels,
+                        rows=part.rows,
+                        scale=wanted.scale,
+                        first=share.first,
+                        last=share.last,
+                        out=part.values,
+                    )
 
         return add
 
