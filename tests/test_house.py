@@ -12,7 +12,11 @@ import vrte
 from vrte.basics.views import VIEWS, view
 
 PACKAGE = Path(vrte.__file__).parent
-CLASSES = {**vars(vrte), **vars(import_module("vrte.optics.phase_matrix"))}
+CLASSES = {
+    **vars(vrte),
+    **vars(import_module("vrte.optics.phase_matrix")),
+    **vars(import_module("vrte.results.result")),
+}
 
 
 def test_only_the_package_itself_is_loose() -> None:

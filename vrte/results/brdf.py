@@ -1,22 +1,16 @@
 """The polarized subsurface BRDF of a scene, and its transmission."""
 
-import os
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.basics.views import view
-from vrte.results.field import freeze
+from vrte.results.result import Result
 from vrte.scene.illumination import check_azimuths, incident_light, outgoing, weights_of
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Brdf:
+class Brdf(Result):
     """Mueller matrices of the light that comes back out: radiance out = mueller @ irradiance in.
 
     ``mueller`` (mu_i, mu_o, phi, 4, 4) [sr-1] is the subsurface BRDF in the meridian planes; ``reflectance`` (mu_i,) is
@@ -40,22 +34,10 @@ class Brdf:
     def __post_init__(self) -> None:
         incident = (len(self.mu_i),)
         matrices = (*incident, len(self.mu_o), len(self.phi), 4, 4)
-        shapes = {
-            "mueller": matrices,
-            "reflectance": incident,
-            "mu_i": incident,
-            "mu_o": (len(self.mu_o),),
-            "phi": (len(self.phi),),
-        }
-        if self.transmission is not None:
-            shapes["transmission"] = matrices
-        if self.direct_transmittance is not None:
-            shapes["direct_transmittance"] = incident
-        freeze(self, shapes)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # through the constructor: an unpickled array would otherwise be writable
-        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+        shapes: dict[str, tuple[int, ...]] = {"mueller": matrices, "transmission": matrices}
+        shapes |= dict.fromkeys(("reflectance", "mu_i", "direct_transmittance"), incident)
+        shapes |= {"mu_o": (len(self.mu_o),), "phi": (len(self.phi),)}
+        self._freeze({name: shape for name, shape in shapes.items() if getattr(self, name) is not None})
 
     def __repr__(self) -> str:
         extra = "" if self.transmission is None else ", with transmission"
@@ -93,25 +75,3 @@ class Brdf:
         """Flux out over flux in under such a sky, from ``reflectance``; any ``phi`` will do. ``weights`` as for
         `under`."""
         return float(2.0 * (weights_of(self.mu_i, weights) * self.mu_i) @ self.reflectance)
-
-    def _repr_html_(self) -> str:
-        return view(self, "_repr_html_")
-
-    def plot(self) -> "Figure":
-        """Lobes of f00 and polar cuts. Raises SceneError where there are too few directions, MissingExtraError without
-        the extra "plot"."""
-        return view(self, "plot")
-
-    def to_xarray(self) -> "xarray.Dataset":
-        """An xarray.Dataset: ``mueller`` with dims (mu_i, mu_o, phi_deg, stokes_out, stokes_in).
-
-        Raises MissingExtraError without xarray.
-        """
-        return view(self, "to_xarray")
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes NetCDF, CSV or Zarr as the name ends in .nc, .csv or .zarr, all or nothing; `vrte.load` reads it back.
-
-        Raises SceneError for another ending, OSError, but for CSV MissingExtraError without the extra "files".
-        """
-        return view(self, "save", path)

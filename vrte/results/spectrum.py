@@ -1,22 +1,16 @@
 """The BRDF of a scene at several wavelengths."""
 
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from vrte.basics.arrays import Array, in_one_line, settled, vector
 from vrte.basics.errors import SceneError
-from vrte.basics.views import view
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-
-if TYPE_CHECKING:
-    import xarray
-    from matplotlib.figure import Figure
-
+from vrte.results.result import Result
 
 MOST_WAVELENGTHS = 10_000
 SCENE = "scene_toml"  # in diagnostics: the text of the scene file
@@ -24,7 +18,7 @@ Found = TypeVar("Found", bound=Brdf | Field)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Spectrum:
+class Spectrum(Result):
     """BRDFs at ascending wavelengths, all for the same directions.
 
     ``wavelength_um`` (n,) in vacuum; ``brdfs``, n of them, with or without transmission all alike. An item of the
@@ -48,10 +42,6 @@ class Spectrum:
             raise SceneError(f"brdfs must be one a wavelength, {self.wavelength_um.size}, not {len(self.brdfs)}")
         for one in self.brdfs[1:]:
             check_alike(self.brdfs[0], one)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # through the constructor: an unpickled array would otherwise be writable
-        return type(self), (self.wavelength_um, self.brdfs)
 
     def __len__(self) -> int:
         return len(self.brdfs)
@@ -84,45 +74,28 @@ class Spectrum:
     @property
     def mueller(self) -> Array:
         """The BRDFs (wavelength, mu_i, mu_o, phi, 4, 4) [sr-1], a new read-only array."""
-        return settled(np.stack([one.mueller for one in self.brdfs]))
+        return self._stacked("mueller")
 
     @property
     def reflectance(self) -> Array:
         """Directional-hemispherical reflectances (wavelength, mu_i)."""
-        return settled(np.stack([one.reflectance for one in self.brdfs]))
+        return self._stacked("reflectance")
 
     @property
     def transmission(self) -> Array | None:
         """The BTDFs, of the same shape as ``mueller``, or None."""
-        return stacked([one.transmission for one in self.brdfs])
+        return self._stacked("transmission")
 
     @property
     def direct_transmittance(self) -> Array | None:
         """The share of the beam that gets through unscattered (wavelength, mu_i), or None."""
-        return stacked([one.direct_transmittance for one in self.brdfs])
+        return self._stacked("direct_transmittance")
 
-    def to_xarray(self) -> "xarray.Dataset":
-        """An xarray.Dataset: ``mueller`` with dims (wavelength_um, mu_i, mu_o, phi_deg, stokes_out, stokes_in).
-
-        Raises MissingExtraError without xarray.
-        """
-        return view(self, "to_xarray")
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes NetCDF, CSV or Zarr as the name ends in .nc, .csv or .zarr, all or nothing; `vrte.load` reads it back.
-
-        Raises SceneError for another ending, OSError, but for CSV MissingExtraError without the extra "files".
-        """
-        return view(self, "save", path)
-
-    def _repr_html_(self) -> str:
-        return view(self, "_repr_html_")
-
-    def plot(self) -> "Figure":
-        """Reflectance against wavelength, and f00 in the plane of incidence where there are enough directions.
-
-        Raises MissingExtraError without the extra "plot"."""
-        return view(self, "plot")
+    def _stacked(self, name: str) -> Any:
+        """An array of all BRDFs as one, read-only; None where they have none."""
+        if getattr(self.brdfs[0], name) is None:
+            return None
+        return settled(np.stack([getattr(one, name) for one in self.brdfs]))
 
     def at(self, wavelengths_um: Any) -> "Spectrum":
         """The spectrum at some of its own wavelengths, to 1e-9 um. Raises SceneError for one that it has not."""
@@ -156,12 +129,6 @@ def check_alike(first: Brdf, other: Brdf) -> None:
             raise SceneError(f"brdfs must all have {name}, or none of them")
     if first.diagnostics.get("illuminate") != other.diagnostics.get("illuminate"):
         raise SceneError("brdfs must all be lit from the same side")
-
-
-def stacked(arrays: Sequence[Array | None]) -> Array | None:
-    """Arrays as one, read-only; None where there are none."""
-    there = [array for array in arrays if array is not None]
-    return settled(np.stack(there)) if there else None
 
 
 def with_scene(found: Found, text: str) -> Found:

@@ -1,18 +1,14 @@
 """Stokes vectors in single geometries, as instruments in orbit list them."""
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 from vrte.basics.arrays import Array
-from vrte.basics.views import view
-from vrte.results.field import freeze
-
-if TYPE_CHECKING:
-    import xarray
+from vrte.results.result import Labelled
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Views:
+class Views(Labelled):
     """Stokes vectors of the diffuse light in single geometries, a row each.
 
     ``stokes`` (n, 4) [W m-2 sr-1 for a beam in W m-2]; ``mu0``, ``mu``, ``phi`` (n,) as in `vrte.Field`; ``tau`` the
@@ -30,15 +26,7 @@ class Views:
 
     def __post_init__(self) -> None:
         rows = (len(self.mu0),)
-        freeze(self, {"stokes": (*rows, 4), "mu0": rows, "mu": rows, "phi": rows, "incident_stokes": (4,)})
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # through the constructor: an unpickled array would otherwise be writable
-        return type(self), tuple(getattr(self, field.name) for field in fields(self))
+        self._freeze({"stokes": (*rows, 4), "mu0": rows, "mu": rows, "phi": rows, "incident_stokes": (4,)})
 
     def __repr__(self) -> str:
         return f"Views({self.mu0.size} geometries, tau={self.tau:g}, incident_stokes={self.incident_stokes.tolist()})"
-
-    def to_xarray(self) -> "xarray.Dataset":
-        """An xarray.Dataset: ``stokes`` with dims (geometry, stokes_parameter). MissingExtraError without xarray."""
-        return view(self, "to_xarray")

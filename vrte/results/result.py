@@ -1,0 +1,69 @@
+"""What all results share: arrays that nobody can write into, also in pickles, and what shows and writes them."""
+
+import os
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+from vrte.basics.arrays import frozen, is_settled
+from vrte.basics.errors import SceneError
+from vrte.basics.views import view
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+
+class Labelled:
+    """A frozen dataclass of read-only arrays."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # through the constructor: an unpickled array would otherwise be writable
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+
+    def _freeze(self, shapes: dict[str, tuple[int, ...]]) -> None:
+        """Replaces the named arrays by read-only ones, and ``diagnostics`` by a copy.
+
+        Arrays that are read-only already, all the way down, are taken as they are: a large table would be copied
+        twice. Raises SceneError for an array that has not the shape given.
+        """
+        for name, shape in shapes.items():
+            given = getattr(self, name)
+            array = given if is_settled(given) else frozen(given)
+            if array.shape != shape:
+                raise SceneError(f"{name} must have the shape {shape} to fit its directions, not {array.shape}", name)
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "diagnostics", dict(vars(self)["diagnostics"]))
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """An xarray.Dataset, a copy: every variable and coordinate has ``units`` and ``long_name``.
+
+        Dimensions: of a BRDF's ``mueller`` (mu_i, mu_o, phi_deg, stokes_out, stokes_in), with wavelength_um in front
+        for a spectrum; of a field's ``stokes`` (tau, mu, phi_deg, stokes_parameter), with mu0 in front for several
+        beams; of views' ``stokes`` (geometry, stokes_parameter). Labels are "I", "Q", "U" and "V":
+        ``.sel(stokes_parameter="Q")``. Raises MissingExtraError without xarray.
+        """
+        return view(self, "to_xarray")
+
+
+class Result(Labelled):
+    """What is shown and written as well: a BRDF, a field, a spectrum."""
+
+    def _repr_html_(self) -> str:
+        return view(self, "_repr_html_")
+
+    def plot(self) -> "Figure":
+        """A figure: of a BRDF lobes of f00 and polar cuts; of a field I and the degree of polarization against mu, at
+        some depths and azimuths, or beams at the first azimuth; of a spectrum reflectance against wavelength, and f00
+        in the plane of incidence where there are enough directions.
+
+        Raises SceneError where there are too few directions, or fluxes alone; MissingExtraError without the extra
+        "plot".
+        """
+        return view(self, "plot")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes NetCDF, CSV or Zarr as the name ends in .nc, .csv or .zarr, all or nothing; `vrte.load` reads it back.
+
+        Raises SceneError for another ending, OSError, but for CSV MissingExtraError without the extra "files".
+        """
+        return view(self, "save", path)
