@@ -17,6 +17,7 @@ from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
 from vrte.formats.netcdf import to_xarray
+from vrte.formats.result_file import FORMATS
 
 AWKWARD = 0.1 + 0.2  # seventeen digits
 
@@ -84,7 +85,7 @@ def assert_same(first: Result, second: Result) -> None:
             assert value == other, name
 
 
-@pytest.mark.parametrize("name", ["result.nc", "result.csv", "RESULT.CSV", "result.zarr"])
+@pytest.mark.parametrize("name", [*(f"result{suffix}" for suffix in FORMATS), "RESULT.CSV"])
 def test_a_file_brings_back_every_bit(name: str, result: Result, tmp_path: Path) -> None:
     result.save(tmp_path / name)
     assert_same(result, load(tmp_path / name))
@@ -160,11 +161,20 @@ def test_another_ending_is_refused(name: str, result: Result, tmp_path: Path) ->
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("name", ["bare.nc", "bare.csv", "bare.zarr"])
-def test_a_brdf_without_transmission_comes_back_without(name: str, brdf: Brdf, tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_brdf_without_transmission_comes_back_without(suffix: str, brdf: Brdf, tmp_path: Path) -> None:
     bare = Brdf(brdf.mueller, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
-    bare.save(tmp_path / name)
-    assert_same(bare, load(tmp_path / name))
+    bare.save(tmp_path / f"bare{suffix}")
+    assert_same(bare, load(tmp_path / f"bare{suffix}"))
+
+
+def test_a_format_of_ones_own_is_a_row(brdf: Brdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def write(result: Result, path: Any) -> None:
+        Path(path).write_bytes(pickle.dumps(result))
+
+    monkeypatch.setitem(FORMATS, ".pickled", (write, lambda path, _: pickle.loads(Path(path).read_bytes())))
+    brdf.save(tmp_path / "brdf.pickled")
+    assert_same(brdf, load(tmp_path / "brdf.pickled"))
 
 
 def test_pickle_keeps_arrays_read_only(result: Result) -> None:
@@ -199,7 +209,7 @@ def test_labels(brdf: Brdf, field: Field) -> None:
     labelled = field.to_xarray()
     assert labelled.stokes.dims == ("tau", "mu", "phi_deg", "stokes_parameter")
     assert labelled.incident_stokes.dims == ("stokes_parameter",)
-    np.testing.assert_array_equal(labelled.stokes.sel(stokes_parameter="Q"), field.stokes[..., 1])
+    np.testing.assert_array_equal(labelled.sel(stokes_parameter="Q").stokes, field.stokes[..., 1])
     for array in [*dataset.data_vars.values(), *labelled.data_vars.values()]:
         assert {"units", "long_name"} <= set(array.attrs)
 

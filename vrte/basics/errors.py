@@ -1,5 +1,8 @@
 """The errors a user meets, each one clear sentence."""
 
+from importlib import import_module
+from typing import Any
+
 Place = tuple[str | int, ...]  # keys of tables and places in lists, these from 0 on: ("layer", 0, "thickness")
 
 
@@ -52,6 +55,14 @@ class MissingExtraError(ImportError):
         return type(self), (self.purpose, self.extra)
 
 
+def import_extra(module: str, purpose: str, extra: str) -> Any:
+    """A module that an extra brings. Raises MissingExtraError."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(purpose, extra) from error
+
+
 class DeviceError(RuntimeError):
     """No OpenCL device is there, the one there is cannot do it, or it was lost on the way."""
 
@@ -61,5 +72,5 @@ class SweepError(RuntimeError):
 
 
 for _error in list(globals().values()):
-    if isinstance(_error, type):
+    if isinstance(_error, type) and issubclass(_error, Exception | Warning):
         _error.__module__ = "vrte"  # where users find it, and what a traceback names

@@ -27,7 +27,7 @@ from vrte.commands.common import (
 )
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
-from vrte.formats.result_file import WRITERS
+from vrte.formats.result_file import FORMATS
 from vrte.formats.scene_file import SceneFile
 from vrte.optics.truncation import CHOICES
 from vrte.pictures.figures import SUFFIXES as PICTURES
@@ -39,7 +39,7 @@ from vrte.results.spectrum import with_scene
 from vrte.scene.illumination import SIDES
 
 HOW = ("threads", *(name for name in OPTIONS if name != "settings"))  # options that win over the scene file
-OUTPUTS = {"output": tuple(WRITERS), "csv": (".csv",), "plot": tuple(PICTURES)}
+OUTPUTS = {"output": tuple(FORMATS), "csv": (".csv",), "plot": tuple(PICTURES)}
 EXTRAS = {  # by suffix
     ".nc": ("files", ("xarray", "h5netcdf")),
     ".zarr": ("files", ("xarray", "zarr")),

@@ -12,6 +12,7 @@ from vrte.results.field import Field
 from vrte.results.spectrum import SCENE, Spectrum
 
 Result = Brdf | Field | Spectrum
+MEANINGLESS = (LookupError, TypeError, ValueError, AttributeError, RecursionError)  # what a strange file raises
 
 RADIANCE = "W m-2 sr-1"
 IRRADIANCE = "W m-2"
@@ -134,26 +135,25 @@ def arrays_of(result: Result) -> dict[str, Any]:
     return {name: values for name, values in found.items() if values is not None}
 
 
-def restored(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any) -> Result:
-    """The result that has these arrays. Raises SceneError where they do not fit together, KeyError where one is
-    missing."""
+def restored(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, scene: str | None) -> Result:
+    """The result that has these arrays, and what `described` said of it. Raises SceneError where they do not fit
+    together, another of MEANINGLESS where something is missing or not what it should be."""
     named = {name.removesuffix("_deg"): values for name, values in arrays.items()}
-    if kind is FIELDS:
-        return Field(diagnostics=diagnostics, **named)
-    if kind is FIELD:
-        mu0 = float(named.pop("mu0").item())
-        return Field(diagnostics=diagnostics, mu0=mu0, **named)
+    also = {} if scene is None else {SCENE: scene}
+    if kind is SPECTRUM:
+        directions = {name: named[name] for name in ("mu_i", "mu_o", "phi")}
+        found = {name: named[name] for name in kind.variables if name in named}
+        if len(diagnostics) != len(named["wavelength_um"]):
+            raise SceneError("there must be diagnostics for each wavelength")
+        brdfs = (
+            Brdf(diagnostics=one | also, **directions, **{name: values[place] for name, values in found.items()})
+            for place, one in enumerate(diagnostics)
+        )
+        return Spectrum(named["wavelength_um"], tuple(brdfs))
     if kind is BRDF:
-        return Brdf(diagnostics=diagnostics, **named)
-    directions = {name: named[name] for name in ("mu_i", "mu_o", "phi")}
-    found = {name: named[name] for name in kind.variables if name in named}
-    if len(diagnostics) != len(named["wavelength_um"]):
-        raise SceneError("there must be diagnostics for each wavelength")
-    brdfs = (
-        Brdf(diagnostics=one, **directions, **{name: values[place] for name, values in found.items()})
-        for place, one in enumerate(diagnostics)
-    )
-    return Spectrum(named["wavelength_um"], tuple(brdfs))
+        return Brdf(diagnostics=diagnostics | also, **named)
+    mu0 = named.pop("mu0")
+    return Field(diagnostics=diagnostics | also, mu0=float(mu0.item()) if kind is FIELD else mu0, **named)
 
 
 def described(result: Result) -> dict[str, str]:
@@ -173,12 +173,6 @@ def described(result: Result) -> dict[str, str]:
         told[SCENE] = scene
         every = [{name: value for name, value in one.items() if name != SCENE} for one in every]
     return told | {"diagnostics": as_json(every if isinstance(diagnostics, list) else every[0])}
-
-
-def undescribed(diagnostics: Any, scene: str | None) -> Any:
-    """The diagnostics that `described` put away, parsed: of one result, or a list of them, each with its scene."""
-    also = {} if scene is None else {SCENE: scene}
-    return [one | also for one in diagnostics] if isinstance(diagnostics, list) else diagnostics | also
 
 
 def as_json(value: Any) -> str:

@@ -15,6 +15,7 @@ from vrte.basics.errors import SceneError
 from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import (
     KINDS,
+    MEANINGLESS,
     Kind,
     Result,
     arrays_of,
@@ -23,20 +24,19 @@ from vrte.formats.contents import (
     kind_of,
     reason,
     restored,
-    undescribed,
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
 from vrte.formats.text_file import file_name
+from vrte.results.quantities import MUELLER, STOKES
 from vrte.results.spectrum import SCENE
 
 LARGEST_HEADER = 50_000_000  # bytes
 LONGEST_ROW = 10_000  # bytes
 BLOCK = 4096  # rows that are text in memory at a time
-ELEMENTS = [f"{row}{column}" for row in range(4) for column in range(4)]
 TABLES = {  # the arrays that are rows of the table, and the columns of each
-    "mueller": [f"f{element}" for element in ELEMENTS],
-    "transmission": [f"t{element}" for element in ELEMENTS],
-    "stokes": ["I", "Q", "U", "V"],
+    "mueller": list(MUELLER),
+    "transmission": [name.replace("f", "t") for name in MUELLER],
+    "stokes": list(STOKES),
 }
 FIRST = "# vrte result, format 1"
 VALUE = re.compile(r"# ([a-z0-9_]+) = (.*)")
@@ -156,10 +156,10 @@ def _restored(lines: Lines, most_bytes: float) -> Result:
     arrays = {name: _array(name, header[name]) for name in names}
     arrays |= _tables(kind, arrays, columns, lines, most_bytes)
     try:
-        return restored(kind, arrays, undescribed(header["diagnostics"], header.get(SCENE)))
+        return restored(kind, arrays, header["diagnostics"], header.get(SCENE))
     except KeyError as error:
         raise SceneError(f"the header has no line for {error}") from error
-    except (TypeError, ValueError, AttributeError, RecursionError) as error:
+    except MEANINGLESS as error:
         raise SceneError(f"the header does not fit the rows: {reason(error)}") from error
 
 

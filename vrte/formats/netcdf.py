@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.errors import SceneError, import_extra
 from vrte.basics.limits import limit_memory, limit_time
 from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import (
     BRDF,
     FIELD,
     KINDS,
+    MEANINGLESS,
     STOKES_AXIS,
     Result,
     arrays_of,
@@ -25,18 +26,18 @@ from vrte.formats.contents import (
     kind_of,
     reason,
     restored,
-    undescribed,
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_storage, has_array, linked, read_arrays, read_text
 from vrte.formats.seal import is_sealed, seal_of
 from vrte.formats.text_file import file_name
+from vrte.results.quantities import STOKES
 from vrte.results.spectrum import SCENE
 from vrte.results.views import Views
 
 if TYPE_CHECKING:
     import xarray
 
-STOKES = ["I", "Q", "U", "V"]
+LABELLED, NETCDF = "a labelled or NetCDF result", "reading or writing NetCDF"
 CF = "CF-1.11"
 PATIENCE, SLOWEST = 30.0, 5e6  # seconds for a foreign file, and bytes of it that are read in each second more
 START = "import sys; sys.path[:] = {path!r}; from vrte.formats.netcdf import answer; answer()"
@@ -56,7 +57,7 @@ def to_xarray(result: Result) -> "xarray.Dataset":
     >>> to_xarray(brdf).mueller.sel(stokes_out="I", stokes_in="I").dims
     ('mu_i', 'mu_o', 'phi_deg')
     """
-    xarray = _xarray()
+    xarray = import_extra("xarray", LABELLED, "files")
     kind, arrays = kind_of(result), arrays_of(result)
     labels = (STOKES_AXIS,) if "stokes" in kind.variables else ("stokes_out", "stokes_in")
     data = {
@@ -65,7 +66,7 @@ def to_xarray(result: Result) -> "xarray.Dataset":
     coords: dict[str, Any] = {
         name: (about.dims, arrays[name], about.attributes) for name, about in kind.coordinates.items()
     }
-    coords |= {axis: (axis, STOKES, {"long_name": "Stokes parameter"}) for axis in labels}
+    coords |= {axis: (axis, list(STOKES), {"long_name": "Stokes parameter"}) for axis in labels}
     return xarray.Dataset(data, coords, _conventions(arrays, kind.coordinates) | described(result)).copy(deep=True)
 
 
@@ -75,8 +76,8 @@ def views_to_xarray(views: Views) -> "xarray.Dataset":
     rows = {"mu0": views.mu0, "mu": views.mu, "phi_deg": views.phi}
     data = {"stokes": (("geometry", STOKES_AXIS), views.stokes, about["stokes"].attributes)}
     coords = {name: ("geometry", values, about[name].attributes) for name, values in rows.items()}
-    labels = {STOKES_AXIS: STOKES, "tau": ((), views.tau, FIELD.coordinates["tau"].attributes)}
-    return _xarray().Dataset(data, coords | labels).copy(deep=True)
+    labels = {STOKES_AXIS: list(STOKES), "tau": ((), views.tau, FIELD.coordinates["tau"].attributes)}
+    return import_extra("xarray", LABELLED, "files").Dataset(data, coords | labels).copy(deep=True)
 
 
 def _conventions(arrays: dict[str, Any], coordinates: Any) -> dict[str, str]:
@@ -94,7 +95,7 @@ def save_netcdf(result: Result, path: str | os.PathLike[str]) -> None:
     >>> save_netcdf(brdf, "result.nc")
     """
     dataset = to_xarray(result)
-    h5netcdf = _h5netcdf()
+    h5netcdf = import_extra("h5netcdf", NETCDF, "files")
     from xarray.backends import H5NetCDFStore
 
     for variable in dataset.variables.values():
@@ -114,7 +115,7 @@ def new_netcdf(path: str | os.PathLike[str]) -> Iterator[Any]:
     >>> with new_netcdf("table.nc") as file:
     ...     file.attrs["title"] = "empty"
     """
-    h5netcdf = _h5netcdf()
+    h5netcdf = import_extra("h5netcdf", NETCDF, "files")
     with WrittenFile(path) as written:
         with h5netcdf.File(written, "w") as file:
             yield file
@@ -175,7 +176,7 @@ def load_netcdf(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT
     >>> load_netcdf("result.nc").mueller.shape
     (2, 20, 37, 4, 4)
     """
-    _h5netcdf()
+    import_extra("h5netcdf", NETCDF, "files")
     name = file_name(path)
     if not os.path.isfile(name):
         raise FileNotFoundError(f"no such file: {name}")
@@ -185,9 +186,8 @@ def load_netcdf(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT
     except SceneError as error:
         raise SceneError(f"{name} {error}") from error
     try:
-        kind = KINDS[told["kind"]]
-        return restored(kind, arrays, undescribed(json.loads(told["diagnostics"]), told.get(SCENE)))
-    except (LookupError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        return restored(KINDS[told["kind"]], arrays, json.loads(told["diagnostics"]), told.get(SCENE))
+    except MEANINGLESS as error:
         raise SceneError(f"{name} holds no BRDF, field or spectrum written by vrte: {reason(error)}") from error
 
 
@@ -265,19 +265,3 @@ def answer() -> None:
     np.savez(output, told=np.array(json.dumps(told)), **arrays)
     output.flush()
     os._exit(0)  # at once: what HDF5 made of a damaged file is not taken down
-
-
-def _xarray() -> Any:
-    try:
-        import xarray
-    except ImportError as error:
-        raise MissingExtraError("a labelled or NetCDF result", "files") from error
-    return xarray
-
-
-def _h5netcdf() -> Any:
-    try:
-        import h5netcdf
-    except ImportError as error:
-        raise MissingExtraError("reading or writing NetCDF", "files") from error
-    return h5netcdf

@@ -14,12 +14,14 @@ from vrte.formats.netcdf import load_netcdf, save_netcdf
 from vrte.formats.text_file import file_name
 from vrte.formats.zarr_folder import load_zarr, save_zarr
 
-WRITERS: dict[str, Callable[[Result, str | os.PathLike[str]], None]] = {
-    ".nc": save_netcdf,
-    ".csv": write_csv,
-    ".zarr": save_zarr,
+PathName = str | os.PathLike[str]
+Writer = Callable[[Result, PathName], None]
+Reader = Callable[[PathName, float], Result]
+FORMATS: dict[str, tuple[Writer, Reader]] = {  # another one: a file that writes and reads it, and a row
+    ".nc": (save_netcdf, load_netcdf),
+    ".csv": (write_csv, load_csv),
+    ".zarr": (save_zarr, load_zarr),
 }
-READERS: dict[str, Callable[[str | os.PathLike[str], float], Result]] = {".csv": load_csv, ".zarr": load_zarr}
 
 
 def save(result: Result, path: str | os.PathLike[str]) -> None:
@@ -31,9 +33,9 @@ def save(result: Result, path: str | os.PathLike[str]) -> None:
     >>> save(brdf, "result.csv")
     """
     suffix = Path(file_name(path)).suffix.lower()
-    if suffix not in WRITERS:
-        raise SceneError(f"the name of a result must end in {', '.join(WRITERS)}, not {file_name(path)!r}")
-    WRITERS[suffix](result, path)
+    if suffix not in FORMATS:
+        raise SceneError(f"the name of a result must end in {', '.join(FORMATS)}, not {file_name(path)!r}")
+    FORMATS[suffix][0](result, path)
 
 
 def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) -> Result:
@@ -50,4 +52,5 @@ def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) ->
     (2, 20, 37, 4, 4)
     """
     most_bytes = number("most_bytes", most_bytes, 0.0, math.inf, "a number of bytes >= 0")
-    return READERS.get(Path(file_name(path)).suffix.lower(), load_netcdf)(path, most_bytes)
+    _, read = FORMATS.get(Path(file_name(path)).suffix.lower(), FORMATS[".nc"])
+    return read(path, most_bytes)

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.atomic import atomic_folder
-from vrte.formats.contents import KINDS, Result, reason, restored, undescribed
+from vrte.formats.contents import KINDS, MEANINGLESS, Result, reason, restored
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
 from vrte.formats.netcdf import to_xarray
 from vrte.formats.text_file import file_name
 from vrte.results.spectrum import SCENE
 
+PURPOSE = "reading or writing Zarr"
 FORMAT = 3
 METADATA = "zarr.json"
 LARGEST_METADATA = 50_000_000  # bytes
@@ -30,7 +31,7 @@ def save_zarr(result: Result, path: str | os.PathLike[str]) -> None:
 
     >>> save_zarr(brdf, "result.zarr")
     """
-    _zarr()
+    import_extra("zarr", PURPOSE, "files")
     dataset = to_xarray(result)
     unpacked: dict[str, dict[str, list[str]]] = {
         str(name): {"compressors": []} for name, array in dataset.variables.items() if array.dtype.kind == "f"
@@ -51,7 +52,7 @@ def load_zarr(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) 
     >>> load_zarr("result.zarr").mueller.shape
     (2, 20, 37, 4, 4)
     """
-    zarr = _zarr()
+    zarr = import_extra("zarr", PURPOSE, "files")
     folder = Path(file_name(path))
     if not folder.is_dir():
         raise FileNotFoundError(f"no such folder: {folder}")
@@ -64,10 +65,10 @@ def load_zarr(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) 
         check_size(sum(_declared(folder, name) for name in names), most_bytes)
         group = zarr.open_group(folder, mode="r", zarr_format=FORMAT)
         arrays = {name: np.asarray(group[name][...]) for name in names}
-        return restored(kind, arrays, undescribed(json.loads(attributes["diagnostics"]), attributes.get(SCENE)))
+        return restored(kind, arrays, json.loads(attributes["diagnostics"]), attributes.get(SCENE))
     except SceneError as error:
         raise SceneError(f"{folder}: {error}") from error
-    except (LookupError, TypeError, ValueError, AttributeError, RecursionError, OSError) as error:
+    except (*MEANINGLESS, OSError) as error:
         raise SceneError(f"{folder} holds no result written by vrte: {reason(error)}") from error
 
 
@@ -93,12 +94,3 @@ def _declared(folder: Path, name: str) -> float:
     if size > sum(file.stat().st_size for file in (folder / name).rglob("*") if file.is_file()):
         raise SceneError(f"its {name} declares {size:.4g} bytes of numbers, and parts of them are not there")
     return size
-
-
-def _zarr() -> Any:
-    try:
-        import xarray  # noqa: F401
-        import zarr
-    except ImportError as error:
-        raise MissingExtraError("reading or writing Zarr", "files") from error
-    return zarr

@@ -33,11 +33,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.errors import MissingExtraError, SceneError, SweepError
+from vrte.basics.errors import SceneError, SweepError, import_extra
 from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import CONVENTIONS, WAVELENGTH
-from vrte.formats.netcdf import STOKES, check_netcdf, new_netcdf
+from vrte.formats.netcdf import check_netcdf, new_netcdf
 from vrte.formats.seal import is_sealed, seal_of
+from vrte.results.quantities import STOKES
 from vrte.sweep.grid import Grid
 from vrte.sweep.optics import Optics
 from vrte.sweep.results import Results, results_of
@@ -310,11 +311,7 @@ def changes(before: Any, now: Any, name: str = "") -> list[str]:
 
 def zarr() -> Any:
     """The library, or what to install."""
-    try:
-        import zarr
-    except ImportError as error:
-        raise MissingExtraError("a sweep", "files") from error
-    return zarr
+    return import_extra("zarr", "a sweep", "files")
 
 
 def create_table(work: Work, path: Path) -> None:
@@ -594,10 +591,7 @@ def check_codecs(path: Path) -> None:
 
 def open_table(path: str | os.PathLike[str]) -> "xarray.Dataset":
     """A complete table, its data read when they are asked for. Raises SceneError, MissingExtraError, OSError."""
-    try:
-        import xarray
-    except ImportError as error:
-        raise MissingExtraError("a table", "files") from error
+    xarray = import_extra("xarray", "a table", "files")
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"no such table: {path}")
