@@ -43,12 +43,22 @@ class NegativeScatteringWarning(UserWarning):
 class PhaseMatrix:
     """The scattering matrix of randomly oriented particles, as six lists of expansion coefficients.
 
-    ``a1`` ... ``b2`` are 1-D, degree l = 0 first, shorter ones are padded with zeros; ``a1[0]`` is 1 (within
-    1e-6; all are divided by it) and ``a1[1]`` is 3 g. The functions of a2, a3, b1 and b2 vanish below l = 2:
-    what stands there plays no part. ``a1`` alone is a scalar phase function. ``tolerance`` (0 to 1, of the mean
-    of F11 over the sphere) lets expansions pass that are cut short or misprinted, with a NegativeScatteringWarning
-    that says by how much they are negative. Raises SceneError for a shape, a value that is not finite, or a matrix
-    that no particles can have (a coherency eigenvalue below -1e-4 F11 and below -tolerance at one of 721 angles).
+    Parameters
+    ----------
+    a1, a2, a3, a4, b1, b2 : array_like (terms,)
+        Coefficients from degree l = 0 on; shorter lists are padded with zeros. ``a1[0]`` is 1 (within 1e-6; all are
+        divided by it), ``a1[1]`` is 3 g. What stands below l = 2 in a2, a3, b1 and b2 plays no part. ``a1`` alone is a
+        scalar phase function.
+    tolerance : float
+        0 to 1, of the mean of F11 over the sphere: lets expansions pass that are cut short or misprinted, with a
+        NegativeScatteringWarning that says by how much they are negative.
+
+    Raises
+    ------
+    SceneError
+        For a shape, a value that is not finite, or a matrix that no particles can have: a coherency eigenvalue below
+        -1e-4 F11 and below -tolerance at one of 721 angles.
+
     Source: (1:9); Siewert, Astron. Astrophys. 109, 195 (1982).
 
     >>> PhaseMatrix([1.0, 0.75]).asymmetry
@@ -207,6 +217,11 @@ def _lowest_coherency_eigenvalue(a1: Array, a2: Array, a3: Array, a4: Array, b1:
 def isotropic() -> PhaseMatrix:
     """Scattering evenly into all directions, which leaves no polarization.
 
+    Returns
+    -------
+    PhaseMatrix
+        Of one term.
+
     >>> isotropic().terms
     1
     """
@@ -214,10 +229,24 @@ def isotropic() -> PhaseMatrix:
 
 
 def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
-    """Particles much smaller than the wavelength; ``depolarization`` is rho in [0, 6/7].
+    """Scattering by particles much smaller than the wavelength.
 
-    Raises SceneError outside. Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), there with
-    Delta = (1 - rho)/(1 + rho/2).
+    Parameters
+    ----------
+    depolarization : float
+        rho, from 0 to 6/7.
+
+    Returns
+    -------
+    PhaseMatrix
+        Of three terms, (1:9).
+
+    Raises
+    ------
+    SceneError
+        For another depolarization.
+
+    Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), there with Delta = (1 - rho)/(1 + rho/2).
 
     >>> rayleigh().a1.tolist()
     [1.0, 0.0, 0.5]
@@ -233,11 +262,28 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
 
 
 def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
-    """The scalar phase function a1[l] = (2l+1) g^l, cut after ``terms`` degrees; g in (-1, 1).
+    """The scalar phase function of Henyey and Greenstein, a1[l] = (2l+1) g^l.
 
-    Without ``terms`` it has so many that all those left out add up to less than 1e-12 of its mean, as in a scene file.
-    Raises SceneError for another g, for no terms or more than 100000, or where the cut leaves a phase function that is
-    negative somewhere: it then takes more terms. Source: Henyey and Greenstein, Astrophys. J. 93, 70 (1941).
+    Parameters
+    ----------
+    g : float
+        Asymmetry, between -1 and 1.
+    terms : int, optional
+        Degrees that are kept; left out: so many that the others add up to less than 1e-12 of the mean, as in a scene
+        file.
+
+    Returns
+    -------
+    PhaseMatrix
+        Of ``terms`` terms, a1 alone.
+
+    Raises
+    ------
+    SceneError
+        For another g, for no terms or more than 100000, or where the cut leaves a phase function that is negative
+        somewhere: it then takes more terms.
+
+    Source: Henyey and Greenstein, Astrophys. J. 93, 70 (1941).
 
     >>> henyey_greenstein(0.5, 40).asymmetry, henyey_greenstein(0.5).terms
     (0.5, 50)
@@ -275,8 +321,21 @@ def henyey_greenstein_terms(g: float) -> int:
 def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     """The mean phase matrix of several kinds of particles, weighted by what each scatters.
 
-    ``parts``: pairs of a PhaseMatrix and a weight >= 0 (its scattering cross section times its number).
-    Raises SceneError for an empty list, something else than pairs, a negative weight or no weight at all.
+    Parameters
+    ----------
+    parts : sequence of (PhaseMatrix, float)
+        Each with a weight >= 0: its scattering cross section times its number.
+
+    Returns
+    -------
+    PhaseMatrix
+        Of as many terms as the longest has.
+
+    Raises
+    ------
+    SceneError
+        For an empty list, something else than pairs, a negative weight or no weight at all.
+
     Source: (1:9); Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
 
     >>> mix([(isotropic(), 1.0), (rayleigh(), 1.0)]).a1.tolist()

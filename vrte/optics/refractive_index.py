@@ -78,10 +78,21 @@ class RefractiveIndex:
 
 @dataclass(frozen=True)
 class IndexTable:
-    """n + i k of a material over the wavelength in vacuum [um], ascending; linear between the rows.
+    """n + i k of a material over the wavelength, linear between the rows; `vrte.read_index` reads one from a CSV file.
 
-    ``wavelengths_um``, ``n`` and ``k`` (rows,); ``source`` says in words where they come from.
-    `vrte.read_index` reads one from a CSV file. Raises SceneError naming the row.
+    Parameters
+    ----------
+    wavelengths_um : array_like (rows,)
+        In vacuum [um], ascending.
+    n, k : array_like (rows,)
+        Refractive index and absorption index, k >= 0.
+    source : str
+        In words, where they come from.
+
+    Raises
+    ------
+    SceneError
+        Naming the row.
 
     >>> IndexTable((0.4, 0.7), (2.0, 1.5), (0.25, 0.0)).at(0.4)
     (2+0.25j)
@@ -120,15 +131,27 @@ Material = str | complex | Sequence[float] | RefractiveIndex | IndexTable
 
 
 def refractive_index(material: Material, wavelength_um: float) -> RefractiveIndex:
-    """n + i k of ``material`` at a vacuum wavelength [um].
+    """The refractive index n + i k of a material at a wavelength, and where it comes from.
 
-    ``material``: one of the names in MATERIALS; a path "shelf/book/page" in the refractiveindex.info database
-    such as "main/Au/Johnson"; a table of one's own (`vrte.read_index`); a number n + i k; or a pair (n, k). A
-    uniaxial crystal's value has the mean permittivity of its three axes, (2 eps_o + eps_e)/3. Where an entry
-    has no k, k = 0, and ``source`` says so.
+    Parameters
+    ----------
+    material : str, complex, pair, IndexTable or RefractiveIndex
+        One of the names in MATERIALS; a path "shelf/book/page" in the refractiveindex.info database such as
+        "main/Au/Johnson"; a table of one's own (`vrte.read_index`); a number n + i k; or a pair (n, k).
+    wavelength_um : float
+        In vacuum [um].
 
-    Raises SceneError for an unknown name (with similar ones), for a wavelength outside the entry's table
-    (with its range: nothing is extrapolated), for n <= 0 and for k < 0.
+    Returns
+    -------
+    RefractiveIndex
+        ``n``, ``k``, ``value`` and, in words, ``source``. A uniaxial crystal's has the mean permittivity of its three
+        axes, (2 eps_o + eps_e)/3; where an entry has no k, k = 0 and ``source`` says so.
+
+    Raises
+    ------
+    SceneError
+        For an unknown name (with similar ones), a wavelength outside the entry's table (with its range: nothing is
+        extrapolated), n <= 0 and k < 0.
 
     >>> refractive_index("gold", 0.64).source
     'main/Au/Johnson in refractiveindex.info v2026-05-24'

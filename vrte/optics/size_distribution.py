@@ -31,7 +31,12 @@ class SizeDistribution(Protocol):
 
 @dataclass(frozen=True)
 class Monodisperse:
-    """Spheres of one radius [um]. Raises SceneError for a radius that is not positive.
+    """Spheres of one radius.
+
+    Parameters
+    ----------
+    radius_um : float
+        [um], above 0; SceneError for another.
 
     >>> Monodisperse(0.6).quadrature()
     (array([0.6]), array([1.]))
@@ -49,10 +54,16 @@ class Monodisperse:
 
 @dataclass(frozen=True)
 class Lognormal:
-    """The logarithm of the radius is normally distributed among the particles (by number, not by mass).
+    """Radii whose logarithm is normally distributed among the particles (by number, not by mass).
 
-    ``median_um`` is the median radius, ``sigma`` > 1 the geometric standard deviation. Raises SceneError
-    outside. Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), whose sigma_g is ln(sigma).
+    Parameters
+    ----------
+    median_um : float
+        Median radius [um].
+    sigma : float
+        Geometric standard deviation, above 1; SceneError for another.
+
+    Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), whose sigma_g is ln(sigma).
 
     >>> radii, weights = Lognormal(median_um=0.2, sigma=1.4).quadrature(100)
     >>> f"{weights @ radii**2:.6f}"  # median^2 exp(2 ln(sigma)^2)
@@ -77,9 +88,16 @@ class Lognormal:
 
 @dataclass(frozen=True)
 class Gamma:
-    """Number density r^((1-3b)/b) exp(-r/(a b)), a = ``r_eff_um`` (effective radius), b = ``v_eff`` (0 to 0.5).
+    """Radii with the number density r^((1-3b)/b) exp(-r/(a b)).
 
-    Raises SceneError outside. Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
+    Parameters
+    ----------
+    r_eff_um : float
+        a, the effective radius [um].
+    v_eff : float
+        b, the effective variance, between 0 and 0.5; SceneError for another.
+
+    Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
 
     >>> radii, weights = Gamma(r_eff_um=0.2, v_eff=0.07).quadrature(100)
     >>> f"{(weights @ radii**3) / (weights @ radii**2):.6f}"

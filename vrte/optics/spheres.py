@@ -47,9 +47,24 @@ class SizeAverageWarning(UserWarning):
 class Particles:
     """How one kind of particle scatters, averaged over its sizes: what a Layer needs to know of it.
 
-    ``phase_matrix``; ``albedo`` (of single scattering) and ``asymmetry`` (g); ``extinction_um2``,
-    ``scattering_um2`` and ``volume_um3``, the mean cross sections and volume of one particle; ``description``
-    says in words what it is and where its refractive index comes from. Raises SceneError naming the field.
+    Parameters
+    ----------
+    phase_matrix : PhaseMatrix
+    albedo, asymmetry : float
+        Of single scattering; g.
+    extinction_um2, scattering_um2, volume_um3 : float
+        Mean cross sections [um2] and volume [um3] of one particle.
+    description : str
+        In words, what it is and where its refractive index comes from.
+
+    Raises
+    ------
+    SceneError
+        Naming the field.
+
+    >>> from vrte.optics.phase_matrix import rayleigh
+    >>> Particles(rayleigh(), 0.5, 0.0, extinction_um2=0.4, scattering_um2=0.2, volume_um3=0.1).albedo
+    0.5
     """
 
     phase_matrix: PhaseMatrix
@@ -105,21 +120,36 @@ def spheres(
     size: SizeDistribution | None = None,
     host_index: float = 1.0,
 ) -> Particles:
-    """Homogeneous spheres of one ``radius_um`` or of a ``size`` distribution, in a clear host medium.
+    """Homogeneous spheres of one radius or of a size distribution, in a clear host medium.
 
-    ``material`` is all that `refractive_index` takes: a name, a database path, n + i k or (n, k).
-    ``wavelength_um`` is measured in vacuum; inside the host (real ``host_index``) it is shorter by that
-    index.
+    Parameters
+    ----------
+    material : str, complex, pair, IndexTable or RefractiveIndex
+        All that `refractive_index` takes: a name, a database path, n + i k or (n, k).
+    wavelength_um : float
+        In vacuum [um]; inside the host it is shorter by ``host_index``.
+    radius_um : float, optional
+        Of all of them, or
+    size : Lognormal, Gamma, Monodisperse or Tabulated, optional
+        The distribution of their radii.
+    host_index : float
+        Real refractive index around them.
 
-    An average over sizes starts with 129 radii and doubles their number, keeping those it has, until
-    extinction, scattering and asymmetry change by less than 1e-6 and backscattering by less than 1e-4,
-    relative, or until there are 2049. Clear spheres have resonances narrower than any such spacing:
-    ``description`` says to what the cross sections have settled (1e-3 for a clear index of 2.7), and a
-    SizeAverageWarning is given above 1e-2.
+    Returns
+    -------
+    Particles
+        An average over sizes starts with 129 radii and doubles their number, keeping those it has, until extinction,
+        scattering and asymmetry change by less than 1e-6 and backscattering by less than 1e-4, relative, or until there
+        are 2049. Clear spheres have resonances narrower than any such spacing: ``description`` says to what the cross
+        sections have settled (1e-3 for a clear index of 2.7), and a SizeAverageWarning is given above 1e-2.
 
-    Raises SceneError for both or neither of radius_um and size, for an index that is not allowed or equals
-    the host's (nothing would be scattered), and for size parameters above 1e4. Source: Bohren and Huffman
-    (1983), chapter 4; de Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984).
+    Raises
+    ------
+    SceneError
+        For both or neither of radius_um and size, for an index that is not allowed or equals the host's (nothing would
+        be scattered), and for size parameters above 1e4.
+
+    Source: Bohren and Huffman (1983), chapter 4; de Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984).
 
     >>> glass = spheres(1.5, radius_um=0.5, wavelength_um=0.5)
     >>> glass.albedo, glass.phase_matrix.a1[0]
@@ -176,11 +206,22 @@ def _relative(index: RefractiveIndex, host: float) -> complex:
 
 
 def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
-    """Several kinds of particles side by side: pairs of Particles and number fraction (only their ratios matter).
+    """Several kinds of particles side by side.
 
-    Cross sections and volume are means over all particles; each kind's phase matrix counts by what it
-    scatters. Raises SceneError for an empty list, something else than pairs, or fractions that are negative
-    or all zero.
+    Parameters
+    ----------
+    parts : sequence of (Particles, float)
+        Each with its number fraction, of which only the ratios matter.
+
+    Returns
+    -------
+    Particles
+        Cross sections and volume are means over all particles; each kind's phase matrix counts by what it scatters.
+
+    Raises
+    ------
+    SceneError
+        For an empty list, something else than pairs, or fractions that are negative or all zero.
 
     >>> small, large = (spheres(1.5, radius_um=r, wavelength_um=0.5) for r in (0.1, 0.3))
     >>> mixture([(small, 0.5), (large, 0.5)]).volume_um3 == (small.volume_um3 + large.volume_um3) / 2

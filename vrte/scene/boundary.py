@@ -92,9 +92,12 @@ BLACK, TRANSPARENT = Boundary(), Transparent()
 
 @dataclass(frozen=True)
 class Lambertian(Boundary):
-    """A base that reflects ``albedo`` (0..1) of the light evenly and unpolarized, f_00 = albedo/pi, (1:66).
+    """A base that reflects evenly and unpolarized, f_00 = albedo/pi, (1:66).
 
-    Raises SceneError for an albedo outside.
+    Parameters
+    ----------
+    albedo : float
+        The share of the light that comes back, 0 to 1; SceneError for another.
 
     >>> Lambertian(0.3).albedo
     0.3
@@ -126,13 +129,22 @@ class Lambertian(Boundary):
 class MuellerBase(Boundary):
     """A base with any mirror-symmetric Mueller BRDF.
 
-    ``function(mu_i, mu_o, phi_deg)`` is called with broadcastable arrays (positive cosines, azimuth in
-    degrees relative to the incident light's, both along the direction of travel) and returns (..., 4, 4),
-    unit 1/sr, in the meridian planes. Raises SceneError where samples are not finite, have the wrong shape,
-    f_00 < 0, break f(-phi) = D f(phi) D, D = diag(1, 1, -1, -1), by more than 1e-8 of the largest, are no
-    sum of reflections (a coherency eigenvalue below -1e-4 f_00), or give back more than arrives: of light
-    along 8 mu_i from 0.01 to 1, by more than 1e-3, below mu_i = 0.05 more than 0.05/mu_i times as much, which
-    facets without shadows do. Source: (1:35), (1:60).
+    Parameters
+    ----------
+    function : callable
+        ``function(mu_i, mu_o, phi_deg)``, called with broadcastable arrays (positive cosines, azimuth in degrees
+        relative to the incident light's, both along the direction of travel), returns (..., 4, 4) [1/sr] in the
+        meridian planes.
+
+    Raises
+    ------
+    SceneError
+        Where samples are not finite, have the wrong shape, f_00 < 0, break f(-phi) = D f(phi) D, D = diag(1, 1, -1,
+        -1), by more than 1e-8 of the largest, are no sum of reflections (a coherency eigenvalue below -1e-4 f_00), or
+        give back more than arrives: of light along 8 mu_i from 0.01 to 1, by more than 1e-3, below mu_i = 0.05 more
+        than 0.05/mu_i times as much, which facets without shadows do.
+
+    Source: (1:35), (1:60).
 
     >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))(1.0, [0.5, 1.0], 0.0).shape
     (2, 4, 4)

@@ -62,10 +62,18 @@ def check_physical(name: str, stokes: Array) -> None:
 
 
 def hemisphere(n: int) -> tuple[Array, Array]:
-    """n Gauss cosines from 0 to 1, ascending, and their weights, which sum to 1: nodes for `Brdf.under`.
+    """Cosines over a hemisphere and their weights, the nodes for `Brdf.under`.
 
-    Of double-Gauss quadrature, (1:15): those that a solve with nodes=n uses itself, on which energy is conserved to
-    rounding. Raises SceneError unless 1 <= n <= 4096.
+    Parameters
+    ----------
+    n : int
+        1 to 4096; SceneError for another.
+
+    Returns
+    -------
+    tuple of ndarray (n,)
+        Gauss cosines from 0 to 1, ascending, and their weights, which sum to 1: those of double-Gauss quadrature,
+        (1:15), that a solve with nodes=n uses itself, on which energy is conserved to rounding.
 
     >>> mu, weights = hemisphere(2)
     >>> round(float(weights @ mu**3), 12)

@@ -21,9 +21,20 @@ class IndependentScatteringWarning(UserWarning):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Layer:
-    """A homogeneous layer: phase matrix, ``albedo`` (of single scattering, 0..1), optical ``thickness`` >= 0.
+    """A homogeneous layer of particles.
 
-    ``math.inf`` is allowed for the last layer of a scene. Raises SceneError naming the field.
+    Parameters
+    ----------
+    phase_matrix : PhaseMatrix
+    albedo : float
+        Of single scattering, 0 to 1.
+    thickness : float
+        Optical, >= 0; ``math.inf`` is allowed for the last layer of a scene.
+
+    Raises
+    ------
+    SceneError
+        Naming the field.
 
     >>> from vrte.optics.phase_matrix import isotropic
     >>> Layer(isotropic(), albedo=0.9, thickness=2.0).thickness

@@ -15,9 +15,19 @@ MOST_LAYERS = 10_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene:
-    """Layers, top first, over a ``base``: None (black), Lambertian or MuellerBase.
+    """What light meets: layers over a base.
 
-    Raises SceneError for no layers, for one that is no Layer, and for an infinite layer above another.
+    Parameters
+    ----------
+    layers : sequence of Layer
+        Top first; one alone will do.
+    base : None, Lambertian, MuellerBase or another Boundary
+        What lies beneath; None is black.
+
+    Raises
+    ------
+    SceneError
+        For no layers, for one that is no Layer, and for an infinite layer above another.
 
     >>> import vrte
     >>> Scene([Layer(vrte.rayleigh(), 1.0, 0.5)], vrte.Lambertian(0.25)).thickness
