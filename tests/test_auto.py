@@ -29,7 +29,7 @@ KEYS = {"mu0": 0.6, "mu": [0.3, 0.9, -0.3, -0.9], "phi": [0.0, 90.0], "threads":
 
 def request(scene: vrte.Scene, **keywords: object) -> Request:
     """Of a field, by the exact method."""
-    return request_of("radiance", scene, (), KEYS | keywords)[0]
+    return request_of("radiance", scene, **KEYS | keywords)
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_light_caught_again_is_bounded_closely() -> None:
 
 def error_of_single_scattering(one: Asked) -> tuple[float, float]:
     """What light scattered again adds, and the bound on it."""
-    wanted, _ = request_of(one.kind, one.scene, (), one.keywords | {"accuracy": 1e-15})
+    wanted = request_of(one.kind, one.scene, **one.keywords | {"accuracy": 1e-15})
     bound = 0.1 * scattered_again_over_accuracy(replace(wanted, accuracy=0.1))
     right = one.solved(nodes=32, accuracy=1e-12)
     return one.solved(method="single-scattering").error(right), bound
@@ -168,7 +168,7 @@ def check_promise(one: Asked, accuracies: tuple[float, ...]) -> list[int]:
     nodes = (112 if scalar else 64) if one.lowest > 0.05 else (160 if scalar else 104)
     right, places = None, []
     for accuracy in accuracies:
-        wanted, _ = request_of(one.kind, one.scene, (), one.keywords | {"accuracy": accuracy})
+        wanted = request_of(one.kind, one.scene, **one.keywords | {"accuracy": accuracy})
         place = taken(wanted)[0]
         if place == 2:
             continue

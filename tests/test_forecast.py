@@ -160,7 +160,7 @@ def test_predictions_are_about_right(method: str, albedo: float, thickness: floa
     """To a factor of 3 on the machine that the rates are of; here with room for others and for work beside."""
     scene = vrte.Scene([vrte.Layer(POLARIZING, albedo, thickness)])
     asked = ([0.3, 0.8], [0.2, 0.5, 0.9], [0.0, 90.0, 180.0])
-    request, _ = request_of("brdf", scene, asked, {"method": method, **how})
+    request = request_of("brdf", scene, *asked, method=method, **how)
     predicted = operations_before(request, method_of(method).checked(request), new_run(1)) / of_plans.RATE[method]
     begin = time.perf_counter()
     with warnings.catch_warnings():

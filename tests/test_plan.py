@@ -113,7 +113,7 @@ CASES = [
 
 
 def planned(case: Case, leave_out: LeaveOut = EVERYTHING, **changes: Any) -> Plan:
-    request, _ = request_of(case.kind, case.scene, (), case.keywords | changes)
+    request = request_of(case.kind, case.scene, **case.keywords | changes)
     return make_plan(request, new_run(1), leave_out)
 
 

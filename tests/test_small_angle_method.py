@@ -8,7 +8,7 @@ import vrte
 from vrte.basics.spherical_functions import gauss_legendre
 from vrte.methods.parts.task import discrete
 from vrte.methods.small_angle import expansions
-from vrte.request.request import radiance_request, solver_options
+from vrte.request.request import radiance_request
 
 from .oracle import a_matrix, azimuthal_sum
 
@@ -22,8 +22,7 @@ MATRIX = vrte.PhaseMatrix(  # all six differ from zero
 
 def tables_of(layers, tau):
     """The expansion about the beam, (n_tau, terms, 6)."""
-    options = solver_options(8, None, "auto", False, method="small-angle")
-    request, _ = radiance_request(vrte.Scene(layers), MU0, (1.0, 0.0, 0.0, 0.0), -0.5, 0.0, tau, options)
+    request = radiance_request(vrte.Scene(layers), MU0, mu=-0.5, tau=tau, nodes=8, method="small-angle")
     return expansions(request.scene, discrete(request))[:, 0]
 
 

@@ -19,7 +19,7 @@ from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import paths_in_layers
 from vrte.discrete_ordinates.planning.blocks import node_counts
-from vrte.request.request import operations_of, radiance_request, solver_options
+from vrte.request.request import operations_of, radiance_request
 
 SCALAR = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 16), 0.9, 1.0)])
 POLAR = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Lambertian(0.2))
@@ -27,8 +27,7 @@ LARGE = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, 400), 0.9, 1.0)])
 
 
 def operations(scene: vrte.Scene, nodes: int | None, mu: Any = 0.5, algorithm: str = "auto") -> float:
-    options = solver_options(nodes, None, algorithm, False)
-    return operations_of(radiance_request(scene, 0.6, (1, 0, 0, 0), mu, 0.0, 0.0, options)[0])
+    return operations_of(radiance_request(scene, 0.6, mu=mu, nodes=nodes, algorithm=algorithm))
 
 
 def test_what_is_brief() -> None:

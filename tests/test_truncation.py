@@ -19,7 +19,7 @@ from vrte.discrete_ordinates.planning.azimuths import fold
 from vrte.methods import solve_request
 from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, _lowest_coherency_eigenvalue
 from vrte.optics.truncation import TRUNCATIONS, delta_m, truncated
-from vrte.request.request import radiance_request, solver_options
+from vrte.request.request import radiance_request
 from vrte.request.wanted import Wanted
 from vrte.results.solution import Solution
 from vrte.studies import truncation
@@ -281,7 +281,7 @@ def test_polarized_light_through_scalar_layers() -> None:
 
 def lit_by_q(scene: vrte.Scene, part: float, mu: Any, phi: Any = 0.0, tau: Any = 0.0, nodes: int = 8) -> Solution:
     """What the Q of a beam does by itself, which is a part of a plan and no light."""
-    request, _ = radiance_request(scene, 0.6, (1, part, 0, 0), mu, phi, tau, solver_options(nodes, None, "auto", False))
+    request = radiance_request(scene, 0.6, (1, part, 0, 0), mu, phi, tau, nodes)
     return solve_request(replace(request, columns=np.array([[0.0, part, 0.0, 0.0]])), Run(1))[1]
 
 

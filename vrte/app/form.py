@@ -433,7 +433,7 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
             if any(is_geometric(layer) for layer in content["layer"]):
                 keywords.pop("tau", None)  # how deep that is optically is not known yet
             with file.located():
-                request_of("brdf" if kind == "brdf" else "radiance", file.scene, (), keywords)
+                request_of("brdf" if kind == "brdf" else "radiance", file.scene, **keywords)
 
 
 def lightened(content: Content) -> Content:

@@ -9,13 +9,15 @@ from vrte.basics.arrays import frozen, settled
 from vrte.basics.running import Progress, interruptible
 from vrte.methods import choose_method, run_of, solve_request
 from vrte.methods.discrete_ordinates import warn_of_negative
-from vrte.request.request import Request, brdf_request, solver_options
+from vrte.request.how import describe_options
+from vrte.request.request import Request, brdf_request
 from vrte.results.brdf import Brdf
 from vrte.results.solution import Solution
 from vrte.scene.illumination import mirrored_mueller
 from vrte.scene.scene import Scene
 
 
+@describe_options
 def brdf(
     scene: Scene,
     mu_i: Any,
@@ -37,40 +39,57 @@ def brdf(
 ) -> Brdf:
     """The Mueller BRDF (1:1) for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
-    Parameters: positive cosines ``mu_i``, ``mu_o``; ``phi`` in degrees; ``nodes``, ``accuracy``, ``threads``,
-    ``progress``, ``algorithm``, ``verify``, ``truncation``, ``backend``, ``method``, ``settings``, ``illuminate``,
-    ``time_limit_s`` as for `vrte.radiance`; ``transmission=True`` adds the BTDF (not for a layer without end). Lit
-    from the bottom, the BRDF is that of the bottom and the BTDF leads out of the top; cosines are positive as ever.
-    Raises SceneError for bad input, AccuracyError where neither algorithm can vouch for its answer, DeviceError
-    where an OpenCL device is missing or fails.
+    Lit from the bottom, the BRDF is that of the bottom and the BTDF leads out of the top; cosines are positive as ever.
 
+    Parameters
+    ----------
+    scene : Scene
+        What light meets.
+    mu_i, mu_o : float or sequence of float
+        Positive cosines of the directions of incidence, n_in, and of exitance, n_out.
+    phi : float or sequence of float, optional
+        Azimuths between them [degrees], n_phi.
+    transmission : bool, optional
+        Adds the BTDF; not for a layer without end.
+    {options}
+
+    Returns
+    -------
+    Brdf
+        ``mueller`` (n_in, n_out, n_phi, 4, 4) [1/sr], ``reflectance`` (n_in,), and what else goes with it.
+
+    Raises
+    ------
+    SceneError
+        For bad input, in one sentence; ``error.place`` is the argument that it is about.
+    AccuracyError
+        Where neither algorithm can vouch for its answer.
+    DeviceError
+        Where an OpenCL device is missing or fails.
+
+    Examples
+    --------
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
-    options = solver_options(
-        nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate, time_limit_s
-    )
-    request, _ = brdf_request(scene, mu_i, mu_o, phi, transmission, options)
-    return brdf_of(choose_method(request), threads, transmission, progress)
+    return brdf_of(choose_method(brdf_request(**locals())), progress)
 
 
-def brdf_of(
-    request: Request, threads: int | None, transmission: bool, progress: Progress | None, told: bool = False
-) -> Brdf:
+def brdf_of(request: Request, progress: Progress | None = None, told: bool = False) -> Brdf:
     """Of a request with its method named; ``told``: what it takes was said."""
-    run = run_of(request, threads)
+    run = run_of(request)
     run.told = told
     _, solution = interruptible(run, lambda: solve_request(request, run, progress))
-    return as_brdf(request, solution, transmission)
+    return as_brdf(request, solution)
 
 
-def as_brdf(request: Request, solution: Solution, transmission: bool) -> Brdf:
+def as_brdf(request: Request, solution: Solution) -> Brdf:
     """What was found, as a result."""
     into, directions = request.mu0, request.mu
     assert directions is not None
-    # (1, n_in, n_mu, n_phi, 4, column)
+    # (1, n_in, n_mu, n_phi, 4, column), of light going up at the top and down at the bottom
     matrices = [settled(values)[0] for values in solution.parts]
     if request.illuminate == "bottom":
         matrices = [mirrored_mueller(values) for values in matrices]
@@ -79,7 +98,7 @@ def as_brdf(request: Request, solution: Solution, transmission: bool) -> Brdf:
     return Brdf(
         mueller=matrices[0],
         reflectance=frozen(solution.flux_up[0, :, 0] / into),
-        transmission=matrices[1] if transmission else None,
+        transmission=matrices[1] if len(matrices) > 1 else None,
         direct_transmittance=frozen(np.exp(-request.scene.thickness / into)),
         mu_i=into,
         mu_o=directions[directions > 0.0],

@@ -19,7 +19,7 @@ A_CALL = 3e-3  # seconds of any solve, beside its plan and its operations
 
 def foretell_all(
     count: int,
-    asked_at: Callable[[int], tuple[Request, int, float]],
+    asked_at: Callable[[int], tuple[Request, float]],
     what: str,
     limit: float | None = None,
     beside: float = 0.0,
@@ -27,7 +27,7 @@ def foretell_all(
 ) -> bool:
     """Says what ``count`` solves take together, by a few that are spread among them; whether it is long.
 
-    ``asked_at``: the request at a place, its threads, and the seconds that its particles took; ``what`` they are;
+    ``asked_at``: the request at a place, and the seconds that its particles took; ``what`` they are;
     ``limit`` in seconds, by default that of the requests; ``beside``: seconds of other work; ``workers`` share all of
     it. What cannot be asked is passed over: it will say so itself. Raises SceneError beyond the limit.
     """
@@ -36,9 +36,9 @@ def foretell_all(
     begin, looked, solving = time.perf_counter(), [], []
     for place in [0, *np.unique(np.linspace(count - 1, 1, min(FEW, count) - 1).astype(int))[::-1].tolist()]:
         try:
-            request, threads, made = asked_at(place)
+            request, made = asked_at(place)
             start = time.perf_counter()
-            seconds, planned = predicted(request, threads)
+            seconds, planned = predicted(request)
         except SceneError:
             continue
         looked.append(made + time.perf_counter() - start + planned + A_CALL)
@@ -56,7 +56,7 @@ def foretell_all(
     return total > LONG
 
 
-def predicted(request: Request, threads: int) -> tuple[float, float]:
+def predicted(request: Request) -> tuple[float, float]:
     """Seconds of a solve, and of its plan where that is too long to be made here; nothing of a device."""
     from vrte.discrete_ordinates.planning.plan import plan_of
 
@@ -65,6 +65,7 @@ def predicted(request: Request, threads: int) -> tuple[float, float]:
     run = Run(1)  # no threads of OpenMP in the caller's own: a child forked later would wait for them
     if request.method != EXACT:
         return methods.predicted(request, run), 0.0
+    threads = methods.run_of(request).threads
     planning = seconds_of_planning(request, run)
     if planning > LOOKING:
         return 0.0, planning / threads

@@ -1,14 +1,14 @@
 """vrte.to_mitsuba: a scene solved at the wavelengths and directions of Mitsuba's measured BSDF, and written."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.running import Progress
-from vrte.calls.spectrum import STEPS, part_of, scenes_at, solved_at
+from vrte.basics.running import Progress, portion
+from vrte.calls.spectrum import Source, scenes_at, solved_at
 from vrte.formats.between_directions import AZIMUTHS, COSINES, directions
 from vrte.formats.measured_polarized import (
     CHECKED,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def to_mitsuba(
-    scene: str | os.PathLike[str] | Mapping[str, Any],
+    scene: Source,
     wavelengths_um: Any,
     path: str | os.PathLike[str],
     step_deg: float = STEP,
@@ -52,9 +52,9 @@ def to_mitsuba(
     wavelengths = ascending(wavelengths_um)
     check_wavelengths(wavelengths)
     angles_of(step_deg)
-    total = 2 * STEPS * wavelengths.size
-    files = scenes_at(scene, wavelengths, folder, part_of(progress, 0, total))
-    table, exact = solved_for_table(files, wavelengths, part_of(progress, total // 2, total), **asked)
+    first, second = (portion(progress, half, 2, 100 * wavelengths.size) for half in (0, 1))
+    files, _ = scenes_at(scene, wavelengths, folder, first)
+    table, exact = solved_for_table(files, wavelengths, second, **asked)
     errors = write_mitsuba(table, path, step_deg, exact)
     assert errors is not None
     return errors

@@ -9,13 +9,15 @@ from vrte.basics.arrays import Array, frozen, settled
 from vrte.basics.running import Progress, interruptible
 from vrte.methods import choose_method, run_of, solve_request
 from vrte.methods.discrete_ordinates import warn_of_negative
-from vrte.request.request import Request, depths, radiance_request, solver_options
+from vrte.request.how import describe_options
+from vrte.request.request import Request, radiance_request
 from vrte.results.field import Field
 from vrte.results.solution import Solution
 from vrte.scene.illumination import mirrored_stokes
 from vrte.scene.scene import Scene
 
 
+@describe_options
 def radiance(
     scene: Scene,
     mu0: Any,
@@ -38,41 +40,50 @@ def radiance(
 ) -> Field:
     """The diffuse field of one beam, or of several in one solve, by discrete ordinates or another method.
 
-    Parameters: ``mu0``, the beam's positive cosine, or a list of cosines, whose axis the result then has in front;
-    ``stokes``, its flux vector perpendicular to it, I >= 0 and I^2 >= Q^2 + U^2 + V^2; ``mu``, signed cosines
-    (default: the nodes, up and down); ``phi``, degrees from the beam's heading; ``tau``, optical depths; ``nodes``
-    a hemisphere (2 x nodes terms of the phase matrix are used for multiple scattering, all of them for single
-    scattering); ``accuracy``, relative to the largest I at each depth: of the discrete problem where nodes are
-    given (default 1e-8), of the continuous one where the plan chooses them (default 1e-6;
-    ``diagnostics["promised"]`` and ``["notes"]`` say where it cannot be promised); ``threads``, default all usable
-    CPUs; ``progress``, called with (orders done, orders); ``algorithm``, "modes" (eigenvectors), "doubling"
-    (impedance doubling, no eigenproblem) or "auto", which takes one by rule; ``verify=True`` solves by both and
-    puts their agreement into ``diagnostics``; ``truncation``, what becomes of phase matrices with more terms than
-    the nodes carry: "none" cuts them, "delta-m" counts their forward peak as light that was not scattered,
-    "small-angle" does so too and spreads that light, "auto" takes one by rule (docs/truncation.md); ``backend``,
-    what computes: "openmp", the compiled core on ``threads``, "sequential", the same on one, "opencl", an OpenCL
-    device, or one of the mixtures in docs/opencl.md; ``method``, "discrete-ordinates" (exact), another of
-    docs/methods.md, with its own ``settings`` by name, or "auto", which takes one for the ``accuracy`` by rule,
-    without nodes and settings (``diagnostics["method_rule"]``); ``illuminate``, where the beam comes from: "top",
-    or "bottom", for scenes without a base and with a finite thickness; ``time_limit_s``: what is predicted, to a
-    factor of about 3, to take longer is refused (default an hour; math.inf: nothing is); what takes more than 20
-    seconds says so at once in a LongSolveWarning. Raises SceneError for bad input, AccuracyError where neither
-    algorithm can vouch for its answer, DeviceError where a device is missing or fails. Source: Collin, Pattanaik,
-    Bouatouch, section 2.
+    Source: Collin, Pattanaik, Bouatouch, section 2.
 
+    Parameters
+    ----------
+    scene : Scene
+        What light meets.
+    mu0 : float or sequence of float
+        The beam's positive cosine, or those of several, whose axis the result then has in front.
+    stokes : sequence of float, optional
+        The beam's flux vector I, Q, U, V perpendicular to it, I >= 0 and I^2 >= Q^2 + U^2 + V^2.
+    mu : float or sequence of float, optional
+        Signed cosines, n_mu, above 0 going up; default: the nodes, up and down; an empty list: fluxes alone.
+    phi : float or sequence of float, optional
+        Azimuths from the beam's heading [degrees], n_phi.
+    tau : float or sequence of float, optional
+        Optical depths, n_tau; default: the top.
+    {options}
+
+    Returns
+    -------
+    Field
+        ``stokes`` (n_tau, n_mu, n_phi, 4) in units of the beam's flux per steradian, ``flux_up``, ``flux_down`` and
+        ``direct`` (n_tau,); of several beams with their axis in front.
+
+    Raises
+    ------
+    SceneError
+        For bad input, in one sentence; ``error.place`` is the argument that it is about.
+    AccuracyError
+        Where neither algorithm can vouch for its answer.
+    DeviceError
+        Where an OpenCL device is missing or fails.
+
+    Examples
+    --------
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    options = solver_options(
-        nodes, accuracy, algorithm, verify, truncation, backend, method, settings, illuminate, time_limit_s
-    )
-    request, incident = radiance_request(scene, mu0, stokes, mu, phi, tau, options)
-    request = choose_method(request)
-    run = run_of(request, threads)
+    request = choose_method(radiance_request(**locals()))
+    run = run_of(request)
     directions, solution = interruptible(run, lambda: solve_request(request, run, progress))
-    found = field_of(request, directions, solution, depths(tau, request.scene), incident)
+    found = field_of(request, directions, solution)
     return found.beam(0) if is_one_number(mu0) else found
 
 
@@ -81,8 +92,11 @@ def is_one_number(value: Any) -> bool:
     return type(value) is float or np.ndim(value) == 0
 
 
-def field_of(request: Request, directions: Array, solution: Solution, tau: Array, incident: Array) -> Field:
-    """What was found, as a result of as many beams as were asked for; tau (n_tau,) as asked."""
+def field_of(request: Request, directions: Array, solution: Solution) -> Field:
+    """What was found, as a result of as many beams as were asked for."""
+    tau, incident = request.asked_tau, request.incident
+    assert tau is not None
+    assert incident is not None
     seen = np.moveaxis(settled(solution.parts[0])[..., 0], 1, 0)  # (n_in, n_tau, n_mu, n_phi, 4)
     warn_of_negative(request, seen[..., 0], solution.diagnostics)
     beams = request.mu0[:, None]

@@ -8,7 +8,6 @@ from typing import Any
 from vrte import __version__
 from vrte.basics.errors import SceneError
 from vrte.calls.brdf import brdf
-from vrte.calls.plan import OPTIONS
 from vrte.calls.radiance import radiance
 from vrte.commands import spectrum
 from vrte.commands.common import (
@@ -32,13 +31,14 @@ from vrte.formats.scene_file import SceneFile
 from vrte.optics.truncation import CHOICES
 from vrte.pictures.figures import SUFFIXES as PICTURES
 from vrte.request.backends import BACKENDS
+from vrte.request.how import OPTIONS
 from vrte.request.request import ALGORITHMS, AUTO, EXACT, METHOD_NAMES, MOST_NODES
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.spectrum import with_scene
 from vrte.scene.illumination import SIDES
 
-HOW = ("threads", *(name for name in OPTIONS if name != "settings"))  # options that win over the scene file
+HOW = tuple(name for name in OPTIONS if name != "settings")  # options that win over the scene file
 OUTPUTS = {"output": tuple(FORMATS), "csv": (".csv",), "plot": tuple(PICTURES)}
 EXTRAS = {  # by suffix
     ".nc": ("files", ("xarray", "h5netcdf")),

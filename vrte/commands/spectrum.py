@@ -11,7 +11,7 @@ import numpy as np
 from vrte import __version__
 from vrte.basics.errors import SceneError
 from vrte.calls.mitsuba import solved_for_table
-from vrte.calls.spectrum import foretold, scenes_at, solved_at
+from vrte.calls.spectrum import scenes_at, solved_at
 from vrte.commands.common import Tick, check_output, named_by, reading, timed, wavelengths
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats.scene_file import SceneFile, listed_wavelengths, read_content
@@ -81,8 +81,7 @@ def solve(
     at = np.array(options.wavelengths_um)
     phase("particles")
     with timed(seconds, "particles"), reading(options.scene):
-        made, told = foretold(options.scene, at, ".", asked)
-        files = scenes_at(options.scene, at, progress=tick, made=made)
+        files, told = scenes_at(options.scene, at, progress=tick, asked=asked)
     phase("wavelengths")
     with timed(seconds, "solver"), named_by(options.scene):
         result = solved_at(files, at, tick, told, **asked)

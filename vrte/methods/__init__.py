@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from importlib import import_module
-from typing import Any
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
@@ -39,9 +38,9 @@ def choose_method(request: Request) -> Request:
     return request
 
 
-def run_of(request: Request, threads: Any) -> Run:
+def run_of(request: Request) -> Run:
     """The run of a request: its threads, one of a sequential backend, and its engine's stages."""
-    backend = request.backend
+    backend, threads = request.backend, request.threads
     if backend.kernels == "sequential":
         if threads not in (None, 1):
             raise SceneError(

@@ -1,48 +1,40 @@
 """What a user asks for, checked before any work."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
-from pkgutil import iter_modules
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, flag, number, numbers, settled, shown, vector, whole
+from vrte.basics.arrays import Array, flag, numbers, settled, vector
 from vrte.basics.errors import SceneError
-from vrte.optics.truncation import CHOICES
-from vrte.request.backends import BACKENDS, Backend, backend_of
+from vrte.request.how import ALGORITHMS as ALGORITHMS
+from vrte.request.how import AUTO as AUTO
+from vrte.request.how import BY_RULE as BY_RULE
+from vrte.request.how import COARSEST as COARSEST
+from vrte.request.how import EXACT as EXACT
+from vrte.request.how import FINEST as FINEST
+from vrte.request.how import METHOD_NAMES as METHOD_NAMES
+from vrte.request.how import METHODS as METHODS
+from vrte.request.how import MOST_NODES as MOST_NODES
+from vrte.request.how import How as How
+from vrte.request.how import one_of as one_of
 from vrte.request.wanted import Wanted
-from vrte.scene.illumination import SIDES, check_physical, lit_from, mirrored_stokes
+from vrte.scene.illumination import check_physical, lit_from, mirrored_stokes
 from vrte.scene.scene import Scene
 
-EXACT = "discrete-ordinates"
-AUTO = "auto"  # one of the methods, by the rules of vrte/methods/auto/rules.py
-_FILES = iter_modules([str(Path(__file__).parents[1] / "methods")])  # each is a method; what they share is in folders
-_NAMES = {file.name.replace("_", "-") for file in _FILES if not file.ispkg}
-METHODS = (EXACT, *sorted(_NAMES - {EXACT}))
-ALGORITHMS = ("auto", "direct", "modes", "doubling", "invariance")
-BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a tolerance
-METHOD_NAMES = (*METHODS, AUTO)  # that can be asked for
 SMALLEST_COSINE = 1e-8
-MOST_NODES = 4096
-FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
-WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
-TIME_LIMIT_S = 3600.0  # by default
 SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, by modes and by doubling
 
 
-@dataclass(frozen=True, eq=False)
-class Request:
-    """What is asked of a scene: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V), signed
-    mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,), and how: nodes (None: chosen by the plan), accuracy relative to
-    the largest I at each depth, algorithm, verify, truncation, backend, method and its settings. ``wanted`` (None:
-    everything) says what becomes of the solution. ``fluxes_only``: mu is there for form's sake. ``illuminate``: where
-    the light comes from; "bottom" is asked of a scene upside down, all in a horizontal mirror. ``method_rule`` and
-    ``nodes_rule``: why the method and the nodes are these; the former is empty where the method was asked for.
-    ``given``: names of the options that the user gave, which a method uses or refuses. ``time_limit_s``: what is
-    predicted to take longer is refused."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Request(How):
+    """What is asked of a scene, and how: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V),
+    signed mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,). ``wanted`` (None: everything) says what becomes of the
+    solution. ``fluxes_only``: mu is there for form's sake. Lit from the bottom, it is asked of a scene upside down, all
+    in a horizontal mirror; ``asked_tau`` and ``incident``, the Stokes vector (4,) of a beam, are as the user gave them.
+    ``method_rule`` and ``nodes_rule``: why the method and the nodes are these; the former is empty where the method was
+    asked for."""
 
     kind: str
     scene: Scene
@@ -52,20 +44,11 @@ class Request:
     phi: Array
     tau: Array
     wanted: Wanted | None
-    nodes: int | None
-    accuracy: float
-    algorithm: str
-    verify: bool
-    truncation: str
+    asked_tau: Array | None = None
+    incident: Array | None = None
     fluxes_only: bool = False
-    backend: Backend = Backend.OPENMP
-    method: str = EXACT
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    illuminate: str = "top"
     method_rule: str = ""
     nodes_rule: str = "as asked for"
-    given: frozenset[str] = frozenset()
-    time_limit_s: float = TIME_LIMIT_S
 
 
 def operations_of(request: Request) -> float:
@@ -130,79 +113,21 @@ def depths(values: Any, scene: Scene) -> Array:
     return settled(np.where(total - within <= rounding, total, within)) if rounding else array
 
 
-def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
-    """One of the names allowed."""
-    if not (isinstance(value, str) and value in allowed):
-        raise SceneError.of(name, f"must be {', '.join(map(repr, allowed))}, not {shown(value)}")
-    return value
-
-
-def solver_options(
-    nodes: Any = None,
-    accuracy: Any = None,
-    algorithm: Any = None,
-    verify: Any = None,
-    truncation: Any = None,
-    backend: Any = None,
-    method: Any = EXACT,
-    settings: Any = None,
-    illuminate: Any = "top",
-    time_limit_s: Any = None,
-) -> dict[str, Any]:
-    """As fields of a Request: nodes of a hemisphere or None, accuracy, the algorithm's name, a yes or no, the names of
-    the truncation, the backend and the method, the method's settings, the side that is lit, and which of the first six
-    were given. None stands for what the user left out."""
-    asked = {"nodes": nodes, "accuracy": accuracy, "algorithm": algorithm, "truncation": truncation, "backend": backend}
-    given = frozenset(
-        name for name, value in (asked | {"verify": None if verify is False else verify}).items() if value is not None
-    )
-    defaults = {"algorithm": "auto", "verify": False, "truncation": "auto", "backend": "openmp"}
-    algorithm, verify, truncation, backend = (
-        default if value is None else value
-        for default, value in zip(defaults.values(), (algorithm, verify, truncation, backend), strict=True)
-    )
-    method = one_of("method", method, METHOD_NAMES)
-    if not (settings is None or (isinstance(settings, Mapping) and all(isinstance(name, str) for name in settings))):
-        raise SceneError.of("settings", f"must be a dictionary by names of settings, not {shown(settings)}")
-    if settings and method == EXACT:
-        raise SceneError(
-            f"method {EXACT!r} has no settings: it is told by nodes, accuracy, algorithm and truncation", "method"
-        )
-    if method == AUTO and (settings or nodes is not None):
-        name = "settings" if settings else "nodes"
-        raise SceneError(f"method {AUTO!r} takes no {name}: it goes by accuracy; for {name} name the method", "method")
-    if accuracy is None:
-        accuracy = WITHOUT_NODES if nodes is None else WITH_NODES
-    found = backend_of(one_of("backend", backend, BACKENDS))
-    algorithm = one_of("algorithm", algorithm, ALGORITHMS)
-    if algorithm == "modes" and found.linear_algebra == "device":
-        raise SceneError(
-            f"algorithm 'modes' needs an eigensolver, which backend {found.label!r} does not have: "
-            "ask for algorithm 'auto', 'direct', 'doubling' or 'invariance', or for another backend",
-            "algorithm",
-        )
-    return {
-        "nodes": None if nodes is None else whole("nodes", nodes, 1, MOST_NODES),
-        "accuracy": number("accuracy", accuracy, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
-        "algorithm": algorithm,
-        "verify": flag("verify", verify),
-        "truncation": one_of("truncation", truncation, CHOICES),
-        "backend": found,
-        "method": method,
-        "settings": dict(settings or {}),
-        "illuminate": one_of("illuminate", illuminate, SIDES),
-        "given": given,
-        "time_limit_s": number(
-            "time_limit_s", TIME_LIMIT_S if time_limit_s is None else time_limit_s, 0.0, math.inf, "seconds"
-        ),
-    }
-
-
 def brdf_request(
-    scene: Any, mu_i: Any, mu_o: Any, phi: Any, transmission: Any, options: dict[str, Any]
-) -> tuple[Request, Array]:
-    """The request of a BRDF, and its outgoing cosines."""
-    scene = lit_from(options["illuminate"], check_scene(scene))
+    scene: Any,
+    mu_i: Any,
+    mu_o: Any,
+    phi: Any = 0.0,
+    nodes: Any = None,
+    threads: Any = None,
+    transmission: Any = False,
+    progress: Any = None,
+    *options: Any,
+    **more: Any,
+) -> Request:
+    """What `vrte.brdf` asks with these arguments, which are its own. Raises SceneError, TypeError."""
+    how = How(*options, nodes=nodes, threads=threads, **more)  # type: ignore[misc]  # options end before nodes
+    scene = lit_from(how.illuminate, check_scene(scene))
     into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
     azimuths = vector("phi", phi)
     if flag("transmission", transmission) and not np.isfinite(scene.thickness):
@@ -214,26 +139,55 @@ def brdf_request(
         (np.array([k], np.int32), np.arange(k * out.size, (k + 1) * out.size, dtype=np.int32))
         for k in range(levels.size)
     ]
-    wanted = Wanted(parts, np.arange(4, dtype=np.int32), 1.0 / into)
-    return Request("brdf", scene, into, np.eye(4), directions, azimuths, levels, wanted, **options), out
+    return Request(
+        kind="brdf",
+        scene=scene,
+        mu0=into,
+        columns=np.eye(4),
+        mu=directions,
+        phi=azimuths,
+        tau=levels,
+        wanted=Wanted(parts, np.arange(4, dtype=np.int32), 1.0 / into),
+        **vars(how),
+    )
 
 
 def radiance_request(
-    scene: Any, mu0: Any, stokes: Any, mu: Any, phi: Any, tau: Any, options: dict[str, Any]
-) -> tuple[Request, Array]:
-    """The request of a field of one beam or several, and their incident Stokes vector."""
-    scene = lit_from(options["illuminate"], check_scene(scene))
+    scene: Any,
+    mu0: Any,
+    stokes: Any = (1.0, 0.0, 0.0, 0.0),
+    mu: Any = None,
+    phi: Any = 0.0,
+    tau: Any = 0.0,
+    nodes: Any = None,
+    threads: Any = None,
+    progress: Any = None,
+    *options: Any,
+    **more: Any,
+) -> Request:
+    """What `vrte.radiance` asks with these arguments, which are its own. Raises SceneError, TypeError."""
+    how = How(*options, nodes=nodes, threads=threads, **more)  # type: ignore[misc]  # options end before nodes
+    scene = lit_from(how.illuminate, check_scene(scene))
     beam = cosines("mu0", mu0)
     fluxes_only = isinstance(mu, (list, tuple)) and not mu
     directions = np.ones(1) if fluxes_only else None if mu is None else cosines("mu", mu, signed=True)
-    incident, azimuths, levels = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
-    arriving = incident
-    if options["illuminate"] == "bottom":
-        arriving, levels = mirrored_stokes(incident), scene.thickness - levels
+    incident, azimuths, asked_tau = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
+    arriving, levels = incident, asked_tau
+    if how.illuminate == "bottom":
+        arriving, levels = mirrored_stokes(incident), scene.thickness - asked_tau
         directions = None if directions is None else -directions
     parts = [arriving * [1, 1, 0, 0], arriving * [0, 0, 1, 1]]
-    columns = np.array([part for part in parts if part.any()] or parts[:1])
-    request = Request(
-        "radiance", scene, beam, columns, directions, azimuths, levels, None, **options, fluxes_only=fluxes_only
+    return Request(
+        kind="radiance",
+        scene=scene,
+        mu0=beam,
+        columns=np.array([part for part in parts if part.any()] or parts[:1]),
+        mu=directions,
+        phi=azimuths,
+        tau=levels,
+        wanted=None,
+        asked_tau=asked_tau,
+        incident=incident,
+        fluxes_only=fluxes_only,
+        **vars(how),
     )
-    return request, incident

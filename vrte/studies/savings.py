@@ -203,7 +203,7 @@ def savings(nodes: int, count: int) -> list[Saving]:
 def measure(saving: Saving, repeats: int) -> Measured:
     """Both ways, by turns, by one thread and by two; short solves more often."""
     ways = [
-        (request_of(saving.kind, saving.scene(), (), saving.keywords | more)[0], leave_out)
+        (request_of(saving.kind, saving.scene(), **saving.keywords | more), leave_out)
         for more, leave_out in (({}, EVERYTHING), (saving.asked_for, saving.without))
     ]
     seconds: dict[int, tuple[float, float]] = {}

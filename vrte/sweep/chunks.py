@@ -5,7 +5,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,10 @@ from vrte.basics.running import Run, interruptible
 from vrte.calls.brdfs import solved_together
 from vrte.formats.scene_file import scene_of
 from vrte.methods import run_of, solve_request
+from vrte.request.request import Request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.sweep.results import Question, question_of
+from vrte.sweep.results import answer_of, question_of
 from vrte.sweep.store import Work, work_in
 from vrte.sweep.template import scene_at
 
@@ -29,7 +30,7 @@ FATAL = (DeviceError, MissingExtraError, OSError, SweepError)  # not one scene's
 LONGEST_MESSAGE = 500
 
 Outcome = Brdf | Field | Exception
-Solve = Callable[[Sequence[Question]], list[Outcome]]
+Solve = Callable[[Sequence[Request]], list[Outcome]]
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
 def results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
     """The result of each scene, or why there is none."""
     found: list[Outcome | None] = [None] * len(places)
-    questions: list[Question] = []
+    questions: list[Request] = []
     rows: list[int] = []
     for row, place in enumerate(places):
         try:
@@ -123,14 +124,14 @@ def message_of(error: Exception) -> str:
 def in_turn(threads: Callable[[], int], stop: Any) -> Solve:
     """Scenes one after another on the processor, each on as many threads as there are to spare then."""
 
-    def solve(questions: Sequence[Question]) -> list[Outcome]:
-        return [one(question) for question in questions]
+    def solve(questions: Sequence[Request]) -> list[Outcome]:
+        return [one(request) for request in questions]
 
-    def one(question: Question) -> Outcome:
+    def one(request: Request) -> Outcome:
         try:
-            run = run_of(question.request, threads())
+            run = run_of(replace(request, threads=threads()))
             run.stop = stop
-            return question.answer(*solve_request(question.request, run))
+            return answer_of(request, *solve_request(request, run))
         except FATAL:
             raise
         except Exception as error:
@@ -139,21 +140,21 @@ def in_turn(threads: Callable[[], int], stop: Any) -> Solve:
     return solve
 
 
-def together(questions: Sequence[Question]) -> list[Outcome]:
+def together(requests: Sequence[Request]) -> list[Outcome]:
     """All scenes of a chunk at once on a device; one by one where one of them fails, and where fields are asked for."""
-    if len(questions) > 1 and questions[0].request.kind != "brdf":
-        return [outcome for question in questions for outcome in together([question])]
-    run, requests = Run(1), [question.request for question in questions]
+    if len(requests) > 1 and requests[0].kind != "brdf":
+        return [outcome for request in requests for outcome in together([request])]
+    run = Run(1)
     try:
         if requests[0].kind != "brdf":
-            return [questions[0].answer(*interruptible(run, lambda: solve_request(requests[0], run)))]
-        return list(interruptible(run, lambda: solved_together(requests, run, questions[0].transmission, None)))
+            return [answer_of(requests[0], *interruptible(run, lambda: solve_request(requests[0], run)))]
+        return list(interruptible(run, lambda: solved_together(requests, run, None)))
     except FATAL:
         raise
     except Exception as error:
-        if len(questions) == 1:
+        if len(requests) == 1:
             return [error]
-        return [outcome for question in questions for outcome in together([question])]
+        return [outcome for request in requests for outcome in together([request])]
 
 
 _lock = threading.Lock()

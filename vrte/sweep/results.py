@@ -1,7 +1,6 @@
 """What each scene of a sweep brings, a BRDF or the field of one beam or several, and how it is asked for."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from vrte.calls.radiance import field_of
 from vrte.formats.contents import BRDF, FIELDS, STOKES_AXIS, Kind
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.toml_table import shown
-from vrte.request.request import EXACT, Request, brdf_request, depths, radiance_request, solver_options
+from vrte.request.request import EXACT, Request, brdf_request, radiance_request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.solution import Solution
@@ -37,56 +36,36 @@ class Results:
         return sum(8 * math.prod(shape) for _, shape in self.variables.values())
 
 
-@dataclass(frozen=True, eq=False)
-class Question:
-    """What is asked of a scene, and the result that its solution is."""
-
-    request: Request
-    transmission: bool
-    answer: Callable[[Array, Solution], Brdf | Field]
-
-
-def question_of(file: SceneFile, backend: str = "openmp") -> Question:
+def question_of(file: SceneFile, backend: str = "openmp") -> Request:
     """What is asked of a scene. Raises SceneError."""
-    how = {"algorithm": ALGORITHM, "verify": False, "backend": backend} | file.options
+    how = {"algorithm": ALGORITHM, "backend": backend} | file.options
     if how.get("method", EXACT) != EXACT:
         raise SceneError(f"method = {shown(how['method'])}: a sweep is made by {EXACT!r} alone", "method")
-    options = solver_options(how.pop("nodes", None), how.pop("accuracy", None), **how, time_limit_s=math.inf)
     with file.located():
-        return of_brdf(file, options) if file.kind == "brdf" else of_field(file, options)
+        if file.kind == "brdf":
+            return brdf_request(file.scene, **file.request, **how, time_limit_s=math.inf)
+        if "mu" not in file.request:
+            raise SceneError.of(
+                "mu", "is missing: all scenes of a table share their directions; mu = [] asks for fluxes alone"
+            )
+        return radiance_request(file.scene, **file.request, **how, time_limit_s=math.inf)
 
 
-def of_brdf(file: SceneFile, options: dict[str, object]) -> Question:
-    asked = {"phi": 0.0, "transmission": False} | file.request
-    request, _ = brdf_request(file.scene, asked["mu_i"], asked["mu_o"], asked["phi"], asked["transmission"], options)
-    transmission = bool(asked["transmission"])
-    return Question(request, transmission, lambda _, solution: as_brdf(request, solution, transmission))
-
-
-def of_field(file: SceneFile, options: dict[str, object]) -> Question:
-    asked = {"stokes": (1.0, 0.0, 0.0, 0.0), "phi": 0.0, "tau": 0.0} | file.request
-    if "mu" not in asked:
-        raise SceneError.of(
-            "mu", "is missing: all scenes of a table share their directions; mu = [] asks for fluxes alone"
-        )
-    request, incident = radiance_request(
-        file.scene, asked["mu0"], asked["stokes"], asked["mu"], asked["phi"], asked["tau"], options
-    )
-    tau = depths(asked["tau"], request.scene)
-    return Question(request, False, lambda directions, solution: field_of(request, directions, solution, tau, incident))
+def answer_of(request: Request, directions: Array, solution: Solution) -> Brdf | Field:
+    """The result that the solution of a request is."""
+    return as_brdf(request, solution) if request.kind == "brdf" else field_of(request, directions, solution)
 
 
 def results_of(file: SceneFile) -> Results:
     """What the scenes of a sweep bring, by the first of them, whose particles nobody needs to know yet."""
     if file.kind == "brdf":
-        question = question_of(file)
-        request = question.request
+        request = question_of(file)
         assert request.mu is not None
         coordinates = {"mu_i": request.mu0, "mu_o": request.mu[request.mu > 0.0], "phi_deg": request.phi}
-        left_out = () if question.transmission else ("transmission",)
+        left_out = () if request.tau.size > 1 else ("transmission",)  # the bottom, too
         return laid_out(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"), {})
     # how deep the scene is, its particles say: each scene will check its own
-    request = question_of(replace(file, request=file.request | {"tau": 0.0})).request
+    request = question_of(replace(file, request=file.request | {"tau": 0.0}))
     incident = np.asarray(file.request.get("stokes", (1.0, 0.0, 0.0, 0.0)), np.float64)
     coordinates = {"mu0": request.mu0, "tau": vector("tau", file.request.get("tau", 0.0))}
     left_out = ("incident_stokes", *(("stokes",) if request.fluxes_only else ()))

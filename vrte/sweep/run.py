@@ -8,6 +8,7 @@ import time
 import warnings
 from collections.abc import Generator, Mapping
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -172,14 +173,14 @@ def foretell_sweep(work: Work, workers: int, limit: float) -> None:
     shared = list(shared_particles(work.sweep))
     own = len(shared) < len(work.sweep.template.get("particles", {}))  # particles that no other scene has
 
-    def asked_at(place: int) -> tuple[Request, int, float]:
+    def asked_at(place: int) -> tuple[Request, float]:
         chunk = left[place * len(left) // scenes]
         there = list(grid.places(chunk))
         where = there[-1 if place == scenes - 1 else place % len(there)]
         begin = time.perf_counter()
         with collected({}):
-            request = question_of(scene_at(work.sweep, where, work.optics.keep)).request
-        return request, 1, time.perf_counter() - begin if own else 0.0
+            request = question_of(scene_at(work.sweep, where, work.optics.keep))
+        return replace(request, threads=1), time.perf_counter() - begin if own else 0.0
 
     beside = 0.0 if done else seconds_of_particles(work, shared)
     what = f"{scenes} scenes on {workers} worker{'s'[: workers > 1]}"

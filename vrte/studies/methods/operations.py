@@ -65,7 +65,7 @@ def operations(case: Case, method: str, options: Options, field: Field) -> float
             return planned(plan("radiance", *arguments(case), threads=1, **options).as_dict())
     if method not in COUNTS:
         return math.nan
-    request, _ = request_of("radiance", case.scene, arguments(case)[1:], {**options, "method": method})
+    request = request_of("radiance", case.scene, *arguments(case)[1:], **{**options, "method": method})
     problem = discrete(request)
     settings = method_of(method).checked(request)
     return COUNTS[method](request, problem, Shape.of(request, problem), settings, field.diagnostics)

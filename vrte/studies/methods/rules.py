@@ -36,7 +36,7 @@ def rows_of(path: Path) -> list[Row]:
 def asked(one: Case, accuracy: float, method: str = AUTO) -> Request:
     """The report's request, with the method that auto takes, or another."""
     keywords = {"accuracy": accuracy, "method": method}
-    return request_of("radiance", one.scene, (one.mu0, one.stokes, one.signed_mu, PHI, one.tau), keywords)[0]
+    return request_of("radiance", one.scene, one.mu0, one.stokes, one.signed_mu, PHI, one.tau, **keywords)
 
 
 def rule_of(one: Case, accuracy: float) -> Rule:

@@ -1,0 +1,221 @@
+"""How something is solved: every option once, with its default, its check, and the words that users read of it.
+
+The calls, sweeps, scene files and the command line all take their options from here."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from pkgutil import iter_modules
+from textwrap import fill, indent
+from typing import Any, TypeVar
+
+from vrte.basics.arrays import flag, number, shown, whole
+from vrte.basics.errors import SceneError
+from vrte.optics.truncation import CHOICES
+from vrte.request.backends import BACKENDS, Backend, backend_of
+from vrte.scene.illumination import SIDES
+
+EXACT = "discrete-ordinates"
+AUTO = "auto"  # one of the methods, by the rules of vrte/methods/auto/rules.py
+_FILES = iter_modules([str(Path(__file__).parents[1] / "methods")])  # each is a method; what they share is in folders
+_NAMES = {file.name.replace("_", "-") for file in _FILES if not file.ispkg}
+METHODS = (EXACT, *sorted(_NAMES - {EXACT}))
+METHOD_NAMES = (*METHODS, AUTO)  # that can be asked for
+ALGORITHMS = ("auto", "direct", "modes", "doubling", "invariance")
+BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a tolerance
+MOST_NODES, MOST_THREADS = 4096, 4096
+FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
+WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
+TIME_LIMIT_S = 3600.0  # by default
+NOT_FOR_ALL = ("nodes", "accuracy", "algorithm", "verify", "truncation", "backend")  # methods say which they use
+Call = TypeVar("Call", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option as users meet it: its default, ``of`` which type, what ``check`` makes of its name and a value or
+    raises SceneError, what is ``allowed`` in words, the line that the command line shows, ``short``, and what
+    docstrings say ``more``; ``choices``, where it is one of some names."""
+
+    default: Any
+    of: type
+    check: Callable[[str, Any], Any]
+    allowed: str
+    short: str
+    more: str = ""
+    choices: tuple[str, ...] = ()
+
+    def described(self, name: str) -> str:
+        """Its entry among the parameters of a docstring, as numpydoc writes it."""
+        kind = f"{{{', '.join(map(repr, self.choices))}}}" if self.choices else self.of.__name__
+        told = f"{self.short[0].upper()}{self.short[1:]}{self.more}."
+        return f"{name} : {kind}, optional\n{indent(fill(told, 108), '    ')}"
+
+
+def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
+    """One of the names allowed."""
+    if not (isinstance(value, str) and value in allowed):
+        raise SceneError.of(name, f"must be {', '.join(map(repr, allowed))}, not {shown(value)}")
+    return value
+
+
+def settings_of(name: str, value: Any) -> dict[str, Any]:
+    """The settings of a method, by name."""
+    if not (isinstance(value, Mapping) and all(isinstance(key, str) for key in value)):
+        raise SceneError.of(name, f"must be a dictionary by names of settings, not {shown(value)}")
+    return dict(value)
+
+
+def option(default: Any, *told: Any) -> Any:
+    """A field of `How` with its `Option`."""
+    return field(default=None, metadata={"option": Option(default, *told)})
+
+
+def choice(default: str, choices: tuple[str, ...], short: str, more: str = "") -> Any:
+    """The same for one of some names."""
+    allowed = " or ".join(f'"{name}"' for name in choices)
+    return option(default, str, lambda name, value: one_of(name, value, choices), allowed, short, more, choices)
+
+
+def whole_number(most: int, short: str, more: str = "") -> Any:
+    """The same for a whole number from 1 on, None where vrte finds it."""
+    allowed = f"a whole number from 1 to {most}"
+    return option(None, int, lambda name, value: whole(name, value, 1, most), allowed, short, more)
+
+
+@dataclass(frozen=True, eq=False)
+class How:
+    """All options of a call, checked; None stands for what the user left out, and for its default.
+
+    ``given``: those of NOT_FOR_ALL that the user gave, which a method uses or refuses. Fields are in the order in which
+    `vrte.brdf` and `vrte.radiance` take them. Raises SceneError naming the option, what was given and what is allowed,
+    TypeError for an option that there is not.
+
+    >>> How(nodes=8).accuracy, How(verify=False, backend="sequential").given
+    (1e-08, frozenset({'backend'}))
+    """
+
+    algorithm: str = choice(
+        "auto",
+        ALGORITHMS,
+        "algorithm of discrete ordinates; default: auto",
+        ', which takes one by rule; "modes": eigenvectors; "doubling": impedance doubling, no eigenproblem; '
+        '"invariance": layers without end by the invariance of their reflection; "direct": the rule without what '
+        "iterates to a tolerance",
+    )
+    verify: bool = option(
+        False,
+        bool,
+        flag,
+        "true or false",
+        "solve by both algorithms and report their agreement",
+        ', in ``diagnostics["agreement"]``',
+    )
+    accuracy: float = option(
+        None,
+        float,
+        lambda name, value: number(name, value, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
+        f"a number between {FINEST:g} and {COARSEST:g}",
+        "relative to the largest I at each depth",
+        f": of the discrete problem where nodes are given (default {WITH_NODES:g}), of the continuous one where they "
+        f'are found by it (default {WITHOUT_NODES:g}; ``diagnostics["promised"]`` and ``["notes"]`` say where it '
+        "cannot be promised)",
+    )
+    truncation: str = choice(
+        "auto",
+        CHOICES,
+        "what becomes of phase matrices with more than 2 N terms; default: auto",
+        ', which takes one by rule; "none" cuts them, "delta-m" counts their forward peak as light that was not '
+        'scattered, "small-angle" does so too and spreads that light (docs/truncation.md)',
+    )
+    backend: Backend = option(  # noqa: RUF009
+        "openmp",
+        str,
+        lambda name, value: value if isinstance(value, Backend) else backend_of(one_of(name, value, BACKENDS)),
+        "",
+        "what computes; default: openmp",
+        ', the compiled core on ``threads``; "sequential": the same on one; "opencl": an OpenCL device; the others are '
+        "mixtures (docs/opencl.md)",
+        BACKENDS,
+    )
+    method: str = choice(
+        EXACT,
+        METHOD_NAMES,
+        f"default: {EXACT}, exact; {AUTO}: by rule, for the accuracy; others: docs/methods.md",
+        '. With "auto" there are no nodes and settings, and ``diagnostics["method_rule"]`` says which method it took',
+    )
+    settings: Mapping[str, Any] = option(
+        {},
+        dict,
+        settings_of,
+        "a table of the method's settings by name",
+        "settings of the method, by name (docs/methods.md)",
+    )
+    illuminate: str = choice(
+        "top",
+        SIDES,
+        "where the light comes from; default: top",
+        "; from the bottom for scenes without a base and with a finite thickness",
+    )
+    time_limit_s: float = option(
+        TIME_LIMIT_S,
+        float,
+        lambda name, value: number(name, value, 0.0, math.inf, "seconds"),
+        "seconds above 0, inf for no limit",
+        f"what is predicted to take longer is refused; default: {TIME_LIMIT_S:g}, inf for none",
+        ". The prediction is good to a factor of about 3; above 20 s it is told at once in a LongSolveWarning",
+    )
+    nodes: int | None = whole_number(
+        MOST_NODES,
+        "nodes in each hemisphere",
+        ": 2 x nodes terms of the phase matrix are used for multiple scattering, all of them for single scattering; "
+        "default: as many as the accuracy takes",
+    )
+    threads: int | None = whole_number(MOST_THREADS, "how many; default: all CPUs that may be used")
+    given: Any = None  # frozenset of names
+
+    def __post_init__(self) -> None:
+        left_out = {name for name in OPTIONS if (value := getattr(self, name)) is None or value is False}
+        told: dict[str, Any] = {"given": frozenset(NOT_FOR_ALL) - left_out} if self.given is None else {}
+        if self.accuracy is None:
+            told["accuracy"] = WITHOUT_NODES if self.nodes is None else WITH_NODES
+        for name, known in OPTIONS.items():
+            value = getattr(self, name)
+            value = told.get(name, known.default) if value is None else value
+            told[name] = None if value is None else known.check(name, value)
+        for name, value in told.items():
+            object.__setattr__(self, name, value)
+        self.check_together()
+
+    def check_together(self) -> None:
+        """Whether the options go together, whatever the scene. Raises SceneError."""
+        if self.settings and self.method == EXACT:
+            words = "has no settings: it is told by nodes, accuracy, algorithm and truncation"
+            raise SceneError(f"method {EXACT!r} {words}", "method")
+        if self.method == AUTO and (self.settings or self.nodes is not None):
+            name = "settings" if self.settings else "nodes"
+            words = f"takes no {name}: it goes by accuracy; for {name} name the method"
+            raise SceneError(f"method {AUTO!r} {words}", "method")
+        if self.algorithm == "modes" and self.backend.linear_algebra == "device":
+            raise SceneError(
+                f"algorithm 'modes' needs an eigensolver, which backend {self.backend.label!r} does not have: "
+                "ask for algorithm 'auto', 'direct', 'doubling' or 'invariance', or for another backend",
+                "algorithm",
+            )
+
+
+OPTIONS: dict[str, Option] = {one.name: one.metadata["option"] for one in fields(How) if one.metadata}
+PROGRESS = "progress : callable, optional\n    Called with (steps done, steps) as the work goes on."
+
+
+def describe_options(call: Call) -> Call:
+    """Puts what each option of a call means in the place of {options} in its docstring."""
+    names = call.__code__.co_varnames[: call.__code__.co_argcount]
+    told = [PROGRESS if name == "progress" else OPTIONS[name].described(name) for name in names if name in WITH_WORDS]
+    if call.__doc__:  # nothing is left of it where Python runs with -OO
+        call.__doc__ = call.__doc__.replace("    {options}", indent("\n".join(told), "    "))
+    return call
+
+
+WITH_WORDS = {*OPTIONS, "progress"}
