@@ -234,22 +234,16 @@ def test_an_interrupt_ends_what_takes_long(name: str, settings: dict[str, object
     assert told[0][0] < told[0][1]
 
 
-OPTIONS = {
-    "accuracy": 1e-4,
-    "backend": "opencl",
-    "verify": True,
-    "algorithm": "auto",
-    "truncation": "delta-m",
-}
+OPTIONS = {"accuracy": 1e-4, "backend": "opencl", "verify": True, "algorithm": "auto", "truncation": "delta-m"}
 
 
-@pytest.mark.parametrize("method", [name for name in METHODS if name != EXACT])
+@pytest.mark.parametrize("method", OTHERS)
 @pytest.mark.parametrize("option", OPTIONS)
 def test_what_a_method_does_not_use_is_refused_by_name(method: str, option: str) -> None:
     """Also with the value that is the default: who asks for it shall not think that it does something."""
     scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.1)])
     asked = {"mu_i": 0.5, "mu_o": 0.5, "method": method, option: OPTIONS[option]}
-    if option in method_of(method).options and option == "truncation":
+    if option in method_of(method).options and option != "backend":
         if method != "synthetic-iteration":
             assert vrte.brdf(scene, **asked).mueller[0, 0, 0, 0, 0] > 0.0
         return
@@ -273,7 +267,7 @@ def test_options_of_the_processor_go_with_every_method() -> None:
 
 
 def test_files_and_spectra_are_refused_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    content = 'method = "adding-doubling"\n[[layer]]\nphase = "rayleigh"\nalbedo = 1\nthickness = 0.5\n'
+    content = 'method = "diffusion"\n[[layer]]\nphase = "isotropic"\nalbedo = 1\nthickness = 0.5\n'
     asked = "[brdf]\nmu_i = 0.5\nmu_o = 0.5\n"
     scene, out = tmp_path / "scene.toml", str(tmp_path / "out.csv")
     scene.write_text(content + asked)
@@ -283,8 +277,67 @@ def test_files_and_spectra_are_refused_alike(tmp_path: Path, capsys: pytest.Capt
     assert main(["brdf", str(scene), "-o", str(tmp_path / "out.nc")]) == 0
     scene.write_text("accuracy = 1e-3\n" + content + asked)
     assert main(["brdf", str(scene), "-o", str(tmp_path / "out.nc")]) == 2
-    assert "takes no accuracy: it goes by nodes, and its settings thin, start" in capsys.readouterr().err
+    assert "takes no accuracy: it goes by nodes and truncation, and its settings boundary" in capsys.readouterr().err
     with pytest.raises(vrte.SceneError, match="takes no accuracy"):
         vrte.spectrum(scene, [0.5, 0.6])
     with pytest.raises(vrte.SceneError, match="takes no accuracy, algorithm: it goes by nodes"):
         vrte.spectrum(scene, [0.5, 0.6], algorithm="modes")
+
+
+BY_ACCURACY = [name for name in OTHERS if "accuracy" in method_of(name).options]
+CONTINUOUS = {
+    "Rayleigh": vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.99, 1.0)]),
+    "thin, white": vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 0.05)]),
+    "over a base": vrte.Scene(
+        [vrte.Layer(vrte.rayleigh(), 0.9, 0.3), vrte.Layer(vrte.henyey_greenstein(0.4, 8), 0.9, 2.0)],
+        vrte.Lambertian(0.5),
+    ),
+    "peaked": vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.7, 30), 0.9, 3.0)]),
+}
+SLOW = {name for name in CONTINUOUS if name != "thin, white"}
+
+
+@pytest.fixture(scope="module")
+def converged() -> dict[str, vrte.Field]:
+    """The exact method's fields, far beyond what is asked for."""
+    return {name: field_of(scene, accuracy=1e-12) for name, scene in CONTINUOUS.items()}
+
+
+def field_of(scene: vrte.Scene, **how: object) -> vrte.Field:
+    """Light at the faces, off the nodes."""
+    asked = {"mu": [0.1, 0.5, 1.0, -0.2, -0.7], "phi": PHI, "tau": [0.0, scene.thickness]}
+    return vrte.radiance(scene, 0.6, stokes=[1.0, 0.3, 0.2, 0.5], **asked, **how)
+
+
+@pytest.mark.parametrize("accuracy", [1e-2, 1e-4, pytest.param(1e-6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in CONTINUOUS]
+)
+@pytest.mark.parametrize("method", BY_ACCURACY)
+def test_accuracy(converged: dict[str, vrte.Field], method: str, name: str, accuracy: float) -> None:
+    """Of the continuous problem, relative to the largest I at each depth, on nodes chosen for it."""
+    found = field_of(CONTINUOUS[name], method=method, accuracy=accuracy)
+    right = converged[name].stokes
+    gap = np.abs(found.stokes - right).reshape(2, -1).max(axis=1) / right[..., 0].reshape(2, -1).max(axis=1)
+    assert gap.max() <= accuracy
+    assert found.diagnostics["promised"], found.diagnostics["notes"]
+    assert found.diagnostics["accuracy"] == accuracy
+    assert found.diagnostics["nodes_rule"].startswith("estimate")
+
+
+@pytest.mark.parametrize("method", BY_ACCURACY)
+def test_the_discrete_problem_is_solved_to_the_finest_accuracy(method: str) -> None:
+    """On nodes that are given the accuracy is that of the discrete problem; a finer one is refused, not missed."""
+    finest, scene = method_of(method).finest, CONTINUOUS["Rayleigh"]
+    right = field_of(scene, nodes=6, accuracy=1e-14).stokes
+    found = field_of(scene, nodes=6, accuracy=finest, method=method).stokes
+    assert np.abs(found - right).max() <= finest * right[..., 0].reshape(2, -1).max(axis=1).min()
+    with pytest.raises(SceneError, match=rf"method '{method}' keeps an accuracy of {finest:g} at best") as refused:
+        field_of(scene, accuracy=0.5 * finest, method=method)
+    assert refused.value.place == ("accuracy",)
+
+
+def test_an_accuracy_that_cannot_be_promised_says_so() -> None:
+    made = vrte.brdf(CONTINUOUS["thin, white"], 0.01, 0.5, method="adding-doubling", accuracy=1e-3).diagnostics
+    assert not made["promised"]
+    assert "accuracy is promised for" in made["notes"][0]

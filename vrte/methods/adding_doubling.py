@@ -18,6 +18,7 @@ THICKEST, THINNEST = 8.0, 1e-6
 LOWEST = 1e-4  # below, starting layers are so thin that rounding is seen
 DARK = 1e-16  # transmission of a layer that may as well have no end
 MOST_DOUBLINGS = 70
+ENOUGH = 1e-3, 1e-6, 1e-10  # accuracy that 1, 2 and 3 depths of a starting layer of 0.25 keep: a tenth and less is seen
 NEARLY_DARK = (
     1e-6  # transmission of a white layer so thick that it lacks of an endless one's R just what it lets through
 )
@@ -108,6 +109,8 @@ METHOD = Method(
     conserves="flux to rounding at albedo 1, otherwise up to the error of the starting layer",
     source="(2:8); van de Hulst's doubling, Fourier order by Fourier order",
     conserves_energy=True,
+    options=("nodes", "accuracy", "backend"),
+    finest=1e-12,
     settings={
         "thin": Setting(
             0.25,
@@ -120,6 +123,7 @@ METHOD = Method(
             lambda value: whole("start", value, 0, POINTS),
             "depths at which the starting layer's source function is solved for: error of order thin^(2 start); 0: "
             "single scattering, error of order thin",
+            for_accuracy=lambda accuracy: 1 + sum(accuracy < limit for limit in ENOUGH),
         ),
     },
 )

@@ -13,6 +13,9 @@ from vrte.methods.parts.method import Answer, Method, Setting
 from vrte.methods.parts.on_nodes import OnNodes, distinct_directions, solve_in_turn
 from vrte.methods.parts.task import Task
 
+FINEST_RTOL = 1e-13
+STEPS_TOGETHER = 100.0  # error of R and T over that of a step: 30 was seen
+
 
 @dataclass(eq=False)
 class Work:
@@ -72,11 +75,14 @@ METHOD = Method(
     conserves="flux to rtol; to rounding below a layer without end",
     source="dR/dtau as the thin layer of (2:8) on top; SDA for its algebraic form",
     depths=False,
+    options=("nodes", "accuracy", "backend"),
+    finest=1e-9,
     settings={
         "rtol": Setting(
             1e-8,
-            lambda value: number("rtol", value, 1e-13, 0.1, "between 1e-13 and 0.1"),
+            lambda value: number("rtol", value, FINEST_RTOL, 0.1, f"between {FINEST_RTOL:g} and 0.1"),
             "estimated error of a step in thickness, relative to the largest entry of R and of T",
+            for_accuracy=lambda accuracy: max(accuracy / STEPS_TOGETHER, FINEST_RTOL),
         ),
     },
 )

@@ -391,4 +391,6 @@ METHOD = Method(
     conserves="energy and reciprocity, to rounding",
     source="(2:6)-(2:9), (2:10)-(2:15)",
     conserves_energy=True,
+    options=("nodes", "accuracy", "backend"),
+    finest=1e-12,
 )

@@ -21,6 +21,7 @@ from vrte.request.request import EXACT
 
 POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
 FINEST_SCALE = 1e-3  # panels at a face are no finer than light along the lowest cosine asks for, nor than this
+LEFT_OUT = 30.0  # what the orders left out add, over what they are estimated to: 13 was seen
 MOST_ORDERS, MOST_LEVELS = 100_000, 4096
 FINE_DEPTHS = 20_001
 DENSITY = 1.5  # panels for a factor e of distance to a face, and for an optical depth of 1
@@ -332,6 +333,8 @@ METHOD = Method(
     conserves="nothing at low orders: light scattered more often than they say is lost; flux once they have converged",
     source="(2:21)-(2:27)",
     endless=False,
+    options=("nodes", "accuracy", "backend"),
+    finest=1e-7,
     settings={
         "orders": Setting(
             1000,
@@ -343,6 +346,7 @@ METHOD = Method(
             lambda value: number("tolerance", value, 1e-15, 1.0, "between 1e-15 and 1"),
             "orders end where neither the last one nor those left out, as a geometric series, add more, relative to "
             "the largest radiance of azimuthal order 0",
+            for_accuracy=lambda accuracy: accuracy / LEFT_OUT,
         ),
         "levels": Setting(
             None,

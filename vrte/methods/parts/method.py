@@ -40,7 +40,7 @@ class Method:
     tested; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more
     than one), base (any, even: one that is Lambertian, none), depths (other than the faces), transmission, endless
     layers, devices, options (of the call). What takes an "accuracy" solves the discrete problem to it, on nodes chosen
-    for it."""
+    for it; ``finest``: the finest that it keeps."""
 
     name: str
     solve: Callable[["Task"], Answer]
@@ -56,6 +56,7 @@ class Method:
     endless: bool = True
     devices: bool = False
     options: tuple[str, ...] = ("nodes", "backend")
+    finest: float = 0.0
     settings: Mapping[str, Setting] = field(default_factory=dict)
 
     def checked(self, request: Request) -> Settings:
@@ -65,6 +66,9 @@ class Method:
         unused = ", ".join(sorted(request.given - {*self.options}))
         if unused:
             raise SceneError(f"method {self.name!r} takes no {unused}: {self.instead()}", "method")
+        if "accuracy" in request.given and request.accuracy < self.finest:
+            kept = f"keeps an accuracy of {self.finest:g} at best, not of {request.accuracy:g}"
+            raise SceneError(f"method {self.name!r} {kept}: ask for {EXACT!r}", "accuracy")
         if request.backend.needs_device and not self.devices:
             raise SceneError(
                 f"method {self.name!r} takes no backend {request.backend.label!r}: it is at home on the processor, "

@@ -1,6 +1,7 @@
 """The tables of methods and of the rules of method="auto" in docs/methods.md, made from the registry and the rules."""
 
 from pathlib import Path
+from typing import Any
 
 from vrte.formats.atomic import atomic_write
 from vrte.methods import method_of
@@ -23,7 +24,7 @@ ABILITIES = {
     "endless": "layer without end",
 }
 OPTIONS = ("nodes", "accuracy", "truncation", "algorithm", "verify")
-BASES = {"any": "any", "even": "Lambertian", "none": "-"}
+BASES: dict[Any, str] = {"any": "any", "even": "Lambertian", "none": "-"}
 
 
 def registry_table() -> str:
@@ -41,15 +42,19 @@ def row_of(method: Method) -> tuple[str, ...]:
 
 def taken_table() -> str:
     """Markdown, a row a method: which scenes it takes, which options and backends."""
-    header = ("method", *ABILITIES.values(), *(f"`{name}`" for name in OPTIONS), "devices")
+    header = ("method", *ABILITIES.values(), "devices", *(f"`{name}`" for name in OPTIONS))
     return markdown_table(header, (row_of_taken(method_of(name)) for name in METHODS))
 
 
 def row_of_taken(method: Method) -> tuple[str, ...]:
     """Yes or -, of a method."""
-    abilities = (getattr(method, name) for name in ABILITIES)
-    taken = [*abilities, *(name in method.options for name in OPTIONS), method.devices]
-    return f"`{method.name}`", *(BASES.get(each, "yes" if each else "-") for each in taken)
+    words = BASES | {True: "yes", False: "-"}
+    abilities = (words[getattr(method, name)] for name in (*ABILITIES, "devices"))
+    options = (
+        "-" if name not in method.options else f"to {method.finest:g}" if name == "accuracy" else "yes"
+        for name in OPTIONS
+    )
+    return f"`{method.name}`", *abilities, *options
 
 
 def rules_table() -> str:
