@@ -18,7 +18,7 @@ import vrte
 from vrte.basics.errors import SceneError
 from vrte.formats import csv_table, netcdf
 from vrte.formats.seal import LENGTH
-from vrte.sweep.store import open_table
+from vrte.sweep.table import open_table
 
 ROOT = Path(__file__).parents[1]
 SECRET = b"the owner's own words, 32 bytes!"

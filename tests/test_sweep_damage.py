@@ -18,6 +18,7 @@ import vrte
 from vrte.basics.errors import SceneError
 from vrte.sweep import store
 from vrte.sweep.run import SweepWarning
+from vrte.sweep.table import open_table
 
 GOLD = {
     "wavelength_um": 0.55,
@@ -256,7 +257,7 @@ def test_a_table_that_would_run_code_runs_none(
     with pytest.raises(SceneError, match="is no table of a sweep"):
         vrte.sweep(GOLD, output)
     with pytest.raises(SceneError, match="is no table of a sweep"):
-        store.open_table(output)
+        open_table(output)
     assert not mark.exists()
 
 
@@ -268,4 +269,4 @@ def test_a_table_packed_in_a_strange_way_is_not_read(here: Path) -> None:
         array["codecs"][-1] = {"name": "gzip", "configuration": {"level": 1}}
     (output / "zarr.json").write_text(json.dumps(said))
     with pytest.raises(SceneError, match="its mueller is packed as gzip"):
-        store.open_table(output)
+        open_table(output)

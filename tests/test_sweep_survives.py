@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 import vrte
-from vrte.sweep.store import open_table, partial_of
+from vrte.sweep.store import partial_of
+from vrte.sweep.table import open_table
 
 SCENE = """
 wavelength_um = 0.5

@@ -13,7 +13,7 @@ from vrte.commands.common import Tick, a_time, check_extra, check_output, progre
 from vrte.sweep import sweep
 from vrte.sweep.engines import ENGINES
 from vrte.sweep.run import MOST_WORKERS
-from vrte.sweep.store import SUFFIXES
+from vrte.sweep.table import SUFFIXES
 
 if TYPE_CHECKING:
     import xarray

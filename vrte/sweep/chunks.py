@@ -74,7 +74,7 @@ def prepare(work: Work, task: Task) -> None:
 
 def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
     """Computes a chunk, writes it and marks it done, in this order; nothing where it is done already."""
-    places = list(work.layout.grid.places(chunk))
+    places = list(work.grid.places(chunk))
     if work.is_done(chunk):
         return len(places)
     work.log("begin", chunk)
@@ -82,7 +82,7 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
     told: dict[str, Any] = {}
     with collected(told):
         outcomes = results(work, places, solve, backend)
-    arrays = work.layout.empty(chunk)
+    arrays = work.empty(chunk)
     failed = {}
     for row, outcome in enumerate(outcomes):
         if isinstance(outcome, Exception):
@@ -90,8 +90,7 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
             continue
         for name, values in arrays.items():
             values[row] = getattr(outcome, name)
-    work.write(chunk, arrays)
-    work.mark(chunk, arrays, {"failed": failed, "warnings": told, "seconds": time.perf_counter() - start})
+    work.keep(chunk, arrays, {"failed": failed, "warnings": told, "seconds": time.perf_counter() - start})
     work.log("end", chunk)
     return len(places)
 

@@ -1,8 +1,11 @@
 """How a grid of scenes is cut into chunks: boxes of neighbours, each a chunk of the table on disk."""
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+
+import numpy as np
 
 LARGEST_CHUNK = 32e6  # bytes of results that a chunk holds, unless asked for
 MOST_AT_ONCE, PIECES = 64, 32  # scenes of a chunk, and chunks of a sweep that workers can share
@@ -24,21 +27,15 @@ class Grid:
     def chunks(self) -> int:
         return math.prod(self.boxes)
 
-    def corner(self, chunk: int) -> tuple[int, ...]:
-        """The first scene of a chunk."""
-        found = []
-        for count, side in zip(reversed(self.boxes), reversed(self.box), strict=True):
-            chunk, place = divmod(chunk, count)
-            found.append(place * side)
-        return tuple(reversed(found))
-
     def slices(self, chunk: int) -> tuple[slice, ...]:
         """Where in the table a chunk lies.
 
         >>> Grid((2, 5), (1, 3)).slices(3)
         (slice(1, 2, None), slice(3, 5, None))
         """
-        ends = zip(self.corner(chunk), self.box, self.shape, strict=True)
+        corner = np.unravel_index(chunk, self.boxes)
+        starts = [int(place) * side for place, side in zip(corner, self.box, strict=True)]
+        ends = zip(starts, self.box, self.shape, strict=True)
         return tuple(slice(start, min(start + side, length)) for start, side, length in ends)
 
     def extent(self, chunk: int) -> tuple[int, ...]:
@@ -47,18 +44,7 @@ class Grid:
 
     def places(self, chunk: int) -> Iterator[tuple[int, ...]]:
         """Its scenes, the last dimension fastest."""
-        corner = self.corner(chunk)
-        for offset in _offsets(self.extent(chunk)):
-            yield tuple(start + step for start, step in zip(corner, offset, strict=True))
-
-
-def _offsets(extent: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
-    if not extent:
-        yield ()
-        return
-    for first in range(extent[0]):
-        for rest in _offsets(extent[1:]):
-            yield (first, *rest)
+        return itertools.product(*(range(part.start, part.stop) for part in self.slices(chunk)))
 
 
 def grid_of(shape: tuple[int, ...], most: int) -> Grid:

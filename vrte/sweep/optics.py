@@ -3,10 +3,9 @@
 import dataclasses
 import hashlib
 import io
-import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,34 +13,28 @@ import numpy as np
 
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.optics.spheres import Particles, spheres
-from vrte.sweep.sealed import DamagedError, read_sealed, write_sealed
+from vrte.sweep.sealed import DamagedError, is_whole, read_sealed, write_sealed
 
 IN_MEMORY = 256  # kinds of particle that a process remembers, some 10 kB each
 NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um3")
 
 
 class Optics:
-    """Called like `vrte.spheres`, but looks for the answer first in memory, then in ``folder``."""
+    """Called like `vrte.spheres`, but looks for the answer first in ``folder``, whose last ones it remembers."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._remembered: OrderedDict[str, Particles] = OrderedDict()
-        self._lock = threading.Lock()
+        self._read = lru_cache(IN_MEMORY)(read)
 
     def __call__(self, material: Any, **how: Any) -> Particles:
-        name = name_of(material, how)
-        found = self._remember(name)
-        if found is None:
-            try:
-                found = read(self._path(name))
-            except DamagedError:
-                found = spheres(material, **how)
-            self._remember(name, found)
-        return found
+        try:
+            return self._read(self._path(material, how))
+        except DamagedError:
+            return spheres(material, **how)
 
     def keep(self, material: Any, **how: Any) -> Particles:
         """The same, put on disk where it was not; of several that ask at once, one computes."""
-        path = self._path(name_of(material, how))
+        path = self._path(material, how)
         if not path.is_file():
             with alone(path.with_suffix(".lock")):
                 if not path.is_file():
@@ -55,19 +48,8 @@ class Optics:
             path.unlink()
         return len(damaged)
 
-    def _path(self, name: str) -> Path:
-        return self.folder / name
-
-    def _remember(self, name: str, found: Particles | None = None) -> Particles | None:
-        """What is remembered; what was not asked for the longest is forgotten."""
-        with self._lock:
-            if found is not None:
-                self._remembered[name] = found
-            if name in self._remembered:
-                self._remembered.move_to_end(name)
-            while len(self._remembered) > IN_MEMORY:
-                self._remembered.popitem(last=False)
-            return self._remembered.get(name)
+    def _path(self, material: Any, how: dict[str, Any]) -> Path:
+        return self.folder / name_of(material, how)
 
 
 def name_of(material: Any, how: dict[str, Any]) -> str:
@@ -94,15 +76,6 @@ def read(path: Path) -> Particles:
         matrix = PhaseMatrix(**{name: file[name] for name in SEQUENCES})
         numbers = {name: float(file[name]) for name in NUMBERS}
         return Particles(matrix, **numbers, description=str(file["description"]))
-
-
-def is_whole(path: Path) -> bool:
-    """Whether a file is as it was written."""
-    try:
-        read_sealed(path)
-    except DamagedError:
-        return False
-    return True
 
 
 @contextmanager

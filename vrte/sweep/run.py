@@ -24,7 +24,8 @@ from vrte.sweep.chunks import Task, collected, prepare
 from vrte.sweep.engines import ENGINES
 from vrte.sweep.grid import Grid, grid_of, scenes_of_a_chunk
 from vrte.sweep.results import question_of
-from vrte.sweep.store import SUFFIXES, Work
+from vrte.sweep.store import Work
+from vrte.sweep.table import SUFFIXES, open_table, zarr
 from vrte.sweep.template import Sweep, particle_places, scene_at, shared_particles, sweep_of
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def made(
     on_disk: bool = True,
 ) -> "xarray.Dataset":
     """The table at ``output``, computed as far as it is not there; ``on_disk``, so that a power cut cannot harm it."""
-    store.zarr()
+    zarr()
     with store.alone_at(output) as folder:
         damage: list[str] = []
         try:
@@ -121,7 +122,7 @@ def made(
                 damage = store.look_over(given, output, folder)
                 if not damage:
                     store.clear(folder)
-                    return store.open_table(output)
+                    return open_table(output)
             grid = grid_for(given, output, chunk)
             work, more = store.begun(folder, given, grid, output)
             check_chunk(work, grid, chunk)
@@ -138,7 +139,7 @@ def made(
         compute(work, engine, scheduler, workers, progress)
         tell(work)
         store.finish(work, output, on_disk)
-    return store.open_table(output)
+    return open_table(output)
 
 
 def grid_for(given: Sweep, output: Path, chunk: int | None) -> Grid:
@@ -158,14 +159,14 @@ def grid_for(given: Sweep, output: Path, chunk: int | None) -> Grid:
 
 def check_chunk(work: Work, grid: Grid, chunk: int | None) -> None:
     """A table is cut once and for all."""
-    if chunk is not None and work.layout.grid.box != grid.box:
+    if chunk is not None and work.grid.box != grid.box:
         raise SceneError("chunk must be left as it was: the table was begun with chunks of another size")
 
 
 def foretell_sweep(work: Work, workers: int, limit: float) -> None:
     """Says what the scenes that are left take on so many workers, as fast as one here. Raises SceneError beyond the
     limit; what was begun and holds no result is taken away then."""
-    grid, done = work.layout.grid, work.done()
+    grid, done = work.grid, work.done()
     left = [chunk for chunk in range(grid.chunks) if chunk not in done]
     if not left:
         return
@@ -207,9 +208,9 @@ def seconds_of_particles(work: Work, shared: list[tuple[str, tuple[int, ...]]]) 
 def compute(work: Work, engine: str, scheduler: str | None, workers: int, progress: Progress | None) -> None:
     """All chunks that are not done yet; the particles that scenes share before."""
     done = work.done()
-    if len(done) == work.layout.grid.chunks:
+    if len(done) == work.grid.chunks:
         return
-    scenes = sum(1 for chunk in done for _ in work.layout.grid.places(chunk))
+    scenes = sum(1 for chunk in done for _ in work.grid.places(chunk))
     report(progress, scenes, work.sweep.count)
     # once for all chunks: BLAS threads that come and go between them keep the cores busy with waiting
     with single_threaded(), closing(labour(work, engine, scheduler, workers, done)) as finished:
@@ -221,8 +222,8 @@ def compute(work: Work, engine: str, scheduler: str | None, workers: int, progre
 
 def labour(work: Work, engine: str, scheduler: str | None, workers: int, done: set[int]) -> Generator[int, None, None]:
     """How many scenes each task was, as they are finished."""
-    chunks = (Task(chunk=chunk) for chunk in range(work.layout.grid.chunks) if chunk not in done)
-    left = work.layout.grid.chunks - len(done)
+    chunks = (Task(chunk=chunk) for chunk in range(work.grid.chunks) if chunk not in done)
+    left = work.grid.chunks - len(done)
     particles = (Task(particles=name, place=place) for name, place in particle_places(work.sweep))
     if engine == "dask":
         from vrte.sweep.engines import dask

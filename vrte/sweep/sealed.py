@@ -36,6 +36,14 @@ def read_sealed(path: Path) -> bytes:
     return content
 
 
+def is_whole(path: Path) -> bool:
+    """Whether a file is as it was written."""
+    try:
+        return read_sealed(path) is not None
+    except DamagedError:
+        return False
+
+
 def write_json(path: Path, said: Any, on_disk: bool = False) -> None:
     """Writes what is said as one line of JSON that ends in its checksum."""
     write_sealed(path, json.dumps(said).encode() + b"\n", on_disk)

@@ -1,0 +1,241 @@
+"""The table of a sweep on disk: a Zarr group, always the same bytes for the same sweep, or NetCDF made of it.
+
+A finished table says of itself which sweep made it. Nothing that it says is used to read its numbers: descriptions of
+arrays are always those that are written here.
+"""
+
+import hashlib
+import json
+import math
+import mmap
+import os
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.basics.errors import SceneError, import_extra
+from vrte.formats.contents import CONVENTIONS, WAVELENGTH
+from vrte.formats.netcdf import check_netcdf, new_netcdf
+from vrte.formats.seal import is_sealed, seal_of
+from vrte.results.quantities import STOKES
+from vrte.sweep.grid import Grid
+from vrte.sweep.results import Results
+from vrte.sweep.template import Axis, Sweep
+
+if TYPE_CHECKING:
+    import xarray
+
+SUFFIXES = (".zarr", ".nc")
+ZARR = 3  # the format: of version 2, reading can run code that a table brings along
+TITLES = {"brdf": "BRDFs", "field": "radiance fields"}
+CODECS = {"bytes", "vlen-utf8", "zstd"}
+WORDS = {
+    "error": "why a scene has no result, empty if it has",
+    "checksum": "SHA-256 of the results of each chunk of scenes",
+}
+
+
+def zarr() -> Any:
+    """The library, or what to install."""
+    return import_extra("zarr", "a sweep", "files")
+
+
+def open_group(path: Path, mode: str = "r") -> Any:
+    """A Zarr group of the one format."""
+    return zarr().open_group(path, mode=mode, zarr_format=ZARR)
+
+
+def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None:
+    """The group with its coordinates, and arrays without data; always the same bytes."""
+    group, about = open_group(path, "w"), {**results.kind.coordinates, **results.kind.variables}
+    group.attrs.update(attributes(sweep, grid.box))
+    known: list[tuple[str, tuple[str, ...], Any, dict[str, str]]] = [
+        *((axis.name, (axis.dimension,), axis.values, attributes_of(axis)) for axis in sweep.axes),
+        *((name, (name,), values, about[name].attributes) for name, values in results.coordinates.items()),
+        *((name, (name,), np.array(STOKES, object), {"long_name": "Stokes parameter"}) for name in results.labels),
+        *((name, dims, values, about[name].attributes) for name, (dims, values) in results.constants.items()),
+    ]
+    for name, dims, values, said in known:
+        dtype = str if values.dtype == object else values.dtype
+        array = group.create_array(
+            name, shape=values.shape, dtype=dtype, dimension_names=dims, attributes=said, compressors=None
+        )
+        array[...] = values
+    packing = zarr().codecs.ZstdCodec(level=0, checksum=True)
+    scenes = tuple(sweep.dimensions)
+    for name, (dims, shape) in results.variables.items():
+        group.create_array(
+            name,
+            shape=(*grid.shape, *shape),
+            chunks=(*grid.box, *shape),
+            dtype="float64",
+            fill_value=math.nan,
+            dimension_names=(*scenes, *dims),
+            attributes=about[name].attributes,
+            compressors=packing,
+        )
+    every = (grid.chunks,)
+    for name, shape, box, dims in (("error", grid.shape, grid.box, scenes), ("checksum", every, every, ("chunk",))):
+        group.create_array(
+            name,
+            shape=shape,
+            chunks=box,
+            dtype=str,
+            fill_value="",
+            dimension_names=dims,
+            attributes={"long_name": WORDS[name]},
+            compressors=packing,
+        )
+    with warnings.catch_warnings():  # all metadata in one place, where xarray looks for them first
+        warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
+        zarr().consolidate_metadata(path)
+
+
+def attributes_of(axis: Axis) -> dict[str, str]:
+    """What is said of the values of an axis."""
+    if axis.key == "wavelength_um":
+        return WAVELENGTH.attributes
+    return {"units": "um" if axis.key.endswith("_um") else "1", "long_name": axis.key}
+
+
+def attributes(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
+    """Of the whole table: what sweep it is, the chunks' box, and a checksum over all."""
+    from vrte import __version__
+
+    said: dict[str, Any] = {
+        "title": f"Polarized subsurface {TITLES[sweep.kind]} of particulate layers",
+        "source": f"vrte {__version__}",
+        "comment": CONVENTIONS,
+        "sweep": json.dumps(sweep.described(), default=str),
+        "tables": json.dumps(sweep.tables()),
+        "fingerprint": sweep.fingerprint(),
+    }
+    listed = [axis.name for axis in sweep.axes if axis.name != axis.dimension]
+    said |= ({"coordinates": " ".join(listed)} if listed else {}) | {"chunk": list(box)}
+    return said | {"sha256": checksum_of(said)}
+
+
+def checksum_of(said: dict[str, Any]) -> str:
+    """Of what a table says."""
+    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
+
+def box_of(sweep: Sweep, output: Path) -> tuple[int, ...]:
+    """The chunks' box of a finished Zarr table of this sweep, read without the library. Raises SceneError."""
+    try:
+        said: dict[str, Any] = json.loads((output / "zarr.json").read_bytes())["attributes"]
+        whole = said.pop("sha256") == checksum_of(said)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        whole = False
+    if not whole:
+        raise SceneError(
+            f"{output} is no table of a sweep, or too damaged to say of which: take another output, or remove it"
+        )
+    check_made(sweep, said, output)
+    return tuple(said["chunk"])
+
+
+def check_made(sweep: Sweep, said: Mapping[str, Any], output: Path) -> None:
+    """Whether a finished table, by its attributes, is that of this sweep. Raises SceneError."""
+    try:
+        told = {"content": json.loads(said["sweep"]), "tables": json.loads(said["tables"])}
+        told |= {"fingerprint": said["fingerprint"]}
+    except (ValueError, LookupError, TypeError) as error:
+        raise SceneError(f"{output} is no table of a sweep") from error
+    check_same(sweep, told, f"{output} was made")
+
+
+def check_same(sweep: Sweep, said: dict[str, Any], what: str) -> None:
+    """Whether this is the sweep that was begun."""
+    if said["fingerprint"] == sweep.fingerprint():
+        return
+    changed = changes(said["content"], json.loads(json.dumps(sweep.described())))
+    changed = changed or changes(said["tables"], sweep.tables(), "table ") or ["the version of vrte"]
+    raise SceneError(
+        f"{what} with another sweep: {', '.join(changed[:5])} changed. Take another output, or remove the old one"
+    )
+
+
+def changes(before: Any, now: Any, name: str = "") -> list[str]:
+    """Dotted keys where two contents differ."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        keys = sorted({*before, *now})
+        dotted = f"{name}." if name and not name.endswith(" ") else name
+        return [found for key in keys for found in changes(before.get(key), now.get(key), f"{dotted}{key}")]
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        pairs = enumerate(zip(before, now, strict=True), 1)
+        return [found for place, pair in pairs for found in changes(*pair, f"{name}[{place}]")]
+    return [] if before == now else [name]
+
+
+def look_over_netcdf(sweep: Sweep, output: Path) -> None:
+    """Whether a finished table in NetCDF is that of this sweep, all its bytes as they were. Raises SceneError."""
+    try:
+        whole = is_sealed(str(output))
+    except SceneError as error:
+        raise SceneError(f"{output} {error}: remove it, and it is computed again") from error
+    if not whole:
+        raise SceneError(f"{output} is no table of a sweep, or cut: take another output, or remove it")
+    with open_table(output) as table:
+        check_made(sweep, table.attrs, output)
+
+
+def as_netcdf(table: Path, grid: Grid, path: Path) -> None:
+    """The Zarr table as NetCDF, one chunk of scenes after another, with a checksum at its end."""
+    import h5py
+
+    group = open_group(table)
+    scenes = group["error"].metadata.dimension_names
+    with new_netcdf(path) as file:
+        file.attrs.update(group.attrs.asdict())
+        for name, array in sorted(group.arrays()):
+            dims = array.metadata.dimension_names
+            for dim, length in zip(dims, array.shape, strict=True):
+                if dim not in file.dimensions:
+                    file.dimensions[dim] = length
+            text = array.dtype.kind in "OT"
+            variable = file.create_variable(name, dims, h5py.string_dtype() if text else array.dtype)
+            variable.attrs.update(array.attrs.asdict())
+            for where in map(grid.slices, range(grid.chunks)) if dims[: len(scenes)] == scenes else [...]:
+                values = array[where]
+                variable[where] = values.astype(object) if text else values
+    with open(path, "r+b") as whole, mmap.mmap(whole.fileno(), 0) as content:
+        with memoryview(content) as view:
+            seal = seal_of(view)
+        whole.seek(0, os.SEEK_END)
+        whole.write(seal)
+
+
+def check_codecs(path: Path) -> None:
+    """Raises SceneError where a Zarr table packs its numbers and words in other ways than a sweep does."""
+    for name, array in open_group(path).arrays():
+        codecs = {str(codec.to_dict()["name"]) for codec in array.metadata.codecs}
+        if not codecs <= CODECS or array.dtype.kind not in "fOT":
+            strange = ", ".join(sorted(codecs - CODECS)) or str(array.dtype)
+            raise SceneError(f"its {name} is packed as {strange}, as no table of a sweep is")
+
+
+def open_table(path: str | os.PathLike[str]) -> "xarray.Dataset":
+    """A complete table, its data read when they are asked for. Raises SceneError, MissingExtraError, OSError."""
+    xarray = import_extra("xarray", "a table", "files")
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"no such table: {path}")
+    try:
+        if path.suffix == ".zarr":
+            check_codecs(path)
+            dataset = xarray.open_zarr(path, chunks=None, consolidated=True, zarr_format=ZARR)
+        else:
+            check_netcdf(path)
+            dataset = xarray.open_dataset(path, engine="h5netcdf")
+    except SceneError as error:
+        raise SceneError(f"{path} is no table of a sweep: {error}") from error
+    except (ValueError, KeyError, TypeError, OSError) as error:
+        raise SceneError(f"{path} is no table of a sweep") from error
+    if "sweep" not in dataset.attrs:
+        dataset.close()
+        raise SceneError(f"{path} is no table of a sweep")
+    return dataset.drop_vars("checksum", errors="ignore")
