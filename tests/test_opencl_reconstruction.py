@@ -53,6 +53,7 @@ def solved(
         "even": amplitudes.even,
         "odd": amplitudes.odd,
         "base_down": amplitudes.base_down,
+        "fading": amplitudes.fading,
         "base_row": base.row[places],
         "base_out": base.out,
         "thickness": problem.thickness,
@@ -163,17 +164,15 @@ def test_orders_may_be_done_in_groups_and_stopped(opencl: Any, monkeypatch: pyte
     assert np.isnan(on_device(opencl, arguments, stopped=True)).all()
 
 
-def test_which_modes_fade_is_decided_once(opencl: Any) -> None:
-    """Thicknesses about which the core's own judgement turns, to the last digit: the device follows it."""
-    arguments = solved(vrte.Scene([vrte.Layer(GOLD, 0.9, 1.0)]), [0.0, 0.3, 1.0])
-    lam_re, lam_im = arguments["lam_re"], arguments["lam_im"]
-    slowest = np.sqrt(lam_re[0, 0][lam_im[0, 0] == 0.0].min())
-    judged = []
-    for steps in range(-3, 4):
-        thickness = np.array([4.0 / slowest])
-        for _ in range(abs(steps)):
-            thickness = np.nextafter(thickness, np.inf if steps > 0 else 0.0)
-        fades = _core.modes_fade(lam_re=lam_re, lam_im=lam_im, thickness=thickness)
-        judged.append(int(fades[0, 0]))
-    assert judged == sorted(judged)
-    assert set(judged) == {0, 1}
+@pytest.mark.parametrize("steps", range(-3, 4))
+def test_which_modes_fade_is_decided_once(opencl: Any, steps: int) -> None:
+    """Thicknesses about which the judgement turns, to the last digit: it comes with the amplitudes, and all follow."""
+    slowest = np.sqrt(solved(vrte.Scene([vrte.Layer(GOLD, 0.9, 1.0)]), [0.0])["lam_re"][0, 0].min())
+    thickness = 4.0 / slowest
+    for _ in range(abs(steps)):
+        thickness = float(np.nextafter(thickness, np.inf if steps > 0 else 0.0))
+    arguments = solved(vrte.Scene([vrte.Layer(GOLD, 0.9, thickness)]), [0.0, 0.3, thickness])
+    if abs(steps) == 3:
+        assert arguments["fading"][0, 0] == (steps > 0)
+    expected, found = both(opencl, arguments)
+    assert_alike(found, expected)

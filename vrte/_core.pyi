@@ -16,7 +16,6 @@ def phase_matrices(m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: Arra
 def series_table(coefficients: Array) -> Array: ...
 def bounds_at(*, strength: Array, bounds: Array, depth: Array, decays: Array) -> Array: ...
 def nodes_seen(*, strength: Array, effect: Array, allowed: float, largest_gain: float) -> IntArray: ...
-def modes_fade(*, lam_re: Array, lam_im: Array, thickness: Array) -> IntArray: ...
 def path_integrals(
     *, above: Array, thickness: Array, level: Array, level_layer: IntArray, chosen: IntArray, mu0: Array, mu: Array
 ) -> Array: ...
@@ -29,6 +28,7 @@ def mode_coordinates(
     c: Array,
     zeta: Array,
     mu0: Array,
+    fading: bool,
     thickness: float,
     above: float,
     depth: float,
@@ -140,6 +140,7 @@ class Stages(Protocol):
         even: Array,
         odd: Array,
         base_down: Array,
+        fading: IntArray,
         residual: Array,
         info: IntArray,
     ) -> None: ...
@@ -158,6 +159,7 @@ class Stages(Protocol):
         even: Array,
         odd: Array,
         base_down: Array,
+        fading: IntArray,
         base_row: IntArray,
         base_out: Array,
         thickness: Array,

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte import _core
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Crew
 from vrte.cl.lending import lent
 from vrte.cl.matrices import STRIP, padded
@@ -51,8 +50,8 @@ class Sizes:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """Of each order, on the device, column by column, as core/reconstruction.pxi has it; fades (order, layer) int:
-    of `modes_fade` in core/boundary.pxi; base_row (order,) int."""
+    """Of each order, on the device, column by column, as core/reconstruction.pxi has it; fading (order, layer) int:
+    of `boundary` in core/boundary.pxi; base_row (order,) int."""
 
     G_E: Any
     G_F: Any
@@ -65,8 +64,8 @@ class Solved:
     even: Any
     odd: Any
     base_down: Any
+    fading: Any
     base_row: Any
-    fades: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +109,7 @@ def reconstruct_orders(
         *(numbers[name] for name in ("n", "stokes", "n_up")),
         np.int32(ld),
         *(numbers[name] for name in ("layers", "levels", "n_in", "n_rhs")),
-        *(lit, solved.lam_re, solved.lam_im, solved.fades, solved.even, solved.odd, solved.c, solved.zeta, fed),
+        *(lit, solved.lam_re, solved.lam_im, solved.fading, solved.even, solved.odd, solved.c, solved.zeta, fed),
         *(places.thickness, places.above, places.mu0, places.mu_out, places.level, places.level_layer, out, part),
     )
     if layers > 1 or has_base:
@@ -138,6 +137,7 @@ def reconstruct(
     even: Array,
     odd: Array,
     base_down: Array,
+    fading: IntArray,
     base_row: Array,
     base_out: Array,
     thickness: Array,
@@ -154,9 +154,7 @@ def reconstruct(
     start = time.perf_counter()
     (n_order, n_layer, n), n_out = lam_re.shape, mu_out.size
     sizes = Sizes(n_order, n_layer, n, out.shape[3] // max(n_out, 1), n_out, n_up, mu0.size, c.shape[2], level.size)
-    per_order = (G_E, G_F, lam_re, lam_im, X, Y, c, zeta, even, odd, base_down, base_row)
-    # what the amplitudes are of, decided as the boundary system did
-    fades = _core.modes_fade(lam_re=lam_re, lam_im=lam_im, thickness=thickness)
+    per_order = (G_E, G_F, lam_re, lam_im, X, Y, c, zeta, even, odd, base_down, fading, base_row)
     with ExitStack() as stack:
 
         def lend(values: Any) -> Any:
@@ -168,7 +166,7 @@ def reconstruct(
             if crew.stop[0]:
                 break
             here = slice(first, min(first + each, n_order))
-            solved = Solved(*(lend(values[here]) for values in (*per_order, fades)))
+            solved = Solved(*(lend(values[here]) for values in per_order))
             with lent(session, out[here]) as result:
                 group = Sizes(**{**vars(sizes), "orders": here.stop - first})
                 reconstruct_orders(session, group, solved, places, result, bool((base_row >= 0).any()))

@@ -20,18 +20,6 @@ cdef inline bint fades(int n, given lam_re, given lam_im, double thickness) noex
     return thickness > 1e300 or slowest_rate(n, lam_re, lam_im) * thickness > 4.0
 
 
-def modes_fade(*, const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[::1] thickness):
-    """Whether every mode of each order and layer fades, (order, layer), 0 or 1: what `boundary` and `reconstruct`
-    decide, for who does one of them elsewhere."""
-    cdef int[:, ::1] out = np.empty((lam_re.shape[0], lam_re.shape[1]), np.int32)
-    cdef Py_ssize_t order, layer
-    cdef int n = <int>lam_re.shape[2]
-    for order in range(lam_re.shape[0]):
-        for layer in range(lam_re.shape[1]):
-            out[order, layer] = fades(n, &lam_re[order, layer, 0], &lam_im[order, layer, 0], thickness[layer])
-    return np.asarray(out)
-
-
 cdef inline cplx half_tangent(cplx k, double thickness) noexcept nogil:
     """tanh(k h)/k with h = thickness/2."""
     cdef cplx e
@@ -58,28 +46,32 @@ cdef struct Boundary:
     given thickness, mu0, above
     given_ints base_row
     given base, base_source
-    doubles even, odd, base_down, residual
+    doubles even, odd, base_down
+    ints fading
+    doubles residual
 
 
 def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
              const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
              const int[::1] clear, const double[::1] thickness, const double[::1] mu0, const double[::1] above,
              const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
-             double[:, :, :, ::1] even, double[:, :, :, ::1] odd, double[:, :, ::1] base_down, double[:, ::1] residual,
-             int[::1] info):
+             double[:, :, :, ::1] even, double[:, :, :, ::1] odd, double[:, :, ::1] base_down, int[:, ::1] fading,
+             double[:, ::1] residual, int[::1] info):
     """The amplitudes of the even and odd modes of every layer.
 
     clear (layer,): not 0 for layers known not to scatter; thickness (layer,), inf allowed last; above (layer,): optical
     depth of each layer's top; base_row (order,): the row of `base` (row, n, n) and `base_source` (row, n_rhs, n) of that
     order, or -1 for black: the base's operator and its reflection of the unattenuated beam, scaled and flipped. even,
-    odd (order, layer, n_rhs, n); base_down (order, n_rhs, n): the scaled diffuse field that falls on the base; residual
-    (order, layer): of the linear systems, relative.
+    odd (order, layer, n_rhs, n); base_down (order, n_rhs, n): the scaled diffuse field that falls on the base; fading
+    (order, layer): whether every mode of a layer fades, which is decided here, and says what its amplitudes are of;
+    residual (order, layer): of the linear systems, relative.
     """
     cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2]
     cdef Boundary task = Boundary(
         n, n_layer, <int>mu0.shape[0], n_rhs, &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
         &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &clear[0], &thickness[0], &mu0[0], &above[0], &base_row[0], &base[0, 0, 0],
-        &base_source[0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &residual[0, 0])
+        &base_source[0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &fading[0, 0],
+        &residual[0, 0])
     run_items(crew, boundary_one, &task, <int>X.shape[0], boundary_work(n, n_layer, n_rhs), (2 * n_layer + 1) * n, &info[0])
 
 
@@ -95,6 +87,7 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef given base_source = t.base_source + row * nr if row >= 0 else NULL
     cdef doubles even = t.even + first * nr, odd = t.odd + first * nr, residual = t.residual + first
     cdef doubles base_down = t.base_down + item * nr
+    cdef ints fading = t.fading + first
     cdef ints pivots = desk.pivots
     cdef bint joined = n_layer > 1 or base != NULL
     cdef doubles systems = desk.work                         # per layer: LU even, LU odd, R, T, G
@@ -108,8 +101,9 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef doubles system
     cdef doubles vector
     for layer in range(n_layer):
+        fading[layer] = fades(n, lam_re + layer * n, lam_im + layer * n, thickness[layer])
         info = slab_systems(n, n_in, n_rhs, lam_re + layer * n, lam_im + layer * n, X + layer * nn, Y + layer * nn,
-                            c + layer * nr, zeta + layer * nr, thickness[layer], mu0, above[layer],
+                            c + layer * nr, zeta + layer * nr, fading[layer], thickness[layer], mu0, above[layer],
                             systems + 5 * layer * nn, pivots + 2 * layer * n, vectors + 5 * layer * nr, scratch, spare)
         if info != 0:
             return info
@@ -125,7 +119,8 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
                 join_clear_layer(n, n_rhs, lam_re + layer * n, thickness[layer], systems + 5 * layer * nn,
                                  vectors + 5 * layer * nr, below, up)
                 continue
-            info = join_layer(n, n_rhs, lam_re + layer * n, lam_im + layer * n, X + layer * nn, Y + layer * nn, thickness[layer], systems + 5 * layer * nn,
+            info = join_layer(n, n_rhs, lam_re + layer * n, lam_im + layer * n, X + layer * nn, Y + layer * nn,
+                              fading[layer], thickness[layer], systems + 5 * layer * nn,
                               pivots + 2 * layer * n, pivots + 2 * n_layer * n, vectors + 5 * layer * nr, below, up,
                               scratch, spare)
             if info != 0:
@@ -146,7 +141,7 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
             down[i] -= vector[i]
             up[i] -= vector[nr + i]
         residual[layer] = amplitudes(n, n_rhs, lam_re + layer * n, lam_im + layer * n, X + layer * nn, Y + layer * nn,
-                                     thickness[layer], system, pivots + 2 * layer * n, down, up, even + layer * nr,
+                                     fading[layer], thickness[layer], system, pivots + 2 * layer * n, down, up, even + layer * nr,
                                      odd + layer * nr, scratch, spare)
         memcpy(down, falling, sizeof(double) * nr)
     if joined:
@@ -157,14 +152,13 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
 
 
 # (1:45)
-cdef void slab_matrix(int n, bint is_odd, given lam_re, given lam_im, given X, given Y,
+cdef void slab_matrix(int n, bint is_odd, given lam_re, given lam_im, given X, given Y, bint fading,
                       double thickness, doubles matrix, doubles spare) noexcept nogil:
     """Even: X + Y lambda f (where all fades: X + Y k); odd: X f + Y; f = tanh(k h)/k."""
     cdef int j
     cdef size_t i
     cdef cplx* f = <cplx*>spare
     cdef cplx k
-    cdef bint fading = fades(n, lam_re, lam_im, thickness)
     for j in range(n):
         k = c_sqrt(make(lam_re[j], lam_im[j]))
         if fading:
@@ -179,7 +173,7 @@ cdef void slab_matrix(int n, bint is_odd, given lam_re, given lam_im, given X, g
 
 
 cdef int slab_systems(int n, int n_in, int n_rhs, given lam_re, given lam_im, given X,
-                      given Y, given c, given zeta, double thickness, given mu0,
+                      given Y, given c, given zeta, bint fading, double thickness, given mu0,
                       double above, doubles systems, ints pivots, doubles vectors, doubles scratch,
                       doubles spare) noexcept nogil:
     """Factorises the two systems of a slab; the beam's field at its top and bottom."""
@@ -191,10 +185,10 @@ cdef int slab_systems(int n, int n_in, int n_rhs, given lam_re, given lam_im, gi
     cdef cplx* response = <cplx*>(scratch + 4 * n)
     cdef cplx k
     cdef double at_top, at_bottom
-    slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, systems, spare)
+    slab_matrix(n, False, lam_re, lam_im, X, Y, fading, thickness, systems, spare)
     info = factorise(n, systems, n, pivots)
-    if info == 0 and not fades(n, lam_re, lam_im, thickness):
-        slab_matrix(n, True, lam_re, lam_im, X, Y, thickness, systems + nn, spare)
+    if info == 0 and not fading:
+        slab_matrix(n, True, lam_re, lam_im, X, Y, False, thickness, systems + nn, spare)
         info = factorise(n, systems + nn, n, pivots + n)
     product(b"N", b"N", n, n_rhs, n, 0.5, Y, n, zeta, n, 0.0, vectors, n)
     memset(vectors + nr, 0, sizeof(double) * 2 * nr)
@@ -244,7 +238,7 @@ cdef int fading_slab(int n, given lam_re, given lam_im, given X, given Y, double
     memset(T, 0, sizeof(double) * nn)
     if thickness > 1e300:
         return 0
-    slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, M, spare)
+    slab_matrix(n, False, lam_re, lam_im, X, Y, True, thickness, M, spare)
     for j in range(n):
         fade[j] = c_exp(-thickness * c_sqrt(make(lam_re[j], lam_im[j])))
     scale_columns(n, n, lam_im, fade, M, W)
@@ -275,7 +269,7 @@ cdef inline void times_inverse(int n, given lu, given_ints pivots, doubles a, do
 
 # (1:57)-(1:65)
 cdef int join_layer(int n, int n_rhs, given lam_re, given lam_im, given X, given Y,
-                    double thickness, doubles systems,
+                    bint fading, double thickness, doubles systems,
                     given_ints pivots, ints pivots_below, doubles vectors, doubles below, doubles up, doubles scratch,
                     doubles spare) noexcept nogil:
     """R and T of the layer, then (star product) what lies below its top: `below` its reflection, `up` its emission."""
@@ -287,7 +281,7 @@ cdef int join_layer(int n, int n_rhs, given lam_re, given lam_im, given X, given
     cdef doubles g = vectors + 4 * nr
     cdef doubles old = scratch
     cdef int info
-    if fades(n, lam_re, lam_im, thickness):
+    if fading:
         info = fading_slab(n, lam_re, lam_im, X, Y, thickness, systems, pivots, pivots_below, R, T, scratch, spare)
         if info != 0:
             return info
@@ -355,12 +349,12 @@ cdef void join_clear_layer(int n, int n_rhs, given lam_re, double thickness, dou
 
 # (1:49)-(1:56)
 cdef double amplitudes(int n, int n_rhs, given lam_re, given lam_im, given X, given Y,
-                       double thickness, given systems, given_ints pivots, given top, given bottom,
+                       bint fading, double thickness, given systems, given_ints pivots, given top, given bottom,
                        doubles even, doubles odd, doubles scratch, doubles spare) noexcept nogil:
     """even = (X + Y lambda f)^-1 (top + bottom), odd = (X f + Y)^-1 (bottom - top); the relative residual."""
     cdef size_t nr = <size_t>n * n_rhs, nn = <size_t>n * n, i
     cdef double worst, largest = 0.0
-    if fades(n, lam_re, lam_im, thickness):
+    if fading:
         return fading_amplitudes(n, n_rhs, lam_re, lam_im, X, Y, thickness, systems, pivots, top, bottom, even, odd,
                                  scratch, spare)
     for i in range(nr):
@@ -369,12 +363,12 @@ cdef double amplitudes(int n, int n_rhs, given lam_re, given lam_im, given X, gi
         largest = max(largest, max(fabs(even[i]), fabs(odd[i])))
     memcpy(spare, even, sizeof(double) * nr)
     solve(b"N", n, n_rhs, systems, n, pivots, even, n)
-    slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
+    slab_matrix(n, False, lam_re, lam_im, X, Y, False, thickness, scratch, scratch + nn)
     product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, even, n, 1.0, spare, n)
     worst = largest_of(nr, spare)
     memcpy(spare, odd, sizeof(double) * nr)
     solve(b"N", n, n_rhs, systems + nn, n, pivots + n, odd, n)
-    slab_matrix(n, True, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
+    slab_matrix(n, True, lam_re, lam_im, X, Y, False, thickness, scratch, scratch + nn)
     product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, odd, n, 1.0, spare, n)
     worst = max(worst, largest_of(nr, spare))
     return worst / largest if largest > 1e-280 else 0.0      # below, denormal numbers have no digits to check
@@ -407,7 +401,7 @@ cdef double fading_amplitudes(int n, int n_rhs, given lam_re, given lam_im, give
     else:
         for i in range(nr):
             spare[nr + i] = 2.0 * top[i]
-    slab_matrix(n, False, lam_re, lam_im, X, Y, thickness, scratch, scratch + nn)
+    slab_matrix(n, False, lam_re, lam_im, X, Y, True, thickness, scratch, scratch + nn)
     product(b"N", b"N", n, n_rhs, n, -1.0, scratch, n, from_top, n, 1.0, spare + nr, n)
     return largest_of(nr, spare + nr) / largest if largest > 1e-280 else 0.0
 

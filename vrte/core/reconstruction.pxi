@@ -54,7 +54,7 @@ def reconstruction_work(n, rows, n_rhs, n_layer):
 cdef struct Reconstruction:
     int n, stokes, n_out, n_up, n_layer, n_in, n_rhs, n_level
     given G_E, G_F, lam_re, lam_im, X, Y, c, zeta, even, odd, base_down
-    given_ints base_row
+    given_ints fading, base_row
     given base_out, thickness, above, mu0, mu_out, level
     given_ints level_layer
     doubles out
@@ -64,7 +64,7 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
                 const double[:, :, ::1] lam_re, const double[:, :, ::1] lam_im, const double[:, :, :, ::1] X,
                 const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
                 const double[:, :, :, ::1] even, const double[:, :, :, ::1] odd, const double[:, :, ::1] base_down,
-                const int[::1] base_row, const double[:, :, ::1] base_out, const double[::1] thickness,
+                const int[:, ::1] fading, const int[::1] base_row, const double[:, :, ::1] base_out, const double[::1] thickness,
                 const double[::1] above, const double[::1] mu0, const double[::1] mu_out, int n_up,
                 const double[::1] level, const int[::1] level_layer, double[:, :, :, ::1] out):
     """The field at any depth and direction, one Fourier order after another, without singly scattered light.
@@ -72,14 +72,14 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
     mu_out (n_out,): positive cosines, the first n_up of them for light going up, the others down; level (n_tau,):
     depth below the top of layer level_layer; base_out (row, n, S n_out): what the base sends up from the scaled
     field on its nodes. out (order, n_tau, n_rhs, S n_out): radiance times 2 pi for a unit beam; upward rows are
-    flipped by D.
+    flipped by D; fading: of `boundary`.
     """
     cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2], n_out = <int>mu_out.shape[0]
     cdef Reconstruction task = Reconstruction(
         n, <int>out.shape[3] // max(1, n_out), n_out, n_up, n_layer, <int>mu0.shape[0], n_rhs, <int>level.shape[0],
         &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
-        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &base_row[0],
-        &base_out[0, 0, 0], &thickness[0], &above[0], &mu0[0], &mu_out[0], &level[0], &level_layer[0], &out[0, 0, 0, 0])
+        &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &fading[0, 0],
+        &base_row[0], &base_out[0, 0, 0], &thickness[0], &above[0], &mu0[0], &mu_out[0], &level[0], &level_layer[0], &out[0, 0, 0, 0])
     run_items(crew, reconstruct_one, &task, <int>X.shape[0], reconstruction_work(n, <int>out.shape[3], n_rhs, n_layer), 0,
               NULL)
 
@@ -96,7 +96,7 @@ cdef int reconstruct_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef given even = a.even + first * nr, odd = a.odd + first * nr, base_down = a.base_down + item * nr
     cdef given thickness = a.thickness, above = a.above, mu0 = a.mu0, mu_out = a.mu_out, level = a.level
     cdef given base_out = a.base_out + row * n * rows if row >= 0 else NULL
-    cdef given_ints level_layer = a.level_layer
+    cdef given_ints level_layer = a.level_layer, fading = a.fading + first
     cdef doubles out = a.out + item * n_level * size
     cdef doubles g_e = desk.work                        # G_E X and G_F Y, per layer
     cdef doubles g_f = g_e + rows * n * n_layer
@@ -119,7 +119,7 @@ cdef int reconstruct_one(const void* task, int item, Desk desk) noexcept nogil:
                 continue
             if t == n_level and layer == 0:
                 continue
-            through_layer(True, n, stokes, <int>rows, n_up, n_in, n_rhs, g_e + layer * rows * n, g_f + layer * rows * n,
+            through_layer(True, fading[layer], n, stokes, <int>rows, n_up, n_in, n_rhs, g_e + layer * rows * n, g_f + layer * rows * n,
                           lam_re + layer * n, lam_im + layer * n, c + layer * nr, zeta + layer * nr, even + layer * nr,
                           odd + layer * nr, thickness[layer], above[layer], mu0, mu_out, level[t] if t < n_level else 0.0,
                           running, out + t * size if t < n_level else part, spare)
@@ -133,7 +133,7 @@ cdef int reconstruct_one(const void* task, int item, Desk desk) noexcept nogil:
                 continue
             if t == n_level and layer == n_layer - 1:
                 continue
-            through_layer(False, n, stokes, <int>rows, n_out - n_up, n_in, n_rhs, g_e + layer * rows * n + stokes * n_up,
+            through_layer(False, fading[layer], n, stokes, <int>rows, n_out - n_up, n_in, n_rhs, g_e + layer * rows * n + stokes * n_up,
                           g_f + layer * rows * n + stokes * n_up, lam_re + layer * n, lam_im + layer * n, c + layer * nr,
                           zeta + layer * nr, even + layer * nr, odd + layer * nr, thickness[layer], above[layer], mu0,
                           mu_out + n_up, level[t] if t < n_level else thickness[layer], running + stokes * n_up,
@@ -144,7 +144,7 @@ cdef int reconstruct_one(const void* task, int item, Desk desk) noexcept nogil:
 
 
 # (1:36)-(1:38)
-cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, given g_e, given g_f,
+cdef void through_layer(bint upward, bint fading, int n, int stokes, int rows, int n_mu, int n_in, int n_rhs, given g_e, given g_f,
                         given lam_re, given lam_im, given c, given zeta,
                         given even, given odd, double thickness, double above, given mu0,
                         given mu_out, double depth, given entering, doubles out, doubles work) noexcept nogil:
@@ -154,7 +154,6 @@ cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int 
     """
     cdef size_t used = stokes * n_mu, r, i, column
     cdef int j, mu, beam, per_beam = n_rhs // n_in
-    cdef bint fading
     cdef double left = thickness - depth if upward else depth     # optical path over mu
     cdef double sign = -1.0 if upward else 1.0, fade, light, far
     cdef doubles even_gain = work                     # (n, used): amplitude of the even modes -> radiance
@@ -172,7 +171,6 @@ cdef void through_layer(bint upward, int n, int stokes, int rows, int n_mu, int 
         for r in range(n_rhs):
             memcpy(out + r * rows, entering + r * rows, sizeof(double) * used)
         return
-    fading = fades(n, lam_re, lam_im, thickness)
     far = depth if upward else thickness - left        # by symmetry about the middle, down at depth is up at T - depth
     for mu in range(n_mu):
         faded[mu] = exp(-left / mu_out[mu])
@@ -339,10 +337,10 @@ cdef void resonances(int n, int stokes, int rows, int n_mu, int n_in, int n_rhs,
 
 def mode_coordinates(*, const double[::1] lam_re, const double[::1] lam_im, const double[:, ::1] even,
                      const double[:, ::1] odd, const double[:, ::1] c, const double[:, ::1] zeta,
-                     const double[::1] mu0, double thickness, double above, double depth):
+                     const double[::1] mu0, bint fading, double thickness, double above, double depth):
     """y and z of the modes of one order and layer (n,) at a depth below its top: (2, n_rhs, n); see `boundary`.
 
-    even, odd, c, zeta (n_rhs, n); mu0 (n_in,); above: optical depth of the layer's top.
+    even, odd, c, zeta (n_rhs, n); mu0 (n_in,); fading: of `boundary`; above: optical depth of the layer's top.
     """
     cdef int n = <int>lam_re.shape[0], n_rhs = <int>even.shape[0], per_beam = n_rhs // <int>mu0.shape[0], r, j, f
     cdef double[:, :, ::1] out = np.zeros((2, n_rhs, n))
@@ -350,7 +348,7 @@ def mode_coordinates(*, const double[::1] lam_re, const double[::1] lam_im, cons
     cdef double[::1] part = np.empty(n)
     cdef double light, faded
     cdef cplx k, response
-    profiles(n, &lam_re[0], &lam_im[0], thickness, depth, &profile[0, 0])
+    profiles(n, &lam_re[0], &lam_im[0], fading, thickness, depth, &profile[0, 0])
     for r in range(n_rhs):
         light = exp(-above / mu0[r // per_beam])
         faded = light * exp(-depth / mu0[r // per_beam])
@@ -367,10 +365,9 @@ def mode_coordinates(*, const double[::1] lam_re, const double[::1] lam_im, cons
 
 
 # (1:24)-(1:25)
-cdef void profiles(int n, given lam_re, given lam_im, double thickness, double depth, cplx* out) noexcept nogil:
+cdef void profiles(int n, given lam_re, given lam_im, bint fading, double thickness, double depth, cplx* out) noexcept nogil:
     """The even and the odd mode's y and z at a depth, (n,) each: y_even, z_even, y_odd, z_odd; see `boundary`."""
     cdef int j
-    cdef bint fading = fades(n, lam_re, lam_im, thickness)
     cdef cplx k, lam, from_top, from_bottom, whole, cosine, sine
     for j in range(n):
         lam = make(lam_re[j], lam_im[j])

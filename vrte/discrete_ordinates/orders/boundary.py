@@ -15,11 +15,13 @@ from vrte.discrete_ordinates.orders.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
-    """even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n); residual (order, layer)."""
+    """even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n); fading (order, layer): whether every mode fades,
+    and amplitudes are of what fades from the top and from the bottom; residual (order, layer)."""
 
     even: Array
     odd: Array
     base_down: Array
+    fading: IntArray
     residual: Array
 
 
@@ -28,7 +30,11 @@ def boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base:
     n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
     shape = (orders.size, n_layer, n_rhs, n)
     result = Amplitudes(
-        np.empty(shape), np.empty(shape), np.empty((orders.size, n_rhs, n)), np.zeros((orders.size, n_layer))
+        even=np.empty(shape),
+        odd=np.empty(shape),
+        base_down=np.empty((orders.size, n_rhs, n)),
+        fading=np.empty((orders.size, n_layer), np.int32),
+        residual=np.zeros((orders.size, n_layer)),
     )
     info = np.zeros(orders.size, np.int32)
     with run.timed("boundary") as crew:
@@ -50,6 +56,7 @@ def boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base:
             even=result.even,
             odd=result.odd,
             base_down=result.base_down,
+            fading=result.fading,
             residual=result.residual,
             info=info,
         )
