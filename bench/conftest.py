@@ -13,7 +13,7 @@ import vrte
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
-from vrte.studies.tables.problems import gold_scene, siewert_scene
+from vrte.studies import cases
 
 from .peers import Row
 
@@ -24,13 +24,13 @@ PEER_ROWS = pytest.StashKey[list[Row]]()
 @pytest.fixture(scope="session")
 def gold() -> vrte.Scene:
     """Table 3 of the paper: gold, 400 nm, radius 0.6 um, thickness 100."""
-    return gold_scene(0.6)
+    return cases.scene("gold")
 
 
 @pytest.fixture(scope="session")
 def spheroids() -> vrte.Scene:
     """Table 2 of the paper: the benchmark of Wauben and Hovenier, as in Siewert (2000)."""
-    return siewert_scene()
+    return cases.scene("spheroids")
 
 
 def eigenproblems(scene: vrte.Scene, nodes: int, orders: int) -> list[np.ndarray]:

@@ -22,9 +22,9 @@ import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
 from vrte.formats.atomic import atomic_write
+from vrte.studies.cases import SPHEROIDS
 from vrte.studies.methods.peers import imported, nanodisort, sasktran2
 from vrte.studies.methods.peers.asked import Asked
-from vrte.studies.tables.problems import SIEWERT_IIA
 
 Solve = Callable[[], Array]  # radiances (tau, mu, phi, Stokes compared)
 
@@ -115,7 +115,7 @@ def siewert(streams: tuple[int, ...]) -> Problem:
         peer="sasktran2",
         name="Siewert (2000), problem IIA",
         streams=streams,
-        coefficients=np.array(SIEWERT_IIA),
+        coefficients=np.array(SPHEROIDS),
         albedo=0.973527,
         thickness=1.0,
         mu0=0.6,
@@ -180,7 +180,7 @@ CODES: dict[str, dict[str, Prepare]] = {
     "nanodisort": {"nanodisort": with_nanodisort},
     "sasktran2": {
         "sasktran2": with_sasktran2,
-        "sasktran2, 12 orders": functools.partial(with_sasktran2, orders=len(SIEWERT_IIA)),
+        "sasktran2, 12 orders": functools.partial(with_sasktran2, orders=len(SPHEROIDS)),
     },
 }
 

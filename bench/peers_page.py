@@ -8,8 +8,7 @@ from importlib.metadata import version
 
 from bench.peers import ACCURACY, REFERENCE_STREAMS, ROUNDS, SETUPS, Problem, Row, shortfalls, wanted_keywords
 from vrte.basics.running import usable_cpus
-from vrte.studies.pages import markdown_table, processor
-from vrte.studies.stability.table import figure
+from vrte.studies.pages import markdown_list, markdown_table, processor, two_digits
 
 COLUMNS = ("scene", "streams", "code", "set-up [ms]", "solve [ms]", "over vrte", "target")
 ERRORS = ("error I", "error Q", "error U")
@@ -50,7 +49,7 @@ def page(comparisons: Sequence[list[Row]], checks: dict[Problem, float], load_be
     """Markdown: with what it was made, the table, what falls short, and what is compared."""
     short = [text for rows in comparisons for text in shortfalls(rows)]
     references = [
-        f"- reference of {problem.name}: within {figure(gap)} of {CHECKED_WITH[problem.peer]}\n"
+        f"- reference of {problem.name}: within {two_digits(gap)} of {CHECKED_WITH[problem.peer]}\n"
         for problem, gap in checks.items()
     ]
     blocks = [
@@ -72,7 +71,7 @@ def table(rows: Sequence[Row]) -> str:
 def cells(row: Row) -> list[str]:
     """One row as text."""
     times = [f"{row.setup_ms:.2f}", f"{row.solve_ms:.2f}", f"{row.ratio:.2f}"]
-    errors = [figure(error) for error in row.errors]
+    errors = [two_digits(error) for error in row.errors]
     return [
         *(row.problem, str(row.streams), row.code, *times),
         f">= {row.target:g}" if row.target else "",
@@ -100,4 +99,4 @@ def made_with(load_before: str) -> str:
         f"{codes}, Python {platform.python_version()}, {platform.system()}",
         f"keywords of vrte.radiance: {keywords}",
     ]
-    return "".join(f"- {fact}\n" for fact in facts)
+    return markdown_list(facts)

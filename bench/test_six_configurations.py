@@ -13,11 +13,10 @@ import pytest
 import scipy
 
 import vrte
-from vrte.studies import tables
 from vrte.studies.tables.configurations import Configuration
 from vrte.studies.tables.measuring import checked
-from vrte.studies.tables.messages import Reply
-from vrte.studies.tables.problems import TABLE_2, TABLE_3, Problem, problems
+from vrte.studies.tables.paper import TABLE_2, TABLE_3, Problem, problems
+from vrte.studies.tables.processes import Child, Reply, Task, facts, started
 
 from .conftest import ROUNDS, eigenproblems, floor_seconds
 
@@ -31,16 +30,16 @@ def seconds_in_solves() -> float:
 
 
 @pytest.fixture(scope="module")
-def children() -> Iterator[dict[str, tables.Child]]:
+def children() -> Iterator[dict[str, Child]]:
     settings = {each.simd for each in Configuration if each.refusal() is None}
-    with tables.started(sorted(settings)) as found:
+    with started(sorted(settings)) as found:
         yield found
 
 
 @pytest.fixture(scope="module")
-def references(children: dict[str, tables.Child]) -> dict[str, np.ndarray]:
+def references(children: dict[str, Child]) -> dict[str, np.ndarray]:
     """What a call that is told nothing else answers, by problem."""
-    answers = {each.name: children["full"].solve(tables.Task(each, {}, True)).answer for each in problems()}
+    answers = {each.name: children["full"].solve(Task(each, {}, True)).answer for each in problems()}
     return {name: answer for name, answer in answers.items() if answer is not None}
 
 
@@ -56,7 +55,7 @@ def matrices(gold: vrte.Scene, spheroids: vrte.Scene) -> dict[str, list[np.ndarr
 def test_configuration(
     problem: Problem,
     configuration: Configuration,
-    children: dict[str, tables.Child],
+    children: dict[str, Child],
     references: dict[str, np.ndarray],
     matrices: dict[str, list[np.ndarray]],
     benchmark: Any,
@@ -87,7 +86,7 @@ def test_configuration(
         "difference_from_default": check.gap,
         "off_siewert": check.published,
         "orders_by": check.orders_by,
-        "versions": [*versions(), *tables.facts(children, [configuration])],
+        "versions": [*versions(), *facts(children, [configuration])],
     }
     print(f"\n{benchmark.name}: {1e3 * median:.1f} ms, {median / floor:.2f} x the LAPACK floor of {1e3 * floor:.1f} ms")
 
@@ -97,11 +96,11 @@ def versions() -> list[str]:
     return [f"vrte {vrte.__version__}", f"numpy {np.__version__}", f"scipy {scipy.__version__}"]
 
 
-def solver(problem: Problem, configuration: Configuration, children: dict[str, tables.Child]) -> Callable[..., Reply]:
+def solver(problem: Problem, configuration: Configuration, children: dict[str, Child]) -> Callable[..., Reply]:
     """One solve in the configuration's process, its seconds counted."""
 
     def solve(wants_answer: bool = False) -> Reply:
-        task = tables.Task(problem, configuration.options(THREADS), wants_answer)
+        task = Task(problem, configuration.options(THREADS), wants_answer)
         reply = children[configuration.simd].solve(task)
         spent["in solves"] += reply.seconds
         return reply

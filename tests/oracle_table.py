@@ -13,7 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from vrte.formats.atomic import atomic_write
-from vrte.studies.stability import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Case, oracle_cases
+from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG
+from vrte.studies.stability.cases import Case
+from vrte.studies.stability.corners import oracle_cases
 from vrte.studies.stability.oracle import TABLE
 
 from .ball_scene import DoubtfulError, Layer, Request, field_order, mueller_lobe_orders, sensitivity

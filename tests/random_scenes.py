@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,7 @@ import numpy as np
 import vrte
 from vrte.basics.arrays import Array
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.studies.accuracy.scenes import glass, spheroids
-from vrte.studies.methods.scenes import droplets, gold, rutile
+from vrte.studies.cases import phase_matrix as phase_matrix_of
 
 NO_LIGHT = 1e-290
 LOWEST = 0.02  # cosine
@@ -68,11 +68,10 @@ def phase_matrix(chance: np.random.Generator) -> PhaseMatrix:
         vrte.isotropic,
         lambda: vrte.rayleigh(float(chance.choice([0.0, 0.03, 0.3]))),
         lambda: vrte.henyey_greenstein(g, terms),
-        lambda: gold().phase_matrix,
-        lambda: rutile().phase_matrix,
-        spheroids,
-        glass,
-        droplets,
+        *(
+            partial(phase_matrix_of, name)
+            for name in ("red gold powder", "rutile", "spheroids", "clear spheres", "droplets, scalar")
+        ),
     ]
     likely = np.array([1, 1, 3, 1, 1, 1, 0.5, 0.5]) / 9.0
     return kinds[chance.choice(len(kinds), p=likely)]()
@@ -91,7 +90,7 @@ def scene(chance: np.random.Generator) -> vrte.Scene:
 
 def faint(chance: np.random.Generator) -> vrte.Scene:
     """A layer, nearly isotropic, that is thin or dark."""
-    matrices = [vrte.isotropic(), vrte.rayleigh(), vrte.henyey_greenstein(0.15, 14), gold().phase_matrix]
+    matrices = [vrte.isotropic(), vrte.rayleigh(), vrte.henyey_greenstein(0.15, 14), phase_matrix_of("red gold powder")]
     matrix = matrices[chance.integers(len(matrices))]
     if chance.random() < 0.5:
         return vrte.Scene([vrte.Layer(matrix, float(chance.uniform(0.3, 1.0)), float(10.0 ** chance.uniform(-6, -2)))])

@@ -12,58 +12,58 @@ import vrte
 from tests import exact
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.planning import needs, node_choice
-from vrte.studies import accuracy
+from vrte.studies.accuracy import fewest, page, sweep
 from vrte.studies.accuracy.__main__ import main
-from vrte.studies.accuracy.scenes import PHI
+from vrte.studies.accuracy.sweep import MU, PHI, PROBES
 
 ERRORS = Path(__file__).parents[1] / "docs" / "accuracy" / "errors.csv"
 QUICK_GIVEN = ("HG 0.75, thickness 0.1", "spheroids, field", "gold powder, without end", "two layers over a base")
 QUICK_CHOSEN = ("HG 0.5, thickness 1", "Rayleigh, thickness 10, field")
 
 
-def check(outcomes: Sequence[accuracy.Outcome]) -> None:
+def check(outcomes: Sequence[sweep.Outcome]) -> None:
     """Never above what was requested, and not far below where something could be left out."""
-    assert not [accuracy.as_text(outcome) for outcome in outcomes if not outcome.kept]
+    assert not [page.as_text(outcome) for outcome in outcomes if not outcome.kept]
     assert all(outcome.promised for outcome in outcomes)
     assert max(outcome.uncertain for outcome in outcomes) < 3e-10
-    assert accuracy.median_slack(outcomes) < 100.0
+    assert sweep.median_slack(outcomes) < 100.0
 
 
 def test_requested_is_achieved_on_given_nodes() -> None:
-    check(list(accuracy.sweep(QUICK_GIVEN, True, accuracy.GIVEN[::4])))
+    check(list(sweep.outcomes_of(QUICK_GIVEN, True, sweep.GIVEN[::4])))
 
 
 def test_requested_is_achieved_on_chosen_nodes() -> None:
-    check(list(accuracy.sweep(QUICK_CHOSEN, False, accuracy.CHOSEN[::2])))
+    check(list(sweep.outcomes_of(QUICK_CHOSEN, False, sweep.CHOSEN[::2])))
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::vrte.LongSolveWarning")  # of references on many nodes
 @pytest.mark.parametrize("given", [True, False])
 def test_requested_is_achieved_everywhere(given: bool) -> None:
-    outcomes = list(accuracy.sweep(tuple(accuracy.PROBES), given, accuracy.GIVEN if given else accuracy.CHOSEN))
-    assert len(accuracy.PROBES) >= 12
+    outcomes = list(sweep.outcomes_of(tuple(PROBES), given, sweep.GIVEN if given else sweep.CHOSEN))
+    assert len(PROBES) >= 12
     # references on many nodes are good to 4e-10: at a request of 1e-9 that is what is compared with
     check(outcomes if given else [replace(outcome, uncertain=0.0) for outcome in outcomes])
     assert given or max(ratio_of(outcomes).values()) <= 1.5
 
 
-def ratio_of(outcomes: Sequence[accuracy.Outcome]) -> dict[tuple[str, float], float]:
+def ratio_of(outcomes: Sequence[sweep.Outcome]) -> dict[tuple[str, float], float]:
     """Nodes chosen over the fewest that hold, by the study in docs."""
-    found = accuracy.ratios(accuracy.read_errors(ERRORS), outcomes)
+    found = fewest.ratios(fewest.read_errors(ERRORS), outcomes)
     return {case: chosen / fewest for case, (chosen, fewest) in found.items()}
 
 
 @pytest.mark.parametrize("name", ["haze L, thickness 1", "HG 0.85, without end", "peak below Rayleigh"])
 def test_peaked_phase_matrices_take_few_more_nodes_than_hold(name: str) -> None:
     """Up to three times as many were taken at 1e-2 where the strongest term that is cut decided."""
-    case, errors = accuracy.probe(name), accuracy.read_errors(ERRORS)[name]
+    case, errors = PROBES[name], fewest.read_errors(ERRORS)[name]
     for requested in (1e-2, 1e-4):
         tau = np.array([0.0, min(case.scene.thickness, 1e3)][: 1 + (case.scene.thickness < 1e3)])
-        mu = case.signed_mu if tau.size > 1 else np.array(case.mu)
+        mu = case.signed_mu if tau.size > 1 else np.array(MU)
         asked = case.scene, np.array(case.mu0), mu, np.array(PHI), tau, requested
         found = node_choice.choose_nodes(*asked, Run(1), "all")
-        assert found.nodes <= 1.5 * accuracy.fewest_that_hold(errors, requested)
+        assert found.nodes <= 1.5 * fewest.fewest_that_hold(errors, requested)
         assert not found.notes
 
 
@@ -244,17 +244,17 @@ def test_nothing_is_lowered_before_two_orders_are_known() -> None:
 
 
 def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    first = accuracy.Outcome("a", True, 1e-3, 1e-5, 1e-14, 8, 3, 96, 0.1, True, True)
+    first = sweep.Outcome("a", True, 1e-3, 1e-5, 1e-14, 8, 3, 96, 0.1, True, True)
     outcomes = [first, replace(first, requested=1e-4, achieved=2e-4), replace(first, given=False, promised=False)]
     pretended = iter([outcomes[:2], outcomes[2:]])
-    monkeypatch.setattr(accuracy, "sweep", lambda *_: next(pretended))
+    monkeypatch.setattr(sweep, "outcomes_of", lambda *_: next(pretended))
     assert main(["-o", str(tmp_path), "--quick"]) == 1
     assert "NOT KEPT" in capsys.readouterr().out
     with (tmp_path / "accuracy.csv").open() as file:
         assert [row["achieved"] for row in csv.DictReader(file)] == ["1e-05", "0.0002", "1e-05"]
-    page = (tmp_path / "accuracy.md").read_text()
-    assert "2 requests, 1 not kept" in page
-    assert "(8, 3) ?" in page
+    text = (tmp_path / "accuracy.md").read_text()
+    assert "2 requests, 1 not kept" in text
+    assert "(8, 3) ?" in text
     assert (tmp_path / "accuracy.png").stat().st_size < 90_000
 
 

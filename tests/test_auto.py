@@ -16,9 +16,9 @@ from vrte.discrete_ordinates.planning.node_choice import DISCRETE
 from vrte.formats.scene_file import SceneFile
 from vrte.methods.auto import QUANTITIES, RULES, caught, fading, scattered_again_over_accuracy, special_wishes, taken
 from vrte.request.request import EXACT, METHODS, Request
-from vrte.studies.methods.records import Row
+from vrte.studies.methods.advice import score_html, score_markdown, score_rows, score_text
+from vrte.studies.methods.rows import Row
 from vrte.studies.methods.rules import disagreements, rows_of
-from vrte.studies.methods.score import score_html, score_markdown, score_rows, score_text
 
 REPORT = Path(__file__).parents[1] / "docs" / "methods" / "methods.csv"
 THIN = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 1e-3)])

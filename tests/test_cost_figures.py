@@ -12,12 +12,13 @@ import pytest
 
 import vrte
 from vrte import cli
-from vrte.studies import cost
-from vrte.studies.cost import claims, figures, fitting, measuring, page, sweeps
+from vrte.studies.cost import measuring, page
+from vrte.studies.cost.axes import PHI, Point, axes
 from vrte.studies.tables import configurations
+from vrte.studies.tables.paper import STEPS, TOTAL
 
 ROOT = Path(__file__).parents[1]
-POINT = sweeps.Point(radius_um=0.2, nodes=9, outgoing=2)
+POINT = Point(radius_um=0.2, nodes=9, outgoing=2)
 POINT_12 = ("nodes", "12", "configuration 2")
 FILES = {f"figure_{number}.png" for number in range(2, 10)} | {"figures.md", "measurements.csv"}
 
@@ -30,7 +31,7 @@ def call(*arguments: str | Path) -> int:
         return leaving.code  # type: ignore[return-value]
 
 
-def pretended(point: sweeps.Point, configuration: cost.Configuration) -> dict[str, Any]:
+def pretended(point: Point, configuration: measuring.Configuration) -> dict[str, Any]:
     """Diagnostics of a solver whose eigenproblems cost the cube of the nodes, on any number of threads."""
     seconds = {"homogeneous": 1e-6 * point.nodes**3, "a stage to come": 1e-3 * point.outgoing, "fourier sum": 1e-3}
     stages = {name: {"wall_seconds": value / configuration.options["threads"]} for name, value in seconds.items()}
@@ -48,7 +49,7 @@ def no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("exponent", [-1.0, 0.0, 1.0, 2.7])
 def test_a_power_law_is_found(exponent: float) -> None:
     x = np.array([1.0, 2.0, 5.0, 30.0])
-    fit = fitting.fit_exponent(x, 0.02 * x**exponent)
+    fit = measuring.fit_exponent(x, 0.02 * x**exponent)
     assert fit is not None
     assert (fit.lowest, fit.highest, fit.points) == (1.0, 30.0, 4)
     np.testing.assert_allclose([fit.exponent, fit.factor], [exponent, 0.02], atol=1e-12)
@@ -58,7 +59,7 @@ def test_a_power_law_is_found(exponent: float) -> None:
 
 def test_the_error_is_the_scatter_of_the_exponent() -> None:
     random, x = np.random.default_rng(5), np.geomspace(1.0, 100.0, 8)
-    fits = [fitting.fit_exponent(x, x**2 * np.exp(0.1 * random.standard_normal(8))) for _ in range(400)]
+    fits = [measuring.fit_exponent(x, x**2 * np.exp(0.1 * random.standard_normal(8))) for _ in range(400)]
     exponents, errors = np.array([(fit.exponent, fit.error) for fit in fits if fit is not None]).T
     assert abs(exponents.mean() - 2.0) < 4.0 * exponents.std() / 20.0
     assert np.sqrt((errors**2).mean()) == pytest.approx(exponents.std(), rel=0.1)
@@ -66,15 +67,15 @@ def test_the_error_is_the_scatter_of_the_exponent() -> None:
 
 @pytest.mark.parametrize(("x", "seconds"), [([1, 2], [1, 2]), ([1, 2, 3], [1, 0, 3]), ([4, 4, 4], [1, 2, 3])])
 def test_too_few_points_have_no_exponent(x: list[float], seconds: list[float]) -> None:
-    assert fitting.fit_exponent(x, seconds) is None
+    assert measuring.fit_exponent(x, seconds) is None
 
 
 def test_the_upper_half_sees_less_of_a_constant() -> None:
     x = 2.0 ** np.arange(11)
-    upper = fitting.upper_half(x)
+    upper = measuring.upper_half(x)
     assert x[upper].tolist() == [32.0, 64.0, 128.0, 256.0, 512.0, 1024.0]
     seconds = 20.0 + x
-    whole, half = fitting.fit_exponent(x, seconds), fitting.fit_exponent(x[upper], seconds[upper])
+    whole, half = measuring.fit_exponent(x, seconds), measuring.fit_exponent(x[upper], seconds[upper])
     assert whole is not None
     assert half is not None
     assert whole.exponent < half.exponent < 1.0
@@ -82,54 +83,54 @@ def test_the_upper_half_sees_less_of_a_constant() -> None:
 
 @pytest.mark.parametrize("quick", [False, True])
 def test_the_axes_are_what_the_figures_show(quick: bool) -> None:
-    axes = cost.axes(quick)
-    assert [number for axis in axes for number in axis.figures] == list(range(2, 10))
-    for axis, varied in zip(axes, ("nodes", "outgoing", "radius_um", "incident"), strict=True):
+    each = axes(quick)
+    assert [number for axis in each for number in axis.figures] == list(range(2, 10))
+    for axis, varied in zip(each, ("nodes", "outgoing", "radius_um", "incident"), strict=True):
         assert (np.diff(axis.values) > 0.0).all(), axis.name
         assert len({replace(point, **{varied: 1}) for point in axis.points}) == 1, "one thing varies on an axis"
-        assert axis.values.size >= fitting.FEWEST
+        assert axis.values.size >= measuring.FEWEST_POINTS
         assert all(point.terms <= 2 * point.nodes for point in axis.points), "the nodes carry every term"
         assert all((point.incident is None) == (axis.name != "incident") for point in axis.points)
 
 
 def test_the_orders_of_expansion_are_those_of_the_paper() -> None:
-    orders = cost.axes()[2]
+    orders = axes()[2]
     radii = [point.radius_um for point in orders.points]
     assert (radii[0], radii[-1]) == (0.2, 0.7)
     assert radii == sorted(radii)
     assert orders.values.tolist() == sorted(point.scene.layers[0].phase_matrix.terms for point in orders.points)
-    layer = sweeps.Point().scene.layers[0]
-    assert (layer.thickness, sweeps.Point().nodes, sweeps.Point().outgoing, sweeps.PHI.size) == (100.0, 40, 11, 19)
+    layer = Point().scene.layers[0]
+    assert (layer.thickness, Point().nodes, Point().outgoing, PHI.size) == (100.0, 40, 11, 19)
     assert np.array_equal(layer.phase_matrix.a1, vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4).phase_matrix.a1)
 
 
 def test_the_paper_says_something_of_each_of_its_steps() -> None:
-    for axis in cost.axes(quick=True):
-        assert all(claims.claim(axis.name, step) for step in (claims.TOTAL, *claims.PAPER_STEPS))
+    for axis in axes(quick=True):
+        assert all(axis.claims[step] for step in (TOTAL, *STEPS))
 
 
 @pytest.mark.parametrize("incident", [None, 3])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_solve_is_timed_step_by_step(incident: int | None, threads: int) -> None:
-    (axis, *_), point = cost.axes(quick=True), replace(POINT, incident=incident)
-    found = measuring.measured(axis, point, cost.configurations(threads)[-1], 0)
-    steps = measuring.steps(found)
-    assert {claims.TOTAL, *claims.PAPER_STEPS, measuring.REST} <= set(steps)
+    (axis, *_), point = axes(quick=True), replace(POINT, incident=incident)
+    found = measuring.measured(axis, point, measuring.configurations(threads)[-1], 0)
+    steps = found.steps
+    assert {TOTAL, *STEPS, measuring.REST} <= set(steps)
     assert sum(steps.values()) == pytest.approx(2.0 * found.seconds)
     assert 0 < found.orders_solved <= point.terms
 
 
 def test_stages_not_known_here_are_steps_of_their_own() -> None:
     stages = {"fourier sum": 1.0, "reconstruction": 2.0, "a stage to come": 4.0}
-    found = cost.Measurement("nodes", 9.0, POINT, "", 0, 8.0, 1, stages)
-    assert measuring.steps(found) == {"total": 8.0, "reconstruction": 3.0, "a stage to come": 4.0, measuring.REST: 1.0}
+    found = measuring.Measurement("nodes", 9.0, POINT, "", 0, 8.0, 1, stages)
+    assert found.steps == {"total": 8.0, "reconstruction": 3.0, "a stage to come": 4.0, measuring.REST: 1.0}
 
 
 @pytest.mark.usefixtures("no_solver")
 def test_configurations_take_turns_and_medians_are_theirs() -> None:
-    axes, ticks = cost.axes(quick=True), []
-    found = cost.measure(axes, cost.configurations(2), 0.0, lambda *told: ticks.append(told))
-    points = sum(len(axis.points) for axis in axes)
+    varied, ticks = axes(quick=True), []
+    found = measuring.measure(varied, measuring.configurations(2), 0.0, lambda *told: ticks.append(told))
+    points = sum(len(axis.points) for axis in varied)
     solves = points * measuring.FEWEST_ROUNDS
     assert [tick[:2] for tick in ticks] == [(done, solves) for done in range(solves + 1)]
     assert len(found) == 2 * solves
@@ -137,22 +138,23 @@ def test_configurations_take_turns_and_medians_are_theirs() -> None:
     assert [each.configuration for each in found[:4]] == ["configuration 2", "OpenMP, 2 threads"] * 2
     lines = measuring.series(found, "nodes", "OpenMP, 2 threads")
     assert list(lines) == ["total", "homogeneous", "a stage to come", "reconstruction", measuring.REST]
-    np.testing.assert_array_equal(lines["homogeneous"].x, axes[0].values)
-    np.testing.assert_allclose(lines["homogeneous"].seconds, 0.5e-6 * axes[0].values ** 3)
-    text = cost.as_text(found, axes, ["configuration 2"])
+    np.testing.assert_array_equal(lines["homogeneous"].x, varied[0].values)
+    np.testing.assert_allclose(lines["homogeneous"].seconds, 0.5e-6 * varied[0].values ** 3)
+    text = page.as_text(found, varied, ["configuration 2"])
     assert re.search(r"homogeneous +3 \(3\.A\) +3\.00 ± 0\.00", text)
     assert re.search(r"a stage to come +- +1\.00 ± 0\.00", text)
 
 
 @pytest.mark.usefixtures("no_solver")
 def test_a_configuration_that_cannot_run_is_named() -> None:
-    assert [each.name for each in cost.configurations(1)] == ["configuration 2"]
-    assert cost.left_out() == ["configuration 5 needs an OpenCL device: a test has none"]
+    assert [each.name for each in measuring.configurations(1)] == ["configuration 2"]
+    assert measuring.left_out() == ["configuration 5 needs an OpenCL device: a test has none"]
 
 
 def test_series_hold_median_and_extremes() -> None:
     found = [
-        cost.Measurement("nodes", 9.0, POINT, "one", number, seconds, 1) for number, seconds in enumerate([5, 1, 2])
+        measuring.Measurement("nodes", 9.0, POINT, "one", number, seconds, 1)
+        for number, seconds in enumerate([5, 1, 2])
     ]
     total = measuring.series(found, "nodes", "one")["total"]
     assert [values.tolist() for values in (total.x, total.least, total.seconds, total.greatest)] == [[9], [1], [2], [5]]
@@ -183,14 +185,14 @@ def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.Captur
 
 @pytest.mark.usefixtures("no_solver")
 def test_a_stage_that_did_not_run_everywhere_has_gaps(tmp_path: Path) -> None:
-    axes, names = cost.axes(quick=True)[:1], ["configuration 2"]
-    found = cost.measure(axes, cost.configurations(1), 0.0)
+    varied, names = axes(quick=True)[:1], ["configuration 2"]
+    found = measuring.measure(varied, measuring.configurations(1), 0.0)
     found = [replace(each, stages={"homogeneous": 1e-3}) if each.value == 12.0 else each for each in found]
-    cost.write_page(found, axes, names, tmp_path, "a test")
+    page.write_page(found, varied, names, tmp_path, "a test")
     with open(tmp_path / page.CSV, encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["a_stage_to_come_s"] == "" for row in rows if row["value"] == "12"} == {True}
-    assert len(cost.write_figures(found, axes, names, tmp_path)) == 2
+    assert len(list(tmp_path.glob("*.png"))) == 2
 
 
 @pytest.mark.usefixtures("no_solver")
@@ -238,10 +240,11 @@ def test_what_is_missing_is_said_before_anything_is_measured(
     monkeypatch.setattr("vrte._core.HAS_OPENMP", False)
     assert call("--figures", "-o", tmp_path / "new") == 2
     assert "without OpenMP" in capsys.readouterr().err
-    assert {configuration.options["threads"] for configuration in cost.configurations(1)} == {1}
+    assert {configuration.options["threads"] for configuration in measuring.configurations(1)} == {1}
     assert not list(tmp_path.iterdir())
 
 
 def test_steps_of_our_own_have_colours_of_their_own() -> None:
     steps = ["order bounds", "homogeneous", "a stage to come", measuring.REST]
-    assert len({figures._colour(step, steps) for step in steps}) == len(steps)
+    colours = page.colours_of(steps)
+    assert len({colours[step] for step in steps}) == len(steps)

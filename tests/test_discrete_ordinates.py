@@ -27,9 +27,9 @@ BOTH = pytest.mark.parametrize("algorithm", ["modes", "doubling"])
 
 def spheroids() -> vrte.PhaseMatrix:
     """Siewert's problem IIA: b2 != 0."""
-    from vrte.studies.tables.problems import SIEWERT_IIA
+    from vrte.studies.cases import SPHEROIDS
 
-    return vrte.PhaseMatrix(*np.array(SIEWERT_IIA).T)
+    return vrte.PhaseMatrix(*np.array(SPHEROIDS).T)
 
 
 def spheres() -> vrte.PhaseMatrix:

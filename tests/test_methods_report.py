@@ -11,9 +11,10 @@ import pytest
 from vrte import cli
 from vrte.basics.errors import SceneError
 from vrte.request.request import METHODS
-from vrte.studies import methods, radiance_factor
-from vrte.studies.methods import advice, knobs, measuring, page, peers, records, reference, registry, scenes
-from vrte.studies.methods.records import MEASURED, REFUSED, Row
+from vrte.studies import radiance_factor
+from vrte.studies.methods import advice, knobs, measuring, page, peers, reference, registry, scenes
+from vrte.studies.methods.rows import MEASURED, REFUSED, Row
+from vrte.studies.records import Records
 
 ROOT = Path(__file__).parents[1]
 CURVE = knobs.Curve("modes", "discrete-ordinates", knobs.over_nodes((2, 8), algorithm="modes"))
@@ -34,25 +35,29 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def rows(folder: Path) -> list[Row]:
-    return list(records.read(folder / methods.CSV).values())
+    return list(Records(Row, folder / measuring.CSV).read().values())
 
 
 def run(folder: Path, curve: knobs.Curve = CURVE, **how: bool) -> list[Row]:
     """One small scene by one curve."""
-    return methods.measure(methods.QUICK[:1], [curve], folder, ONCE, silent, **how)
+    return measuring.measure(scenes.QUICK[:1], [curve], folder, ONCE, silent, **how)
 
 
 def test_every_method_and_scene_has_its_rows(rows: list[Row], folder: Path) -> None:
     assert {row.method for row in rows} == set(METHODS) | {peer.name for peer in peers.installed()}
-    assert {row.scene for row in rows} == set(methods.QUICK)
+    assert {row.scene for row in rows} == set(scenes.QUICK)
     assert all(row.status.startswith((MEASURED, REFUSED)) for row in rows), [row.status for row in rows]
-    with open(folder / methods.CSV, encoding="utf-8", newline="") as file:
-        assert len(list(csv.DictReader(file))) == len(rows) == methods.steps_of(methods.QUICK, methods.curves(True))
+    with open(folder / measuring.CSV, encoding="utf-8", newline="") as file:
+        assert (
+            len(list(csv.DictReader(file)))
+            == len(rows)
+            == len(scenes.QUICK) * sum(len(each.settings) for each in knobs.curves(True))
+        )
 
 
 def test_rows_of_auto_say_what_it_took(rows: list[Row], folder: Path) -> None:
     found = [row for row in rows if row.curve == "auto"]
-    assert len(found) == 3 * len(methods.QUICK)
+    assert len(found) == 3 * len(scenes.QUICK)
     for row in found:
         assert row.method == "discrete-ordinates"
         assert row.worst <= float(row.setting.split()[1])
@@ -62,7 +67,7 @@ def test_rows_of_auto_say_what_it_took(rows: list[Row], folder: Path) -> None:
 
 def test_more_nodes_are_closer(rows: list[Row]) -> None:
     for name in ("modes", "doubling"):
-        for scene in methods.QUICK:
+        for scene in scenes.QUICK:
             few, many = (row for row in rows if (row.curve, row.scene) == (f"discrete-ordinates, {name}", scene))
             assert many.worst < few.worst / 20.0
             assert many.reference_within < 1e-7
@@ -79,14 +84,14 @@ def test_the_exact_method_keeps_what_is_asked_for_and_loses_no_energy(rows: list
 def test_the_page_opens_without_a_network(folder: Path) -> None:
     text = (folder / page.PAGE).read_text(encoding="utf-8")
     assert not re.search(r"<(script|link|img)[^>]*(src|href)=", text)
-    for name in methods.QUICK:
+    for name in scenes.QUICK:
         assert f'id="{reference.slug(name)}"' in text
         assert (folder / f"{reference.slug(name)}.png").stat().st_size > 1000
     assert "For 1e-03 take" in text
 
 
 def test_one_colour_a_method_and_the_answer_on_top() -> None:
-    known = list(records.read(ROOT / "docs" / "methods" / "methods.csv").values())
+    known = list(Records(Row, ROOT / "docs" / "methods" / "methods.csv").read().values())
     curves = {row.curve: row for row in known if not row.is_peer}
     colours = {page.method_of_curve(row): page.colour_of([row]) for row in curves.values()}
     assert {page.colour_of([row]) for row in known if not row.is_peer} == set(colours.values())
@@ -105,7 +110,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_torn_line_is_measured_again_and_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first, path = run(tmp_path), tmp_path / methods.CSV
+    first, path = run(tmp_path), tmp_path / measuring.CSV
     text = path.read_text()
     path.write_text(text[: text.rindex(",") + 4])
     measured, timed = [], measuring.timed
@@ -121,16 +126,16 @@ def test_what_has_changed_is_done_again(tmp_path: Path, monkeypatch: pytest.Monk
     run(tmp_path)
     curve, measured, timed = CURVE, [], measuring.timed
     if change == "version":
-        monkeypatch.setattr(records, "made_by", lambda: "another version")
+        monkeypatch.setattr("vrte.studies.records.made_by", lambda: "another version")
     if change == "setting":
         curve = replace(CURVE, settings=knobs.over_nodes((2, 8), algorithm="doubling"))
     monkeypatch.setattr(measuring, "timed", lambda *given: measured.append(given) or timed(*given))
     assert len(run(tmp_path, curve, fresh=change == "fresh")) == len(measured) == 2
-    assert len(records.read(tmp_path / methods.CSV)) == 2
+    assert len(Records(Row, tmp_path / measuring.CSV).read()) == 2
 
 
 def test_a_slow_curve_ends_early(tmp_path: Path) -> None:
-    first, second = methods.measure(methods.QUICK[:1], [CURVE], tmp_path, replace(ONCE, longest=0.0), silent)
+    first, second = measuring.measure(scenes.QUICK[:1], [CURVE], tmp_path, replace(ONCE, longest=0.0), silent)
     assert first.is_measured
     assert second.status.startswith("left out: 2 nodes took")
 
@@ -138,9 +143,7 @@ def test_a_slow_curve_ends_early(tmp_path: Path) -> None:
 def test_errors_are_relative_to_the_largest_intensity_of_their_depth() -> None:
     one = scenes.case("Rayleigh, small")
     field = reference.ask(one, nodes=8)
-    light = reference.leaving(one, field)
-    largest = reference.largest_of(one, light)
-    right = reference.Reference(reference.answered(one, field, largest), largest, 0.0)
+    right = reference.Reference.of(one, field)
     assert max(measuring.errors(one, field, right).values()) < 1e-14
     wrong = field.stokes.copy()
     wrong[1, :, :, 2] += 0.01 * np.abs(field.stokes[1, field.mu < 0.0, :, 0]).max()
@@ -168,14 +171,14 @@ def test_synthetic_iteration_is_held_to_the_exact_method() -> None:
 
 
 def test_scenes() -> None:
-    assert len(methods.CASES) >= 12
+    assert len(scenes.CASES) >= 12
     with pytest.raises(SceneError, match="--scenes must fit one of"):
-        methods.matching("no such scene")
+        scenes.matching("no such scene")
 
 
 @pytest.mark.slow
 def test_no_two_scenes_are_the_same() -> None:
-    assert len({methods.case(name).fingerprint for name in methods.CASES}) == len(methods.CASES)
+    assert len({scenes.case(name).fingerprint for name in scenes.CASES}) == len(scenes.CASES)
 
 
 def test_the_table_of_knobs_names_settings_that_are_there() -> None:

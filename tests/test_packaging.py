@@ -117,7 +117,7 @@ class TestWheel:
         reuse_the_compiled_core(sources)
         wheel = build_in(sources, "--wheel")
         names = zipfile.ZipFile(wheel).namelist()
-        assert not [name for name in names if name.endswith(".c")]
+        assert not [name for name in names if name.endswith((".c", ".npz"))]
         assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
         for folder, pattern in (("cl", "*.cl"), ("core", "*")):
             loops = {f"vrte/{folder}/{path.name}" for path in (ROOT / "vrte" / folder).glob(pattern)}
@@ -135,10 +135,8 @@ class TestWheel:
         (archive,) = wheel.parent.glob("*.tar.gz")
         with tarfile.open(archive) as content:
             names = {name.partition("/")[2] for name in content.getnames()}
-        stages = {f"vrte/core/{path.name}" for path in (ROOT / "vrte" / "core").iterdir()}
-        assert (
-            stages | {"vrte/_core.pyx", "setup.py", "LICENSE", "tests/conftest.py", "examples/gold_powder.toml"}
-            <= names
-        )
+        wanted = {f"vrte/core/{path.name}" for path in (ROOT / "vrte" / "core").iterdir()}
+        wanted |= {"vrte/_core.pyx", "setup.py", "LICENSE", "examples/gold_powder.toml", "tests/stability_oracle.npz"}
+        assert wanted <= names
         assert not [name for name in names if name.endswith((".c", ".so", ".pyc"))]
         use_elsewhere(wheel, tmp_path / "elsewhere")

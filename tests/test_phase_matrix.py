@@ -18,7 +18,7 @@ from vrte.optics.phase_matrix import (
     mix,
     rayleigh,
 )
-from vrte.studies.tables.problems import SIEWERT_IIA
+from vrte.studies.cases import SPHEROIDS
 
 NAMES = ["a1", "a2", "a3", "a4", "b1", "b2"]
 
@@ -235,7 +235,7 @@ def test_published_tables_are_physical(reference):
 
 
 def test_a_published_matrix_is_physical_by_the_full_coherency_matrix():
-    f = PhaseMatrix(*np.array(SIEWERT_IIA).T).scattering_matrix([20.0, 130.0])
+    f = PhaseMatrix(*np.array(SPHEROIDS).T).scattering_matrix([20.0, 130.0])
     assert all(coherency_eigenvalues(one).min() > 0.0 for one in f)
 
 
@@ -265,7 +265,7 @@ def test_the_check_is_fast():
 
 def test_an_expansion_cut_short_is_taken_with_a_warning_where_asked():
     """The spheroids of Siewert (2000), problem IIA, without their last terms: negative straight back."""
-    nine, seven = (np.array(SIEWERT_IIA[:terms]).T for terms in (9, 7))
+    nine, seven = (np.array(SPHEROIDS[:terms]).T for terms in (9, 7))
     with pytest.raises(SceneError, match=r"not physical: at a scattering angle of 180 .* tolerance=1\.9e-05 takes it"):
         PhaseMatrix(*nine)
     with pytest.warns(NegativeScatteringWarning, match=r"180 degrees .* -1\.75e-05 where F11 is 0\.098; taken"):

@@ -12,8 +12,7 @@ from vrte.methods.parts import imbedding, on_nodes, operators
 from vrte.studies.methods import operations, reference, scenes
 
 TALLY = [0.0]
-LAYERS = [vrte.Layer(vrte.henyey_greenstein(0.5, 12), 0.9, 0.5), vrte.Layer(vrte.rayleigh(), 0.8, 1.0)]
-TWO = scenes.Case("two layers", "over a base", vrte.Scene(LAYERS, vrte.Lambertian(0.3)), (32, 24))
+TWO = scenes.Case("two layers", "Henyey-Greenstein over Rayleigh", "over a base", (32, 24))
 
 
 class Tallied(np.ndarray):  # type: ignore[type-arg]

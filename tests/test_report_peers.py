@@ -10,10 +10,9 @@ import pytest
 import vrte
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.basics.quadrature import double_gauss
-from vrte.studies import methods
-from vrte.studies.methods import advice, knobs, measuring, page, peers, records, reference, scenes
+from vrte.studies.methods import advice, knobs, measuring, page, peers, reference, scenes
 from vrte.studies.methods.peers.asked import Asked
-from vrte.studies.methods.records import MEASURED, Row
+from vrte.studies.methods.rows import MEASURED, Row
 
 NAMES = tuple(peers.PEERS)
 NATURAL = np.array([2.0, 0.0, 0.0, 0.0])
@@ -119,16 +118,14 @@ def test_a_failure_of_theirs_is_a_row(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setitem(peers.PEERS, "nanodisort", broken)
     curve = knobs.Curve("nanodisort", "nanodisort", (knobs.Setting("4 streams", {"streams": 4}),))
     once = measuring.Pace(seconds=0.0, fewest=1, most=1)
-    (row,) = methods.measure(methods.QUICK[:1], [curve], tmp_path, once, lambda *_: None)
+    (row,) = measuring.measure(scenes.QUICK[:1], [curve], tmp_path, once, lambda *_: None)
     assert row.status == "failed: nanodisort: ValueError: of its own"
 
 
 def test_only_a_peer_may_leave_something_out() -> None:
     one = scenes.case("Rayleigh, small")
     field = reference.ask(one, nodes=8)
-    light = reference.leaving(one, field)
-    largest = reference.largest_of(one, light)
-    right = reference.Reference(reference.answered(one, field, largest), largest, 0.0)
+    right = reference.Reference.of(one, field)
     holed = field.stokes.copy()
     holed[..., 3] = np.nan
     holed[1] = np.nan
@@ -160,4 +157,3 @@ def test_another_version_of_a_peer_is_asked_again() -> None:
     one, other = (knobs.Curve("c", "nanodisort", (setting,), made) for made in ("1", "2"))
     case = scenes.case("isotropic, small")
     assert measuring.mark(case, one, setting) != measuring.mark(case, other, setting)
-    assert records.NAMES[-1] == "fingerprint"

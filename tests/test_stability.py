@@ -1,7 +1,6 @@
 """The stability table: its scenes cover what they say, its checks find errors, a run resumes and says what it found."""
 
 import csv
-import json
 import math
 import pickle
 import re
@@ -14,10 +13,11 @@ import pytest
 
 import vrte
 from vrte import cli
-from vrte.studies import stability
-from vrte.studies.stability import Case, Slab, checks, oracle, run, scenes, solving
+from vrte.studies.cases import Slab, mueller_lobe, phase_matrix
+from vrte.studies.records import Records
+from vrte.studies.stability import cases, checks, corners, oracle, run, solving
+from vrte.studies.stability.cases import AXES, LAYERINGS, Case
 from vrte.studies.stability.covering import covering_array, uncovered
-from vrte.studies.stability.phases import PHASES, phase_matrix
 from vrte.studies.stability.table import CASE_COLUMNS, COLUMNS
 
 SMALL = Case("small", 4, (Slab("rayleigh", 1.0, 1.0),), sun=0.6)
@@ -38,10 +38,10 @@ def checked(case: Case, **options: Any) -> dict[str, checks.Check]:
 
 
 def test_the_covering_array_covers_every_pair_of_values() -> None:
-    rows = scenes.covering_rows()
-    sizes = [len(values) for values in scenes.AXES.values()]
+    rows = cases.covering_rows()
+    sizes = [len(values) for values in AXES.values()]
     assert not uncovered(rows, sizes, 2)
-    assert len(rows) == len(set(rows)) == scenes.SCENES
+    assert len(rows) == len(set(rows)) == cases.SCENES
     assert len(uncovered(rows, sizes, 3)) < 0.45 * len(uncovered([], sizes, 3))
 
 
@@ -64,19 +64,19 @@ def test_unwanted_rows_only_where_a_pair_needs_them() -> None:
 
 
 def test_cases_are_as_many_and_as_named_as_promised() -> None:
-    cases = stability.all_cases()
-    assert len(stability.corner_cases()) >= 40
-    assert len({case.name for case in cases}) == len(cases) >= 340
-    assert not [case.name for case in cases if "/" in case.name]  # the oracle's table has it between its keys
-    assert all(case.reason for case in stability.corner_cases())
-    assert 40 <= len(stability.quick_cases()) <= 60
-    assert {slab.phase for case in cases for slab in case.slabs} == set(PHASES)
+    every = corners.all_cases()
+    assert len(corners.CORNERS) >= 40
+    assert len({case.name for case in every}) == len(every) >= 340
+    assert not [case.name for case in every if "/" in case.name]  # the oracle's table has it between its keys
+    assert all(case.reason for case in corners.CORNERS)
+    assert 40 <= len(corners.quick_cases()) <= 60
+    assert {slab.phase for case in every for slab in case.slabs} == set(AXES["phase"])
 
 
-@pytest.mark.parametrize("layering", scenes.LAYERINGS)
+@pytest.mark.parametrize("layering", LAYERINGS)
 @pytest.mark.parametrize("thickness", [1e-10, 4.0, math.inf])
 def test_layers_are_stacked_as_they_are_called(layering: str, thickness: float) -> None:
-    slabs, main = scenes.stack("haze-L", 1.0, thickness, layering)
+    slabs, main = cases.stack("haze-L", 1.0, thickness, layering)
     assert len(slabs) == {"one": 1, "two": 2, "hundred": 100}.get(layering, 3)
     assert slabs[main].phase == "haze-L"
     assert [math.isinf(slab.thickness) for slab in slabs] == [False] * (len(slabs) - 1) + [math.isinf(thickness)]
@@ -85,7 +85,7 @@ def test_layers_are_stacked_as_they_are_called(layering: str, thickness: float) 
 
 
 def test_levels_are_depths_from_top_to_bottom() -> None:
-    for case in stability.all_cases():
+    for case in corners.all_cases():
         tau = case.tau
         assert tau[0] == 0.0
         assert (np.diff(tau) >= 0.0).all(), case.name
@@ -116,14 +116,14 @@ def test_an_eigenvalue_is_one() -> None:
     kernel = _core.phase_matrices(0, table, signed, signed).transpose(0, 2, 1, 3).reshape(48, 48)
     both = np.repeat(np.tile(weights, 2), 4)
     generator = (0.5 * slab.albedo * kernel * both - np.eye(48)) / np.repeat(signed, 4)[:, None]
-    decay = 1.0 / scenes.eigen_cosine(slab, nodes)
+    decay = 1.0 / cases.eigen_cosine(slab, nodes)
     values = np.linalg.svd(generator + decay * np.eye(48), compute_uv=False)
     assert values[-1] < 1e-12 * values[0]
 
 
 def test_the_lobe_is_a_base() -> None:
-    base = vrte.MuellerBase(stability.mueller_lobe)
-    assert pickle.loads(pickle.dumps(base)).function is stability.mueller_lobe
+    base = vrte.MuellerBase(mueller_lobe)
+    assert pickle.loads(pickle.dumps(base)).function is mueller_lobe
     layer = vrte.Layer(vrte.isotropic(), 0.0, 0.0)
     f = vrte.brdf(vrte.Scene([layer], base), [0.3, 1.0], [0.3, 1.0], [0.0, 20.0], nodes=40)
     assert 0.2 < f.reflectance[1] < 0.3
@@ -261,7 +261,7 @@ def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert told.err == ""
     assert re.search(r"^  all .* holds$", told.out, re.MULTILINE)
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"stability.jsonl", "stability.md", "stability.csv", "stability_cases.csv"}
+    assert names == {"stability_records.csv", "stability.md", "stability.csv", "stability_cases.csv"}
     text = (tmp_path / "out" / "stability.md").read_text()
     tables = re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE)
     assert len(tables) == 3
@@ -275,10 +275,10 @@ def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert rows[0] == ["scenes", "condition", *COLUMNS[2:]]
     assert {len(row) for row in rows} == {len(COLUMNS)}
     with (tmp_path / "out" / "stability_cases.csv").open(newline="") as file:
-        cases = list(csv.DictReader(file))
-    assert [row["name"] for row in cases] == [case.name for case in stability.quick_cases()]
-    assert set(cases[0]) == set(CASE_COLUMNS)
-    assert {row["verdict"] for row in cases} == {"holds"}
+        examined = list(csv.DictReader(file))
+    assert [row["name"] for row in examined] == [case.name for case in corners.quick_cases()]
+    assert set(examined[0]) == set(CASE_COLUMNS)
+    assert {row["verdict"] for row in examined} == {"holds"}
 
 
 def test_a_run_that_was_killed_is_taken_up_again(
@@ -295,14 +295,14 @@ def test_a_run_that_was_killed_is_taken_up_again(
 
     monkeypatch.setattr(run, "examine", counted)
     assert call("--cases", PATTERN, "-o", tmp_path) == 130
-    assert [path.name for path in tmp_path.iterdir()] == ["stability.jsonl"]
-    log = tmp_path / "stability.jsonl"
-    first, second = log.read_text().splitlines()
-    log.write_text(first + "\n" + second[:50])  # killed while it wrote
+    assert [path.name for path in tmp_path.iterdir()] == ["stability_records.csv"]
+    log = tmp_path / "stability_records.csv"
+    header, first, second = log.read_text().splitlines()
+    log.write_text(f"{header}\n{first}\n{second[:-50]}")  # killed while it wrote
     examined.clear()
     monkeypatch.setattr(run, "examine", lambda case, *rest: (examined.append(case.name), examine(case, *rest))[1])
     assert call("--cases", PATTERN, "-o", tmp_path) == 0
-    assert examined == [case.name for case in stability.matching(PATTERN)[1:]]
+    assert examined == [case.name for case in corners.matching(PATTERN)[1:]]
     examined.clear()
     assert call("--cases", PATTERN, "-o", tmp_path) == 0
     assert examined == []
@@ -311,7 +311,7 @@ def test_a_run_that_was_killed_is_taken_up_again(
     examined.clear()
     assert call("--cases", PATTERN, "-o", tmp_path, "--fresh") == 0
     assert len(examined) == 3
-    assert all(json.loads(line)["record"]["name"] in examined for line in log.read_text().splitlines())
+    assert [record.name for record in Records(run.Record, log).read().values()] == examined
     capsys.readouterr()
 
 
@@ -360,3 +360,20 @@ def test_a_file_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     (tmp_path / "out").write_text("a file")
     assert call("-o", tmp_path / "out", "--quick") == 2
     assert "must be a folder" in capsys.readouterr().err
+
+
+def test_without_the_oracle_the_run_says_where_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = oracle.TABLE
+    monkeypatch.setattr(oracle, "TABLE", tmp_path / table.name)
+    assert call("--cases", "thickness 0", "-o", tmp_path / "without") == 0
+    assert "to be given by --oracle FILE" in capsys.readouterr().out
+    assert "to be given by --oracle FILE" in (tmp_path / "without" / "stability.md").read_text()
+    assert call("--cases", "thickness 0", "-o", tmp_path / "with", "--oracle", table) == 0
+    assert "--oracle" not in capsys.readouterr().out
+    with (tmp_path / "with" / "stability_cases.csv").open(newline="") as file:
+        assert [row["oracle"] for row in csv.DictReader(file)] == ["yes"]
+    for wrong in (tmp_path / "nothing.npz", Path(__file__)):
+        assert call("--oracle", wrong, "-o", tmp_path / "new") == 2
+        assert "cannot be read as a table of the oracle" in capsys.readouterr().err

@@ -17,10 +17,10 @@ import pytest
 from vrte import cli
 from vrte.basics.blas import blas_libraries
 from vrte.basics.errors import AccuracyError, SceneError
-from vrte.studies import tables
-from vrte.studies.tables import children, configurations, figure, measuring, messages, page, paper, steps
-from vrte.studies.tables.configurations import BASELINE, DEVICE, FULL, OPENCL, SEQUENTIAL, Configuration
-from vrte.studies.tables.problems import TABLE_2, TABLE_3, problems
+from vrte.studies.tables import configurations, measuring, page, paper, processes
+from vrte.studies.tables.configurations import BASELINE, DEVICE, FULL, OPENCL, SEQUENTIAL, Configuration, chosen
+from vrte.studies.tables.paper import OWN_STEPS, TABLE_2, TABLE_3, problems
+from vrte.studies.tables.processes import Child, Reply, Task
 
 FILES = {"tables.md", "tables.csv", "figure_1.png"}
 SIEWERT, GOLD, MUELLER = problems(quick=True)
@@ -37,17 +37,17 @@ def call(*arguments: str | Path) -> int:
 
 
 @pytest.fixture(scope="module")
-def both() -> Iterator[dict[str, tables.Child]]:
-    with tables.started(["baseline", "full"]) as found:
+def both() -> Iterator[dict[str, Child]]:
+    with processes.started(["baseline", "full"]) as found:
         yield found
 
 
-def pretended(label: str, without_eigenvectors: bool) -> messages.Reply:
+def pretended(label: str, without_eigenvectors: bool) -> Reply:
     """A solve of 100 ms and more, step by step."""
     seconds = 0.1 + 0.01 * len(label)
     solution = {"doubling": 0.06, "joining": 0.01} if without_eigenvectors else {"homogeneous": 0.06, "boundary": 0.01}
     stages = {"planning": 0.001, "assembly": 0.005, **solution, "reconstruction": 0.004, "fourier sum": 0.002}
-    return messages.Reply(seconds, stages, {"doubling" if without_eigenvectors else "modes": 9}, 1.0)
+    return Reply(seconds, stages, {"doubling" if without_eigenvectors else "modes": 9}, 1.0)
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_six_configurations_are_table_1() -> None:
 
 def test_other_processors_are_refused_by_name(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
     monkeypatch.setattr(platform, "machine", lambda: "aarch64")
-    able, refused = tables.chosen()
+    able, refused = chosen()
     assert not {each.label for each in able} & {"1", "4", "OpenMP baseline"}
     for name in ("configuration 1", "configuration 4", "OpenMP baseline"):
         assert f"{name} needs the baseline SIMD of an x86 processor, and this is aarch64" in refused
@@ -84,7 +84,7 @@ def test_without_a_device_the_others_are_measured(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
     monkeypatch.setattr(configurations, "no_device", lambda: "there is none")
-    able, refused = tables.chosen()
+    able, refused = chosen()
     assert [each.label for each in able] == ["1", "2", "OpenMP baseline", "OpenMP full", "default"]
     assert refused == [f"configuration {n} needs an OpenCL device: there is none" for n in (3, 4, 5, 6)]
     assert call("--configurations", "6") == 2
@@ -106,39 +106,39 @@ def test_the_papers_steps_add_up_to_its_totals() -> None:
 
 def test_no_time_is_lost_between_the_steps() -> None:
     stages = {"planning": 1.0, "homogeneous": 2.0, "fourier sum": 4.0, "a stage to come": 8.0, "assembly": 16.0}
-    found = steps.steps_of(40.0, stages)
+    found = paper.steps_of(40.0, stages)
     assert sum(found.values()) == 40.0
-    assert (found["reconstruction"], found["assembly"], found[steps.OTHER]) == (4.0, 16.0, 18.0)
+    assert (found["reconstruction"], found["assembly"], found[paper.OTHER]) == (4.0, 16.0, 18.0)
 
 
 @needs_baseline
-def test_each_process_has_its_own_simd(both: dict[str, tables.Child]) -> None:
-    assert set(both["baseline"].hello.cores) <= set(children.BASELINE_NAMES)
-    assert not set(both["full"].hello.cores) & set(children.BASELINE_NAMES)
-    assert "Katmai" in tables.facts(both, [])[0]
+def test_each_process_has_its_own_simd(both: dict[str, Child]) -> None:
+    assert set(both["baseline"].hello.cores) <= set(processes.BASELINE_NAMES)
+    assert not set(both["full"].hello.cores) & set(processes.BASELINE_NAMES)
+    assert "Katmai" in processes.facts(both, [])[0]
 
 
 @needs_baseline
 @pytest.mark.parametrize("problem", [SIEWERT, GOLD, MUELLER], ids=lambda problem: problem.name)
-def test_every_configuration_gives_the_default_answer(problem: tables.Problem, both: dict[str, tables.Child]) -> None:
-    found = tables.measure(both, [problem], tables.chosen()[0], threads=2, rounds=0)
-    tables.require_all(found)
-    assert len(found.checks) == len(tables.chosen()[0])
+def test_every_configuration_gives_the_default_answer(problem: paper.Problem, both: dict[str, Child]) -> None:
+    found = measuring.measure(both, [problem], chosen()[0], threads=2, rounds=0)
+    measuring.require_all(found)
+    assert len(found.checks) == len(chosen()[0])
     assert all((check.published is not None) == (problem is SIEWERT) for check in found.checks.values())
 
 
 def test_wrong_answers_do_not_count(all_measured: measuring.Measured) -> None:
-    tables.require_all(all_measured)
+    measuring.require_all(all_measured)
     all_measured.checks["table 3", Configuration.FIVE] = measuring.Check(2e-9, None, {})
     with pytest.raises(AccuracyError, match=r"table 3 in configuration 5 \(off by 2\.0e-09\)$"):
-        tables.require_all(all_measured)
+        measuring.require_all(all_measured)
     assert not measuring.Check(0.0, 2e-5, {}).passed
 
 
-def test_configurations_take_turns(both: dict[str, tables.Child]) -> None:
+def test_configurations_take_turns(both: dict[str, Child]) -> None:
     ticks: list[tuple[int, int, str]] = []
     pair = (Configuration.TWO, Configuration.OPENMP_FULL)
-    found = tables.measure(both, [GOLD], pair, 2, 2, lambda *told: ticks.append(told))
+    found = measuring.measure(both, [GOLD], pair, 2, 2, lambda *told: ticks.append(told))
     assert [tick[:2] for tick in ticks] == [(done, 6) for done in range(7)]
     assert [tick[2] for tick in ticks[:-1]] == ["table 3, configuration 2", "table 3, OpenMP full"] * 3
     assert all(len(replies) == 2 for replies in found.replies.values()), "the first, checked, is not timed"
@@ -146,52 +146,53 @@ def test_configurations_take_turns(both: dict[str, tables.Child]) -> None:
         assert all(reply.seconds >= sum(reply.stages.values()) > 0.0 for reply in replies)
 
 
-def test_what_the_solver_raises_is_raised_here(both: dict[str, tables.Child]) -> None:
+def test_what_the_solver_raises_is_raised_here(both: dict[str, Child]) -> None:
     with pytest.raises(SceneError, match=r"^algorithm must be"):
-        both["full"].solve(tables.Task(GOLD, {"algorithm": "guess"}))
-    with pytest.raises(ChildProcessError, match=r"^TypeError: .*'nodes'"):
-        both["full"].solve(tables.Task(GOLD, {"nodes": 3}))
-    assert both["full"].solve(tables.Task(GOLD, {})).answer is None, "it goes on after that"
+        both["full"].solve(Task(GOLD, {"algorithm": "guess"}))
+    with pytest.raises(ChildProcessError, match=r"^TypeError: .*'colour'"):
+        both["full"].solve(Task(GOLD, {"colour": 3}))
+    assert both["full"].solve(Task(GOLD, {})).answer is None, "it goes on after that"
 
 
 @needs_baseline
 def test_a_setting_that_does_not_take_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(children, "environment", lambda simd: dict(os.environ))
+    monkeypatch.setattr(processes, "environment", lambda simd: dict(os.environ))
     with (
         pytest.raises(SceneError, match="where baseline SIMD was asked for: nothing is measured"),
-        tables.started(["baseline"]),
+        processes.started(["baseline"]),
     ):
         pass
 
 
 def test_the_users_own_setting_does_not_reach_the_full_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")
-    assert "OPENBLAS_CORETYPE" not in children.environment("full")
+    assert "OPENBLAS_CORETYPE" not in processes.environment("full")
 
 
 def test_a_process_that_dies_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(children, "START", "import os; os.write(2, b'out of luck'); os._exit(3)")
+    monkeypatch.setattr(processes, "START", "import os; os.write(2, b'out of luck'); os._exit(3)")
     with (
         pytest.raises(ChildProcessError, match=r"for full SIMD has died with code 3: out of luck$"),
-        tables.started(["full"]),
+        processes.started(["full"]),
     ):
         pass
 
 
 def test_one_that_is_killed_midway_too() -> None:
-    with tables.started(["full"]) as found:
+    with processes.started(["full"]) as found:
         os.kill(found["full"]._process.pid, signal.SIGKILL)
         with pytest.raises(ChildProcessError, match="has died with code -9"):
-            found["full"].solve(tables.Task(GOLD, {}))
+            found["full"].solve(Task(GOLD, {}))
 
 
 PARENT = """
 import sys
-from vrte.studies import tables
-with tables.started(["full"]) as found:
+from vrte.studies.tables.paper import problems
+from vrte.studies.tables.processes import Task, started
+with started(["full"]) as found:
     print(found["full"]._process.pid, flush=True)
     while True:
-        found["full"].solve(tables.Task(tables.problems()[2], {"threads": 1, "algorithm": "doubling"}))
+        found["full"].solve(Task(problems()[2], {"threads": 1, "algorithm": "doubling"}))
 """
 
 
@@ -256,22 +257,24 @@ def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Me
     assert "| total | 263 | 258 | 286 | 80.7 | 77.8 | 102 |" in text
     assert "| reconstruction | 22.1 | 22 | 22.1 | 2.52 | 2.51 | 2.53 |" in text
     rows = table_of(tmp_path / "tables.csv")
-    assert len(rows) == 3 * 9 * (len(steps.OWN_STEPS) + 1)
+    assert len(rows) == 3 * 9 * (len(OWN_STEPS) + 1)
     (row,) = [row for row in rows if (row["problem"], row["configuration"], row["step"]) == ("brdf", "5", "total")]
     assert float(row["paper_over_ours"]) == pytest.approx(900.0 / 0.11, rel=1e-3)
 
 
 def test_figure_1_has_the_papers_bars_and_ours(all_measured: measuring.Measured, tmp_path: Path) -> None:
-    theirs, ours = figure.printed_bars(), figure.measured_bars(all_measured)
+    theirs, ours = page.printed_bars(), page.measured_bars(all_measured)
     assert list(theirs) == list(paper.LABELS)
     assert list(ours) == [each.label for each in Configuration]
     for bar in ours:
         np.testing.assert_allclose(sum(ours[bar].values()), 0.1 + 0.01 * len(bar))
-    drawn = figure.drawn(all_measured)
+    drawn = page.drawn(all_measured)
     left, right = drawn.axes
     assert (left.get_ylabel(), right.get_ylabel()) == ("seconds", "milliseconds")
-    assert len(right.patches) == len(Configuration) * len(steps.OWN_STEPS)
-    assert tables.write_figure(all_measured, tmp_path).stat().st_size < 80_000
+    assert len(right.patches) == len(Configuration) * len(OWN_STEPS)
+    written = page.write_page(all_measured, tmp_path, "a test", [], [])
+    assert {path.name for path in written} == FILES
+    assert (tmp_path / page.FIGURE).stat().st_size < 80_000
 
 
 def test_nothing_is_started_where_the_picture_cannot_be_made(

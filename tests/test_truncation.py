@@ -23,7 +23,7 @@ from vrte.request.request import radiance_request
 from vrte.request.wanted import Wanted
 from vrte.results.solution import Solution
 from vrte.studies import truncation
-from vrte.studies.stability.phases import phase_matrix
+from vrte.studies.cases import phase_matrix
 
 HG = vrte.henyey_greenstein(0.9, 200)
 MU = np.concatenate([np.linspace(0.05, 1.0, 12), -np.linspace(0.05, 1.0, 12)])
@@ -335,7 +335,7 @@ def test_light_fades_over_truncated_depths() -> None:
 
 
 def test_the_report(tmp_path: Path) -> None:
-    case = truncation.Case("g = 0.5", lambda: vrte.henyey_greenstein(0.5, 40), 1.0, (2, 4), (18, 20), resolved=True)
+    case = truncation.Case("g = 0.5", "HG 0.5, thickness 1", (2, 4), (18, 20), resolved=True)
     said: list[str] = []
     errors, reference = truncation.measure(case, said.append)
     truncation.write_report(errors, reference, tmp_path)

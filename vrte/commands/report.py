@@ -26,18 +26,20 @@ def run(options: argparse.Namespace) -> None:
 
 
 def report_on_methods(options: argparse.Namespace) -> None:
-    from vrte.studies import methods
-    from vrte.studies.cost import OthersClock
+    from vrte.studies.methods import measuring, page
+    from vrte.studies.methods.knobs import curves
+    from vrte.studies.methods.scenes import matching
+    from vrte.studies.timing import OthersClock
 
-    names, curves = methods.matching(options.scenes, options.quick), methods.curves(options.quick)
-    methods.require_page()
-    folder, pace = made_folder(options.output), methods.HASTE if options.quick else methods.FULL
+    names, lines = matching(options.scenes, options.quick), curves(options.quick)
+    page.require_page()
+    folder, pace = made_folder(options.output), measuring.HASTE if options.quick else measuring.FULL
     with progress() as (phase, tick):
         others = OthersClock()
-        rows = methods.measure(names, curves, folder, pace, told_as_one(phase, tick), options.fresh)
-    print(methods.as_text(rows))
+        rows = measuring.measure(names, lines, folder, pace, told_as_one(phase, tick), options.fresh)
+    print(page.as_text(rows))
     settings = f"{'quick, ' if options.quick else ''}one thread; {others.statement()}"
-    for path in [folder / methods.CSV, *methods.write_page(rows, folder, settings)]:
+    for path in [folder / measuring.CSV, *page.write_page(rows, folder, settings)]:
         say_written(path)
 
 

@@ -22,20 +22,25 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--threads", metavar="N", type=whole_number(1, 1024), help="default: all CPUs that may be used"
     )
+    command.add_argument(
+        "--oracle", metavar="FILE", type=Path, help="answers of ball arithmetic; default: those of the source tree"
+    )
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
-    from vrte.studies import stability
+    from vrte.studies.stability import oracle, table
+    from vrte.studies.stability.corners import matching
+    from vrte.studies.stability.run import require_all, run_cases
+    from vrte.studies.stability.solving import Options
 
-    cases = stability.matching(options.cases, options.quick)
-    folder = made_folder(options.output)
-    how = stability.Options(options.algorithm, options.threads)
+    cases, answers = matching(options.cases, options.quick), oracle.stored_table(options.oracle)
+    folder, how = made_folder(options.output), Options(options.algorithm, options.threads)
     with progress() as (phase, tick):
-        records = stability.run_cases(cases, folder, how, options.fresh, told_as_one(phase, tick))
-    print(stability.as_text(records))
-    print()
+        records = run_cases(cases, folder, answers, how, options.fresh, told_as_one(phase, tick))
+    print(table.as_text(records))
+    print("" if answers else f"\n  {oracle.MISSING}\n")
     settings = f"{'quick, ' if options.quick else ''}cases {options.cases}, algorithm {options.algorithm}"
-    for path in stability.write_tables(records, folder, settings):
+    for path in table.write_tables(records, folder, settings if answers else f"{settings}, {oracle.MISSING}"):
         say_written(path)
-    stability.require_all(records)
+    require_all(records)

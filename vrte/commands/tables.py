@@ -31,43 +31,44 @@ def run(options: argparse.Namespace) -> None:
 
 
 def paper_tables(options: argparse.Namespace) -> None:
-    from vrte.studies import tables
-    from vrte.studies.cost import OthersClock, require_pictures
+    from vrte.pictures.figures import require_pictures
+    from vrte.studies.tables import configurations, measuring, page, paper, processes
+    from vrte.studies.timing import OthersClock
 
-    chosen, refused = tables.chosen(options.configurations)
+    chosen, refused = configurations.chosen(options.configurations)
     require_pictures()
-    folder, rounds = made_folder(options.output), tables.ROUNDS_QUICK if options.quick else tables.ROUNDS
-    with progress() as (phase, tick), tables.started(each.simd for each in chosen) as children:
+    folder, rounds = made_folder(options.output), measuring.ROUNDS_QUICK if options.quick else measuring.ROUNDS
+    with progress() as (phase, tick), processes.started(each.simd for each in chosen) as children:
         others = OthersClock(lambda: sum(child.cpu_seconds for child in children.values()))
-        found = tables.measure(
-            children, tables.problems(options.quick), chosen, options.threads, rounds, told_as_one(phase, tick)
-        )
-        facts = tables.facts(children, chosen)
+        problems, told = paper.problems(options.quick), told_as_one(phase, tick)
+        found = measuring.measure(children, problems, chosen, options.threads, rounds, told)
+        facts = processes.facts(children, chosen)
     busy = others.statement()
-    print(tables.as_text(found))
+    print(page.as_text(found))
     print("".join(f"  {text}\n" for text in [*(f"not measured: {reason}" for reason in refused), busy]))
     settings = f"{'quick, ' if options.quick else ''}{rounds} rounds, OpenMP on {options.threads} threads; {busy}"
-    for path in [tables.write_figure(found, folder), *tables.write_page(found, folder, settings, facts, refused)]:
+    for path in page.write_page(found, folder, settings, facts, refused):
         say_written(path)
-    tables.require_all(found)
+    measuring.require_all(found)
 
 
 def cost_figures(options: argparse.Namespace) -> None:
-    from vrte.studies import cost
+    from vrte.pictures.figures import require_pictures
+    from vrte.studies.cost import measuring, page
+    from vrte.studies.cost.axes import axes
+    from vrte.studies.timing import OthersClock
 
-    configurations = cost.configurations(options.threads)
-    cost.require_pictures()
-    axes, folder = cost.axes(options.quick), made_folder(options.output)
-    seconds_a_point = cost.SECONDS_A_POINT_QUICK if options.quick else cost.SECONDS_A_POINT
+    configurations, left_out = measuring.configurations(options.threads), measuring.left_out()
+    require_pictures()
+    varied, folder = axes(options.quick), made_folder(options.output)
+    seconds_a_point = measuring.SECONDS_A_POINT_QUICK if options.quick else measuring.SECONDS_A_POINT
     with progress() as (phase, tick):
-        others = cost.OthersClock()
-        measurements = cost.measure(axes, configurations, seconds_a_point, told_as_one(phase, tick))
-    busy = others.statement()
+        others = OthersClock()
+        measurements = measuring.measure(varied, configurations, seconds_a_point, told_as_one(phase, tick))
     names = [configuration.name for configuration in configurations]
-    print(cost.as_text(measurements, axes, names))
-    said = "; ".join([busy, *(f"not measured: {reason}" for reason in cost.left_out())])
+    print(page.as_text(measurements, varied, names))
+    said = "; ".join([others.statement(), *(f"not measured: {reason}" for reason in left_out)])
     print(f"  {said}\n")
     settings = f"{'quick, ' if options.quick else ''}{' against '.join(names)}; {said}"
-    written = cost.write_figures(measurements, axes, names, folder)
-    for path in [*written, *cost.write_page(measurements, axes, names, folder, settings)]:
+    for path in page.write_page(measurements, varied, names, folder, settings):
         say_written(path)

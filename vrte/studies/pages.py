@@ -1,14 +1,19 @@
-"""What every report writes alike: Markdown tables, CSV files, and with what and on what it was made."""
+"""What every study writes alike: Markdown tables, CSV files, logarithmic panels, with what and on what it was made."""
 
 import csv
+import math
+import os
 import platform
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
-from pathlib import Path
+from typing import Any
 
 import vrte
 from vrte.basics.running import usable_cpus
 from vrte.formats.atomic import atomic_write
+from vrte.pictures.figures import FAINT
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")  # of lines, in turn
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -55,9 +60,37 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """A CSV file, all of it or nothing."""
+def two_digits(value: float | None) -> str:
+    """Two digits, or a dash for what is not there or not a number.
+
+    >>> two_digits(3.14e-12), two_digits(0.0), two_digits(None), two_digits(math.nan)
+    ('3.1e-12', '0', '-', '-')
+    """
+    if value is None or math.isnan(value):
+        return "-"
+    return "0" if value == 0.0 else f"{value:.1e}"
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """A text file, all of it or nothing. Raises OSError."""
+    with atomic_write(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def write_rows(path: str | os.PathLike[str], header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """A CSV file, all of it or nothing. Raises OSError."""
     with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
+
+
+def finish_panel(panel: Any, title: str, below: str, beside: str = "") -> None:
+    """Logarithmic axes with their names, a title and a grid."""
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    panel.set_xlabel(below)
+    if beside:
+        panel.set_ylabel(beside)
+    panel.set_title(title, fontsize=10)
+    panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)

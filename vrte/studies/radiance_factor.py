@@ -13,21 +13,20 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.calls.radiance import radiance
-from vrte.optics.phase_matrix import henyey_greenstein
 from vrte.pictures.figures import FAINT, require_pictures, save
 from vrte.request.request import EXACT, METHODS
-from vrte.scene.layer import Layer
+from vrte.results.field import Field
 from vrte.scene.scene import Scene
-from vrte.studies.stability.phases import haze_l
+from vrte.studies import cases
+from vrte.studies.cases import FORWARD_PEAK, Slab, scene_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BEAM = 60.0  # [degrees] from the normal
-THICKNESS, SHARES = 10.0, (0.01, 0.25, 0.5, 0.75, 0.9)  # figure 1: where in the slab
+INSIDE, SHARES = "haze L, thickness 10", (0.01, 0.25, 0.5, 0.75, 0.9)  # figure 1: where in the slab
 LINES = ("#c62828", "#2e7d32", "#1565c0", "#ad1457", "#212121")
-ASYMMETRY, ALBEDO, THIN_AND_THICK = 0.9, 0.99, (0.3, 2.0)  # figure 2
-TERMS = 264  # 0.9^264 is 1e-12
+ALBEDO, THIN_AND_THICK = 0.99, (0.3, 2.0)  # figure 2, g = 0.9
 COMPARED = {EXACT: "#212121", "small-angle": "#c62828", "single-scattering": "#1565c0"}
 STEP = 1.0  # [degrees] between directions; none of them horizontal
 
@@ -58,36 +57,24 @@ def whole_circle(light: Array, angle: Array) -> Lobe:
 def inside() -> list[Lobe]:
     """Figure 1: the diffuse radiance at each of SHARES of the depth, for a beam of flux 1 across it."""
     angle = half_circle()
-    depths = [share * THICKNESS for share in SHARES]
-    field = radiance(
-        Scene([Layer(haze_l(), 1.0, THICKNESS)]),
-        np.cos(np.radians(BEAM)),
-        mu=-np.cos(np.radians(angle)),
-        phi=(0.0, 180.0),
-        tau=depths,
-        accuracy=1e-4,
-    )
+    scene = cases.scene(INSIDE)
+    field = in_plane(scene, angle, [share * scene.thickness for share in SHARES], accuracy=1e-4)
     return [whole_circle(light, angle) for light in field.stokes[..., 0]]
 
 
 def below(thickness: float) -> dict[str, Lobe]:
     """Figure 2: the diffuse radiance that leaves the bottom, by each method of COMPARED that is there."""
-    scene = Scene([Layer(henyey_greenstein(ASYMMETRY, TERMS), ALBEDO, thickness)])
+    scene = scene_of((Slab(FORWARD_PEAK, ALBEDO, thickness),))
     angle = half_circle()
     angle = angle[angle < 90.0]
-    found = {}
-    for method in COMPARED:
-        if method in METHODS:
-            field = radiance(
-                scene,
-                np.cos(np.radians(BEAM)),
-                mu=-np.cos(np.radians(angle)),
-                phi=(0.0, 180.0),
-                tau=thickness,
-                method=method,
-            )
-            found[method] = whole_circle(field.stokes[0, ..., 0], angle)
-    return found
+    fields = {name: in_plane(scene, angle, [thickness], method=name) for name in COMPARED if name in METHODS}
+    return {name: whole_circle(field.stokes[0, ..., 0], angle) for name, field in fields.items()}
+
+
+def in_plane(scene: Scene, angle: Array, tau: list[float], **how: Any) -> Field:
+    """The field of the beam at some depths, along angles of travel, on its side (phi 0) and on the other."""
+    mu0, mu = np.cos(np.radians(BEAM)), -np.cos(np.radians(angle))
+    return radiance(scene, mu0, mu=mu, phi=(0.0, 180.0), tau=tau, **how)
 
 
 def figure_1() -> "Figure":
@@ -104,7 +91,7 @@ def figure_1() -> "Figure":
         closed = [*range(lobe.angle.size), 0]
         size = lobe.radiance[closed] / lobe.radiance.max()
         panel.plot(np.radians(lobe.angle[closed]), size, color=colour, linewidth=1.3, label=f"{share:.0%} of the depth")
-    panel.set_title(f"haze L, thickness {THICKNESS:g}, albedo 1, beam at {BEAM:g} degrees", fontsize=10)
+    panel.set_title(f"{INSIDE}, albedo 1, beam at {BEAM:g} degrees", fontsize=10)
     panel.grid(color=FAINT, linewidth=0.5)
     figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return figure
@@ -119,7 +106,7 @@ def figure_2() -> "Figure":
     for panel, thickness in zip(panels, THIN_AND_THICK, strict=True):
         for method, lobe in below(thickness).items():
             panel.semilogy(lobe.angle, positive(lobe.radiance), color=COMPARED[method], linewidth=1.2, label=method)
-        panel.set_title(f"g = {ASYMMETRY:g}, albedo {ALBEDO:g}, thickness {thickness:g}", fontsize=10)
+        panel.set_title(f"g = 0.9, albedo {ALBEDO:g}, thickness {thickness:g}", fontsize=10)
         panel.set_xlabel("angle from straight down [degrees]")
         panel.set_xticks(range(-90, 91, 30))
         panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)

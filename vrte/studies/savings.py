@@ -2,16 +2,14 @@
 
 import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
 
-import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.running import interruptible, new_run
 from vrte.calls.plan import request_of
@@ -19,25 +17,16 @@ from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan
-from vrte.formats.atomic import atomic_write
 from vrte.request.request import Request
 from vrte.results.solution import Solution
-from vrte.studies.cost.others import OthersClock
-from vrte.studies.pages import made_with, markdown_list, markdown_table, write_rows
+from vrte.studies import cases
+from vrte.studies.pages import made_with, markdown_list, markdown_table, write_rows, write_text
+from vrte.studies.timing import OthersClock
 
 NOTHING = LeaveOut(**{switch.name: False for switch in fields(LeaveOut)})
 HEADER = (
-    "left out",
-    "scene",
-    "unknowns",
-    "without it",
-    "1 thread, CPU s",
-    "without it",
-    "times",
-    "2 threads, s",
-    "without it",
-    "times",
-    "largest difference",
+    *("left out", "scene", "unknowns", "without it", "1 thread, CPU s", "without it", "times"),
+    *("2 threads, s", "without it", "times", "largest difference"),
 )
 THREADS = (1, 2)
 ENOUGH = 1.0  # seconds for the solves of a row: short ones are repeated more often than was asked for
@@ -45,13 +34,13 @@ ENOUGH = 1.0  # seconds for the solves of a row: short ones are repeated more of
 
 @dataclass(frozen=True)
 class Saving:
-    """Something to be left out: ``what`` and ``where`` in words, the call (vrte.brdf or vrte.radiance, its scene and
-    keywords), and what is not left out, or otherwise asked for, in the call that it is compared with."""
+    """Something to be left out: ``what`` and ``where`` in words, the scene by its name in `cases`, the keywords of the
+    call (of vrte.brdf or vrte.radiance), and what is not left out, or otherwise asked for, in the call that it is
+    compared with."""
 
     what: str
     where: str
-    kind: str
-    scene: Callable[[], vrte.Scene]
+    scene: str
     keywords: dict[str, Any]
     without: LeaveOut = EVERYTHING
     asked_for: dict[str, Any] = field(default_factory=dict)
@@ -73,54 +62,6 @@ def keeping(*names: str) -> LeaveOut:
     return replace(EVERYTHING, **dict.fromkeys(names, False))
 
 
-@cache
-def gold() -> vrte.Particles:
-    """The GPU paper's: radius 0.6 um at 400 nm."""
-    return vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
-
-
-@cache
-def droplets() -> vrte.Particles:
-    """A polydispersion with b2 != 0 that hardly absorbs."""
-    return vrte.spheres(1.33, size=vrte.Gamma(r_eff_um=0.4, v_eff=0.1), wavelength_um=0.7)
-
-
-def paper(thickness: float = 100.0, base: Any = None) -> vrte.Scene:
-    """The paper's layer."""
-    return vrte.Scene([vrte.Layer.of(gold(), thickness=thickness)], base)
-
-
-def scalar() -> vrte.Scene:
-    """Henyey and Greenstein's intensity alone."""
-    return vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.7, terms=40), 0.95, 2.0)], vrte.Lambertian(0.2))
-
-
-def rayleigh() -> vrte.Scene:
-    """Molecules over a grey base."""
-    return vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.5)], vrte.Lambertian(0.2))
-
-
-def sandwich() -> vrte.Scene:
-    """Gold, a clear gap, droplets, over a grey base."""
-    layers = [
-        vrte.Layer.of(gold(), thickness=1.0),
-        vrte.Layer(vrte.isotropic(), 0.0, 0.5),
-        vrte.Layer.of(droplets(), thickness=3.0),
-    ]
-    return vrte.Scene(layers, vrte.Lambertian(0.2))
-
-
-def pile() -> vrte.Scene:
-    """Coats of two paints in turn."""
-    coats = [vrte.Layer.of(particles, thickness=0.5) for particles in (gold(), droplets())]
-    return vrte.Scene([*coats, *coats, *coats], vrte.Lambertian(0.2))
-
-
-def deep() -> vrte.Scene:
-    """Gold upon droplets: little gets through."""
-    return vrte.Scene([vrte.Layer.of(gold(), thickness=30.0), vrte.Layer.of(droplets(), thickness=5.0)])
-
-
 def grid(count: int, nodes: int = 40, azimuths: int = 37, **keywords: Any) -> dict[str, Any]:
     """A square table of directions."""
     mu = np.linspace(0.05, 1.0, count)
@@ -132,78 +73,60 @@ def ray(nodes: int = 40, **keywords: Any) -> dict[str, Any]:
     return {"mu0": 0.6, "mu": np.linspace(0.05, 1.0, 20), "phi": np.linspace(0.0, 180.0, 19), "nodes": nodes} | keywords
 
 
-def thick() -> vrte.Scene:
-    """Droplets that absorb: what comes out below is 1e-100 of what enters, and right."""
-    return vrte.Scene([vrte.Layer(droplets().phase_matrix, 0.9, 1000.0)])
-
-
 def savings(nodes: int, count: int) -> list[Saving]:
     """Every row of the table, on so many nodes and directions each way."""
     few, large = grid(max(count // 3, 1), nodes), grid(count, nodes)
     one, wide = ray(nodes), grid(count, nodes, azimuths=181)
-    through = ray(nodes, mu=np.linspace(-1.0, -0.05, 20))
-    slow = {"algorithm": "doubling"}
+    through = ray(nodes, mu=np.linspace(-1.0, -0.05, 20), algorithm="doubling", tau=1000.0)
+    fluxes, rayleigh, scalar, based = (
+        one | {"mu": []},
+        "Rayleigh, tau 0.5",
+        "scalar, tau 2",
+        "gold, tau 1 on Lambertian",
+    )
+    # what is left out, the scene by its name in cases, what is asked of it in words and in keywords, and what is not
+    # left out, or otherwise asked for, in the call that it is compared with
+    rows: list[tuple[str, str, str, dict[str, Any], LeaveOut | dict[str, Any]]] = [
+        ("Stokes parameters: scalar phase function", scalar, "", few, keeping("stokes")),
+        ("Stokes parameters: b2 = 0, order 0", rayleigh, "", few, keeping("stokes")),
+        ("Stokes parameters: order 0", "gold", "fluxes", fluxes, keeping("stokes")),
+        ("incident light that is zero: k = 2", "gold", "beam", one, keeping("columns")),
+        ("faint orders of multiple scattering", "gold", "", few, keeping("orders")),
+        ("faint orders, and nodes not seen", "gold", "", few, keeping("orders", "nodes")),
+        ("single scattering by orders", "gold", "large table", large, keeping("single")),
+        ("orders that carry no flux", "gold", "", fluxes, keeping("fluxes", "normal")),
+        ("orders that the normal does not see", "gold", "mu_i = 1", few | {"mu_i": 1.0}, keeping("normal")),
+        ("nodes that an order does not see", "gold", "", few, keeping("nodes")),
+        ("layers and bottoms that no light comes back from", "gold on droplets", "", few, keeping("depth")),
+        ("eigenproblems without scattering", "gold, gap, droplets", "", few, keeping("clear")),
+        ("equal layers again", "six coats of two paints", "", few, keeping("repeats")),
+        (
+            *("doublings that change nothing", "absorbing droplets, tau 1000", "light at the bottom"),
+            *(through, keeping("doublings")),
+        ),
+        ("base beyond order 0", based, "", few, keeping("base")),
+        ("mirror images of azimuths", "gold", "181 azimuths", wide, keeping("azimuths")),
+        ("general eigensolver", rayleigh, "", few, keeping("symmetric")),
+        ("general eigensolver", scalar, "", few, keeping("symmetric")),
+        ("halves of symmetric products", "gold", "", few, keeping("halves")),
+        ("transmission", based, "", large, {"transmission": True}),
+        ("all of these", "gold", "", few, NOTHING),
+        ("all of these", "gold, gap, droplets", "", few, NOTHING),
+        ("all of these", rayleigh, "", few, NOTHING),
+    ]
     return [
-        Saving("Stokes parameters: scalar phase function", "scalar, tau 2", "brdf", scalar, few, keeping("stokes")),
-        Saving("Stokes parameters: b2 = 0, order 0", "Rayleigh, tau 0.5", "brdf", rayleigh, few, keeping("stokes")),
-        Saving("Stokes parameters: order 0", "gold, fluxes", "radiance", paper, one | {"mu": []}, keeping("stokes")),
-        Saving("incident light that is zero: k = 2", "gold, beam", "radiance", paper, one, keeping("columns")),
-        Saving("faint orders of multiple scattering", "gold", "brdf", paper, few, keeping("orders")),
-        Saving("faint orders, and nodes not seen", "gold", "brdf", paper, few, keeping("orders", "nodes")),
-        Saving("single scattering by orders", "gold, large table", "brdf", paper, large, keeping("single")),
-        Saving("orders that carry no flux", "gold", "radiance", paper, one | {"mu": []}, keeping("fluxes", "normal")),
-        Saving(
-            "orders that the normal does not see",
-            "gold, mu_i = 1",
-            "brdf",
-            paper,
-            few | {"mu_i": 1.0},
-            keeping("normal"),
-        ),
-        Saving("nodes that an order does not see", "gold", "brdf", paper, few, keeping("nodes")),
-        Saving(
-            "layers and bottoms that no light comes back from", "gold on droplets", "brdf", deep, few, keeping("depth")
-        ),
-        Saving("eigenproblems without scattering", "gold, gap, droplets", "brdf", sandwich, few, keeping("clear")),
-        Saving("equal layers again", "six coats of two paints", "brdf", pile, few, keeping("repeats")),
-        Saving(
-            "doublings that change nothing",
-            "absorbing droplets, tau 1000, light at the bottom",
-            "radiance",
-            thick,
-            through | slow | {"tau": 1000.0},
-            keeping("doublings"),
-        ),
-        Saving(
-            "base beyond order 0",
-            "gold, tau 1 on Lambertian",
-            "brdf",
-            lambda: paper(1.0, vrte.Lambertian(0.5)),
-            few,
-            keeping("base"),
-        ),
-        Saving("mirror images of azimuths", "gold, 181 azimuths", "brdf", paper, wide, keeping("azimuths")),
-        Saving("general eigensolver", "Rayleigh, tau 0.5", "brdf", rayleigh, few, keeping("symmetric")),
-        Saving("general eigensolver", "scalar, tau 2", "brdf", scalar, few, keeping("symmetric")),
-        Saving("halves of symmetric products", "gold", "brdf", paper, few, keeping("halves")),
-        Saving(
-            "transmission",
-            "gold, tau 1 on Lambertian",
-            "brdf",
-            lambda: paper(1.0, vrte.Lambertian(0.5)),
-            large,
-            asked_for={"transmission": True},
-        ),
-        Saving("all of these", "gold", "brdf", paper, few, NOTHING),
-        Saving("all of these", "gold, gap, droplets", "brdf", sandwich, few, NOTHING),
-        Saving("all of these", "Rayleigh, tau 0.5", "brdf", rayleigh, few, NOTHING),
+        Saving(what, ", ".join(filter(None, (scene, words))), scene, keywords, without)
+        if isinstance(without, LeaveOut)
+        else Saving(what, ", ".join(filter(None, (scene, words))), scene, keywords, asked_for=without)
+        for what, scene, words, keywords, without in rows
     ]
 
 
 def measure(saving: Saving, repeats: int) -> Measured:
     """Both ways, by turns, by one thread and by two; short solves more often."""
+    kind = "radiance" if "mu0" in saving.keywords else "brdf"
     ways = [
-        (request_of(saving.kind, saving.scene(), **saving.keywords | more), leave_out)
+        (request_of(kind, cases.scene(saving.scene), **saving.keywords | more), leave_out)
         for more, leave_out in (({}, EVERYTHING), (saving.asked_for, saving.without))
     ]
     seconds: dict[int, tuple[float, float]] = {}
@@ -266,8 +189,7 @@ def write(folder: Path, found: Sequence[Measured], settings: str) -> None:
     """savings.md and savings.csv."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = [row_of(measured) for measured in found]
-    with atomic_write(folder / "savings.md") as part:
-        part.write_text(markdown_table(HEADER, rows) + "\n" + markdown_list(made_with(settings)), encoding="utf-8")
+    write_text(folder / "savings.md", markdown_table(HEADER, rows) + "\n" + markdown_list(made_with(settings)))
     names = ("left_out", "scene", "unknowns", "unknowns_without")
     timed = [f"seconds{without}_{threads}" for threads in THREADS for without in ("", "_without")]
     write_rows(

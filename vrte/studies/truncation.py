@@ -9,22 +9,20 @@ import argparse
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.errors import AccuracyError, MissingExtraError
+from vrte.basics.errors import AccuracyError
 from vrte.calls.radiance import radiance
-from vrte.formats.atomic import atomic_write
-from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein
-from vrte.optics.size_distribution import Gamma
-from vrte.optics.spheres import spheres
 from vrte.optics.truncation import TRUNCATIONS
-from vrte.scene.layer import Layer
+from vrte.pictures.figures import require_pictures, save
 from vrte.scene.scene import Scene
-from vrte.studies.stability.phases import haze_l
+from vrte.studies import cases
+from vrte.studies.pages import markdown_table, write_rows, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,20 +32,17 @@ MU = np.linspace(0.05, 1.0, 20)
 PHI = np.array([0.0, 5.0, 15.0, 30.0, 60.0, 90.0, 135.0, 180.0])
 NEAR_DEG = 10.0  # from the beam's own direction
 PARTS = ("reflected", "transmitted aside", "transmitted near the beam")
-COLOURS = {"none": "#8c8c8c", "delta-m": "#d98200", "small-angle": "#1f4e79"}
-MARKERS = {"none": "x", "delta-m": "o", "small-angle": "s"}
+STYLES = {"none": ("#8c8c8c", "x"), "delta-m": ("#d98200", "o"), "small-angle": ("#1f4e79", "s")}
+HEADER = ("case", "truncation", "nodes", "part", "largest_error", "rms_error", "seconds")
 
 
 @dataclass(frozen=True)
 class Case:
-    """One layer, the numbers of nodes to try, and the two that the reference takes, the finer one last.
-
-    ``resolved``: the reference carries all terms of the phase function.
-    """
+    """The name of a scene in `cases`, the numbers of nodes to try, and the two that the reference takes, the finer one
+    last; ``resolved``: the reference carries all terms of the phase function. ``name``: for the table."""
 
     name: str
-    matrix: Callable[[], PhaseMatrix]
-    thickness: float
+    scene: str
     nodes: tuple[int, ...]
     reference: tuple[int, int]
     resolved: bool = False
@@ -66,39 +61,19 @@ class Row:
     seconds: float
 
 
-def cloud_c1() -> PhaseMatrix:
-    """Deirmendjian's cloud C1, water spheres at 0.7 um: number density r^6 exp(-1.5 r), r in um, mode at 4 um.
-
-    Source: D. Deirmendjian, Electromagnetic Scattering on Spherical Polydispersions (1969).
-    """
-    return spheres(1.33, size=Gamma(r_eff_um=6.0, v_eff=1.0 / 9.0), wavelength_um=0.7).phase_matrix
-
-
-def rounded_henyey_greenstein(g: float, terms: int, width: float) -> PhaseMatrix:
-    """a1[l] = (2l+1) g^l exp(-width^2 l (l+1)/2): the function's peak rounded by a Gaussian of ``width`` [rad].
-
-    So it ends with fewer terms than it would otherwise take, and stays positive.
-
-    >>> round(rounded_henyey_greenstein(0.5, 60, 0.01).asymmetry, 6)
-    0.49995
-    """
-    degrees = np.arange(terms, dtype=float)
-    return PhaseMatrix((2.0 * degrees + 1.0) * g**degrees * np.exp(-0.5 * width**2 * degrees * (degrees + 1.0)))
-
-
 CASES = (
-    Case("haze L", haze_l, 2.5, (4, 6, 8, 12, 16, 24), (40, 50), resolved=True),
-    Case("cloud C1", cloud_c1, 3.3, (4, 8, 16, 32, 64), (80, 100)),
-    Case("g = 0.9", lambda: henyey_greenstein(0.9, 200), 5.0, (4, 8, 16, 32, 64), (100, 110), resolved=True),
-    Case("g = 0.99", lambda: henyey_greenstein(0.99, 2000), 50.0, (4, 8, 16, 32, 64), (100, 128)),
-    Case("g = 0.9999", lambda: rounded_henyey_greenstein(0.9999, 100_000, 8e-5), 5e3, (4, 8, 16, 32, 64), (100, 128)),
+    Case("haze L", "haze L, thickness 2.5", (4, 6, 8, 12, 16, 24), (40, 50), resolved=True),
+    Case("cloud C1", "cloud C1", (4, 8, 16, 32, 64), (80, 100)),
+    Case("g = 0.9", "g = 0.9", (4, 8, 16, 32, 64), (100, 110), resolved=True),
+    Case("g = 0.99", "g = 0.99", (4, 8, 16, 32, 64), (100, 128)),
+    Case("g = 0.9999", "g = 0.9999", (4, 8, 16, 32, 64), (100, 128)),
 )
 
 
 def measure(case: Case, progress: Callable[[str], Any] = print) -> tuple[list[Row], list[Row]]:
     """The errors of every truncation and number of nodes; and what the reference differs by from the same with fewer
     nodes and, where it does not carry all terms, from delta-M with as many nodes."""
-    scene = Scene([Layer(case.matrix(), 1.0, case.thickness)])
+    scene = cases.scene(case.scene)
     coarse, fine = case.reference
     name = "none" if case.resolved else "small-angle"
     exact, _ = intensity(scene, fine, name)
@@ -144,63 +119,48 @@ def compared(case: str, truncation: str, nodes: int, values: Array, exact: Array
 def write_report(errors: Sequence[Row], reference: Sequence[Row], folder: Path) -> None:
     """truncation.csv, truncation.md and truncation.png. Raises MissingExtraError without matplotlib, or OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, content in (("truncation.csv", as_csv(errors)), ("truncation.md", as_markdown(errors, reference))):
-        with atomic_write(folder / name) as part:
-            part.write_text(content)
-    with atomic_write(folder / "truncation.png") as part:
-        in_few_colours(figure(errors, reference)).save(part, format="png", optimize=True)
+    write_rows(folder / "truncation.csv", HEADER, map(cells, errors))
+    write_text(folder / "truncation.md", f"{table(errors)}\nReferences:\n\n{table(reference)}")
+    save(figure(errors, reference), folder / "truncation.png")
 
 
-def as_csv(rows: Sequence[Row]) -> str:
-    """A line a row.
+def cells(row: Row) -> list[object]:
+    """In the order of HEADER.
 
-    >>> as_csv([Row("haze L", "none", 8, "reflected", 0.5, 0.25, 1.0)]).splitlines()[1]
-    'haze L,none,8,reflected,0.5,0.25,1.000'
+    >>> cells(Row("haze L", "none", 8, "reflected", 0.5, 0.25, 1.0))
+    ['haze L', 'none', 8, 'reflected', '0.5', '0.25', '1.000']
     """
-    head = "case,truncation,nodes,part,largest_error,rms_error,seconds"
-    lines = [
-        f"{row.case},{row.truncation},{row.nodes},{row.part},{row.largest:.3g},{row.rms:.3g},{row.seconds:.3f}"
-        for row in rows
-    ]
-    return "\n".join([head, *lines]) + "\n"
-
-
-def as_markdown(errors: Sequence[Row], reference: Sequence[Row]) -> str:
-    """Two tables: the errors, largest and rms, and what the references are worth."""
-    return f"{table(errors)}\nReferences:\n\n{table(reference)}"
+    return [row.case, row.truncation, row.nodes, row.part, f"{row.largest:.3g}", f"{row.rms:.3g}", f"{row.seconds:.3f}"]
 
 
 def table(rows: Sequence[Row]) -> str:
-    """A line for each solve, a column for each part.
+    """A line for each solve, a column for each part, largest and rms error in it.
 
     >>> print(table([Row("haze L", "none", 8, part, 0.5, 0.25, 1.0) for part in PARTS]).splitlines()[2])
     | haze L | 8 | none | 5e-01, 2e-01 | 5e-01, 2e-01 | 5e-01, 2e-01 | 1.00 |
     """
-    lines = [f"| phase function | nodes | truncation | {' | '.join(PARTS)} | seconds |", "|---" * 7 + "|"]
+    solves: dict[tuple[str, int, str], list[Row]] = {}
     for row in rows:
-        if row.part == PARTS[0]:
-            same = [
-                other
-                for other in rows
-                if (other.case, other.truncation, other.nodes) == (row.case, row.truncation, row.nodes)
-            ]
-            shown = " | ".join(f"{other.largest:.0e}, {other.rms:.0e}" for other in same)
-            lines.append(f"| {row.case} | {row.nodes} | {row.truncation} | {shown} | {row.seconds:.2f} |")
-    return "\n".join(lines) + "\n"
+        solves.setdefault((row.case, row.nodes, row.truncation), []).append(row)
+    header = ["phase function", "nodes", "truncation", *PARTS, "seconds"]
+    return markdown_table(
+        header,
+        [
+            [*map(str, key), *(f"{row.largest:.0e}, {row.rms:.0e}" for row in found), f"{found[0].seconds:.2f}"]
+            for key, found in solves.items()
+        ],
+    )
 
 
 def figure(errors: Sequence[Row], reference: Sequence[Row]) -> "Figure":
     """A line of panels for each case, a column for each part. Raises MissingExtraError without matplotlib."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("a picture", "plot") from error
-    cases = list(dict.fromkeys(row.case for row in errors))
-    drawing = Figure(figsize=(9.5, 2.1 * len(cases) + 0.8), dpi=90, facecolor="white")
-    FigureCanvasAgg(drawing)
-    panels: Any = drawing.subplots(len(cases), len(PARTS), sharex=True, sharey=True, squeeze=False)
-    for line, case in zip(panels, cases, strict=True):
+    require_pictures()
+    from matplotlib.figure import Figure
+
+    names = list(dict.fromkeys(row.case for row in errors))
+    drawing = Figure(figsize=(9.5, 2.1 * len(names) + 0.8), facecolor="white")
+    panels: Any = drawing.subplots(len(names), len(PARTS), sharex=True, sharey=True, squeeze=False)
+    for line, case in zip(panels, names, strict=True):
         for panel, part in zip(line, PARTS, strict=True):
             draw(panel, [row for row in errors if (row.case, row.part) == (case, part)])
             doubt = max((row.largest for row in reference if (row.case, row.part) == (case, part)), default=0.0)
@@ -216,21 +176,11 @@ def figure(errors: Sequence[Row], reference: Sequence[Row]) -> "Figure":
     return drawing
 
 
-def in_few_colours(drawing: "Figure") -> Any:
-    """A picture of 32 colours, a third of the size in a file; a PIL.Image, which comes with matplotlib."""
-    from PIL import Image
-
-    drawing.canvas.draw()
-    canvas: Any = drawing.canvas
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(32)
-
-
 def draw(panel: Any, rows: Sequence[Row]) -> None:
     """Largest and rms error of each truncation against the nodes, both axes logarithmic."""
-    for name, colour in COLOURS.items():
+    for name, (colour, marker) in STYLES.items():
         chosen = [row for row in rows if row.truncation == name]
-        nodes = [row.nodes for row in chosen]
-        style = {"color": colour, "marker": MARKERS[name], "markersize": 4}
+        nodes, style = [row.nodes for row in chosen], {"color": colour, "marker": marker, "markersize": 4}
         panel.plot(nodes, [row.largest for row in chosen], label=name, linewidth=1.6, **style)
         panel.plot(nodes, [row.rms for row in chosen], linewidth=1.0, linestyle=":", **style)
     panel.set_xscale("log", base=2)
@@ -242,20 +192,13 @@ def draw(panel: Any, rows: Sequence[Row]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line: ``-o FOLDER``, and ``--case NAME`` for one of them only."""
-    parser = argparse.ArgumentParser(
-        prog="python -m vrte.studies.truncation", description=(__doc__ or "").split("\n")[0]
-    )
+    parser = argparse.ArgumentParser(prog="python -m vrte.studies.truncation", description=__doc__.split("\n")[0])
     parser.add_argument("-o", "--output", type=Path, default=Path("truncation"), help="folder to write to")
     parser.add_argument("--case", choices=[case.name for case in CASES], help="this one only")
     options = parser.parse_args(arguments)
-    errors: list[Row] = []
-    reference: list[Row] = []
-    for case in CASES:
-        if options.case in (None, case.name):
-            more, doubt = measure(case)
-            errors += more
-            reference += doubt
-    write_report(errors, reference, options.output)
+    chosen = [case for case in CASES if options.case in (None, case.name)]
+    errors, reference = zip(*map(measure, chosen), strict=True)
+    write_report([*chain(*errors)], [*chain(*reference)], options.output)
     return 0
 
 

@@ -4,8 +4,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from vrte.pictures.figures import require_pictures
 from vrte.studies import accuracy
-from vrte.studies.cost import require_pictures
+from vrte.studies.accuracy import page, sweep
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -15,14 +16,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="a few small scenes, every third request")
     options = parser.parse_args(arguments)
     require_pictures()
-    names = accuracy.quick_names() if options.quick else tuple(accuracy.PROBES)
+    names = [name for name in sweep.PROBES if not options.quick or name.startswith(sweep.QUICK)]
     step = 3 if options.quick else 1
     outcomes = []
-    for given, requests in ((True, accuracy.GIVEN), (False, accuracy.CHOSEN)):
-        for outcome in accuracy.sweep(names, given, requests[::step]):
+    for given, requests in ((True, sweep.GIVEN), (False, sweep.CHOSEN)):
+        for outcome in sweep.outcomes_of(names, given, requests[::step]):
             outcomes.append(outcome)
-            print(accuracy.as_text(outcome), flush=True)
-    for path in accuracy.write_pages(outcomes, options.output):
+            print(page.as_text(outcome), flush=True)
+    for path in page.write_pages(outcomes, options.output):
         print(path)
     return 0 if all(outcome.kept for outcome in outcomes) else 1
 

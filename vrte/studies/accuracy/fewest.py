@@ -8,12 +8,11 @@ import argparse
 import csv
 import os
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from vrte.basics.errors import AccuracyError
-from vrte.studies.accuracy.scenes import PROBES, Probe, probe
-from vrte.studies.accuracy.sweep import CONTINUOUS, Answer, Outcome, answer, difference, references
+from vrte.studies.accuracy.sweep import CONTINUOUS, PROBES, Outcome, Probe, answer, difference, references
 from vrte.studies.pages import markdown_table, write_rows
 
 FIRST, GROWTH = 4, 1.06  # nodes tried: every number first, then so many times more each time
@@ -21,7 +20,7 @@ BELOW = 3e-10  # errors that are not followed further
 TABLE = "errors.csv"
 HEADER = ("scene", "nodes", "error")
 
-Errors = Mapping[int, float]
+Errors = dict[int, float]
 
 
 def numbers_tried(most: int) -> Iterator[int]:
@@ -36,24 +35,19 @@ def numbers_tried(most: int) -> Iterator[int]:
         nodes = max(nodes + 1, round(GROWTH * nodes))
 
 
-def measure(case: Probe) -> dict[int, float]:
+def measure(case: Probe) -> Errors:
     """The error of more and more nodes, until it is as small as the reference's, infinite where they are refused."""
     right, uncertain = references(case, given=False)
-    errors: dict[int, float] = {}
+    errors: Errors = {}
     for nodes in numbers_tried(case.more[0]):
-        errors[nodes] = error_of(case, nodes, right)
+        try:
+            found = answer(case, CONTINUOUS, nodes)
+            errors[nodes] = max(difference(found, one) for one in right)
+        except AccuracyError:
+            errors[nodes] = float("inf")
         if max(list(errors.values())[-2:]) < max(BELOW, 2.0 * uncertain):
             break
     return errors
-
-
-def error_of(case: Probe, nodes: int, right: Sequence[Answer]) -> float:
-    """Of so many nodes given, relative to the largest I."""
-    try:
-        found = answer(case, CONTINUOUS, nodes)
-    except AccuracyError:
-        return float("inf")
-    return max(difference(found, one) for one in right)
 
 
 def fewest_that_hold(errors: Errors, requested: float) -> int:
@@ -70,9 +64,9 @@ def fewest_that_hold(errors: Errors, requested: float) -> int:
     return held
 
 
-def read_errors(path: str | os.PathLike[str]) -> dict[str, dict[int, float]]:
+def read_errors(path: str | os.PathLike[str]) -> dict[str, Errors]:
     """The table of a file, scene -> nodes -> error; empty where there is no file."""
-    found: dict[str, dict[int, float]] = {}
+    found: dict[str, Errors] = {}
     if Path(path).exists():
         with open(path, encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
@@ -80,13 +74,7 @@ def read_errors(path: str | os.PathLike[str]) -> dict[str, dict[int, float]]:
     return found
 
 
-def write_errors(path: str | os.PathLike[str], table: Mapping[str, Errors]) -> None:
-    """Writes the errors of each scene on each number of nodes as CSV."""
-    rows = [(name, nodes, f"{error:.3g}") for name, errors in table.items() for nodes, error in errors.items()]
-    write_rows(Path(path), list(HEADER), rows)
-
-
-def ratios(table: Mapping[str, Errors], outcomes: Sequence[Outcome]) -> dict[tuple[str, float], tuple[int, int]]:
+def ratios(table: dict[str, Errors], outcomes: Sequence[Outcome]) -> dict[tuple[str, float], tuple[int, int]]:
     """Nodes chosen and the fewest that hold, by scene and request, where those are known."""
     found = {}
     for one in outcomes:
@@ -96,7 +84,7 @@ def ratios(table: Mapping[str, Errors], outcomes: Sequence[Outcome]) -> dict[tup
     return found
 
 
-def as_table(table: Mapping[str, Errors], outcomes: Sequence[Outcome]) -> str:
+def as_table(table: dict[str, Errors], outcomes: Sequence[Outcome]) -> str:
     """Scenes down, requests across: nodes chosen over the fewest that hold; empty where nothing is known."""
     found = ratios(table, outcomes)
     if not found:
@@ -122,8 +110,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     table = read_errors(path)
     for name in PROBES:
         if name not in table:
-            table[name] = measure(probe(name))
-            write_errors(path, table)
+            table[name] = measure(PROBES[name])
+            rows = [(name, nodes, f"{error:.3g}") for name, errors in table.items() for nodes, error in errors.items()]
+            write_rows(path, HEADER, rows)
             print(f"{name}: to {max(table[name])} nodes", flush=True)
     return 0
 

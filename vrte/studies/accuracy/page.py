@@ -1,16 +1,24 @@
 """The sweep as a CSV file, a Markdown page and a picture."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vrte.formats.atomic import atomic_write
+from vrte.pictures.figures import COLOURS, FAINT, save
 from vrte.studies.accuracy.fewest import TABLE, Errors, as_table, read_errors
 from vrte.studies.accuracy.sweep import Outcome, median_slack
-from vrte.studies.cost.figures import COLOURS, CONFIGURATIONS, FAINT, MARKERS, OTHERS, save
-from vrte.studies.pages import made_with, markdown_list, markdown_table, write_rows
+from vrte.studies.cost.page import CONFIGURATIONS, OTHERS
+from vrte.studies.pages import (
+    MARKERS,
+    finish_panel,
+    made_with,
+    markdown_list,
+    markdown_table,
+    write_rows,
+    write_text,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,8 +48,7 @@ def write_pages(outcomes: Sequence[Outcome], folder: str | os.PathLike[str]) -> 
     """
     table, page, picture = (Path(folder) / f"accuracy.{ending}" for ending in ("csv", "md", "png"))
     write_rows(table, [item.name for item in fields(Outcome)], [csv_cells(outcome) for outcome in outcomes])
-    with atomic_write(page) as part:
-        part.write_text(as_markdown(outcomes, read_errors(Path(folder) / TABLE)), encoding="utf-8")
+    write_text(page, as_markdown(outcomes, read_errors(Path(folder) / TABLE)))
     save(as_figure(outcomes), picture)
     return [table, page, picture]
 
@@ -51,7 +58,7 @@ def csv_cells(outcome: Outcome) -> list[object]:
     return [f"{value:.3g}" if isinstance(value, float) else value for value in asdict(outcome).values()]
 
 
-def as_markdown(outcomes: Sequence[Outcome], errors: Mapping[str, Errors]) -> str:
+def as_markdown(outcomes: Sequence[Outcome], errors: dict[str, Errors]) -> str:
     """A table for each kind of request: achieved, and the nodes and orders that did; and the nodes chosen over the
     fewest that hold, where ``errors`` of scenes and nodes are known."""
     text = "# Requested and achieved accuracy\n\n" + markdown_list(made_with("the sweep of vrte.studies.accuracy"))
@@ -99,20 +106,12 @@ def as_figure(outcomes: Sequence[Outcome]) -> "Figure":
             x, y = [outcome.requested for outcome in line], [max(outcome.achieved, 1e-16) for outcome in line]
             style = {"color": LINES[place % len(LINES)], "marker": MARKERS[place % len(MARKERS)]}
             panel.plot(x, y, markersize=3.5, linewidth=0.8, label=name, **style)
-        finish(panel, [outcome.requested for outcome in outcomes if outcome.given == given], title)
+        requests = [outcome.requested for outcome in outcomes if outcome.given == given]
+        ends = [min(requests, default=1e-9), max(requests, default=1e-3)]
+        panel.plot(ends, ends, color="black", linewidth=1.2)  # the line that no point may lie above
+        panel.fill_between(ends, ends, [10.0 * end for end in ends], color=FAINT, alpha=0.5, linewidth=0)
+        finish_panel(panel, title, "requested")
     panels[0].set_ylabel("achieved, relative to the largest I")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return figure
-
-
-def finish(panel: Any, requests: Sequence[float], title: str) -> None:
-    """Axes, and the line that no point may lie above."""
-    ends = [min(requests, default=1e-9), max(requests, default=1e-3)]
-    panel.plot(ends, ends, color="black", linewidth=1.2)
-    panel.fill_between(ends, ends, [10.0 * end for end in ends], color=FAINT, alpha=0.5, linewidth=0)
-    panel.set_xscale("log")
-    panel.set_yscale("log")
-    panel.set_xlabel("requested")
-    panel.set_title(title, fontsize=10)
-    panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)

@@ -9,12 +9,67 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
-from vrte.studies.accuracy.scenes import PHI, POLARIZED, PROBES, Probe, probe
+from vrte.scene.scene import Scene
+from vrte.studies import cases
 
+MU = (0.02, 0.1, 0.35, 0.6, 0.85, 1.0)
+PHI = (0.0, 30.0, 90.0, 150.0, 180.0)
 GIVEN = tuple(10.0**-k for k in range(3, 12))
 CHOSEN = tuple(10.0**-k for k in range(2, 10))
 EXACT, CONTINUOUS = 1e-15, 1e-12  # accuracy of the references: on the same nodes, on many more
 QUICK = ("Rayleigh, thickness 10", "HG 0.5", "spheroids", "gold powder, without end", "clear spheres, grazing")
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A scene, thin or thick, smooth or peaked, clear or absorbing, and what is asked of it: a BRDF between ``mu0``
+    (n_in,) and MU, with the transmission where the layer ends, or, with ``tau``, the field of a polarized beam at those
+    depths, up and down. ``nodes``: of the discrete problem; ``more``: two numbers of nodes that the continuous problem
+    is taken from; ``of``: the name of the scene in `cases`, where that is not the probe's."""
+
+    name: str
+    nodes: int
+    more: tuple[int, int]
+    mu0: tuple[float, ...] = (0.2, 0.8)
+    tau: tuple[float, ...] = ()
+    of: str = ""
+
+    @property
+    def scene(self) -> Scene:
+        """What is solved."""
+        return cases.scene(self.of or self.name)
+
+    @property
+    def signed_mu(self) -> Array:
+        """The cosines up and down."""
+        return np.array([*MU, *(-mu for mu in MU)])
+
+
+PROBES = {
+    probe.name: probe
+    for probe in (
+        Probe("Rayleigh, thickness 0.01", 16, (160, 240)),
+        Probe("Rayleigh, thickness 10, field", 16, (96, 128), (0.6,), (0.0, 5.0, 10.0), of="Rayleigh, thickness 10"),
+        Probe("HG 0.5, thickness 1", 20, (96, 128)),
+        Probe("HG 0.75, thickness 0.1", 41, (120, 160)),
+        Probe("HG 0.85, without end", 72, (112, 144)),
+        Probe("clear spheres, thickness 8", 24, (72, 96)),
+        Probe("gold powder, thickness 100", 24, (72, 96)),
+        Probe("gold powder, without end", 24, (72, 96)),
+        Probe("spheroids, field", 16, (96, 128), (0.6,), (0.0, 0.2, 1.0), of="spheroids"),
+        Probe("haze L, thickness 1", 50, (72, 96), (0.5,)),
+        Probe("two layers over a base", 24, (72, 96)),
+        Probe("absorbing spheroids, thickness 5", 16, (96, 128)),
+        Probe("clear spheres, grazing beam", 24, (96, 128), (0.02, 0.05), of="clear spheres, thickness 2, over a base"),
+        Probe(
+            *("clear spheres, normal beam, field", 24, (160, 224), (1.0,), (0.0, 0.01, 1.0, 2.0)),
+            of="clear spheres, thickness 2",
+        ),
+        Probe("water cloud, thickness 5", 24, (80, 104), (0.5,)),
+        Probe("coarse pigment, thickness 10", 24, (72, 96)),
+        Probe("peak below Rayleigh", 24, (112, 144)),
+    )
+}
 
 
 @dataclass(frozen=True)
@@ -61,12 +116,12 @@ def answer(case: Probe, accuracy: float, nodes: int | None, algorithm: str = "au
     """What is asked of the case."""
     options: dict[str, Any] = {"accuracy": accuracy, "nodes": nodes, "algorithm": algorithm}
     if case.tau:
-        field = radiance(case.scene, case.mu0[0], POLARIZED, case.signed_mu, PHI, case.tau, **options)
+        field = radiance(case.scene, case.mu0[0], cases.POLARIZED, case.signed_mu, PHI, case.tau, **options)
         flux = np.stack([field.flux_up, field.flux_down], axis=-1)[:, None] / np.pi
         light = field.stokes[:, None]
         return Answer(light, np.abs(light[..., 0]).max(axis=(2, 3)), flux, field.diagnostics)
     ends = bool(np.isfinite(case.scene.thickness))
-    found = brdf(case.scene, case.mu0, case.mu, PHI, transmission=ends, **options)
+    found = brdf(case.scene, case.mu0, MU, PHI, transmission=ends, **options)
     matrices = [found.mueller] + ([] if found.transmission is None else [found.transmission])
     light = np.stack(matrices)
     # of the transmitted light no flux is told
@@ -91,15 +146,15 @@ def references(case: Probe, given: bool) -> tuple[list[Answer], float]:
     return [second], difference(first, second)
 
 
-def sweep(names: Sequence[str], given: bool, requests: Sequence[float]) -> Iterator[Outcome]:
+def outcomes_of(names: Sequence[str], given: bool, requests: Sequence[float]) -> Iterator[Outcome]:
     """Every scene at every request; with nodes given those that carry all terms, the others have no accuracy."""
     for name in names:
-        case = probe(name)
+        case = PROBES[name]
         if given and 2 * case.nodes < max(layer.phase_matrix.terms for layer in case.scene.layers):
             continue
         right, uncertain = references(case, given)
         nodes = case.nodes if given else None
-        finest = unknowns_of(answer(case, EXACT if given else min(requests), nodes))
+        finest = int(answer(case, EXACT if given else min(requests), nodes).diagnostics["unknowns"])
         for requested in requests:
             found = answer(case, requested, nodes)
             told = found.diagnostics
@@ -111,21 +166,11 @@ def sweep(names: Sequence[str], given: bool, requests: Sequence[float]) -> Itera
                 uncertain=uncertain,
                 nodes=told["nodes"],
                 orders=told["orders"],
-                unknowns=unknowns_of(found),
+                unknowns=int(told["unknowns"]),
                 seconds=told["wall_seconds"],
                 promised=told["promised"],
-                saved=unknowns_of(found) < finest,
+                saved=int(told["unknowns"]) < finest,
             )
-
-
-def quick_names() -> tuple[str, ...]:
-    """Scenes that take least time."""
-    return tuple(name for name in PROBES if name.startswith(QUICK))
-
-
-def unknowns_of(found: Answer) -> int:
-    """Of all orders."""
-    return int(found.diagnostics["unknowns"])
 
 
 def median_slack(outcomes: Sequence[Outcome]) -> float:

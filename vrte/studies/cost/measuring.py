@@ -1,7 +1,8 @@
-"""Wall times of solves, in total and step by step, the configurations taking turns."""
+"""Wall times of solves, in total and step by step, the configurations taking turns; exponents of their growth."""
 
+import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,22 +13,17 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
-from vrte.studies.cost.claims import TOTAL
-from vrte.studies.cost.sweeps import MU0, PHI, Axis, Point, cosines
+from vrte.studies.cost.axes import MU0, PHI, Axis, Point, cosines
 from vrte.studies.tables.configurations import Configuration as Papers
+from vrte.studies.tables.paper import IN_RECONSTRUCTION, TOTAL
+from vrte.studies.timing import Tick, rounds_that_fit
 
 REST = "outside the steps"
-# stages of the solver that are part of a step of the paper; any other stage is a step by its own name
-STEP_OF_STAGE = {
-    "fourier sum": "reconstruction",  # (1:12)
-    "single scattering": "reconstruction",  # Q of (1:38)
-}
 FEWEST_ROUNDS, MOST_ROUNDS = 3, 15
 SECONDS_A_POINT = 1.5  # of all configurations and rounds together, where 3 rounds fit in
 SECONDS_A_POINT_QUICK = 0.1
 PAPERS = (Papers.TWO, Papers.FIVE)  # that the paper's figures show; all by its own method, modes
-OPENMP = Papers.OPENMP_FULL
-Tick = Callable[[int, int, str], None]
+FEWEST_POINTS = 3  # of a fit: two leave nothing to tell the uncertainty from
 
 
 @dataclass(frozen=True)
@@ -54,6 +50,20 @@ class Measurement:
     orders_solved: int
     stages: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def steps(self) -> dict[str, float]:
+        """Seconds of the total, of each step (a stage that is no step of the paper's is one by its own name), and of
+        what no stage accounts for.
+
+        >>> Measurement("nodes", 8.0, Point(), "", 0, 4.0, 1, {"fourier sum": 1.0, "reconstruction": 2.0}).steps
+        {'total': 4.0, 'reconstruction': 3.0, 'outside the steps': 1.0}
+        """
+        found = {TOTAL: self.seconds}
+        for stage, seconds in self.stages.items():
+            step = IN_RECONSTRUCTION.get(stage, stage)
+            found[step] = found.get(step, 0.0) + seconds
+        return found | {REST: max(0.0, self.seconds - sum(self.stages.values()))}
+
 
 def configurations(threads: int = 2) -> tuple[Configuration, ...]:
     """The paper's 2 and, where there is an OpenCL device, 5; OpenMP if more than one of its ``threads`` is asked for.
@@ -67,7 +77,7 @@ def configurations(threads: int = 2) -> tuple[Configuration, ...]:
         raise SceneError("the compiled core was built without OpenMP: only --threads 1 can be measured")
     found = [Configuration(each.title, each.options(1)) for each in PAPERS if each.refusal() is None]
     if threads > 1:
-        found.append(Configuration(f"OpenMP, {threads} threads", OPENMP.options(threads)))
+        found.append(Configuration(f"OpenMP, {threads} threads", Papers.OPENMP_FULL.options(threads)))
     return tuple(found)
 
 
@@ -107,53 +117,78 @@ def measure(
         for place, (axis, point) in enumerate(places):
             if number >= wanted[place]:
                 continue
-            tick(done, sum(wanted), f"{axis.name} {axis.value(point)}")
+            tick(done, sum(wanted), f"{axis.name} {axis.value(point):g}")
             start = time.perf_counter()
             found += [measured(axis, point, configuration, number) for configuration in configurations]
             if number == 0:
-                wanted[place] = rounds(time.perf_counter() - start, seconds_a_point)
+                first = time.perf_counter() - start
+                wanted[place] = rounds_that_fit(first, seconds_a_point, FEWEST_ROUNDS, MOST_ROUNDS)
             done += 1
     tick(done, done, "")
     return found
 
 
-def rounds(first: float, available: float) -> int:
-    """How many fit into the ``available`` seconds if the first is typical, from FEWEST_ROUNDS to MOST_ROUNDS.
-
-    >>> rounds(0.3, 1.5), rounds(2.0, 1.5), rounds(1e-6, 1.5)
-    (5, 3, 15)
-    """
-    return int(min(max(available / first, FEWEST_ROUNDS), MOST_ROUNDS))
-
-
 def measured(axis: Axis, point: Point, configuration: Configuration, number: int) -> Measurement:
     """One solve, timed by its own diagnostics."""
     made = solve(point, configuration)
-    return Measurement(
-        axis=axis.name,
-        value=float(axis.value(point)),
-        point=point,
-        configuration=configuration.name,
-        round=number,
-        seconds=made["wall_seconds"],
-        orders_solved=made["orders"],
-        stages={name: clock["wall_seconds"] for name, clock in made["stages"].items()},
-    )
+    stages = {name: clock["wall_seconds"] for name, clock in made["stages"].items()}
+    told = made["wall_seconds"], made["orders"], stages
+    return Measurement(axis.name, axis.value(point), point, configuration.name, number, *told)
 
 
-def steps(measurement: Measurement) -> dict[str, float]:
-    """Seconds of the total, of each step, and of what no stage accounts for.
+@dataclass(frozen=True)
+class Fit:
+    """t = c x^p: ``exponent`` p with its standard error, ``factor`` c [s], and the range of x it is from.
 
-    >>> found = Measurement("nodes", 8.0, Point(), "", 0, 4.0, 1, {"fourier sum": 1.0, "reconstruction": 2.0})
-    >>> steps(found)
-    {'total': 4.0, 'reconstruction': 3.0, 'outside the steps': 1.0}
+    The error is that of the scatter about the straight line, so it holds curvature as well as noise.
     """
-    found = {TOTAL: measurement.seconds}
-    for stage, seconds in measurement.stages.items():
-        step = STEP_OF_STAGE.get(stage, stage)
-        found[step] = found.get(step, 0.0) + seconds
-    found[REST] = max(0.0, measurement.seconds - sum(measurement.stages.values()))
-    return found
+
+    exponent: float
+    error: float
+    factor: float
+    lowest: float
+    highest: float
+    points: int
+
+    def __str__(self) -> str:
+        return f"{self.exponent:z.2f} ± {self.error:.2f}"
+
+    def at(self, x: Any) -> Any:
+        """Seconds on the fitted line."""
+        return self.factor * np.asarray(x, dtype=np.float64) ** self.exponent
+
+
+def fit_exponent(x: Any, seconds: Any) -> Fit | None:
+    """Least squares of log t against log x, through the points with x > 0 and a time above 0; None of fewer than 3, or
+    of one x alone.
+
+    >>> str(fit_exponent([1, 2, 4], [0.5, 4.0, 32.0]))
+    '3.00 ± 0.00'
+    """
+    x, seconds = np.asarray(x, dtype=np.float64), np.asarray(seconds, dtype=np.float64)
+    there = (x > 0.0) & (seconds > 0.0)
+    x, seconds = x[there], seconds[there]
+    if x.size < FEWEST_POINTS or np.ptp(x) == 0.0:
+        return None
+    along, up = np.log(x), np.log(seconds)
+    from_mean = along - along.mean()
+    spread = float(from_mean @ from_mean)
+    exponent = float(from_mean @ up) / spread
+    intercept = float(up.mean() - exponent * along.mean())
+    residual = up - (intercept + exponent * along)
+    error = math.sqrt(float(residual @ residual) / (x.size - 2) / spread)
+    return Fit(exponent, error, math.exp(intercept), float(x.min()), float(x.max()), int(x.size))
+
+
+def upper_half(x: Array) -> Array:
+    """Which points lie in the upper half of the axis, on a logarithmic scale: (points,) of bool.
+
+    There a constant cost weighs least, so the exponent is nearest to that of the term that grows.
+
+    >>> upper_half(np.array([1.0, 4.0, 16.0])).tolist()
+    [False, True, True]
+    """
+    return np.asarray(x >= math.sqrt(float(x.min()) * float(x.max())) * (1.0 - 1e-12))
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,19 +200,22 @@ class Series:
     least: Array
     greatest: Array
 
+    def exponent(self, part: Array | slice = slice(None)) -> str:
+        """Of the points chosen, with its standard error; a dash where there is no fit."""
+        return str(fit_exponent(self.x[part], self.seconds[part]) or "-")
+
 
 def series(measurements: Sequence[Measurement], axis: str, configuration: str) -> dict[str, Series]:
     """Every step's, the total first, what is outside the steps last; 0 seconds where a step did not run."""
-    chosen = [found for found in measurements if (found.axis, found.configuration) == (axis, configuration)]
     by_value: dict[float, list[dict[str, float]]] = {}
-    for found in chosen:
-        by_value.setdefault(found.value, []).append(steps(found))
+    for found in measurements:
+        if (found.axis, found.configuration) == (axis, configuration):
+            by_value.setdefault(found.value, []).append(found.steps)
     names = list(dict.fromkeys(name for solves in by_value.values() for solve in solves for name in solve))
     names.sort(key=lambda name: (name != TOTAL, name == REST))
     x = np.array(sorted(by_value))
     result = {}
     for name in names:
-        times = [np.array([solve.get(name, 0.0) for solve in by_value[value]]) for value in x.tolist()]
-        median, least, greatest = (np.array([of(row) for row in times]) for of in (np.median, np.min, np.max))
-        result[name] = Series(x, median, least, greatest)
+        times = [[solve.get(name, 0.0) for solve in by_value[value]] for value in x.tolist()]
+        result[name] = Series(x, *(np.array([of(row) for row in times]) for of in (np.median, np.min, np.max)))
     return result

@@ -1,24 +1,29 @@
-"""The Markdown page of exponents beside the paper's claims, and the CSV file of all measurements."""
+"""figures.md, exponents beside the paper's claims, measurements.csv, and figures 2 to 9 of the GPU paper as PNGs: total
+time, and the time of each step, along each axis."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+from vrte.pictures.figures import COLOURS, FAINT, require_pictures, save
+from vrte.studies.cost.axes import Axis
+from vrte.studies.cost.measuring import REST, Measurement, Series, fit_exponent, series, upper_half
+from vrte.studies.pages import finish_panel, made_with, markdown_list, markdown_table, write_rows, write_text
+from vrte.studies.tables.paper import TOTAL
 
-from vrte.formats.atomic import atomic_write
-from vrte.studies.cost.claims import TOTAL, claim
-from vrte.studies.cost.figures import figure_name
-from vrte.studies.cost.fitting import Fit, fit_exponent, upper_half
-from vrte.studies.cost.measuring import Measurement, Series, series
-from vrte.studies.cost.sweeps import Axis
-from vrte.studies.pages import made_with, markdown_list, markdown_table, write_rows
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PAGE, CSV = "figures.md", "measurements.csv"
 CSV_COLUMNS = (
     *("axis", "value", "configuration", "round", "radius_um", "terms", "nodes", "outgoing", "incident"),
     *("orders_solved", "total_s"),
 )
+OTHERS = ("#666666", "#00a0a8", "#c05a8f", "#8a7a00", "#4a90e2", "#9b9b9b")  # steps of our own, in their order
+CONFIGURATIONS = ("#1f4e79", "#d98200", "#2a8f5b", "#b3262e", "#7a4fa3")
+MARKERS = "osD^vP"
+Lines = dict[str, dict[str, Series]]  # configuration: step: line
 
 
 def write_page(
@@ -28,22 +33,22 @@ def write_page(
     folder: str | os.PathLike[str],
     settings: str,
 ) -> list[Path]:
-    """Writes figures.md and measurements.csv into the folder, each all of it or nothing; returns their paths.
+    """Writes the figures, figures.md and measurements.csv into the folder, each all of it or nothing; their paths.
 
-    Raises OSError.
+    Raises MissingExtraError without matplotlib, OSError.
     """
+    lines = {axis.name: {name: series(measurements, axis.name, name) for name in configurations} for axis in axes}
+    paths = []
+    for axis in axes:
+        for number, draw in zip(axis.figures, (total_figure, steps_figure), strict=True):
+            paths.append(Path(folder) / f"figure_{number}.png")
+            save(draw(axis, lines[axis.name]), paths[-1])
     page, table = Path(folder) / PAGE, Path(folder) / CSV
-    with atomic_write(page) as part:
-        part.write_text(as_markdown(measurements, axes, configurations, settings), encoding="utf-8")
-    stages = stage_names(measurements)
+    write_text(page, as_markdown(measurements, axes, lines, settings))
+    stages = list(dict.fromkeys(name for found in measurements for name in found.stages))
     header = [*CSV_COLUMNS, *(f"{name.replace(' ', '_')}_s" for name in stages)]
     write_rows(table, header, [csv_cells(found, stages) for found in measurements])
-    return [page, table]
-
-
-def stage_names(measurements: Iterable[Measurement]) -> list[str]:
-    """Every stage that any solve had, in the order in which they first occur."""
-    return list(dict.fromkeys(name for found in measurements for name in found.stages))
+    return [*paths, page, table]
 
 
 def csv_cells(found: Measurement, stages: Sequence[str]) -> list[object]:
@@ -56,7 +61,7 @@ def csv_cells(found: Measurement, stages: Sequence[str]) -> list[object]:
 
 
 def as_markdown(
-    measurements: Sequence[Measurement], axes: Sequence[Axis], configurations: Sequence[str], settings: str
+    measurements: Sequence[Measurement], axes: Sequence[Axis], lines: dict[str, Lines], settings: str
 ) -> str:
     """The page: what was measured on what, then axis by axis the figures, the exponents and the total times."""
     solves = f"{len(measurements)} solves, {sum(found.seconds for found in measurements):.0f} s"
@@ -66,16 +71,17 @@ def as_markdown(
         "Written by `vrte tables --figures`; docs/cost.md says what the columns mean.\n",
     ]
     for axis in axes:
-        found = {name: series(measurements, axis.name, name) for name in configurations}
-        first, second = axis.figures
+        found, (first, second) = lines[axis.name], axis.figures
+        orders = {each.value: each.orders_solved for each in measurements if each.axis == axis.name}
+        totals = [
+            [f"{value:g}", str(orders[value]), *(f"{1e3 * steps[TOTAL].seconds[k]:.1f}" for steps in found.values())]
+            for k, value in enumerate(axis.values.tolist())
+        ]
         blocks += [
             f"## Figures {first} and {second}: {axis.title}\n",
-            f"![total time]({figure_name(first)})\n\n![time of each step]({figure_name(second)})\n",
-            markdown_table(exponent_header(axis, configurations), exponent_rows(axis, found)),
-            markdown_table(
-                [axis.name, "orders solved", *(f"total [ms], {name}" for name in configurations)],
-                total_rows(measurements, axis, found),
-            ),
+            f"![total time](figure_{first}.png)\n\n![time of each step](figure_{second}.png)\n",
+            markdown_table(exponent_header(axis, list(found)), exponent_rows(axis, found)),
+            markdown_table([axis.name, "orders solved", *(f"total [ms], {name}" for name in found)], totals),
         ]
     return "\n".join(blocks).rstrip() + "\n"
 
@@ -90,49 +96,28 @@ def exponent_header(axis: Axis, configurations: Sequence[str]) -> list[str]:
     return columns
 
 
-def span(values: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> str:
+def span(values: Any) -> str:
     """First and last.
 
-    >>> span(np.array([1.0, 2.0, 8.0]))
+    >>> span([1.0, 2.0, 8.0])
     '1 to 8'
     """
     return f"{values[0]:g} to {values[-1]:g}"
 
 
-def exponent_rows(axis: Axis, found: dict[str, dict[str, Series]]) -> list[list[str]]:
+def exponent_rows(axis: Axis, found: Lines) -> list[list[str]]:
     """A row a step: claim, and in each configuration both fits and the step's share of the total at the last point."""
-    steps = list(dict.fromkeys(name for lines in found.values() for name in lines))
     rows = []
-    for step in steps:
-        stated = claim(axis.name, step)
-        row = [step, "-" if stated is None else str(stated)]
+    for step in dict.fromkeys(name for lines in found.values() for name in lines):
+        row = [step, str(axis.claims.get(step, "-"))]
         for lines in found.values():
-            row += exponent_cells(lines.get(step), lines[TOTAL])
+            line = lines.get(step)
+            if line is None:
+                row += ["-", "-", "-"]
+                continue
+            share = line.seconds[-1] / lines[TOTAL].seconds[-1]
+            row += [line.exponent(), line.exponent(upper_half(line.x)), f"{share:.1%}"]
         rows.append(row)
-    return rows
-
-
-def exponent_cells(line: Series | None, total: Series) -> list[str]:
-    """Both exponents and the share of the total at the last point."""
-    if line is None:
-        return ["-", "-", "-"]
-    upper = upper_half(line.x)
-    fits = [fit_exponent(line.x, line.seconds), fit_exponent(line.x[upper], line.seconds[upper])]
-    return [*map(exponent_text, fits), f"{line.seconds[-1] / total.seconds[-1]:.1%}"]
-
-
-def exponent_text(fit: Fit | None) -> str:
-    """With its standard error, or a dash where there is no fit."""
-    return "-" if fit is None else str(fit)
-
-
-def total_rows(measurements: Sequence[Measurement], axis: Axis, found: dict[str, dict[str, Series]]) -> list[list[str]]:
-    """A row a point: Fourier orders solved, and the median total of each configuration [ms]."""
-    orders = {found.value: found.orders_solved for found in measurements if found.axis == axis.name}
-    rows = []
-    for place, value in enumerate(axis.values.tolist()):
-        totals = [f"{1e3 * lines[TOTAL].seconds[place]:.1f}" for lines in found.values()]
-        rows.append([f"{value:g}", str(orders[value]), *totals])
     return rows
 
 
@@ -159,3 +144,69 @@ def linear_algebra() -> str:
         if library["user_api"] == "blas"
     }
     return f"linear algebra: {', '.join(sorted(found)) or 'unknown'}"
+
+
+def total_figure(axis: Axis, found: Lines) -> "Figure":
+    """Total time, a line a configuration, each with its fit. Raises MissingExtraError."""
+    figure = new_figure(6.4, 4.2)
+    panel = figure.subplots()
+    for place, (name, steps) in enumerate(found.items()):
+        draw(panel, steps[TOTAL], CONFIGURATIONS[place], place, f"{name}: exponent {steps[TOTAL].exponent()}")
+    name_axes(panel, axis, f"Total time. Exponent in the paper: {axis.claims[TOTAL].text}")
+    panel.set_ylabel("seconds")
+    panel.legend(fontsize=9, frameon=False)
+    return figure
+
+
+def steps_figure(axis: Axis, found: Lines) -> "Figure":
+    """Time of each step, a panel a configuration. Raises MissingExtraError."""
+    figure = new_figure(1.2 + 4.2 * len(found), 5.4)
+    panels: Any = figure.subplots(1, len(found), sharey=True, squeeze=False)
+    for panel, (name, lines) in zip(panels[0], found.items(), strict=True):
+        steps = {step: line for step, line in lines.items() if step != TOTAL and line.seconds.any()}
+        colours = colours_of(list(steps))
+        for place, (step, line) in enumerate(steps.items()):
+            stated = f" (paper: {axis.claims[step].text})" if step in axis.claims else ""
+            draw(panel, line, colours[step], place, f"{step}: {line.exponent()}{stated}")
+        name_axes(panel, axis, name)
+        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
+        panel.legend(fontsize=8, frameon=False, title="step: exponent", title_fontsize=8, **below)
+    panels[0, 0].set_ylabel("seconds")
+    return figure
+
+
+def colours_of(steps: Sequence[str]) -> dict[str, str]:
+    """Of each step: the paper's have theirs everywhere."""
+    ours = [step for step in steps if step not in COLOURS and step != REST]
+    return COLOURS | {step: OTHERS[place % len(OTHERS)] for place, step in enumerate(ours)} | {REST: FAINT}
+
+
+def draw(panel: Any, line: Series, colour: str, place: int, label: str) -> None:
+    """Medians with a bar from the least to the greatest, and the fitted power law dashed."""
+    ran = line.seconds > 0.0
+    x, median = line.x[ran], line.seconds[ran]
+    spread = [median - line.least[ran], line.greatest[ran] - median]
+    style = {"color": colour, "marker": MARKERS[place % len(MARKERS)], "markersize": 4}
+    panel.errorbar(x, median, yerr=spread, label=label, linewidth=1.3, elinewidth=0.8, capsize=2, **style)
+    fit = fit_exponent(x, median)
+    if fit is not None:
+        panel.plot(x, fit.at(x), color=colour, linewidth=0.9, linestyle="--", alpha=0.7)
+
+
+def name_axes(panel: Any, axis: Axis, title: str) -> None:
+    """With ticks at the points themselves, where there is room for their names."""
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    finish_panel(panel, title, axis.title)
+    panel.xaxis.set_major_locator(FixedLocator(axis.values.tolist()))
+    panel.xaxis.set_minor_locator(NullLocator())
+    panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    panel.tick_params(labelsize=8)
+
+
+def new_figure(width: float, height: float) -> Any:
+    """An empty figure [inches]. Raises MissingExtraError without matplotlib."""
+    require_pictures()
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")

@@ -1,13 +1,26 @@
-"""What to take for how much: the Pareto front of a scene, and a sentence a scene; of vrte, its peers beside it."""
+"""What to take for how much: the Pareto front of a scene, and a sentence a scene; of vrte, its peers beside it; and how
+well method="auto" chose, its runs against the quickest of all others that were good enough."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import median
 
-from vrte.request.request import EXACT
-from vrte.studies.methods.records import REFUSED, Row
+from vrte.request.request import AUTO, EXACT, METHODS
+from vrte.studies.methods.rows import REFUSED, Row, grouped
+from vrte.studies.pages import markdown_table
 
 TARGETS = (1e-3, 1e-6, 1e-10)
 COARSE = 1e-2  # what synthetic iteration is held to
+EXPONENTS, EXPONENTS_QUICK = (1, 2, 3, 4, 6, 8, 10), (2, 3, 6)  # of the accuracies that auto is asked for
+HEADER = (
+    "accuracy asked for",
+    "scenes",
+    "auto good enough",
+    "auto took the quickest method",
+    "time over that of the quickest run: median",
+    "worst",
+)
 
 
 def front(rows: Sequence[Row]) -> list[Row]:
@@ -37,13 +50,12 @@ def quickest(rows: Sequence[Row], target: float) -> Row | None:
 
 def least(rows: Sequence[Row], target: float) -> Row | None:
     """The one of least time that reaches the target."""
-    good = [row for row in rows if row.worst <= target]
-    return min(good, key=lambda row: row.seconds, default=None)
+    return min((row for row in rows if row.worst <= target), key=lambda row: row.seconds, default=None)
 
 
 def within_of(rows: Sequence[Row]) -> float:
     """What the reference of these rows is uncertain by; infinite where none was measured."""
-    return max((row.reference_within for row in rows if row.is_measured), default=float("inf"))
+    return max((row.reference_within for row in rows if row.is_measured), default=math.inf)
 
 
 def advice(rows: Sequence[Row], target: float) -> str:
@@ -81,8 +93,8 @@ def beside_exact(rows: Sequence[Row], method: str = "synthetic-iteration", targe
 def beside_peers(rows: Sequence[Row], target: float) -> str:
     """How each peer that reaches the target stands to what would be advised; empty where none does."""
     ours, texts = quickest(rows, target), []
-    for name in dict.fromkeys(row.curve for row in rows if row.is_peer):
-        found = least([row for row in rows if row.curve == name and row.is_measured], target)
+    for name, some in grouped((row for row in rows if row.is_peer and row.is_measured), "curve").items():
+        found = least(some, target)
         if found is not None and within_of(rows) <= target:
             beside = f", {found.seconds / ours.seconds:.2g} times as long" if ours else ""
             texts.append(f"{name} with {found.setting} takes {time_text(found.seconds)}{beside}")
@@ -91,12 +103,8 @@ def beside_peers(rows: Sequence[Row], target: float) -> str:
 
 def refusals(rows: Sequence[Row]) -> dict[str, str]:
     """Why each curve that was refused throughout was, by its name."""
-    found = {}
-    for name in dict.fromkeys(row.curve for row in rows):
-        part = [row for row in rows if row.curve == name]
-        if all(row.status.startswith(REFUSED) for row in part):
-            found[name] = part[0].status
-    return found
+    curves = grouped(rows, "curve").items()
+    return {name: some[0].status for name, some in curves if all(row.status.startswith(REFUSED) for row in some)}
 
 
 def time_text(seconds: float) -> str:
@@ -109,3 +117,84 @@ def time_text(seconds: float) -> str:
         if seconds >= size:
             return f"{seconds / size:.2g} {unit}" if seconds < 100.0 * size else f"{seconds / size:.0f} {unit}"
     return f"{seconds / 1e-6:.0f} us"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Of one scene: whether the run of auto was good enough, whether the quickest of the others that were is of the
+    same method, and the run's time over that one's."""
+
+    scene: str
+    is_adequate: bool
+    is_quickest_method: bool
+    ratio: float
+
+
+def choice(rows: Sequence[Row], target: float) -> Choice | None:
+    """Of a scene's rows; None where auto was not run, the reference is not known so well, or no other run will do."""
+    setting = f"accuracy {target:.0e}".replace("e-0", "e-")
+    runs = [row for row in rows if row.curve == AUTO and row.setting == setting and row.is_measured]
+    best = quickest([row for row in rows if row.curve != AUTO and row.method in METHODS], target)
+    if not runs or best is None or within_of(rows) > target:
+        return None
+    (run,) = runs
+    return Choice(run.scene, run.worst <= target, run.method == best.method, run.seconds / best.seconds)
+
+
+def choices(rows: Sequence[Row], target: float) -> list[Choice]:
+    """Of all scenes of which something can be said."""
+    return [each for some in grouped(rows).values() if (each := choice(some, target)) is not None]
+
+
+def answer(rows: Sequence[Row]) -> str:
+    """What to take, in a sentence, whatever the scene; empty without runs of auto."""
+    found = [each for target in TARGETS for each in choices(rows, target)]
+    if not found:
+        return ""
+    good, ratio = sum(each.is_adequate for each in found), median(each.ratio for each in found)
+    return (
+        f'Take method="auto" with the accuracy that is wanted: good enough in {good} of {len(found)} runs, in '
+        f"{ratio:.2g} times (median) the time of the quickest run that was, whatever its method and setting."
+    )
+
+
+def score_rows(rows: Sequence[Row]) -> list[tuple[str, ...]]:
+    """A line of the table for each accuracy that auto was asked for, nothing without any."""
+    lines = list[tuple[str, ...]]()
+    for exponent in EXPONENTS:
+        found = choices(rows, float(f"1e-{exponent}"))
+        if found:
+            worst = max(found, key=lambda each: each.ratio)
+            counts = (
+                len(found),
+                sum(e.is_adequate for e in found),
+                sum(e.is_adequate and e.is_quickest_method for e in found),
+            )
+            ratios = f"{median(each.ratio for each in found):.2g}", f"{worst.ratio:.2g} ({worst.scene})"
+            lines.append((f"1e-{exponent}", *map(str, counts), *ratios))
+    return lines
+
+
+def score_markdown(rows: Sequence[Row]) -> str:
+    """The table for docs/methods.md."""
+    return markdown_table(HEADER, score_rows(rows))
+
+
+def score_html(rows: Sequence[Row]) -> str:
+    """The section of the page, empty without runs of auto."""
+    lines = score_rows(rows)
+    if not lines:
+        return ""
+    head = "".join(f"<th>{name}</th>" for name in HEADER)
+    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in line)}</tr>" for line in lines)
+    return f'<h2>How well method="auto" chose</h2>\n<table><tr>{head}</tr>{body}</table>'
+
+
+def score_text(rows: Sequence[Row]) -> str:
+    """The same for a terminal, a line an accuracy."""
+    lines = [
+        f"  auto at {target}: good enough in {adequate} of {count} scenes, the quickest method in {same}, "
+        f"time over the quickest {middle} (median), {worst}"
+        for target, count, adequate, same, middle, worst in score_rows(rows)
+    ]
+    return "\n".join(lines)

@@ -9,7 +9,7 @@ from vrte.basics.errors import DeviceError
 from vrte.methods import method_of
 from vrte.request.request import AUTO, EXACT, METHODS
 from vrte.studies.methods import peers
-from vrte.studies.methods.score import EXPONENTS, EXPONENTS_QUICK
+from vrte.studies.methods.advice import EXPONENTS, EXPONENTS_QUICK
 
 Options = Mapping[str, Any]  # keywords of vrte.radiance
 
@@ -101,31 +101,35 @@ KNOBS: dict[str, tuple[tuple[str, tuple[Setting, ...]], ...]] = {
 }
 
 
-def exact_curves(quick: bool) -> tuple[Curve, ...]:
-    """Discrete ordinates: over nodes by each algorithm, over the accuracy asked for, on an OpenCL device."""
+def curves(quick: bool = False) -> tuple[Curve, ...]:
+    """All of them: of the exact method, over nodes by each algorithm, over the accuracy asked for, on an OpenCL device;
+    of every other method registered; of whatever auto takes, over the accuracy asked for (its rows say which method
+    that was); of every peer that is installed, over its streams, two for a node of a hemisphere.
+
+    Where quick, a coarse and a middle point of each.
+
+    >>> [curve.name for curve in curves(quick=True)][0]
+    'discrete-ordinates, modes'
+    """
     nodes, accuracies = (NODES_QUICK, ACCURACIES_QUICK) if quick else (NODES, ACCURACIES)
+    few = coarse_and_middle if quick else tuple[Setting, ...]
     found = [
-        *(
-            Curve(f"{EXACT}, {name}", EXACT, over_nodes(nodes, algorithm=name, accuracy=FINE))
-            for name in ("modes", "doubling")
-        ),
-        Curve(f"{EXACT}, accuracy", EXACT, over_accuracies(accuracies)),
+        Curve(f"{EXACT}, {name}", EXACT, over_nodes(nodes, algorithm=name, accuracy=FINE))
+        for name in ("modes", "doubling")
     ]
+    found.append(Curve(f"{EXACT}, accuracy", EXACT, over_accuracies(accuracies)))
     if not quick:
         found.append(Curve(f"{EXACT}, sequential", EXACT, over_accuracies((3, 6, 10), backend="sequential")))
-        if device_name() is not None:
+        if has_device():
             found.append(Curve(f"{EXACT}, opencl", EXACT, over_accuracies(accuracies, backend="opencl")))
-    return tuple(found)
-
-
-def other_curves(quick: bool) -> tuple[Curve, ...]:
-    """Of every method registered beside the exact one; the coarsest and a middle point of each where quick."""
-    found = []
     for method in METHODS:
-        if method == EXACT:
-            continue
-        for name, settings in KNOBS.get(method, ((method, over_nodes(NODES)),)):
-            found.append(Curve(name, method, coarse_and_middle(settings) if quick else settings))
+        if method != EXACT:
+            each = KNOBS.get(method, ((method, over_nodes(NODES)),))
+            found += [Curve(name, method, few(settings)) for name, settings in each]
+    found.append(Curve(AUTO, AUTO, over_accuracies(EXPONENTS_QUICK if quick else EXPONENTS)))
+    for peer in peers.installed():
+        settings = tuple(Setting(f"{streams} streams", {"streams": streams}) for streams in peer.streams)
+        found.append(Curve(f"{peer.name}{peer.lacks}", peer.name, few(settings), peer.made_by))
     return tuple(found)
 
 
@@ -135,38 +139,15 @@ def coarse_and_middle(settings: tuple[Setting, ...]) -> tuple[Setting, ...]:
     return settings[: half + 1 : max(1, half)]
 
 
-def peer_curves(quick: bool) -> tuple[Curve, ...]:
-    """Of every peer that is installed, over its streams, two for a node of a hemisphere."""
-    found = []
-    for peer in peers.installed():
-        settings = tuple(Setting(f"{streams} streams", {"streams": streams}) for streams in peer.streams)
-        settings = coarse_and_middle(settings) if quick else settings
-        found.append(Curve(f"{peer.name}{peer.lacks}", peer.name, settings, peer.made_by))
-    return tuple(found)
-
-
-def curves(quick: bool = False) -> tuple[Curve, ...]:
-    """All of them.
-
-    >>> [curve.name for curve in curves(quick=True)][0]
-    'discrete-ordinates, modes'
-    """
-    return (*exact_curves(quick), *other_curves(quick), auto_curve(quick), *peer_curves(quick))
-
-
-def auto_curve(quick: bool) -> Curve:
-    """Whatever the rules take, over the accuracy asked for; its rows say which method that was."""
-    return Curve(AUTO, AUTO, over_accuracies(EXPONENTS_QUICK if quick else EXPONENTS))
-
-
-def device_name() -> str | None:
-    """The OpenCL device that a solve would take; None without one."""
+def has_device() -> bool:
+    """Whether a solve would find an OpenCL device."""
     try:
-        from vrte.cl import device
+        from vrte.cl.device import chosen
 
-        return device.chosen().name
+        chosen()
     except (ImportError, DeviceError):
-        return None
+        return False
+    return True
 
 
 def unknown_settings() -> list[str]:
@@ -174,9 +155,8 @@ def unknown_settings() -> list[str]:
     return [
         f"{method}: {name}"
         for method, each in KNOBS.items()
-        if method in METHODS
         for _, settings in each
         for setting in settings
         for name in setting.options.get("settings", {})
-        if name not in method_of(method).settings
+        if method in METHODS and name not in method_of(method).settings
     ]

@@ -17,23 +17,13 @@ from vrte.results.field import Field
 from vrte.studies.methods import peers
 from vrte.studies.methods.knobs import Curve, Options, Setting
 from vrte.studies.methods.operations import operations
-from vrte.studies.methods.records import (
-    FAILED,
-    LEFT_OUT,
-    MEASURED,
-    REFUSED,
-    STOKES,
-    Row,
-    append,
-    fingerprint,
-    read,
-    write,
-)
-from vrte.studies.methods.reference import Reference, answered, ask, reference
+from vrte.studies.methods.reference import Reference, ask, reference, shares
+from vrte.studies.methods.rows import FAILED, LEFT_OUT, MEASURED, REFUSED, STOKES, Row
 from vrte.studies.methods.scenes import Case, case
+from vrte.studies.records import Records, fingerprint
+from vrte.studies.timing import Tick, Times, rounds_that_fit
 
 CSV = "methods.csv"
-Told = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -53,63 +43,38 @@ FULL, HASTE = Pace(), Pace(seconds=0.005, fewest=1, most=3)
 
 
 def measure(
-    names: Sequence[str], curves: Sequence[Curve], folder: Path, pace: Pace, told: Told, fresh: bool = False
+    names: Sequence[str], curves: Sequence[Curve], folder: Path, pace: Pace, told: Tick, fresh: bool = False
 ) -> list[Row]:
     """All rows, in the order of cases and curves; methods.csv in the folder has them, too. A row there that was made by
     the same settings, sources and machine is taken as it is, unless ``fresh``. Raises OSError."""
-    path = folder / CSV
-    known = {} if fresh else read(path)
+    log = Records(Row, folder / CSV)
+    known = {} if fresh else log.read()
+    runs = [(curve, setting) for curve in curves for setting in curve.settings]
+    marks = {name: [mark(case(name), *run) for run in runs] for name in names}
+    wanted = {each for of_case in marks.values() for each in of_case}
     # what is stale goes first, so that the file never mixes versions
-    write([row for row in known.values() if row.fingerprint in marks(names, curves)], path)
-    rows, total = list[Row](), steps_of(names, curves)
+    log.write([row for row in known.values() if row.fingerprint in wanted])
+    rows, total = list[Row](), len(names) * len(runs)
     for name in names:
         told(len(rows), total, f"{name}: reference")
-        rows += rows_of(case(name), curves, folder, pace, known, counted(told, len(rows), total))
+        if all(each in known for each in marks[name]):  # no reference is needed
+            rows += [known[each] for each in marks[name]]
+            continue
+        right = reference(case(name), folder)
+        for curve in curves:
+            for row in along(case(name), curve, right, pace, known):
+                told(len(rows), total, f"{name}: {row.curve}, {row.setting}")
+                if row.fingerprint not in known:
+                    log.append(row)
+                rows.append(row)
     told(total, total, "pages")
-    write(rows, path)
+    log.write(rows)
     return rows
-
-
-def counted(told: Told, before: int, total: int) -> Callable[[int, str], None]:
-    """Tells what one case has done, after the cases before it."""
-    return lambda done, what: told(before + done, total, what)
-
-
-def steps_of(names: Sequence[str], curves: Sequence[Curve]) -> int:
-    """How many runs there are."""
-    return len(names) * sum(len(curve.settings) for curve in curves)
-
-
-def marks(names: Sequence[str], curves: Sequence[Curve]) -> set[str]:
-    """Fingerprints of all runs."""
-    return {mark(case(name), curve, setting) for name in names for curve in curves for setting in curve.settings}
 
 
 def mark(one: Case, curve: Curve, setting: Setting) -> str:
     """The fingerprint of a run."""
     return fingerprint(one.fingerprint, curve.key(setting))
-
-
-def rows_of(
-    one: Case,
-    curves: Sequence[Curve],
-    folder: Path,
-    pace: Pace,
-    known: dict[str, Row],
-    told: Callable[[int, str], None],
-) -> list[Row]:
-    """Of one case; the reference is solved only if a run is to be measured."""
-    runs = [(curve, setting) for curve in curves for setting in curve.settings]
-    if all(mark(one, *run) in known for run in runs):
-        return [known[mark(one, *run)] for run in runs]
-    right, rows = reference(one, folder), list[Row]()
-    for curve in curves:
-        for row in along(one, curve, right, pace, known):
-            told(len(rows), f"{one.name}: {row.curve}, {row.setting}")
-            if row.fingerprint not in known:
-                append(row, folder / CSV)
-            rows.append(row)
-    return rows
 
 
 def along(one: Case, curve: Curve, right: Reference, pace: Pace, known: dict[str, Row]) -> Iterator[Row]:
@@ -138,15 +103,15 @@ def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, 
         return replace(blank, status=f"{REFUSED}: {error}")
     except (AccuracyError, ArithmeticError, peers.PeerError) as error:
         return replace(blank, status=f"{FAILED}: {error}")
-    taken = field.diagnostics["method"] if method == AUTO else method
+    taken, times = field.diagnostics["method"] if method == AUTO else method, Times.of(seconds)
     return replace(
         blank,
         method=taken,
         status=MEASURED,
-        seconds=float(np.median(seconds)),
-        least=min(seconds),
-        greatest=max(seconds),
-        rounds=len(seconds),
+        seconds=times.median,
+        least=times.least,
+        greatest=times.greatest,
+        rounds=times.rounds,
         nodes=int(field.diagnostics.get("nodes", 0)),
         orders=int(field.diagnostics.get("orders", 0)),
         operations=operations(one, taken, {"method": method, **setting.options}, field),
@@ -170,7 +135,7 @@ def timed(solve: Callable[[], Field], pace: Pace) -> tuple[Field, list[float]]:
         field = solve()
         seconds.append(time.perf_counter() - start)
         if len(seconds) == 1 and seconds[0] < pace.alone:
-            rounds = 1 + min(pace.most, max(pace.fewest, int(pace.seconds / seconds[0])))
+            rounds = 1 + rounds_that_fit(seconds[0], pace.seconds, pace.fewest, pace.most)
     return field, seconds[1:] or seconds
 
 
@@ -179,21 +144,20 @@ def errors(one: Case, field: Field, right: Reference, is_partial: bool = False) 
 
     ``is_partial``: what is NaN was not to be found and does not count; otherwise it makes the error NaN.
     """
-    found = answered(one, field, right.largest)
-    gaps = np.abs(found.light - right.answer.light)
+    light, lost = right.gaps(one, field)
     level = np.nonzero(one.outgoing)[0]
     result = {}
     for place, letter in enumerate(STOKES):
-        by_depth = [told(gaps[level == depth, :, place], is_partial) for depth in range(len(one.tau))]
+        by_depth = [counted(light[level == depth, :, place], is_partial) for depth in range(len(one.tau))]
         by_depth = [part for part in by_depth if part.size] or [np.array([np.nan])]
         result[f"{letter}_max"] = float(max(part.max() for part in by_depth))
         result[f"{letter}_rms"] = float(max(np.sqrt(np.mean(part**2)) for part in by_depth))
-    lost = told(found.shares - right.answer.shares, is_partial)
-    if one.is_conservative and lost.size == found.shares.size:
-        return result | {"energy": float(abs(1.0 - found.shares.sum()))}
-    return result | {"energy": float(np.abs(lost).max())}
+    if one.is_conservative and not (is_partial and np.isnan(lost).any()):
+        return result | {"energy": float(abs(1.0 - shares(one, field).sum()))}
+    return result | {"energy": float(counted(lost, is_partial).max())}
 
 
-def told(values: Array, is_partial: bool) -> Array:
-    """The values, (any,), without those that are NaN where that is no error."""
-    return values[~np.isnan(values)] if is_partial else values.ravel()
+def counted(gaps: Array, is_partial: bool) -> Array:
+    """Their sizes, (any,), without those that are NaN where that is no error."""
+    sizes = np.abs(gaps)
+    return sizes[~np.isnan(sizes)] if is_partial else sizes.ravel()

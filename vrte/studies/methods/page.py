@@ -6,31 +6,31 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from vrte.basics.errors import MissingExtraError
-from vrte.formats.atomic import atomic_write
 from vrte.pictures.figures import FAINT, require_pictures, save
 from vrte.request.request import AUTO, METHOD_NAMES
 from vrte.studies.methods import peers
 from vrte.studies.methods.advice import (
     TARGETS,
     advice,
+    answer,
     beside_exact,
     beside_peers,
     front,
     quickest,
     refusals,
+    score_html,
+    score_text,
     sentence,
     time_text,
     within_of,
 )
-from vrte.studies.methods.records import STOKES, Row
 from vrte.studies.methods.reference import slug
+from vrte.studies.methods.rows import STOKES, Row, grouped
 from vrte.studies.methods.scenes import case
-from vrte.studies.methods.score import choices, score_html, score_text
-from vrte.studies.pages import made_with
+from vrte.studies.pages import MARKERS, finish_panel, made_with, two_digits, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,19 +49,10 @@ COLOURS = dict(
     )
 )
 BOLD = 2.0  # auto's lines and markers, over those of others
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")  # matplotlib
 SYMBOLS = (
-    "circle",
-    "square",
-    "triangle-up",
-    "diamond",
-    "triangle-down",
-    "cross",
-    "x",
-    "triangle-left",
-    "triangle-right",
+    *("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "x", "triangle-left", "triangle-right"),
     "star",
-)
+)  # Plotly's, of MARKERS
 MEASURES = (
     ("largest error of I, Q, U, V", "worst"),
     ("largest error of I", "i_max"),
@@ -104,30 +95,18 @@ def plotly_script() -> str:
 def write_page(rows: Sequence[Row], folder: str | os.PathLike[str], settings: str) -> list[Path]:
     """Writes methods.html and a picture a scene; their paths. Raises MissingExtraError, OSError."""
     page = Path(folder) / PAGE
-    with atomic_write(page) as part:
-        part.write_text(as_html(rows, settings), encoding="utf-8")
+    write_text(page, as_html(rows, settings))
     pictures = []
-    for name, some in by_scene(rows).items():
+    for name, some in grouped(rows).items():
         pictures.append(Path(folder) / f"{slug(name)}.png")
         save(as_figure(name, some, styles(rows)), pictures[-1])
     return [page, *pictures]
 
 
-def by_scene(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Rows of each scene, in their order."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        found.setdefault(row.scene, []).append(row)
-    return found
-
-
 def by_curve(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Measured rows of each curve, in their order."""
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        if row.is_measured:
-            found.setdefault(row.curve, []).append(row)
-    return found
+    """Measured rows of each curve, in their order but for auto's, which come first."""
+    found = grouped((row for row in rows if row.is_measured), "curve")
+    return dict(sorted(found.items(), key=lambda pair: pair[0] != AUTO))
 
 
 def styles(rows: Sequence[Row]) -> dict[str, int]:
@@ -155,48 +134,27 @@ def boldness(rows: Sequence[Row]) -> float:
     return BOLD if method_of_curve(rows[0]) == AUTO else 1.0
 
 
-def answer(rows: Sequence[Row]) -> str:
-    """What to take, in a sentence, whatever the scene; empty without runs of auto."""
-    found = [each for target in TARGETS for each in choices(rows, target)]
-    if not found:
-        return ""
-    good, ratio = sum(each.is_adequate for each in found), median(each.ratio for each in found)
-    return (
-        f'Take method="auto" with the accuracy that is wanted: good enough in {good} of {len(found)} runs, in '
-        f"{ratio:.2g} times (median) the time of the quickest run that was, whatever its method and setting."
-    )
-
-
 def shown(error: float) -> float:
     """Where an error is drawn."""
     return max(error, SMALLEST)
 
 
-def or_dash(value: float) -> str:
-    """Two digits, a dash for NaN.
-
-    >>> or_dash(0.00123), or_dash(math.nan)
-    ('1.2e-03', '-')
-    """
-    return "-" if math.isnan(value) else f"{value:.1e}"
-
-
 def hover(row: Row) -> str:
     """What a point tells."""
-    errors = ", ".join(f"{letter.upper()} {or_dash(getattr(row, f'{letter}_max'))}" for letter in STOKES)
+    rms, energy = two_digits(row.i_rms), two_digits(row.energy)
+    errors = ", ".join(f"{letter.upper()} {two_digits(getattr(row, f'{letter}_max'))}" for letter in STOKES)
     spread = f"{time_text(row.least)} to {time_text(row.greatest)}, {row.rounds} rounds"
     return (
         f"<b>{html.escape(row.curve)}</b><br>{html.escape(row.setting)}<br>{time_text(row.seconds)} ({spread})<br>"
-        f"largest errors: {errors}<br>root mean square of I {or_dash(row.i_rms)}, energy {or_dash(row.energy)}<br>"
-        f"operations: {or_dash(row.operations)}"
+        f"largest errors: {errors}<br>root mean square of I {rms}, energy {energy}<br>"
+        f"operations: {two_digits(row.operations)}"
     )
 
 
 def as_plotly(rows: Sequence[Row], places: dict[str, int]) -> dict[str, Any]:
     """The interactive figure of a scene: a trace a curve, the Pareto front first, a menu of what is measured."""
     best = front(rows)
-    curves = sorted(by_curve(rows).items(), key=lambda pair: pair[0] != AUTO)
-    lines = [("Pareto front", best), *curves]
+    lines = [("Pareto front", best), *by_curve(rows).items()]
     data = [trace(name, some, places.get(name)) for name, some in lines]
     buttons = [
         {
@@ -261,7 +219,7 @@ def trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, Any]:
 
 def as_html(rows: Sequence[Row], settings: str) -> str:
     """The page: what was measured, what to take for how much, and a figure a scene."""
-    scenes, places = by_scene(rows), styles(rows)
+    scenes, places = grouped(rows), styles(rows)
     figures = {slug(name): as_plotly(some, places) for name, some in scenes.items()}
     data = json.dumps(figures).replace("</", "<\\/")
     facts = "".join(f"<li>{html.escape(fact)}</li>" for fact in [*made_with(settings), peers.statement()])
@@ -321,7 +279,7 @@ def as_figure(name: str, rows: Sequence[Row], places: dict[str, int]) -> "Figure
     x, y = [row.seconds for row in best], [shown(row.worst) for row in best]
     panel.step(x, y, where="post", color=FAINT, linewidth=7, label="Pareto front", alpha=0.7)
     # auto above the others, and first in the legend
-    for curve, some in sorted(by_curve(rows).items(), key=lambda pair: pair[0] != AUTO):
+    for curve, some in by_curve(rows).items():
         place, bold = places[curve], boldness(some)
         style: dict[str, Any] = {"color": colour_of(some), "marker": MARKERS[place % len(MARKERS)], "zorder": 2 + bold}
         style["linestyle"] = "--" if some[0].is_peer else "-"
@@ -332,12 +290,8 @@ def as_figure(name: str, rows: Sequence[Row], places: dict[str, int]) -> "Figure
         panel.errorbar(times, heights_, xerr=spread, label=curve, **style)
     within = within_of(rows)
     panel.axhline(shown(within), color="black", linewidth=0.7, linestyle=":", label=f"reference within {within:.0e}")
-    panel.set_xscale("log")
-    panel.set_yscale("log")
-    panel.set_xlabel("seconds on one thread")
-    panel.set_ylabel("largest error of I, Q, U, V over the largest I")
-    panel.set_title(f"{name}: {case(name).words}", fontsize=10)
-    panel.grid(color=FAINT, linewidth=0.5, alpha=0.7)
+    beside = "largest error of I, Q, U, V over the largest I"
+    finish_panel(panel, f"{name}: {case(name).words}", "seconds on one thread", beside)
     figure.legend(loc="outside right upper", fontsize=7, frameon=False)
     return figure
 
@@ -345,7 +299,7 @@ def as_figure(name: str, rows: Sequence[Row], places: dict[str, int]) -> "Figure
 def as_text(rows: Sequence[Row]) -> str:
     """A sentence a scene, for a terminal."""
     lines = []
-    for name, some in by_scene(rows).items():
+    for name, some in grouped(rows).items():
         lines.append(f"  {name} (reference known to {within_of(some):.0e})")
         told = [advice(some, target) for target in TARGETS] + [beside_exact(some), *beside(some)]
         lines += [f"    {text}" for text in told]

@@ -11,8 +11,8 @@ from vrte.basics.arrays import Array
 from vrte.calls.radiance import radiance
 from vrte.formats.atomic import atomic_write
 from vrte.results.field import Field
-from vrte.studies.methods.records import fingerprint
 from vrte.studies.methods.scenes import PHI, Case
+from vrte.studies.records import fingerprint
 
 FINEST = 1e-14  # accuracy: no Fourier order is left out that could matter
 NO_LIGHT = 1e-290
@@ -20,22 +20,27 @@ FOLDER = "references"
 
 
 @dataclass(frozen=True)
-class Answer:
-    """The light that leaves, (n_out, n_phi, 4), each direction over the largest I at its depth, and the shares of the
-    incident flux that go up at the top and, with the beam, down at the bottom, (n_tau,)."""
+class Reference:
+    """The light that leaves, (n_out, n_phi, 4), each direction over the largest I at its depth, which is ``largest``,
+    (n_out, 1, 1); the shares of the incident flux that go up at the top and, with the beam, down at the bottom,
+    (n_tau,); ``within``: the largest difference of two routes in light and shares."""
 
     light: Array
     shares: Array
-
-
-@dataclass(frozen=True)
-class Reference:
-    """``answer`` in units of the largest I at each depth, ``largest`` (n_out, 1, 1); ``within``: the largest difference
-    of the two routes in light and shares."""
-
-    answer: Answer
     largest: Array
     within: float
+
+    @staticmethod
+    def of(case: Case, field: Field, within: float = 0.0) -> "Reference":
+        """What was found, in units of its own largest I."""
+        light, level = field.stokes[case.outgoing], np.nonzero(case.outgoing)[0]
+        most = np.array([np.abs(light[level == place, :, 0]).max() for place in range(len(case.tau))])
+        largest = np.maximum(most, NO_LIGHT)[level][:, None, None]
+        return Reference(light / largest, shares(case, field), largest, within)
+
+    def gaps(self, case: Case, field: Field) -> tuple[Array, Array]:
+        """By what another answer is off: light as here, and shares."""
+        return field.stokes[case.outgoing] / self.largest - self.light, shares(case, field) - self.shares
 
 
 def ask(case: Case, **options: Any) -> Field:
@@ -45,28 +50,10 @@ def ask(case: Case, **options: Any) -> Field:
         return radiance(case.scene, case.mu0, case.stokes, case.signed_mu, PHI, case.tau, **options)
 
 
-def leaving(case: Case, field: Field) -> Array:
-    """The light that leaves, (n_out, n_phi, 4)."""
-    return field.stokes[case.outgoing]
-
-
 def shares(case: Case, field: Field) -> Array:
     """Of the incident flux, (n_tau,): reflected, and transmitted with the beam."""
-    incident = case.mu0 * case.stokes[0]
     below = (field.flux_down + field.direct)[1:]
-    return np.concatenate([field.flux_up[:1], below]) / incident
-
-
-def largest_of(case: Case, light: Array) -> Array:
-    """The largest I at each direction's depth, (n_out, 1, 1)."""
-    level = np.nonzero(case.outgoing)[0]
-    most = np.array([np.abs(light[level == place, :, 0]).max() for place in range(len(case.tau))])
-    return np.maximum(most, NO_LIGHT)[level][:, None, None]
-
-
-def answered(case: Case, field: Field, largest: Array) -> Answer:
-    """What was found, in units of the reference's largest I."""
-    return Answer(leaving(case, field) / largest, shares(case, field))
+    return np.concatenate([field.flux_up[:1], below]) / (case.mu0 * case.stokes[0])
 
 
 def solved_twice(case: Case) -> Reference:
@@ -75,10 +62,8 @@ def solved_twice(case: Case) -> Reference:
         ask(case, nodes=nodes, accuracy=FINEST, algorithm=algorithm, truncation="none")
         for nodes, algorithm in zip(case.nodes, ("modes", "doubling"), strict=True)
     )
-    largest = largest_of(case, leaving(case, fine))
-    one, other = answered(case, fine, largest), answered(case, coarse, largest)
-    gaps = np.abs(one.light - other.light).max(), np.abs(one.shares - other.shares).max()
-    return Reference(one, largest, float(max(gaps)))
+    gaps = Reference.of(case, fine).gaps(case, coarse)
+    return Reference.of(case, fine, float(max(np.abs(gap).max() for gap in gaps)))
 
 
 def reference(case: Case, folder: Path) -> Reference:
@@ -88,18 +73,11 @@ def reference(case: Case, folder: Path) -> Reference:
     if path.exists():
         with np.load(path) as kept:
             if str(kept["mark"]) == mark:
-                return Reference(Answer(kept["light"], kept["shares"]), kept["largest"], float(kept["within"]))
+                return Reference(kept["light"], kept["shares"], kept["largest"], float(kept["within"]))
     found = solved_twice(case)
     path.parent.mkdir(exist_ok=True)
     with atomic_write(path) as part, open(part, "wb") as file:
-        np.savez(
-            file,
-            mark=mark,
-            light=found.answer.light,
-            shares=found.answer.shares,
-            largest=found.largest,
-            within=found.within,
-        )
+        np.savez(file, mark=mark, **vars(found))
     return found
 
 

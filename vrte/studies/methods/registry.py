@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from vrte.formats.atomic import atomic_write
 from vrte.methods import method_of
 from vrte.methods.auto.rules import RULES, Rule
 from vrte.methods.parts.method import Method
 from vrte.request.request import METHODS
-from vrte.studies.pages import markdown_table
+from vrte.studies.pages import markdown_table, write_text
 
 BEGIN, END = "<!-- begin: python -m vrte.studies.methods docs/methods.md -->", "<!-- end -->"
 BEGIN_TAKEN = "<!-- begin, as well: python -m vrte.studies.methods docs/methods.md -->"
@@ -85,7 +84,5 @@ def refreshed(text: str) -> str:
 
 def main(path: str) -> int:
     """Rewrites the tables of a page."""
-    text = refreshed(Path(path).read_text(encoding="utf-8"))
-    with atomic_write(path) as part:
-        part.write_text(text, encoding="utf-8")
+    write_text(path, refreshed(Path(path).read_text(encoding="utf-8")))
     return 0

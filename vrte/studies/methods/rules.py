@@ -15,10 +15,10 @@ from vrte.calls.plan import request_of
 from vrte.methods.auto import RULES, taken
 from vrte.methods.auto.rules import Rule
 from vrte.request.request import AUTO, EXACT, METHODS, Request
-from vrte.studies.methods.advice import TARGETS, quickest, within_of
-from vrte.studies.methods.records import READERS, Row
+from vrte.studies.methods.advice import EXPONENTS, TARGETS, quickest, score_markdown, within_of
+from vrte.studies.methods.rows import Row, grouped
 from vrte.studies.methods.scenes import CASES, PHI, Case, case
-from vrte.studies.methods.score import EXPONENTS, score_markdown
+from vrte.studies.records import Records
 
 BY_HAND, BY_ACCURACY = f"{EXACT}, modes", f"{EXACT}, accuracy"
 
@@ -26,9 +26,10 @@ BY_HAND, BY_ACCURACY = f"{EXACT}, modes", f"{EXACT}, accuracy"
 def rows_of(path: Path) -> list[Row]:
     """The rows of any version's report: columns are found by name, those that it does not have stay empty. Raises
     OSError, ValueError."""
+    readers = Records(Row, path).readers
     with open(path, encoding="utf-8", newline="") as file:
         return [
-            Row(**{name: READERS[name](text) for name, text in line.items() if name in READERS})
+            Row(**{name: readers[name](text) for name, text in line.items() if name in readers})
             for line in csv.DictReader(file)
         ]
 
@@ -47,11 +48,8 @@ def rule_of(one: Case, accuracy: float) -> Rule:
 def disagreements(rows: Sequence[Row]) -> list[str]:
     """All of them, in words; none where the table is right."""
     named = (text for rule in RULES for each in rule.evidence for text in against_evidence(rows, rule, *each))
-    scenes = [name for name in CASES if any(row.scene == name for row in rows)]
-    on_scenes = (
-        text for name in scenes for text in against_scene([row for row in rows if row.scene == name], case(name))
-    )
-    return [*named, *on_scenes]
+    scenes = {name: some for name, some in grouped(rows).items() if name in CASES}
+    return [*named, *(text for name in CASES if name in scenes for text in against_scene(scenes[name], case(name)))]
 
 
 def against_evidence(

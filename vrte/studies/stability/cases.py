@@ -1,53 +1,288 @@
-"""Which scenes there are: the covering array and the corners, those the oracle answers, and the quick selection."""
+"""The cases of the stability table: axes, layering, directions, depths; what a case asks for, which cases there are.
 
-from fnmatch import fnmatchcase
-from functools import cache
+A `Case` says in words and numbers what it is; phase matrices, cosines and the `vrte.Scene` are made when asked for.
+"""
 
-from vrte.basics.errors import SceneError
-from vrte.studies.stability.corners import corner_cases
-from vrte.studies.stability.scenes import ORACLE_NODES, Case, covering_cases
+import hashlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
-QUICK_SCENES = 24  # of the covering array, beside the corners
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array
+from vrte.basics.polarization import FLIP
+from vrte.basics.quadrature import double_gauss
+from vrte.scene.scene import Scene
+from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Base, Slab, phase_matrix, scene_of
+from vrte.studies.stability.covering import Row, covering_array
+
+SIZES = ("1e-3", "1", "30", "200")  # size parameters of the Mie spheres
+GROUPS = {
+    "isotropic, Rayleigh": ("isotropic", "rayleigh"),
+    "haze L": ("haze-L",),
+    "Henyey-Greenstein, g = +-0.99": ("HG+0.99", "HG-0.99"),
+    "Mie metal": tuple(f"metal-x{size}" for size in SIZES),
+    "Mie dielectric": tuple(f"glass-x{size}" for size in SIZES),
+}
+COSINES = ("1", "1-1e-12", "0.5", "node", "eigenvalue", "1e-3", "1e-8")
+BASES: dict[str, Base] = {"black": None, "white": 1.0, "lobe": "lobe"}
+LAYERINGS = ("one", "two", "hundred", "thick-between-thin", "identical-neighbours", "clear-between")
+NODES = (1, 2, 8, 16, 40, 128)
+AXES: dict[str, tuple[Any, ...]] = {
+    "thickness": (1e-10, 1e-6, 1e-2, 1.0, 1e2, 1e4, 1e6, math.inf),
+    "albedo": (0.0, 1e-12, 0.5, 0.99, 1.0 - 1e-6, 1.0 - 1e-9, 1.0 - 1e-12, 1.0),
+    "phase": tuple(name for names in GROUPS.values() for name in names),
+    "sun": COSINES,
+    "view": COSINES,
+    "base": tuple(BASES),
+    "layering": LAYERINGS,
+    "nodes": NODES,
+}
+SCENES, SEED = 300, 1917
+ORACLE_NODES = 16  # the most for which ball arithmetic is affordable
+BEAM = (1.0, 0.3, 0.2, 0.1)  # incident Stokes vector [W m-2]; (I, Q) and (U, V) are told apart in each Fourier order
+CLEAR_THICKNESS, THIN_THICKNESS, MANY = 0.5, 1e-2, 100
 
 
-@cache
-def all_cases() -> tuple[Case, ...]:
-    """The corners and the covering array, names unique.
+@dataclass(frozen=True)
+class Case:
+    """One scene and what is asked of it.
 
-    >>> len(all_cases()) >= 340
+    ``slabs``, top first; ``main``, which of them the axes describe; ``sun`` and ``view``, one of COSINES or a number;
+    ``beam``, the incident Stokes vector [W m-2]; ``base_kind``, one of BASES; ``nodes`` a hemisphere; ``orders``, the
+    Fourier orders looked at; ``reason``, of a corner: what makes it hard; ``extra_mu``, further signed cosines.
+    """
+
+    name: str
+    nodes: int
+    slabs: tuple[Slab, ...]
+    main: int = 0
+    base_kind: str = "black"
+    sun: str | float = 0.5
+    view: str | float = 0.5
+    beam: tuple[float, float, float, float] = BEAM
+    orders: tuple[int, ...] = (0, 1)
+    extra_mu: tuple[float, ...] = ()
+    reason: str = ""
+    layering: str = field(default="one", compare=False)
+
+    @property
+    def layers(self) -> list[tuple[Array, float, float]]:
+        """What an oracle needs of each layer: expansion coefficients (terms, 6), albedo, optical thickness."""
+        return [(phase_matrix(slab.phase).coefficients, slab.albedo, slab.thickness) for slab in self.slabs]
+
+    @property
+    def base(self) -> Base:
+        """None (black), the albedo of a Lambertian base, or "lobe"."""
+        return BASES[self.base_kind]
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene as a user would write it."""
+        return scene_of(self.slabs, self.base)
+
+    @property
+    def thickness(self) -> float:
+        """Total optical thickness."""
+        return math.fsum(slab.thickness for slab in self.slabs)
+
+    @cached_property
+    def mu0(self) -> float:
+        """The beam's cosine."""
+        return self.cosine(self.sun)
+
+    @cached_property
+    def mu(self) -> Array:
+        """Signed cosines: the view's, 0.35, 0.9, the sun's, up and then down, and the extra ones."""
+        sizes = dict.fromkeys([self.cosine(self.view), 0.35, 0.9, self.mu0])
+        return np.array([*sizes, *(-size for size in sizes), *self.extra_mu])
+
+    def cosine(self, kind: str | float) -> float:
+        """The number behind one of COSINES."""
+        if kind == "node":
+            return float(double_gauss(self.nodes)[0][self.nodes // 2])
+        if kind == "eigenvalue":
+            return eigen_cosine(self.slabs[self.main], self.nodes)
+        return 1.0 - 1e-12 if kind == "1-1e-12" else float(kind)
+
+    @property
+    def levels(self) -> list[tuple[int, float]]:
+        """Depths as (layer, depth below its top): top, first and last interface, one or two inside, bottom."""
+        above, last = interfaces(self.slabs), len(self.slabs) - 1
+        total = self.thickness
+        inside = [0.375 * total] if math.isfinite(total) else [0.1, 1.0]
+        found = [(0, 0.0)] + [(k, 0.0) for k in sorted({1, last}) if 1 <= k <= last]
+        for tau in inside:
+            layer = int(np.searchsorted(above, tau, side="right")) - 1
+            found.append((layer, min(float(tau - above[layer]), self.slabs[layer].thickness)))
+        if math.isfinite(total):
+            found.append((last, self.slabs[last].thickness))
+        return sorted(set(found)) if total > 0.0 else [(0, 0.0)]
+
+    @property
+    def tau(self) -> Array:
+        """The levels as optical depths below the top."""
+        above, levels = interfaces(self.slabs), self.levels
+        tau = np.array([above[layer] + depth for layer, depth in levels])
+        if levels[-1] == (len(self.slabs) - 1, self.slabs[-1].thickness):
+            tau[-1] = self.thickness  # the bottom, not a rounding away from it
+        return tau
+
+    @property
+    def terms(self) -> int:
+        """Terms of the longest phase matrix."""
+        return max(phase_matrix(slab.phase).terms for slab in self.slabs)
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the nodes carry all terms, without which the cut phase matrix may be negative somewhere."""
+        return self.terms <= 2 * self.nodes
+
+    @property
+    def group(self) -> str:
+        """The group of phase matrices it counts for."""
+        return next(title for title, names in GROUPS.items() if self.slabs[self.main].phase in names)
+
+    @property
+    def conditions(self) -> list[str]:
+        """The rows of the table it counts for."""
+        return [name for name, holds in CONDITIONS.items() if holds(self)] or [ORDINARY]
+
+    @cached_property
+    def key(self) -> str:
+        """A digest of all numbers that determine the answer: what was computed for another key is out of date."""
+        digest = hashlib.sha256()
+        for coefficients, albedo, thickness in self.layers:
+            digest.update(np.ascontiguousarray(coefficients).tobytes() + np.array([albedo, thickness]).tobytes())
+        numbers = [self.mu0, *self.mu, *self.tau, *self.beam, *self.orders, self.nodes]
+        if self.base_kind == "lobe":
+            numbers += [LOBE_WIDTH_DEG, LOBE_AMPLITUDE, *LOBE_MATRIX.ravel()]
+        digest.update(np.array(numbers, dtype=np.float64).tobytes() + self.base_kind.encode())
+        return digest.hexdigest()[:16]
+
+
+ORDINARY = "none of these"
+CONDITIONS = {
+    "thickness <= 1e-6": lambda case: case.thickness <= 1e-6,
+    "thickness 1e4, 1e6": lambda case: 1e4 <= case.thickness < math.inf,
+    "infinite": lambda case: math.isinf(case.thickness),
+    "omega = 1": lambda case: case.slabs[case.main].albedo == 1.0,
+    "1e-12 <= 1 - omega <= 1e-6": lambda case: 1.0 - 2e-6 < case.slabs[case.main].albedo < 1.0,
+    "omega <= 1e-12": lambda case: case.slabs[case.main].albedo <= 1e-12,
+    "sun or view on a node or eigenvalue": lambda case: {case.sun, case.view} & {"node", "eigenvalue"},
+    "sun or view at mu >= 1-1e-12": lambda case: max(case.mu0, case.cosine(case.view)) > 1.0 - 1e-6,
+    "sun or view at mu <= 1e-3": lambda case: min(case.mu0, case.cosine(case.view)) <= 1e-3,
+}
+
+
+def interfaces(slabs: tuple[Slab, ...]) -> Array:
+    """Optical depth of the top of every slab, added up as the solver does: (slab,).
+
+    >>> interfaces((Slab("rayleigh", 0.9, 1.0), Slab("isotropic", 0.9, 2.0))).tolist()
+    [0.0, 1.0]
+    """
+    return np.concatenate([[0.0], np.cumsum([slab.thickness for slab in slabs[:-1]])])
+
+
+def eigen_cosine(slab: Slab, nodes: int) -> float:
+    """1/k of the mode of order 0 that lies in (0.05, 1) farthest from every node; 0.5 where there is none.
+
+    >>> 0.05 < eigen_cosine(Slab("rayleigh", 0.9, 1.0), 8) < 1.0
     True
     """
-    return (*corner_cases(), *covering_cases())
+    mu, weights = double_gauss(nodes)
+    coefficients = phase_matrix(slab.phase).coefficients[: 2 * nodes]
+    ahead, back = (_core.phase_matrices(0, coefficients, mu, sign * mu) for sign in (1.0, -1.0))
+    ahead, back = ahead[:, :, :2, :2], back[:, :, :2, :2] * FLIP[:2]  # order 0: (I, Q) apart from (U, V)
+    size = 2 * nodes
+    # (n, n, 2, 2) as (2n, 2n), columns times weights
+    squares = (
+        (part * weights[:, None, None]).transpose(0, 2, 1, 3).reshape(size, size)
+        for part in (ahead + back, ahead - back)
+    )
+    E, F = ((np.eye(size) - 0.5 * slab.albedo * square) / np.repeat(mu, 2)[:, None] for square in squares)
+    rates = np.linalg.eigvals(F @ E)
+    real = rates.real[(np.abs(rates.imag) < 1e-9 * np.abs(rates)) & (rates.real > 1.0)]
+    cosines = 1.0 / np.sqrt(real)
+    cosines = np.sort(cosines[(cosines > 0.05) & (cosines < 0.9999)])
+    if cosines.size == 0:
+        return 0.5
+    return float(cosines[np.abs(cosines[:, None] - mu).min(axis=1).argmax()])
 
 
-def oracle_cases() -> tuple[Case, ...]:
-    """The cases of at most 16 nodes, which ball arithmetic can answer.
+def stack(phase: str, albedo: float, thickness: float, layering: str) -> tuple[tuple[Slab, ...], int]:
+    """The slabs of one of LAYERINGS, and which of them is the one described; the last one takes an infinite thickness.
 
-    >>> max(case.nodes for case in oracle_cases())
-    16
+    >>> stack("haze-L", 1.0, 4.0, "identical-neighbours")[0][1]
+    Slab(phase='haze-L', albedo=1.0, thickness=1.0)
     """
-    return tuple(case for case in all_cases() if case.nodes <= ORACLE_NODES)
+    endless = math.isinf(thickness)
+    kind = "isotropic" if phase == "rayleigh" else "rayleigh"
+    main, other = Slab(phase, albedo, thickness), Slab(kind, 0.9, 1.0)
+    if layering == "two":
+        return ((other, main), 1) if endless else ((main, other), 0)
+    if layering == "hundred":
+        each = THIN_THICKNESS if endless else thickness / MANY
+        slabs = [Slab(phase if k % 2 == 0 else kind, albedo, each) for k in range(MANY)]
+        return (*slabs[:-1], Slab(kind, albedo, thickness) if endless else slabs[-1]), 0
+    if layering == "thick-between-thin":
+        thin, endless_last = Slab(kind, albedo, THIN_THICKNESS), Slab(kind, albedo, thickness)
+        return (thin, Slab(phase, albedo, 100.0) if endless else main, endless_last if endless else thin), 1
+    if layering == "identical-neighbours":
+        parts = (1.0, 2.0, math.inf) if endless else (thickness / 2.0, thickness / 4.0, thickness / 4.0)
+        return tuple(Slab(phase, albedo, part) for part in parts), 0
+    if layering == "clear-between":
+        upper, lower = (1.0, thickness) if endless else (thickness / 2.0, thickness / 2.0)
+        clear = Slab("isotropic", 0.0, CLEAR_THICKNESS)
+        return (Slab(phase, albedo, upper), clear, Slab(phase, albedo, lower)), 0
+    return (main,), 0
 
 
-def quick_cases() -> tuple[Case, ...]:
-    """Every second corner and some scenes, of at most 16 nodes that carry all terms, without a hundred layers.
+def covering_rows() -> list[Row]:
+    """The covering array of AXES, as value numbers."""
 
-    >>> 40 <= len(quick_cases()) <= 60
-    True
+    def is_costly(row: Row) -> bool:
+        """A hundred layers of 128 nodes, a minute each: where a pair needs them."""
+        values = dict(zip(AXES, row, strict=True))
+        return LAYERINGS[values["layering"]] == "hundred" and NODES[values["nodes"]] == NODES[-1]
+
+    return covering_array([len(values) for values in AXES.values()], SCENES, SEED, is_costly)
+
+
+def covering_cases() -> Iterator[Case]:
+    """The covering array's cases; their number decides which higher Fourier order is looked at."""
+    for number, row in enumerate(covering_rows()):
+        thickness, albedo, phase, sun, view, base, layering, nodes = (
+            choices[place] for choices, place in zip(AXES.values(), row, strict=True)
+        )
+        slabs, main = stack(phase, albedo, thickness, layering)
+        yield Case(
+            name=f"{phase} w={albedo_name(albedo)} t={thickness:g} {layering} {base} sun={sun} view={view} N={nodes}",
+            nodes=nodes,
+            slabs=slabs,
+            main=main,
+            base_kind=base,
+            sun=sun,
+            view=view,
+            orders=(0, 1 + number % 2),
+            layering=layering,
+        )
+
+
+def albedo_name(albedo: float) -> str:
+    """1-1e-09 for what is close to 1.
+
+    >>> albedo_name(1.0 - 1e-9), albedo_name(0.99)
+    ('1-1e-09', '0.99')
     """
-    small = [case for case in oracle_cases() if case.resolved and case.layering != "hundred"]
-    corners = [case for case in small if case.reason]
-    scenes = [case for case in small if not case.reason]
-    return (*corners[::2], *scenes[:: len(scenes) // QUICK_SCENES][:QUICK_SCENES])
+    return f"1-{1.0 - albedo:.0e}" if 0.999 < albedo < 1.0 else f"{albedo:g}"
 
 
-def matching(pattern: str, quick: bool = False) -> list[Case]:
-    """The cases whose names match a shell's pattern, of all or of the quick selection. Raises SceneError for none.
-
-    >>> [case.name for case in matching("thickness 0*lobe")]
-    ['thickness 0 over a lobe']
-    """
-    found = [case for case in (quick_cases() if quick else all_cases()) if fnmatchcase(case.name, pattern)]
-    if not found:
-        raise SceneError(f"--cases {pattern!r} matches no scene{' of the quick selection' if quick else ''}")
-    return found
+def conservative_between(case: Case, top: tuple[int, float], bottom: tuple[int, float]) -> bool:
+    """Whether nothing is absorbed from one level to the next."""
+    layers = range(top[0], bottom[0] + (bottom[1] > 0.0))
+    return all(case.slabs[k].albedo == 1.0 for k in layers)

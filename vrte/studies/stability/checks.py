@@ -16,8 +16,8 @@ from vrte.basics.errors import AccuracyError
 from vrte.discrete_ordinates.planning.choice import THIN
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
+from vrte.studies.stability.cases import BEAM, Case, conservative_between
 from vrte.studies.stability.oracle import OracleAnswer
-from vrte.studies.stability.scenes import BEAM, Case, conservative_between
 from vrte.studies.stability.solving import (
     FEW,
     SECOND_DIRECTION,
@@ -170,7 +170,7 @@ def estimated_c(case: Case) -> float:
     That is thickness times the smaller of thickness and 1/k, k = sqrt(3 (1 - omega)) the rate at which diffuse light
     dies out, in the layer that absorbs least.
 
-    >>> from vrte.studies.stability.scenes import Slab
+    >>> from vrte.studies.cases import Slab
     >>> f"{estimated_c(Case('a', 8, (Slab('rayleigh', 1.0, 1e6),))):.0e}"
     '1e-04'
     """

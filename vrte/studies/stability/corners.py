@@ -1,148 +1,164 @@
-"""The corners: scenes that are known to be hard, by name, each with what makes it so."""
+"""The corners, scenes that are known to be hard, by name, each with what makes it so; and the selections of cases."""
 
 import math
-from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import cache
+from typing import Any
 
-from vrte.studies.stability.scenes import BEAM, Case, Slab, stack
+from vrte.basics.errors import SceneError
+from vrte.studies.cases import Slab
+from vrte.studies.stability.cases import ORACLE_NODES, Case, covering_cases, stack
+
+QUICK_SCENES = 24  # of the covering array, beside the corners
 
 
-@dataclass(frozen=True)
-class Corner:
-    """A row of the table below: a `Case` in short."""
-
-    name: str
-    reason: str
-    phase: str = "rayleigh"
-    albedo: float = 1.0
-    thickness: float = 1.0
-    layering: str = "one"
-    base: str = "black"
-    sun: str | float = 0.6
-    view: str | float = 0.5
-    nodes: int = 8
-    beam: tuple[float, float, float, float] = BEAM
-    orders: tuple[int, ...] = (0, 1)
-    extra_mu: tuple[float, ...] = ()
-    slabs: tuple[Slab, ...] = ()
-
-    @property
-    def case(self) -> Case:
-        """In full."""
-        slabs, main = (self.slabs, 0) if self.slabs else stack(self.phase, self.albedo, self.thickness, self.layering)
-        return Case(
-            name=self.name,
-            nodes=self.nodes,
-            slabs=slabs,
-            main=main,
-            base_kind=self.base,
-            sun=self.sun,
-            view=self.view,
-            beam=self.beam,
-            orders=self.orders,
-            extra_mu=self.extra_mu,
-            reason=self.reason,
-            layering=self.layering,
-        )
+def corner(
+    name: str,
+    reason: str,
+    phase: str = "rayleigh",
+    albedo: float = 1.0,
+    thickness: float = 1.0,
+    layering: str = "one",
+    slabs: tuple[Slab, ...] = (),
+    base: str = "black",
+    **asked: Any,
+) -> Case:
+    """A `Case` in short: of slabs, or of a stack of one phase matrix."""
+    slabs, main = (slabs, 0) if slabs else stack(phase, albedo, thickness, layering)
+    asked = {"nodes": 8, "sun": 0.6} | asked
+    return Case(name, slabs=slabs, main=main, base_kind=base, layering=layering, reason=reason, **asked)
 
 
 INF = math.inf
 NEARLY = 1.0 - 1e-12
 # fmt: off
-CORNERS = (
-    Corner("sun on a node", "the particular solution has the node's own decay rate", sun="node", phase="glass-x1"),
-    Corner("sun and view on a node", "the same pole twice, and a direction that is a node", sun="node", view="node"),
-    Corner("sun on an eigenvalue", "the textbook's particular solution is singular",
+CORNERS: tuple[Case, ...] = (
+    corner("sun on a node", "the particular solution has the node's own decay rate", sun="node", phase="glass-x1"),
+    corner("sun and view on a node", "the same pole twice, and a direction that is a node", sun="node", view="node"),
+    corner("sun on an eigenvalue", "the textbook's particular solution is singular",
            albedo=0.9, sun="eigenvalue", phase="glass-x1"),
-    Corner("sun and view on an eigenvalue", "a double pole in the reconstruction",
+    corner("sun and view on an eigenvalue", "a double pole in the reconstruction",
            albedo=0.9, thickness=5.0, sun="eigenvalue", view="eigenvalue", phase="metal-x1"),
-    Corner("sun on an eigenvalue, thick", "resonance and decoupled boundaries at once",
+    corner("sun on an eigenvalue, thick", "resonance and decoupled boundaries at once",
            albedo=0.9, thickness=1e4, sun="eigenvalue", view="eigenvalue"),
-    Corner("sun beside a node", "differences of nearly equal exponentials", sun=0.5917173212478249 * (1 + 1e-9)),
-    Corner("mu equals mu0", "transmission along the beam divides by 1/mu - 1/mu0", sun=0.5, view=0.5, albedo=0.99),
-    Corner("mu beside mu0", "the same quotient, 1e-14 away from 0/0", sun=0.5, view=0.5 + 1e-14, albedo=0.99),
-    Corner("normal, conservative, thick", "the sun overhead, T of 1e-6 and a zero eigenvalue",
+    corner("sun beside a node", "differences of nearly equal exponentials", sun=0.5917173212478249 * (1 + 1e-9)),
+    corner("mu equals mu0", "transmission along the beam divides by 1/mu - 1/mu0", sun=0.5, view=0.5, albedo=0.99),
+    corner("mu beside mu0", "the same quotient, 1e-14 away from 0/0", sun=0.5, view=0.5 + 1e-14, albedo=0.99),
+    corner("normal, conservative, thick", "the sun overhead, T of 1e-6 and a zero eigenvalue",
            thickness=1e6, sun="1", view="1"),
-    Corner("conservative, thickness 100", "a double zero eigenvalue", thickness=1e2),
-    Corner("conservative, thickness 1e4", "T is 1e-4 of R", thickness=1e4, phase="glass-x1"),
-    Corner("conservative, thickness 1e6", "an error of 1e-15 in a1[0] would change T by 1e-3", thickness=1e6),
-    Corner("conservative metal, thickness 1e6", "the same with b2 != 0: eigenvalues in complex pairs",
+    corner("conservative, thickness 100", "a double zero eigenvalue", thickness=1e2),
+    corner("conservative, thickness 1e4", "T is 1e-4 of R", thickness=1e4, phase="glass-x1"),
+    corner("conservative, thickness 1e6", "an error of 1e-15 in a1[0] would change T by 1e-3", thickness=1e6),
+    corner("conservative metal, thickness 1e6", "the same with b2 != 0: eigenvalues in complex pairs",
            thickness=1e6, phase="metal-x1"),
-    Corner("1 - omega = 1e-12, thickness 1e6", "the smallest eigenvalue is 1e-6 of the next, and matters",
+    corner("1 - omega = 1e-12, thickness 1e6", "the smallest eigenvalue is 1e-6 of the next, and matters",
            albedo=NEARLY, thickness=1e6),
-    Corner("1 - omega = 1e-9, thickness 1e4", "neither conservative nor absorbing", albedo=1.0 - 1e-9, thickness=1e4),
-    Corner("infinite, conservative", "reflects everything; R converges only as 1/thickness", thickness=INF),
-    Corner("infinite, conservative, under a layer", "everything comes back through the layer above",
+    corner("1 - omega = 1e-9, thickness 1e4", "neither conservative nor absorbing", albedo=1.0 - 1e-9, thickness=1e4),
+    corner("infinite, conservative", "reflects everything; R converges only as 1/thickness", thickness=INF),
+    corner("infinite, conservative, under a layer", "everything comes back through the layer above",
            slabs=(Slab("glass-x1", 1.0, 1.0), Slab("rayleigh", 1.0, INF))),
-    Corner("infinite, conservative, over a white base", "the base is never reached", thickness=INF, base="white"),
-    Corner("infinite, 1 - omega = 1e-12", "R differs from 1 by 1e-6", albedo=NEARLY, thickness=INF),
-    Corner("infinite, absorbing", "scaled steps in place of plain doublings",
+    corner("infinite, conservative, over a white base", "the base is never reached", thickness=INF, base="white"),
+    corner("infinite, 1 - omega = 1e-12", "R differs from 1 by 1e-6", albedo=NEARLY, thickness=INF),
+    corner("infinite, absorbing", "scaled steps in place of plain doublings",
            albedo=0.5, thickness=INF, phase="metal-x1"),
-    Corner("infinite, grazing", "source and view within 1e-8 of the surface", thickness=INF, sun="1e-8", view="1e-8"),
-    Corner("grazing in and out", "1/mu is 1e8 beside 1", sun="1e-8", view="1e-8", albedo=0.99),
-    Corner("grazing in and out, thin", "thickness/mu is 100 while the layer is 1e-6",
+    corner("infinite, grazing", "source and view within 1e-8 of the surface", thickness=INF, sun="1e-8", view="1e-8"),
+    corner("grazing in and out", "1/mu is 1e8 beside 1", sun="1e-8", view="1e-8", albedo=0.99),
+    corner("grazing in and out, thin", "thickness/mu is 100 while the layer is 1e-6",
            sun="1e-8", view="1e-8", albedo=0.99, thickness=1e-6),
-    Corner("grazing sun, conservative, thick", "all light starts within 1e-8 of the top", sun="1e-8", thickness=1e6),
-    Corner("thickness 0", "nothing is there", thickness=0.0),
-    Corner("thickness 0 over a white base", "the base as it stands", thickness=0.0, base="white"),
-    Corner("thickness 0 over a lobe", "the lobe's Fourier orders alone", thickness=0.0, base="lobe", view=0.6),
-    Corner("thickness 1e-10", "reflection is 1e-10 of the light: 1 - E keeps 6 digits",
+    corner("grazing sun, conservative, thick", "all light starts within 1e-8 of the top", sun="1e-8", thickness=1e6),
+    corner("thickness 0", "nothing is there", thickness=0.0),
+    corner("thickness 0 over a white base", "the base as it stands", thickness=0.0, base="white"),
+    corner("thickness 0 over a lobe", "the lobe's Fourier orders alone", thickness=0.0, base="lobe", view=0.6),
+    corner("thickness 1e-10", "reflection is 1e-10 of the light: 1 - E keeps 6 digits",
            thickness=1e-10, phase="metal-x1"),
-    Corner("thickness 1e-10 over a white base", "a change of 1e-10 in a reflectance of 1",
+    corner("thickness 1e-10 over a white base", "a change of 1e-10 in a reflectance of 1",
            thickness=1e-10, base="white"),
-    Corner("white base under a white slab", "a closed box with one opening", thickness=1e2, base="white"),
-    Corner("white base under a white slab, thick", "light that is never lost, 1e6 deep", thickness=1e6, base="white"),
-    Corner("lobe under a thin layer", "a lobe of more orders than the layer has terms",
+    corner("white base under a white slab", "a closed box with one opening", thickness=1e2, base="white"),
+    corner("white base under a white slab, thick", "light that is never lost, 1e6 deep", thickness=1e6, base="white"),
+    corner("lobe under a thin layer", "a lobe of more orders than the layer has terms",
            thickness=1e-2, base="lobe", view=0.6),
-    Corner("lobe under a white slab", "polarized light sent back and forth", thickness=10.0, base="lobe"),
-    Corner("g = 0.99 on 1 node", "1500 terms where 2 are carried; order 1 creates energy",
+    corner("lobe under a white slab", "polarized light sent back and forth", thickness=10.0, base="lobe"),
+    corner("g = 0.99 on 1 node", "1500 terms where 2 are carried; order 1 creates energy",
            phase="HG+0.99", albedo=0.99, nodes=1),
-    Corner("g = 0.99 on 16 nodes, conservative", "the peak is far narrower than the nodes", phase="HG+0.99", nodes=16),
-    Corner("g = -0.99 on 16 nodes", "every layer hands the light straight back", phase="HG-0.99", albedo=0.5, nodes=16),
-    Corner("g = 0.99 on 40 nodes, thick", "a peak and diffusion", phase="HG+0.99", albedo=1.0, thickness=1e4, nodes=40),
-    Corner("g = 0.99 on 128 nodes", "256 orders, 128 nodes", phase="HG+0.99", albedo=0.99, nodes=128),
-    Corner("isotropic on 1 node", "the smallest system there is", phase="isotropic", nodes=1),
-    Corner("isotropic on 1 node, thick", "two streams, 1e6 deep", phase="isotropic", nodes=1, thickness=1e6),
-    Corner("thick between thin", "decay rates times thickness from 1e-2 to 1e6 in one system",
+    corner("g = 0.99 on 16 nodes, conservative", "the peak is far narrower than the nodes", phase="HG+0.99", nodes=16),
+    corner("g = -0.99 on 16 nodes", "every layer hands the light straight back", phase="HG-0.99", albedo=0.5, nodes=16),
+    corner("g = 0.99 on 40 nodes, thick", "a peak and diffusion", phase="HG+0.99", albedo=1.0, thickness=1e4, nodes=40),
+    corner("g = 0.99 on 128 nodes", "256 orders, 128 nodes", phase="HG+0.99", albedo=0.99, nodes=128),
+    corner("isotropic on 1 node", "the smallest system there is", phase="isotropic", nodes=1),
+    corner("isotropic on 1 node, thick", "two streams, 1e6 deep", phase="isotropic", nodes=1, thickness=1e6),
+    corner("thick between thin", "decay rates times thickness from 1e-2 to 1e6 in one system",
            thickness=1e6, layering="thick-between-thin"),
-    Corner("thick between thin, absorbing", "the lower layers are dark to the last bit",
+    corner("thick between thin, absorbing", "the lower layers are dark to the last bit",
            albedo=0.5, thickness=1e4, layering="thick-between-thin", base="white"),
-    Corner("clear layer between", "a layer whose every mode is a node's", layering="clear-between"),
-    Corner("clear layer between, conservative, thick", "absorption without scattering inside a white slab",
+    corner("clear layer between", "a layer whose every mode is a node's", layering="clear-between"),
+    corner("clear layer between, conservative, thick", "absorption without scattering inside a white slab",
            thickness=1e4, layering="clear-between"),
-    Corner("clear layer alone", "no multiple scattering at all", albedo=0.0, base="white"),
-    Corner("identical neighbours, conservative, thick", "joins of layers that are one layer",
+    corner("clear layer alone", "no multiple scattering at all", albedo=0.0, base="white"),
+    corner("identical neighbours, conservative, thick", "joins of layers that are one layer",
            thickness=1e6, layering="identical-neighbours"),
-    Corner("hundred layers, conservative, thick", "99 joints of slabs that transmit little",
+    corner("hundred layers, conservative, thick", "99 joints of slabs that transmit little",
            thickness=1e6, layering="hundred"),
-    Corner("hundred thin layers", "99 joints of slabs that do nothing",
+    corner("hundred thin layers", "99 joints of slabs that do nothing",
            thickness=1e-6, layering="hundred", albedo=0.99),
-    Corner("transmission near 1e-80", "relative digits of light that is nearly gone", albedo=0.5, thickness=1e2),
-    Corner("transmission that underflows", "e^-8000: below the smallest number there is", albedo=0.5, thickness=1e4),
-    Corner("transmission that underflows onto a lobe", "nothing comes back from below",
+    corner("transmission near 1e-80", "relative digits of light that is nearly gone", albedo=0.5, thickness=1e2),
+    corner("transmission that underflows", "e^-8000: below the smallest number there is", albedo=0.5, thickness=1e4),
+    corner("transmission that underflows onto a lobe", "nothing comes back from below",
            albedo=0.5, thickness=1e4, base="lobe"),
-    Corner("omega = 1e-12", "multiple scattering is 1e-12 of single scattering", albedo=1e-12),
-    Corner("mu = 1 off the plane of incidence", "at the pole the meridian plane is the azimuth's", sun="1", view="1",
+    corner("omega = 1e-12", "multiple scattering is 1e-12 of single scattering", albedo=1e-12),
+    corner("mu = 1 off the plane of incidence", "at the pole the meridian plane is the azimuth's", sun="1", view="1",
            orders=(0, 2), phase="metal-x1"),
-    Corner("1e-12 from the normal", "sqrt(1 - mu^2) keeps 6 digits", sun="1-1e-12", view="1-1e-12", orders=(0, 2)),
-    Corner("the same direction many times", "duplicates must not make a system singular",
+    corner("1e-12 from the normal", "sqrt(1 - mu^2) keeps 6 digits", sun="1-1e-12", view="1-1e-12", orders=(0, 2)),
+    corner("the same direction many times", "duplicates must not make a system singular",
            extra_mu=(0.35, 0.35, -0.35, 0.5, 0.6)),
-    Corner("circular light", "V alone carries polarization", beam=(1.0, 0.0, 0.0, 1.0), phase="metal-x1"),
-    Corner("linear light at 45 degrees", "U alone carries polarization", beam=(1.0, 0.0, 1.0, 0.0), phase="metal-x1"),
-    Corner("a metal sphere's order 20", "an order far above those that diffuse", phase="metal-x30", albedo=0.94,
+    corner("circular light", "V alone carries polarization", beam=(1.0, 0.0, 0.0, 1.0), phase="metal-x1"),
+    corner("linear light at 45 degrees", "U alone carries polarization", beam=(1.0, 0.0, 1.0, 0.0), phase="metal-x1"),
+    corner("a metal sphere's order 20", "an order far above those that diffuse", phase="metal-x30", albedo=0.94,
            thickness=1e2, nodes=16, orders=(0, 20)),
-    Corner("large glass spheres on 16 nodes", "487 terms where 32 are carried",
+    corner("large glass spheres on 16 nodes", "487 terms where 32 are carried",
            phase="glass-x200", albedo=0.5, nodes=16),
-    Corner("haze L, conservative, thick", "a forward peak, 1e4 deep", phase="haze-L", thickness=1e4, nodes=16),
+    corner("haze L, conservative, thick", "a forward peak, 1e4 deep", phase="haze-L", thickness=1e4, nodes=16),
 )
 # fmt: on
 
 
 @cache
-def corner_cases() -> tuple[Case, ...]:
-    """Every corner as a `Case`.
+def all_cases() -> tuple[Case, ...]:
+    """The corners and the covering array, names unique.
 
-    >>> len(corner_cases()) >= 40
+    >>> len(all_cases()) >= 340
     True
     """
-    return tuple(corner.case for corner in CORNERS)
+    return (*CORNERS, *covering_cases())
+
+
+def oracle_cases() -> tuple[Case, ...]:
+    """The cases of at most 16 nodes, which ball arithmetic can answer.
+
+    >>> max(case.nodes for case in oracle_cases())
+    16
+    """
+    return tuple(case for case in all_cases() if case.nodes <= ORACLE_NODES)
+
+
+def quick_cases() -> tuple[Case, ...]:
+    """Every second corner and some scenes, of at most 16 nodes that carry all terms, without a hundred layers.
+
+    >>> 40 <= len(quick_cases()) <= 60
+    True
+    """
+    small = [case for case in oracle_cases() if case.resolved and case.layering != "hundred"]
+    corners = [case for case in small if case.reason]
+    scenes = [case for case in small if not case.reason]
+    return (*corners[::2], *scenes[:: len(scenes) // QUICK_SCENES][:QUICK_SCENES])
+
+
+def matching(pattern: str, quick: bool = False) -> list[Case]:
+    """The cases whose names match a shell's pattern, of all or of the quick selection. Raises SceneError for none.
+
+    >>> [case.name for case in matching("thickness 0*lobe")]
+    ['thickness 0 over a lobe']
+    """
+    found = [case for case in (quick_cases() if quick else all_cases()) if fnmatchcase(case.name, pattern)]
+    if not found:
+        raise SceneError(f"--cases {pattern!r} matches no scene{' of the quick selection' if quick else ''}")
+    return found

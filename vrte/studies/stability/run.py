@@ -1,25 +1,24 @@
 """The stability run: one case after another, each finished one put on record, so that a run can be taken up again."""
 
-import hashlib
-import json
 import os
 import time
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-import vrte
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.running import usable_cpus
+from vrte.studies.records import Records, digest_of, fingerprint
+from vrte.studies.stability.cases import Case
 from vrte.studies.stability.checks import Check, examine
-from vrte.studies.stability.oracle import TABLE, Table, lookup, stored_table
-from vrte.studies.stability.scenes import Case
+from vrte.studies.stability.oracle import Table, lookup
 from vrte.studies.stability.solving import Options, is_whole
+from vrte.studies.timing import Tick
 
-LOG = "stability.jsonl"
+LOG = "stability_records.csv"
 # (pattern of the case's name, pattern of the check's name or "refused", why the target is out of reach): told in the
 # table with the figure, and not counted as falling short
 NO_ANSWER = (
@@ -31,7 +30,6 @@ KNOWN: tuple[tuple[str, str, str], ...] = (
     ("g = *", "refused", NO_ANSWER),
     ("*-x200 *", "refused", NO_ANSWER),
 )
-Tick = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -54,6 +52,12 @@ class Record:
     c: float = 0.0
     checks: list[Check] = field(default_factory=list)
     trouble: str = ""
+    fingerprint: str = ""
+
+    def __post_init__(self) -> None:
+        """Checks that come from a file are made ones again."""
+        made = [Check(**check) if isinstance(check, dict) else check for check in self.checks]
+        object.__setattr__(self, "checks", made)
 
     def worst(self, kind: str) -> float | None:
         """The largest value of one kind of check, NaN if there is one; None without such a check."""
@@ -71,6 +75,11 @@ class Record:
         found = [(text, known_reason(self.name, name)) for name, text in self._broken()]
         return [f"{text}: {reason}" for text, reason in found if reason is not None]
 
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        return "falls short" if self.shortfalls else "known" if self.reasons else "holds"
+
     def _broken(self) -> list[tuple[str, str]]:
         if self.trouble:
             return [("refused", self.trouble)]
@@ -83,47 +92,45 @@ class Record:
 
 def known_reason(case: str, check: str) -> str | None:
     """Why this check of this case is known to be out of reach, or None."""
-    for case_pattern, check_pattern, reason in KNOWN:
-        if fnmatchcase(case, case_pattern) and fnmatchcase(check, check_pattern):
-            return reason
-    return None
+    fits = (reason for names, checks, reason in KNOWN if fnmatchcase(case, names) and fnmatchcase(check, checks))
+    return next(fits, None)
 
 
 def run_cases(
     cases: Sequence[Case],
     folder: str | os.PathLike[str],
+    table: Table,
     options: Options | None = None,
     fresh: bool = False,
     tick: Tick = lambda done, total, name: None,
 ) -> list[Record]:
     """Examines the cases and returns their records, in order; ``tick(done, total, name)`` before each.
 
-    Each record goes into ``folder``/stability.jsonl as soon as it is made. Those already there, of the same package,
-    oracle table and options, are taken as they are, unless ``fresh``. Raises OSError.
+    Each record goes into ``folder``/stability_records.csv as soon as it is made. Those already there, of the same
+    package, answers of the oracle (``table``) and options, are taken as they are, unless ``fresh``. Raises OSError.
 
-    >>> from vrte.studies.stability import corner_cases
-    >>> run_cases(corner_cases()[:1], ".")[0].trouble
+    >>> from vrte.studies.stability.corners import CORNERS
+    >>> run_cases(CORNERS[:1], ".", {})[0].trouble
     ''
     """
-    options = options or Options()
-    log, digest = Path(folder) / LOG, fingerprint(options)
-    if fresh:
-        log.unlink(missing_ok=True)
-    known = read_log(log, digest)
+    options, log = options or Options(), Records(Record, Path(folder) / LOG)
+    known = {} if fresh else log.read()
+    log.write(known.values())  # what was torn, or is of no use any more, goes first
+    how = f"{options.algorithm} {options.threads or usable_cpus()} {digest_of(Path(__file__).parent.glob('*.py'))}"
     records = []
-    with stored_table() as table, open(log, "a", encoding="utf-8") as file:
-        for number, case in enumerate(cases):
-            tick(number, len(cases), case.name)
-            record = known.get((case.name, case.key))
-            if record is None:
-                record = record_of(case, table, options)
-                append(file, {"run": digest, "key": case.key, "record": asdict(record)})
-            records.append(record)
+    for number, case in enumerate(cases):
+        tick(number, len(cases), case.name)
+        right = lookup(case, table)
+        mark = fingerprint(case.name, case.key, how, right if isinstance(right, str) else "the oracle's")
+        if mark not in known:
+            known[mark] = record_of(case, table, options, mark)
+            log.append(known[mark])
+        records.append(known[mark])
     tick(len(cases), len(cases), "")
     return records
 
 
-def record_of(case: Case, table: Table, options: Options) -> Record:
+def record_of(case: Case, table: Table, options: Options, mark: str = "") -> Record:
     """Examines one case; whatever goes wrong becomes part of the record."""
     start = time.perf_counter()
     found: dict[str, Any] = {}
@@ -149,46 +156,9 @@ def record_of(case: Case, table: Table, options: Options) -> Record:
         reason=case.reason,
         whole=is_whole(case),
         seconds=time.perf_counter() - start,
+        fingerprint=mark,
         **found,
     )
-
-
-def append(file: Any, entry: dict[str, Any]) -> None:
-    """One line, on disk before anything else happens."""
-    file.write(json.dumps(entry) + "\n")
-    file.flush()
-    os.fsync(file.fileno())
-
-
-def read_log(log: Path, digest: str) -> dict[tuple[str, str], Record]:
-    """Records of the same run by name and key; a line that was cut off when a run was killed counts for nothing."""
-    found: dict[tuple[str, str], Record] = {}
-    if not log.is_file():
-        return found
-    text = log.read_text(encoding="utf-8")
-    if text and not text.endswith("\n"):
-        with open(log, "a", encoding="utf-8") as file:
-            file.write("\n")
-    for line in text.splitlines():
-        try:
-            entry = json.loads(line)
-            if entry["run"] == digest:
-                fields = entry["record"]
-                fields["checks"] = [Check(**check) for check in fields["checks"]]
-                found[fields["name"], entry["key"]] = Record(**fields)
-        except (ValueError, TypeError, KeyError):
-            continue
-    return found
-
-
-def fingerprint(options: Options) -> str:
-    """A digest of the package as it stands, compiled core and oracle table included, and of the options."""
-    digest = hashlib.sha256(f"{vrte.__version__} {options.algorithm} {options.threads or usable_cpus()}".encode())
-    package = Path(vrte.__file__).parent
-    for path in sorted({*package.rglob("*.py"), *package.glob("_core*.so"), *package.glob("_core*.pyd"), TABLE}):
-        if path.is_file():
-            digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def require_all(records: Sequence[Record]) -> None:

@@ -19,7 +19,8 @@ from vrte.request.request import FINEST
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.scene.scene import Scene
-from vrte.studies.stability.scenes import Case, scene_of
+from vrte.studies.cases import scene_of
+from vrte.studies.stability.cases import Case
 
 LOBE_ORDERS = 136  # beyond, the lobe's orders are below 1e-17 of the first
 WHOLE_UP_TO = 4.0  # seconds that all Fourier orders may be expected to take
@@ -38,7 +39,7 @@ class Options:
 def is_whole(case: Case) -> bool:
     """Whether all Fourier orders are solved, from a rough estimate of the time they take on two cores.
 
-    >>> from vrte.studies.stability.scenes import Slab
+    >>> from vrte.studies.cases import Slab
     >>> is_whole(Case("small", 8, (Slab("rayleigh", 1.0, 1.0),)))
     True
     """
@@ -143,8 +144,8 @@ def cut(case: Case) -> Scene:
     """The same scene with its layers cut otherwise: identical neighbours joined, or the described slab in two."""
     if case.layering == "identical-neighbours":
         whole = math.fsum(slab.thickness for slab in case.slabs)
-        return scene_of((replace(case.slabs[0], thickness=whole),), case.base_kind)
+        return scene_of((replace(case.slabs[0], thickness=whole),), case.base)
     slab = case.slabs[case.main]
     upper = min(slab.thickness / 2.0, 1.0)
     parts = (replace(slab, thickness=upper), replace(slab, thickness=slab.thickness - upper))
-    return scene_of((*case.slabs[: case.main], *parts, *case.slabs[case.main + 1 :]), case.base_kind)
+    return scene_of((*case.slabs[: case.main], *parts, *case.slabs[case.main + 1 :]), case.base)

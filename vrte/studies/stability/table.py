@@ -2,68 +2,42 @@
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from vrte.formats.atomic import atomic_write
-from vrte.studies.pages import made_with, markdown_list, markdown_table, write_rows
-from vrte.studies.stability.phases import GROUPS
+from vrte.studies.pages import made_with, markdown_list, markdown_table, two_digits, write_rows, write_text
+from vrte.studies.stability.cases import AXES, CONDITIONS, GROUPS, ORDINARY
 from vrte.studies.stability.run import Record
-from vrte.studies.stability.scenes import BASES, CONDITIONS, LAYERINGS, NODES, ORDINARY
 
 KINDS = ("oracle", "consistency", "energy")
 COLUMNS = ("scenes", "", "cases", "oracle", "largest error", "c", "consistency", "energy", "seconds", "verdict")
+CORNER_COLUMNS = ("corner", "what makes it hard", "error", "c", "consistency", "energy", "seconds", "verdict")
 CASE_COLUMNS = (
     *("name", "group", "conditions", "base", "layering", "nodes", "reason", "orders", "oracle"),
     *("error", "c", "consistency", "energy", "seconds", "verdict", "shortfalls", "known", "checks"),
 )
 
 
-@dataclass(frozen=True)
-class Line:
-    """A row of the table: whose cases, under which condition, and what they come to (None: nothing of that kind)."""
-
-    scenes: str
-    condition: str
-    cases: int
-    with_oracle: int
-    largest: dict[str, float | None]
-    c: float | None
-    seconds: float
-    short: int
-    known: int
-
-    @property
-    def verdict(self) -> str:
-        """In words."""
-        known = f", {self.known} for a known reason" if self.known else ""
-        return f"{self.short} fall short{known}" if self.short else f"holds{known}"
-
-    @property
-    def cells(self) -> list[str]:
-        """As text, in the order of COLUMNS."""
-        figures = [figure(self.largest["oracle"]), figure(self.c), *(figure(self.largest[kind]) for kind in KINDS[1:])]
-        counts = [str(self.cases), str(self.with_oracle)]
-        return [self.scenes, self.condition, *counts, *figures, f"{self.seconds:.1f}", self.verdict]
+def line(scenes: str, condition: str, records: Sequence[Record]) -> list[str]:
+    """A row of the table, in the order of COLUMNS: whose cases, under which condition, and what they come to."""
+    error, consistency, energy = (largest(record.worst(kind) for record in records) for kind in KINDS)
+    c = largest(record.c if record.oracle == "yes" else None for record in records)
+    known, short = (sum(bool(each) for each in found) for found in zip(*map(broken, records), strict=True))
+    words = [f"{short} fall short"] * bool(short) + [f"{known} for a known reason"] * bool(known)
+    return [
+        *(scenes, condition, str(len(records)), str(sum(record.oracle == "yes" for record in records))),
+        *map(figure, (error, c, consistency, energy)),
+        f"{math.fsum(record.seconds for record in records):.1f}",
+        ", ".join(words if short else ["holds", *words]),
+    ]
 
 
-def line(scenes: str, condition: str, records: Sequence[Record]) -> Line:
-    """What the records come to."""
-    return Line(
-        scenes=scenes,
-        condition=condition,
-        cases=len(records),
-        with_oracle=sum(record.oracle == "yes" for record in records),
-        largest={kind: largest(record.worst(kind) for record in records) for kind in KINDS},
-        c=largest(record.c if record.oracle == "yes" else None for record in records),
-        seconds=math.fsum(record.seconds for record in records),
-        short=sum(bool(record.shortfalls) for record in records),
-        known=sum(bool(record.reasons) for record in records),
-    )
+def broken(record: Record) -> tuple[list[str], list[str]]:
+    """What falls short for a known reason, and otherwise."""
+    return record.reasons, record.shortfalls
 
 
-def lines_by_condition(records: Sequence[Record]) -> list[Line]:
+def lines_by_condition(records: Sequence[Record]) -> list[list[str]]:
     """A row for each group of phase matrices and condition, a case in every row that it belongs to."""
     return [
         line(group, condition, chosen)
@@ -73,20 +47,15 @@ def lines_by_condition(records: Sequence[Record]) -> list[Line]:
     ]
 
 
-def lines_by_axis(records: Sequence[Record]) -> list[Line]:
+def lines_by_axis(records: Sequence[Record]) -> list[list[str]]:
     """A row for each base, layering and number of nodes, and one for everything."""
-    ways: list[tuple[str, Iterable[object], Callable[[Record], object]]] = [
-        ("base", BASES, lambda record: record.base),
-        ("layering", LAYERINGS, lambda record: record.layering),
-        ("nodes", NODES, lambda record: record.nodes),
-    ]
     rows = [
         line(axis, str(value), chosen)
-        for axis, values, of in ways
-        for value in values
-        if (chosen := [record for record in records if of(record) == value])
+        for axis in ("base", "layering", "nodes")
+        for value in AXES[axis]
+        if (chosen := [record for record in records if getattr(record, axis) == value])
     ]
-    return [*rows, line("all", "", records)]
+    return [*rows, *([line("all", "", records)] if records else [])]
 
 
 def largest(values: Iterable[float | None]) -> float | None:
@@ -100,25 +69,18 @@ def largest(values: Iterable[float | None]) -> float | None:
 
 
 def figure(value: float | None) -> str:
-    """Two digits, or a dash for nothing.
+    """Two digits, or a dash for nothing; NaN, which a check may have found, by its name.
 
-    >>> figure(3.14e-12), figure(0.0), figure(None)
-    ('3.1e-12', '0', '-')
+    >>> figure(3.14e-12), figure(math.nan)
+    ('3.1e-12', 'nan')
     """
-    if value is None:
-        return "-"
-    return "0" if value == 0.0 else f"{value:.1e}"
-
-
-def verdict(record: Record) -> str:
-    """Of one case, in words."""
-    return "falls short" if record.shortfalls else "known" if record.reasons else "holds"
+    return "nan" if value is not None and math.isnan(value) else two_digits(value)
 
 
 def as_text(records: Sequence[Record]) -> str:
     """The table for a terminal, and what falls short."""
-    rows = [list(COLUMNS), *(row.cells for row in [*lines_by_condition(records), *lines_by_axis(records)])]
-    widths = [max(len(row[place]) for row in rows) for place in range(len(COLUMNS))]
+    rows = [list(COLUMNS), *lines_by_condition(records), *lines_by_axis(records)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     texts = [
         "  "
         + "  ".join(
@@ -127,44 +89,40 @@ def as_text(records: Sequence[Record]) -> str:
         ).rstrip()
         for row in rows
     ]
-    short = [f"  {record.name}: {'; '.join(record.shortfalls)}" for record in records if record.shortfalls]
-    known = [f"  {record.name}: {'; '.join(record.reasons)}" for record in records if record.reasons]
-    parts = [*texts, *(["", "falls short:", *short] if short else []), *(["", "known:", *known] if known else [])]
-    return "\n".join(parts)
+    for title, place in (("falls short:", 1), ("known:", 0)):
+        told = [f"  {record.name}: {'; '.join(broken(record)[place])}" for record in records if broken(record)[place]]
+        texts += ["", title, *told] if told else []
+    return "\n".join(texts)
 
 
 def as_markdown(records: Sequence[Record], settings: str) -> str:
     """The whole table, the corners one by one, what falls short, and where and with what it was made."""
-    corners = [record for record in records if record.reason]
+    corners = [corner_cells(record) for record in records if record.reason]
+    short, known = (
+        markdown_list(f"{record.name}: {'; '.join(texts)}" for record in records if (texts := broken(record)[place]))
+        for place in (1, 0)
+    )
     blocks = [
         "# Stability: the last run\n",
         made_with_records(records, settings),
         "## By what scatters and under which condition\n",
         "A case counts in every row that it belongs to.\n",
-        markdown_table(COLUMNS, [row.cells for row in lines_by_condition(records)]),
+        markdown_table(COLUMNS, lines_by_condition(records)),
         "## By base, layering and number of nodes\n",
-        markdown_table(COLUMNS, [row.cells for row in lines_by_axis(records)]),
+        markdown_table(COLUMNS, lines_by_axis(records)),
+        *(["## Corners\n", markdown_table(CORNER_COLUMNS, corners)] if corners else []),
+        "## What falls short\n",
+        short or "Nothing.\n",
+        *(["## Out of reach, and why\n", known] if known else []),
     ]
-    if corners:
-        blocks += ["## Corners\n", markdown_table(CORNER_COLUMNS, [corner_cells(record) for record in corners])]
-    short = [record for record in records if record.shortfalls]
-    blocks.append("## What falls short\n")
-    blocks.append("\n".join(f"- {record.name}: {'; '.join(record.shortfalls)}" for record in short) or "Nothing.")
-    known = [record for record in records if record.reasons]
-    if known:
-        blocks += ["\n## Out of reach, and why\n"]
-        blocks.append("\n".join(f"- {record.name}: {'; '.join(record.reasons)}" for record in known))
     return "\n".join(blocks).rstrip() + "\n"
-
-
-CORNER_COLUMNS = ("corner", "what makes it hard", "error", "c", "consistency", "energy", "seconds", "verdict")
 
 
 def corner_cells(record: Record) -> list[str]:
     """One corner's row."""
     c = record.c if record.oracle == "yes" else None
     figures = [record.worst("oracle"), c, record.worst("consistency"), record.worst("energy")]
-    return [record.name, record.reason, *map(figure, figures), f"{record.seconds:.1f}", verdict(record)]
+    return [record.name, record.reason, *map(figure, figures), f"{record.seconds:.1f}", record.verdict]
 
 
 def made_with_records(records: Sequence[Record], settings: str) -> str:
@@ -183,10 +141,9 @@ def write_tables(records: Sequence[Record], folder: str | os.PathLike[str], sett
     >>> [path.name for path in write_tables([], ".", "an example")]
     ['stability.md', 'stability.csv', 'stability_cases.csv']
     """
-    rows = [row.cells for row in [*lines_by_condition(records), *lines_by_axis(records)]]
     paths = [Path(folder) / name for name in ("stability.md", "stability.csv", "stability_cases.csv")]
-    with atomic_write(paths[0]) as part:
-        part.write_text(as_markdown(records, settings), encoding="utf-8")
+    write_text(paths[0], as_markdown(records, settings))
+    rows = [*lines_by_condition(records), *lines_by_axis(records)]
     write_rows(paths[1], ["scenes", "condition", *COLUMNS[2:]], rows)
     write_rows(paths[2], CASE_COLUMNS, [case_cells(record) for record in records])
     return paths
@@ -197,22 +154,8 @@ def case_cells(record: Record) -> list[object]:
     error, consistency, energy = (record.worst(kind) for kind in KINDS)
     checks = "; ".join(f"{check.name} {check.value:.2e} (limit {check.limit:.0e})" for check in record.checks)
     return [
-        record.name,
-        record.group,
-        "; ".join(record.conditions),
-        record.base,
-        record.layering,
-        record.nodes,
-        record.reason,
-        "all" if record.whole else "0 to 2",
-        record.oracle,
-        error,
-        record.c,
-        consistency,
-        energy,
-        f"{record.seconds:.3f}",
-        verdict(record),
-        "; ".join(record.shortfalls),
-        "; ".join(record.reasons),
-        checks,
+        *(record.name, record.group, "; ".join(record.conditions), record.base, record.layering, record.nodes),
+        *(record.reason, "all" if record.whole else "0 to 2", record.oracle),
+        *(error, record.c, consistency, energy, f"{record.seconds:.3f}", record.verdict),
+        *("; ".join(record.shortfalls), "; ".join(record.reasons), checks),
     ]

@@ -1,21 +1,19 @@
 """Every problem in every configuration, one round after another, the configurations in turn."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from vrte.basics.errors import AccuracyError
-from vrte.studies.tables.children import Child
+from vrte.studies.tables import paper
 from vrte.studies.tables.configurations import Configuration
-from vrte.studies.tables.messages import Reply, Task
-from vrte.studies.tables.paper import TOTAL, seconds
-from vrte.studies.tables.problems import PUBLISHED_TO, TABLE_2, Problem, difference, off_siewert
-from vrte.studies.tables.steps import steps_of
+from vrte.studies.tables.paper import TOTAL, Problem
+from vrte.studies.tables.processes import Child, Reply, Task
+from vrte.studies.timing import Tick, Times
 
 ROUNDS, ROUNDS_QUICK = 9, 2
 AGREE_TO = 1e-9  # relative to the largest: every configuration with the default one
-Tick = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
@@ -30,17 +28,7 @@ class Check:
     @property
     def passed(self) -> bool:
         """Whether the answer counts."""
-        return self.gap <= AGREE_TO and (self.published is None or self.published <= PUBLISHED_TO)
-
-
-@dataclass(frozen=True)
-class Times:
-    """Seconds of several rounds."""
-
-    median: float
-    least: float
-    greatest: float
-    rounds: int
+        return self.gap <= AGREE_TO and (self.published is None or self.published <= paper.PUBLISHED_TO)
 
 
 @dataclass(frozen=True)
@@ -54,16 +42,16 @@ class Measured:
 
     def times(self, problem: str, configuration: Configuration, step: str = TOTAL) -> Times | None:
         """Of the whole solve or of a step of it; None where it was not measured."""
-        replies = self.replies.get((problem, configuration))
-        if not replies:
-            return None
-        seconds = [reply.seconds if step == TOTAL else steps_of(reply.seconds, reply.stages)[step] for reply in replies]
-        return Times(float(np.median(seconds)), min(seconds), max(seconds), len(seconds))
+        replies = self.replies.get((problem, configuration), [])
+        seconds = [
+            reply.seconds if step == TOTAL else paper.steps_of(reply.seconds, reply.stages)[step] for reply in replies
+        ]
+        return Times.of(seconds) if seconds else None
 
     def printed(self, problem: str, configuration: Configuration, step: str = TOTAL) -> float | None:
         """Seconds in the paper; None where it has none, and of a scene that is not the paper's."""
         asked = next(each for each in self.problems if each.name == problem)
-        return seconds(problem, step, configuration.label) if asked.is_the_papers else None
+        return paper.printed_seconds(problem, step, configuration.label) if asked.is_the_papers else None
 
 
 def measure(
@@ -99,8 +87,8 @@ def measure(
 def checked(problem: Problem, reply: Reply, reference: np.ndarray) -> Check:
     """An answer against the default's, and against Siewert's values where it has them."""
     assert reply.answer is not None
-    published = off_siewert(reply.answer) if problem.name == TABLE_2 else None
-    return Check(difference(reply.answer, reference), published, reply.orders_by)
+    published = paper.off_siewert(reply.answer) if problem.name == paper.TABLE_2 else None
+    return Check(paper.difference(reply.answer, reference), published, reply.orders_by)
 
 
 def require_all(found: Measured) -> None:

@@ -1,19 +1,22 @@
-"""tables.md and tables.csv: Tables 1 to 3 of the GPU paper and its BRDF, the paper's numbers beside ours."""
+"""tables.md, tables.csv, figure_1.png: Tables 1 to 3 of the GPU paper and its BRDF, its numbers beside ours."""
 
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from vrte.formats.atomic import atomic_write
-from vrte.studies.pages import made_with, markdown_list, markdown_table, write_rows
+from vrte.pictures.figures import COLOURS, FAINT, require_pictures, save
+from vrte.studies.pages import made_with, markdown_list, markdown_table, write_rows, write_text
 from vrte.studies.tables import paper
 from vrte.studies.tables.configurations import Configuration
-from vrte.studies.tables.figure import FIGURE
-from vrte.studies.tables.measuring import Measured, Times
-from vrte.studies.tables.problems import BRDF, TABLE_2, TABLE_3
-from vrte.studies.tables.steps import ASSEMBLY, OTHER, OWN_STEPS, has_no_eigenvectors
+from vrte.studies.tables.measuring import Measured
+from vrte.studies.tables.paper import ASSEMBLY, BRDF, OTHER, OWN_STEPS, TABLE_2, TABLE_3
+from vrte.studies.timing import Times
 
-PAGE, CSV = "tables.md", "tables.csv"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAGE, CSV, FIGURE = "tables.md", "tables.csv", "figure_1.png"
 CSV_COLUMNS = (
     *("problem", "configuration", "kernels", "linear_algebra", "backend", "algorithm", "step"),
     *("median_s", "least_s", "greatest_s", "rounds", "paper_s", "paper_over_ours", "difference_from_default"),
@@ -48,38 +51,37 @@ whatever no stage accounts for. Steps are medians of their own: they need not ad
 """
 
 
+Bars = dict[str, dict[str, float]]  # label of a bar: step: seconds
+
+
 def write_page(
     found: Measured, folder: str | os.PathLike[str], settings: str, facts: Sequence[str], refused: Sequence[str]
 ) -> list[Path]:
-    """Writes tables.md and tables.csv into the folder, each all of it or nothing; returns their paths. Raises OSError.
+    """Writes figure_1.png, tables.md and tables.csv into the folder, each all of it or nothing; returns their paths.
 
-    ``facts``: what linear algebra and device were at work; ``refused``: what was not measured, and why.
+    ``facts``: what linear algebra and device were at work; ``refused``: what was not measured, and why. Raises OSError,
+    MissingExtraError without matplotlib.
     """
-    page, table = Path(folder) / PAGE, Path(folder) / CSV
-    with atomic_write(page) as part:
-        part.write_text(as_markdown(found, settings, facts, refused), encoding="utf-8")
-    write_rows(table, CSV_COLUMNS, csv_rows(found))
-    return [page, table]
+    paths = [Path(folder) / name for name in (FIGURE, PAGE, CSV)]
+    save(drawn(found), paths[0])
+    write_text(paths[1], as_markdown(found, settings, facts, refused))
+    write_rows(paths[2], CSV_COLUMNS, csv_rows(found))
+    return paths
 
 
 def csv_rows(found: Measured) -> Iterator[list[object]]:
     """A row for each step of each problem in each configuration, the total last."""
-    for problem in found.problems:
-        for configuration in found.configurations:
-            for step in (*OWN_STEPS, paper.TOTAL):
-                times = found.times(problem.name, configuration, step)
-                if times is None:
-                    continue
-                printed = found.printed(problem.name, configuration, step)
-                yield [
-                    *(problem.name, configuration.label, configuration.kernels, configuration.linear_algebra),
-                    *(configuration.backend, configuration.algorithm, step),
-                    *(f"{value:.6f}" for value in (times.median, times.least, times.greatest)),
-                    times.rounds,
-                    "" if printed is None else printed,
-                    "" if printed is None or times.median <= 0.0 else f"{printed / times.median:.4g}",
-                    f"{found.checks[problem.name, configuration].gap:.1e}",
-                ]
+    for problem, each in ((problem.name, each) for problem in found.problems for each in found.configurations):
+        for step in (*OWN_STEPS, paper.TOTAL):
+            times, printed = found.times(problem, each, step), found.printed(problem, each, step)
+            if times is None:
+                continue
+            ratio = "" if printed is None or times.median <= 0.0 else f"{printed / times.median:.4g}"
+            yield [
+                *(problem, each.label, each.kernels, each.linear_algebra, each.backend, each.algorithm, step),
+                *(f"{seconds:.6f}" for seconds in (times.median, times.least, times.greatest)),
+                *(times.rounds, "" if printed is None else printed, ratio, f"{found.checks[problem, each].gap:.1e}"),
+            ]
 
 
 def as_markdown(found: Measured, settings: str, facts: Sequence[str], refused: Sequence[str]) -> str:
@@ -110,23 +112,17 @@ def table_1(configurations: Sequence[Configuration]) -> str:
 
 def totals(found: Measured, problem: str) -> str:
     """A row a configuration: our time, the paper's, each also relative to configuration 2, and the ratio of both."""
-    ours = found.times(problem, COUNTED_FROM)
-    theirs = found.printed(problem, COUNTED_FROM)
+    ours, theirs = found.times(problem, COUNTED_FROM), found.printed(problem, COUNTED_FROM)
     rows = []
     for configuration in found.configurations:
-        times = found.times(problem, configuration)
+        times, printed = found.times(problem, configuration), found.printed(problem, configuration)
         if times is None:
             continue
-        printed = found.printed(problem, configuration)
         check = found.checks[problem, configuration]
         rows.append(
             [
-                configuration.label,
-                spread_text(times),
-                ratio_text(times.median, None if ours is None else ours.median),
-                seconds_text(printed),
-                ratio_text(printed, theirs),
-                ratio_text(printed, times.median),
+                *(configuration.label, spread_text(times), ratio_text(times.median, ours.median if ours else None)),
+                *(seconds_text(printed), ratio_text(printed, theirs), ratio_text(printed, times.median)),
                 f"{check.gap:.0e}" + ("" if check.published is None else f", {check.published:.0e}"),
                 ", ".join(f"{count} by {name}" for name, count in check.orders_by.items()),
             ]
@@ -142,7 +138,7 @@ def table_3(found: Measured) -> list[str]:
     shown = [c for c in found.configurations if found.times(TABLE_3, c) is not None]
     printed = [c for c in shown if c.label in paper.LABELS]
     steps = (*paper.STEPS, paper.TOTAL)
-    marked = [c for c in shown if has_no_eigenvectors(found.replies[TABLE_3, c][0].stages)]
+    marked = [c for c in shown if paper.has_no_eigenvectors(found.replies[TABLE_3, c][0].stages)]
     ours = [[step, *(step_text(found, c, step, c in marked) for c in shown)] for step in (*OWN_STEPS, paper.TOTAL)]
     theirs = [[step, *(seconds_text(found.printed(TABLE_3, c, step)) for c in printed)] for step in steps]
     ratios = [[step, *(ratio_cell(found, c, step, c in marked) for c in printed)] for step in steps]
@@ -212,3 +208,57 @@ def as_text(found: Measured) -> str:
         texts = ["-" if times is None else spread_text(times) for times in cells]
         lines.append(f"  {configuration.title:18}" + "".join(f"{text:>28}" for text in texts))
     return "\n".join(lines)
+
+
+def drawn(found: Measured) -> "Figure":
+    """Figure 1, the cost of each step in each configuration: the paper's panel in seconds and ours in milliseconds,
+    each bar with its total and how often that of configuration 2 it is."""
+    require_pictures()
+    from matplotlib.figure import Figure
+
+    theirs, ours = printed_bars(), measured_bars(found)
+    figure = Figure(figsize=(4.6 + 0.85 * len(ours), 4.8), layout="constrained")
+    widths = {"width_ratios": [len(theirs), max(3, len(ours))]}
+    left, right = figure.subplots(1, 2, gridspec_kw=widths)
+    title = "vrte, here" if found.problems[-1].is_the_papers else "vrte, here, a smaller scene"
+    stack(left, theirs, paper.SECONDS[TABLE_3, paper.TOTAL], 1.0, "seconds", f"The paper: {paper.MACHINE}")
+    stack(right, ours, {label: sum(steps.values()) for label, steps in ours.items()}, 1e3, "milliseconds", title)
+    handles, labels = right.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8, frameon=False)
+    return figure
+
+
+def printed_bars() -> Bars:
+    """Table 3 as the paper prints it."""
+    return {label: {step: paper.SECONDS[TABLE_3, step][label] for step in paper.STEPS} for label in paper.LABELS}
+
+
+def measured_bars(found: Measured) -> Bars:
+    """Medians of each step."""
+    bars: Bars = {}
+    for configuration in found.configurations:
+        times = {step: found.times(TABLE_3, configuration, step) for step in OWN_STEPS}
+        if any(times.values()):
+            bars[configuration.label] = {step: spent.median for step, spent in times.items() if spent is not None}
+    return bars
+
+
+def stack(panel: Any, bars: Bars, totals: dict[str, float], scale: float, unit: str, title: str) -> None:
+    """One bar a configuration, the steps on top of each other; configuration 2 counts as 1."""
+    low = dict.fromkeys(bars, 0.0)
+    for step in next(iter(bars.values()), {}):
+        heights = [scale * steps[step] for steps in bars.values()]
+        colour = FAINT if step == OTHER else COLOURS[step]
+        panel.bar(range(len(bars)), heights, 0.7, list(low.values()), color=colour, label=step)
+        low = {label: below + height for (label, below), height in zip(low.items(), heights, strict=True)}
+    whole = totals.get(Configuration.TWO.label)
+    for place, (label, top) in enumerate(low.items()):
+        relative = "" if whole is None else f"\n{totals[label] / whole:.2f} x"
+        text = f"{scale * totals[label]:.3g}{relative}"
+        panel.annotate(text, (place, top), (0, 2), textcoords="offset points", ha="center", fontsize=8)
+    panel.set_xticks(range(len(bars)), [label.replace(" ", "\n") for label in bars], fontsize=8)
+    panel.set_ylim(0.0, 1.18 * max(low.values(), default=1.0))
+    panel.set_ylabel(unit)
+    panel.set_title(title, fontsize=10)
+    panel.grid(axis="y", color=FAINT, linewidth=0.5, alpha=0.7)
+    panel.set_axisbelow(True)

@@ -1,27 +1,116 @@
-"""The processes of the two SIMD settings, seen from the one that measures.
+"""The processes of the two SIMD settings: the end that measures and, `serve`, the end that solves.
 
 OpenBLAS takes its kernels once, when it is loaded: two settings are two processes. Both are started before any timing
-and solve one message after another; what is timed is the solve alone, in the process itself, so that both pay alike.
+and solve one message after another, pickled on standard input and output; what is timed is the solve alone, in the
+process itself, so that both pay alike. One ends when its input ends, and soon even in the middle of a solve, so that
+none is left when its parent is gone.
 """
 
 import os
 import pickle
+import queue
 import subprocess
 import sys
 import tempfile
+import threading
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, BinaryIO
 
+from vrte.basics.arrays import Array
+from vrte.basics.blas import blas_libraries
 from vrte.basics.errors import AccuracyError, DeviceError, SceneError
 from vrte.studies.tables.configurations import Configuration
-from vrte.studies.tables.messages import Failure, Hello, Reply, Task
+from vrte.studies.tables.paper import Problem, answer_of
 
 VARIABLE, BASELINE_CORE = "OPENBLAS_CORETYPE", "Prescott"
 BASELINE_NAMES = ("Katmai", "Prescott")  # what OpenBLAS calls it once loaded; SciPy's says Katmai
-START = "import sys; sys.path[:] = {path!r}; from vrte.studies.tables.child import main; main()"
+START = "import sys; sys.path[:] = {path!r}; from vrte.studies.tables.processes import serve; serve()"
 PATIENCE = 5.0  # seconds that a process gets to end by itself
-ERRORS = {error.__name__: error for error in (SceneError, AccuracyError, DeviceError, MemoryError)}
+GRACE = 1.0  # seconds that a solve gets when nobody waits for it any more
+ERRORS = (SceneError, AccuracyError, DeviceError, MemoryError)  # that users meet
+
+
+@dataclass(frozen=True)
+class Hello:
+    """A process is ready. ``cores``: for which processor each of its BLAS libraries took its kernels; ``versions``: of
+    those libraries, in words; ``cpu_seconds`` of the process so far."""
+
+    cores: tuple[str, ...]
+    versions: tuple[str, ...]
+    cpu_seconds: float
+
+
+@dataclass(frozen=True)
+class Task:
+    """One solve; ``wants_answer``: whether the reply is to carry the radiances."""
+
+    problem: Problem
+    options: dict[str, Any]
+    wants_answer: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Reply:
+    """Wall ``seconds`` of the call in the process itself, of its stages, and ``cpu_seconds`` of the process so far."""
+
+    seconds: float
+    stages: dict[str, float]
+    orders_by: dict[str, int]
+    cpu_seconds: float
+    answer: Array | None = None
+
+
+def serve() -> None:
+    """Says hello, then answers every Task by a Reply or an error; what anything prints goes to standard error."""
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    tasks: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
+    threading.Thread(target=receive, args=(sys.stdin.buffer, tasks), daemon=True).start()
+    libraries = blas_libraries()
+    cores = tuple(str(getattr(library, "architecture", None)) for library in libraries)
+    names = {f"{library.internal_api} {library.version} {core}" for library, core in zip(libraries, cores, strict=True)}
+    send(output, Hello(cores, tuple(sorted(names)), time.process_time()))
+    while (task := tasks.get()) is not None:
+        send(output, answered(task))
+
+
+def receive(stream: BinaryIO, tasks: "queue.SimpleQueue[Task | None]") -> None:
+    """Puts the messages into the queue, None when the input has ended; does not wait long for a solve then."""
+    try:
+        while True:
+            tasks.put(pickle.load(stream))
+    except BaseException:
+        tasks.put(None)
+        time.sleep(GRACE)
+        os._exit(0)
+
+
+def send(stream: BinaryIO, message: Hello | Reply | Exception) -> None:
+    """One message, at once; ends the process where nobody reads it."""
+    try:
+        pickle.dump(message, stream, protocol=pickle.HIGHEST_PROTOCOL)
+        stream.flush()
+    except BrokenPipeError:
+        os._exit(0)
+
+
+def answered(task: Task) -> Reply | Exception:
+    """One solve, timed; an error as it is where that is one that users meet."""
+    try:
+        start = time.perf_counter()
+        result = task.problem.solve(task.options)
+        seconds = time.perf_counter() - start
+    except ERRORS as error:
+        return error
+    except Exception as error:
+        return ChildProcessError(f"{type(error).__name__}: {error}")
+    made = result.diagnostics
+    stages = {name: clock["wall_seconds"] for name, clock in made["stages"].items()}
+    answer = answer_of(result) if task.wants_answer else None
+    return Reply(seconds, stages, dict(made["orders_by"]), time.process_time(), answer)
 
 
 class Child:
@@ -58,9 +147,9 @@ class Child:
             self._process.stdin.flush()
         except OSError as error:
             raise self._died() from error
-        found: Reply | Failure = self._receive()
-        if isinstance(found, Failure):
-            raise error_of(found)
+        found: Reply | Exception = self._receive()
+        if isinstance(found, Exception):
+            raise found
         self.cpu_seconds = found.cpu_seconds
         return found
 
@@ -96,17 +185,6 @@ class Child:
         """Ends it: by itself when its input ends, by force where it does not."""
         self._stop()
         self._said.close()
-
-
-def error_of(failure: Failure) -> Exception:
-    """What a failed solve raises here: its own error where that is one that users meet.
-
-    >>> error_of(Failure("SceneError", "no layer")), error_of(Failure("KeyError", "'modes'"))
-    (SceneError('no layer'), ChildProcessError("KeyError: 'modes'"))
-    """
-    if failure.kind in ERRORS:
-        return ERRORS[failure.kind](failure.message)
-    return ChildProcessError(f"{failure.kind}: {failure.message}")
 
 
 def environment(simd: str) -> dict[str, str]:
@@ -147,14 +225,11 @@ def started(settings: Iterable[str]) -> Iterator[dict[str, Child]]:
 def facts(children: Mapping[str, Child], configurations: Iterable[Configuration]) -> list[str]:
     """With what linear algebra and on what device they computed, a sentence each."""
     told = [f"linear algebra, {simd} SIMD: {', '.join(child.hello.versions)}" for simd, child in children.items()]
-    return [*told, device_in_words()] if any(each.needs_device for each in configurations) else told
+    if any(each.needs_device for each in configurations):
+        from importlib.metadata import version
 
+        from vrte.cl.device import chosen
 
-def device_in_words() -> str:
-    """The OpenCL device that is taken, and through what."""
-    from importlib.metadata import version
-
-    from vrte.cl.device import chosen
-
-    device = chosen()
-    return f"OpenCL device: {device.name} ({device.platform} {device.driver}), pyopencl {version('pyopencl')}"
+        device = chosen()
+        told.append(f"OpenCL device: {device.name} ({device.platform} {device.driver}), pyopencl {version('pyopencl')}")
+    return told

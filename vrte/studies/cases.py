@@ -1,0 +1,256 @@
+"""Every scene of the studies, once and by name: what scatters, the layers made of it, what lies below them.
+
+A study adds what it asks of a scene: directions, depths, nodes, options. Tests and benchmarks take theirs here, too.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, rayleigh
+from vrte.optics.size_distribution import Gamma, Tabulated
+from vrte.optics.spheres import Particles, spheres
+from vrte.scene.boundary import Lambertian, MuellerBase
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
+
+POLARIZED = (1.0, 0.3, -0.2, 0.1)  # a beam's Stokes vector [W m-2]
+# Siewert, JQSRT 64, 227 (2000), problem IIA: a1, a2, a3, a4, b1, b2 of the twelve degrees
+SPHEROIDS = (
+    (1.0, 0.0, 0.0, 0.915207, 0.0, 0.0),
+    (2.104031, 0.0, 0.0, 2.095727, 0.0, 0.0),
+    (2.095158, 3.726079, 3.615946, 2.008624, 0.116688, 0.065456),
+    (1.414939, 2.202868, 2.240516, 1.436545, 0.20937, 0.221658),
+    (0.703593, 1.190694, 1.139473, 0.706244, 0.227137, 0.097752),
+    (0.235001, 0.391203, 0.365605, 0.238475, 0.144524, 0.052458),
+    (0.064039, 0.105556, 0.082779, 0.056448, 0.05264, 0.009239),
+    (0.012837, 0.020484, 0.013649, 0.009703, 0.0124, 0.001411),
+    (0.00201, 0.003097, 0.001721, 0.001267, 0.002093, 0.000133),
+    (0.000246, 0.000366, 0.000172, 0.00013, 0.000267, 1.1e-05),
+    (2.4e-05, 3.5e-05, 1.4e-05, 1.1e-05, 2.7e-05, 1e-06),
+    (2e-06, 3e-06, 1e-06, 1e-06, 2e-06, 0.0),
+)
+PEAKED_TERMS = 1500  # so many that Henyey and Greenstein's function of g = +-0.99 stays positive
+METAL, GLASS = 0.2 + 3.0j, 1.5 + 0.0j  # refractive indices of the spheres "metal-x30", "glass-x1", ...
+LOBE_WIDTH_DEG = 5.0
+LOBE_AMPLITUDE = 6.0  # reflects 0.28 of what comes straight down
+LOBE_MATRIX = np.array([[1.0, 0.3, 0.0, 0.0], [0.3, 1.0, 0.0, 0.0], [0.0, 0.0, 0.8, 0.4], [0.0, 0.0, -0.4, 0.8]])
+
+
+def haze_l() -> PhaseMatrix:
+    """Deirmendjian's haze L, water spheres at 0.7 um: number density r^2 exp(-15.1186 sqrt(r)), r in um, tabulated.
+
+    Source: Garcia and Siewert, JQSRT 36, 401 (1986).
+
+    >>> round(haze_l().asymmetry, 3)
+    0.804
+    """
+    radii = np.linspace(1e-3, 4.0, 401)
+    density = radii**2 * np.exp(-15.1186 * np.sqrt(radii))
+    return spheres(1.33, size=Tabulated(radii, density), wavelength_um=0.7).phase_matrix
+
+
+def cloud_c1() -> Particles:
+    """Deirmendjian's cloud C1, water spheres at 0.7 um: number density r^6 exp(-1.5 r), r in um, mode at 4 um.
+
+    Source: D. Deirmendjian, Electromagnetic Scattering on Spherical Polydispersions (1969).
+    """
+    return spheres(1.33, size=Gamma(r_eff_um=6.0, v_eff=1.0 / 9.0), wavelength_um=0.7)
+
+
+def rounded_henyey_greenstein(g: float, terms: int, width: float) -> PhaseMatrix:
+    """a1[l] = (2l+1) g^l exp(-width^2 l (l+1)/2): the function's peak rounded by a Gaussian of ``width`` [rad].
+
+    So it ends with fewer terms than it would otherwise take, and stays positive.
+
+    >>> round(rounded_henyey_greenstein(0.5, 60, 0.01).asymmetry, 6)
+    0.49995
+    """
+    degrees = np.arange(terms, dtype=float)
+    return PhaseMatrix((2.0 * degrees + 1.0) * g**degrees * np.exp(-0.5 * width**2 * degrees * (degrees + 1.0)))
+
+
+MATTER: dict[str, Callable[[], Particles | PhaseMatrix]] = {
+    "isotropic": isotropic,
+    "rayleigh": rayleigh,
+    "spheroids": lambda: PhaseMatrix(*np.array(SPHEROIDS).T),
+    "haze-L": haze_l,
+    "cloud C1": cloud_c1,
+    "HG 0.9999, rounded": lambda: rounded_henyey_greenstein(0.9999, 100_000, 8e-5),
+    "clear spheres": lambda: spheres(1.5, size=Gamma(0.3, 0.1), wavelength_um=0.55),
+    "gold powder": lambda: spheres((1.658, 1.956), radius_um=0.6, wavelength_um=0.4),
+    "red gold powder": lambda: spheres("gold", radius_um=0.3, wavelength_um=0.64),
+    "rutile": lambda: spheres("rutile", size=Gamma(0.12, 0.1), wavelength_um=0.55),
+    "coarse pigment": lambda: spheres(2.7, size=Gamma(1.0, 0.05), wavelength_um=0.55, host_index=1.5),
+    "fine droplets": lambda: spheres(1.33, size=Gamma(r_eff_um=0.4, v_eff=0.1), wavelength_um=0.7),
+    "droplets": lambda: spheres(1.33, size=Gamma(3.0, 0.1), wavelength_um=0.865),
+    "droplets, scalar": lambda: PhaseMatrix(
+        spheres(1.33, size=Gamma(4.0, 0.1), wavelength_um=2.2).phase_matrix.a1  # without polarization
+    ),
+}
+
+
+@cache
+def matter(name: str) -> Particles | PhaseMatrix:
+    """What scatters, by its name in MATTER, or made of the numbers in it; the same object every time.
+
+    "HG 0.9" is Henyey and Greenstein's with all terms above 1e-10, "HG 0.9 264" with so many; "gold 0.6" are spheres of
+    gold of that radius [um] at 0.4 um; "metal-x30" and "glass-x30" spheres of that size parameter.
+
+    >>> matter("HG 0.5").terms, matter("HG 0.5 12").terms
+    (34, 12)
+    """
+    if name in MATTER:
+        return MATTER[name]()
+    kind, *numbers = name.split()
+    if kind == "HG":
+        g = float(numbers[0])
+        return henyey_greenstein(g, int(numbers[1]) if numbers[1:] else math.ceil(math.log(1e-10) / math.log(g)))
+    if kind == "gold":
+        return spheres("gold", radius_um=float(numbers[0]), wavelength_um=0.4)
+    if name.startswith("HG"):
+        return henyey_greenstein(float(name[2:]), PEAKED_TERMS)
+    kind, size = name.split("-x")
+    wavelength = 0.5
+    radius = float(size) * wavelength / (2.0 * math.pi)
+    return spheres({"metal": METAL, "glass": GLASS}[kind], radius_um=radius, wavelength_um=wavelength)
+
+
+def phase_matrix(name: str) -> PhaseMatrix:
+    """The phase matrix of what scatters.
+
+    >>> phase_matrix("metal-x1e-3").asymmetry < 1e-5
+    True
+    """
+    found = matter(name)
+    return found if isinstance(found, PhaseMatrix) else found.phase_matrix
+
+
+OWN = math.nan  # an albedo: that of the particles
+
+
+@dataclass(frozen=True)
+class Slab:
+    """A homogeneous layer by the name of what scatters, its single-scattering albedo (or OWN) and optical thickness."""
+
+    phase: str
+    albedo: float
+    thickness: float
+
+    @property
+    def layer(self) -> Layer:
+        """As a `vrte.Layer`; slabs of one name share one phase matrix."""
+        found = matter(self.phase)
+        if math.isnan(self.albedo) and isinstance(found, Particles):
+            return Layer.of(found, thickness=self.thickness)
+        return Layer(phase_matrix(self.phase), self.albedo, self.thickness)
+
+
+Base = float | str | None  # nothing, the albedo of a Lambertian base, or "lobe"
+
+
+def mueller_lobe(mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
+    """A lobe LOBE_WIDTH_DEG wide about the mirror direction: (..., 4, 4) [1/sr].
+
+    A exp(-(1 - c)/width^2) M, with c the cosine of the angle between the outgoing and the mirror direction.
+
+    >>> mueller_lobe(1.0, 1.0, 0.0)[0].tolist()
+    [6.0, 1.7999999999999998, 0.0, 0.0]
+    """
+    mu_i, mu_o, phi = (np.asarray(values, dtype=np.float64) for values in (mu_i, mu_o, phi_deg))
+    sines = np.sqrt((1.0 - mu_i) * (1.0 + mu_i)) * np.sqrt((1.0 - mu_o) * (1.0 + mu_o))
+    cosine = np.cos(np.radians(np.remainder(phi, 360.0)))
+    away = 1.0 - (mu_i * mu_o + sines * cosine)
+    return LOBE_AMPLITUDE * np.exp(-away / math.radians(LOBE_WIDTH_DEG) ** 2)[..., None, None] * LOBE_MATRIX
+
+
+def scene_of(slabs: tuple[Slab, ...], base: Base = None) -> Scene:
+    """The slabs, top first, over a base.
+
+    >>> scene_of((Slab("rayleigh", 0.9, 1.0),), 1.0).base
+    Lambertian(albedo=1.0)
+    """
+    below = MuellerBase(mueller_lobe) if base == "lobe" else None if base is None else Lambertian(float(base))
+    return Scene([slab.layer for slab in slabs], below)
+
+
+def one(phase: str, albedo: float, thickness: float, base: Base = None) -> tuple[tuple[Slab, ...], Base]:
+    """One layer over a base."""
+    return (Slab(phase, albedo, thickness),), base
+
+
+INF = math.inf
+FORWARD_PEAK = "HG 0.9 264"  # terms down to 1e-12 of 2 l + 1
+COATS = (Slab("gold 0.6", OWN, 0.5), Slab("fine droplets", OWN, 0.5))
+SCENES: dict[str, tuple[tuple[Slab, ...], Base]] = {
+    "gold": one("gold 0.6", OWN, 100.0),  # the GPU paper's, Table 3
+    "gold, tau 1 on Lambertian": one("gold 0.6", OWN, 1.0, 0.5),
+    "gold, gap, droplets": (
+        (Slab("gold 0.6", OWN, 1.0), Slab("isotropic", 0.0, 0.5), Slab("fine droplets", OWN, 3.0)),
+        0.2,
+    ),
+    "gold on droplets": ((Slab("gold 0.6", OWN, 30.0), Slab("fine droplets", OWN, 5.0)), None),
+    "six coats of two paints": (3 * COATS, 0.2),
+    "gold powder, thickness 100": one("gold powder", 0.607, 100.0),
+    "gold powder, without end": one("gold powder", 0.607, INF),
+    "red gold powder": one("red gold powder", OWN, 100.0),
+    "rutile powder": one("rutile", OWN, 20.0),
+    "spheroids": one("spheroids", 0.973527, 1.0),  # Siewert's problem IIA
+    "absorbing spheroids, thickness 5": one("spheroids", 0.2, 5.0),
+    "Rayleigh, thickness 0.01": one("rayleigh", 1.0, 0.01),
+    "Rayleigh, thickness 0.02": one("rayleigh", 1.0, 0.02),
+    "Rayleigh, thickness 0.5": one("rayleigh", 1.0, 0.5),
+    "Rayleigh, tau 0.5": one("rayleigh", 1.0, 0.5, 0.2),
+    "Rayleigh, thickness 10": one("rayleigh", 1.0, 10.0),
+    "Rayleigh, thickness 50": one("rayleigh", 1.0, 50.0),
+    "isotropic": one("isotropic", 0.9, 1.0),
+    "HG 0.5, thickness 1": one("HG 0.5", 0.95, 1.0),
+    "HG 0.5, thickness 5": one("HG 0.5", 0.2, 5.0),
+    "HG 0.5, without end": one("HG 0.5 12", 0.9, INF),
+    "scalar, tau 2": one("HG 0.7 40", 0.95, 2.0, 0.2),
+    "HG 0.75, thickness 0.1": one("HG 0.75", 0.9, 0.1),
+    "HG 0.75, thickness 0.1, clearer": one("HG 0.75", 0.95, 0.1),
+    "HG 0.75, thickness 5": one("HG 0.75", 0.99, 5.0),
+    "HG 0.75, white, without end": one("HG 0.75", 1.0, INF),
+    "HG 0.85, without end": one("HG 0.85", 0.99, INF),
+    "HG 0.75, 128 terms": one("HG 0.75 128", 0.99, 1.0),
+    "HG 0.9, 384 terms": one("HG 0.9 384", 0.99, 100.0),
+    "forward peak": one(FORWARD_PEAK, 0.99, 2.0),
+    "peak below Rayleigh": ((Slab("rayleigh", 1.0, 0.2), Slab("HG 0.9", 0.95, 3.0)), None),
+    "haze L, thickness 1": one("haze-L", 0.9, 1.0),
+    "haze L, thickness 2.5": one("haze-L", 1.0, 2.5),
+    "haze L, thickness 10": one("haze-L", 1.0, 10.0),
+    "cloud C1": one("cloud C1", 1.0, 3.3),
+    "g = 0.9": one("HG 0.9 200", 1.0, 5.0),
+    "g = 0.99": one("HG 0.99 2000", 1.0, 50.0),
+    "g = 0.9999": one("HG 0.9999, rounded", 1.0, 5e3),
+    "cloud": one("droplets, scalar", 1.0, 16.0),
+    "water cloud, thickness 5": one("droplets", 1.0, 5.0),
+    "absorbing droplets, tau 1000": one("fine droplets", 0.9, 1000.0),  # what comes out below is 1e-100, and right
+    "coarse pigment, thickness 10": one("coarse pigment", 0.999, 10.0),
+    "clear spheres, thickness 2": one("clear spheres", 0.99, 2.0),
+    "clear spheres, thickness 2, over a base": one("clear spheres", 0.99, 2.0, 0.1),
+    "clear spheres, thickness 8": one("clear spheres", 1.0, 8.0),
+    "Henyey-Greenstein over Rayleigh": ((Slab("HG 0.5 12", 0.9, 0.5), Slab("rayleigh", 0.8, 1.0)), 0.3),
+    "two layers over a base": ((Slab("rayleigh", 1.0, 0.3), Slab("clear spheres", 0.9, 2.0)), 0.3),
+}
+
+
+@cache
+def scene(name: str) -> Scene:
+    """The scene of that name in SCENES.
+
+    >>> scene("spheroids").thickness
+    1.0
+    """
+    return scene_of(*SCENES[name])
+
+
+def gold_layer(radius_um: float, thickness: float = 100.0) -> Scene:
+    """The GPU paper's layer, of spheres of gold of one radius at 400 nm."""
+    return scene_of((Slab(f"gold {radius_um}", OWN, thickness),))
