@@ -37,25 +37,17 @@ int next_strip(int rows)
     return (rows + 7) / 8 * 8;
 }
 
-// The columns of E (part 0), of F (1) or of both (2): the first, and how many.
-int first_column(__global const int* counts, long item, int part)
-{
-    return part == 1 ? counts[2 * item] : 0;
-}
-
-int number_of_columns(__global const int* counts, long item, int part)
-{
-    return part == 2 ? counts[2 * item] + counts[2 * item + 1] : counts[2 * item + part];
-}
+// What scatters in each item: its Fourier order and its material, of which there are coefficients (material, n_term, 6),
+// terms and albedo (material,).
+#define SCATTERING int n_term, int members, __global const double* restrict coefficients, \
+    __global const int* restrict order, __global const int* restrict material, __global const int* restrict terms, \
+    __global const double* restrict albedo
 
 // phi: the columns of all degrees, E's and behind them F's; rows: the nodes' times sqrt(weight / mu), then the next ones,
 // then the last, each from a multiple of 8 on with zeros up to it; counts (item, 2): how many columns E and F have, none
 // where nothing is scattered. Global size: pieces of `each` directions, items.
-__kernel void parity_columns(int n_term, int n_all, int n_node, int n_out, int each, int members,
-                             __global const double* restrict mu, __global const double* restrict weights,
-                             __global const int* restrict order, __global const int* restrict material,
-                             __global const int* restrict terms, __global const double* restrict albedo,
-                             __global const double* restrict factors, __global double* restrict phi, int ld, long stride,
+__kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int each, __global const double* restrict mu,
+                             __global const double* restrict weights, __global const double* restrict factors, STACK(phi),
                              __global int* restrict counts, __global const int* restrict items)
 {
     const long item = items[get_global_id(1)];
@@ -64,8 +56,9 @@ __kernel void parity_columns(int n_term, int n_all, int n_node, int n_out, int e
     const int few[2] = {columns_of_kind(m, members, 0), columns_of_kind(m, members, 1)};
     const int same = (n_degree + 1) / 2, other = n_degree / 2, columns_E = same * few[0] + other * few[1];
     const bool polar = members & 6;
+    const int ld = phi_ld;
     factors += item * 4 * (n_term + 1);
-    phi += item * stride;
+    phi = OF_ITEM(phi);
     if (get_global_id(0) == 0) {
         counts[2 * item] = columns_E;
         counts[2 * item + 1] = other * few[0] + same * few[1];
@@ -134,12 +127,8 @@ void multiply_by_coefficients(int m, int end, int members, int odd, double facto
 }
 
 // psi = albedo phi B^T, F's columns odd_sign times. Global size: pieces of `each` strips of 8 rows, items.
-__kernel void times_coefficients(int n_term, int n_strip, int each, int members, double v_sign, double odd_sign,
-                                 __global const double* restrict coefficients, __global const int* restrict order,
-                                 __global const int* restrict material, __global const int* restrict terms,
-                                 __global const double* restrict albedo, __global const int* restrict counts,
-                                 __global const double* restrict phi, long phi_first, int ld, long phi_stride,
-                                 __global double* restrict psi, long psi_first, int psi_ld, long psi_stride,
+__kernel void times_coefficients(SCATTERING, int n_strip, int each, double v_sign, double odd_sign,
+                                 __global const int* restrict counts, STACK(phi), STACK(psi),
                                  __global const int* restrict items)
 {
     const long item = items[get_global_id(1)];
@@ -151,92 +140,17 @@ __kernel void times_coefficients(int n_term, int n_strip, int each, int members,
         const long begin = first_column(counts, item, odd);
         multiply_by_coefficients(order[item], terms[material[item]], members, odd, odd ? odd_sign * factor : factor, v_sign,
                                  coefficients + material[item] * (long)6 * n_term, first, last,
-                                 phi + phi_first + item * phi_stride + begin * ld, ld,
-                                 psi + psi_first + item * psi_stride + begin * psi_ld, psi_ld);
-    }
-}
-
-// C = alpha A B^T + beta C for the strips first .. last - 1 of 8 rows: what a tile takes of B is at hand for all of them.
-void product_of_strips(int first, int last, int columns, int inner, double alpha, double beta, __global const double* A,
-                       int a_ld, __global const double* B, int b_row, __global double* whole, int c_ld)
-{
-    const int b_column = 1;
-    for (int j = 0; j < columns; j += TILE_COLUMNS) {
-        EACH_COLUMN(COLUMN_OF_B)
-        for (int strip = first; strip < last; strip++) {
-            __global const double* a = A + 8 * strip;
-            __global double* C = whole + 8 * strip;
-            EACH_COLUMN(NO_SUMS)
-            SUM_TERMS
-            EACH_COLUMN(SCALE_SUMS)
-            if (beta != 0.0) {
-                EACH_COLUMN(ADD_OLD)
-            }
-            EACH_COLUMN(STORE_SUMS)
-        }
-    }
-}
-
-// C = alpha A B^T + beta C over the columns of A and B that belong to E (part 0), to F (1) or to either (2).
-// Global size: pieces of `each` strips, 1, items.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void product_over_columns(int strips, int each, int columns, int part, double alpha, double beta,
-                                   __global const int* restrict counts, __global const double* restrict A, long a_first,
-                                   int a_ld, long a_stride, __global const double* restrict B, long b_first, int b_row,
-                                   long b_stride, __global double* restrict C, long c_first, int c_ld, long c_stride,
-                                   __global const int* restrict items)
-{
-    const long item = items[get_global_id(2)], begin = first_column(counts, item, part);
-    const int first = each * get_global_id(0), last = min(strips, first + each);
-    product_of_strips(first, last, columns, number_of_columns(counts, item, part), alpha, beta,
-                      A + a_first + item * a_stride + begin * a_ld, a_ld,
-                      B + b_first + item * b_stride + begin * b_row, b_row, C + c_first + item * c_stride, c_ld);
-}
-
-// All that `assemble` makes of phi and psi, an item's products one after the other, as a CPU wants it: E and F with 1/mu, the
-// sources, and G. phi's rows: n of the nodes, and from `next` on the outgoing ones. Global size: pieces of `each` strips of 8
-// rows, first the nodes', then the outgoing ones', for E, then for F; items.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void assembly_products(int n, int out, int into, int next, int stokes, int each, __global const double* restrict mu,
-                                __global const int* restrict counts, __global const double* restrict phi, int phi_ld,
-                                long phi_stride, __global const double* restrict psi, int psi_ld, long psi_stride,
-                                __global const double* restrict psi_in, int in_ld, long in_stride,
-                                __global double* restrict E, __global double* restrict F, int ld, long stride,
-                                __global double* restrict G_E, __global double* restrict G_F, int g_ld, long g_stride,
-                                __global double* restrict source_d, __global double* restrict source_s, int s_ld,
-                                long s_stride, __global const int* restrict items)
-{
-    const long item = items[get_global_id(1)];
-    const int pieces = get_global_size(0) / 2, part = get_global_id(0) / pieces, piece = get_global_id(0) % pieces;
-    const int strips = next_strip(n) / 8, pieces_of_nodes = (strips + each - 1) / each;
-    const int inner = number_of_columns(counts, item, part);
-    const long begin = first_column(counts, item, part);
-    phi += item * phi_stride + begin * phi_ld;
-    psi += item * psi_stride + begin * psi_ld;
-    psi_in += item * in_stride + begin * in_ld;
-    if (piece < pieces_of_nodes) {
-        const int first = each * piece, last = min(strips, first + each);
-        __global double* matrix = (part ? F : E) + item * stride;
-        product_of_strips(first, last, n, inner, -1.0, 0.0, phi, phi_ld, psi, psi_ld, matrix, ld);
-        for (int i = 8 * first; i < min(n, 8 * last); i++)
-            matrix[(long)i * ld + i] += 1.0 / mu[i / stokes];
-        product_of_strips(first, last, into, inner, 1.0, 0.0, phi, phi_ld, psi_in, in_ld,
-                          (part ? source_s : source_d) + item * s_stride, s_ld);
-    } else {
-        const int first = each * (piece - pieces_of_nodes), last = min(next_strip(out) / 8, first + each);
-        product_of_strips(first, last, n, inner, 1.0, 0.0, phi + next, phi_ld, psi, psi_ld,
-                          (part ? G_F : G_E) + item * g_stride, g_ld);
+                                 OF_ITEM(phi) + begin * phi_ld, phi_ld, OF_ITEM(psi) + begin * psi_ld, psi_ld);
     }
 }
 
 // The diagonals 1/mu of E and F. Global size: items.
-__kernel void add_rates(int n, int stokes, __global const double* restrict mu, __global double* restrict E,
-                        __global double* restrict F, int ld, long stride, __global const int* restrict items)
+__kernel void add_rates(int n, int stokes, __global const double* restrict mu, STACK(E), STACK(F),
+                        __global const int* restrict items)
 {
     const long item = items[get_global_id(0)];
     for (int i = 0; i < n; i++) {
-        const long k = item * stride + (long)i * ld + i;
-        E[k] += 1.0 / mu[i / stokes];
-        F[k] += 1.0 / mu[i / stokes];
+        OF_ITEM(E)[(long)i * E_ld + i] += 1.0 / mu[i / stokes];
+        OF_ITEM(F)[(long)i * F_ld + i] += 1.0 / mu[i / stokes];
     }
 }

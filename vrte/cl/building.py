@@ -1,56 +1,80 @@
-"""Kernels from their sources."""
+"""Kernels from their sources, with the types that their arguments have there."""
 
 import re
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
+
+import numpy as np
 
 from vrte.basics.errors import DeviceError
 from vrte.cl.caches import PYOPENCL, own_folder
 
-KERNEL = re.compile(r"^\s*__kernel\s+void\s+(\w+)\s*\(", re.MULTILINE)
+KERNEL = re.compile(r"^\s*__kernel\s+void\s+(\w+)\s*\(([^{;]*)\)\s*\{", re.MULTILINE)
+LISTS = re.compile(r"^#define ([A-Z_]+)(?:\(x\))? +((?:__global|int|long) .*,.*)$", re.MULTILINE)
+MACRO = re.compile(r"\b([A-Z_]+)\b(\(\w+\))?")
+NUMBERS = {"int": np.int32, "long": np.int64, "double": np.float64}
 COMPLAINT = re.compile(r"\berror\b")
 LONGEST = 300  # characters of a compiler's log in a message
 
 
-def kernel_names(text: str) -> set[str]:
-    """What a source defines.
+def argument_types(text: str) -> dict[str, list[Any]]:
+    """The kernels that a source defines, and the types of their arguments, None for memory; macros that stand for
+    several arguments are written out.
 
-    >>> kernel_names("__kernel void product(int n) { }")
-    {'product'}
+    >>> argument_types("#define STACK(x) __global double* x, long x##_first\\n__kernel void fill(int n, STACK(a)) { }")
+    {'fill': [<class 'numpy.int32'>, None, <class 'numpy.int64'>]}
     """
-    return set(KERNEL.findall(text))
+    text = text.replace("\\\n", " ")
+    lists = dict(LISTS.findall(text))
+    found = {}
+    for name, arguments in KERNEL.findall(text):
+        written_out = ""
+        while written_out != arguments:
+            written_out, arguments = arguments, MACRO.sub(lambda macro: lists.get(macro[1], macro[0]), arguments)
+        found[name] = [
+            None if "*" in argument else NUMBERS.get(argument.split()[0]) for argument in written_out.split(",")
+        ]
+    return found
 
 
-def built(context: Any, text: str, options: Sequence[str]) -> tuple[Any, dict[str, Any]]:
-    """The program, and its kernels by name.
+class Kernels(dict[str, Any]):
+    """The kernels of a program by name, each made when it is first asked for, with the types of its arguments: a launch
+    takes 4 microseconds with them, 200 without."""
+
+    def __init__(self, program: Any, text: str) -> None:
+        super().__init__()
+        self.program, self.types = program, argument_types(text)
+
+    def __missing__(self, name: str) -> Any:
+        import pyopencl
+
+        self[name] = pyopencl.Kernel(self.program, name)
+        self[name].set_scalar_arg_dtypes(self.types[name])
+        return self[name]
+
+
+def built(context: Any, text: str, options: Sequence[str]) -> Kernels:
+    """The kernels of a source, compiled.
 
     Raises DeviceError with the compiler's first complaint.
     """
     import pyopencl
 
     device = context.devices[0]
+    program = pyopencl.Program(context, text)
     try:
-        with _quiet():
-            program = pyopencl.Program(context, text).build(list(options), cache_dir=str(own_folder() / PYOPENCL))
-            kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+        with warnings.catch_warnings():  # a compiler with something to say is none for whoever wants an answer
+            warnings.simplefilter("ignore", pyopencl.CompilerWarning)
+            warnings.filterwarnings("ignore", "PyOpenCL compiler caching failed")
+            program.build(list(options), cache_dir=str(own_folder() / PYOPENCL))
+        made = program.get_info(pyopencl.program_info.KERNEL_NAMES).split(";")
     except pyopencl.RuntimeError as error:
         raise DeviceError(build_message(device.name, str(error))) from error
-    if missing := kernel_names(text) - set(kernels):
+    kernels = Kernels(program, text)
+    if missing := set(kernels.types) - set(made):
         raise DeviceError(f"the compiler of {device.name} left out {', '.join(sorted(missing))}")
-    return program, kernels
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """A compiler that has something to say is no warning for whoever wants an answer, nor is its cache."""
-    import pyopencl
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", pyopencl.CompilerWarning)
-        warnings.filterwarnings("ignore", "PyOpenCL compiler caching failed")
-        yield
+    return kernels
 
 
 def build_message(device: str, log: str) -> str:

@@ -9,3 +9,7 @@
 #define PUT(p, i) (((__global double4*)(p))[i])
 
 typedef double4 loose4 __attribute__((aligned(8)));     // four doubles that begin at any of them
+
+// What kernels take for a stack of matrices and of vectors; where its item begins.
+#define STACK(x) __global double* x, long x##_first, int x##_ld, long x##_stride
+#define OF_ITEM(x) (x + x##_first + item * x##_stride)

@@ -26,10 +26,7 @@ __kernel void cosines_of_rows(int n_mu, int stokes, int v_place, __global const 
 }
 
 // rate (item,): what a step gains at least, the largest albedo |B_l| / (2 l + 1). Global size: items.
-__kernel void invariance_rate(int n_term, __global const double* restrict coefficients, __global const int* restrict order,
-                              __global const int* restrict material, __global const int* restrict terms,
-                              __global const double* restrict albedo, __global double* restrict rate,
-                              __global const int* restrict items)
+__kernel void invariance_rate(SCATTERING, __global double* restrict rate, __global const int* restrict items)
 {
     const int item = items[get_global_id(0)], of = material[item];
     double largest = 0.0;
@@ -217,22 +214,19 @@ int dealt(int work_item, int number, int units)
     return left * units + unit;
 }
 
-// As many fixed points as an item needs, all by one work-item, as a CPU wants it: R, H and what is missing of it; led and
-// moved: where the last steps led and by how much. Global size: items.
+// Matrices like R: that itself, where the last three steps led and by how much they moved, the latest first.
+#define STEPS __global double* R, __global double* led, __global double* led_1, __global double* led_2, \
+    __global double* moved, __global double* moved_1, __global double* moved_2
+#define JUDGED __global const double* restrict rate, __global const double* restrict tolerance, \
+    __global double* restrict residual, __global int* restrict steps
+
+// As many fixed points as an item needs, all by one work-item, as a CPU wants it: R, H and what is missing of it.
+// Global size: items.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void invariance_settle(int units, int most, int strips, int symmetric, int n, int n_term, int members,
-                                __global const double* restrict coefficients, __global const int* restrict order,
-                                __global const int* restrict material, __global const int* restrict terms,
-                                __global const double* restrict albedo, __global const int* restrict counts,
-                                __global const double* restrict row_mu, __global const double* restrict signed_mu,
-                                __global const double* phi, int phi_ld, long phi_stride, int phi_first,
-                                __global const double* nodes_H, int nodes_ld, long nodes_stride, __global double* led,
-                                __global double* led_1, __global double* led_2, __global double* moved,
-                                __global double* moved_1, __global double* moved_2, __global double* R, __global double* H,
-                                int h_ld, long h_stride, int h_columns, __global double* HC,
-                                __global const double* restrict rate, __global const double* restrict tolerance,
-                                __global double* restrict residual, __global int* restrict steps,
-                                __global const int* restrict items)
+__kernel void invariance_settle(SCATTERING, int units, int most, int strips, int symmetric, int n,
+                                __global const int* restrict counts, __global const double* restrict row_mu,
+                                __global const double* restrict signed_mu, STACK(phi), STACK(nodes_H), STEPS, STACK(H),
+                                int h_columns, __global double* HC, JUDGED, __global const int* restrict items)
 {
     const long item = items[dealt(get_global_id(0), get_global_size(0), units)], place = item * strips * STRIP * n;
     const int columns = number_of_columns(counts, item, 2), of = material[item];
@@ -246,25 +240,25 @@ __kernel void invariance_settle(int units, int most, int strips, int symmetric, 
     moved_2 += place;
     R += place;
     phi += item * phi_stride;
-    H += item * h_stride;
-    HC += item * h_stride;
-    nodes_H += item * nodes_stride;
+    H = OF_ITEM(H);
+    HC += item * H_stride;
+    nodes_H = OF_ITEM(nodes_H);
     for (int step = -1; step < most && !done; step++) {
         if (step >= 0) {
             double found[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
             for (int strip = 0; strip < strips; strip++)
-                step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_ld, R, led,
+                step_of_strip(strip, symmetric, n, columns, row_mu, signed_mu, HC, h_columns, nodes_H, nodes_H_ld, R, led,
                               moved, moved_1, moved_2, found);
             settling = judged(step, found, rate[item], tolerance[item], settling, &done);
         }
         for (int strip = 0; strip < strips; strip++) {
             mix_strip(strip, step < 0, symmetric, n, settling.share, led, led_1, led_2, signed_mu, R);
             renew_strip(strip, step < 0 ? 0 : n, n, columns, number_of_columns(counts, item, 0), phi, phi + phi_first,
-                        phi_ld, R, H, h_ld);
+                        phi_ld, R, H, H_ld);
             for (int odd = 0; odd < 2 && columns > 0; odd++) {
                 const long begin = first_column(counts, item, odd);
                 multiply_by_coefficients(order[item], terms[of], members, odd, odd ? -albedo[of] : albedo[of], -1.0,
-                                         coefficients + of * (long)6 * n_term, 0, 2, H + STRIP * strip + begin * h_ld, h_ld,
+                                         coefficients + of * (long)6 * n_term, 0, 2, H + STRIP * strip + begin * H_ld, H_ld,
                                          HC + (strip * (long)h_columns + begin) * STRIP, STRIP);
             }
         }
@@ -290,7 +284,7 @@ __kernel void invariance_settle(int units, int most, int strips, int symmetric, 
 __kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col,
                                  __global const double* restrict off_mu, __global const int* restrict out,
                                  __global const int* restrict into, __global const double* restrict columns,
-                                 __global const double* restrict Ruu, int uu_ld, long uu_stride,
+                                 STACK(Ruu),
                                  __global const double* restrict Ru, int strip_step, int column_step, long stride,
                                  __global double* restrict up, __global double* restrict on_nodes,
                                  __global const int* restrict items)
@@ -298,7 +292,7 @@ __kernel void invariance_results(int n, int each, int stokes, int v_place, int n
     const long item = items[get_global_id(2)], beam = get_global_id(1), n_in = get_global_size(1);
     const int from = stokes * into[beam], n_up = stokes * n_out;
     const int first = each * get_global_id(0), last = min(n_up + n, first + each);
-    Ruu += item * uu_stride + (long)from * uu_ld;
+    Ruu = OF_ITEM(Ruu) + (long)from * Ruu_ld;
     Ru += item * stride;
     for (int c = 0; c < n_col; c++) {
         const long rhs = (item * n_in + beam) * n_col + c;
@@ -308,7 +302,7 @@ __kernel void invariance_results(int n, int each, int stokes, int v_place, int n
             const double to = fabs(off_mu[row]);
             double total = 0.0;
             for (int b = 0; b < stokes; b++)
-                total += 0.5 * off_mu[from + b] / (to + fabs(off_mu[from + b])) * Ruu[(long)b * uu_ld + row] * of[b];
+                total += 0.5 * off_mu[from + b] / (to + fabs(off_mu[from + b])) * Ruu[(long)b * Ruu_ld + row] * of[b];
             up[rhs * n_up + i] = total;
         }
         for (int j = max(0, first - n_up); j < last - n_up; j++) {
@@ -321,4 +315,139 @@ __kernel void invariance_results(int n, int each, int stokes, int v_place, int n
             on_nodes[rhs * n + j] = total;
         }
     }
+}
+
+// The same steps as a GPU wants them: a work-group makes a tile of a product, and R and the last steps too are stored
+// column by column.
+
+#define RUNNING 0
+#define SETTLED 1   // in this step: H is made once more
+#define LEFT 2
+
+#define GPU_LANES (GPU_GROUP * GPU_GROUP)
+
+// What a step of a work-item's element adds to the sums.
+#define GPU_SHARE \
+    const double cosine = signed_mu[j], size = fabs(cosine), mu = fabs(row_mu[i]); \
+    const long k = (long)j * ld + i; \
+    const double now = value * (0.5 * cosine * mu / (mu + size)), change = now - R[k]; \
+    led[k] = now; \
+    moved[k] = change; \
+    mine[0] += change * change; \
+    mine[1] += change * moved_1[k]; \
+    mine[2] += change * moved_2[k]; \
+    mine[3] = LARGER(mine[3], fabs(change)); \
+    mine[4] = LARGER(mine[4], fabs(now));
+
+// As `step_of_strip`, of a tile; found (item, tile, 5). Global size: 16 work-items a tile of 64 rows, 16 a tile of 64
+// columns, items.
+__attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
+__kernel void invariance_step_gpu(int ld, int n, __global const int* restrict counts,
+                                  __global const double* restrict row_mu, __global const double* restrict signed_mu,
+                                  __global const double* restrict HC, STACK(H), int h_columns, STEPS,
+                                  __global double* restrict found, __global const int* restrict state,
+                                  __global const int* restrict items)
+{
+    __local double a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], sums[5][GPU_LANES];
+    const long item = items[get_global_id(2)], place = item * ld * n;
+    const bool runs = state[item] == RUNNING;
+    const int rows = runs ? ld : 0, columns = n, inner = runs ? number_of_columns(counts, item, 2) : 0;
+    const int a_ld = ld, b_row = H_ld, b_column = 1;
+    __global const double* A = HC + item * ld * h_columns;
+    __global const double* B = OF_ITEM(H);
+    double mine[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
+    R += place;
+    led += place;
+    moved += place;
+    moved_1 += place;
+    moved_2 += place;
+    GPU_PLACES
+    GPU_SUM_TERMS
+    GPU_EACH_ELEMENT(GPU_SHARE)
+    for (int v = 0; v < 5; v++)
+        sums[v][here] = mine[v];
+    for (int width = GPU_LANES / 2; width > 0; width /= 2) {
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (here < width)
+            for (int v = 0; v < 5; v++) {
+                const double other = sums[v][here + width];
+                sums[v][here] = v < 3 ? sums[v][here] + other : LARGER(sums[v][here], other);
+            }
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    found += ((item * get_num_groups(1) + get_group_id(1)) * get_num_groups(0) + get_group_id(0)) * 5;
+    if (here < 5 && runs)
+        found[here] = sums[here][0];
+}
+
+// Global size: items.
+__kernel void invariance_judge(int step, int most, int tiles, __global const double* restrict found, JUDGED,
+                               __global Settling* restrict settling, __global int* restrict state,
+                               __global const int* restrict items)
+{
+    const long item = items[get_global_id(0)];
+    if (state[item] != RUNNING) {
+        state[item] = LEFT;
+        return;
+    }
+    double sums[5] = {0.0, 0.0, 0.0, 0.0, 0.0};
+    for (int tile = 0; tile < tiles; tile++) {
+        __global const double* part = found + (item * tiles + tile) * 5;
+        for (int k = 0; k < 3; k++)
+            sums[k] += part[k];
+        for (int k = 3; k < 5; k++)
+            sums[k] = LARGER(sums[k], part[k]);
+    }
+    bool done;
+    const Settling now = judged(step, sums, rate[item], tolerance[item], settling[item], &done);
+    settling[item] = now;
+    steps[item]++;
+    if (done)
+        state[item] = SETTLED;
+    if (done || step == most - 1)
+        if (!(now.missing <= residual[item]))
+            residual[item] = now.missing;
+}
+
+// R of the last steps, zero at the start. Global size: elements of a matrix rounded up, items.
+__kernel void invariance_mix(int starting, int size, STEPS, __global const Settling* restrict settling,
+                             __global const int* restrict state, __global const int* restrict items)
+{
+    const long item = items[get_global_id(1)], k = item * size + get_global_id(0);
+    if (get_global_id(0) >= size || state[item] == LEFT)
+        return;
+    __global const double* share = settling[item].share;
+    double value = 0.0;
+    if (!starting) {
+        value = share[0] * led[k];
+        if (share[1] != 0.0)
+            value += share[1] * led_1[k];
+        if (share[2] != 0.0)
+            value += share[2] * led_2[k];
+    }
+    R[k] = value;
+}
+
+#define GPU_ADD_PHI \
+    H[(long)j * H_ld + i] = value + (j < columns_E ? 1.0 : -1.0) * phi_row[(long)j * phi_ld + i];
+
+// H = +-phi + R phi_nodes. Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
+__attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
+__kernel void invariance_renew_gpu(int starting, int n, __global const int* restrict counts, STACK(phi),
+                                   __global const double* restrict R, STACK(H), __global const int* restrict state,
+                                   __global const int* restrict items)
+{
+    __local double a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1];
+    const long item = items[get_global_id(2)];
+    const bool runs = state[item] != LEFT;
+    const int rows = runs ? H_ld : 0, columns = number_of_columns(counts, item, 2);
+    const int columns_E = number_of_columns(counts, item, 0), inner = runs && !starting ? n : 0;
+    const int a_ld = H_ld, b_row = 1, b_column = phi_ld;
+    __global const double* A = R + item * H_ld * n;
+    __global const double* B = phi + item * phi_stride;
+    __global const double* phi_row = B + phi_first;
+    H = OF_ITEM(H);
+    GPU_PLACES
+    GPU_SUM_TERMS
+    GPU_EACH_ELEMENT(GPU_ADD_PHI)
 }

@@ -7,7 +7,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
-from vrte.cl.session import Session
+from vrte.cl.session import Placed, Session
 
 STRIP = 8  # rows that a product is made by
 PANEL = 16  # columns that are eliminated at once
@@ -26,7 +26,7 @@ def padded(rows: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Stack:
+class Stack(Placed):
     """Matrices (rows, columns), one an item, column by column, ``ld`` doubles apart; a part of a larger stack begins at
     its double ``first``. What lies between rows and the next multiple of 8 is zero."""
 
@@ -44,23 +44,28 @@ class Stack:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """Buffer, first double, distance of columns and of items, as kernels take them."""
-        return self.data, np.int64(self.first), np.int32(self.ld), np.int64(self.stride)
+        """Memory, first double, distance of columns and of items."""
+        return self.data.data, self.first, self.ld, self.stride
 
 
-def new_stack(session: Session, items: int, rows: int, columns: int) -> Stack:
-    """Matrices of zeros."""
-    ld = padded(max(rows, 1))
-    return Stack(session.zeros((items, max(columns, 1), ld)), rows, columns, ld, max(columns, 1) * ld)
+def stack_in(data: Any, rows: int, columns: int) -> Stack:
+    """Matrices in device memory (item, columns, rows up to a multiple of 8)."""
+    ld = data.shape[2]
+    return Stack(data, rows, columns, ld, data.shape[1] * ld)
+
+
+def new_stack(session: Session, items: int, rows: int, columns: int, bare: bool = False) -> Stack:
+    """Matrices of zeros, or ``bare``, yet to be written, the rows up to the next multiple of 8 too."""
+    make = session.empty if bare else session.zeros
+    return stack_in(make((items, max(columns, 1), padded(max(rows, 1)))), rows, columns)
 
 
 def upload_stack(session: Session, matrices: Array) -> Stack:
     """Matrices (item, column, row) as `_core` has them."""
     items, columns, rows = matrices.shape
-    ld = padded(max(rows, 1))
-    room = np.zeros((items, max(columns, 1), ld))
+    room = np.zeros((items, max(columns, 1), padded(max(rows, 1))))
     room[:, :columns, :rows] = matrices
-    return Stack(session.upload(room), rows, columns, ld, max(columns, 1) * ld)
+    return stack_in(session.upload(room), rows, columns)
 
 
 def download_stack(session: Session, stack: Stack) -> Array:
@@ -78,26 +83,33 @@ def product(
     alpha: float = 1.0,
     beta: float = 0.0,
     transposed: bool = False,
+    part: int = -1,
+    counts: Any = None,
+    each: int = 1,
 ) -> None:
-    """c = alpha a b + beta c, or a b^T, for the listed items (device array of int32); c is neither a nor b."""
+    """c = alpha a b + beta c, or a b^T, for the listed items (device array of int32); c is neither a nor b.
+
+    With counts (item, 2) the sum is over E's columns (part 0), F's (1) or either's (2). ``each``: strips of 8 rows that
+    a work-item makes of c on a processor; they share what is read of b.
+    """
     data, first, ld, stride = b.place
-    row, column = (ld, np.int32(1)) if transposed else (np.int32(1), ld)
-    arguments = (
-        np.int32(c.columns),
-        np.int32(a.columns),
-        np.float64(alpha),
-        np.float64(beta),
-        *a.place,
-        *(data, first, row, column, stride),
-        *c.place,
-        items,
-    )
+    steps = (ld, 1) if transposed else (1, ld)
     rows = padded(c.rows)
+    sums = rows, each, c.columns, a.columns, alpha, beta, part, counts
+    arguments = *sums, a, data, first, *steps, stride, c, items
     if session.form == "cpu":
-        session.launch("product", (rows // STRIP, 1, items.size), *arguments)
+        session.launch("product", (-(-rows // (STRIP * each)), 1, items.size), *arguments)
     else:
-        tiles = (-(-rows // TILE) * GROUP, -(-c.columns // TILE) * GROUP, items.size)
-        session.launch("product_gpu", tiles, np.int32(rows), *arguments, group=(GROUP, GROUP, 1))
+        session.launch("product_gpu", (*tiles_of(rows, c.columns), items.size), *arguments, group=(GROUP, GROUP, 1))
+
+
+def tiles_of(rows: int, columns: int) -> tuple[int, int]:
+    """Work-items for the tiles of a matrix.
+
+    >>> tiles_of(160, 80)
+    (48, 32)
+    """
+    return -(-rows // TILE) * GROUP, -(-columns // TILE) * GROUP
 
 
 def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info: Any) -> None:
@@ -106,19 +118,13 @@ def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info:
 
     Raises DeviceError where a GPU's local memory does not hold one column.
     """
-    arguments = np.int32(m.rows), *m.place, rest, pivots, info, items
+    arguments = m.rows, m, rest, pivots, info, items
     if session.form == "cpu":
         session.launch("invert", (items.size,), *arguments)
     elif m.rows:
         width = panel_width(m.rows, session.device.local_mem_size)
-        session.launch(
-            "invert_gpu",
-            (CREW * items.size,),
-            *arguments,
-            np.int32(width),
-            session.local_memory(8 * m.rows * width),
-            group=(CREW,),
-        )
+        panel = session.local_memory(8 * m.rows * width)
+        session.launch("invert_gpu", (CREW * items.size,), *arguments, width, panel, group=(CREW,))
 
 
 def panel_width(rows: int, local_bytes: int) -> int:

@@ -12,19 +12,15 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
-from vrte.cl.building import built
+from vrte.cl.building import Kernels, built
 
 SOURCES = (
     "common",
     "products",
-    "products_gpu",
     "inverse",
-    "inverse_gpu",
     "spherical",
     "assembly",
-    "assembly_gpu",
     "invariance",
-    "invariance_gpu",
     "doubling",
     "joining",
     "sums",
@@ -42,13 +38,27 @@ FORKED = (
 )
 
 
+class Placed:
+    """What `Session.launch` takes for several arguments of a kernel."""
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """Those arguments: memory and numbers."""
+        raise NotImplementedError
+
+
 @dataclass(frozen=True, eq=False)
-class DeviceArray:
+class DeviceArray(Placed):
     """Numbers on a device, row by row in the memory ``data``. Making a pyopencl array takes forty microseconds."""
 
     data: Any
     shape: tuple[int, ...]
     dtype: Any
+
+    @property
+    def place(self) -> tuple[Any, ...]:
+        """Its memory."""
+        return (self.data,)
 
     @property
     def size(self) -> int:
@@ -68,21 +78,18 @@ class DeviceArray:
 
 @dataclass(eq=False)
 class Session:
-    """context, queue, program and kernels (by name) of one device; ``memory``: what was freed is kept for the next
+    """context, queue and kernels (by name) of one device; ``memory``: what was freed is kept for the next
     array; ``lock``: held during a solve, because a kernel's arguments belong to it. ``form``: of products and inverses,
-    "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or a matrix, tiles in local memory);
-    ``typed``: kernels whose numbers' types are known."""
+    "cpu" (a work-item a strip or a matrix) or "gpu" (a work-group a tile or a matrix, tiles in local memory)."""
 
     context: Any
     queue: Any
-    program: Any
-    kernels: dict[str, Any]
+    kernels: Kernels
     memory: Any
     form: str = "cpu"
     lock: threading.RLock = field(default_factory=threading.RLock)
     process: int = field(default_factory=os.getpid)
     constants: dict[Any, Any] = field(default_factory=dict)
-    typed: set[str] = field(default_factory=set)
 
     @property
     def device(self) -> Any:
@@ -157,16 +164,17 @@ class Session:
         return found
 
     def launch(self, name: str, size: tuple[int, ...], *arguments: Any, group: tuple[int, ...] | None = None) -> None:
-        """Enqueues a kernel: arrays, and numbers of the kernel's own types (np.int32, np.int64, np.float64); ``group``:
+        """Enqueues a kernel: numbers, arrays, and whatever has its ``place`` among the kernel's arguments; ``group``:
         the size of a work-group, one work-item without it."""
         if 0 in size:
             return
         self._check_process()
-        if name not in self.typed:  # numbers whose types are known take 4 microseconds a launch, others 200
-            types = [argument.dtype if isinstance(argument, np.generic) else None for argument in arguments]
-            self.kernels[name].set_scalar_arg_dtypes(types)
-            self.typed.add(name)
-        plain = [argument.data if isinstance(argument, DeviceArray) else argument for argument in arguments]
+        plain: list[Any] = []
+        for argument in arguments:
+            if isinstance(argument, Placed):
+                plain += argument.place
+            else:
+                plain.append(argument)
         self.kernels[name](self.queue, size, group or (1,) * len(size), *plain)
 
     def local_memory(self, size: int) -> Any:
@@ -201,12 +209,12 @@ def open_session(device: Any, form: str | None = None) -> Session:
 
     assert form in (None, *FORMS)
     context = pyopencl.Context([device])
-    program, kernels = built(context, sources(), OPTIONS)
+    kernels = built(context, sources(), OPTIONS)
     queue = pyopencl.CommandQueue(context)
     if form is None:
         groups = device.max_work_group_size >= WORK_GROUP
         form = "gpu" if groups and not device.type & pyopencl.device_type.CPU else "cpu"
-    return Session(context, queue, program, kernels, _memory(queue), form)
+    return Session(context, queue, kernels, _memory(queue), form)
 
 
 def _memory(queue: Any) -> Any:

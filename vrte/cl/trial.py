@@ -53,7 +53,7 @@ def complaint_here(handle: Any) -> str:
         if handle.platform.name == POCL and not has_linker():
             # what was compiled before would still run: tried is whether it compiles
             text += f"__constant int compiled_anew_{uuid.uuid4().hex} = 0;\n"
-        _, kernels = built(context, text, OPTIONS)
+        kernels = built(context, text, OPTIONS)
         queue = pyopencl.CommandQueue(context)
         buffer = pyopencl.Buffer(context, flags, hostbuf=numbers)
         kernels["trial"](queue, (1,), (1,), buffer)
