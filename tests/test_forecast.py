@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.basics import forecast as limits
+from vrte.basics import cost
 from vrte.basics.running import new_run
-from vrte.calls import forecast
 from vrte.calls.plan import request_of
 from vrte.cli import main
-from vrte.discrete_ordinates.planning import forecast as of_plans
-from vrte.methods import method_of
-from vrte.methods.parts.costs import COSTS, operations_before
+from vrte.methods import method_of, predicted
+from vrte.request.how import METHODS
 
 POLARIZING = vrte.mix([(vrte.rayleigh(), 0.5), (vrte.henyey_greenstein(0.7, 40), 0.5)])
 THICK = vrte.Scene([vrte.Layer(POLARIZING, 1.0, 100.0)])
@@ -50,9 +48,9 @@ def test_accuracy_that_takes_all_nodes_is_refused_at_once() -> None:
 
 
 def test_what_takes_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(limits, "LONG", 0.0)
+    monkeypatch.setattr(cost, "LONG", 0.0)
     scene = vrte.Scene([vrte.Layer(POLARIZING, 0.9, 1.0)])
-    for method in ("discrete-ordinates", *COSTS):
+    for method in ("discrete-ordinates", *(name for name in METHODS if method_of(name).operations)):
         with pytest.warns(vrte.LongSolveWarning, match=r"this will take about \d s, most of it for"):
             found = vrte.brdf(scene, 0.5, 0.5, nodes=4, method=method, time_limit_s=math.inf)
         assert np.isfinite(found.mueller).all()
@@ -89,8 +87,7 @@ def told_of(call: Callable[[], object]) -> list[str]:
 
 @pytest.mark.parametrize("kind", ["brdfs", "spectrum", "sweep"])
 def test_many_solves_say_together_what_they_take(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(limits, "LONG", 1e-9)
-    monkeypatch.setattr(forecast, "LONG", 1e-9)  # each of them would say so as well
+    monkeypatch.setattr(cost, "LONG", 1e-9)
     calls: dict[str, tuple[str, Callable[[], object]]] = {
         "brdfs": ("5 scenes", lambda: vrte.brdfs([THICK] * 5, 0.5, 0.5, nodes=4)),
         "spectrum": ("3 wavelengths", lambda: vrte.spectrum(SCENES, [0.4, 0.5, 0.6])),
@@ -103,7 +100,7 @@ def test_many_solves_say_together_what_they_take(kind: str, monkeypatch: pytest.
 
 def test_many_solves_that_take_too_long_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """A thousand solves of a second: no one of them is long."""
-    monkeypatch.setitem(of_plans.RATE, "discrete-ordinates", 1e4)
+    monkeypatch.setitem(cost.RATE, "discrete-ordinates", 1e4)
     begin = time.perf_counter()
     for call, what in (
         (lambda: vrte.brdfs([THICK] * 1000, 0.5, 0.5, nodes=16, time_limit_s=1000.0), "1000 scenes"),
@@ -124,7 +121,7 @@ def test_a_sweep_is_refused_where_a_limit_is_given_and_counts_what_is_left(
         if done > 20:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(forecast, "A_CALL", 1000.0)
+    monkeypatch.setattr(cost, "A_CALL", 1000.0)
     with pytest.raises(vrte.SceneError, match=r"about 11.1 h for 40 scenes on 1 worker together.*above its 2.8 h"):
         vrte.sweep(content, out, workers=1, chunk=10, time_limit_s=10_000.0)
     assert not list(tmp_path.glob("*.partial"))
@@ -161,12 +158,12 @@ def test_predictions_are_about_right(method: str, albedo: float, thickness: floa
     scene = vrte.Scene([vrte.Layer(POLARIZING, albedo, thickness)])
     asked = ([0.3, 0.8], [0.2, 0.5, 0.9], [0.0, 90.0, 180.0])
     request = request_of("brdf", scene, *asked, method=method, **how)
-    predicted = operations_before(request, method_of(method).checked(request), new_run(1)) / of_plans.RATE[method]
+    seconds = predicted(request, new_run(1))
     begin = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vrte.LongSolveWarning)
         vrte.brdf(scene, *asked, method=method, threads=1, **how)
-    assert 0.1 < (time.perf_counter() - begin) / predicted < 10.0
+    assert 0.1 < (time.perf_counter() - begin) / seconds < 10.0
 
 
 def test_small_angles_of_many_terms_fit_into_memory() -> None:
@@ -180,6 +177,6 @@ def test_small_angles_of_many_terms_fit_into_memory() -> None:
 
 
 def test_particles_of_many_terms_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vrte.optics.spheres.LONG", 0.0)
+    monkeypatch.setattr("vrte.basics.cost.LONG", 0.0)
     with pytest.warns(vrte.LongSolveWarning, match="most of it for a phase matrix of .* smaller particles"):
         vrte.spheres(1.5, radius_um=1.0, wavelength_um=0.5)

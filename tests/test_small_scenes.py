@@ -11,7 +11,8 @@ import vrte
 from tests import exact
 from vrte import _core
 from vrte.basics.blas import blas_libraries, single_threaded
-from vrte.basics.running import BRIEF, BRIEF_ALONE, Run, new_run
+from vrte.basics.cost import BRIEF, BRIEF_ALONE
+from vrte.basics.running import Run, new_run
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.homogeneous import homogeneous
 from vrte.discrete_ordinates.orders.particular import particular
@@ -45,8 +46,8 @@ def test_what_is_brief() -> None:
 
 @pytest.mark.parametrize("scene", [SCALAR, POLAR])
 def test_a_brief_call_starts_no_thread(scene: vrte.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vrte.basics.running, "BRIEF", 0.0)
-    monkeypatch.setattr(vrte.basics.running, "BRIEF_ALONE", 0.0)
+    monkeypatch.setattr(vrte.basics.cost, "BRIEF", 0.0)
+    monkeypatch.setattr(vrte.basics.cost, "BRIEF_ALONE", 0.0)
     waited = vrte.radiance(scene, 0.6, mu=[0.5, -0.5], tau=[0.0, 1.0], nodes=8, threads=2)
     monkeypatch.undo()
     monkeypatch.setattr(threading.Thread, "start", lambda self: pytest.fail("a thread was started"))

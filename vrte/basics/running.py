@@ -13,11 +13,11 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from vrte import _core
+from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, whole
 
 Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
-BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
 PATIENCE = 0.5  # seconds that an interrupted solve gets to stop by itself
 
 
@@ -79,7 +79,7 @@ def usable_cpus() -> int:
 def new_run(threads: int | None, operations: float = math.inf) -> Run:
     """A run on `threads` threads, all usable CPUs for None; a brief one has no thread but the one it is called in."""
     count = usable_cpus() if threads is None else whole("threads", threads, 1, 4096)
-    brief = operations < (BRIEF if count > 1 else BRIEF_ALONE)
+    brief = operations < (cost.BRIEF if count > 1 else cost.BRIEF_ALONE)
     return Run(1 if brief else count, brief=brief)
 
 

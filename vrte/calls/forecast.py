@@ -6,15 +6,14 @@ from collections.abc import Callable
 import numpy as np
 
 from vrte import methods
+from vrte.basics import cost
 from vrte.basics.errors import SceneError
-from vrte.basics.forecast import LONG, foretell
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.planning.forecast import seconds_of_all, seconds_of_planning
 from vrte.request.backends import Backend
 from vrte.request.request import EXACT, Request
 
-FEW, LOOKING = 5, 0.7  # solves of many that are looked at, and seconds after which no other one is
-A_CALL = 3e-3  # seconds of any solve, beside its plan and its operations
+FEW = 5  # solves of many that are looked at
 
 
 def foretell_all(
@@ -41,19 +40,19 @@ def foretell_all(
             seconds, planned = predicted(request)
         except SceneError:
             continue
-        looked.append(made + time.perf_counter() - start + planned + A_CALL)
+        looked.append(made + time.perf_counter() - start + planned + cost.A_CALL)
         solving.append(seconds)
         limit = request.time_limit_s if limit is None else limit
-        quick = beside + count * (looked[-1] + seconds) < LONG / 100.0
-        if (place and quick) or time.perf_counter() - begin > LOOKING:
+        quick = beside + count * (looked[-1] + seconds) < cost.LONG / 100.0
+        if (place and quick) or time.perf_counter() - begin > cost.LOOKING:
             break
     if limit is None or not looked:
         return False
     # what is loaded for the first is no matter of each
     each = float(np.median(looked[1:] or looked) + np.mean(solving))
     total = (beside + count * each) / workers
-    foretell(total, limit, f" for {what} together", "fewer nodes, a coarser accuracy or fewer of them take less")
-    return total > LONG
+    cost.foretell(total, limit, f" for {what} together", "fewer nodes, a coarser accuracy or fewer of them take less")
+    return total > cost.LONG
 
 
 def predicted(request: Request) -> tuple[float, float]:
@@ -67,7 +66,7 @@ def predicted(request: Request) -> tuple[float, float]:
         return methods.predicted(request, run), 0.0
     threads = methods.run_of(request).threads
     planning = seconds_of_planning(request, run)
-    if planning > LOOKING:
+    if planning > cost.LOOKING:
         return 0.0, planning / threads
     plan = plan_of(request, run)
     return seconds_of_all(plan) / threads, 0.0

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from vrte.basics.cost import in_words
 from vrte.basics.errors import MissingExtraError, SceneError
-from vrte.basics.forecast import in_words
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.formats.zarr_folder import METADATA
 from vrte.request.request import COARSEST, FINEST

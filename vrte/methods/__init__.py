@@ -1,15 +1,13 @@
 """Methods for the same scenes, behind the same call: one a file of this folder, by whose name it is found."""
 
-import math
 from dataclasses import replace
 from importlib import import_module
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.basics.forecast import foretell
 from vrte.basics.running import Progress, Run, new_run
 from vrte.discrete_ordinates.execution.engines import engine_of
-from vrte.discrete_ordinates.planning.forecast import RATE
 from vrte.discrete_ordinates.planning.node_choice import NodeChoice, choose_nodes
 from vrte.methods.auto import by_rule
 from vrte.methods.parts.method import Method
@@ -62,7 +60,7 @@ def solve_request(request: Request, run: Run, progress: Progress | None = None) 
     request, choice = with_nodes(request, run)
     why = f", most of it for method {request.method!r} on {request.nodes or NODES} nodes"
     change = f"fewer nodes take less, as does {EXACT!r}"
-    foretell(predicted(request, run), request.time_limit_s, why, change, run.told)
+    cost.foretell(predicted(request, run), request.time_limit_s, why, change, run.told)
     mu, found = method.solve(Task(request, settings, run, progress, choice))
     if request.method_rule:
         promised = {"promised": True, "notes": []} | found.diagnostics
@@ -82,8 +80,9 @@ def with_nodes(request: Request, run: Run) -> tuple[Request, NodeChoice | None]:
 
 def predicted(request: Request, run: Run) -> float:
     """Seconds of the request's method beside the exact one. Raises SceneError where it does not take the request."""
-    from vrte.methods.parts.costs import operations_before  # it knows the methods
-
-    settings = method_of(request.method).checked(request)
-    request = with_nodes(request, run)[0]
-    return operations_before(request, settings, run) / RATE.get(request.method, math.inf)
+    method = method_of(request.method)
+    settings = method.checked(request)
+    if method.operations is None:
+        return 0.0
+    task = Task(with_nodes(request, run)[0], settings, run)
+    return method.operations(task) / cost.RATE.get(request.method, cost.RATE[EXACT])

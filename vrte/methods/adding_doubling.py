@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array, number, whole
 from vrte.basics.blas import single_threaded
 from vrte.discrete_ordinates.orders.slabs import Pile, cut
@@ -102,6 +103,22 @@ def conserving(on_nodes: OnNodes, slab: Slab, tau: float) -> Slab:
     return homogeneous(slab.R, slab.T + np.outer(evenly, missing), tau, on_nodes.rows, on_nodes.columns, on_nodes.n)
 
 
+def predict_operations(task: Task) -> float:
+    """Doublings of each distinct slab, starting layers, joints."""
+    problem, settings = task.problem, task.settings
+    pile = cut(problem)
+    on_nodes = OnNodes(pile.problem, task.request.scene.below)
+    n, r, c = on_nodes.sizes
+    thin = thinnest(on_nodes, settings["thin"])
+    doublings = sum(
+        cost.SLAB_STEPS_ENDLESS if math.isinf(tau) else doublings_of(tau, thin)
+        for tau in np.unique(pile.thickness).tolist()
+    )
+    start = (2.0 * settings["start"] * n) ** 2 * (settings["start"] * n + 2.0 * c)
+    slabs = pile.slabs.size * (start + 40.0 * r * n * c)
+    return on_nodes.n_order * (slabs + doublings * (12.0 * r * n * c + cost.A_DOUBLING))
+
+
 METHOD = Method(
     name="adding-doubling",
     solve=solve_by_adding_doubling,
@@ -111,6 +128,7 @@ METHOD = Method(
     conserves_energy=True,
     options=("nodes", "accuracy", "backend"),
     finest=1e-12,
+    operations=predict_operations,
     settings={
         "thin": Setting(
             0.25,

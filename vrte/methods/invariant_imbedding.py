@@ -5,10 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array, number
 from vrte.basics.blas import single_threaded
+from vrte.discrete_ordinates.planning.needs import needs_of
 from vrte.methods.parts.endless import reflection
-from vrte.methods.parts.imbedding import Count, State, grow
+from vrte.methods.parts.imbedding import POINTS, Count, State, grow
 from vrte.methods.parts.method import Answer, Method, Setting
 from vrte.methods.parts.on_nodes import OnNodes, distinct_directions, solve_in_turn
 from vrte.methods.parts.task import Task
@@ -68,6 +70,18 @@ def faces(on_nodes: OnNodes, order: int, base: Array, through: bool, rtol: float
     return np.stack([R, below]), np.stack([nothing, T])
 
 
+def predict_operations(task: Task) -> float:
+    """Sweeps of all steps: their number grows with what an order scatters on its way."""
+    problem = task.problem
+    n, r, c = OnNodes(distinct_directions(problem)[0], task.request.scene.below).sizes
+    finite = np.where(np.isfinite(problem.thickness), problem.thickness, 0.0)
+    strength = np.minimum(needs_of(problem, task.run).by_layer, 1.0)  # (layer, order)
+    steps = cost.LEAST_STEPS * problem.albedo.size + cost.STEPS_A_DEPTH * (finite @ strength)
+    parts = 2.0 if (task.request.tau > 0.0).any() else 1.0
+    sweep = POINTS * ((2.0 * n * n + 4.0 * parts * r * n) * c + 20.0 * parts * POINTS * r * c)
+    return float(steps.sum()) * cost.SWEEPS * (sweep + 10.0 * cost.OVERHEAD)
+
+
 METHOD = Method(
     name="invariant-imbedding",
     solve=solve_by_invariant_imbedding,
@@ -77,6 +91,7 @@ METHOD = Method(
     depths=False,
     options=("nodes", "accuracy", "backend"),
     finest=1e-9,
+    operations=predict_operations,
     settings={
         "rtol": Setting(
             1e-8,

@@ -14,6 +14,7 @@ from functools import reduce
 import numpy as np
 import scipy.linalg
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, whole
 from vrte.basics.blas import single_threaded
 from vrte.basics.divided_differences import ComplexArray
@@ -26,7 +27,7 @@ from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.slabs import distinct_materials, only
 from vrte.methods.parts.method import Answer, Method
-from vrte.methods.parts.on_nodes import distinct_directions
+from vrte.methods.parts.on_nodes import OnNodes, distinct_directions
 from vrte.methods.parts.operators import Modes, Operator, empty
 from vrte.methods.parts.task import NODES, Task
 from vrte.request.request import MOST_NODES, check_scene
@@ -384,6 +385,15 @@ def pile_of(problem: Problem, order: int) -> Slab:
     return reduce(Slab.star, slabs)
 
 
+def predict_operations(task: Task) -> float:
+    """Modes of each layer, functions of them, and what goes from beams by way of modes into directions."""
+    on_nodes = OnNodes(distinct_directions(task.problem)[0], task.request.scene.below)
+    n, r, c = on_nodes.sizes
+    differences = cost.A_DIFFERENCE * n * (c - n) * max(1.0, (r - n) / 4.0)
+    each = cost.COMPLEX_MODES * n**3 + differences + cost.A_LAYER_OF_MODES
+    return on_nodes.n_order * (task.problem.albedo.size + task.problem.level.size) * each
+
+
 METHOD = Method(
     name="matrix-operator",
     solve=solve_by_matrix_operators,
@@ -393,4 +403,5 @@ METHOD = Method(
     conserves_energy=True,
     options=("nodes", "accuracy", "backend"),
     finest=1e-12,
+    operations=predict_operations,
 )

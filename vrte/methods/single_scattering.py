@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import double_gauss
 from vrte.methods.parts.method import Answer, Method
@@ -34,10 +35,19 @@ def fluxes_by_quadrature(task: Task) -> tuple[Array, Array]:
     return up, down
 
 
+def predict_operations(task: Task) -> float:
+    """Series of all terms towards the nodes at twice as many azimuths, for the fluxes."""
+    layers = task.request.scene.layers
+    terms = float(max(layer.phase_matrix.terms for layer in layers))
+    towards = task.request.mu0.size * 2.0 * task.problem.nodes.size * 2.0 * terms
+    return cost.A_TERM * len(layers) * terms * towards
+
+
 METHOD = Method(
     name="single-scattering",
     solve=solve_by_single_scattering,
     purpose="thin or very dark layers, and the narrow peaks of any layer",
     conserves="nothing: light scattered twice is lost",
     source="(2:24)-(2:26), first order",
+    operations=predict_operations,
 )

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from vrte import _core
+from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray, number, whole
 from vrte.basics.blas import single_threaded
 from vrte.basics.errors import AccuracyWarning
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.planning.needs import needs_of
 from vrte.methods.parts.in_depth import downward, gauss_depths, upward
 from vrte.methods.parts.method import Answer, Method, Setting, Settings
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, distinct_directions, solve_in_turn
@@ -326,6 +328,19 @@ def solve_by_successive_orders(task: Task) -> Answer:
     return task.answer_on_nodes(kernels, fluxes, **more)
 
 
+def predict_operations(task: Task) -> float:
+    """As many orders as it takes, by how strongly a Fourier order scatters and how much leaves through the faces."""
+    problem, settings = task.problem, task.settings
+    n, _, c = OnNodes(problem, task.request.scene.below).sizes
+    levels = depths_of(problem, settings["levels"]).layer.size * POINTS
+    depth = float(problem.thickness.sum())
+    kept = 1.0 - min(0.5, math.pi**2 / (3.0 * (depth + 1.42) ** 2))
+    ratio = np.clip(needs_of(problem, task.run).strength * kept, 1e-6, 1.0 - 1e-9)
+    scatterings = np.minimum(settings["orders"], 1.0 + math.log(settings["tolerance"]) / np.log(ratio)).sum()
+    a_row = levels * (8.0 * n + 4.0 * (POINTS + 1)) * (c - n)
+    return float(scatterings) * (n * a_row * 2.0 + levels / POINTS * cost.OVERHEAD / 30.0)
+
+
 METHOD = Method(
     name="successive-orders",
     solve=solve_by_successive_orders,
@@ -335,6 +350,7 @@ METHOD = Method(
     endless=False,
     options=("nodes", "accuracy", "backend"),
     finest=1e-7,
+    operations=predict_operations,
     settings={
         "orders": Setting(
             1000,

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte._core import sphere_coefficients
+from vrte.basics import cost
 from vrte.basics.arrays import Array, in_one_line, number, vector
 from vrte.basics.errors import LongSolveWarning, SceneError
 from vrte.basics.spherical_functions import gauss_legendre, wigner_functions
@@ -35,7 +36,6 @@ FEWEST_RADII, MOST_RADII = 129, 2049
 SETTLED = np.array([1e-6, 1e-6, 1e-6, 1e-4])  # relative: extinction, scattering, asymmetry, backscattering
 DOUBTFUL = 1e-2  # relative change of a cross section at MOST_RADII from which the user is warned
 ALL_SIZES_UP_TO = 100.0  # size parameter from which radii follow the sum of r^4 instead of r^6
-SECONDS_OF_TERMS, LONG = 1e-7, 20.0  # of the square of their number; from where it is told
 ANGLES_AT_ONCE, SIZES_AT_ONCE = 512, 256  # bound the memory
 
 
@@ -395,10 +395,9 @@ def _expansion(population: _Population) -> PhaseMatrix:
     are exact. Source: de Rooij and van der Stap (1984), section 3.
     """
     terms = 2 * population.a.shape[1] + 1
-    if SECONDS_OF_TERMS * terms**2 > LONG:
-        told = (
-            f"this will take about {SECONDS_OF_TERMS * terms**2:.0f} s, most of it for a phase matrix of {terms} terms"
-        )
+    seconds = cost.SECONDS_OF_TERMS * terms**2
+    if seconds > cost.LONG:
+        told = f"this will take about {seconds:.0f} s, most of it for a phase matrix of {terms} terms"
         warnings.warn(f"{told}; smaller particles, or a smaller host_index, take less", LongSolveWarning, stacklevel=3)
     cosine, weights = gauss_legendre(terms)
     pieces = range(0, terms, ANGLES_AT_ONCE)

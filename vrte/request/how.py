@@ -10,6 +10,7 @@ from pkgutil import iter_modules
 from textwrap import fill, indent
 from typing import Any, TypeVar
 
+from vrte.basics import cost
 from vrte.basics.arrays import flag, number, shown, whole
 from vrte.basics.errors import SceneError
 from vrte.optics.truncation import CHOICES
@@ -27,7 +28,6 @@ BY_RULE = ("auto", "direct")  # direct: auto's rule without what iterates to a t
 MOST_NODES, MOST_THREADS = 4096, 4096
 FINEST, COARSEST = 1e-15, 0.1  # accuracy that can be asked for
 WITH_NODES, WITHOUT_NODES = 1e-8, 1e-6  # what it is by default
-TIME_LIMIT_S = 3600.0  # by default
 NOT_FOR_ALL = ("nodes", "accuracy", "algorithm", "verify", "truncation", "backend")  # methods say which they use
 Call = TypeVar("Call", bound=Callable[..., Any])
 
@@ -159,11 +159,11 @@ class How:
         "; from the bottom for scenes without a base and with a finite thickness",
     )
     time_limit_s: float = option(
-        TIME_LIMIT_S,
+        cost.TIME_LIMIT_S,
         float,
         lambda name, value: number(name, value, 0.0, math.inf, "seconds"),
         "seconds above 0, inf for no limit",
-        f"what is predicted to take longer is refused; default: {TIME_LIMIT_S:g}, inf for none",
+        f"what is predicted to take longer is refused; default: {cost.TIME_LIMIT_S:g}, inf for none",
         ". The prediction is good to a factor of about 3; above 20 s it is told at once in a LongSolveWarning",
     )
     nodes: int | None = whole_number(

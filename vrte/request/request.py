@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array, flag, numbers, settled, vector
 from vrte.basics.errors import SceneError
 from vrte.request.how import ALGORITHMS as ALGORITHMS
@@ -24,7 +25,6 @@ from vrte.scene.illumination import check_physical, lit_from, mirrored_stokes
 from vrte.scene.scene import Scene
 
 SMALLEST_COSINE = 1e-8
-SOLVING, DOUBLING = 60.0, 1000.0  # operations of an order and layer over n^3, by modes and by doubling
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,7 +63,7 @@ def operations_of(request: Request) -> float:
     unknowns = float(request.nodes if scalar else 4 * request.nodes)
     orders = min(terms, 2 * request.nodes)
     beams, directions = request.mu0.size * request.columns.shape[0], mu.size * request.tau.size
-    per_n3 = SOLVING if request.algorithm in (*BY_RULE, "modes") and not request.verify else DOUBLING
+    per_n3 = cost.SOLVING if request.algorithm in (*BY_RULE, "modes") and not request.verify else cost.DOUBLING
     solving = per_n3 * unknowns**3 + 4.0 * unknowns**2 * (beams + mu.size) + 100.0 * unknowns * directions * (1 + beams)
     summing = (10.0 * terms + 20.0 * orders) * directions * beams * (32 + request.phi.size)
     return len(scene.layers) * (orders * solving + summing)

@@ -12,11 +12,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vrte.basics import cost
 from vrte.basics.arrays import number, whole
 from vrte.basics.blas import single_threaded
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, usable_cpus
-from vrte.calls.forecast import LOOKING, foretell_all
+from vrte.calls.forecast import foretell_all
 from vrte.formats.text_file import file_name
 from vrte.request.request import Request, one_of
 from vrte.sweep import store
@@ -200,7 +201,7 @@ def seconds_of_particles(work: Work, shared: list[tuple[str, tuple[int, ...]]]) 
         start = time.perf_counter()
         prepare(work, Task(particles=name, place=tuple(length - 1 for length in lengths)))
         seconds += math.prod(lengths) * (time.perf_counter() - start)
-        if time.perf_counter() - begin > LOOKING:
+        if time.perf_counter() - begin > cost.LOOKING:
             break
     return seconds
 

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from vrte import _core
+from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
@@ -19,8 +20,6 @@ from vrte.discrete_ordinates.orders.small_angle import Anisotropic
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, cos_sin_deg
 from vrte.request.wanted import Wanted
 from vrte.scene.scene import Scene
-
-WORTH_THREADS = 1e5  # bytes of a result: below, starting threads takes longer than the sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +113,7 @@ def fill(
     come from the processor. told(k) is called when k pieces are done.
     """
     parts, problem = make_parts(target), target.problem
-    if sum(part.values.nbytes for part in parts) < WORTH_THREADS:
+    if sum(part.values.nbytes for part in parts) < cost.WORTH_THREADS_SUMS:
         run = replace(run, threads=1)
     in_closed_form = problem.leave_out.single
     if not in_closed_form:

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.planning.choice import Choice, choose
 from vrte.discrete_ordinates.planning.needs import Needs, layers_reached, nodes_seen, stokes_sets
 from vrte.scene.boundary import BLACK, Boundary
 
-WORTH_A_BLOCK = 4e4  # cubes of unknowns: their time is that of one more block's calls
 STEPS = 10  # numbers of nodes that orders are sorted into
 
 
@@ -103,7 +103,7 @@ def reasons_of(problem: Problem, part: Part, columns: tuple[int, ...]) -> tuple[
 def node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
     """Nodes of each order of at most so many Stokes parameters: of few different numbers, alike for orders that threads
     do side by side, and fewer than before only where that saves more than one more block's calls take."""
-    if seen.size * (float(stokes) * total) ** 3 <= WORTH_A_BLOCK:
+    if seen.size * (float(stokes) * total) ** 3 <= cost.WORTH_A_BLOCK:
         return [total] * seen.size
     step = max(1, -(-total // STEPS))
     rounded = np.clip(-(-seen // step) * step, 1, total)
@@ -112,7 +112,7 @@ def node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
     now = total
     for fewer in np.unique(rounded)[::-1].tolist():
         below = rounded <= fewer
-        if np.count_nonzero(below) * float(stokes) ** 3 * (float(now) ** 3 - float(fewer) ** 3) > WORTH_A_BLOCK:
+        if np.count_nonzero(below) * float(stokes) ** 3 * (float(now) ** 3 - float(fewer) ** 3) > cost.WORTH_A_BLOCK:
             now = fewer
         rounded[rounded == fewer] = now
     counts: list[int] = rounded.tolist()

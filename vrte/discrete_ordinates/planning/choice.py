@@ -5,17 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import Pile, cut
 from vrte.request.request import BY_RULE
 
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
-STEPS_ENDLESS = 8
-JOINT = 0.2  # time of a joint over that of a layer's modes
 ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more
-WORTH_IT = 0.7  # predicted times are right to about a third
-GENERAL, SYMMETRIC = 45.0, 18.0  # operations over n^3 of a layer's modes, eigenproblem included
 STRONGEST = 0.98  # q of orders whose iterations settle
 FINEST = 1e-13  # accuracy that iterations are taken for
 
@@ -84,7 +81,7 @@ def modes_or_doubling(problem: Problem) -> Choice:
     if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
         return Choice("modes", "auto: one layer, one eigenproblem")
     ratio = time_of_doubling(cut(problem)) / problem.albedo.size
-    name = "doubling" if ratio < WORTH_IT else "modes"
+    name = "doubling" if ratio < cost.WORTH_DOUBLING else "modes"
     return Choice(name, f"auto: doubling is predicted to take {ratio:.2g} times the time of modes")
 
 
@@ -96,7 +93,7 @@ def sees_top_only(problem: Problem) -> bool:
 def operations_of_modes(problem: Problem) -> float:
     """Of an order, roughly."""
     n = problem.size
-    solving = (SYMMETRIC if problem.is_symmetric else GENERAL) * n**3
+    solving = (cost.MODES_SYMMETRIC if problem.is_symmetric else cost.MODES_GENERAL) * n**3
     return problem.albedo.size * (solving + 4.0 * n * n * (problem.n_rhs + problem.rows_out))
 
 
@@ -120,5 +117,7 @@ def time_of_doubling(pile: Pile) -> float:
     steepest = 1.0 / float(problem.directions.min())
     with np.errstate(divide="ignore"):
         steps = np.clip(np.ceil(np.log2(pile.thickness * steepest)), 0.0, None) + 2.0
-    steps[np.isinf(pile.thickness)] = STEPS_ENDLESS
-    return float(steps.sum()) * (0.1 + problem.size / 1500.0) + JOINT * pile.slabs.size
+    steps[np.isinf(pile.thickness)] = cost.STEPS_ENDLESS
+    return (
+        float(steps.sum()) * (cost.DOUBLING_AT_ONCE + problem.size / cost.DOUBLING_SIZE) + cost.JOINT * pile.slabs.size
+    )

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from vrte.basics.forecast import foretell
+from vrte.basics import cost
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.planning.azimuths import fold
 from vrte.discrete_ordinates.planning.operations import operations_of_block, operations_of_sums
@@ -11,23 +11,12 @@ from vrte.request.request import EXACT, Request
 
 if TYPE_CHECKING:
     from vrte.discrete_ordinates.planning.plan import Plan
-# operations a second of one thread, of a processor of 2024 with nothing else to do; right to a factor of 3
-RATE = {
-    EXACT: 2.5e10,
-    "adding-doubling": 2.2e10,
-    "matrix-operator": 1.5e11,
-    "invariant-imbedding": 2e10,
-    "single-scattering": 2.5e10,
-    "successive-orders": 2.5e10,
-}
-PLANNING_RATE = 2e8  # squares of orders times directions, a second of one thread
-VERIFYING = 4.0  # times as long, by both algorithms
 
 
 def foretell_planning(request: Request, run: Run) -> None:
     """Before a plan with so many nodes that the plan itself takes long."""
     why = f", most of it for the plan alone, of {orders_of(request)} orders on {request.nodes} nodes"
-    foretell(seconds_of_planning(request, run), request.time_limit_s, why, "fewer nodes take less", run.told)
+    cost.foretell(seconds_of_planning(request, run), request.time_limit_s, why, "fewer nodes take less", run.told)
 
 
 def seconds_of_planning(request: Request, run: Run) -> float:
@@ -35,7 +24,7 @@ def seconds_of_planning(request: Request, run: Run) -> float:
     if request.nodes is None:
         return 0.0
     squares = request.nodes * float(orders_of(request)) ** 2 * len(request.scene.layers)
-    return squares / (PLANNING_RATE * run.threads)
+    return squares / (cost.PLANNING_RATE * run.threads)
 
 
 def orders_of(request: Request) -> int:
@@ -59,12 +48,12 @@ def foretell_plan(plan: "Plan", run: Run) -> None:
     piled = f"{layers} layer{'s'[: layers > 1]}"
     why = f", most of it for {orders} Fourier orders of {largest} unknowns in {piled} by {names}"
     change = "fewer nodes or a coarser accuracy take less"
-    foretell(seconds_of_all(plan) / run.threads, request.time_limit_s, why, change, run.told)
+    cost.foretell(seconds_of_all(plan) / run.threads, request.time_limit_s, why, change, run.told)
 
 
 def seconds_of_all(plan: "Plan") -> float:
     """Of all parts of a plan on one thread, with what verifies them."""
-    return sum(seconds_of(part) for part in plan.parts or (plan,)) * (VERIFYING if plan.request.verify else 1.0)
+    return sum(seconds_of(part) for part in plan.parts or (plan,)) * (cost.VERIFYING if plan.request.verify else 1.0)
 
 
 def seconds_of(plan: "Plan") -> float:
@@ -72,4 +61,4 @@ def seconds_of(plan: "Plan") -> float:
     azimuths = fold(plan.request.phi, plan.problem.leave_out.azimuths)
     sums = operations_of_sums(plan.problem, plan.blocks, plan.wanted, azimuths)
     solved = sum(operations_of_block(each, plan.needs.strength[each.orders], plan.accuracy) for each in plan.blocks)
-    return (sums + solved) / RATE[EXACT]
+    return (sums + solved) / cost.RATE[EXACT]

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from vrte import _core
+from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
@@ -19,7 +20,6 @@ SAMPLES = 5  # directions of each kind that singly scattered light is looked at
 DECAYS = np.array([0.0, 0.25, 0.5, 0.75, 0.9])  # fractions of 1 - q that light of an order may fade with
 LARGEST_GAIN = 1e4  # 1/(1 - q)^2 counts no higher: orders as strong as that see every node
 TOGETHER = 4  # orders between two looks, so that threads have work; the same for any number of threads
-WORTH_THREADS = 1e6  # spherical functions: a few milliseconds
 ALMOST_ONE = 1.0 - 1e-12  # of q: light of a stronger order never fades
 CAREFUL = (1000.0, 30.0)  # what the bounds may be too careful by: where they are compared with what was found
 SAFETY = 3.0  # times what was found: orders to come are bounded by no less
@@ -44,7 +44,7 @@ def needs_of(problem: Problem, run: Run) -> Needs:
     n_order, directions = int(problem.terms.max()), problem.directions
     by_layer = np.empty((problem.albedo.size, n_order))
     bounds, effect = np.empty(n_order), np.empty((n_order, problem.nodes.size))
-    if directions.size * n_order**2 < WORTH_THREADS:
+    if directions.size * n_order**2 < cost.WORTH_THREADS_BOUNDS:
         run = replace(run, threads=1)
     with run.timed("planning") as crew:
         _core.order_bounds(

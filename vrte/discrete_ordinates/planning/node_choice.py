@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from vrte import _core
+from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.blas import single_threaded
 from vrte.basics.errors import AccuracyError
@@ -41,8 +42,7 @@ WIDE_ENOUGH, WIDER = 1.25, 1.4  # nodes compared with, over those they are compa
 LOOKS = 6  # numbers of nodes whose error is looked at, at most
 LESS = 0.8  # the next number of nodes, at most, where terms are cut: errors fall less steeply than what they change
 CLOSE = 0.95  # of a number of nodes that is enough: as few are worth no other look
-FAR, NOT_SMALLEST = 0.9, 2e5  # as few are worth one where the solve takes so many cubes of unknowns
-WORTH_LOOK = 5e6  # cubes of unknowns that are saved, worth one as well: about a millisecond
+FAR = 0.9  # as few are worth one where the solve is not among the smallest
 BEAMS, DIRECTIONS, DEPTHS = 3, 5, 6  # of the check, at most
 OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # directions of the check where the nodes themselves are asked for
 AZIMUTHS = np.array([22.5, 67.5, 112.5, 157.5])  # that a base is averaged over
@@ -175,10 +175,10 @@ class Search:
             if self.orders.size > 1:  # the bound on what is cut falls more steeply than the error
                 nodes = min(nodes, math.ceil(LESS * high))
             nodes = max(nodes, (high + 1) // 2, FEWEST)
-        cost = operations(self.scene, high)
-        saved = cost - operations(self.scene, nodes)
-        far = nodes < FAR * high and cost > NOT_SMALLEST
-        return nodes if far or (nodes < CLOSE * high and saved > WORTH_LOOK) else 0
+        cubes = operations(self.scene, high)
+        saved = cubes - operations(self.scene, nodes)
+        far = nodes < FAR * high and cubes > cost.NOT_SMALLEST
+        return nodes if far or (nodes < CLOSE * high and saved > cost.WORTH_LOOK) else 0
 
     def solve(self, nodes: int) -> tuple[Array, Array] | None:
         """The indicator on so many nodes, once."""

@@ -2,19 +2,14 @@
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import cut, materials_of, only
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.discrete_ordinates.planning.blocks import Block
-from vrte.discrete_ordinates.planning.choice import STEPS_ENDLESS, operations_of_invariance, operations_of_modes
+from vrte.discrete_ordinates.planning.choice import operations_of_invariance, operations_of_modes
 from vrte.request.wanted import Wanted
-
-PRODUCTS_A_STEP = 6.0  # of a doubling, its inverse included
-PRODUCTS_BESIDE = 16.0  # start, reflection and transmission, and the check by invariance
-JOINT = 8.0  # products where two slabs meet
-BOUNDARY = 14.0  # operations over n^3 of a layer that meets another
-A_TERM = 12.0  # of six series in closed form
 
 
 def operations_of_block(block: Block, strength: Array, accuracy: float) -> float:
@@ -31,7 +26,7 @@ def operations_of_layers(problem: Problem) -> float:
     materials, _ = materials_of(problem)
     scatters = (problem.albedo > 0.0) | (not problem.leave_out.clear)
     solved = [k for k in range(materials.albedo.size) if materials.albedo[k] > 0.0 or not problem.leave_out.clear]
-    joined = BOUNDARY * float(problem.size) ** 3 * int(scatters.sum()) if scatters.size > 1 else 0.0
+    joined = cost.BOUNDARY * float(problem.size) ** 3 * int(scatters.sum()) if scatters.size > 1 else 0.0
     return joined + (operations_of_modes(only(materials, solved)) if solved else 0.0)
 
 
@@ -42,10 +37,10 @@ def operations_of_doubling(problem: Problem) -> float:
     product = 2.0 * n * n * (n + edges) + 2.0 * n * pile.problem.n_rhs * pile.problem.rows_out
     with np.errstate(divide="ignore"):
         steps = np.clip(np.ceil(np.log2(pile.thickness / float(pile.problem.directions.min()))), 0.0, None) + 1.0
-    steps[np.isinf(pile.thickness)] = STEPS_ENDLESS
+    steps[np.isinf(pile.thickness)] = cost.STEPS_ENDLESS
     scatters = (pile.problem.albedo[pile.material] > 0.0) | (not problem.leave_out.clear)
-    doubled = float((PRODUCTS_A_STEP * steps + PRODUCTS_BESIDE)[scatters].sum())
-    return product * (doubled + JOINT * (pile.slabs.size - 1))
+    doubled = float((cost.PRODUCTS_A_STEP * steps + cost.PRODUCTS_BESIDE)[scatters].sum())
+    return product * (doubled + cost.PRODUCTS_A_JOINT * (pile.slabs.size - 1))
 
 
 def operations_of_sums(problem: Problem, blocks: tuple[Block, ...], wanted: Wanted, azimuths: Azimuths) -> float:
@@ -53,4 +48,4 @@ def operations_of_sums(problem: Problem, blocks: tuple[Block, ...], wanted: Want
     rows = sum(float(levels.size) * directions.size for levels, directions in wanted.parts) * problem.mu0.size
     entries = sum(float(block.orders.size) * len(block.stokes) * len(block.columns) for block in blocks)
     pairs = float(problem.mu0.size) * max((directions.size for _, directions in wanted.parts), default=0)
-    return azimuths.distinct.size * (2.0 * rows * entries + A_TERM * pairs * float(problem.terms.sum()))
+    return azimuths.distinct.size * (2.0 * rows * entries + cost.A_TERM * pairs * float(problem.terms.sum()))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import double_gauss
 from vrte.basics.running import Run
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 1.0])
-WORTH_STAGES = 5e6  # cubes of unknowns: about a millisecond
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,7 +222,7 @@ def make_plan(
 def worth_stages(problem: Problem, orders: int) -> bool:
     """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
     unknowns = problem.nodes.size if problem.is_scalar else problem.size
-    return orders * float(unknowns) ** 3 > WORTH_STAGES
+    return orders * float(unknowns) ** 3 > cost.WORTH_STAGES
 
 
 def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:

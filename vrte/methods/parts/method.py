@@ -40,7 +40,8 @@ class Method:
     tested; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more
     than one), base (any, even: one that is Lambertian, none), depths (other than the faces), transmission, endless
     layers, devices, options (of the call). What takes an "accuracy" solves the discrete problem to it, on nodes chosen
-    for it; ``finest``: the finest that it keeps."""
+    for it; ``finest``: the finest that it keeps; ``operations``: how many a task takes, right to a factor of 3, None
+    where closed forms are a matter of seconds whatever is asked."""
 
     name: str
     solve: Callable[["Task"], Answer]
@@ -57,6 +58,7 @@ class Method:
     devices: bool = False
     options: tuple[str, ...] = ("nodes", "backend")
     finest: float = 0.0
+    operations: Callable[["Task"], float] | None = None
     settings: Mapping[str, Setting] = field(default_factory=dict)
 
     def checked(self, request: Request) -> Settings:

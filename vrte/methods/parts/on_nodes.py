@@ -58,6 +58,11 @@ class OnNodes:
         return np.concatenate([nodes, np.repeat(self.problem.mu0, self.problem.columns.shape[0])])
 
     @property
+    def sizes(self) -> tuple[float, float, float]:
+        """Unknowns of a hemisphere, rows with the outgoing directions, columns with the beams, for predictions."""
+        return float(self.n), float(self.rows.size), float(self.columns.size)
+
+    @property
     def n_order(self) -> int:
         """Fourier orders that any layer scatters."""
         return int(self.problem.coefficients.shape[1])

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vrte import _core
+from vrte.basics import cost
 from vrte.basics.arrays import IntArray
 from vrte.basics.blas import single_threaded
 from vrte.basics.errors import AccuracyError
@@ -24,8 +25,6 @@ from vrte.discrete_ordinates.planning.azimuths import fold
 from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
-
-WORTH_THREADS = 1e5  # products of matrices, in multiplications: about a millisecond of all stages
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,9 @@ def worth_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
     """The run, on one thread where starting another would take longer than the solve."""
     n = float(problem.size)
     work = orders.size * n * (n * n + problem.n_rhs * problem.rows_out)
-    return run if work > WORTH_THREADS and orders.size * problem.albedo.size > 1 else replace(run, threads=1)
+    return (
+        run if work > cost.WORTH_THREADS_STAGES and orders.size * problem.albedo.size > 1 else replace(run, threads=1)
+    )
 
 
 def solve_orders(

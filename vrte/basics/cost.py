@@ -1,0 +1,87 @@
+"""What things cost, and from where on it is worth while: every rate, count of operations and threshold of time.
+
+Rates are of one thread of a processor of 2024 with nothing else to do, and right to a factor of 3; n is the number of
+unknowns of a hemisphere. What will take long is said before it starts, and refused beyond a limit.
+"""
+
+import math
+import warnings
+from collections.abc import Mapping
+
+from vrte.basics.errors import LongSolveWarning, SceneError
+
+# seconds
+LONG = 20.0  # that are told
+TIME_LIMIT_S = 3600.0  # beyond which a solve is refused, by default
+LOOKING = 0.7  # after which no other one of many solves is looked at, to tell how long they take
+SECONDS_OF_TERMS = 1e-7  # of a phase matrix of spheres, over the square of its terms
+A_CALL = 3e-3  # of any solve, beside its plan and its operations
+
+# operations a second, held against solves by tests/test_forecast.py
+RATE: Mapping[str, float] = {
+    "discrete-ordinates": 2.5e10,
+    "adding-doubling": 2.2e10,
+    "matrix-operator": 1.5e11,
+    "invariant-imbedding": 2e10,
+    "single-scattering": 2.5e10,
+    "successive-orders": 2.5e10,
+}
+PLANNING_RATE = 2e8  # squares of orders times directions
+VERIFYING = 4.0  # times as long, by both algorithms
+
+# operations of discrete ordinates over n^3, counted; lower powers of n are in the formulas
+MODES_GENERAL, MODES_SYMMETRIC = 45.0, 18.0  # of a layer's modes, eigenproblem included
+BOUNDARY = 14.0  # of a layer that meets another
+SOLVING, DOUBLING = 60.0, 1000.0  # of an order and layer by modes and by doubling, before anything is planned
+# products of matrices
+PRODUCTS_A_STEP = 6.0  # of a doubling, its inverse included
+PRODUCTS_BESIDE = 16.0  # start, reflection and transmission, and the check by invariance
+PRODUCTS_A_JOINT = 8.0  # where two slabs meet
+STEPS_ENDLESS = 8  # doublings of a layer without end
+A_TERM = 12.0  # operations of six series in closed form
+
+# time over that of a layer's modes, as measured (docs/accuracy.md)
+JOINT = 0.2  # of a joint
+DOUBLING_AT_ONCE, DOUBLING_SIZE = 0.1, 1500.0  # of a doubling, and the unknowns with which it takes as long again
+WORTH_DOUBLING = 0.7  # where it is predicted to take so much: predictions are right to about a third
+
+# from where on it is worth while, by what takes a millisecond or so
+WORTH_LOOK = 5e6  # cubes of unknowns that fewer nodes save: another look at the error of nodes
+NOT_SMALLEST = 2e5  # cubes of unknowns of a solve: the same, where far fewer nodes are expected
+WORTH_STAGES = 5e6  # cubes of unknowns: look again, between orders, at how many are left
+WORTH_A_BLOCK = 4e4  # cubes of unknowns: their time is that of one more block's calls
+WORTH_THREADS_BOUNDS = 1e6  # spherical functions
+WORTH_THREADS_STAGES = 1e5  # products of matrices, in multiplications, of all stages
+WORTH_THREADS_SUMS = 1e5  # bytes of a result
+BRIEF, BRIEF_ALONE = 3e7, 3e8  # operations of a request: a few milliseconds; hundredths of a second, on one thread
+
+# operations of other methods, measured as seconds times their rate
+SLAB_STEPS_ENDLESS = 25  # doublings of a slab without end
+A_DOUBLING, A_LAYER_OF_MODES = 2e7, 3.4e8  # that what is no product takes the time of, of an order
+COMPLEX_MODES, A_DIFFERENCE = 500.0, 400.0  # over n^3, complex eigenvectors and functions of them; of a difference
+STEPS_A_DEPTH, LEAST_STEPS, SWEEPS = 3.0, 12.0, 12.0  # of imbedding: an optical depth, at least, sweeps of each
+OVERHEAD = 3e5  # that a call of NumPy takes the time of
+
+
+def foretell(seconds: float, limit: float, why: str, change: str, told: bool = False) -> None:
+    """Says what will take long, unless that was ``told``. Raises SceneError beyond the limit in seconds."""
+    if seconds <= min(LONG, limit):
+        return
+    said = f"this will take about {in_words(seconds)}{why}; {change}"
+    if seconds > limit:
+        raise SceneError(f"{said}, or go on with time_limit_s above its {in_words(limit)} (math.inf for no limit)")
+    if not told:
+        warnings.warn(said, LongSolveWarning, stacklevel=2)
+
+
+def in_words(seconds: float) -> str:
+    """A time that is only roughly known.
+
+    >>> in_words(24.0), in_words(200.0), in_words(7200.0), in_words(1e6)
+    ('24 s', '3 min', '2.0 h', '11.6 days')
+    """
+    if seconds < 100.0 or not math.isfinite(seconds):
+        return f"{seconds:.0f} s"
+    if seconds < 6000.0:
+        return f"{seconds / 60.0:.0f} min"
+    return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.3g} days"
