@@ -6,7 +6,7 @@ import re
 import shutil
 import tomllib
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ import pytest
 
 import vrte
 from tests.viewer_server import viewer
-from vrte.app import form, link
+from vrte.app.form.content import START
+from vrte.app.form.files import link_of
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors
 
@@ -37,7 +38,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
-    with viewer() as (address, _):
+    with viewer() as address:
         yield address
 
 
@@ -51,12 +52,32 @@ def chromium() -> Iterator[Any]:
         found.close()
 
 
+@pytest.fixture
+def open_tab(chromium: Any, url: str) -> Iterator[Callable[..., "Tab"]]:
+    """Opens tabs, each of another browser; in the end nothing may have gone wrong in any."""
+    tabs: list[Tab] = []
+
+    def opened(address: str = url, **more: Any) -> Tab:
+        tabs.append(Tab(chromium, address, **more))
+        return tabs[-1]
+
+    yield opened
+    for one in tabs:
+        one.context.close()
+    assert [tab.wrong for tab in tabs] == [[]] * len(tabs)
+
+
+@pytest.fixture
+def tab(open_tab: Callable[..., "Tab"]) -> "Tab":
+    return open_tab()
+
+
 class Tab:
     """A tab of somebody's own; what it asks of other machines, and what goes wrong in it, is written down."""
 
-    def __init__(self, browser: Any, url: str, width: int = 1280, height: int = 800, **more: Any) -> None:
+    def __init__(self, browser: Any, url: str, size: tuple[int, int] = (1280, 800), **more: Any) -> None:
         self.url, self.wrong = url.partition("/?")[0], []
-        self.context = browser.new_context(viewport={"width": width, "height": height}, **more)
+        self.context = browser.new_context(viewport={"width": size[0], "height": size[1]}, **more)
         self.page = self.context.new_page()
         self.page.set_default_timeout(PATIENCE)
         self.page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
@@ -111,7 +132,7 @@ class Tab:
 
     def choose(self, label: str, option: str) -> None:
         self.page.get_by_label(label, exact=True).click()
-        self.page.locator(".q-menu .q-item").get_by_text(option, exact=True).click()
+        self.pick(option)
 
     def download(self, text: str, folder: Path) -> Path:
         with self.page.expect_download() as waiting:
@@ -121,9 +142,21 @@ class Tab:
         waiting.value.save_as(path)
         return path
 
-    def close(self) -> None:
-        self.context.close()
-        assert self.wrong == []
+    def waits_for(self, condition: str, argument: Any = None) -> None:
+        """Until this is true of the page."""
+        self.page.wait_for_function(condition, arg=argument)
+
+    def says(self, text: str | re.Pattern[str], exact: bool = False) -> None:
+        """Until it does."""
+        self.page.get_by_text(text, exact=exact).first.wait_for()
+
+    def value(self, label: str) -> str:
+        found: str = self.page.get_by_label(label, exact=True).first.input_value()
+        return found
+
+    def pick(self, option: str) -> None:
+        """Of the open menu."""
+        self.page.locator(".q-menu .q-item").get_by_text(option, exact=True).click()
 
 
 def fill_a_small_scene(tab: Tab) -> None:
@@ -138,32 +171,31 @@ def fill_a_small_scene(tab: Tab) -> None:
     tab.fill("cosines of incidence µ_i", "0.3, 0.6, 1")
 
 
-def test_fill_solve_turn_download_and_compare(chromium: Any, url: str, tmp_path: Path) -> None:
-    tab = Tab(chromium, url)
+def test_fill_solve_turn_download_and_compare(tab: Tab, open_tab: Callable[..., Tab], tmp_path: Path) -> None:
     tab.fill("optical thickness", "-1")
     reason = tab.page.get_by_role("button", name="Solve waits: layer[1].thickness must be an optical thickness >= 0")
     reason.wait_for()
     assert tab.button("Solve").is_disabled()
     reason.click()
-    tab.page.wait_for_function("document.activeElement.getAttribute('aria-label') == 'optical thickness'")
+    tab.waits_for("document.activeElement.getAttribute('aria-label') == 'optical thickness'")
     start = tab.wait_for_figure()  # a first page shows something
     fill_a_small_scene(tab)
-    tab.page.get_by_text("The form has changed since this was solved").wait_for()
+    tab.says("The form has changed since this was solved")
     tab.solve()
     first = tab.wait_for_figure(different=start)
     assert "0.6" in first["title"]
-    tab.page.get_by_text(re.compile("^Solved: ")).wait_for()
+    tab.says(re.compile("^Solved: "))
 
     tab.slide("incident angle", 1.0)
     second = tab.wait_for_figure(different=first)
     assert "μᵢ = 1," in second["title"]
     tab.slide("wavelength", 1.0)
     third = tab.wait_for_figure(different=second)
-    tab.page.get_by_text("wavelength 600 nm").wait_for()
+    tab.says("wavelength 600 nm")
     assert third["title"] != ""
 
     content = tomllib.loads(tab.download("scene, TOML", tmp_path).read_text(encoding="utf-8"))
-    expected = {**form.START, "wavelength_um": [0.5, 0.6], "nodes": 6}
+    expected = {**START, "wavelength_um": [0.5, 0.6], "nodes": 6}
     expected["particles"] = {"gold": {"index": [1.5, 0.01], "radius_um": 0.05}}
     expected["layer"] = [{"particles": "gold", "thickness": 1}]
     expected["brdf"] = expected["brdf"] | {"mu_i": [0.3, 0.6, 1]}
@@ -173,15 +205,13 @@ def test_fill_solve_turn_download_and_compare(chromium: Any, url: str, tmp_path:
         found = vrte.load(tab.download(text, tmp_path))
         np.testing.assert_allclose(found.mueller, numbers.mueller, rtol=1e-12, atol=1e-16)
 
-    stranger = Tab(chromium, url)
-    assert stranger.page.get_by_label("radius [µm]", exact=True).input_value() == "0.6"
+    stranger = open_tab()
+    assert stranger.value("radius [µm]") == "0.6"
     assert stranger.wait_for_figure() == start
-    stranger.close()
 
     tab.page.reload()
     assert tab.wait_for_figure() == third
-    assert tab.page.get_by_label("radius [µm]", exact=True).input_value() == "0.05"
-    tab.close()
+    assert tab.value("radius [µm]") == "0.05"
 
 
 GOLD = ROOT / "examples" / "gold_powder.toml"  # 40 nodes, which the start scene does not ask for
@@ -190,22 +220,19 @@ DROP = """([text, name]) => { const transfer = new DataTransfer(); transfer.item
         new DragEvent(type, {dataTransfer: transfer, bubbles: true, cancelable: true})); }"""
 
 
-def test_open_is_clicked_and_a_file_is_dropped(chromium: Any, url: str) -> None:
-    tab = Tab(chromium, url)
+def test_open_is_clicked_and_a_file_is_dropped(tab: Tab) -> None:
     tab.open("Accuracy")
     with tab.page.expect_file_chooser() as chooser:
         tab.button("Open").click()
     chooser.value.set_files(GOLD)
     nodes = "nodes => [...document.querySelectorAll('input')].some(input => input.value == nodes)"
-    tab.page.wait_for_function(nodes, arg="40")
+    tab.waits_for(nodes, "40")
     tab.page.evaluate(DROP, [GOLD.read_text().replace("nodes = 40", "nodes = 17"), "dropped.toml"])
-    tab.page.wait_for_function(nodes, arg="17")
-    tab.close()
+    tab.waits_for(nodes, "17")
 
 
 @pytest.mark.slow
-def test_every_tab_and_every_download(chromium: Any, url: str, tmp_path: Path) -> None:
-    tab = Tab(chromium, url)
+def test_every_tab_and_every_download(tab: Tab, tmp_path: Path) -> None:
     fill_a_small_scene(tab)
     tab.fill("wavelengths in vacuum [µm]", "0.45, 0.5, 0.55, 0.6, 0.65")
     start = tab.wait_for_figure()
@@ -217,10 +244,10 @@ def test_every_tab_and_every_download(chromium: Any, url: str, tmp_path: Path) -
     tab.choose("distance from the centre", "reflectance factor")
     third = tab.wait_for_figure(different=second)
     tab.fill("I, Q, U, V", "0, 1, 0, 0")
-    tab.page.get_by_text(re.compile("^stokes must")).first.wait_for()
+    tab.says(re.compile("^stokes must"))
     tab.fill("I, Q, U, V", "2, 1.5, 0, 1")
     tab.wait_for_figure(different=third)
-    assert tab.page.get_by_label("incident light", exact=True).input_value() == "other"
+    assert tab.value("incident light") == "other"
     assert tab.download("picture of the figure", tmp_path).read_bytes().startswith(b"\x89PNG")
     for name in ("Cuts", "Reflectance", "Inside", "Scattering", "Plan"):
         tab.page.get_by_role("tab", name=name).click()
@@ -229,7 +256,7 @@ def test_every_tab_and_every_download(chromium: Any, url: str, tmp_path: Path) -
         if name == "Reflectance":
             for base in ("over black", "over white (albedo 1)"):
                 tab.page.get_by_role("img", name=f"colour {base}: #").wait_for()
-    tab.page.get_by_text("transmission: not asked for").first.wait_for()
+    tab.says("transmission: not asked for")
     for suffix in ("NetCDF", "CSV"):
         field = vrte.load(tab.download(f"field inside, {suffix}", tmp_path))
         assert field.stokes.shape == (5, 120, 2, 4)
@@ -239,30 +266,28 @@ def test_every_tab_and_every_download(chromium: Any, url: str, tmp_path: Path) -
     five = vrte.spectrum(expected, [0.45, 0.5, 0.55, 0.6, 0.65], **directions())
     write_mitsuba(five, tmp_path / "expected.bsdf")
     np.testing.assert_allclose(tensors["M"], read_tensors(tmp_path / "expected.bsdf")["M"], rtol=1e-5, atol=1e-9)
-    tab.close()
 
 
 @pytest.mark.slow
-def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(chromium: Any, url: str, tmp_path: Path) -> None:
-    tab = Tab(chromium, url)
+def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(tab: Tab, tmp_path: Path) -> None:
     tab.open("Accuracy")
     tab.fill("nodes a hemisphere", "1000000")
-    tab.page.get_by_text("nodes = 1000000: must be a whole number from 1 to 4096").first.wait_for()
+    tab.says("nodes = 1000000: must be a whole number from 1 to 4096")
     tab.fill("nodes a hemisphere", "900")
     tab.fill("substance", "../../../etc/passwd")
-    tab.page.get_by_text("is neither a known name").first.wait_for()
+    tab.says("is neither a known name")
     tab.fill("substance", "<img src=x onerror=alert(1)>")
-    tab.page.get_by_text("'<img src=x onerror=alert(1)>' is neither a known name").first.wait_for()
+    tab.says("'<img src=x onerror=alert(1)>' is neither a known name")
     tab.fill("substance", "gold")
     name = '<script>alert(1)</script><img src="http://192.0.2.1/x" onerror="alert(2)">'[:60]
     tab.page.get_by_label("name of the kind", exact=True).fill(name)
     tab.page.keyboard.press("Tab")
     tab.page.locator(".vrte-field", has_text=name).wait_for()  # the layer holds it by that name, as text
 
-    tab.page.wait_for_function("!document.querySelector('.vrte-go').disabled")
+    tab.waits_for("!document.querySelector('.vrte-go').disabled")
     tab.button("Solve").click()
     tab.button("Cancel").click()
-    tab.page.get_by_text("cancelled", exact=True).wait_for()
+    tab.says("cancelled", exact=True)
 
     chooser = tab.page.locator("input[type=file]")
     for file, words in (
@@ -274,10 +299,9 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(chromium: Any
             '[[layer]]\nphase = "/etc/x.csv"\nalbedo = 1\nthickness = 1\n' if file == "table.toml" else "[[["
         )
         chooser.set_input_files(tmp_path / file)
-        tab.page.get_by_text(words).first.wait_for()
+        tab.says(words)
     chooser.set_input_files(ROOT / "examples" / "gold_powder.toml")
-    tab.page.wait_for_function("""() => [...document.querySelectorAll('input')].some(i => i.value == '40')""")
-    tab.close()
+    tab.waits_for("""() => [...document.querySelectorAll('input')].some(i => i.value == '40')""")
 
 
 # what a person can click, [text, what it is, place among those alike]: in the menu or dialog on top, else on the page
@@ -302,9 +326,9 @@ CONTROLS = """() => {
 
 
 @pytest.mark.slow
-def test_every_control_is_clicked(chromium: Any, url: str) -> None:
+def test_every_control_is_clicked(open_tab: Callable[..., Tab]) -> None:
     """All that is on the page, that clicks bring, and that menus and dialogs offer: no error in the console."""
-    tab = Tab(chromium, url, accept_downloads=True)
+    tab = open_tab(accept_downloads=True)
     tab.page.on("filechooser", lambda chooser: None)
     tab.wait_for_figure()
     clicked: set[str] = set()
@@ -346,13 +370,12 @@ def test_every_control_is_clicked(chromium: Any, url: str) -> None:
     )
     missing = [name for name in expected.split("|") if name not in " ".join(clicked)]
     assert missing == [], f"not clicked, of {sorted(clicked)}"
-    tab.close()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [(390, 844), (820, 1180)])
-def test_narrow_pages_are_one_column_and_nothing_is_cut(chromium: Any, url: str, size: tuple[int, int]) -> None:
-    tab = Tab(chromium, url, *size, color_scheme="dark")
+def test_narrow_pages_are_one_column_and_nothing_is_cut(open_tab: Callable[..., Tab], size: tuple[int, int]) -> None:
+    tab = open_tab(size=size, color_scheme="dark")
     before = None
     for name in ("Lobe", "Cuts", "Reflectance", "Inside", "Scattering"):
         tab.page.get_by_role("tab", name=name).click()
@@ -368,18 +391,16 @@ def test_narrow_pages_are_one_column_and_nothing_is_cut(chromium: Any, url: str,
         tab.page.evaluate("document.querySelector('.vrte-plot:not([style*=none])').layout.paper_bgcolor") == "#14181c"
     )
     tab.button("Theme").click()
-    tab.page.locator(".q-menu .q-item").get_by_text("light", exact=True).click()
-    tab.page.wait_for_function("!document.body.classList.contains('body--dark')")
+    tab.pick("light")
+    tab.waits_for("!document.body.classList.contains('body--dark')")
     tab.page.reload()  # the browser keeps the choice
     tab.button("Solve").wait_for()
     tab.wait_for_figure()
     assert tab.page.locator("body.body--dark").count() == 0
-    tab.close()
 
 
 @pytest.mark.slow
-def test_keys_solve_and_turn_and_what_comes_is_told(chromium: Any, url: str) -> None:
-    tab = Tab(chromium, url)
+def test_keys_solve_and_turn_and_what_comes_is_told(tab: Tab) -> None:
     start = tab.wait_for_figure()
     assert tab.page.evaluate("document.documentElement.lang") == "en"
     for level, text in ((1, "vrte"), (2, "Scene"), (2, "Result"), (3, "Subsurface BRDF")):
@@ -389,51 +410,46 @@ def test_keys_solve_and_turn_and_what_comes_is_told(chromium: Any, url: str) -> 
     tab.page.locator(".vrte-plot").first.focus()
     for key in ("ArrowLeft", "ArrowUp", "+"):
         tab.page.keyboard.press(key)
-    tab.page.wait_for_function(f"{camera} != {before!r}")
+    tab.waits_for(f"{camera} != {before!r}")
     turned = tab.page.evaluate(camera)
     tab.fill("optical thickness", "0.5")
     tab.page.keyboard.press("Enter")
     tab.wait_for_figure(different=start)
-    tab.page.get_by_text(re.compile("^Solved: ")).wait_for()
+    tab.says(re.compile("^Solved: "))
     assert tab.page.evaluate(camera) == turned  # the next lobe is seen from there, too
     tab.choose("size", "one diameter")
-    assert tab.page.get_by_label("diameter [µm]", exact=True).input_value() == "1.2"
-    tab.page.wait_for_function("document.activeElement.getAttribute('aria-label') == 'size'")  # drawn anew, still there
+    assert tab.value("diameter [µm]") == "1.2"
+    tab.waits_for("document.activeElement.getAttribute('aria-label') == 'size'")  # drawn anew, still there
     tab.button("known substances").click()
-    tab.page.locator(".q-menu .q-item").get_by_text("rutile", exact=True).click()
-    tab.page.wait_for_function("document.querySelector('[aria-label=\"name of the kind\"]').value == 'rutile'")
-    tab.close()
+    tab.pick("rutile")
+    tab.waits_for("document.querySelector('[aria-label=\"name of the kind\"]').value == 'rutile'")
 
 
 @pytest.mark.slow
-def test_a_link_carries_the_scene_and_is_a_strangers(chromium: Any, url: str) -> None:
-    tab = Tab(chromium, url)
+def test_a_link_carries_the_scene_and_is_a_strangers(tab: Tab, open_tab: Callable[..., Tab], url: str) -> None:
     tab.fill("radius [µm]", "0.05")
     tab.fill("optical thickness", "7")
     tab.button("Link").click()
-    tab.page.get_by_text("The address of this page carries the scene now").wait_for()
+    tab.says("The address of this page carries the scene now")
     address = tab.page.url
-    tab.close()
-    other = Tab(chromium, f"{url}#{address.partition('#')[2]}")
-    other.page.wait_for_function("document.querySelector('[aria-label=\"optical thickness\"]').value == '7'")
-    assert other.page.get_by_label("radius [µm]", exact=True).input_value() == "0.05"
+    other = open_tab(f"{url}#{address.partition('#')[2]}")
+    other.waits_for("document.querySelector('[aria-label=\"optical thickness\"]').value == '7'")
+    assert other.value("radius [µm]") == "0.05"
     for text, words in (
         (
-            link.text_of({"layer": [{"phase": "/etc/x.csv", "albedo": 1, "thickness": 1}]}),
+            link_of({"layer": [{"phase": "/etc/x.csv", "albedo": 1, "thickness": 1}]}),
             "reads no files of the machine",
         ),
         ("AAAA", "the link holds no scene, or it is damaged"),
         (base64.urlsafe_b64encode(zlib.compress(b"a" * 10**7)).decode().rstrip("="), "at most 1000000 bytes"),
     ):
         other.page.evaluate("text => { location.hash = `scene=${text}`; }", text)
-        other.page.get_by_text(words).first.wait_for()
-    assert other.page.get_by_label("optical thickness", exact=True).input_value() == "7"
-    other.close()
+        other.says(words)
+    assert other.value("optical thickness") == "7"
 
 
 @pytest.mark.slow
-def test_layers_are_added_and_reordered(chromium: Any, url: str) -> None:
-    tab = Tab(chromium, url)
+def test_layers_are_added_and_reordered(tab: Tab) -> None:
     tab.button("add a layer").click()
     thickness = tab.page.get_by_label("optical thickness", exact=True)
     thickness.nth(1).wait_for()
@@ -442,20 +458,19 @@ def test_layers_are_added_and_reordered(chromium: Any, url: str) -> None:
     tab.open("Inside the layers")  # closed again
     thickness.nth(1).fill("3")
     tab.page.get_by_role("button", name="down", exact=True).first.click()
-    tab.page.wait_for_function("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
+    tab.waits_for("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
         .map(i => i.value).join() == '3,100'""")
-    tab.page.get_by_text("field.tau must lie between 0 and the total optical thickness 103").first.wait_for()
+    tab.says("field.tau must lie between 0 and the total optical thickness 103")
     tab.page.get_by_role("button", name="remove this layer").first.click()
-    tab.page.wait_for_function("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
+    tab.waits_for("""() => [...document.querySelectorAll('[aria-label="optical thickness"]')]
         .map(i => i.value).join() == '100'""")
-    tab.close()
 
 
 @pytest.mark.slow
-def test_a_result_file_is_shown_from_the_start(chromium: Any, tmp_path: Path) -> None:
+def test_a_result_file_is_shown_from_the_start(open_tab: Callable[..., Tab], tmp_path: Path) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
     vrte.brdf(scene, [0.6, 1.0], np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), nodes=4).save(tmp_path / "r.nc")
-    with viewer(str(tmp_path / "r.nc")) as (address, _):
-        tab = Tab(chromium, address)
+    with viewer(str(tmp_path / "r.nc")) as address:
+        tab = open_tab(address)
         assert "Subsurface BRDF" in tab.wait_for_figure()["title"]
-        tab.close()
+        tab.context.close()

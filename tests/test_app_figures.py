@@ -8,8 +8,8 @@ import pytest
 
 import vrte
 from vrte.app import figures
-from vrte.app.lobe_figure import STEP
-from vrte.app.reflectance import Reflectances, colours_of
+from vrte.app.figures.lobe import STEP
+from vrte.app.solving.reflectance import Reflectances, colours_of
 from vrte.results.over_hemisphere import stokes_over_hemisphere
 from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES
 

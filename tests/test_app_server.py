@@ -2,13 +2,11 @@
 
 import http.client
 import logging
-import os
 import re
 import select
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -18,13 +16,17 @@ from typing import Any
 
 import pytest
 
-from tests.viewer_server import ROOT, viewer
+from tests.viewer_server import started, viewer
 from vrte import cli
-from vrte.app import connections, guard
-from vrte.app.page import LARGEST_UPLOAD
-from vrte.app.server import listener, page_that_leads_to
+from vrte.app.server import connections, guard
+from vrte.app.server.guard import LARGEST_UPLOAD
+from vrte.app.server.serve import listener, page_that_leads_to
 
 PARTS = re.compile(r"http://(127\.0\.0\.1:(\d+))/\?token=([\w-]+)")
+
+
+def connected(port: int) -> socket.socket:
+    return socket.create_connection(("127.0.0.1", port), timeout=10)
 
 
 class Viewer:
@@ -59,7 +61,7 @@ class Viewer:
 
     def raw(self, content: bytes) -> bytes:
         """What comes back for these bytes, until the server closes."""
-        with socket.create_connection(("127.0.0.1", self.port), timeout=10) as connection:
+        with connected(self.port) as connection:
             connection.sendall(content)
             return b"".join(iter(lambda: connection.recv(1 << 16), b""))
 
@@ -73,7 +75,7 @@ class Viewer:
 @pytest.fixture(scope="module")
 def page() -> Iterator[Viewer]:
     """One for all attacks; in the end it must have said nothing on the terminal."""
-    with viewer() as (address, _):
+    with viewer() as address:
         yield Viewer(address)
 
 
@@ -180,10 +182,10 @@ def test_more_than_announced_is_refused_on_the_way(small_server: int) -> None:
     head = f"POST / HTTP/1.1\r\nHost: 127.0.0.1:{small_server}\r\nTransfer-Encoding: chunked\r\n\r\n"
     full = b"186a0\r\n" + b"x" * 100_000 + b"\r\n"
     for chunks, answer in ((20 * full + b"0\r\n\r\n", b"HTTP/1.1 200"), (20 * full + b"1\r\nx\r\n", b"HTTP/1.1 413")):
-        with socket.create_connection(("127.0.0.1", small_server), timeout=10) as connection:
+        with connected(small_server) as connection:
             connection.sendall(head.encode() + chunks)
             assert connection.recv(12) == answer
-    with socket.create_connection(("127.0.0.1", small_server), timeout=10) as connection:
+    with connected(small_server) as connection:
         connection.sendall(head.encode())
         with suppress(ConnectionError):  # 1 GB is not waited for
             for _ in range(10_000):
@@ -203,11 +205,11 @@ def test_connections_without_a_request_are_closed(small_server: int, monkeypatch
         (f"POST / HTTP/1.1\r\n{host}Content-Length: 9\r\n\r\nabc", b"HTTP/1.1 408"),
     ):
         began = time.monotonic()
-        with socket.create_connection(("127.0.0.1", small_server), timeout=10) as connection:
+        with connected(small_server) as connection:
             connection.sendall(begin.encode())
             assert connection.recv(12) == answer
             assert time.monotonic() - began < 3.0
-    with socket.create_connection(("127.0.0.1", small_server), timeout=10) as connection:  # a byte at a time
+    with connected(small_server) as connection:  # a byte at a time
         began = time.monotonic()
         with suppress(ConnectionError):
             while time.monotonic() - began < 5.0:
@@ -219,9 +221,7 @@ def test_connections_without_a_request_are_closed(small_server: int, monkeypatch
 def test_not_more_connections_than_a_page_needs(small_server: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connections, "MOST", 3)
     with ExitStack() as stack:
-        held = [
-            stack.enter_context(socket.create_connection(("127.0.0.1", small_server), timeout=10)) for _ in range(8)
-        ]
+        held = [stack.enter_context(connected(small_server)) for _ in range(8)]
         time.sleep(0.2)
         refused = 0
         for one in held:
@@ -248,10 +248,8 @@ def test_what_is_logged_is_one_printable_line(capsys: pytest.CaptureFixture[str]
 def test_other_machines_only_where_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
     for host in ("0.0.0.0", "::"):
         assert cli.main(["view", "--no-browser", "--host", host]) == 2
-        said = capfd.readouterr().err
-        assert said == (
-            f"vrte: error: --host {host} lets other machines reach the viewer: say that too, --open-to-network\n"
-        )
+        told = f"--host {host} lets other machines reach the viewer: say that too, --open-to-network"
+        assert capfd.readouterr().err == f"vrte: error: {told}\n"
 
 
 @pytest.mark.slow
@@ -269,17 +267,6 @@ def test_what_it_means_to_let_others_in_is_printed() -> None:
     assert process.communicate(timeout=20) == ("vrte view: ended\n", "")
 
 
-def started(*options: str, stdout: Any = subprocess.PIPE) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [sys.executable, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
-        stdout=stdout,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        env={name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"},
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
 def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code: int) -> None:
@@ -287,7 +274,7 @@ def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code
     assert process.stdout is not None
     with closing(process.stdout):
         page = Viewer(process.stdout.readline().split()[2])
-        with socket.create_connection(("127.0.0.1", page.port)):  # something to wait for
+        with connected(page.port):  # something to wait for
             process.send_signal(number)
             time.sleep(0.05)
             process.send_signal(number)
@@ -301,14 +288,8 @@ def test_an_impatient_second_signal_leaves_no_trace(number: signal.Signals, code
     [(signal.SIGINT, 130, "vrte: error: interrupted\n"), (signal.SIGTERM, 143, "vrte: error: terminated\n")],
 )
 def test_a_signal_while_modules_load_is_one_line(number: signal.Signals, code: int, told: str) -> None:
-    for module in ("vrte.app.hosts", "starlette", "nicegui", "nicegui.ui", "vrte.app.guard"):
-        process = subprocess.Popen(
-            [sys.executable, "-X", "importtime", "-m", "vrte.cli", "view", "--no-browser", "--port", "0"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-        )
+    for module in ("vrte.app.server.guard", "starlette", "nicegui", "nicegui.ui", "vrte.app.server.connections"):
+        process = started(python=("-X", "importtime"), stdout=subprocess.DEVNULL)
         assert process.stderr is not None
         lines = iter(process.stderr.readline, "")
         while f"{module}\n" not in next(lines).rpartition(" ")[2]:

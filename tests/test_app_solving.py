@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.app import downloads, form
-from vrte.app.messages import Outcome, Read, Solve
-from vrte.app.server import left
-from vrte.app.solving import Job
-from vrte.app.state import MOST_TABS, Benches
-from vrte.app.worker import outcome_of
+from vrte.app.form import content as form
+from vrte.app.form.files import adopted
+from vrte.app.server.serve import left
+from vrte.app.solving import downloads
+from vrte.app.solving.bench import MOST_TABS, Benches
+from vrte.app.solving.job import Job
+from vrte.app.solving.messages import Outcome, Read, Solve
+from vrte.app.solving.worker import outcome_of
 
 SMALL: form.Content = {
     "wavelength_um": [0.5, 0.6],
@@ -91,7 +93,7 @@ def test_what_is_downloaded_opens_again_with_its_scene(outcome: Outcome, suffix:
     np.testing.assert_array_equal(found.mueller, np.stack([one.mueller for one in outcome.brdfs]))
     again = outcome_of(found)
     assert again.wavelength_um == (0.5, 0.6)
-    assert again.content == form.adopted(SMALL)
+    assert again.content == adopted(SMALL)
     name, data = downloads.field_file(outcome, 1, suffix)
     (tmp_path / name).write_bytes(data)
     np.testing.assert_array_equal(vrte.load(tmp_path / name).stokes, outcome.fields[1].stokes)

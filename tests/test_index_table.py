@@ -7,7 +7,7 @@ import pytest
 
 import vrte
 from vrte import cli
-from vrte.app.form import check_tables
+from vrte.app.form.checks import check_tables
 from vrte.basics.errors import SceneError
 from vrte.formats.scene_file import read_scene
 from vrte.sweep.optics import name_of

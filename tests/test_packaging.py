@@ -24,7 +24,7 @@ from vrte.optics.refractive_index import refractive_index
 for module in (vrte, vrte._core):
     assert module.__file__.startswith(sys.prefix), module.__file__
 assert importlib.metadata.version("vrte") == vrte.__version__
-for name in ("py.typed", "_core.pyx", "core/assembly.pxi", "core/scattering.h", "cl/common.cl", "app/page.css"):
+for name in ("py.typed", "_core.pyx", "core/assembly.pxi", "core/scattering.h", "cl/common.cl", "app/page/page.css"):
     assert importlib.resources.files("vrte").joinpath(name).is_file(), name
 from vrte.cl.session import sources
 assert "__kernel void product(" in sources()

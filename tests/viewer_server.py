@@ -9,27 +9,32 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 
 
-@contextmanager
-def viewer(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    """A server on a free port; it must end by itself when it is interrupted. The address has the token."""
-    environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
-        stdout=subprocess.PIPE,
+def started(*options: str, python: tuple[str, ...] = (), stdout: Any = subprocess.PIPE) -> "subprocess.Popen[str]":
+    """`vrte view` in a process of its own, on a free port."""
+    return subprocess.Popen(
+        [sys.executable, *python, "-m", "vrte.cli", "view", "--no-browser", "--port", "0", *options],
+        stdout=stdout,
         stderr=subprocess.PIPE,
         text=True,
         cwd=ROOT,
-        env=environment,
+        env={name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"},
     )
+
+
+@contextmanager
+def viewer(*options: str) -> Iterator[str]:
+    """The address, with its token, of a server that must end by itself when it is interrupted, and say nothing else."""
+    process = started(*options)
     assert process.stdout is not None
     try:
         found = re.search(r"http://127\.0\.0\.1:\d+/\?token=[\w-]+", process.stdout.readline())
         assert found, process.communicate()[1]
-        yield found[0], process
+        yield found[0]
         process.send_signal(signal.SIGINT)
         time.sleep(0.05)
         process.send_signal(signal.SIGINT)  # an impatient second one, which must leave no trace

@@ -1,1 +1,2 @@
-"""The viewer: a local web page, and the figures that it shows."""
+"""The viewer, a local web page: `form` is what it asks, `solving` works it out, `figures` and `page` show it, `server`
+answers and guards the door."""

@@ -36,8 +36,8 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     check_extra("vrte view", "app", ("nicegui", "plotly"))
-    from vrte.app.hosts import is_loopback
-    from vrte.app.server import serve
+    from vrte.app.server.guard import is_loopback
+    from vrte.app.server.serve import serve
 
     if not is_loopback(options.host):
         if not options.open_to_network:
@@ -51,18 +51,18 @@ def run(options: argparse.Namespace) -> None:
 
 def first_benches(path: Path | None) -> Any:
     """What a page begins with: the start scene, a scene file or a result."""
-    from vrte.app.form import adopted_and_told, tables_of
-    from vrte.app.state import Benches
-    from vrte.app.worker import outcome_of
+    from vrte.app.form.files import adopted_and_told
+    from vrte.app.solving.bench import Benches
+    from vrte.app.solving.worker import outcome_of
     from vrte.formats import load
-    from vrte.formats.scene_file import read_content
+    from vrte.formats.scene_file import read_content, tables_named
 
     if path is None:
         return Benches()
     try:
         if path.suffix.lower() == ".toml":
             content = read_content(path)
-            content, told = adopted_and_told(content, path.parent, tables_of(content))
+            content, told = adopted_and_told(content, path.parent, frozenset(tables_named(content).values()))
             for text in told:
                 print(f"vrte view: {text}", file=sys.stderr)
             return Benches(content, path.parent)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from vrte.basics.arrays import in_one_line
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import Place, SceneError
 from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.index_table import read_index
 from vrte.formats.text_file import read_text
@@ -197,24 +197,20 @@ def scene_of(
     return SceneFile(_scene(file, particles, folder), kind, request, options, particles.computed, angles=angles)
 
 
-def tables_named(content: Mapping[str, Any]) -> dict[str, str]:
-    """The tables of one's own (.csv) that a scene file names, by the dotted key that does, whatever else is in it.
+def tables_named(content: Mapping[str, Any]) -> dict[Place, str]:
+    """The tables of one's own (.csv) that a scene file names, by the place that does, whatever else is in it.
 
     >>> layers = [{"phase": "fog.csv"}, {"phase": "rayleigh"}]
     >>> tables_named({"particles": {"clay": {"index": "clay.csv"}}, "layer": layers})
-    {'layer[1].phase': 'fog.csv', 'particles.clay.index': 'clay.csv'}
+    {('layer', 0, 'phase'): 'fog.csv', ('particles', 'clay', 'index'): 'clay.csv'}
     """
     layers, kinds = content.get("layer"), content.get("particles")
-    found = {
-        f"layer[{place}].phase": layer.get("phase")
-        for place, layer in enumerate(layers if isinstance(layers, list) else [], 1)
-        if isinstance(layer, dict)
-    } | {
-        f"particles.{shown_key(name)}.index": kind.get("index")
-        for name, kind in (kinds.items() if isinstance(kinds, dict) else ())
-        if isinstance(kind, dict)
-    }
-    return {key: name for key, name in found.items() if isinstance(name, str) and name.endswith(TABLE)}
+    named: list[tuple[Place, Any]] = [
+        *((("layer", place, "phase"), layer) for place, layer in enumerate(layers if isinstance(layers, list) else [])),
+        *((("particles", name, "index"), kind) for name, kind in (kinds.items() if isinstance(kinds, dict) else ())),
+    ]
+    found = {place: table.get(place[-1]) for place, table in named if isinstance(table, dict)}
+    return {place: name for place, name in found.items() if isinstance(name, str) and name.endswith(TABLE)}
 
 
 def wavelengths_known(content: Mapping[str, Any], folder: Path = Path()) -> tuple[float, float, str]:

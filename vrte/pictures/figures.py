@@ -11,11 +11,7 @@ from vrte.formats.atomic import atomic_write
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SUFFIXES: dict[str, dict[str, Any]] = {
-    ".png": {},
-    ".svg": {"Date": None},
-    ".pdf": {"CreationDate": None},
-}  # and what would tell the hour
+SUFFIXES: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}  # what tells the hour
 SHARP_DPI = 160  # of a picture by itself, and of what is made of pixels in a drawing
 DPI = 100
 COLOURS_KEPT = 128  # in a file: less than a third of the bytes, and no difference to the eye
@@ -79,6 +75,13 @@ def save(figure: "Figure", path: str | os.PathLike[str]) -> None:
         # an octree keeps the colours of thin lines; median cut makes them those of others
         few = image.convert("RGB").quantize(COLOURS_KEPT, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
         few.save(part, format="PNG", optimize=True)
+
+
+def few_ticks(count: int = 4) -> Any:
+    """At most so many ticks and one, at round numbers."""
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(count, steps=[1, 2, 2.5, 5, 10])
 
 
 def finish(panels: Any, titles: tuple[str, ...], below: str) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.polarization import degree_of_linear_polarization, degree_of_polarization
-from vrte.pictures.figures import finish, new_figure, plot_suffix, save_figure
+from vrte.pictures.figures import few_ticks, finish, new_figure, plot_suffix, save_figure
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.over_hemisphere import between_angles, check_directions, light_in_plane, light_on_mesh
@@ -88,12 +88,19 @@ def brdf_figure(brdf: Brdf) -> "Figure":
     scale = max(float(lobe.radius.max()) for lobe in lobes) or 1.0  # a dark scene is drawn as a point
     colours = lobe_colours(max(lobe.most_polarized for lobe in lobes))
     for column, (place, lobe) in enumerate(zip(chosen, lobes, strict=True)):
-        axes: Any = figure.add_axes(_slot(column, len(chosen), 0.40, 0.48))
+        width = 0.88 / len(chosen)  # the colour bar keeps the right edge
+        left = 0.01 + width * column
+        axes: Any = figure.add_axes((left, 0.40, width, 0.48))
         draw_lobe(axes, lobe, 1.0 / scale, colours)
-        _lobe_title(axes, lobe)
-        below: Any = figure.add_axes(_slot(column, len(chosen), 0.05, 0.34, 0.06), projection="polar")
+        words = f"$\\mu_i$ = {lobe.mu_i:.4g}  ({np.degrees(np.arccos(lobe.mu_i)):.0f}° from the normal)"
+        largest = f"largest $f_{{00}}$ = {lobe.radius.max():.3g} sr$^{{-1}}$"
+        axes.set_title(f"{words}\n{largest}", fontsize=11, color=INK)
+        below: Any = figure.add_axes((left + 0.03 * width, 0.05, 0.94 * width, 0.34), projection="polar")
         _draw_cuts(below, brdf, place, scale, legend=column == 0)
-    _colour_bar(figure, colours)
+    bar = figure.colorbar(colours, cax=figure.add_axes((0.918, 0.44, 0.014, 0.38)), extend="max")
+    bar.set_label("degree of linear polarization, unpolarized incidence", fontsize=10)
+    bar.ax.yaxis.set_major_locator(few_ticks())
+    bar.ax.tick_params(labelsize=9)
     figure.suptitle("Subsurface BRDF: radius $f_{00}$, colour degree of linear polarization", y=0.965, fontsize=14)
     return figure
 
@@ -105,14 +112,6 @@ def spread(size: int, most: int) -> list[int]:
     ([0, 4, 8], [0, 1])
     """
     return sorted({round(place) for place in np.linspace(0, size - 1, min(size, most)).tolist()})
-
-
-def _slot(
-    column: int, columns: int, bottom: float, height: float, margin: float = 0.0
-) -> tuple[float, float, float, float]:
-    """The rectangle of a panel; the colour bar keeps the right edge."""
-    width = 0.88 / columns
-    return (0.01 + width * (column + margin / 2.0), bottom, width * (1.0 - margin), height)
 
 
 def lobe_colours(largest: float) -> Any:
@@ -132,15 +131,13 @@ def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any) -> None:
     from matplotlib.collections import TriMesh
     from matplotlib.tri import Triangulation
 
-    theta, phi = np.meshgrid(np.radians(lobe.theta), np.radians(lobe.phi), indexing="ij")
-    along = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
-    points = factor * lobe.radius[..., None] * along
-    triangles = _triangles(*lobe.radius.shape)
-    nearness = (points @ TOWARD).ravel()[triangles].sum(axis=1)
+    points = factor * lobe.radius[..., None] * along(lobe.theta, lobe.phi)
+    corners = triangles(np.arange(lobe.radius.size).reshape(lobe.radius.shape))
+    nearness = (points @ TOWARD).ravel()[corners].sum(axis=1)
     x, y = _seen(points.reshape(-1, 3))
-    mesh = TriMesh(Triangulation(x, y, triangles[np.argsort(nearness, kind="stable")]), rasterized=True, zorder=2)
-    corners: Any = _shaded(colours.to_rgba(lobe.polarized), points).reshape(-1, 4)
-    mesh.set_facecolor(corners)
+    mesh = TriMesh(Triangulation(x, y, corners[np.argsort(nearness, kind="stable")]), rasterized=True, zorder=2)
+    shaded: Any = _shaded(colours.to_rgba(lobe.polarized), points).reshape(-1, 4)
+    mesh.set_facecolor(shaded)
     _draw_ground(axes)
     mesh.set_in_layout(False)
     axes.add_collection(mesh, autolim=False)  # its limits would be those of half a million paths
@@ -156,9 +153,19 @@ def _seen(points: Array) -> tuple[Array, Array]:
     return points @ RIGHT, points @ UPRIGHT
 
 
-def _triangles(rings: int, spokes: int) -> Any:
-    """Corners (n, 3) of the triangles of a mesh, two between neighbours, places in (rings, spokes)."""
-    corner = np.arange(rings * spokes).reshape(rings, spokes)
+def along(theta: Array, phi: Array) -> Array:
+    """Unit vectors (theta, phi, 3) at polar angles and azimuths [degrees]: x along phi = 0, z up."""
+    polar, azimuth = np.meshgrid(np.radians(theta), np.radians(phi), indexing="ij")
+    sine = np.sin(polar)
+    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=-1)
+
+
+def triangles(corner: Any) -> Any:
+    """Corners (n, 3) of the triangles of a mesh, two between neighbours; ``corner`` (rings, spokes) numbers its points.
+
+    >>> triangles(np.arange(4).reshape(2, 2)).tolist()
+    [[0, 2, 3], [0, 3, 1]]
+    """
     here, below, beside, across = corner[:-1, :-1], corner[1:, :-1], corner[:-1, 1:], corner[1:, 1:]
     return np.concatenate(
         [np.stack(three, axis=-1).reshape(-1, 3) for three in ((here, below, across), (here, across, beside))]
@@ -178,8 +185,7 @@ def _shaded(colours: Array, points: Array) -> Array:
 
 def _draw_ground(axes: Any) -> None:
     """The surface as a disc, with its azimuths."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 181)
-    rim = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=-1)
+    rim = along(np.array([90.0]), np.linspace(0.0, 360.0, 181))[0]
     style = {"color": FAINT, "linewidth": 0.8, "zorder": 1}
     for radius in (0.5, 1.0):
         axes.plot(*_seen(radius * rim), **style)
@@ -198,12 +204,6 @@ def _draw_ray(axes: Any, mu_i: float, inside: float) -> None:
     axes.annotate("", tip, far, arrowprops=arrow | {"shrinkA": 0.0, "shrinkB": 0.0, "zorder": 20})
 
 
-def _lobe_title(axes: Any, lobe: Lobe) -> None:
-    angle, largest = np.degrees(np.arccos(lobe.mu_i)), float(lobe.radius.max())
-    text = f"$\\mu_i$ = {lobe.mu_i:.4g}  ({angle:.0f}° from the normal)\nlargest $f_{{00}}$ = {largest:.3g} sr$^{{-1}}$"
-    axes.set_title(text, fontsize=11, color=INK)
-
-
 def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) -> None:
     """f00 against the angle of exit: right of the vertical on the azimuth of the cut, left of it half a turn away."""
     for phi, label, colour, style in CUTS:
@@ -217,24 +217,11 @@ def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) ->
     axes.set_thetalim(-np.pi / 2.0, np.pi / 2.0), axes.set_ylim(0.0, 1.05 * scale)
     axes.set_thetagrids(range(-90, 91, 30), fontsize=8)
     axes.set_rlabel_position(90.0), axes.tick_params(axis="y", labelsize=8)
-    axes.yaxis.set_major_locator(_few_ticks())
+    axes.yaxis.set_major_locator(few_ticks())
     axes.grid(color=FAINT, linewidth=0.6)
     axes.text(0.75, 0.11, "$f_{00}$  [sr$^{-1}$]", transform=axes.transAxes, fontsize=9, ha="center")
     if legend:
         axes.figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=3, fontsize=9, frameon=False)
-
-
-def _few_ticks() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(4, steps=[1, 2, 2.5, 5, 10])
-
-
-def _colour_bar(figure: Any, colours: Any) -> None:
-    bar = figure.colorbar(colours, cax=figure.add_axes((0.918, 0.44, 0.014, 0.38)), extend="max")
-    bar.set_label("degree of linear polarization, unpolarized incidence", fontsize=10)
-    bar.ax.yaxis.set_major_locator(_few_ticks())
-    bar.ax.tick_params(labelsize=9)
 
 
 def field_figure(field: Field) -> "Figure":
@@ -311,31 +298,25 @@ def spectrum_figure(spectrum: Spectrum, width: float = 9.6, height: float = 4.2)
     first of them, a line a wavelength, where there are enough directions. Raises MissingExtraError without matplotlib.
     """
     figure = new_figure(width, height)
-    first = spectrum[0]
+    first, panels = spectrum[0], 2
     try:
         check_directions(first.mu_o, first.phi)
-        cuts = 1
     except SceneError:
-        cuts = 0
-    panels: Any = figure.subplots(1, 1 + cuts, squeeze=False)[0]
+        panels = 1
+    left, *right = figure.subplots(1, panels, squeeze=False)[0].tolist()
     places = spread(first.mu_i.size, MOST_LOBES)
-    reflectance = spectrum.reflectance
+    marker = "o" if len(spectrum) < FEW else None
     for order, place in enumerate(places):
-        panels[0].plot(
-            spectrum.wavelength_um,
-            reflectance[:, place],
-            label=f"μ incident = {first.mu_i[place]:.4g}",
-            color=depth_colour(order, len(places)),
-            marker="o" if len(spectrum) < FEW else None,
-            markersize=3,
-        )
-    finish(panels[:1], ("reflectance",), "wavelength [µm]")
-    if cuts:
+        style = {"color": depth_colour(order, len(places)), "marker": marker, "markersize": 3}
+        label = f"μ incident = {first.mu_i[place]:.4g}"
+        left.plot(spectrum.wavelength_um, spectrum.reflectance[:, place], label=label, **style)
+    finish([left], ("reflectance",), "wavelength [µm]")
+    if right:
         shown = spread(len(spectrum), MOST_DEPTHS)
         for order, place in enumerate(shown):
             angle, light = light_in_plane(spectrum[place], 0)
             label, colour = f"{spectrum.wavelength_um[place]:.4g} µm", depth_colour(order, len(shown))
-            panels[1].plot(angle, light[:, 0], label=label, color=colour, linewidth=1.5)
-        finish(panels[1:], (f"f00 [sr⁻¹], μ incident = {first.mu_i[0]:.4g}",), "angle of exit [°], forward > 0")
+            right[0].plot(angle, light[:, 0], label=label, color=colour, linewidth=1.5)
+        finish(right, (f"f00 [sr⁻¹], μ incident = {first.mu_i[0]:.4g}",), "angle of exit [°], forward > 0")
     figure.subplots_adjust(left=0.09, right=0.98, bottom=0.2 if height < 4.0 else 0.13, top=0.89, wspace=0.2)
     return figure

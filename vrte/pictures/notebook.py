@@ -6,12 +6,13 @@ Nothing here raises: what cannot be drawn, for want of directions or of matplotl
 import base64
 import html
 from collections.abc import Callable, Mapping
+from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 from vrte.basics.arrays import Array, in_one_line
 from vrte.basics.polarization import degree_of_linear_polarization
 from vrte.discrete_ordinates.planning.plan import Plan
-from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.optics.spheres import Particles
 from vrte.pictures.figures import finish, new_figure
 from vrte.pictures.lobes import depth_colour, draw_depth, spectrum_figure, spread
@@ -36,146 +37,152 @@ MOST_DIRECTIONS_DRAWN = 300_000  # incident ones of the picture times outgoing o
 MOST_BYTES = 400_000  # of a plan's text
 DEGREES_SHOWN = 6  # of an expansion
 CELL = 'style="text-align:left;vertical-align:top;padding:1px 10px 1px 0"'
-MADE = (
-    "method",
-    "method_rule",
-    "algorithm",
-    "backend",
-    "nodes",
-    "accuracy",
-    "truncation",
-    "base",
-)  # of diagnostics, where there
+# of diagnostics, where there
+MADE = ("method", "method_rule", "algorithm", "backend", "nodes", "accuracy", "truncation", "base")
 
 
-def field_html(field: Field) -> str:
+def shown(title: str, draw: Callable[[Any], "Figure | None"] = lambda _: None) -> Callable[[Any], Callable[[Any], str]]:
+    """Of what tells a thing's facts, a table or a text, makes what shows the thing: title, picture and facts, as far as
+    they can be made."""
+
+    def with_facts(facts: Callable[[Any], Mapping[str, str] | str]) -> Callable[[Any], str]:
+        @wraps(facts)
+        def as_html(thing: Any) -> str:
+            try:
+                found = facts(thing)
+                text = f"<pre>{html.escape(found)}</pre>" if isinstance(found, str) else table(found)
+            except Exception:  # a notebook must show something, whatever a result holds
+                text = f"<pre>{html.escape(in_one_line(object.__repr__(thing)))}</pre>"
+            return f"<div><b>{html.escape(title)}</b><br>{image(draw, thing)}{text}</div>"
+
+        return as_html
+
+    return with_facts
+
+
+def field_picture(field: Field) -> "Figure | None":
+    """I and the degree of polarization of the first beam at the first azimuth."""
+    if not field.mu.size:
+        return None
+    field = field if isinstance(field.mu0, float) else field.beam(0)
+    figure, panels = two_panels()
+    depths = spread(field.tau.size, MOST_LINES)
+    for order, depth in enumerate(depths):
+        draw_depth(panels, field, depth, 0, depth_colour(order, len(depths)))
+    finish(panels, ("I [W m⁻² sr⁻¹]", "degree of polarization"), f"μ, at φ = {field.phi[0]:g}°")
+    return figure
+
+
+def brdf_picture(brdf: Brdf) -> "Figure | None":
+    """f00 and the degree of linear polarization in the plane of incidence. SceneError for too few directions."""
+    check_directions(brdf.mu_o, brdf.phi)
+    places = spread(brdf.mu_i.size, MOST_LINES)
+    if len(places) * brdf.mu_o.size * brdf.phi.size > MOST_DIRECTIONS_DRAWN:
+        return None
+    figure, panels = two_panels()
+    for order, place in enumerate(places):
+        angle, light = light_in_plane(brdf, place, step_deg=1.0)
+        style = {"color": depth_colour(order, len(places)), "linewidth": 1.5}
+        panels[0].plot(angle, light[:, 0], label=f"μ incident = {brdf.mu_i[place]:.4g}", **style)
+        panels[1].plot(angle, degree_of_linear_polarization(light), **style)
+    finish(panels, ("f00 [sr⁻¹]", "degree of linear polarization"), "angle of exit [°], forward > 0")
+    return figure
+
+
+def two_panels() -> tuple["Figure", Any]:
+    """A small figure, and its two halves."""
+    figure = new_figure(WIDTH, HEIGHT)
+    panels = figure.subplots(1, 2)
+    figure.subplots_adjust(**MARGINS)
+    return figure, panels
+
+
+def phase_picture(phase_matrix: PhaseMatrix) -> "Figure | None":
+    """F11 and the ratios to it, of a phase matrix that is drawn at a glance."""
+    return phase_matrix_figure(phase_matrix, WIDTH, HEIGHT) if phase_matrix.terms <= MOST_TERMS_DRAWN else None
+
+
+@shown("Radiance field", field_picture)
+def field_html(field: Field) -> dict[str, str]:
     """A field: I and degree of polarization against mu at the first azimuth; its directions and fluxes. Of several
     beams the first."""
     several = "" if isinstance(field.mu0, float) else f"{in_short(field.mu0)}, the first one here: μ0 = "
     field = field.beam(0) if several else field
-
-    def facts() -> dict[str, str]:
-        beam = "up" if field.diagnostics.get("illuminate") == "bottom" else "down"
-        return {
-            "optical depths τ": in_short(field.tau),
-            "μ": in_short(field.mu),
-            "φ [°]": in_short(field.phi),
-            "beam": f"μ0 = {several}{field.mu0:.6g}; I, Q, U, V = {in_short(field.incident_stokes)}",
-            "flux up, diffuse [W m⁻²]": in_short(field.flux_up),
-            "flux down, diffuse": in_short(field.flux_down),
-            f"flux {beam}, direct": in_short(field.direct),
-        } | made(field.diagnostics)
-
-    return shown(field, "Radiance field", facts, lambda: field_picture(field))
+    beam = "up" if field.diagnostics.get("illuminate") == "bottom" else "down"
+    return {
+        "optical depths τ": in_short(field.tau),
+        "μ": in_short(field.mu),
+        "φ [°]": in_short(field.phi),
+        "beam": f"μ0 = {several}{field.mu0:.6g}; I, Q, U, V = {in_short(field.incident_stokes)}",
+        "flux up, diffuse [W m⁻²]": in_short(field.flux_up),
+        "flux down, diffuse": in_short(field.flux_down),
+        f"flux {beam}, direct": in_short(field.direct),
+    } | made(field.diagnostics)
 
 
-def brdf_html(brdf: Brdf) -> str:
+@shown("Subsurface BRDF", brdf_picture)
+def brdf_html(brdf: Brdf) -> dict[str, str]:
     """A BRDF: f00 and degree of linear polarization in the plane of incidence; its directions and reflectances."""
-
-    def facts() -> dict[str, str]:
-        return {
-            "μ incident": in_short(brdf.mu_i),
-            "μ out": in_short(brdf.mu_o),
-            "φ [°]": in_short(brdf.phi),
-            "reflectance": in_short(brdf.reflectance),
-            "transmission": "no" if brdf.transmission is None else "yes",
-        } | made(brdf.diagnostics)
-
-    return shown(brdf, "Subsurface BRDF", facts, lambda: brdf_picture(brdf))
+    transmission = {"transmission": "no" if brdf.transmission is None else "yes"}
+    return directions(brdf) | {"reflectance": in_short(brdf.reflectance)} | transmission | made(brdf.diagnostics)
 
 
-def spectrum_html(spectrum: Spectrum) -> str:
+@shown("Subsurface BRDFs", lambda spectrum: spectrum_figure(spectrum, WIDTH, HEIGHT))
+def spectrum_html(spectrum: Spectrum) -> dict[str, str]:
     """A spectrum: reflectance against wavelength; its wavelengths and directions."""
-
-    def facts() -> dict[str, str]:
-        return {
-            "wavelength [µm]": in_short(spectrum.wavelength_um),
-            "μ incident": in_short(spectrum.mu_i),
-            "μ out": in_short(spectrum.mu_o),
-            "φ [°]": in_short(spectrum.phi),
-            "reflectance": in_short(spectrum.reflectance.ravel()),
-        } | made(spectrum.brdfs[0].diagnostics)
-
-    return shown(spectrum, "Subsurface BRDFs", facts, lambda: spectrum_figure(spectrum, WIDTH, HEIGHT))
+    wavelengths = {"wavelength [µm]": in_short(spectrum.wavelength_um)}
+    reflectance = {"reflectance": in_short(spectrum.reflectance.ravel())}
+    return wavelengths | directions(spectrum) | reflectance | made(spectrum.brdfs[0].diagnostics)
 
 
-def phase_matrix_html(phase_matrix: PhaseMatrix) -> str:
+@shown("Phase matrix", phase_picture)
+def phase_matrix_html(phase_matrix: PhaseMatrix) -> dict[str, str]:
     """A phase matrix: F11 and the ratios to it against the angle; its first coefficients."""
-
-    def facts() -> dict[str, str]:
-        kind = "scalar phase function" if phase_matrix.is_scalar else "polarizing"
-        head = {"terms": f"{phase_matrix.terms}, {kind}", "asymmetry g": f"{phase_matrix.asymmetry:.6g}"}
-        more = ", …" if phase_matrix.terms > DEGREES_SHOWN else ""
-        first = phase_matrix.coefficients[:DEGREES_SHOWN].T
-        names = ("a1", "a2", "a3", "a4", "b1", "b2")
-        return head | {
-            name: ", ".join(f"{value:.5g}" for value in values) + more
-            for name, values in zip(names, first, strict=True)
-        }
-
-    return shown(phase_matrix, "Phase matrix", facts, lambda: quick_phase_picture(phase_matrix))
+    kind = "scalar phase function" if phase_matrix.is_scalar else "polarizing"
+    more = ", …" if phase_matrix.terms > DEGREES_SHOWN else ""
+    first = zip(SEQUENCES, phase_matrix.coefficients[:DEGREES_SHOWN].T, strict=True)
+    return {
+        "terms": f"{phase_matrix.terms}, {kind}",
+        "asymmetry g": f"{phase_matrix.asymmetry:.6g}",
+        **{name: ", ".join(f"{value:.5g}" for value in values) + more for name, values in first},
+    }
 
 
-def particles_html(particles: Particles) -> str:
+@shown("Particles", lambda particles: phase_picture(particles.phase_matrix))
+def particles_html(particles: Particles) -> dict[str, str]:
     """Particles: what they are, their cross sections, and F11 and the ratios to it against the angle."""
-
-    def facts() -> dict[str, str]:
-        return {
-            "what": particles.description or "given by their phase matrix",
-            "single-scattering albedo": f"{particles.albedo:.6g}",
-            "extinction [µm²]": f"{particles.extinction_um2:.6g}",
-            "scattering [µm²]": f"{particles.scattering_um2:.6g}",
-            "volume [µm³]": f"{particles.volume_um3:.6g}",
-            "phase matrix": particles.phase_matrix.in_words,
-        }
-
-    return shown(particles, "Particles", facts, lambda: quick_phase_picture(particles.phase_matrix))
+    return {
+        "what": particles.description or "given by their phase matrix",
+        "single-scattering albedo": f"{particles.albedo:.6g}",
+        "extinction [µm²]": f"{particles.extinction_um2:.6g}",
+        "scattering [µm²]": f"{particles.scattering_um2:.6g}",
+        "volume [µm³]": f"{particles.volume_um3:.6g}",
+        "phase matrix": particles.phase_matrix.in_words,
+    }
 
 
-def layer_html(layer: Layer) -> str:
+@shown("Layer", lambda layer: phase_picture(layer.phase_matrix))
+def layer_html(layer: Layer) -> dict[str, str]:
     """A layer: its thickness and albedo, and F11 and the ratios to it against the angle."""
-
-    def facts() -> dict[str, str]:
-        return {
-            "optical thickness": f"{layer.thickness:.6g}",
-            "single-scattering albedo": f"{layer.albedo:.6g}",
-            "phase matrix": layer.phase_matrix.in_words,
-        }
-
-    return shown(layer, "Layer", facts, lambda: quick_phase_picture(layer.phase_matrix))
+    return {
+        "optical thickness": f"{layer.thickness:.6g}",
+        "single-scattering albedo": f"{layer.albedo:.6g}",
+        "phase matrix": layer.phase_matrix.in_words,
+    }
 
 
-def scene_html(scene: Scene) -> str:
+@shown("Scene")
+def scene_html(scene: Scene) -> dict[str, str]:
     """A scene: its layers, top first, and its base."""
-
-    def facts() -> dict[str, str]:
-        layers = {f"layer {place}": layer.in_words for place, layer in enumerate(scene.layers[:MOST_LAYERS], 1)}
-        more = len(scene.layers) - MOST_LAYERS
-        return layers | ({"and": f"{more} more layers"} if more > 0 else {}) | {"base": scene.base_in_words}
-
-    return shown(scene, "Scene", facts, lambda: None)
+    layers = {f"layer {place}": layer.in_words for place, layer in enumerate(scene.layers[:MOST_LAYERS], 1)}
+    more = len(scene.layers) - MOST_LAYERS
+    return layers | ({"and": f"{more} more layers"} if more > 0 else {}) | {"base": scene.base_in_words}
 
 
-def quick_phase_picture(phase_matrix: PhaseMatrix) -> "Figure | None":
-    """Of a phase matrix that is drawn at a glance."""
-    return phase_matrix_figure(phase_matrix, WIDTH, HEIGHT) if phase_matrix.terms <= MOST_TERMS_DRAWN else None
-
-
+@shown("Plan", lambda plan: plan_figure(plan, WIDTH, HEIGHT))
 def plan_html(plan: Plan) -> str:
     """A plan: operations of each Fourier order and the orders left out; the text that `print` gives."""
-    return shown(plan, "Plan", lambda: str(plan)[:MOST_BYTES], lambda: plan_figure(plan, WIDTH, HEIGHT))
-
-
-def shown(
-    thing: Any, title: str, facts: Callable[[], Mapping[str, str] | str], draw: Callable[[], "Figure | None"]
-) -> str:
-    """Title, picture and table, or text where ``facts`` is one, as far as they can be made."""
-    try:
-        found = facts()
-        text = f"<pre>{html.escape(found)}</pre>" if isinstance(found, str) else table(found)
-    except Exception:  # a notebook must show something, whatever a result holds
-        text = f"<pre>{html.escape(in_one_line(object.__repr__(thing)))}</pre>"
-    return f"<div><b>{html.escape(title)}</b><br>{image(draw)}{text}</div>"
+    return str(plan)[:MOST_BYTES]
 
 
 def table(facts: Mapping[str, str]) -> str:
@@ -191,10 +198,10 @@ def table(facts: Mapping[str, str]) -> str:
     return f"<table>{''.join(rows)}</table>"
 
 
-def image(draw: Callable[[], "Figure | None"]) -> str:
+def image(draw: Callable[[Any], "Figure | None"], thing: Any) -> str:
     """The picture, embedded; nothing where it cannot be drawn."""
     try:
-        figure: Any = draw()
+        figure: Any = draw(thing)
         drawn = b"" if figure is None else figure._repr_png_()
     except Exception:  # too few directions, no matplotlib, numbers that no axis takes
         drawn = b""
@@ -213,40 +220,17 @@ def in_short(values: Array) -> str:
     return f"{values.size} from {values.min():.6g} to {values.max():.6g}"
 
 
+def directions(result: Brdf | Spectrum) -> dict[str, str]:
+    """Those that a BRDF, or BRDFs, are for."""
+    return {
+        "μ incident": in_short(result.mu_i),
+        "μ out": in_short(result.mu_o),
+        "φ [°]": in_short(result.phi),
+    }
+
+
 def made(diagnostics: Mapping[str, Any]) -> dict[str, str]:
     """How a result was made, and what could not be promised."""
     found = {name: str(diagnostics[name]) for name in MADE if name in diagnostics}
     notes = diagnostics.get("notes")
     return found | ({"notes": "; ".join(map(str, notes)) if isinstance(notes, list) else str(notes)} if notes else {})
-
-
-def field_picture(field: Field) -> "Figure | None":
-    """I and the degree of polarization at the first azimuth."""
-    if not field.mu.size:
-        return None
-    figure = new_figure(WIDTH, HEIGHT)
-    panels: Any = figure.subplots(1, 2)
-    depths = spread(field.tau.size, MOST_LINES)
-    for order, depth in enumerate(depths):
-        draw_depth(panels, field, depth, 0, depth_colour(order, len(depths)))
-    finish(panels, ("I [W m⁻² sr⁻¹]", "degree of polarization"), f"μ, at φ = {field.phi[0]:g}°")
-    figure.subplots_adjust(**MARGINS)
-    return figure
-
-
-def brdf_picture(brdf: Brdf) -> "Figure | None":
-    """f00 and the degree of linear polarization in the plane of incidence. SceneError for too few directions."""
-    check_directions(brdf.mu_o, brdf.phi)
-    places = spread(brdf.mu_i.size, MOST_LINES)
-    if len(places) * brdf.mu_o.size * brdf.phi.size > MOST_DIRECTIONS_DRAWN:
-        return None
-    figure = new_figure(WIDTH, HEIGHT)
-    panels: Any = figure.subplots(1, 2)
-    for order, place in enumerate(places):
-        angle, light = light_in_plane(brdf, place, step_deg=1.0)
-        style = {"color": depth_colour(order, len(places)), "linewidth": 1.5}
-        panels[0].plot(angle, light[:, 0], label=f"μ incident = {brdf.mu_i[place]:.4g}", **style)
-        panels[1].plot(angle, degree_of_linear_polarization(light), **style)
-    finish(panels, ("f00 [sr⁻¹]", "degree of linear polarization"), "angle of exit [°], forward > 0")
-    figure.subplots_adjust(**MARGINS)
-    return figure

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.app.style import FAINT, INCIDENT, UNPOLARIZED, incidence, labelled, plain, plotly, span
+from vrte.app.figures.style import GRID, UNPOLARIZED, ZERO, curve, incidence, labelled, new_figure, plotly, span
 from vrte.basics.arrays import Array, whole
 from vrte.basics.errors import SceneError
-from vrte.pictures.lobes import spread
+from vrte.pictures.lobes import CUTS, INCIDENT, spread
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field, one_beam
 from vrte.results.over_hemisphere import light_in_plane
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 STEP = 0.5  # degrees
-CUTS = (("in the plane of incidence", "#1f4e79", "solid"), ("across it", "#d98200", "dash"))
+DASHES = {"-": "solid", "--": "dash"}
 MOST_DEPTHS = 12  # of more depths, these are spread evenly over them
 DEPTH_COLOURS = "Viridis"
 LEGEND = {"orientation": "h", "x": 0.5, "xanchor": "center", "y": -0.06, "yanchor": "top"}
@@ -32,20 +32,23 @@ def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZE
     quantity may be negative, the centre is as far below 0 as the rim is above, and 0 is drawn as a half circle. Raises
     SceneError for an unknown quantity or place, or too few directions, MissingExtraError without Plotly.
     """
-    go = plotly()
     whole("place", place, 0, brdf.mu_i.size - 1)
     incident = incident_for(quantity, stokes)
-    planes = [light_in_plane(brdf, place, phi, incident, STEP) for phi in (0.0, 90.0)]
+    planes = [light_in_plane(brdf, place, phi, incident, STEP) for phi, *_ in CUTS]
     found = [(angle, of_light(light, quantity)) for angle, light in planes]
     low, high = span(np.stack([value for _, value in found]), quantity)
+    curves = [
+        polar_curve(*one, quantity, name, colour, dash=DASHES[dash])
+        for one, (_, name, colour, dash) in zip(found, CUTS, strict=True)
+    ]
     beam = -float(np.degrees(np.arccos(brdf.mu_i[place])))
-    figure = go.Figure([zero_line(go, -90.0, 90.0)] if low < 0.0 else [])
-    for (angle, value), (name, line, dash) in zip(found, CUTS, strict=True):
-        figure.add_trace(curve(go, angle, value, quantity, name, {"color": line, "dash": dash}))
-    figure.add_trace(arrow(go, [beam, beam], [high, low], "incident light"))
-    title = f"Subsurface BRDF: {labelled(quantity)}<br><sup>{incidence(brdf, place)}; {SIDES}</sup>"
-    figure.update_layout(**plain(title, polar=axes(low, high, [0.0, 180.0]), legend=LEGEND))
-    return figure
+    return new_figure(
+        [*zero_line(low, 90.0), *curves, arrow(beam, (high, low), "incident light")],
+        f"Subsurface BRDF: {labelled(quantity)}",
+        f"{incidence(brdf, place)}; {SIDES}",
+        polar=axes(low, high, [0.0, 180.0]),
+        legend=LEGEND,
+    )
 
 
 def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, dark: bool = False) -> "Figure":
@@ -56,7 +59,6 @@ def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, d
     ``dark``: in colours for a dark page. Raises SceneError for an unknown quantity, or where both are missing or there
     are no directions, MissingExtraError without Plotly.
     """
-    go = plotly()
     check_name(quantity, FIELD_QUANTITIES)
     mu0 = one_beam(field)
     angle, values = in_the_plane(field, quantity)
@@ -65,17 +67,24 @@ def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, d
         values = values / np.where(largest > 0.0, largest, 1.0)
     depths = spread(field.tau.size, MOST_DEPTHS)
     low, high = span(values[depths], quantity)
-    figure = go.Figure([zero_line(go, -180.0, 180.0)] if low < 0.0 else [])
-    for place, colour in zip(depths, depth_colours(len(depths), dark), strict=True):
-        name = f"τ = {field.tau[place]:.4g}"
-        figure.add_trace(curve(go, angle, values[place], quantity, name, {"color": colour}))
-    figure.add_trace(arrow(go, [beam_angle(field)] * 2, [low, high], "the beam"))
+    lightness = np.linspace(*((0.3, 1.0) if dark else (0.0, 0.85)), len(depths))  # none as the page is
+    curves = [
+        polar_curve(angle, values[depth], quantity, f"τ = {field.tau[depth]:.4g}", colour)
+        for depth, colour in zip(
+            depths, plotly().colors.sample_colorscale(DEPTH_COLOURS, lightness.tolist()), strict=True
+        )
+    ]
+    beam = float(np.degrees(np.arccos(mu0)))  # from straight up, where it goes
+    beam = beam if field.diagnostics.get("illuminate") == "bottom" else 180.0 - beam
     shown = "" if len(depths) == field.tau.size else f"; {len(depths)} of {field.tau.size} depths"
     what = f"{quantity}, each depth over its largest" if over_largest else labelled(quantity)
-    title = f"Subsurface radiance, diffuse light: {what}"
-    under = f"μ<sub>0</sub> = {mu0:.4g}; above: going up; {SIDES}{shown}"
-    figure.update_layout(**plain(f"{title}<br><sup>{under}</sup>", polar=axes(low, high), legend=LEGEND))
-    return figure
+    return new_figure(
+        [*zero_line(low, 180.0), *curves, arrow(beam, (low, high), "the beam")],
+        f"Subsurface radiance, diffuse light: {what}",
+        f"μ<sub>0</sub> = {mu0:.4g}; above: going up; {SIDES}{shown}",
+        polar=axes(low, high),
+        legend=LEGEND,
+    )
 
 
 def in_the_plane(field: Field, quantity: str) -> tuple[Array, Array]:
@@ -100,46 +109,27 @@ def in_the_plane(field: Field, quantity: str) -> tuple[Array, Array]:
     return np.concatenate(angles), np.concatenate(values, axis=1)
 
 
-def beam_angle(field: Field) -> float:
-    """Where the beam goes, in the same angles."""
-    theta = float(np.degrees(np.arccos(one_beam(field))))
-    return theta if field.diagnostics.get("illuminate") == "bottom" else 180.0 - theta
-
-
-def curve(go: Any, angle: Array, value: Array, quantity: str, name: str, line: dict[str, Any]) -> Any:
+def polar_curve(angle: Array, value: Array, quantity: str, name: str, colour: str, **more: Any) -> dict[str, Any]:
     """A line in a polar diagram; of an angle, it is parted where that passes from 180 to 0."""
     if quantity in ANGLES:
         jumps = 1 + np.flatnonzero(np.abs(np.diff(value)) > 90.0)
         angle, value = np.insert(angle, jumps, np.nan), np.insert(value, jumps, np.nan)
-    return go.Scatterpolar(
-        theta=angle.astype(np.float32),
-        r=value.astype(np.float32),
-        mode="lines",
-        line=line | {"width": 2},
-        name=name,
-        hovertemplate=f"{name}<br>%{{theta:.1f}}° from the upward normal<br>{quantity} = %{{r:.4g}} {unit_of(quantity)}"
-        "<extra></extra>",
-    )
+    hover = f"{name}<br>%{{theta:.1f}}° from the upward normal<br>{quantity} = %{{r:.4g}} {unit_of(quantity)}"
+    return curve(angle, value, name, colour, hover, polar=True, **more)
 
 
-def zero_line(go: Any, first: float, last: float) -> Any:
-    """Where a quantity that may be negative is 0."""
-    angle = np.linspace(first, last, 91)
-    line = {"color": "#888888", "width": 1, "dash": "dot"}
-    return go.Scatterpolar(theta=angle, r=0.0 * angle, mode="lines", line=line, name="0", hoverinfo="skip")
+def zero_line(low: float, last: float) -> list[dict[str, Any]]:
+    """Where a quantity that may be negative is 0, to ``last`` degrees on both sides."""
+    angle = np.linspace(-last, last, 91)
+    line = {"color": ZERO, "width": 1, "dash": "dot"}
+    return [curve(angle, 0.0 * angle, "0", ZERO, "0", polar=True, line=line, hoverinfo="skip")] if low < 0.0 else []
 
 
-def arrow(go: Any, angle: Sequence[float], distance: Sequence[float], name: str) -> Any:
-    """A straight arrow, from the first point to the second."""
-    return go.Scatterpolar(
-        theta=angle,
-        r=distance,
-        mode="lines+markers",
-        line={"color": INCIDENT, "width": 2},
-        marker={"symbol": "arrow", "size": [0, 15], "angleref": "previous", "color": INCIDENT, "opacity": 1},
-        name=name,
-        hoverinfo="name",
-    )
+def arrow(angle: float, radii: Sequence[float], name: str) -> dict[str, Any]:
+    """A straight arrow along an angle, from the first radius to the second."""
+    marker = {"symbol": "arrow", "size": [0, 15], "angleref": "previous", "color": INCIDENT, "opacity": 1}
+    about = {"mode": "lines+markers", "marker": marker, "hoverinfo": "name"}
+    return curve(np.array([angle, angle]), np.array(radii), name, INCIDENT, name, polar=True, **about)
 
 
 def axes(low: float, high: float, sector: Sequence[float] = (0.0, 360.0)) -> dict[str, Any]:
@@ -153,29 +143,15 @@ def axes(low: float, high: float, sector: Sequence[float] = (0.0, 360.0)) -> dic
             "direction": "clockwise",
             "tickvals": list(marked),
             "ticktext": [f"{min(abs(angle), 360 - angle)}°" for angle in marked],
-            "gridcolor": FAINT,
-            "linecolor": FAINT,
+            **GRID,
         },
         "radialaxis": {
             "range": [low, low + 1.05 * (high - low)],
             "angle": 0,
             "tickangle": 0,
             "nticks": 5,
-            "gridcolor": FAINT,
-            "linecolor": FAINT,
             "tickfont": {"size": 11},
             "exponentformat": "power",
+            **GRID,
         },
     }
-
-
-def depth_colours(count: int, dark: bool = False) -> list[str]:
-    """Colours from the top to the bottom, none as dark or as light as the page."""
-    from plotly.colors import sample_colorscale
-
-    return [
-        str(colour)
-        for colour in sample_colorscale(
-            DEPTH_COLOURS, np.linspace(*((0.3, 1.0) if dark else (0.0, 0.85)), count).tolist()
-        )
-    ]

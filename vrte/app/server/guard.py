@@ -1,32 +1,26 @@
 """Who may ask the viewer's server, and for how much: whoever has the address that it printed, from its own page."""
 
 import asyncio
+import ipaddress
 import re
 import secrets
 import socket
 from typing import Any
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
-from vrte.app.hosts import is_loopback, is_number
-from vrte.app.page import LARGEST_UPLOAD
-
+LARGEST_UPLOAD = 300_000_000  # bytes of a file
 TOKEN = "token"  # its name in the address
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 AROUND_A_FILE = 100_000  # bytes of an upload that are not the file's
 LARGEST_MESSAGE = 2_000_000  # bytes of anything else
 UPLOAD = re.compile(r"/_nicegui/client/[0-9a-f-]{1,64}/upload/[0-9]{1,12}")
 PATIENCE = 30.0  # seconds without a byte of what a request has announced
-POLICY = "; ".join(  # for the browser: whatever a page tries to load, it comes from here or not at all
-    (
-        "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:",
-        "connect-src 'self' data: blob:",
-        "frame-ancestors 'none'",
-        "form-action 'self'",
-        "base-uri 'self'",
-    )
-)
 HEADERS = [
-    (b"content-security-policy", POLICY.encode()),
+    (  # for the browser: whatever a page tries to load, it comes from here or not at all
+        b"content-security-policy",
+        b"default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; connect-src 'self' data: blob:; "
+        b"frame-ancestors 'none'; form-action 'self'; base-uri 'self'",
+    ),
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
     (b"cross-origin-opener-policy", b"same-origin"),
@@ -43,7 +37,7 @@ class RefusedError(Exception):
 
     def __init__(self, code: int, why: str) -> None:
         super().__init__(why)
-        self.code, self.why = code, why
+        self.code = code
 
 
 class Guard:
@@ -53,6 +47,7 @@ class Guard:
     def __init__(self, app: Any, host: str, port: int) -> None:
         self.app, self.port = app, port
         self.token, self._cookie = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
+        self._name = f"vrte-{port}"  # of the cookie: a browser brings those of every port
         self._names = {*LOOPBACK, host.lower(), socket.gethostname().lower()}
         self._open = not is_loopback(host)
 
@@ -66,7 +61,7 @@ class Guard:
             if scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 1008})  # HTTP's 403, as it is not accepted yet
             else:
-                await answer(send, refused.code, refused.why)
+                await answer(send, refused.code, str(refused))
 
     async def _answer(self, scope: Any, receive: Any, send: Any) -> None:
         headers = [(name, value.decode("latin-1")) for name, value in scope["headers"]]
@@ -119,11 +114,6 @@ class Guard:
         cookie = f"{self._name}={self._cookie}; Path=/; HttpOnly; SameSite=Lax"
         return [(b"location", f"/?{rest}".rstrip("?").encode()), (b"set-cookie", cookie.encode())]
 
-    @property
-    def _name(self) -> str:
-        """Of the cookie: a browser brings those of every port."""
-        return f"vrte-{self.port}"
-
     def _known(self, headers: list[tuple[bytes, str]]) -> bool:
         """Whether a request brings the cookie."""
         pairs = [pair.strip() for name, value in headers if name == b"cookie" for pair in value.split(";")]
@@ -175,17 +165,43 @@ class Guard:
 
 async def answer(send: Any, code: int, text: str, headers: list[tuple[bytes, bytes]] | None = None) -> None:
     """A short answer, the last one of its connection: what else comes there is not read."""
+    body = text.encode()
     about = [
         (b"content-type", b"text/plain; charset=utf-8"),
         (b"connection", b"close"),
         (b"cache-control", b"no-store"),
+        (b"content-length", str(len(body)).encode()),
     ]
-    body = text.encode()
-    about += [(b"content-length", str(len(body)).encode()), *HEADERS, *(headers or [])]
-    await send({"type": "http.response.start", "status": code, "headers": about})
+    await send({"type": "http.response.start", "status": code, "headers": [*about, *HEADERS, *(headers or [])]})
     await send({"type": "http.response.body", "body": body})
 
 
 def query_of(scope: Any) -> list[tuple[str, str]]:
     """What the address says after its question mark."""
     return parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True, max_num_fields=None)
+
+
+def is_number(name: str) -> bool:
+    """Whether a host is named by its number, which no other site can claim.
+
+    >>> is_number("192.0.2.1"), is_number("192.0.2.1.example")
+    (True, False)
+    """
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches what listens there.
+
+    >>> is_loopback("127.0.0.1"), is_loopback("0.0.0.0")
+    (True, False)
+    """
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        return False
+    return all(ipaddress.ip_address(str(one[4][0]).partition("%")[0]).is_loopback for one in found)

@@ -1,51 +1,78 @@
-"""What the viewer's figures have in common: Plotly itself, a plain layout, light by quantity, words."""
+"""What the viewer's figures have in common: Plotly itself, how a figure, an axis and a curve are made, words."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
+from vrte.pictures.lobes import INCIDENT, INK
 from vrte.results.brdf import Brdf
 from vrte.results.quantities import ANGLES, SIGNED, unit_of
 
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
 UNPOLARIZED = (1.0, 0.0, 0.0, 0.0)
-INCIDENT, INK, FAINT = "#d62728", "#222222", "#c9c9c9"
+FAINT, ZERO = "#c9c9c9", "#888888"
 IN_THE_DARK = {  # colours of figures on a light page, and what they are on a dark one
     INK: "#e3e7ea",
     FAINT: "#46525d",
     INCIDENT: "#ff7b72",
     "white": "#14181c",
     "#dfe3e8": "#39434d",
-    "#888888": "#9fb0bf",
+    ZERO: "#9fb0bf",
     "#1f4e79": "#7fb5ea",
     "#2a8f5b": "#5fd199",
     "#7a4fa3": "#bd9be6",
     "#b3262e": "#ff9a94",
     "#d98200": "#f0a030",
 }
-FONT = {"family": "system-ui, sans-serif", "size": 13, "color": INK}
+LIGHT_LAYOUT = {  # Plotly's own template would add 7 kB to each figure
+    "template": None,
+    "font": {"family": "system-ui, sans-serif", "size": 13, "color": INK},
+    "margin": {"l": 40, "r": 40, "t": 84, "b": 40},
+    "paper_bgcolor": "white",
+    "plot_bgcolor": "white",
+    "hovermode": "closest",
+}
+TITLE = {"x": 0.02, "xanchor": "left", "y": 0.96, "yanchor": "top", "font": {"size": 16}}
+GRID = {"gridcolor": FAINT, "linecolor": FAINT}
 
 
 def plotly() -> Any:
-    """The module of Plotly's graph objects. Raises MissingExtraError without Plotly."""
+    """Plotly with its colours. Raises MissingExtraError."""
     try:
-        import plotly.graph_objects as go
+        import plotly.colors
+        import plotly.graph_objects
     except ImportError as error:
         raise MissingExtraError("an interactive figure", "app") from error
-    return go
+    return plotly
 
 
-def plain(title: str, **more: Any) -> dict[str, Any]:
-    """A light layout with a title; Plotly's own template would add 7 kB to each figure."""
+def new_figure(traces: list[dict[str, Any]], title: str, under: str, **layout: Any) -> "Figure":
+    """A light figure of these traces, with a title and a smaller line below it. Raises MissingExtraError."""
+    text = {"text": f"{title}<br><sup>{under}</sup>", **TITLE}
+    return plotly().graph_objects.Figure(traces, {**LIGHT_LAYOUT, "title": text, **layout})
+
+
+def axis(title: str, **more: Any) -> dict[str, Any]:
+    """A straight axis."""
+    return {"title": {"text": title, "standoff": 8}, "automargin": True, "zerolinecolor": FAINT} | GRID | more
+
+
+def curve(x: Any, y: Any, name: str, colour: str, hover: str, polar: bool = False, **more: Any) -> dict[str, Any]:
+    """A line through points, or in a polar diagram through the radii ``y`` at the angles ``x``; ``hover`` is what a
+    point tells. Short numbers: less to send."""
+    kind, along, up = ("scatterpolar", "theta", "r") if polar else ("scatter", "x", "y")
     return {
-        "template": None,
-        "font": FONT,
-        "title": {"text": title, "x": 0.02, "xanchor": "left", "y": 0.96, "yanchor": "top", "font": {"size": 16}},
-        "margin": {"l": 40, "r": 40, "t": 84, "b": 40},
-        "paper_bgcolor": "white",
-        "plot_bgcolor": "white",
-        "hovermode": "closest",
+        "type": kind,
+        along: np.asarray(x, np.float32),
+        up: np.asarray(y, np.float32),
+        "mode": "lines",
+        "line": {"color": colour, "width": 2, "dash": more.pop("dash", "solid")},
+        "name": name,
+        "hovertemplate": f"{hover}<extra></extra>",
     } | more
 
 
@@ -89,13 +116,3 @@ def in_the_dark(part: Any) -> Any:
     if isinstance(part, (list, tuple)):
         return [in_the_dark(value) for value in part]
     return IN_THE_DARK.get(part, part) if isinstance(part, str) else part
-
-
-def axis(title: str) -> dict[str, Any]:
-    return {
-        "title": {"text": title, "standoff": 8},
-        "automargin": True,
-        "gridcolor": FAINT,
-        "linecolor": FAINT,
-        "zerolinecolor": FAINT,
-    }

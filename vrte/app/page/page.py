@@ -11,40 +11,34 @@ from typing import Any
 from nicegui import ui
 
 from vrte import __version__
-from vrte.app import downloads, form, link
-from vrte.app.form_panel import FormPanel
-from vrte.app.messages import Outcome, Read, Tensor, Written
-from vrte.app.result_panel import ResultPanel
-from vrte.app.solving import memory_of_one
-from vrte.app.state import Bench
+from vrte.app.form import content as form
+from vrte.app.form.checks import check
+from vrte.app.form.files import (
+    LARGEST_SCENE,
+    adopted,
+    adopted_and_told,
+    content_of_file,
+    content_of_link,
+    link_of,
+)
+from vrte.app.page.form_panel import FormPanel
+from vrte.app.page.result_panel import ResultPanel
+from vrte.app.server.guard import LARGEST_UPLOAD
+from vrte.app.solving import downloads
+from vrte.app.solving.bench import Bench
+from vrte.app.solving.job import memory_of_one
+from vrte.app.solving.messages import Outcome, Read, Tensor, Written
 from vrte.basics.errors import MissingExtraError, SceneError
-from vrte.formats.scene_file import toml_content
 from vrte.formats.toml_table import is_number
 
-LARGEST_UPLOAD = 300_000_000  # bytes
-GALLERY = Path(__file__).with_name("gallery")
+GALLERY = Path(__file__).parents[1] / "gallery"
 THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
-LARGEST_SCENE = 1_000_000
 SUFFIXES = (".toml", ".nc", ".csv")
 TOO_LARGE = (
     f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {LARGEST_SCENE / 1e6:g} MB, "
     f"a result {LARGEST_UPLOAD / 1e6:g} MB"
 )
-
-
-def adopted(data: bytes, folder: Path, tables: frozenset[str]) -> tuple[form.Content, tuple[str, ...]]:
-    """The content of a scene file for the form, and what was filled in. Raises SceneError."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
-    return form.adopted_and_told(toml_content(text), folder, tables)
-
-
-def data_address(path: Path) -> str:
-    """A small picture as an address that holds it."""
-    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
 
 
 class Page:
@@ -55,6 +49,7 @@ class Page:
     def __init__(self, bench: Bench, tidy: Callable[[], Any]) -> None:
         """``tidy`` is called after a new result: old ones of others may have to go."""
         self.bench, self.tidy = bench, tidy
+        self.form: FormPanel | None = None  # while it is drawn for the first time
         ui.add_css(STYLE)
         ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e")
         self.dark = ui.dark_mode(bool(bench.view.get("dark")))
@@ -115,8 +110,7 @@ class Page:
             self.theme = self._header_button("Theme", "contrast", "light or dark")
             with self.theme, ui.menu().props("auto-close"):
                 for theme, text in THEMES.items():
-                    item = ui.menu_item(text)
-                    item.on("click", js_handler=f"() => vrte.set_theme('{theme}')")
+                    ui.menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
             ui.label(__version__).classes("vrte-tagline")
 
     def _header_button(self, text: str, symbol: str, tip: str) -> Any:
@@ -124,24 +118,22 @@ class Page:
         return button.tooltip(tip)
 
     def _downloads(self) -> None:
+        bench, which = self.bench, lambda: self.bench.view["wavelength"]
         for text, act in (
-            ("BRDF, NetCDF", lambda: self.hand_out(downloads.brdf_file, self.bench.outcome, ".nc")),
-            ("BRDF, CSV", lambda: self.hand_out(downloads.brdf_file, self.bench.outcome, ".csv")),
-            ("field inside, NetCDF", lambda: self.hand_out(*self._field(".nc"))),
-            ("field inside, CSV", lambda: self.hand_out(*self._field(".csv"))),
+            ("BRDF, NetCDF", lambda: self.hand_out(downloads.brdf_file, bench.outcome, ".nc")),
+            ("BRDF, CSV", lambda: self.hand_out(downloads.brdf_file, bench.outcome, ".csv")),
+            ("field inside, NetCDF", lambda: self.hand_out(downloads.field_file, bench.outcome, which(), ".nc")),
+            ("field inside, CSV", lambda: self.hand_out(downloads.field_file, bench.outcome, which(), ".csv")),
             ("picture of the figure, PNG", self.picture),
             ("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor),
-            ("scene, TOML", lambda: self.hand_out(downloads.scene_file, self.bench.content)),
+            ("scene, TOML", lambda: self.hand_out(downloads.scene_file, bench.content)),
         ):
             ui.menu_item(text, act)
-
-    def _field(self, suffix: str) -> tuple[Any, ...]:
-        return downloads.field_file, self.bench.outcome, self.bench.view["wavelength"], suffix
 
     def _solve_bar(self) -> None:
         with ui.column().classes("vrte-solve w-full gap-1"):
             self.failure = ui.label().classes("vrte-error").props("role=alert")
-            self.waits = ui.button(icon="arrow_upward", on_click=lambda: self.form.jump())
+            self.waits = ui.button(icon="arrow_upward", on_click=self.jump)
             self.waits.props("flat no-caps dense color=negative align=left").classes("w-full vrte-waits")
             with ui.row().classes("w-full items-center no-wrap gap-2"):
                 self.solve_button = ui.button("Solve", icon="play_arrow", on_click=self.solve, color=None)
@@ -161,18 +153,22 @@ class Page:
 
     def _mark(self) -> None:
         """After every change of the form, and of the job."""
-        busy, form_panel = self.bench.busy, getattr(self, "form", None)
-        wrong = form_panel.wrong if form_panel else None
-        self.solve_button.set_enabled(wrong is None and not busy)
+        wrong = self.form.wrong if self.form else None
+        self.solve_button.set_enabled(wrong is None and not self.bench.busy)
         self.waits.set_visibility(wrong is not None)
         if wrong is not None:
             self.waits.set_text(f"Solve waits: {wrong[0]}")
         self.results.mark_stale()
 
+    def jump(self) -> None:
+        """To the field that is wrong."""
+        if self.form:
+            self.form.jump()
+
     def solve(self) -> None:
         """What the form says; the server checks it again, whatever the page has sent."""
         try:
-            form.check(self.bench.content, self.bench.folder, self.bench.tables)
+            check(self.bench.content, self.bench.folder, self.bench.tables)
         except SceneError as error:
             self.failure.set_text(str(error))
             return
@@ -208,7 +204,7 @@ class Page:
             self.bench.outcome = outcome
             self.tidy()
             if outcome.opened and outcome.content is not None:
-                self.bench.content = form.adopted(outcome.content)
+                self.bench.content = adopted(outcome.content)
                 self._draw_form()
             if not outcome.brdfs and self.bench.view["tab"] in ("lobe", "cuts", "reflectance"):
                 self.results.tabs.set_value("inside")
@@ -230,7 +226,12 @@ class Page:
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
             if suffix == ".toml":
-                self.fill(*await asyncio.to_thread(adopted, data, self.bench.folder, self.bench.tables))
+                bench = self.bench
+                self.fill(
+                    *await asyncio.to_thread(
+                        lambda: adopted_and_told(content_of_file(data), bench.folder, bench.tables)
+                    )
+                )
             elif suffix in SUFFIXES:
                 self.bench.start(Read(data, suffix, memory_of_one()))
             else:
@@ -267,7 +268,7 @@ class Page:
 
         def choose(path: Path) -> None:
             dialog.close()
-            self.fill(form.adopted(toml_content(path.read_text(encoding="utf-8"))))
+            self.fill(adopted(content_of_file(path.read_bytes())))
             self.bench.cancel()
             self.bench.solve()
             self.follow()
@@ -276,11 +277,12 @@ class Page:
             ui.label("Scenes to begin with").classes("vrte-heading").props("role=heading aria-level=2")
             with ui.row().classes("justify-center gap-1"):
                 for path in sorted(GALLERY.glob("*.toml")):
-                    title = toml_content(path.read_text(encoding="utf-8"))["render"]["title"]
+                    title = content_of_file(path.read_bytes())["render"]["title"]
                     with ui.button(on_click=lambda path=path: choose(path)) as button:
                         button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
                         picture = ui.element("img").props('alt="" width=84 height=84')
-                        picture.props["src"] = data_address(path.with_suffix(".png"))
+                        drawn = base64.b64encode(path.with_suffix(".png").read_bytes()).decode()
+                        picture.props["src"] = f"data:image/png;base64,{drawn}"
                         ui.label(title)
         dialog.on("hide", dialog.delete)
         dialog.open()
@@ -305,7 +307,7 @@ class Page:
     def make_link(self) -> None:
         """The address with the scene in it, into the browser's address line and its clipboard."""
         try:
-            text = link.text_of(self.bench.content)
+            text = link_of(self.bench.content)
         except SceneError as error:
             self.complain(str(error))
             return
@@ -324,7 +326,7 @@ class Page:
             return
         self.bench.view["link"] = text
         try:
-            self.fill(*await asyncio.to_thread(lambda: form.adopted_and_told(link.content_of(text))))
+            self.fill(*await asyncio.to_thread(lambda: adopted_and_told(content_of_link(text))))
         except SceneError as error:
             self.complain(f"the scene in this address: {error}")
 
@@ -341,7 +343,7 @@ class Page:
         """Mitsuba's file wants directions of its own: they are solved for first."""
         bench = self.bench
         try:
-            form.check(bench.content, bench.folder, bench.tables)
+            check(bench.content, bench.folder, bench.tables)
             downloads.check_tensor(bench.content)
         except SceneError as error:
             self.complain(str(error))

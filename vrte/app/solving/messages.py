@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.app.reflectance import Reflectances
+from vrte.app.solving.reflectance import Reflectances
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
@@ -22,6 +22,10 @@ class Solve:
     memory_bytes: float
 
 
+class Tensor(Solve):
+    """The same for the directions of Mitsuba's tensor file."""
+
+
 @dataclass(frozen=True)
 class Read:
     """A result file to read, its bytes: whatever is in them harms that process alone."""
@@ -29,23 +33,6 @@ class Read:
     data: bytes
     suffix: str
     memory_bytes: float
-
-
-@dataclass(frozen=True)
-class Tensor:
-    """A scene to solve for the directions of Mitsuba's tensor file."""
-
-    content: dict[str, Any]
-    folder: Path
-    memory_bytes: float
-
-
-@dataclass(frozen=True)
-class Written:
-    """A file to be downloaded."""
-
-    name: str
-    data: bytes
 
 
 @dataclass(frozen=True)
@@ -57,14 +44,20 @@ class Progress:
 
 
 @dataclass(frozen=True)
+class Written:
+    """A file to be downloaded."""
+
+    name: str
+    data: bytes
+
+
+@dataclass(frozen=True)
 class Planned:
     """The plan of the BRDF at the first wavelength: its table, and what is left out and shared, line by line."""
 
     text: str
     left_out: tuple[str, ...] = ()
     shared: tuple[str, ...] = ()
-    memory_bytes: float = 0.0
-    operations: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -99,9 +92,8 @@ class Outcome:
     @property
     def size(self) -> int:
         """Bytes of its arrays, the small ones left out."""
-        return sum(one.mueller.nbytes * (1 if one.transmission is None else 2) for one in self.brdfs) + sum(
-            field.stokes.nbytes for field in self.fields
-        )
+        matrices = sum(one.mueller.nbytes * (1 if one.transmission is None else 2) for one in self.brdfs)
+        return matrices + sum(field.stokes.nbytes for field in self.fields)
 
     def brdf_to_save(self) -> Brdf | Spectrum | None:
         """What goes into a file."""
@@ -110,12 +102,5 @@ class Outcome:
         return self.brdfs[0] if self.brdfs else None
 
 
-@dataclass(frozen=True)
-class Failure:
-    """Why there is nothing to see, in one sentence."""
-
-    message: str
-
-
-Task = Solve | Read | Tensor
-Message = Progress | Planned | Outcome | Written | Failure
+Task = Solve | Read
+Answer = Outcome | Written | str  # in one sentence, why there is none

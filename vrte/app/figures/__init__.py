@@ -3,9 +3,8 @@
 The light is inside the host medium, before any refraction at its surface: titles say "subsurface".
 """
 
-from vrte.app.lobe_figure import lobe
-from vrte.app.phase_figures import coefficients, scattering_matrix
-from vrte.app.polar_figures import cuts, field_polar
-from vrte.app.reflectance import reflectance
+from vrte.app.figures.lines import coefficients, reflectance, scattering_matrix
+from vrte.app.figures.lobe import lobe
+from vrte.app.figures.polar import cuts, field_polar
 
 __all__ = ["coefficients", "cuts", "field_polar", "lobe", "reflectance", "scattering_matrix"]

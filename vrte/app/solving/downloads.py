@@ -3,13 +3,22 @@
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from vrte.app.form import scene_text, wavelengths_of
-from vrte.app.messages import Outcome
+from vrte.app.form.content import Content, wavelengths_of
+from vrte.app.form.files import scene_text
+from vrte.app.solving.messages import Outcome
 from vrte.basics.errors import SceneError
 from vrte.formats import save
-from vrte.formats.contents import Result
 from vrte.formats.measured_polarized import check_wavelengths
+
+
+def bytes_written(name: str, write: Callable[[Path], Any]) -> bytes:
+    """What a call writes to a file of that name."""
+    with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
+        path = Path(folder) / name
+        write(path)
+        return path.read_bytes()
 
 
 def brdf_file(outcome: Outcome | None, suffix: str) -> tuple[str, bytes]:
@@ -17,35 +26,23 @@ def brdf_file(outcome: Outcome | None, suffix: str) -> tuple[str, bytes]:
     found = outcome.brdf_to_save() if outcome else None
     if found is None:
         raise SceneError("there is no BRDF to download: solve a scene, or open a file that holds one")
-    return f"brdf{suffix}", bytes_of(found, suffix)
+    return f"brdf{suffix}", bytes_written(f"brdf{suffix}", lambda path: save(found, path))
 
 
 def field_file(outcome: Outcome | None, which: int, suffix: str) -> tuple[str, bytes]:
     """Name and bytes of the field at one of the wavelengths. Raises SceneError without one."""
     if outcome is None or not outcome.fields:
         raise SceneError('there is no field to download: turn on "Inside the layers" and solve')
-    return f"field{suffix}", bytes_of(outcome.fields[which], suffix)
+    field = outcome.fields[which]
+    return f"field{suffix}", bytes_written(f"field{suffix}", lambda path: save(field, path))
 
 
-def bytes_of(result: Result, suffix: str) -> bytes:
-    """What `save` writes."""
-    return written(f"result{suffix}", lambda path: save(result, path))
-
-
-def written(name: str, write: Callable[[Path], None]) -> bytes:
-    """What a call writes to a file."""
-    with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
-        path = Path(folder) / name
-        write(path)
-        return path.read_bytes()
-
-
-def scene_file(content: dict[str, object]) -> tuple[str, bytes]:
+def scene_file(content: Content) -> tuple[str, bytes]:
     """Name and bytes of the scene. Raises SceneError where the wavelengths are none."""
     return "scene.toml", scene_text(content).encode()
 
 
-def check_tensor(content: dict[str, object]) -> None:
+def check_tensor(content: Content) -> None:
     """Raises SceneError unless Mitsuba's tensor can be made of a scene."""
     try:
         check_wavelengths(wavelengths_of(content))

@@ -2,22 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from vrte.app.style import axis, plain, plotly
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
 from vrte.results.brdf import Brdf
 from vrte.scene.boundary import Lambertian
 from vrte.scene.scene import Scene
 
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
 FEWEST, FROM_UM, TO_UM = 5, 0.46, 0.64  # wavelengths that make a colour: so many, from below the one to above the other
-LINES = (("#1f4e79", "solid"), ("#d98200", "dash"))
 IN_FILE = "as in the file"
 
 
@@ -56,9 +51,8 @@ def reflectances(
     """Those of ``brdfs``, one a wavelength, and ``others`` over another base, with ``names``; None without any."""
     if not brdfs:
         return None
-    curves = {names[0]: np.array([one.reflectance for one in brdfs])}
-    if len(others) == len(brdfs):
-        curves[names[1]] = np.array([one.reflectance for one in others])
+    found = (brdfs, others) if len(others) == len(brdfs) else (brdfs,)
+    curves = {name: np.array([one.reflectance for one in each]) for name, each in zip(names, found, strict=False)}
     colours, why_none = colours_of(np.array(wavelength_um), curves)
     return Reflectances(brdfs[0].mu_i, curves, colours, why_none)
 
@@ -91,34 +85,3 @@ def in_hex(colour: Array) -> str:
     '#ff8000'
     """
     return "#" + "".join(f"{round(255.0 * value):02x}" for value in np.clip(colour, 0.0, 1.0).tolist())
-
-
-def reflectance(found: Reflectances, wavelength_um: Sequence[float], place: int) -> "Figure":
-    """Share that comes back of light from ``mu_i[place]`` against the wavelength; of one wavelength, against the angle
-    of incidence. Raises MissingExtraError without Plotly."""
-    go = plotly()
-    angle = np.degrees(np.arccos(found.mu_i))
-    spectral = len(wavelength_um) > 1
-    figure = go.Figure()
-    for (name, curve), (colour, dash) in zip(found.curves.items(), LINES, strict=False):
-        x, y = (1e3 * np.array(wavelength_um), curve[:, place]) if spectral else (angle, curve[0])
-        order = np.argsort(x)
-        figure.add_trace(
-            go.Scatter(
-                x=x[order].astype(np.float32),
-                y=y[order].astype(np.float32),
-                mode="lines+markers",
-                line={"color": colour, "width": 2, "dash": dash},
-                marker={"size": 6},
-                name=name,
-                hovertemplate=f"{name}<br>%{{x:.4g}} {'nm' if spectral else '°'}: %{{y:.2%}}<extra></extra>",
-            )
-        )
-    where = f"light from {angle[place]:.0f}° off the normal; " if spectral else ""
-    figure.update_layout(
-        **plain(f"Share of the light that comes back<br><sup>{where}unpolarized, all directions of exit</sup>"),
-        xaxis=axis("wavelength in vacuum [nm]" if spectral else "angle of incidence [°]"),
-        yaxis=axis("reflectance") | {"rangemode": "tozero", "tickformat": ".0%"},
-        showlegend=True,
-    )
-    return figure

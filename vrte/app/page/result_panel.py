@@ -2,21 +2,28 @@
 
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from nicegui import ui
 
 from vrte.app import figures
-from vrte.app.form import value_of
-from vrte.app.messages import Outcome
-from vrte.app.reflectance import Reflectances
-from vrte.app.state import Bench
-from vrte.app.style import in_the_dark
+from vrte.app.figures.style import in_the_dark
+from vrte.app.form.fields import value_of
+from vrte.app.solving.bench import Bench
+from vrte.app.solving.messages import Outcome
+from vrte.app.solving.reflectance import Reflectances
 from vrte.basics.errors import SceneError
-from vrte.request.request import stokes_vector
-from vrte.results.brdf import Brdf
-from vrte.results.quantities import DEGREE_LINEAR, FIELD_QUANTITIES, MUELLER, QUANTITIES
+from vrte.results.quantities import (
+    DEGREE_LINEAR,
+    FIELD_QUANTITIES,
+    MUELLER,
+    QUANTITIES,
+    REFLECTANCE_FACTOR,
+    incident_for,
+)
+from vrte.results.spectrum import SCENE
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -65,7 +72,11 @@ LEGEND = {  # beside the figure it takes room that a phone has not
 NOTHING = "Describe a scene and press Solve, or open a file; the Gallery has scenes to begin with."
 CHANGED = "The form has changed since this was solved: what is shown here is the scene before."
 SYMBOLS = {"<sub>i</sub>": "ᵢ", "<sub>o</sub>": "ₒ", "<sub>0</sub>": "₀", "<br>": "\n"}
-NO_COLOUR = "No colour: {}"
+UNDER_THE_SKY = "As seen from this angle under an evenly white sky of sunlight, white where all of it comes back."
+NO_FIELD = 'No radiance field here: turn on "Inside the layers" in the form and solve.'
+NO_BRDF = "No BRDF here: the file that was opened holds a radiance field; see Inside."
+NO_MATRICES = "A result file holds no phase matrices: solve its scene to see them."
+NO_PLAN = "No plan here: a result file has none, nor have methods other than discrete ordinates."
 
 
 class ResultPanel:
@@ -74,8 +85,7 @@ class ResultPanel:
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
         self.view = bench.view
-        for key, value in VIEW.items():
-            self.view.setdefault(key, value)
+        self.view.update(VIEW | self.view)
         self.plots: dict[str, Any] = {}
         self.areas: dict[str, Any] = {}
         self.captions: dict[str, tuple[Any, Any]] = {}  # of each figure: its title, and the line below it
@@ -104,27 +114,33 @@ class ResultPanel:
     def _controls(self) -> None:
         """What all tabs share: incidence, wavelength, incident light."""
         with ui.row().classes("w-full items-center gap-x-6 gap-y-1 pt-3") as self.controls:
-            with ui.column().classes("gap-0 grow").style("min-width: 220px") as self.incidence:
-                self.incidence_text = ui.label().classes("vrte-note")
-                self.incidence_slider = slider(lambda value: self.set("place", value), "incident angle")
-            with ui.column().classes("gap-0 grow").style("min-width: 180px") as self.wavelength:
-                self.wavelength_text = ui.label().classes("vrte-note")
-                self.wavelength_slider = slider(lambda value: self.set("wavelength", value), "wavelength")
+            self.incidence, self.incidence_text, self.incidence_slider = self._slider("place", "incident angle", 220)
+            self.wavelength, self.wavelength_text, self.wavelength_slider = self._slider(
+                "wavelength", "wavelength", 180
+            )
             with ui.row().classes("gap-2 items-start") as self.light:
-                self.named = select(list(LIGHTS), self.view["light"], "incident light", self.set_light)
-                self.named.classes("vrte-fixed").style("width: 210px")
+                self.named = select(list(LIGHTS), self.view["light"], "incident light", self.set_light, 210)
                 self.stokes = ui.input("I, Q, U, V", value=self.view["stokes"], on_change=self.set_stokes)
                 self.stokes.without_auto_validation().props(
                     "outlined dense stack-label hide-bottom-space debounce=120 maxlength=200"
                 )
                 self.stokes.classes("vrte-fixed").style("width: 150px")
 
+    def _slider(self, key: str, label: str, width: int) -> tuple[Any, Any, Any]:
+        """Over places of a list, a text above; what it says comes at most six times a second, the last always."""
+        with ui.column().classes("gap-0 grow").style(f"min-width: {width}px") as around:
+            text = ui.label().classes("vrte-note")
+            bar = ui.slider(min=0, max=1, step=1, value=0).props(f'dense snap aria-label="{label}"').classes("w-full")
+            bar.on(
+                "update:model-value", lambda event: self.set(key, int(event.args)), throttle=0.15, leading_events=False
+            )
+        return around, text, bar
+
     def _lobe(self) -> None:
         with ui.row().classes("w-full gap-2 pt-2"):
             self._quantity("height", "distance from the centre", QUANTITIES)
             self._quantity("colour", "colour", QUANTITIES)
-        self._plot("lobe")
-        lobe = self.plots["lobe"].props("tabindex=0")
+        lobe = self._plot("lobe").props("tabindex=0")
         lobe.on("keydown", js_handler=f"event => vrte.turn(event, {lobe.id})")
         ui.label("Drag, or arrow keys, to turn; plus and minus come nearer.").classes("vrte-note")
 
@@ -146,30 +162,24 @@ class ResultPanel:
 
     def _scattering(self) -> None:
         with ui.row().classes("w-full pt-2"):
-            self.layer = (
-                select([], None, "layer", lambda value: self.set("layer", value))
-                .classes("vrte-fixed")
-                .style("width: 260px")
-            )
+            self.layer = select([], None, "layer", partial(self.set, "layer"))
         with ui.element("div").classes("vrte-pair"):
             for name in ("scattering", "coefficients"):
                 with ui.column().classes("gap-0 no-wrap"):
                     self._plot(name)
 
-    def _plot(self, name: str) -> None:
+    def _plan(self) -> None:
+        self.plan = ui.column().classes("w-full gap-2 py-3")
+
+    def _plot(self, name: str) -> Any:
         """An empty figure below its title: there it can be as long as it likes."""
         title = ui.label().classes("vrte-caption").props("role=heading aria-level=3")
         self.captions[name] = title, ui.label().classes("vrte-under")
         self.plots[name] = ui.plotly({"data": [], "layout": {}}).classes("vrte-plot").props("role=img")
-
-    def _plan(self) -> None:
-        self.plan = ui.column().classes("w-full gap-2 py-3")
+        return self.plots[name]
 
     def _quantity(self, key: str, label: str, names: tuple[str, ...]) -> None:
-        chosen = {name: NAMES[name] for name in names}
-        select(chosen, self.view[key], label, lambda value: self.set(key, value)).classes("vrte-fixed").style(
-            "width: 260px"
-        )
+        select({name: NAMES[name] for name in names}, self.view[key], label, partial(self.set, key))
 
     # what is looked at
 
@@ -196,19 +206,16 @@ class ResultPanel:
         try:
             self._stokes()
             self.stokes.error = None
+            self.draw()
         except SceneError as error:
             self.stokes.error = str(error)
-            return
-        self.draw()
 
     def _stokes(self) -> Any:
         found = value_of(self.view["stokes"])
         if isinstance(found, str):
             raise SceneError("stokes must be four numbers I, Q, U, V")
-        light = stokes_vector(found)
-        if not light[0] > 0.0:
-            raise SceneError(f"stokes must have an intensity I above 0, not {light[0]:g}")
-        return light
+        incident_for(REFLECTANCE_FACTOR, found)
+        return found
 
     # drawing
 
@@ -236,13 +243,12 @@ class ResultPanel:
             area.set_visibility(name == tab and outcome is not None)
         self._tell(outcome)
         try:
-            self._show(tab, outcome)
-            self._say("" if outcome else NOTHING)
+            if outcome is not None:
+                self._show(tab, outcome)
+            text = "" if outcome else NOTHING
         except (SceneError, IndexError) as error:
             self.areas[tab].set_visibility(False)
-            self._say(str(error))
-
-    def _say(self, text: str) -> None:
+            text = str(error)
         self.message.set_text(text)
         self.message.set_visibility(bool(text))
 
@@ -258,23 +264,42 @@ class ResultPanel:
         self.wavelength.set_visibility(bool(outcome and outcome.count > 1))
         self.controls.set_visibility(with_angle or bool(outcome and outcome.count > 1))
         if outcome and outcome.brdfs:
-            self.incidence_text.set_text(self.light_in_words(outcome))
+            mu = float(outcome.brdfs[0].mu_i[self.view["place"]])
+            where = f"light from {np.degrees(np.arccos(mu)):.1f}° off the normal (µ_i = {mu:.4g})"
+            self.incidence_text.set_text(f"{where}; {self.share_in_words(outcome)}")
         if outcome and outcome.wavelength_um:
-            self.wavelength_text.set_text(
-                f"wavelength {1000.0 * outcome.wavelength_um[self.view['wavelength']]:.5g} nm"
-            )
+            self.wavelength_text.set_text(f"wavelength {self._nanometres(outcome, self.view['wavelength'])}")
 
-    def _show(self, tab: str, outcome: Outcome | None) -> None:
-        if outcome is None:
-            return
+    def _nanometres(self, outcome: Outcome, which: int) -> str:
+        return f"{1000.0 * outcome.wavelength_um[which]:.5g} nm" if outcome.wavelength_um else "–"
+
+    def _show(self, tab: str, outcome: Outcome) -> None:
+        """The figure of a tab. Raises SceneError where the outcome has none."""
+        view, which, place = self.view, self.view["wavelength"], self.view["place"]
         if tab == "plan":
             self._write_plan(outcome)
         elif tab == "scattering":
-            matrix = self._phase_matrix(outcome)
+            if not outcome.inside:
+                raise SceneError(NO_MATRICES)
+            matrix = outcome.inside[which].phase_matrices[view["layer"]]
             self._draw("scattering", figures.scattering_matrix(matrix))
             self._draw("coefficients", figures.coefficients(matrix))
+        elif tab == "inside":
+            if not outcome.fields:
+                raise SceneError(NO_FIELD)
+            shares = view["shares"] and view["inside"] == "I"
+            self._draw(tab, figures.field_polar(outcome.fields[which], view["inside"], shares, bool(view.get("dark"))))
+        elif not outcome.brdfs:
+            raise SceneError(NO_BRDF)
+        elif tab == "reflectance":
+            assert outcome.reflectances is not None  # wherever there is a BRDF
+            self._write_shares(outcome, outcome.reflectances)
+            self._draw(tab, figures.reflectance(outcome.reflectances, outcome.wavelength_um, place))
+        elif tab == "lobe":
+            brdf, stokes = outcome.brdfs[which], self._stokes()
+            self._draw(tab, figures.lobe(brdf, place, view["height"], view["colour"], stokes))
         else:
-            self._draw(tab, self._figure(tab, outcome))
+            self._draw(tab, figures.cuts(outcome.brdfs[which], place, view["cut"], self._stokes()))
 
     def _draw(self, name: str, figure: "Figure") -> None:
         """A figure in its place, its title above it."""
@@ -294,28 +319,6 @@ class ResultPanel:
         self.plots[name].props["aria-label"] = text.replace("\n", "; ")
         self.plots[name].update_figure({**dark, "config": config})
 
-    def _figure(self, tab: str, outcome: Outcome) -> "Figure":
-        view, which = self.view, self.view["wavelength"]
-        if tab == "inside":
-            if not outcome.fields:
-                raise SceneError('No radiance field here: turn on "Inside the layers" in the form and solve.')
-            dark, shares = bool(view.get("dark")), view["shares"] and view["inside"] == "I"
-            return figures.field_polar(outcome.fields[which], view["inside"], shares, dark)
-        brdf = self._brdf(outcome)
-        if tab == "reflectance":
-            assert outcome.reflectances is not None  # wherever there is a BRDF
-            self._write_shares(outcome, outcome.reflectances)
-            return figures.reflectance(outcome.reflectances, outcome.wavelength_um, view["place"])
-        if tab == "lobe":
-            return figures.lobe(brdf, view["place"], view["height"], view["colour"], self._stokes())
-        return figures.cuts(brdf, view["place"], view["cut"], self._stokes())
-
-    def light_in_words(self, outcome: Outcome) -> str:
-        """Where the light comes from, and what becomes of it."""
-        mu = float(outcome.brdfs[0].mu_i[self.view["place"]])
-        angle = np.degrees(np.arccos(mu))
-        return f"light from {angle:.1f}° off the normal (µ_i = {mu:.4g}); {self.share_in_words(outcome)}"
-
     def share_in_words(self, outcome: Outcome) -> str:
         """How much of the light comes back."""
         back = outcome.brdfs[self.view["wavelength"]].reflectance[self.view["place"]]
@@ -332,35 +335,19 @@ class ResultPanel:
         self.shares.clear()
         place = self.view["place"]
         with self.shares:
-            if found.why_none:
-                ui.label(NO_COLOUR.format(found.why_none)).classes("vrte-note")
-            else:
-                with ui.row().classes("gap-4"):
-                    for name, colours in found.colours.items():
-                        with ui.column().classes("gap-1"):
-                            ui.element("div").classes("vrte-swatch").style(f"background: {colours[place]}").props(
-                                f'role=img aria-label="colour {name}: {colours[place]}"'
-                            )
-                            ui.label(f"{name}: {colours[place]}").classes("vrte-note")
-                ui.label(
-                    "As seen from this angle under an evenly white sky of sunlight, white where all of it comes back."
-                ).classes("vrte-note")
-            names, numbers = list(found.curves), np.stack(list(found.curves.values()), axis=-1)
+            with ui.row().classes("gap-4"):
+                for name, colours in found.colours.items():
+                    with ui.column().classes("gap-1"):
+                        swatch = ui.element("div").classes("vrte-swatch").style(f"background: {colours[place]}")
+                        swatch.props(f'role=img aria-label="colour {name}: {colours[place]}"')
+                        ui.label(f"{name}: {colours[place]}").classes("vrte-note")
+            ui.label(f"No colour: {found.why_none}" if found.why_none else UNDER_THE_SKY).classes("vrte-note")
+            numbers = np.stack(list(found.curves.values()), axis=-1)
             with ui.element("table").classes("vrte-table"):
-                table_row("th", ["wavelength", *names])
+                table_row("th", ["wavelength", *found.curves])
                 for which in range(outcome.count):
-                    nm = f"{1000.0 * outcome.wavelength_um[which]:.5g} nm" if outcome.wavelength_um else "–"
-                    table_row("td", [nm, *(f"{100.0 * value:.4g} %" for value in numbers[which, place])])
-
-    def _brdf(self, outcome: Outcome) -> Brdf:
-        if not outcome.brdfs:
-            raise SceneError("No BRDF here: the file that was opened holds a radiance field; see Inside.")
-        return outcome.brdfs[self.view["wavelength"]]
-
-    def _phase_matrix(self, outcome: Outcome) -> Any:
-        if not outcome.inside:
-            raise SceneError("A result file holds no phase matrices: solve its scene to see them.")
-        return outcome.inside[self.view["wavelength"]].phase_matrices[self.view["layer"]]
+                    shares = [f"{100.0 * value:.4g} %" for value in numbers[which, place]]
+                    table_row("td", [self._nanometres(outcome, which), *shares])
 
     def _write_plan(self, outcome: Outcome) -> None:
         """What was left out, what was shared, the table, and how it was made."""
@@ -368,7 +355,7 @@ class ResultPanel:
         result = (outcome.brdfs or outcome.fields)[self.view["wavelength"]]
         with self.plan:
             if outcome.plan is None:
-                ui.label("No plan here: a result file has none, nor have methods other than discrete ordinates.")
+                ui.label(NO_PLAN)
             else:
                 bullets("Left out, and why", outcome.plan.left_out)
                 bullets("Done once for many", outcome.plan.shared)
@@ -380,14 +367,12 @@ class ResultPanel:
 
 def made(diagnostics: dict[str, Any]) -> str:
     """The diagnostics that people read, a line each."""
-    stages = diagnostics.get("stages", {})
-    lines = [
-        f"{name}: {value}"
-        for name, value in diagnostics.items()
-        if isinstance(value, (str, int, float)) and name != "scene_toml"
-    ]
-    lines += [f"{name}: {clock['wall_seconds']:.4f} s" for name, clock in stages.items() if "wall_seconds" in clock]
-    return "\n".join(lines)
+    found = {
+        name: value for name, value in diagnostics.items() if isinstance(value, (str, int, float)) and name != SCENE
+    }
+    clocks = {name: clock for name, clock in diagnostics.get("stages", {}).items() if "wall_seconds" in clock}
+    found |= {name: f"{clock['wall_seconds']:.4f} s" for name, clock in clocks.items()}
+    return "\n".join(f"{name}: {value}" for name, value in found.items())
 
 
 def heading(text: str) -> None:
@@ -411,17 +396,11 @@ def bullets(title: str, lines: tuple[str, ...]) -> None:
                     ui.label(line)
 
 
-def slider(act: Callable[[int], None], label: str) -> Any:
-    """Over places of a list; what it says comes at most six times a second, the last always."""
-    bar = ui.slider(min=0, max=1, step=1, value=0).props(f'dense snap aria-label="{label}"').classes("w-full")
-    bar.on("update:model-value", lambda event: act(int(event.args)), throttle=0.15, leading_events=False)
-    return bar
-
-
-def select(options: Any, value: Any, label: str, act: Callable[[Any], None]) -> Any:
+def select(options: Any, value: Any, label: str, act: Callable[[Any], None], width: int = 260) -> Any:
     """One of several."""
     found = ui.select(options, value=value, label=label, on_change=lambda event: act(event.value))
-    return found.props("outlined dense options-dense stack-label").classes("vrte-field")
+    found.props("outlined dense options-dense stack-label").style(f"width: {width}px")
+    return found.classes("vrte-field vrte-fixed")
 
 
 def plain_text(title: str) -> str:

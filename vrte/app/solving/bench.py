@@ -2,14 +2,14 @@
 
 import copy
 import threading
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vrte.app.form import START, Content, tables_of
-from vrte.app.messages import Outcome, Solve
-from vrte.app.solving import Job, memory_of_one
+from vrte.app.form.content import START, Content
+from vrte.app.solving.job import Job, memory_of_one
+from vrte.app.solving.messages import Outcome, Solve, Task
+from vrte.formats.scene_file import tables_named
 
 MOST_TABS = 100
 MOST_BYTES = 2e9  # of all results together; the tabs that were not used for longest lose theirs first
@@ -17,9 +17,8 @@ MOST_BYTES = 2e9  # of all results together; the tabs that were not used for lon
 
 @dataclass
 class Bench:
-    """A tab's: the form's ``content``, the ``job`` that runs, the last ``outcome``, ``view``, what it looks at,
-    and how many ``pages`` look;
-    ``taken`` is the job whose outcome it has."""
+    """A tab's: the form's ``content``, which may name ``tables`` in ``folder``, the ``job`` that runs, the last
+    ``outcome`` and the job that it was ``taken`` of, ``view``, what it looks at, and how many ``pages`` look."""
 
     content: Content
     folder: Path = Path()
@@ -29,7 +28,6 @@ class Bench:
     view: dict[str, Any] = field(default_factory=dict)
     pages: int = 0
     taken: Job | None = None
-    used: float = field(default_factory=time.monotonic)
 
     @property
     def busy(self) -> bool:
@@ -40,7 +38,7 @@ class Bench:
         """Starts to solve what the form says now."""
         self.start(Solve(copy.deepcopy(self.content), self.folder, memory_of_one()))
 
-    def start(self, task: Any) -> None:
+    def start(self, task: Task) -> None:
         """A task in place of the one that runs."""
         self.cancel()
         self.job = Job(task)
@@ -56,7 +54,7 @@ class Benches:
     def __init__(self, content: Content | None = None, folder: Path = Path(), outcome: Outcome | None = None) -> None:
         self._first = content or START
         self._folder, self._outcome = folder, outcome
-        self._tables = tables_of(self._first)
+        self._tables = frozenset(tables_named(self._first).values())
         self._benches: dict[str, Bench] = {}
         self._lock = threading.Lock()
 
@@ -66,18 +64,10 @@ class Benches:
             bench = self._benches.pop(tab, None) or Bench(
                 copy.deepcopy(self._first), self._folder, self._tables, self._outcome
             )
-            bench.used = time.monotonic()
             self._benches[tab] = bench  # the last used is the last
-            self._forget(bench)
+            while len(self._benches) > 1 and (len(self._benches) > MOST_TABS or self._bytes() > MOST_BYTES):
+                self._benches.pop(next(iter(self._benches))).cancel()
             return bench
-
-    def _forget(self, kept: Bench) -> None:
-        """Drops the tabs not used for longest, where there are too many or their results too large."""
-        while len(self._benches) > MOST_TABS or self._bytes() > MOST_BYTES:
-            tab = next(iter(self._benches))
-            if self._benches[tab] is kept:
-                return
-            self._benches.pop(tab).cancel()
 
     def _bytes(self) -> float:
         return sum(bench.outcome.size for bench in self._benches.values() if bench.outcome is not None)

@@ -3,17 +3,16 @@
 import socket
 import tempfile
 import threading
+import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import Any
 
-from vrte.app.state import Benches
+from vrte.app.solving.bench import Bench, Benches
 from vrte.basics.errors import SceneError
 
 RECONNECT = 60.0  # seconds that a page without a connection is kept
-HINT = "Ctrl-C ends it"
 ICON = (
     "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 32 32'><rect width='32' height='32' rx='6' fill='#16324f'/>"
     "<path d='M4 24h24' stroke='#b8c9da' stroke-width='2'/><path d='M16 24C6 20 8 8 16 8s10 12 0 16z' fill='#f0a030'/>"
@@ -31,8 +30,8 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
         from fastapi import FastAPI
         from nicegui import ui
 
-        from vrte.app.connections import Server, run
-        from vrte.app.guard import TOKEN, Guard
+        from vrte.app.server.connections import Server, run
+        from vrte.app.server.guard import TOKEN, Guard
 
         number, port = listening.getsockname()[:2]  # the number: others may answer to the name, on its other addresses
         around = FastAPI(openapi_url=None)
@@ -55,9 +54,9 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
         with page_that_leads_to(address) as page:
 
             def begun() -> None:
-                say(f"vrte view: {address} ({HINT})")
-                if browser:
-                    threading.Thread(target=open_browser, args=(page,), daemon=True).start()
+                say(f"vrte view: {address} (Ctrl-C ends it)")
+                if browser:  # where there is one
+                    threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
 
             def ended() -> None:
                 benches.close()
@@ -79,18 +78,11 @@ def page_that_leads_to(address: str) -> Iterator[Path]:
         yield page
 
 
-def open_browser(page: Path) -> None:
-    """Where there is one; the address is printed as well."""
-    import webbrowser
-
-    webbrowser.open(page.as_uri())
-
-
 async def build(benches: Benches) -> None:
     """The page of a tab: which one it is, the browser says once it is connected."""
     from nicegui import ui
 
-    from vrte.app.page import Page
+    from vrte.app.page.page import Page
 
     client = ui.context.client
     await client.connected()
@@ -103,7 +95,7 @@ async def build(benches: Benches) -> None:
     Page(bench, lambda: benches.of(tab))
 
 
-def left(bench: Any) -> None:
+def left(bench: Bench) -> None:
     """A page has gone for good: nobody waits for what it solves, unless its tab has another."""
     bench.pages -= 1
     if bench.pages == 0:

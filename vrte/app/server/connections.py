@@ -4,7 +4,8 @@ import asyncio
 import logging
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
+from importlib.util import find_spec
 from typing import Any
 
 import uvicorn
@@ -43,21 +44,18 @@ class Server(uvicorn.Server):
     """A server that calls ``begun`` once it listens, and ends by the first Ctrl-C or TERM, at once by the second."""
 
     def __init__(self, app: Any, begun: Callable[[], None]) -> None:
-        from importlib.util import find_spec
-
-        super().__init__(
-            uvicorn.Config(
-                app,
-                http=Connection,
-                ws="wsproto" if find_spec("wsproto") else "auto",
-                log_config=None,
-                log_level="error",
-                access_log=False,
-                proxy_headers=False,
-                server_header=False,
-                timeout_graceful_shutdown=STOPPING,
-            )
+        config = uvicorn.Config(
+            app,
+            http=Connection,
+            ws="wsproto" if find_spec("wsproto") else "auto",
+            log_config=None,
+            log_level="error",
+            access_log=False,
+            proxy_headers=False,
+            server_header=False,
+            timeout_graceful_shutdown=STOPPING,
         )
+        super().__init__(config)
         self.ended_by = 0
         self._begun = begun
 
@@ -122,9 +120,6 @@ class OneLine(logging.Formatter):
 def run(server: Server, listening: Any, ended: Callable[[], None]) -> None:
     """Until it is ended, and ``ended`` called: also then a signal more does nothing."""
     with server.until_signal():
-        try:
-            with quiet_log(server):
-                server.run(sockets=[listening])
-        except (asyncio.CancelledError, KeyboardInterrupt):  # by a second Ctrl-C
-            pass
+        with suppress(asyncio.CancelledError, KeyboardInterrupt), quiet_log(server):  # by a second Ctrl-C
+            server.run(sockets=[listening])
         ended()

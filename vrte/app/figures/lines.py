@@ -1,0 +1,94 @@
+"""Curves: a phase matrix against degree and scattering angle, the reflectance against wavelength or incidence."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vrte.app.figures.style import ZERO, axis, curve, new_figure
+from vrte.app.solving.reflectance import Reflectances
+from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
+from vrte.pictures.lobes import INK
+from vrte.pictures.phase_pictures import ANGLES_DEG, COLOURS, f11_and_ratios
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+MOST_DEGREES = 2000  # beyond, a line on the screen is a smear
+BASES = (("#1f4e79", "solid"), ("#d98200", "dash"))
+
+
+def coefficients(phase_matrix: PhaseMatrix) -> "Figure":
+    """The six expansion sequences against their degree l; one that vanishes is named so, and not drawn.
+
+    Raises MissingExtraError without Plotly.
+    """
+    shown = min(phase_matrix.terms, MOST_DEGREES)
+    traces = [
+        curve(
+            np.arange(shown),
+            values,
+            name if values.any() else f"{name} = 0",
+            colour,
+            f"{name}, l = %{{x}}: %{{y:.5g}}",
+            mode="lines+markers" if shown <= 100 else "lines",
+            marker={"size": 5},
+            visible=True if values.any() else "legendonly",
+        )
+        for name, values, colour in zip(SEQUENCES, phase_matrix.coefficients[:shown].T, (INK, *COLOURS), strict=True)
+    ]
+    some = "" if shown == phase_matrix.terms else f", the first {shown} of {phase_matrix.terms} degrees"
+    under = f"g = {phase_matrix.asymmetry:.4g}, {phase_matrix.terms} terms{some}"
+    axes = {"xaxis": axis("degree l"), "yaxis": axis("coefficient", zerolinecolor=ZERO)}
+    return new_figure(traces, "Expansion coefficients", under, **axes)
+
+
+def scattering_matrix(phase_matrix: PhaseMatrix) -> "Figure":
+    """F11 on a logarithmic scale, and the ratios of the other elements to it, against the scattering angle.
+
+    Where F11 is not above 0, as rounded tables have it, there is a gap. Raises MissingExtraError without Plotly.
+    """
+    f11, ratios = f11_and_ratios(phase_matrix)
+    curves = [("F11", f11, INK, "y")]
+    curves += [(name, values, colour, "y2") for (name, values), colour in zip(ratios.items(), COLOURS, strict=True)]
+    return new_figure(
+        [
+            curve(ANGLES_DEG, values, name, colour, f"{name} at %{{x:.1f}}°: %{{y:.4g}}", yaxis=where)
+            for name, values, colour, where in curves
+        ],
+        "Scattering matrix",
+        "mean of F11 over the sphere 1; −F12/F11: polarization of unpolarized light",
+        xaxis=axis("scattering angle [°]", tickvals=list(range(0, 181, 30)), anchor="y2"),
+        yaxis=axis("F11", type="log", domain=[0.54, 1.0], exponentformat="power"),
+        yaxis2=axis("ratio to F11", domain=[0.0, 0.46], range=[-1.05, 1.05], zerolinecolor=ZERO),
+    )
+
+
+def reflectance(found: Reflectances, wavelength_um: Sequence[float], place: int) -> "Figure":
+    """Share that comes back of light from ``mu_i[place]`` against the wavelength; of one wavelength, against the angle
+    of incidence. Raises MissingExtraError without Plotly."""
+    angle = np.degrees(np.arccos(found.mu_i))
+    spectral = len(wavelength_um) > 1
+    x = 1e3 * np.array(wavelength_um) if spectral else angle
+    order, unit = np.argsort(x), "nm" if spectral else "°"
+    traces = [
+        curve(
+            x[order],
+            (shares[:, place] if spectral else shares[0])[order],
+            name,
+            colour,
+            f"{name}<br>%{{x:.4g}} {unit}: %{{y:.2%}}",
+            mode="lines+markers",
+            marker={"size": 6},
+            dash=dash,
+        )
+        for (name, shares), (colour, dash) in zip(found.curves.items(), BASES, strict=False)
+    ]
+    return new_figure(
+        traces,
+        "Share of the light that comes back",
+        f"{f'light from {angle[place]:.0f}° off the normal; ' if spectral else ''}unpolarized, all directions of exit",
+        xaxis=axis("wavelength in vacuum [nm]" if spectral else "angle of incidence [°]"),
+        yaxis=axis("reflectance", rangemode="tozero", tickformat=".0%"),
+        showlegend=True,
+    )

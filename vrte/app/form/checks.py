@@ -1,0 +1,143 @@
+"""What is wrong with a scene, in the library's words and in milliseconds, by the field that it is about."""
+
+import copy
+import math
+from pathlib import Path
+from typing import Any
+
+from vrte.app.form.content import (
+    MOST_KINDS,
+    MOST_LAYERS,
+    Content,
+    at,
+    count_of,
+    is_geometric,
+    keywords_of,
+    put,
+    wavelengths_of,
+)
+from vrte.app.form.fields import field_at
+from vrte.basics.errors import Place, SceneError
+from vrte.calls.plan import request_of
+from vrte.formats.scene_file import ANGLES, scene_of, tables_named
+from vrte.formats.toml_table import dotted, is_number, shown
+from vrte.optics.phase_matrix import MOST_TERMS, henyey_greenstein_terms
+from vrte.optics.spheres import check_spheres
+
+MOST_DIRECTIONS = 10_000
+LARGEST_RESULT = 2e8  # bytes
+MOST_ROUNDS = 40  # fields that are wrong at once
+DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi_deg"), "field": ("tau", "mu", "phi_deg")}
+BYTES_EACH = {"brdf": 128.0, "field": 32.0}
+
+
+def problems(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> dict[Place, str]:
+    """Messages of the library by the place that they are about, () for none; empty where all is well.
+
+    A field that is wrong is replaced in a copy by what is right, and the check goes on.
+
+    >>> from vrte.app.form.content import START
+    >>> list(problems(START | {"nodes": 10**6, "wavelength_um": -1}))
+    [('nodes',), ('wavelength_um',)]
+    """
+    found: dict[Place, str] = {}
+    trial = copy.deepcopy(content)
+    for _ in range(MOST_ROUNDS):
+        try:
+            check(trial, folder, tables)
+            break
+        except SceneError as error:
+            place, message = error.place, str(error)
+        if place[:-1] and field_at(place[:-1]).label:  # start, stop or count of a range
+            place = place[:-1]
+        if place in found:
+            break
+        found[place] = message
+        if not place:
+            break
+        mend(trial, place)
+    return found
+
+
+def mend(content: Content, place: Place) -> None:
+    """Puts in something that is right, or nothing where that is."""
+    kinds = content.get("particles")
+    kind = next(iter(kinds), "") if isinstance(kinds, dict) else ""
+    held = {"particles": kind, "volume_fractions": {kind: 0.01}}
+    whole = held.get(str(place[2])) if place[0] == "layer" and len(place) == 3 else None
+    put(content, place, copy.deepcopy(field_at(place).right) if whole is None else whole)
+
+
+def check(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> None:
+    """Everything that can be checked in milliseconds. Raises SceneError, with its place.
+
+    ``tables`` in ``folder`` are the only files that a scene may name: who sits before a page must not read others.
+    """
+    check_amount(content)
+    wavelengths = wavelengths_of(content)
+    check_tables(content, tables)
+    layers = content.get("layer")
+    if isinstance(layers, list):
+        content = {**content, "layer": [with_one_term(layer) for layer in layers]}
+    for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):  # tables are ranges: the ends will do
+        for kind in ("brdf", "field") if "field" in content else ("brdf",):
+            file = scene_of(at(content, wavelength), kind, folder, check_spheres)
+            keywords = keywords_of(file)
+            if any(is_geometric(layer) for layer in content["layer"]):
+                keywords.pop("tau", None)  # how deep that is optically is not known yet
+            with file.located():
+                request_of("brdf" if kind == "brdf" else "radiance", file.scene, **keywords)
+
+
+def with_one_term(layer: Any) -> Any:
+    """The layer with one term of a Henyey-Greenstein phase function that may have all of its own: to add up 1e5 of
+    them takes two seconds.
+
+    >>> with_one_term({"phase": {"henyey_greenstein": 0.9}})
+    {'phase': {'henyey_greenstein': 0.9, 'terms': 1}}
+    """
+    phase = layer.get("phase") if isinstance(layer, dict) else None
+    g: Any = phase.get("henyey_greenstein") if isinstance(phase, dict) else None
+    if phase is None or not is_number(g):
+        return layer
+    terms = phase.get("terms", henyey_greenstein_terms(g))
+    fine = isinstance(terms, int) and not isinstance(terms, bool) and 1 <= terms <= MOST_TERMS
+    return {**layer, "phase": {**phase, "terms": 1}} if fine else layer
+
+
+def check_amount(content: Content) -> None:
+    """Whether a page can show it."""
+    for key, most, word in (("layer", MOST_LAYERS, "layers"), ("particles", MOST_KINDS, "kinds of particles")):
+        count = len(content[key]) if isinstance(content.get(key), (list, dict)) else 0
+        if count > most:
+            raise SceneError(f"{key}: the page shows at most {most} {word}, not {count}; `vrte brdf` takes more", key)
+    wavelengths = count_of(content.get("wavelength_um"))
+    for kind, keys in DIRECTIONS.items():
+        table = content.get(kind)
+        if not isinstance(table, dict):
+            continue
+        for key in ("mu0", ANGLES["mu0"]):
+            if kind == "field" and count_of(table.get(key)) > 1:
+                raise SceneError(f"field.{key}: the page shows one beam; `vrte field` takes more", kind, key)
+        said = [ANGLES[key] if ANGLES.get(key) in table else key for key in keys]
+        counts = {key: count_of(table.get(key, 0.0)) for key in said}
+        for key, count in counts.items():
+            if count > MOST_DIRECTIONS:
+                words = f"the page takes at most {MOST_DIRECTIONS} of them, not {count:.3g}"
+                raise SceneError(f"{kind}.{key}: {words}", kind, key)
+        needed = math.prod(counts.values()) * BYTES_EACH[kind] * wavelengths
+        if needed > LARGEST_RESULT:
+            product, limit = " x ".join(map(str, counts.values())), f"at most {LARGEST_RESULT / 1e9:g} GB"
+            words = f"{product} directions make {needed / 1e9:.3g} GB; the page takes {limit}: ask for fewer"
+            raise SceneError(f"{kind}: {words}; `vrte {kind}` takes more", kind)
+
+
+def check_tables(content: Content, tables: frozenset[str]) -> None:
+    """Whether a scene names no file but those."""
+    for place, name in tables_named(content).items():
+        if name not in tables:
+            raise SceneError(
+                f"{dotted(place)} = {shown(name)}: a page reads no files of the machine that it runs on; start "
+                "`vrte view` with this scene to see it",
+                *place,
+            )

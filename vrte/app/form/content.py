@@ -1,0 +1,328 @@
+"""The content of a scene file as a form changes it: a plain dict, in which a field is named by its place."""
+
+import copy
+import math
+import re
+from typing import Any
+
+from vrte.app.form.fields import leaves
+from vrte.basics.errors import Place, SceneError
+from vrte.formats.scene_file import ANGLES, DIAMETERS, FILLINGS, REQUEST_KEYS, SceneFile, listed_wavelengths
+from vrte.formats.scene_writer import toml_text
+from vrte.formats.toml_table import is_number, shown_key
+from vrte.optics.refractive_index import MATERIALS
+from vrte.results.spectrum import ascending
+
+Content = dict[str, Any]
+
+MOST_LAYERS, MOST_KINDS, MOST_WAVELENGTHS = 30, 12, 40  # that a page shows
+HUGE = 10**9
+DEEPEST = 10.0  # optical depth down to which the field is shown where nothing is said
+NUMBERED, NUMBERED_AFTER = re.compile(r"kind-\d+"), re.compile(r"-\d+$")  # names that a card gets by itself
+
+START: Content = {
+    "wavelength_um": 0.64,
+    "particles": {"gold": {"index": "gold", "radius_um": 0.6}},
+    "layer": [{"particles": "gold", "thickness": 100.0}],
+    "base": {"kind": "black"},
+    "brdf": {
+        "mu_i": {"start": 0.2, "stop": 1.0, "count": 9},
+        "mu_o": {"start": 0.05, "stop": 1.0, "count": 20},
+        "phi_deg": {"start": 0, "stop": 360, "count": 37},
+    },
+    "field": {"mu0": 0.6, "mu": {"start": -1.0, "stop": 1.0, "count": 120}, "phi_deg": [0, 180]},
+}
+MEDIA: dict[str, tuple[str, Any]] = {  # what fills a layer: in words, and the phase function that it begins with
+    "particles": ("particles of one kind", None),
+    "mixture": ("a mixture, by number", None),
+    "volumes": ("a mixture, by volume", None),
+    "isotropic": ("isotropic scatterers", "isotropic"),
+    "rayleigh": ("Rayleigh scatterers", {"rayleigh": 0.0}),
+    "henyey_greenstein": ("Henyey-Greenstein scatterers", {"henyey_greenstein": 0.8}),
+    "table": ("a table of coefficients", None),
+}
+SIZES: dict[str, tuple[str, Content]] = {  # how a size is told: in words, and what it begins with
+    "radius": ("one radius", {"radius_um": 0.3}),
+    "diameter": ("one diameter", {"diameter_um": 0.6}),
+    "lognormal": ("lognormal radii", {"size": {"lognormal": {"median_um": 0.2, "sigma": 1.4}}}),
+    "lognormal, diameters": (
+        "lognormal diameters",
+        {"size": {"lognormal": {"median_diameter_um": 0.4, "sigma": 1.4}}},
+    ),
+    "gamma": ("gamma radii", {"size": {"gamma": {"r_eff_um": 0.2, "v_eff": 0.07}}}),
+    "gamma, diameters": ("gamma diameters", {"size": {"gamma": {"d_eff_um": 0.4, "v_eff": 0.07}}}),
+}
+
+
+def got(content: Content, place: Place) -> Any:
+    """What is there, or None."""
+    found: Any = content
+    for step in place:
+        try:
+            found = found[step]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return found
+
+
+def put(content: Content, place: Place, value: Any) -> None:
+    """Sets what is at a place of a table, or of a list, that is there; None removes it."""
+    table: Any = got(content, place[:-1])
+    step: Any = place[-1]
+    if isinstance(table, dict) and value is None:
+        table.pop(step, None)
+    elif isinstance(table, dict if isinstance(step, str) else list):  # it may have gone while somebody typed
+        table[step] = value
+
+
+# layers
+
+
+def add_layer(content: Content) -> None:
+    """One more at the bottom, like the last, with an end. Raises SceneError where there are as many as a page shows."""
+    layers = content["layer"]
+    if len(layers) >= MOST_LAYERS:
+        raise SceneError(f"layer: the page shows at most {MOST_LAYERS} layers; `vrte brdf` takes more")
+    if layers[-1].get("thickness") == math.inf:
+        layers[-1]["thickness"] = 1.0
+    layers.append(copy.deepcopy(layers[-1]))
+
+
+def remove_layer(content: Content, place: int) -> None:
+    """All but the last one that is left."""
+    if len(content["layer"]) > 1:
+        del content["layer"][place]
+
+
+def move_layer(content: Content, place: int, by: int) -> None:
+    """Up (-1) or down (1), as far as there is room."""
+    layers, target = content["layer"], place + by
+    if 0 <= target < len(layers):
+        layers[place], layers[target] = layers[target], layers[place]
+
+
+def medium_of(layer: Content) -> str:
+    """What fills a layer, one of MEDIA.
+
+    >>> medium_of({"phase": {"henyey_greenstein": 0.9}}), medium_of({"particles": {"gold": 1}})
+    ('henyey_greenstein', 'mixture')
+    """
+    if "phase" not in layer:
+        several = "mixture" if isinstance(layer.get("particles"), dict) else "particles"
+        return "volumes" if "volume_fractions" in layer else several
+    phase = layer["phase"]
+    if isinstance(phase, dict):
+        return "henyey_greenstein" if "henyey_greenstein" in phase else "rayleigh"
+    return phase if phase in ("isotropic", "rayleigh") else "table"
+
+
+def set_medium(content: Content, place: int, medium: str) -> None:
+    """Fills a layer with something else; its thickness stays where it can."""
+    layer, kinds = content["layer"][place], list(content.get("particles", {}))
+    if medium == medium_of(layer):
+        return
+    geometric, phase = is_geometric(layer), MEDIA[medium][1]
+    for key in (*FILLINGS, "tolerance"):
+        layer.pop(key, None)
+    if phase is not None:
+        layer["phase"] = copy.deepcopy(phase)
+        layer.setdefault("albedo", 0.99)
+        set_geometric(layer, False)
+        return
+    layer.pop("albedo", None)
+    kinds = kinds or [add_kind(content)]
+    if medium == "volumes":
+        layer["volume_fractions"] = dict.fromkeys(kinds[:2], 0.05)
+        layer.pop("volume_fraction", None)
+    else:
+        layer["particles"] = kinds[0] if medium == "particles" else dict.fromkeys(kinds[:2], 1.0)
+        if geometric:
+            layer.setdefault("volume_fraction", 0.05)
+
+
+def is_geometric(layer: Content) -> bool:
+    """Whether a layer's thickness is given in micrometres."""
+    return "thickness_um" in layer or "volume_fraction" in layer
+
+
+def set_geometric(layer: Content, geometric: bool) -> None:
+    """Thickness in micrometres with a volume fraction, or optical."""
+    if geometric == is_geometric(layer):
+        return
+    for key in ("thickness", "thickness_um", "volume_fraction"):
+        layer.pop(key, None)
+    layer.update({"thickness_um": 50.0} if geometric else {"thickness": 10.0})
+    if geometric and "volume_fractions" not in layer:
+        layer["volume_fraction"] = 0.05
+
+
+# kinds of particles
+
+
+def add_kind(content: Content) -> str:
+    """One more kind of particle; its name. Raises SceneError where there are as many as a page shows."""
+    kinds = content.setdefault("particles", {})
+    if len(kinds) >= MOST_KINDS:
+        raise SceneError(f"particles: the page shows at most {MOST_KINDS} kinds; `vrte brdf` takes more")
+    name = next(name for k in range(1, MOST_KINDS + 2) if (name := f"kind-{k}") not in kinds)
+    kinds[name] = {"index": "rutile", "radius_um": 0.2}
+    return name
+
+
+def remove_kind(content: Content, name: str) -> None:
+    """Raises SceneError where a layer holds it."""
+    for place, layer in enumerate(content["layer"], 1):
+        held = layer.get("volume_fractions", layer.get("particles", ()))
+        if name == held or (isinstance(held, dict) and name in held):
+            raise SceneError(
+                f"particles.{shown_key(name)}: layer {place} holds it; fill that with something else first"
+            )
+    content.get("particles", {}).pop(name, None)
+
+
+def rename_kind(content: Content, old: str, new: str) -> None:
+    """In the layers, too. Raises SceneError for an empty or a long name, or one that another kind has."""
+    new = new.strip()
+    if new == old:
+        return
+    if not 0 < len(new) <= 60:
+        raise SceneError(f"particles: a name must have 1 to 60 characters, not {len(new)}")
+    toml_text({new: 1})
+    if new in content["particles"]:
+        raise SceneError(f"particles.{shown_key(new)}: there is another kind of that name")
+
+    def renamed(held: Any) -> Any:
+        if isinstance(held, dict):
+            return {new if name == old else name: value for name, value in held.items()}
+        return new if held == old else held
+
+    content["particles"] = renamed(content["particles"])
+    for layer in content["layer"]:
+        layer.update({key: renamed(layer[key]) for key in ("particles", "volume_fractions") if key in layer})
+
+
+def name_of_substance(index: Any) -> str:
+    """What a kind of this substance is called, "" where that says nothing.
+
+    >>> name_of_substance("zinc oxide"), name_of_substance("main/Au/Johnson"), name_of_substance([1.5, 0.0])
+    ('zinc oxide', 'Au', '')
+    """
+    if not isinstance(index, str) or index in MATERIALS:
+        return index if isinstance(index, str) else ""
+    parts = index.split("/")
+    return parts[1] if len(parts) == 3 and all(parts) else ""
+
+
+def name_after(content: Content, name: str, before: Any) -> None:
+    """Calls a kind after its substance where it was called after the one ``before``, and not by hand."""
+    index = content["particles"][name]["index"]
+    wanted, first = name_of_substance(index), name_of_substance(before)
+    by_itself = NUMBERED.fullmatch(name) or (first and NUMBERED_AFTER.sub("", name) == first)
+    if not wanted or not by_itself or index == before:
+        return
+    others = content["particles"].keys() - {name}
+    free = (wanted if k == 1 else f"{wanted}-{k}" for k in range(1, MOST_KINDS + 2))
+    rename_kind(content, name, next(one for one in free if one not in others))
+
+
+def size_mode(kind: Content) -> str:
+    """How a kind's size is told, one of SIZES."""
+    size = kind.get("size")
+    if not isinstance(size, dict):
+        return "diameter" if "diameter_um" in kind else "radius"
+    name = "gamma" if "gamma" in size else "lognormal"
+    by_diameter = any(place[-1] in DIAMETERS.values() for place in leaves(size.get(name), name))
+    return f"{name}, diameters" if by_diameter else name
+
+
+def set_size_mode(kind: Content, mode: str) -> None:
+    """Another way to tell the size; between radius and diameter it stays as it is."""
+    before = size_mode(kind)
+    if mode == before:
+        return
+    told = {key: kind.pop(key, None) for key in ("radius_um", "diameter_um", "size")}
+    kind.update(copy.deepcopy(SIZES[mode][1]))
+    size: Any = told.get(f"{before}_um")
+    if mode in ("radius", "diameter") and is_number(size):
+        kind[f"{mode}_um"] = size * (2.0 if mode == "diameter" else 0.5)
+
+
+# base and directions
+
+
+def set_base(content: Content, kind: str) -> None:
+    """What lies beneath."""
+    content["base"] = {"kind": kind} | ({"albedo": 0.5} if kind == "lambertian" else {})
+
+
+def in_degrees(content: Content) -> bool:
+    """Whether directions are told in degrees from the normal."""
+    return any(key in content.get(kind, {}) for kind in REQUEST_KEYS for key in ANGLES.values())
+
+
+def set_degrees(content: Content, degrees: bool) -> None:
+    """Directions in degrees from the normal, or as cosines; a range keeps its ends and its number."""
+    new = ANGLES if degrees else {key: name for name, key in ANGLES.items()}
+    for kind in REQUEST_KEYS:
+        if isinstance(content.get(kind), dict):
+            content[kind] = {
+                new.get(key, key): turned(value, degrees) if key in new else value
+                for key, value in content[kind].items()
+            }
+
+
+def turned(value: Any, degrees: bool) -> Any:
+    """Cosines as degrees, or degrees as cosines; what is neither stays.
+
+    >>> turned([0.5, 1.0], True), turned({"start": 60, "stop": 0, "count": 3}, False)
+    ([60.0, 0.0], {'start': 0.5, 'stop': 1.0, 'count': 3})
+    """
+    if isinstance(value, list):
+        return [turned(one, degrees) for one in value]
+    if isinstance(value, dict):
+        return {key: one if key == "count" else turned(one, degrees) for key, one in value.items()}
+    if not is_number(value) or not (0.0 < value <= 1.0 if degrees else 0.0 <= value < 90.0):
+        return value
+    angle = math.degrees(math.acos(value)) if degrees else math.cos(math.radians(value))
+    return float(f"{angle:.6g}")
+
+
+# what is asked of the library
+
+
+def count_of(value: Any) -> int:
+    """How many numbers a list or a range has; 1 for what is neither."""
+    if isinstance(value, list):
+        return max(1, len(value))
+    count = value.get("count") if isinstance(value, dict) else 1
+    return min(count, HUGE) if isinstance(count, int) and count > 0 else 1
+
+
+def wavelengths_of(content: Content) -> list[float]:
+    """The wavelengths [um], ascending; one where no particles need any. Raises SceneError for what are none."""
+    value: Any = content.get("wavelength_um")
+    if not isinstance(value, (list, dict)):
+        return [value] if is_number(value) else [math.nan]
+    try:
+        if count_of(value) > MOST_WAVELENGTHS:
+            raise SceneError(
+                f"wavelength_um: the page takes at most {MOST_WAVELENGTHS} wavelengths, not {count_of(value)}"
+            )
+        return [float(one) for one in ascending(value if isinstance(value, list) else listed_wavelengths(content))]
+    except SceneError as error:
+        raise SceneError(str(error), "wavelength_um") from error
+
+
+def at(content: Content, wavelength: float) -> Content:
+    """The content of a scene file for one of the wavelengths."""
+    several = isinstance(content.get("wavelength_um"), (list, dict))
+    return {**content, "wavelength_um": wavelength} if several else content
+
+
+def keywords_of(file: SceneFile) -> Content:
+    """The keywords of `vrte.brdf` or `vrte.radiance`; the depths of a field where nothing is said: five, evenly."""
+    found = file.keywords({})
+    if file.kind == "field" and "tau" not in found:
+        bottom = min(file.scene.thickness, DEEPEST)
+        found["tau"] = [bottom * step / 4.0 for step in range(5)]
+    return found

@@ -1,0 +1,128 @@
+"""Every field of the form, declared once: what stands above and below it, and what no check objects to in its place."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from vrte.basics.errors import Place
+from vrte.formats.toml_table import RANGE_KEYS
+
+LONGEST_TEXT = 4000  # characters of a field
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf|nan")
+WHOLE = re.compile(r"[+-]?\d{1,300}")
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field: its ``label``, a ``hint`` below it, or within it what is taken where it is ``empty``, and what is
+    ``right`` whatever the others hold; None: nothing."""
+
+    label: str = ""
+    hint: str = ""
+    right: Any = None
+    empty: str = ""
+
+
+SHARE = "5 % or 0.05"
+FIELDS = {  # by place; * is any layer, any kind of particle
+    "wavelength_um": Field("wavelengths in vacuum [µm]", "one, several with commas, or start:stop:count", right=0.5),
+    "host_index": Field("refractive index of the host medium", empty="1 if empty"),
+    "particles.*": Field(right={"index": [3.1, 0.1], "radius_um": 0.1}),
+    "particles.*.index": Field("substance", "a name, a database path, or n, k", right=[3.1, 0.1]),
+    "particles.*.radius_um": Field("radius [µm]", right=0.1),
+    "particles.*.diameter_um": Field("diameter [µm]", right=0.1),
+    "particles.*.size.lognormal.median_um": Field("median radius [µm]", right=0.1),
+    "particles.*.size.lognormal.median_diameter_um": Field("median diameter [µm]", right=0.1),
+    "particles.*.size.lognormal.sigma": Field("sigma", right=1.2),
+    "particles.*.size.gamma.r_eff_um": Field("r_eff [µm]", right=0.1),
+    "particles.*.size.gamma.d_eff_um": Field("d_eff [µm]", right=0.1),
+    "particles.*.size.gamma.v_eff": Field("v_eff", right=0.1),
+    "layer.*": Field(right={"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}),
+    "layer.*.particles.*": Field("{}: number fraction", right=1.0),
+    "layer.*.volume_fractions.*": Field("{}: of the volume", right=1e-3, empty=SHARE),
+    "layer.*.phase": Field(right="isotropic"),
+    "layer.*.phase.henyey_greenstein": Field("asymmetry g", right=0.5),
+    "layer.*.phase.rayleigh": Field("depolarization", right=0.0),
+    "layer.*.albedo": Field("single-scattering albedo", right=0.5),
+    "layer.*.thickness": Field("optical thickness", "inf: without end", right=1.0),
+    "layer.*.thickness_um": Field("thickness [µm]", right=1.0),
+    "layer.*.volume_fraction": Field("volume fraction", SHARE, right=0.01),
+    "base.kind": Field(right="black"),
+    "base.albedo": Field("albedo of the base", right=0.5),
+    "brdf": Field(right={"mu_i": 0.5, "mu_o": 0.5}),
+    "brdf.mu_i": Field("cosines of incidence µ_i", right=0.5),
+    "brdf.angle_i_deg": Field("angles of incidence [°]", right=60.0),
+    "brdf.mu_o": Field("cosines of exit µ_o", right=0.5),
+    "brdf.angle_o_deg": Field("angles of exit [°]", right=60.0),
+    "brdf.phi_deg": Field("azimuths φ [°]", "0 forward, 180 back"),
+    "field": Field(right={"mu0": 0.5}),
+    "field.mu0": Field("cosine of the beam's incidence µ_0", right=0.5),
+    "field.angle0_deg": Field("angle of the beam's incidence [°]", right=60.0),
+    "field.tau": Field("optical depths τ", empty="five, evenly if empty"),
+    "field.phi_deg": Field("azimuths φ [°]", "0 and 180: the plane of incidence"),
+    "field.stokes": Field("Stokes vector of the beam", empty="1, 0, 0, 0 if empty"),
+    "field.mu": Field("signed cosines µ", empty="the nodes if empty"),
+    "accuracy": Field("accuracy", empty="1e-6 if empty"),
+    "nodes": Field("nodes a hemisphere", empty="chosen"),
+}
+
+
+def field_at(place: Place) -> Field:
+    """What is declared of a place; nothing of one that has no field.
+
+    >>> field_at(("layer", 3, "particles", "gold")).label
+    '{}: number fraction'
+    """
+    steps = [str(step) for step in place]
+    if place[0] in ("layer", "particles"):
+        steps[1:2] = "*" * len(steps[1:2])
+    if place[2:3] in (("particles",), ("volume_fractions",)):
+        steps[3:4] = "*" * len(steps[3:4])
+    return FIELDS.get(".".join(steps), Field())
+
+
+def leaves(table: Any, *place: str) -> Iterator[Place]:
+    """The places of all that is in a table and in the tables below it.
+
+    >>> list(leaves({"size": {"gamma": {"r_eff_um": 1.0, "v_eff": 0.1}}}))
+    [('size', 'gamma', 'r_eff_um'), ('size', 'gamma', 'v_eff')]
+    """
+    if not isinstance(table, dict):
+        yield place
+        return
+    for key, value in table.items():
+        yield from leaves(value, *place, key)
+
+
+def value_of(text: str) -> Any:
+    """What a field's text means: a number, numbers with commas, start:stop:count, otherwise itself; None if empty.
+
+    >>> value_of("0.64"), value_of("1.5, 0.01"), value_of("gold"), value_of(" ")
+    (0.64, [1.5, 0.01], 'gold', None)
+    >>> value_of("0.05:1:20")
+    {'start': 0.05, 'stop': 1, 'count': 20}
+    """
+    text = text.strip()
+    parts = [part.strip() for part in re.split("[,:]", text)]
+    if len(text) > LONGEST_TEXT or not all(NUMBER.fullmatch(part) for part in parts):
+        return text or None
+    numbers = [int(part) if WHOLE.fullmatch(part) else float(part) for part in parts]
+    if ":" not in text:
+        return numbers if len(numbers) > 1 else numbers[0]
+    return dict(zip(RANGE_KEYS, numbers, strict=True)) if len(numbers) == 3 and "," not in text else text
+
+
+def text_of(value: Any) -> str:
+    """A field's text, which `value_of` reads.
+
+    >>> text_of({"start": 0.05, "stop": 1.0, "count": 20}), text_of([1.5, 0.01]), text_of(None)
+    ('0.05:1:20', '1.5, 0.01', '')
+    """
+    if value is None:
+        return ""
+    if isinstance(value, dict):
+        return ":".join(text_of(value.get(key)) for key in RANGE_KEYS)
+    if isinstance(value, list):
+        return ", ".join(map(text_of, value))
+    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)

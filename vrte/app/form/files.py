@@ -1,0 +1,121 @@
+"""How scenes come to the form, and leave it: files, links, what they lack filled in. Whoever sends one is a stranger.
+
+A link carries a scene's TOML, compressed, in signs that an address takes.
+"""
+
+import base64
+import copy
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from vrte.app.form.checks import check
+from vrte.app.form.content import START, Content, count_of, wavelengths_of
+from vrte.app.form.fields import text_of
+from vrte.basics.errors import SceneError
+from vrte.formats.scene_file import toml_content
+from vrte.formats.scene_writer import toml_text
+from vrte.formats.toml_table import RANGE_KEYS, shown_key
+
+MOST_OF_AXIS = 10  # wavelengths that are taken of a sweep's
+VISIBLE: Content = {"start": 0.43, "stop": 0.7, "count": 7}  # um: makes a colour, within the tables of all pigments
+LONGEST_LINK = 200_000  # signs; browsers take no more than some 100 000 to 2 million
+LARGEST_SCENE = 1_000_000  # bytes of a scene in a link, or that is opened
+
+
+def adopted(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> Content:
+    """The content of a file, checked, with what a form needs besides. Raises SceneError."""
+    return adopted_and_told(content, folder, tables)[0]
+
+
+def adopted_and_told(
+    content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()
+) -> tuple[Content, tuple[str, ...]]:
+    """The same, and a sentence for each part that the file did not have, or that the page cannot show."""
+    found = copy.deepcopy(content)
+    told = (*without_axes(found), *with_defaults(found))
+    check(found, folder, tables)
+    found.setdefault("base", {"kind": "black"})
+    for layer in found["layer"]:
+        if layer.get("phase") == "rayleigh":
+            layer["phase"] = {"rayleigh": 0.0}  # the same, with a field for its depolarization
+    return found, told
+
+
+def without_axes(content: Content) -> Iterator[str]:
+    """A sweep's template is one scene; of its axes, the wavelengths can be shown."""
+    axes = content.pop("axes", None)
+    if axes is None:
+        return
+    table = axes if isinstance(axes, dict) else {}
+    along = table.get("wavelength_um")
+    values = along.get("values") if isinstance(along, dict) else along
+    if isinstance(along, dict) and set(along) == set(RANGE_KEYS):
+        values = along | {"count": min(count_of(along), MOST_OF_AXIS)}
+    elif isinstance(values, list):
+        values = values[:: -(-len(values) // MOST_OF_AXIS)]
+    if isinstance(values, (list, dict)) and values:
+        content["wavelength_um"] = values
+        if count_of(values) < count_of(along):
+            yield f"axes.wavelength_um: {count_of(values)} of its {count_of(along)} wavelengths are taken"
+    others = [shown_key(name) for name in table if name != "wavelength_um" or "wavelength_um" not in content]
+    if others or not table:
+        yield f"axes: {', '.join(others)} stay as the template has them; `vrte sweep` computes them all"
+
+
+def with_defaults(content: Content) -> Iterator[str]:
+    """What a scene file for another command does not have."""
+    if "brdf" not in content:
+        content["brdf"] = copy.deepcopy(START["brdf"])
+        yield "[brdf] is missing: directions all over the hemisphere are taken"
+    if "wavelength_um" not in content and "particles" in content:
+        render = content.get("render")
+        listed = render.get("wavelengths_um") if isinstance(render, dict) else None
+        content["wavelength_um"] = copy.deepcopy(VISIBLE if listed is None else listed)
+        yield f"wavelength_um is missing: {text_of(content['wavelength_um'])} is taken"
+
+
+def content_of_file(data: bytes) -> Content:
+    """The content of a scene file, its bytes. Raises SceneError."""
+    try:
+        return toml_content(data.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
+
+
+def scene_text(content: Content) -> str:
+    """A scene file. Raises SceneError."""
+    wavelengths_of(content)
+    return toml_text(content)
+
+
+def link_of(content: Content) -> str:
+    """A scene's content as the end of an address, behind "#scene=". Raises SceneError where it is too long.
+
+    >>> content_of_link(link_of({"nodes": 8}))
+    {'nodes': 8}
+    """
+    packed = base64.urlsafe_b64encode(zlib.compress(toml_text(content).encode(), 9)).decode().rstrip("=")
+    if len(packed) > LONGEST_LINK:
+        raise SceneError(
+            f"the scene makes a link of {len(packed)} signs, and at most {LONGEST_LINK} work: download it instead"
+        )
+    return packed
+
+
+def content_of_link(text: str) -> Content:
+    """The content of a scene that a link carries. Raises SceneError for what is none, before it takes any memory."""
+    if len(text) > LONGEST_LINK:
+        raise SceneError(f"a link must have at most {LONGEST_LINK} signs, not {len(text)}")
+    try:
+        unpacker, packed = zlib.decompressobj(), base64.b64decode(text + "=" * (-len(text) % 4), "-_", validate=True)
+        data = unpacker.decompress(packed, LARGEST_SCENE + 1)
+        if len(data) > LARGEST_SCENE:
+            raise SceneError(f"a scene in a link must have at most {LARGEST_SCENE} bytes")
+        if not unpacker.eof:
+            raise SceneError("the link is cut short")
+        return toml_content(data.decode())
+    except SceneError:
+        raise
+    except (zlib.error, ValueError) as error:
+        raise SceneError("the link holds no scene, or it is damaged") from error

@@ -1,0 +1,1 @@
+"""What solves for the page: tabs with their scenes and results, and a process for every task."""

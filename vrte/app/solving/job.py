@@ -1,0 +1,108 @@
+"""Tasks in processes of their own, seen from the viewer: whatever becomes of one, the server goes on."""
+
+import pickle
+import subprocess
+import sys
+import tempfile
+import threading
+from contextlib import suppress
+from typing import IO
+
+from vrte.app.solving.messages import Outcome, Progress, Task, Written
+from vrte.basics.memory import available_bytes
+
+START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.worker import main; main()"
+AT_ONCE = 2  # solves; others wait
+PLACES = threading.BoundedSemaphore(AT_ONCE)
+LARGEST_SHARE = 0.8  # of the memory that is free, for all solves together
+PATIENCE = 5.0  # seconds that a process gets to end
+
+
+def memory_of_one() -> float:
+    """Bytes that a solve may take."""
+    return LARGEST_SHARE * available_bytes() / AT_ONCE
+
+
+class Job:
+    """A task on its way. What it says may be read at any time; ``ended`` is the last thing to change.
+
+    ``share`` from 0 to 1 and ``stage`` tell how far it is; at the end there is an ``outcome``, or a ``message`` that
+    says why not.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self.share, self.stage = 0.0, "waiting for other solves to end"
+        self.outcome: Outcome | Written | None = None
+        self.message, self.ended = "", False
+        self._cancelled = threading.Event()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._lock = threading.Lock()
+        threading.Thread(target=self._run, args=(task,), name="vrte-view-job", daemon=True).start()
+
+    def cancel(self) -> None:
+        """Ends it at once, however deep it is in a compiled loop."""
+        with self._lock:
+            self._cancelled.set()
+            if self._process is not None:
+                self._process.kill()
+
+    def _run(self, task: Task) -> None:
+        try:
+            while not PLACES.acquire(timeout=0.1):
+                if self._cancelled.is_set():
+                    return
+            try:
+                self._follow(task)
+            finally:
+                PLACES.release()
+        except Exception as error:  # a page must not wait for ever
+            self.message = f"the process that solves could not be followed: {type(error).__name__}: {error}"
+        finally:
+            if self._cancelled.is_set():
+                self.outcome, self.message = None, "cancelled"
+            self.ended = True
+
+    def _follow(self, task: Task) -> None:
+        """Starts the process, of a session of its own (Ctrl-C reaches its parent alone), and takes what it says."""
+        self.stage = "starting"
+        with tempfile.TemporaryFile() as said:
+            with self._lock:
+                if self._cancelled.is_set():
+                    return
+                self._process = process = subprocess.Popen(
+                    [sys.executable, "-c", START.format(path=sys.path)],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=said,
+                    start_new_session=True,
+                )
+            assert process.stdin is not None
+            assert process.stdout is not None
+            try:
+                with suppress(OSError, EOFError, pickle.UnpicklingError):  # it has gone: its code says why
+                    pickle.dump(task, process.stdin)
+                    process.stdin.flush()
+                    while isinstance(message := pickle.load(process.stdout), Progress):
+                        self.share, self.stage = message.share, message.stage
+                    if isinstance(message, str):
+                        self.message = message
+                    else:
+                        self.outcome = message
+            finally:
+                for stream in (process.stdin, process.stdout):
+                    with suppress(OSError):  # it may have gone before it read all
+                        stream.close()
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(PATIENCE)
+                process.kill()  # nothing, where it has ended
+                process.wait()
+            if self.outcome is None and not self.message:
+                self.message = last_words(process.returncode, said)
+
+
+def last_words(code: int, said: IO[bytes]) -> str:
+    """Why a process went without an answer."""
+    said.seek(0)
+    lines = [line.strip() for line in said.read().decode(errors="replace").split("\n") if line.strip()]
+    why = "ended by the system, which it does when memory is short" if code == -9 else f"ended with code {code}"
+    return f"the process that solves has {why}{f': {lines[-1][:300]}' if lines else ''}"
