@@ -8,7 +8,7 @@ import pytest
 import vrte
 from vrte import _core
 from vrte.basics.running import Crew
-from vrte.discrete_ordinates.execution.engines import Processor
+from vrte.discrete_ordinates.execution.engines.cpu import Processor
 from vrte.discrete_ordinates.execution.sums import column_kinds
 from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
 
@@ -257,7 +257,7 @@ def test_a_result_does_not_depend_on_its_pieces(base: vrte.Lambertian | vrte.Mue
 
     whole = tables()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vrte.discrete_ordinates.execution.engines.PROCESSOR", Processor(piece_bytes=1.0))
+        patch.setattr("vrte.discrete_ordinates.execution.engines.cpu.PROCESSOR", Processor(piece_bytes=1.0))
         split = tables(progress=lambda done, total: calls.append((done, total)))
     steps = calls[-1][1]
     assert steps >= whole.diagnostics["orders"] + 3

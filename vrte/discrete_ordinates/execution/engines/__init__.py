@@ -1,38 +1,40 @@
-"""Engines by the name of the backend that asks for them: a new one is a file here, its kernels, and a row."""
+"""Engines, a file each; a new one is a file with `open_engine` and `open_stages`, and a row (docs/extending.md)."""
 
+from importlib import import_module
 from types import SimpleNamespace
 from typing import Any
 
 from vrte import _core
-from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR, Processor
+from vrte.discrete_ordinates.execution.engines.cpu import Processor
 from vrte.discrete_ordinates.execution.engines.engine import Engine
 from vrte.request.backends import Backend
 
-# Table 1 of the GPU paper: what its kernels are, and what the linear algebra behind them
+# the engine of each kind of kernels, and of the linear algebra behind them: see `Backend`
+ENGINES = {"openmp": "cpu", "sequential": "cpu", "lapack": "cpu", "opencl": "opencl", "device": "opencl"}
+# Table 1 of the GPU paper: what its kernels are; all other stages are linear algebra
 KERNELS = ("assemble", "reconstruct", "azimuthal_sum", "add_single_scattering")
-LINEAR_ALGEBRA = ("homogeneous", "particular", "boundary", "double_slabs", "join_slabs", "reflect_endless")
 
 
 def engine_of(backend: Backend) -> Engine:
-    """The engine of a backend; where kernels and linear algebra are not of one kind, a processor's with stages of two.
+    """The engine of a backend; where kernels and linear algebra are of two engines, a processor's with stages of both.
 
     Raises DeviceError where there is no device, MissingExtraError without pyopencl.
     """
-    if not backend.needs_device:
-        return PROCESSOR
-    from vrte.discrete_ordinates.execution.engines.opencl import Device, device_stages
+    kernels, algebra = (ENGINES[kind] for kind in (backend.kernels, backend.linear_algebra))
+    if kernels != algebra:
+        return Processor(mixed(stages_of(kernels), stages_of(algebra)))
+    engine: Engine = import_module(f"{__name__}.{kernels}").open_engine()
+    return engine
 
-    if backend is Backend.OPENCL:
-        return Device()
-    own, device = (_core, device_stages())
-    kernels = device if backend.kernels == "opencl" else own
-    algebra = device if backend.linear_algebra == "device" else own
-    return Processor(mixed(kernels, algebra))
+
+def stages_of(engine: str) -> Any:
+    """The stages of an engine that run by themselves on arrays of the host, with the arguments of those of `_core`."""
+    return import_module(f"{__name__}.{engine}").open_stages()
 
 
 def mixed(kernels: Any, linear_algebra: Any) -> Any:
-    """Stages of two engines; those that an engine does not have are the processor's."""
+    """Kernels of one engine, linear algebra of another; stages that an engine does not have are the processor's."""
     found = {name: getattr(_core, name) for name in dir(_core) if not name.startswith("_")}
-    for names, engine in ((KERNELS, kernels), (LINEAR_ALGEBRA, linear_algebra)):
-        found |= {name: getattr(engine, name, found[name]) for name in names}
+    for name, own in found.items():
+        found[name] = getattr(kernels if name in KERNELS else linear_algebra, name, own)
     return SimpleNamespace(**found)

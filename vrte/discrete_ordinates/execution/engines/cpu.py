@@ -132,6 +132,16 @@ class Processor:
 PROCESSOR = Processor()
 
 
+def open_engine() -> Processor:
+    """The processor with the compiled core."""
+    return PROCESSOR
+
+
+def open_stages() -> Any:
+    """The compiled core."""
+    return _core
+
+
 def worth_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
     """The run, on one thread where starting another would take longer than the solve."""
     n = float(problem.size)

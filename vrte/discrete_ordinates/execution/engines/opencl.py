@@ -44,7 +44,7 @@ LARGEST_SHARE = 0.5  # of the largest allocation: of a result at once
 CACHED = 256e6  # bytes of matrices at once on a processor: more does not make it faster
 
 
-def device_stages() -> Any:
+def open_stages() -> Any:
     """The stages that run on the device by themselves, with the arguments of those of `_core`.
 
     Raises DeviceError where there is no device, MissingExtraError without pyopencl; whatever fails on the device while
@@ -205,6 +205,11 @@ class Device:
         yield replace(share, room=sums.Table(room.data, shape))
         with run.booked("from the device"):
             share.part.values[:, share.first : share.last] += self.session.download(room)
+
+
+def open_engine() -> Device:
+    """The device that is chosen; it is opened when it is used."""
+    return Device()
 
 
 def upload_azimuths(opened: Session, target: Target) -> sums.Azimuths:
