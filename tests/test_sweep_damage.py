@@ -83,7 +83,9 @@ def cut(path: Path) -> None:
 def flipped(path: Path) -> None:
     content = bytearray(path.read_bytes())
     if content:
-        content[random.randrange(len(content))] ^= 1 << random.randrange(8)
+        place = random.randrange(len(content))
+        place += place == 4 and "c" in path.parts  # where zstd has a bit for nothing: no damage
+        content[min(place, len(content) - 1)] ^= 1 << random.randrange(8)
     path.write_bytes(bytes(content))
 
 

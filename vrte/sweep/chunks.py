@@ -6,9 +6,9 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,7 @@ FATAL = (DeviceError, MissingExtraError, OSError, SweepError)  # not one scene's
 LONGEST_MESSAGE = 500
 
 Outcome = Brdf | Field | Exception
+Found = TypeVar("Found")
 Solve = Callable[[Sequence[Request]], list[Outcome]]
 
 
@@ -97,21 +98,24 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
 
 def results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
     """The result of each scene, or why there is none."""
-    found: list[Outcome | None] = [None] * len(places)
-    questions: list[Request] = []
-    rows: list[int] = []
-    for row, place in enumerate(places):
-        try:
-            questions.append(question_of(scene_at(work.sweep, place, work.optics), backend))
-            rows.append(row)
-        except FATAL:
-            raise
-        except Exception as error:
-            found[row] = error
-    if questions:
-        for row, outcome in zip(rows, solve(questions), strict=True):
-            found[row] = outcome
-    return [outcome for outcome in found if outcome is not None]
+
+    def asked_at(place: tuple[int, ...]) -> Request:
+        return question_of(scene_at(work.sweep, place, work.optics), backend)
+
+    asked = [attempted(partial(asked_at, place)) for place in places]
+    questions = [one for one in asked if isinstance(one, Request)]
+    answers = iter(solve(questions) if questions else ())
+    return [next(answers) if isinstance(one, Request) else one for one in asked]
+
+
+def attempted(attempt: Callable[[], Found]) -> Found | Exception:
+    """What it returns, or the error that it ends in, unless that ends the sweep."""
+    try:
+        return attempt()
+    except FATAL:
+        raise
+    except Exception as error:
+        return error
 
 
 def message_of(error: Exception) -> str:
@@ -123,20 +127,12 @@ def message_of(error: Exception) -> str:
 def in_turn(threads: Callable[[], int], stop: Any) -> Solve:
     """Scenes one after another on the processor, each on as many threads as there are to spare then."""
 
-    def solve(questions: Sequence[Request]) -> list[Outcome]:
-        return [one(request) for request in questions]
+    def one(request: Request) -> Brdf | Field:
+        run = run_of(replace(request, threads=threads()))
+        run.stop = stop
+        return answer_of(request, *solve_request(request, run))
 
-    def one(request: Request) -> Outcome:
-        try:
-            run = run_of(replace(request, threads=threads()))
-            run.stop = stop
-            return answer_of(request, *solve_request(request, run))
-        except FATAL:
-            raise
-        except Exception as error:
-            return error
-
-    return solve
+    return lambda requests: [attempted(partial(one, request)) for request in requests]
 
 
 def together(requests: Sequence[Request]) -> list[Outcome]:
@@ -144,16 +140,16 @@ def together(requests: Sequence[Request]) -> list[Outcome]:
     if len(requests) > 1 and requests[0].kind != "brdf":
         return [outcome for request in requests for outcome in together([request])]
     run = Run(1)
-    try:
+
+    def all_at_once() -> list[Outcome]:
         if requests[0].kind != "brdf":
             return [answer_of(requests[0], *interruptible(run, lambda: solve_request(requests[0], run)))]
         return list(interruptible(run, lambda: solved_together(requests, run, None)))
-    except FATAL:
-        raise
-    except Exception as error:
-        if len(requests) == 1:
-            return [error]
-        return [outcome for request in requests for outcome in together([request])]
+
+    found = attempted(all_at_once)
+    if not isinstance(found, Exception):
+        return found
+    return [found] if len(requests) == 1 else [outcome for request in requests for outcome in together([request])]
 
 
 _lock = threading.Lock()

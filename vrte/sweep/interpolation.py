@@ -128,35 +128,23 @@ def check_results(near: "xarray.Dataset") -> None:
 
 def between(near: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
     """One variable, summed over the scenes nearby in variables in which it is smooth."""
-    dims = [dim for dim in near.dims if dim not in weights]
-    if near.name in MATRICES:
-        brightness = near[..., :1, :1]
-        if bool((brightness > 0.0).all()):
-            ratios = summed(near / brightness.values, weights)
-            return (ratios * exponential(brightness, weights).values).transpose(*dims)
-    elif bool((near > 0.0).all()):
-        return exponential(near, weights).transpose(*dims)
-    return summed(near, weights).transpose(*dims)
-
-
-def exponential(values: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
-    """Of the sum of logarithms."""
-    total = summed(values.copy(data=np.log(values.values)), weights)
-    return total.copy(data=np.exp(total.values))
-
-
-def summed(values: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
-    """Over each axis of the point, with its weights."""
-    for name, shares in weights.items():
-        if name in values.dims:
-            values = values.drop_vars(name).dot(_shares(name, shares), dim=name)
-    return values
-
-
-def _shares(name: str, shares: Array) -> "xarray.DataArray":
     import xarray
 
-    return xarray.DataArray(shares, dims=[name])
+    def summed(values: Any) -> Any:
+        for name, shares in weights.items():
+            if name in values.dims:
+                values = values.drop_vars(name).dot(xarray.DataArray(shares, dims=[name]), dim=name)
+        return values
+
+    with xarray.set_options(keep_attrs=True):
+        brightness = near[..., :1, :1] if near.name in MATRICES else near
+        if not bool((brightness > 0.0).all()):
+            found = summed(near)
+        elif near.name in MATRICES:
+            found = summed(near / brightness.values) * np.exp(summed(np.log(brightness))).values
+        else:
+            found = np.exp(summed(np.log(near)))
+    return found.transpose(*(dim for dim in near.dims if dim not in weights))
 
 
 def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: Path | None = None) -> HeldOut:

@@ -212,13 +212,14 @@ def compute(work: Work, engine: str, scheduler: str | None, workers: int, progre
     if len(done) == work.grid.chunks:
         return
     scenes = sum(1 for chunk in done for _ in work.grid.places(chunk))
-    report(progress, scenes, work.sweep.count)
+    tell_progress = progress or (lambda done, total: None)
+    tell_progress(scenes, work.sweep.count)
     # once for all chunks: BLAS threads that come and go between them keep the cores busy with waiting
     with single_threaded(), closing(labour(work, engine, scheduler, workers, done)) as finished:
         for count in finished:
             scenes += count
             if count:
-                report(progress, scenes, work.sweep.count)
+                tell_progress(scenes, work.sweep.count)
 
 
 def labour(work: Work, engine: str, scheduler: str | None, workers: int, done: set[int]) -> Generator[int, None, None]:
@@ -238,12 +239,6 @@ def labour(work: Work, engine: str, scheduler: str | None, workers: int, done: s
         yield from opencl.each(work, chunks)
     else:
         yield from threads.each(work, chunks, left, workers)
-
-
-def report(progress: Progress | None, done: int, total: int) -> None:
-    """Calls it if it is there."""
-    if progress is not None:
-        progress(done, total)
 
 
 def tell(work: Work) -> None:
