@@ -19,17 +19,14 @@ from vrte.app.form.content import START
 from vrte.app.form.files import link_of
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors
+from vrte.formats.scene_writer import toml_text
 
 ROOT = Path(__file__).parents[1]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = os.environ.get("VRTE_CHROMIUM") or next(filter(None, map(shutil.which, NAMES)), None)
-FLAGS = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-]
+GRAPHICS = "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader"
+FLAGS = f"--no-sandbox --disable-background-networking {GRAPHICS}".split()
+TABLE = {"layer": [{"phase": "/etc/x.csv", "albedo": 1, "thickness": 1}]}  # a file of the machine
 PATIENCE = 30_000  # milliseconds
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason=f"no browser here: none of {', '.join(NAMES)} is installed, VRTE_CHROMIUM names none"
@@ -295,12 +292,10 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(tab: Tab, tmp
         ("bad.nc", "the file is not a NetCDF file"),
         ("table.toml", "reads no files of the machine"),
     ):
-        (tmp_path / file).write_text(
-            '[[layer]]\nphase = "/etc/x.csv"\nalbedo = 1\nthickness = 1\n' if file == "table.toml" else "[[["
-        )
+        (tmp_path / file).write_text(toml_text(TABLE) if file == "table.toml" else "[[[")
         chooser.set_input_files(tmp_path / file)
         tab.says(words)
-    chooser.set_input_files(ROOT / "examples" / "gold_powder.toml")
+    chooser.set_input_files(GOLD)
     tab.waits_for("""() => [...document.querySelectorAll('input')].some(i => i.value == '40')""")
 
 
@@ -436,10 +431,7 @@ def test_a_link_carries_the_scene_and_is_a_strangers(tab: Tab, open_tab: Callabl
     other.waits_for("document.querySelector('[aria-label=\"optical thickness\"]').value == '7'")
     assert other.value("radius [µm]") == "0.05"
     for text, words in (
-        (
-            link_of({"layer": [{"phase": "/etc/x.csv", "albedo": 1, "thickness": 1}]}),
-            "reads no files of the machine",
-        ),
+        (link_of(TABLE), "reads no files of the machine"),
         ("AAAA", "the link holds no scene, or it is damaged"),
         (base64.urlsafe_b64encode(zlib.compress(b"a" * 10**7)).decode().rstrip("="), "at most 1000000 bytes"),
     ):

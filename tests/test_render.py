@@ -44,6 +44,10 @@ def normals_of(seen: View) -> Array:
     return normals(seen.camera, theta, psi)[0]
 
 
+def rayleigh_layer(albedo: float, thickness: float, base: float | None = None) -> vrte.Scene:
+    return vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo, thickness)], None if base is None else vrte.Lambertian(base))
+
+
 def test_lambertian_sphere_under_a_uniform_sky_is_flat() -> None:
     half = vrte.Scene(WHITE.layers, vrte.Lambertian(0.4))
     found = view(sky_of("uniform", [0.5], 30.0, 0.0)).stokes(table(half), 0)
@@ -79,16 +83,14 @@ def test_irradiance_on_level_ground_is_that_of_the_field() -> None:
 def test_nothing_absorbs_so_nothing_shows_in_a_furnace() -> None:
     """Light the same from all sides, no absorption: no sphere can be told from its surroundings."""
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 24), 1.0, 3.0)], vrte.Lambertian(1.0))
-    polarizing = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.2)], vrte.Lambertian(1.0))
-    for one in (scene, polarizing):
+    for one in (scene, rayleigh_layer(1.0, 0.2, 1.0)):
         found = view(sky_of("uniform", [0.5], 30.0, 0.0)).stokes(table(one), 0)
         assert np.abs(found - [1.0, 0.0, 0.0, 0.0]).max() < 2e-3
 
 
 def test_a_sphere_that_absorbs_nothing_sends_back_all_that_falls_on_it() -> None:
     """Radiance over the disc, added up over all directions of a camera around the sun's axis."""
-    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 1.5)], vrte.Lambertian(1.0))
-    here, sky = table(scene), sky_of("sun", [0.5], 90.0, 0.0)
+    here, sky = table(rayleigh_layer(1.0, 1.5, 1.0)), sky_of("sun", [0.5], 90.0, 0.0)
     points, weights = np.polynomial.legendre.leggauss(6)
     out = 0.0
     for cosine, weight in zip(points, weights, strict=True):
@@ -112,12 +114,7 @@ def stokes_of(coherency: Array, camera: Camera) -> Array:
     return np.array([uu + rr, uu - rr, 2.0 * ur, 0.0])
 
 
-THIN = 1e-5
-
-
-def thin_layer() -> vrte.Scene:
-    """So thin that light is scattered once: dipoles, without depolarization."""
-    return vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, THIN)])
+THIN = 1e-5  # so thin that light is scattered once: dipoles, without depolarization
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 50.0, 200.0])
@@ -125,7 +122,7 @@ def test_frames_of_sunlight_are_those_of_dipoles_in_space(azimuth: float) -> Non
     """Every pixel of a thin layer in the sun shows the same polarization, that of dipoles, without any frame."""
     sky = sky_of("sun", [0.5], 35.0, 0.0)
     seen = view(sky, camera=camera_at(20.0, azimuth))
-    found = seen.stokes(table(thin_layer()), 0)
+    found = seen.stokes(table(rayleigh_layer(1.0, THIN)), 0)
     unpolarized = 0.5 * (np.eye(3) - np.outer(sky.beam, sky.beam))
     scattered = stokes_of(dipoles(unpolarized, seen.camera.toward), seen.camera)
     normal = normals_of(seen)
@@ -153,7 +150,7 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
     sky = sky_of("rayleigh", [0.45], 25.0, 0.0)
     sky = replace(sky, sun=np.zeros(1))
     seen = view(sky, camera=camera_at(20.0, 130.0), resolution=replace(COARSE, around=32, along=20, across=16))
-    found, normal = seen.stokes(table(thin_layer(), seen.resolution), 0), normals_of(seen)
+    found, normal = seen.stokes(table(rayleigh_layer(1.0, THIN), seen.resolution), 0), normals_of(seen)
     points, weights = np.polynomial.legendre.leggauss(20)
     theta, theta_weights = 0.25 * np.pi * (points + 1.0), 0.25 * np.pi * weights
     around = np.arange(72) * (2.0 * np.pi / 72)
@@ -176,7 +173,7 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
 
 
 def test_all_turned_about_the_vertical_is_the_same_picture() -> None:
-    here = table(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]))
+    here = table(rayleigh_layer(0.9, 1.0))
     pictures = [
         view(sky_of("rayleigh", [0.45], 25.0, 0.2, turned), camera=camera_at(20.0, 75.0 + turned)).stokes(here, 0)
         for turned in (0.0, 123.0)
@@ -185,7 +182,7 @@ def test_all_turned_about_the_vertical_is_the_same_picture() -> None:
 
 
 def test_mirrored_camera_sees_the_mirrored_picture() -> None:
-    here, sky = table(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])), sky_of("rayleigh", [0.45], 25.0, 0.2)
+    here, sky = table(rayleigh_layer(0.9, 1.0)), sky_of("rayleigh", [0.45], 25.0, 0.2)
     squares = []
     for azimuth in (60.0, -60.0):
         seen = view(sky, camera=camera_at(20.0, azimuth))
@@ -264,37 +261,43 @@ def write(path: Path, text: str) -> Path:
 SMALL = "[render]\nsize_px = 48\nwavelengths_um = [0.45, 0.55, 0.65]\n"
 
 
-def run(*arguments: str | Path) -> int:
-    try:
-        return cli.main([str(argument) for argument in arguments])
-    except SystemExit as leaving:
-        return leaving.code  # type: ignore[return-value]
+class Command:
+    """`vrte render` with few directions, in a folder of its own."""
 
+    def __init__(self, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        self.folder, self.capsys, self.picture = folder, capsys, folder / "out.png"
 
-def size_of(path: Path) -> tuple[int, int]:
-    from PIL import Image
+    def scene(self, text: str, name: str = "one") -> Path:
+        return write(self.folder / f"{name}.toml", text)
 
-    with Image.open(path) as image:
-        return image.size
+    def __call__(self, *arguments: str | Path, code: int = 0) -> str:
+        """What it says, in one line where it fails; then there is no picture."""
+        assert cli.main(["render", *map(str, arguments), "-o", str(self.picture)]) == code
+        told = self.capsys.readouterr()
+        assert self.picture.exists() == (code == 0)
+        assert told.err.count("\n") == (1 if code else 0)
+        return told.err if code else told.out
+
+    @property
+    def pixels(self) -> Array:
+        from PIL import Image
+
+        with Image.open(self.picture) as image:
+            return np.asarray(image)
 
 
 @pytest.fixture
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command with few directions."""
+def render(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
     monkeypatch.setattr(rendering, "rendered", partial(rendered, resolutions=[Resolution(12, 24, 16, 8, 6)]))
+    return Command(tmp_path, capsys)
 
 
-@pytest.mark.usefixtures("coarse")
-def test_render_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scenes = [write(tmp_path / "one.toml", PLAIN), write(tmp_path / "two.toml", PLAIN + SMALL)]
-    assert run("render", *scenes, "-o", tmp_path / "out.png") == 0
-    told = capsys.readouterr()
-    assert told.err == ""
-    assert "one: 9 wavelengths, 0.4 to 0.7 µm" in told.out
-    assert "two: 3 wavelengths, 0.45 to 0.65 µm" in told.out
-    assert re.search(r"wrote .*out\.png", told.out)
-    sheet = Sheet(48, 2, 4, 0.44, note="")
-    assert size_of(tmp_path / "out.png")[0] == sheet.width
+def test_render_writes_what_it_says(render: Command) -> None:
+    told = render(render.scene(PLAIN), render.scene(PLAIN + SMALL, "two"))
+    assert "one: 9 wavelengths, 0.4 to 0.7 µm" in told
+    assert "two: 3 wavelengths, 0.45 to 0.65 µm" in told
+    assert re.search(r"wrote .*out\.png", told)
+    assert render.pixels.shape[1] == Sheet(48, 2, 4, 0.44, note="").width
 
 
 def test_the_note_below_a_sheet_is_not_cut() -> None:
@@ -302,41 +305,31 @@ def test_the_note_below_a_sheet_is_not_cut() -> None:
         sheet = Sheet(300, 1, 3, 0.30, note=" ".join(["wavelengths"] * words))
         (note,) = (text for text in sheet.figure.texts if "wavelengths" in text.get_text())
         box = note.get_window_extent()
-        assert box.x0 >= 0.0
-        assert box.x1 <= sheet.width
-        assert box.y0 >= 0.0
-        assert box.y1 < sheet.foot - 0.15 * 300  # where the legends end
+        assert 0.0 <= box.x0 < box.x1 <= sheet.width
+        assert 0.0 <= box.y0 < box.y1 < sheet.foot - 0.15 * 300  # where the legends end
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("coarse")
-def test_sheet_has_a_row_a_scene(tmp_path: Path) -> None:
-    scene = write(tmp_path / "one.toml", PLAIN + SMALL)
-    assert run("render", scene, "-o", tmp_path / "out.png", "--sheet") == 0
+def test_sheet_has_a_row_a_scene(render: Command) -> None:
+    render(render.scene(PLAIN + SMALL), "--sheet")
     sheet = Sheet(48, 1, 3, 0.30, note="")
-    width, height = size_of(tmp_path / "out.png")
-    assert width == sheet.width
-    assert height >= sheet.height
+    assert render.pixels.shape[1] == sheet.width
+    assert render.pixels.shape[0] >= sheet.height
 
 
 @pytest.mark.parametrize("name", ["rutile", "mixture_on_black"])
 def test_scenes_of_the_gallery_can_be_read(name: str) -> None:
-    (material,), _ = read([Path(__file__).parents[1] / "vrte" / "app" / "gallery" / f"{name}.toml"])
+    (material,), _ = read([Path(vrte.__file__).parent / "app" / "gallery" / f"{name}.toml"])
     ends = [material.brdf(wavelength, *(np.array([1.0]),) * 3) for wavelength in material.wavelengths_um[[0, -1]]]
     assert all(0.0 < end.reflectance[0] < 1.0 for end in ends)
 
 
-@pytest.mark.usefixtures("coarse")
-def test_colour_only_is_transparent_around_the_spheres(tmp_path: Path) -> None:
-    from PIL import Image
-
-    scene = write(tmp_path / "one.toml", PLAIN + SMALL)
-    assert run("render", scene, scene, "-o", tmp_path / "out.png", "--colour-only", "--size", "32") == 0
-    with Image.open(tmp_path / "out.png") as image:
-        pixels = np.asarray(image)
+def test_colour_only_is_transparent_around_the_spheres(render: Command) -> None:
+    scene = render.scene(PLAIN + SMALL)
+    render(scene, scene, "--colour-only", "--size", "32")
+    pixels = render.pixels
     assert pixels.shape == (32, 64, 4)
-    assert pixels[0, 0, 3] == 0
-    assert pixels[16, 16, 3] == 255
+    assert (pixels[0, 0, 3], pixels[16, 16, 3]) == (0, 255)
     # a layer that absorbs nothing is no coloured one: lit from the left above, it is nearly as neutral as the light
     assert pixels[10, 10, :3].min() > 100
 
@@ -368,23 +361,14 @@ def test_finer_where_needed(tmp_path: Path) -> None:
         ("[render]\ntitle = 3", "render.title = 3: must be a text"),
     ],
 )
-def test_bad_tables_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str) -> None:
-    assert run("render", write(tmp_path / "a.toml", PLAIN + text), "-o", tmp_path / "out.png") == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert told.count("\n") == 1
-    assert not (tmp_path / "out.png").exists()
+def test_bad_tables_are_named(render: Command, text: str, message: str) -> None:
+    assert message in render(render.scene(PLAIN + text), code=2)
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("render", tmp_path / "absent.toml", "-o", tmp_path / "out.png") == 2
-    assert "absent.toml: No such file" in capsys.readouterr().err
-
-
-def test_one_picture_has_one_light(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scenes = [write(tmp_path / f"{name}.toml", PLAIN + f"[render]\nexposure = {name}") for name in (1, 2)]
-    assert run("render", *scenes, "-o", tmp_path / "out.png") == 2
-    assert "render.exposure = 2.0: " in capsys.readouterr().err
+def test_what_cannot_be_one_picture_is_named(render: Command) -> None:
+    assert "absent.toml: No such file" in render(render.folder / "absent.toml", code=2)
+    scenes = [render.scene(f"{PLAIN}[render]\nexposure = {name}", name) for name in ("1", "2")]
+    assert "render.exposure = 2.0: " in render(*scenes, code=2)
 
 
 RUTILE = '[particles.white]\nindex = "rutile"\nradius_um = 0.1\n[[layer]]\nparticles = "white"\nthickness = 9.0\n'
@@ -407,10 +391,8 @@ def test_wavelengths_end_where_the_substance_is_known_no_further(tmp_path: Path)
         read([own])
 
 
-def test_a_wavelength_asked_for_is_never_extrapolated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = RUTILE + "[render]\nwavelengths_um = [0.4, 0.5]\n"
-    assert run("render", write(tmp_path / "a.toml", text), "-o", tmp_path / "out.png") == 2
-    told = capsys.readouterr().err
+def test_a_wavelength_asked_for_is_never_extrapolated(render: Command) -> None:
+    told = render(render.scene(RUTILE + "[render]\nwavelengths_um = [0.4, 0.5]\n"), code=2)
     assert "goes from 0.43 to 1.53 um" in told
     assert "[render] wavelengths_um can name others" in told
 

@@ -3,16 +3,16 @@
 import os
 from collections.abc import Callable, Sequence
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vrte.formats.atomic import atomic_write
 from vrte.pictures.figures import require_pictures
-from vrte.pictures.lobes import Lobe, draw_lobe, lobe_colours, lobe_of
+from vrte.pictures.lobes import draw_lobe, lobe_colours, lobe_of
 from vrte.render.picture import DPI, Sheet, light_in_words, over_grey
 from vrte.render.rendering import Sphere
-from vrte.render.setting import Material, Setting
+from vrte.render.setting import Setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,12 +26,6 @@ TALLEST = 4  # rows, before a sheet has two materials beside each other
 HEADINGS = (*(f"lobe, {1e3 * LOBE_UM:.0f} nm, $\\mu_i$ = {mu_i:g}" for mu_i in LOBE_MU_I), "sphere under sun and sky")
 COLUMNS = len(HEADINGS)
 STEPS = (1.0, 2.0, 5.0)
-
-
-def _lobes_of(material: Material) -> list[Lobe]:
-    """f00 and degree of linear polarization for each of LOBE_MU_I."""
-    brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
-    return [lobe_of(brdf, place) for place in range(LOBE_MU_I.size)]
 
 
 def save(
@@ -58,12 +52,26 @@ def sheet(
     circles = f"Lobes: unpolarized light, outer circles $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
     note = f"{circles}. Spheres: {light_in_words(setting, spheres)}"
     drawing = Sheet(setting.size_px, -(-len(spheres) // blocks), COLUMNS * blocks, foot=0.30, note=note)
-    lobes = [_lobes_of(sphere.material) for sphere in spheres]
+    lobes = [
+        [
+            lobe_of(sphere.material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI), place)
+            for place in range(LOBE_MU_I.size)
+        ]
+        for sphere in spheres
+    ]
     most = max(lobe.most_polarized for both in lobes for lobe in both)
     colours = lobe_colours(most)
     for place, (sphere, both) in enumerate(zip(spheres, lobes, strict=True)):
         row, block = divmod(place, blocks)
-        _draw_row(drawing, row, COLUMNS * block, sphere, both, colours)
+        left, top = drawing.corner(row, COLUMNS * block)
+        drawing.text(left + 0.03 * drawing.size, top + 0.03 * drawing.size, sphere.material.title, 1.25, ha="left")
+        for column, lobe in enumerate(both, COLUMNS * block):
+            factor = scale(float(lobe.radius.max()) / CIRCLE)
+            left, top = drawing.corner(row, column)
+            axes = drawing.axes(left, top - 0.04 * drawing.size, drawing.size, drawing.size)
+            draw_lobe(axes, lobe, factor / CIRCLE, colours)
+            drawing.text(left + 0.5 * drawing.size, top + 0.94 * drawing.size, f"scale {factor:g}")
+        drawing.show(row, COLUMNS * block + LOBE_MU_I.size, over_grey(sphere.rgba))
         if progress is not None:
             progress(place + 1, len(spheres), sphere.material.title)
     for block in range(blocks):
@@ -71,24 +79,6 @@ def sheet(
             drawing.heading(COLUMNS * block + column, heading)
     drawing.bar(0, colours.cmap, 0.0, most, "lobes: degree of linear polarization")
     return drawing.figure
-
-
-def _draw_row(drawing: Sheet, row: int, first: int, sphere: Sphere, lobes: list[Lobe], colours: Any) -> None:
-    """A material's panels, from the column ``first``."""
-    left, top = drawing.corner(row, first)
-    drawing.text(left + 0.03 * drawing.size, top + 0.03 * drawing.size, sphere.material.title, 1.25, ha="left")
-    for column, lobe in enumerate(lobes):
-        _draw(drawing, row, first, column, lobe, colours)
-    drawing.show(row, first + LOBE_MU_I.size, over_grey(sphere.rgba))
-
-
-def _draw(drawing: Sheet, row: int, first: int, column: int, lobe: Lobe, colours: Any) -> None:
-    """One lobe in its panel, and by how much it is scaled."""
-    factor = scale(float(lobe.radius.max()) / CIRCLE)
-    left, top = drawing.corner(row, first + column)
-    axes = drawing.axes(left, top - 0.04 * drawing.size, drawing.size, drawing.size)
-    draw_lobe(axes, lobe, factor / CIRCLE, colours)
-    drawing.text(left + 0.5 * drawing.size, top + 0.94 * drawing.size, f"scale {factor:g}")
 
 
 def scale(largest: float) -> float:

@@ -3,8 +3,6 @@
 import os
 import textwrap
 from collections.abc import Sequence
-from io import BytesIO
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +14,8 @@ from vrte.basics.polarization import (
     degree_of_linear_polarization,
 )
 from vrte.formats.atomic import atomic_write
-from vrte.pictures.figures import new_figure, require_pictures
+from vrte.pictures.figures import few_ticks, new_figure, require_pictures
+from vrte.pictures.lobes import INK
 from vrte.render.rendering import Sphere
 from vrte.render.setting import Setting
 
@@ -26,24 +25,20 @@ if TYPE_CHECKING:
 DPI = 100
 GAP = 0.05  # of a sphere's size; and so
 LETTER, LINE = 0.0185, 0.045  # of a note: the width of a letter, the height of a line
-INK = "#222222"
+ENDS = np.array([-1.0, 1.0])
 BEHIND = 0.42  # sRGB grey behind spheres in colour, about the eye's middle
 DEGREE_COLOURS, CIRCULAR_COLOURS, ANGLE_COLOURS = "inferno", "RdBu_r", "hsv"
 FAINT_DEGREE = 0.005  # below, the angle of polarization fades to grey
 ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-HEADINGS = (
-    "colour",
-    "degree of linear polarization",
-    "angle of linear polarization",
-    "degree of circular polarization",
-)
+POLARIZATION = ("degree of linear polarization", "angle of linear polarization", "degree of circular polarization")
+HEADINGS = ("colour", *POLARIZATION)
 
 
 def save(spheres: Sequence[Sphere], setting: Setting, path: str | os.PathLike[str]) -> None:
     """Writes the PNG, all of it or nothing. Raises MissingExtraError without matplotlib, OSError."""
-    drawn = BytesIO()
-    figure(spheres, setting).savefig(drawn, format="png", dpi=DPI)
-    _write(drawn, path)
+    drawn = figure(spheres, setting)
+    with atomic_write(path) as part:
+        drawn.savefig(part, format="png", dpi=DPI)
 
 
 def save_colours(spheres: Sequence[Sphere], path: str | os.PathLike[str]) -> None:
@@ -52,14 +47,9 @@ def save_colours(spheres: Sequence[Sphere], path: str | os.PathLike[str]) -> Non
     from PIL import Image
 
     pixels = np.concatenate([sphere.rgba for sphere in spheres], axis=1)
-    drawn = BytesIO()
-    Image.fromarray((255.0 * pixels + 0.5).astype(np.uint8), "RGBA").save(drawn, format="PNG", optimize=True)
-    _write(drawn, path)
-
-
-def _write(drawn: BytesIO, path: str | os.PathLike[str]) -> None:
+    drawn = Image.fromarray((255.0 * pixels + 0.5).astype(np.uint8), "RGBA")
     with atomic_write(path) as part:
-        Path(part).write_bytes(drawn.getvalue())
+        drawn.save(part, format="PNG", optimize=True)
 
 
 def figure(spheres: Sequence[Sphere], setting: Setting) -> "Figure":
@@ -68,7 +58,7 @@ def figure(spheres: Sequence[Sphere], setting: Setting) -> "Figure":
     sheet = Sheet(setting.size_px, len(spheres), len(HEADINGS), foot=0.44, note=light_in_words(setting, spheres))
     linear = [degree_of_linear_polarization(sphere.stokes) for sphere in spheres]
     circular = [degree_of_circular_polarization(sphere.stokes) for sphere in spheres]
-    most_linear, most_circular = _round_up(_largest(linear)), _round_up(_largest(circular))
+    most_linear, most_circular = _largest(linear), _largest(circular)
     for row, sphere in enumerate(spheres):
         sheet.title(row, sphere.material.title)
         sheet.show(row, 0, over_grey(sphere.rgba))
@@ -91,17 +81,12 @@ def light_in_words(setting: Setting, spheres: Sequence[Sphere]) -> str:
         "sun": f"{sun}, black sky",
         "uniform": "unpolarized light, the same from all sides",
     }[setting.sky]
-    return f"{light}; {wavelengths_of(spheres)}"
-
-
-def wavelengths_of(spheres: Sequence[Sphere]) -> str:
-    """The wavelengths of all spheres, and in brackets those that have others than the first."""
-    sets: dict[str, list[str]] = {}
+    sets: dict[str, list[str]] = {}  # of wavelengths; in brackets who has others than the first
     for sphere in spheres:
         words = wavelengths_in_words(sphere.material.wavelengths_um.tolist())
         sets.setdefault(words, []).append(sphere.material.title)
     first, *others = sets
-    return "; ".join([first, *(f"{words} ({', '.join(sets[words])})" for words in others)])
+    return "; ".join([light, first, *(f"{words} ({', '.join(sets[words])})" for words in others)])
 
 
 def wavelengths_in_words(chosen: Sequence[float]) -> str:
@@ -140,8 +125,8 @@ def angle_colours(stokes: Array, cover: Array) -> Array:
 
 
 def _largest(pictures: Sequence[Array]) -> float:
-    """The largest size of all but the outermost few pixels, of all spheres."""
-    return max(float(np.nanpercentile(np.abs(picture), 99.0)) for picture in pictures)
+    """The largest size of all but the outermost few pixels, of all spheres, rounded up."""
+    return _round_up(max(float(np.nanpercentile(np.abs(picture), 99.0)) for picture in pictures))
 
 
 def _round_up(value: float) -> float:
@@ -213,7 +198,7 @@ class Sheet:
         shown = ScalarMappable(Normalize(low, high), colours)
         bar = self.figure.colorbar(shown, cax=axes, orientation="horizontal")
         bar.ax.tick_params(labelsize=0.95 * self.letters, length=0.2 * self.letters, colors=INK)
-        bar.ax.xaxis.set_major_locator(_few_ticks())
+        bar.ax.xaxis.set_major_locator(few_ticks(5))
         bar.set_label(label, size=self.letters, color=INK)
 
     def wheel(self, column: int) -> None:
@@ -230,18 +215,9 @@ class Sheet:
         axes = self.axes(left + 0.5 * (self.size - side), top, side, side)
         axes.imshow(angle_colours(stokes, ring), interpolation="none", extent=(-1.0, 1.0, -1.0, 1.0))
         for degrees in range(0, 180, 45):
-            angle = np.radians(degrees)
-            line = 0.42 * np.array([np.sin(angle), np.cos(angle)])
-            axes.plot([-line[0], line[0]], [-line[1], line[1]], color=INK, linewidth=0.08 * self.letters)
+            sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+            axes.plot(0.42 * sine * ENDS, 0.42 * cosine * ENDS, color=INK, linewidth=0.08 * self.letters)
+            right = left + 0.5 * (self.size - side) + (0.5 + 0.68 * sine) * side
+            self.text(right, top + (0.5 - 0.58 * cosine) * side, f"{degrees}°", 0.95)
         axes.set_xlim(-1.0, 1.0), axes.set_ylim(-1.0, 1.0)
         axes.set_axis_off()
-        for degrees in range(0, 180, 45):
-            angle = np.radians(degrees)
-            x, y = 0.5 + 0.68 * np.sin(angle), 0.5 - 0.58 * np.cos(angle)
-            self.text(left + 0.5 * (self.size - side) + x * side, top + y * side, f"{degrees}°", 0.95)
-
-
-def _few_ticks() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(5, steps=[1, 2, 2.5, 5, 10])

@@ -53,11 +53,12 @@ def rendered(
     colour-science, SceneError, and what `vrte.brdf` raises.
     """
     colour.science()
+    tell = progress or (lambda *_: None)
     views: dict[tuple[Any, ...], View] = {}  # the last one: a view takes some hundred megabytes
     steps, done = sum(material.wavelengths_um.size for material in materials), 0
     spheres = []
     for material in materials:
-        _tell(progress, done, steps, material.title)
+        tell(done, steps, material.title)
         table, error = first_table(material, resolutions)
         key = (table.resolution, *material.wavelengths_um.tolist())
         if key not in views:
@@ -69,7 +70,7 @@ def rendered(
                 table = _table(material, wavelength, table.resolution)
             seen.append(views[key].stokes(table, place).astype(np.float32))
             done += 1
-            _tell(progress, done, steps, material.title)
+            tell(done, steps, material.title)
         spheres.append(_developed(material, views[key], np.stack(seen), setting.exposure, error))
     return spheres
 
@@ -130,8 +131,3 @@ def _in_picture(view: View, values: Array) -> Array:
     flat = np.full((view.size**2, values.shape[1]), np.nan)
     flat[view.pixels[0]] = values
     return flat.reshape(view.size, view.size, -1)
-
-
-def _tell(progress: Callable[[int, int, str], None] | None, done: int, steps: int, name: str) -> None:
-    if progress is not None:
-        progress(done, steps, name)

@@ -129,13 +129,10 @@ def _material(path: Path, content: dict[str, Any], table: Table, count: int | No
     chosen = _own_wavelengths(content, table) if count is None else None
     note = ""
     if chosen is None:
-        chosen, note = _equal_steps(path, content, count or _count(table))
+        few = table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
+        chosen, note = _equal_steps(path, content, count or few)
     without = {key: value for key, value in content.items() if key != "render"}
     return Material(path, title, without, chosen, note)
-
-
-def _count(table: Table) -> int:
-    return table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
 
 
 def _own_wavelengths(content: dict[str, Any], table: Table) -> Array | None:

@@ -26,7 +26,6 @@ class FormPanel:
 
     def __init__(self, bench: Bench, changed: Callable[[], None]) -> None:
         self.bench, self.changed = bench, changed
-        self.wrong: tuple[str, Place] | None = None  # the first that is wrong: its message, and the field's place
         self.fields: dict[Place, Any] = {}
         self.sections: dict[Place, Any] = {}  # of each field
         self.section_now: Any = None
@@ -61,12 +60,12 @@ class FormPanel:
         self.general.set_text("; ".join(rest))
         self.general.set_visibility(bool(rest))
         told: list[tuple[str, Place]] = [(message, place) for place, message in at_fields.items()]
-        self.wrong = next(iter([*told, *((message, ()) for message in rest)]), None)
+        bench.wrong = next(iter([*told, *((message, ()) for message in rest)]), None)
         self.changed()
 
     def jump(self) -> None:
         """To the field that is wrong."""
-        place = self.wrong[1] if self.wrong else ()
+        place = self.bench.wrong[1] if self.bench.wrong else ()
         if place in self.fields:
             self.sections[place].set_value(True)
             ui.run_javascript(f"setTimeout(() => vrte.jump({self.fields[place].id}), 250)")

@@ -11,16 +11,9 @@ from typing import Any
 from nicegui import ui
 
 from vrte import __version__
-from vrte.app.form import content as form
+from vrte.app.form import files
 from vrte.app.form.checks import check
-from vrte.app.form.files import (
-    LARGEST_SCENE,
-    adopted,
-    adopted_and_told,
-    content_of_file,
-    content_of_link,
-    link_of,
-)
+from vrte.app.form.content import START, Content
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
@@ -36,7 +29,7 @@ THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 SUFFIXES = (".toml", ".nc", ".csv")
 TOO_LARGE = (
-    f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {LARGEST_SCENE / 1e6:g} MB, "
+    f"a file must end in {', '.join(SUFFIXES)}; a scene must be at most {files.LARGEST_SCENE / 1e6:g} MB, "
     f"a result {LARGEST_UPLOAD / 1e6:g} MB"
 )
 
@@ -49,17 +42,13 @@ class Page:
     def __init__(self, bench: Bench, tidy: Callable[[], Any]) -> None:
         """``tidy`` is called after a new result: old ones of others may have to go."""
         self.bench, self.tidy = bench, tidy
-        self.form: FormPanel | None = None  # while it is drawn for the first time
         ui.add_css(STYLE)
         ui.colors(primary="#1f4e79", secondary="#d98200", accent="#d98200", negative="#b3262e")
         self.dark = ui.dark_mode(bool(bench.view.get("dark")))
-        for name, act in (
-            ("vrte-theme", self.set_theme),
-            ("vrte-link", self.take_link),
-            ("vrte-carried", self.carried),
-            ("vrte-camera", self.keep_camera),
-        ):
-            ui.on(name, act)
+        ui.on("vrte-theme", self.set_theme)
+        ui.on("vrte-link", self.take_link)
+        ui.on("vrte-carried", self.carried)
+        ui.on("vrte-camera", self.keep_camera)
         self._header()
         with ui.row().classes("vrte-page w-full no-wrap gap-0"):
             with ui.column().classes("vrte-left no-wrap gap-0").props('role=form aria-label="scene"'):
@@ -81,7 +70,7 @@ class Page:
     def _show_start(self) -> None:
         """A first page shows something to turn."""
         bench = self.bench
-        if bench.outcome is None and bench.job is None and bench.content == form.START:
+        if bench.outcome is None and bench.job is None and bench.content == START:
             if Page.start_outcome is None:
                 bench.solve()
             else:
@@ -94,21 +83,17 @@ class Page:
             ui.label("vrte").classes("vrte-logo").props("role=heading aria-level=1")
             ui.label("polarized light from powders and paints").classes("vrte-tagline")
             ui.space()
-            self.upload = ui.upload(
-                auto_upload=True, max_file_size=LARGEST_UPLOAD, on_upload=self.opened, on_rejected=self.rejected
-            )
+            self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST_UPLOAD, on_upload=self.opened)
+            self.upload.on_rejected(lambda: self.complain(TOO_LARGE))  # by the browser itself
             self.upload.props(f'accept="{",".join(SUFFIXES)}"').classes("hidden")
             self._header_button("Gallery", "collections", "scenes to begin with").on_click(self.show_gallery)
-            opener = self._header_button(
-                "Open", "folder_open", "a scene (.toml) or a result (.nc, .csv); or drop it here"
-            )
+            to_open = "a scene (.toml) or a result (.nc, .csv); or drop it here"
+            opener = self._header_button("Open", "folder_open", to_open)
             opener.on("click", js_handler=f"() => vrte.pick({self.upload.id})")
-            download = self._header_button("Download", "download", "results, figures, the scene")
-            with download, ui.menu().props("auto-close"):
+            with self._header_button("Download", "download", "results, figures, the scene"), menu():
                 self._downloads()
             self._header_button("Link", "link", "copies an address that carries the scene").on_click(self.make_link)
-            self.theme = self._header_button("Theme", "contrast", "light or dark")
-            with self.theme, ui.menu().props("auto-close"):
+            with self._header_button("Theme", "contrast", "light or dark"), menu():
                 for theme, text in THEMES.items():
                     ui.menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
             ui.label(__version__).classes("vrte-tagline")
@@ -133,7 +118,7 @@ class Page:
     def _solve_bar(self) -> None:
         with ui.column().classes("vrte-solve w-full gap-1"):
             self.failure = ui.label().classes("vrte-error").props("role=alert")
-            self.waits = ui.button(icon="arrow_upward", on_click=self.jump)
+            self.waits = ui.button(icon="arrow_upward", on_click=lambda: self.form.jump())
             self.waits.props("flat no-caps dense color=negative align=left").classes("w-full vrte-waits")
             with ui.row().classes("w-full items-center no-wrap gap-2"):
                 self.solve_button = ui.button("Solve", icon="play_arrow", on_click=self.solve, color=None)
@@ -153,17 +138,12 @@ class Page:
 
     def _mark(self) -> None:
         """After every change of the form, and of the job."""
-        wrong = self.form.wrong if self.form else None
+        wrong = self.bench.wrong
         self.solve_button.set_enabled(wrong is None and not self.bench.busy)
         self.waits.set_visibility(wrong is not None)
         if wrong is not None:
             self.waits.set_text(f"Solve waits: {wrong[0]}")
         self.results.mark_stale()
-
-    def jump(self) -> None:
-        """To the field that is wrong."""
-        if self.form:
-            self.form.jump()
 
     def solve(self) -> None:
         """What the form says; the server checks it again, whatever the page has sent."""
@@ -204,14 +184,14 @@ class Page:
             self.bench.outcome = outcome
             self.tidy()
             if outcome.opened and outcome.content is not None:
-                self.bench.content = adopted(outcome.content)
+                self.bench.content = files.adopted(outcome.content)
                 self._draw_form()
             if not outcome.brdfs and self.bench.view["tab"] in ("lobe", "cuts", "reflectance"):
                 self.results.tabs.set_value("inside")
             self.results.refresh()
             if outcome.brdfs:
                 self.said.set_text(f"Solved: {self.results.share_in_words(outcome)}.")
-            if outcome.content == form.START:
+            if outcome.content == START:
                 Page.start_outcome = outcome
             else:
                 ui.run_javascript("vrte.show_result()")
@@ -222,26 +202,18 @@ class Page:
         suffix = Path(name).suffix.lower()
         self.upload.reset()
         try:
-            if size > (LARGEST_SCENE if suffix == ".toml" else LARGEST_UPLOAD):
+            if size > (files.LARGEST_SCENE if suffix == ".toml" else LARGEST_UPLOAD):
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
             if suffix == ".toml":
-                bench = self.bench
-                self.fill(
-                    *await asyncio.to_thread(
-                        lambda: adopted_and_told(content_of_file(data), bench.folder, bench.tables)
-                    )
-                )
+                about = self.bench.folder, self.bench.tables
+                self.fill(*await asyncio.to_thread(files.adopted_and_told, files.content_of_file(data), *about))
             elif suffix in SUFFIXES:
                 self.bench.start(Read(data, suffix, memory_of_one()))
             else:
                 raise SceneError(f"the file must end in {', '.join(SUFFIXES)}, not {suffix[:20]!r}")
         except SceneError as error:
             self.complain(str(error))
-
-    def rejected(self) -> None:
-        """By the browser itself."""
-        self.complain(TOO_LARGE)
 
     def complain(self, text: str) -> None:
         """Where it is seen."""
@@ -256,7 +228,7 @@ class Page:
             return
         ui.download.content(data, name)
 
-    def fill(self, content: form.Content, told: tuple[str, ...] = ()) -> None:
+    def fill(self, content: Content, told: tuple[str, ...] = ()) -> None:
         """The form with another scene, and what was filled in."""
         self.bench.content = content
         self._draw_form()
@@ -268,7 +240,7 @@ class Page:
 
         def choose(path: Path) -> None:
             dialog.close()
-            self.fill(adopted(content_of_file(path.read_bytes())))
+            self.fill(files.adopted(files.content_of_file(path.read_bytes())))
             self.bench.cancel()
             self.bench.solve()
             self.follow()
@@ -277,7 +249,7 @@ class Page:
             ui.label("Scenes to begin with").classes("vrte-heading").props("role=heading aria-level=2")
             with ui.row().classes("justify-center gap-1"):
                 for path in sorted(GALLERY.glob("*.toml")):
-                    title = content_of_file(path.read_bytes())["render"]["title"]
+                    title = files.content_of_file(path.read_bytes())["render"]["title"]
                     with ui.button(on_click=lambda path=path: choose(path)) as button:
                         button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
                         picture = ui.element("img").props('alt="" width=84 height=84')
@@ -307,7 +279,7 @@ class Page:
     def make_link(self) -> None:
         """The address with the scene in it, into the browser's address line and its clipboard."""
         try:
-            text = link_of(self.bench.content)
+            text = files.link_of(self.bench.content)
         except SceneError as error:
             self.complain(str(error))
             return
@@ -326,7 +298,7 @@ class Page:
             return
         self.bench.view["link"] = text
         try:
-            self.fill(*await asyncio.to_thread(lambda: adopted_and_told(content_of_link(text))))
+            self.fill(*await asyncio.to_thread(lambda: files.adopted_and_told(files.content_of_link(text))))
         except SceneError as error:
             self.complain(f"the scene in this address: {error}")
 
@@ -349,3 +321,8 @@ class Page:
             self.complain(str(error))
             return
         bench.start(Tensor(copy.deepcopy(bench.content), bench.folder, memory_of_one()))
+
+
+def menu() -> Any:
+    """A menu that closes when something is chosen."""
+    return ui.menu().props("auto-close")

@@ -9,6 +9,7 @@ from typing import Any
 from vrte.app.form.content import START, Content
 from vrte.app.solving.job import Job, memory_of_one
 from vrte.app.solving.messages import Outcome, Solve, Task
+from vrte.basics.errors import Place
 from vrte.formats.scene_file import tables_named
 
 MOST_TABS = 100
@@ -18,7 +19,8 @@ MOST_BYTES = 2e9  # of all results together; the tabs that were not used for lon
 @dataclass
 class Bench:
     """A tab's: the form's ``content``, which may name ``tables`` in ``folder``, the ``job`` that runs, the last
-    ``outcome`` and the job that it was ``taken`` of, ``view``, what it looks at, and how many ``pages`` look."""
+    ``outcome`` and the job that it was ``taken`` of, ``view``, what it looks at, how many ``pages`` look, and the first
+    field that is ``wrong``: its message, and its place."""
 
     content: Content
     folder: Path = Path()
@@ -27,6 +29,7 @@ class Bench:
     job: Job | None = None
     view: dict[str, Any] = field(default_factory=dict)
     pages: int = 0
+    wrong: tuple[str, Place] | None = None
     taken: Job | None = None
 
     @property
