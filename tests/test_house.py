@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import re
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,17 @@ def test_of_the_package_itself_only_core_and_version_are_imported() -> None:
             if isinstance(node, ast.ImportFrom) and node.module == "vrte":
                 names = {alias.name for alias in node.names}
                 assert names <= {"_core", "__version__"} or all((PACKAGE / name).is_dir() for name in names), path
+
+
+def test_the_core_has_a_file_a_stage() -> None:
+    """_core.pyx is the table of contents: every file of core/ is included once, and none has a long line."""
+    contents = (PACKAGE / "_core.pyx").read_text()
+    assert len(contents.splitlines()) <= 80
+    files = sorted((PACKAGE / "core").iterdir())
+    included = re.findall(r'^include "core/(\w+\.pxi)"$', contents, re.MULTILINE)
+    assert sorted(included) == [path.name for path in files if path.suffix == ".pxi"]
+    assert {path.suffix for path in files} == {".pxi", ".h"}
+    assert not [path.name for path in files if any(len(line) > 120 for line in path.read_text().splitlines())]
 
 
 @pytest.mark.parametrize("row", VIEWS, ids=".".join)

@@ -10,6 +10,20 @@ from vrte.basics.running import Crew
 
 HAS_OPENMP: bool
 
+# core/constants.h
+ENDLESS: float
+NO_LIGHT: float
+ROUNDING: float
+THICK: float
+COMPLEMENTED: float
+STEEPEST_RATIO: float
+MOST_DOUBLINGS: int
+MOST_STEPS: int
+SERIES: int
+MOST_COLUMNS: int
+TANH_NUMERATOR: tuple[float, float, float, float]
+TANH_DENOMINATOR: tuple[float, float, float, float]
+
 def sphere_coefficients(relative_index: complex, size: float, orders: int) -> NDArray[np.complex128]: ...
 def generalized_spherical_functions(m: int, terms: int, mu: ArrayLike) -> Array: ...
 def phase_matrices(m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: ArrayLike) -> Array: ...
@@ -47,246 +61,44 @@ def invariance_work(n_node: int, n_off: int, stokes: int, n_term: int) -> int: .
 class Stages(Protocol):
     """The loops of a solve: those of the core, or others that stand in for them."""
 
-    def order_bounds(
-        self,
-        crew: Crew,
-        *,
-        coefficients: Array,
-        terms: IntArray,
-        albedo: Array,
-        directions: Array,
-        weights: Array,
-        n_out: int,
-        strength: Array,
-        bounds: Array,
-        effect: Array,
-    ) -> None: ...
-    def assemble(
-        self,
-        crew: Crew,
-        *,
-        orders: IntArray,
-        members: IntArray,
-        coefficients: Array,
-        terms: IntArray,
-        albedo: Array,
-        directions: Array,
-        weights: Array,
-        n_out: int,
-        E: Array,
-        F: Array,
-        G_E: Array,
-        G_F: Array,
-        source_s: Array,
-        source_d: Array,
-    ) -> None: ...
-    def homogeneous(
-        self,
-        crew: Crew,
-        *,
-        orders: IntArray,
-        conserving: bool,
-        quick: bool,
-        clear: bool,
-        albedo: Array,
-        directions: Array,
-        weights: Array,
-        E: Array,
-        F: Array,
-        lam_re: Array,
-        lam_im: Array,
-        X: Array,
-        Y: Array,
-        X_lu: Array,
-        X_pivots: IntArray,
-        residual: Array,
-        info: IntArray,
-    ) -> None: ...
-    def particular(
-        self,
-        crew: Crew,
-        *,
-        F: Array,
-        source_s: Array,
-        source_d: Array,
-        mu0: Array,
-        columns: Array,
-        lam_re: Array,
-        lam_im: Array,
-        X: Array,
-        Y: Array,
-        X_lu: Array,
-        X_pivots: IntArray,
-        c: Array,
-        zeta: Array,
-    ) -> None: ...
-    def boundary(
-        self,
-        crew: Crew,
-        *,
-        lam_re: Array,
-        lam_im: Array,
-        X: Array,
-        Y: Array,
-        c: Array,
-        zeta: Array,
-        clear: IntArray,
-        thickness: Array,
-        mu0: Array,
-        above: Array,
-        base_row: IntArray,
-        base: Array,
-        base_source: Array,
-        even: Array,
-        odd: Array,
-        base_down: Array,
-        fading: IntArray,
-        residual: Array,
-        info: IntArray,
-    ) -> None: ...
-    def reconstruct(
-        self,
-        crew: Crew,
-        *,
-        G_E: Array,
-        G_F: Array,
-        lam_re: Array,
-        lam_im: Array,
-        X: Array,
-        Y: Array,
-        c: Array,
-        zeta: Array,
-        even: Array,
-        odd: Array,
-        base_down: Array,
-        fading: IntArray,
-        base_row: IntArray,
-        base_out: Array,
-        thickness: Array,
-        above: Array,
-        mu0: Array,
-        mu_out: Array,
-        n_up: int,
-        level: Array,
-        level_layer: IntArray,
-        out: Array,
-    ) -> None: ...
-    def double_slabs(
-        self,
-        crew: Crew,
-        *,
-        orders: IntArray,
-        conserving: bool,
-        clear: bool,
-        settled: bool,
-        material: IntArray,
-        thickness: Array,
-        albedo: Array,
-        asymmetry: Array,
-        nodes: Array,
-        weights: Array,
-        mu0: Array,
-        columns: Array,
-        mu_out: Array,
-        E: Array,
-        F: Array,
-        G_E: Array,
-        G_F: Array,
-        source_s: Array,
-        source_d: Array,
-        R: Array,
-        T: Array,
-        lost: Array,
-        residual: Array,
-        doublings: IntArray,
-        info: IntArray,
-    ) -> None: ...
-    def join_slabs(
-        self,
-        crew: Crew,
-        *,
-        orders: IntArray,
-        conserving: bool,
-        slabs: IntArray,
-        above: Array,
-        nodes: Array,
-        weights: Array,
-        mu0: Array,
-        n_out: int,
-        R: Array,
-        T: Array,
-        lost: Array,
-        base_row: IntArray,
-        base: Array,
-        base_source: Array,
-        base_out: Array,
-        interface: IntArray,
-        up: Array,
-        down: Array,
-        flux: Array,
-        residual: Array,
-        info: IntArray,
-    ) -> None: ...
-    def reflect_endless(
-        self,
-        crew: Crew,
-        *,
-        orders: IntArray,
-        members: IntArray,
-        coefficients: Array,
-        terms: int,
-        albedo: float,
-        directions: Array,
-        weights: Array,
-        out: IntArray,
-        into: IntArray,
-        columns: Array,
-        tolerance: float,
-        halves: bool,
-        up: Array,
-        on_nodes: Array,
-        residual: Array,
-        steps: IntArray,
-    ) -> None: ...
-    def azimuthal_sum(
-        self,
-        crew: Crew,
-        *,
-        kernels: Array,
-        stokes: IntArray,
-        kind: IntArray,
-        place: IntArray,
-        cosine: Array,
-        sine: Array,
-        angle: IntArray,
-        sign: Array,
-        levels: IntArray,
-        rows: IntArray,
-        scale: Array,
-        first: int,
-        last: int,
-        out: Array,
-    ) -> None: ...
-    def add_single_scattering(
-        self,
-        crew: Crew,
-        *,
-        table: Array,
-        path: Array,
-        mu0: Array,
-        mu: Array,
-        cos_phi: Array,
-        sin_phi: Array,
-        angle: IntArray,
-        sign: Array,
-        columns: Array,
-        kind: IntArray,
-        place: IntArray,
-        first: int,
-        last: int,
-        out: Array,
-        wide: bool = ...,
-    ) -> None: ...
+    # fmt: off
+    def order_bounds(self, crew: Crew, *, coefficients: Array, terms: IntArray, albedo: Array, directions: Array,
+        weights: Array, n_out: int, strength: Array, bounds: Array, effect: Array) -> None: ...
+    def assemble(self, crew: Crew, *, orders: IntArray, members: IntArray, coefficients: Array, terms: IntArray,
+        albedo: Array, directions: Array, weights: Array, n_out: int, E: Array, F: Array, G_E: Array, G_F: Array,
+        source_s: Array, source_d: Array) -> None: ...
+    def homogeneous(self, crew: Crew, *, orders: IntArray, conserving: bool, quick: bool, clear: bool,
+        albedo: Array, directions: Array, weights: Array, E: Array, F: Array, lam_re: Array, lam_im: Array, X: Array,
+        Y: Array, X_lu: Array, X_pivots: IntArray, residual: Array, info: IntArray) -> None: ...
+    def particular(self, crew: Crew, *, F: Array, source_s: Array, source_d: Array, mu0: Array, columns: Array,
+        lam_re: Array, lam_im: Array, X: Array, Y: Array, X_lu: Array, X_pivots: IntArray, c: Array,
+        zeta: Array) -> None: ...
+    def boundary(self, crew: Crew, *, lam_re: Array, lam_im: Array, X: Array, Y: Array, c: Array, zeta: Array,
+        clear: IntArray, thickness: Array, mu0: Array, above: Array, base_row: IntArray, base: Array,
+        base_source: Array, even: Array, odd: Array, base_down: Array, fading: IntArray, residual: Array,
+        info: IntArray) -> None: ...
+    def reconstruct(self, crew: Crew, *, G_E: Array, G_F: Array, lam_re: Array, lam_im: Array, X: Array, Y: Array,
+        c: Array, zeta: Array, even: Array, odd: Array, base_down: Array, fading: IntArray, base_row: IntArray,
+        base_out: Array, thickness: Array, above: Array, mu0: Array, mu_out: Array, n_up: int, level: Array,
+        level_layer: IntArray, out: Array) -> None: ...
+    def double_slabs(self, crew: Crew, *, orders: IntArray, conserving: bool, clear: bool, settled: bool,
+        material: IntArray, thickness: Array, albedo: Array, asymmetry: Array, nodes: Array, weights: Array, mu0: Array,
+        columns: Array, mu_out: Array, E: Array, F: Array, G_E: Array, G_F: Array, source_s: Array, source_d: Array,
+        R: Array, T: Array, lost: Array, residual: Array, doublings: IntArray, info: IntArray) -> None: ...
+    def join_slabs(self, crew: Crew, *, orders: IntArray, conserving: bool, slabs: IntArray, above: Array,
+        nodes: Array, weights: Array, mu0: Array, n_out: int, R: Array, T: Array, lost: Array, base_row: IntArray,
+        base: Array, base_source: Array, base_out: Array, interface: IntArray, up: Array, down: Array, flux: Array,
+        residual: Array, info: IntArray) -> None: ...
+    def reflect_endless(self, crew: Crew, *, orders: IntArray, members: IntArray, coefficients: Array, terms: int,
+        albedo: float, directions: Array, weights: Array, out: IntArray, into: IntArray, columns: Array,
+        tolerance: float, halves: bool, up: Array, on_nodes: Array, residual: Array, steps: IntArray) -> None: ...
+    def azimuthal_sum(self, crew: Crew, *, kernels: Array, stokes: IntArray, kind: IntArray, place: IntArray,
+        cosine: Array, sine: Array, angle: IntArray, sign: Array, levels: IntArray, rows: IntArray, scale: Array,
+        first: int, last: int, out: Array) -> None: ...
+    def add_single_scattering(self, crew: Crew, *, table: Array, path: Array, mu0: Array, mu: Array, cos_phi: Array,
+        sin_phi: Array, angle: IntArray, sign: Array, columns: Array, kind: IntArray, place: IntArray, first: int,
+        last: int, out: Array, wide: bool = ...) -> None: ...
+    # fmt: on
 
 _stages: Stages
 order_bounds = _stages.order_bounds

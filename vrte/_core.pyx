@@ -2,17 +2,16 @@
 """The compiled loops: arrays in, arrays out, no class of the package, the caller owns every buffer.
 
 Matrices are stored column by column, so in the shapes below the *last* axis is the row. `n` is S N: node by
-node, S Stokes parameters inside: all four, or those of a set that mixes with no other. Inside the solver the unknowns on the nodes are scaled by
-sqrt(weight mu) and the upward field is flipped by D = diag(1, 1, -1, -1) (handbook: docs/conventions.md).
-s and d are the sum and the difference of the two hemispheres. (1:n) is equation n of Collin, Pattanaik and
-Bouatouch, (2:n) of Budak and Efremenko.
+node, S Stokes parameters inside: all four, or those of a set that mixes with no other. Inside the solver the
+unknowns on the nodes are scaled by sqrt(weight mu) and the upward field is flipped by D = diag(1, 1, -1, -1)
+(handbook: docs/conventions.md). s and d are the sum and the difference of the two hemispheres. (1:n) is equation n
+of Collin, Pattanaik and Bouatouch, (2:n) of Budak and Efremenko. docs/core.md says where a new stage goes.
 
 A complex pair of modes occupies two columns, Re v and Im v, and two real coordinates y1, y2 with
 s = Re[v (y1 - i y2)]: a function of lambda multiplies the complex number y1 - i y2.
 
-Every parallel kernel runs its items (Fourier orders, or orders and layers) on `threads` OpenMP threads, gives
-each thread one row of `work`, adds its seconds to `seconds`, stops early once `stop[0]` is set, and leaves
-LAPACK's verdict in `info` (0: fine). No item depends on another, so results do not depend on `threads`.
+Every stage takes a crew, (threads, seconds, stop), and its arrays by name, and leaves LAPACK's verdict in `info`
+(0: fine): see core/running.pxi.
 """
 
 import numpy as np

@@ -7,20 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Crew
 from vrte.cl.assembly import Assembled
 from vrte.cl.extended import COMPLEMENT, FADE, NOTHING, TANH, Algebra, BoolArray, Extended, Sizes
 from vrte.cl.matrices import STRIP, product, upload_stack
 from vrte.cl.session import Session
-
-NUMERATOR = (135135.0, 17325.0, 378.0, 1.0)  # tanh's continued fraction, its seventh convergent
-DENOMINATOR = (135135.0, 62370.0, 3150.0, 28.0)
-THICK = 1.5  # Zo may be as large as the slab is thick
-ENDLESS = 1e300
-COMPLEMENTED = 0.75  # 1 - Zo Ze keeps its digits up to here
-STEEPEST_RATIO = 1e-3  # the condition of L is not let above its inverse
-MOST_STEPS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +105,8 @@ class Doubling:
         self.Ze, self.Zo, self.C, self.a, self.b, self.spare = (new() for _ in range(6))
         self.doublings = np.zeros(self.count, np.int32)
         self.doubled: BoolArray = ~items.clear
-        self.endless: BoolArray = (items.thickness >= ENDLESS) & self.doubled
-        self.finite: BoolArray = (items.thickness < ENDLESS) & self.doubled
+        self.endless: BoolArray = (items.thickness >= _core.ENDLESS) & self.doubled
+        self.finite: BoolArray = (items.thickness < _core.ENDLESS) & self.doubled
         self.extend(matrices)
         v, clear_row = turning(frame)
         self.v, self.clear_row = upload(v), upload(clear_row)
@@ -196,7 +189,7 @@ class Doubling:
     def double_plainly(self, steepest: Array, stop: NDArray[np.int32]) -> None:
         """Ze, Zo and C = 1 - Zo Ze of finite slabs: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1,
         L = 1 + Zo Ze; C is formed while that keeps its digits, then carried, C <- (C L^-1)^2."""
-        h = np.where(self.finite, 0.5 * np.minimum(self.items.thickness, ENDLESS), 0.0)
+        h = np.where(self.finite, 0.5 * np.minimum(self.items.thickness, _core.ENDLESS), 0.0)
         left = np.zeros(self.count, np.int32)
         while (above := self.finite & (h * steepest > 0.5)).any():
             h[above] *= 0.5
@@ -209,7 +202,7 @@ class Doubling:
                 return
             active: BoolArray = self.finite & (left > step)
             self.algebra.product(self.where(active), 1.0, self.Zo, self.Ze, self.a)
-            now = active & ~carried & (2.0 * h > COMPLEMENTED)
+            now = active & ~carried & (2.0 * h > _core.COMPLEMENTED)
             self.complement(now, h)
             carried |= now
             self.double(active)
@@ -268,10 +261,10 @@ class Doubling:
         algebra, items = self.algebra, self.where(self.finite)
         z, power, above, below = self.a, self.b, self.C, self.spare
         algebra.combine(items, 1.0, z, z, factor=self.session.constant(h * h))
-        algebra.combine(items, NUMERATOR[1], z, above, gamma=NUMERATOR[0])
-        algebra.combine(items, DENOMINATOR[1], z, below, gamma=DENOMINATOR[0])
+        algebra.combine(items, _core.TANH_NUMERATOR[1], z, above, gamma=_core.TANH_NUMERATOR[0])
+        algebra.combine(items, _core.TANH_DENOMINATOR[1], z, below, gamma=_core.TANH_DENOMINATOR[0])
         algebra.combine(items, 1.0, z, power)
-        for up, down in zip(NUMERATOR[2:], DENOMINATOR[2:], strict=True):
+        for up, down in zip(_core.TANH_NUMERATOR[2:], _core.TANH_DENOMINATOR[2:], strict=True):
             algebra.product(items, 1.0, z, power, self.Ze)
             algebra.combine(items, 1.0, self.Ze, power)
             algebra.combine(items, 1.0, above, above, up, power)
@@ -295,10 +288,10 @@ class Doubling:
         for matrix, target in ((self.e, self.Ze), (self.f, self.Zo)):
             algebra.combine(self.where(active), 1.0, matrix, target, factor=factor)
         skip = self.session.constant((m0 & (albedo == 1.0)).astype(np.int32))
-        for _ in range(MOST_STEPS):
+        for _ in range(_core.MOST_DOUBLINGS):
             if stop[0] or not active.any():
                 return
-            items, used = self.where(active), np.maximum(ratio, STEEPEST_RATIO)
+            items, used = self.where(active), np.maximum(ratio, _core.STEEPEST_RATIO)
             factor = self.session.constant(1.0 / np.sqrt(used))
             for matrix in (self.Ze, self.Zo):
                 algebra.combine(items, 1.0, matrix, matrix, factor=factor)
@@ -322,7 +315,7 @@ class Doubling:
         algebra, doubled = self.algebra, self.where(self.doubled)
         algebra.combine(doubled, 1.0, self.Ze, self.a, gamma=1.0)
         algebra.invert(doubled, self.a, self.spare)
-        thick: BoolArray = self.finite & (self.items.thickness > THICK)
+        thick: BoolArray = self.finite & (self.items.thickness > _core.THICK)
         thin: BoolArray = self.finite & ~thick
         for chosen, twice in ((self.endless, 2.0), (self.finite, 1.0)):
             if chosen.any():
@@ -380,7 +373,7 @@ class Doubling:
         below changes nothing. e and f hold alpha and beta: (1/mu + 1/mu0) R = -(alpha R + R alpha + R beta R -
         T beta T)."""
         s, session, spare = self.sizes, self.session, self.spare
-        chosen = self.doubled & (self.items.thickness > THICK)
+        chosen = self.doubled & (self.items.thickness > _core.THICK)
         if not chosen.any() or s.r == 0 or s.o == 0:
             return
         items, alpha, beta = self.where(chosen), self.e, self.f

@@ -24,7 +24,6 @@ from vrte.cl.matrices import GROUP, STRIP, Stack, new_stack, padded, tiles_of
 from vrte.cl.session import Placed, Session
 from vrte.cl.stages import stands_for
 
-MOST_STEPS = 400
 STEPS_A_LOOK = 4  # fixed points between two looks at what has settled, each of which waits
 MIXED = 64  # work-items of a work-group that makes R on a GPU
 V = 3
@@ -156,7 +155,7 @@ class FixedPoints:
     def settle_each(self) -> None:
         """All steps of an item by one work-item: what belongs to it stays in the cache, and nobody waits for others."""
         H, units = self.rows.H, self.session.device.max_compute_units
-        sizes = units, MOST_STEPS, H.ld // STRIP, self.rows is self.nodes, self.n
+        sizes = units, _core.MOST_STEPS, H.ld // STRIP, self.rows is self.nodes, self.n
         steps = self.R, *self.led, *self.moved
         arguments = *sizes, *self.cosines, self.rows.phi, self.nodes.H, *steps, H, H.columns, self.rows.HC.data
         items = self.what.items
@@ -170,9 +169,9 @@ class FixedPoints:
         found, state = session.empty((what.room, tiles, 5)), session.zeros((what.room,), np.int32)
         settling = session.zeros((what.room, 7))
         self.renew(items, settling, state, starting=True)
-        for step in range(MOST_STEPS):
+        for step in range(_core.MOST_STEPS):
             self.step(items, found, state)
-            judging = step, MOST_STEPS, tiles, found, self.judged, settling, state, items
+            judging = step, _core.MOST_STEPS, tiles, found, self.judged, settling, state, items
             session.launch("invariance_judge", (items.size,), *judging)
             self.renew(items, settling, state)
             self.led, self.moved = self.led[2:] + self.led[:2], self.moved[2:] + self.moved[:2]

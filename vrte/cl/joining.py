@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Crew
 from vrte.cl.doubling import Frame, axis_of, turning
@@ -14,8 +15,6 @@ from vrte.cl.extended import Algebra, Extended
 from vrte.cl.matrices import PANEL, Stack, invert, new_stack, product, upload_stack
 from vrte.cl.session import Session
 
-ROUNDING = 4e-16  # of the base's quadrature, not a loss
-NO_LIGHT = 1e-280
 MOST_KEPT = 1 << 23  # doubles of what was brought from the slabs of every place
 IntArray = NDArray[np.int32]
 
@@ -69,7 +68,7 @@ def ground_of(
         up[item] -= np.outer(up[item] @ v, v)
         leaving[item] -= np.outer(v, v @ leaving[item])
         absorbed[item] -= below[item][:, axis_of(s)]
-        absorbed[item][np.abs(absorbed[item]) < ROUNDING] = 0.0
+        absorbed[item][np.abs(absorbed[item]) < _core.ROUNDING] = 0.0
     return Ground(below, up, leaving, absorbed)
 
 
@@ -245,7 +244,7 @@ class Joining:
         found = np.zeros((self.count, self.places))
         for place, pair in self.missing.items():
             missing, size = (self.session.download(a) for a in pair)
-            found[:, place] = np.where(size > NO_LIGHT, missing / np.where(size > NO_LIGHT, size, 1.0), 0.0)
+            found[:, place] = np.where(size > _core.NO_LIGHT, missing / np.where(size > _core.NO_LIGHT, size, 1.0), 0.0)
         return found
 
     def row_times(self, x: Any, M: Stack, out: Any, beta: float = 0.0) -> None:

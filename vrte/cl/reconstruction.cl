@@ -5,7 +5,6 @@
 // n_level depths; behind them stand the faces that it leaves each layer through: n_level + n_layer "stops" in all.
 
 #define BLOCK 32      // modes that are summed over at once, one more where a pair would be cut
-#define NEAR 0.02     // k mu and 1: closer than this a mode is in resonance
 
 // Up to four Stokes components of a direction, or rows.
 double4 stokes_at(int stokes, __global const double* p)
@@ -72,7 +71,7 @@ __kernel void feed_modes(int n, int n_layer, int n_level, int n_rhs, __global co
     const int layer = stop < n_level ? level_layer[stop] : stop - n_level;
     const double depth = stop < n_level ? level[stop] : thickness[layer];
     const long item = get_global_id(2) * n_layer + layer;
-    if (depth == 0.0 || depth > 1e300)
+    if (depth == 0.0 || depth > ENDLESS)
         return;
     lam_re += item * n;
     lam_im += item * n;
@@ -97,7 +96,7 @@ void fading_integrals(double2 k, double mu, double thickness, double depth, doub
     const double left = thickness - depth;
     const double2 rate = (double2)(1.0 + mu * k.x, mu * k.y);
     *from_bottom = (double2)(0.0);
-    if (thickness > 1e300) {
+    if (thickness > ENDLESS) {
         *from_top = over(c_exp(-depth * k), rate);
         return;
     }
@@ -132,7 +131,7 @@ void hyperbolic_integrals(double2 k, double mu, double thickness, double depth, 
 void real_fading_integrals(double k, double mu, double left, double mode_faded, double faded, double at_far,
                            double* from_top, double* from_bottom)
 {
-    if (left > 1e300) {
+    if (left > ENDLESS) {
         *from_top = at_far / (1.0 + mu * k);
         *from_bottom = 0.0;
         return;
@@ -167,7 +166,7 @@ Integrals integrals_of(double2 k, const Way* way)
     if (k.y == 0.0 && (fading || k.x * thickness > 1.0)) {
         double top, bottom;
         real_fading_integrals(k.x, mu, left, exp(-left * k.x), way->faded, exp(-far * k.x), &top, &bottom);
-        if (fading && !upward && thickness > 1e300)
+        if (fading && !upward && thickness > ENDLESS)
             top = 0.0;
         const double whole = fading ? 1.0 : 1.0 + exp(-thickness * k.x);
         found.even = (double2)(fading ? (upward ? top : bottom) : (top + bottom) / whole, 0.0);
@@ -178,7 +177,7 @@ Integrals integrals_of(double2 k, const Way* way)
         fading_integrals(k, mu, thickness, far, &found.even, &found.odd);
     } else {
         found.odd = (double2)(0.0);
-        if (thickness < 1e300)
+        if (thickness < ENDLESS)
             found.odd = over(times(c_exp(-far * k), -c_expm1(-left * (double2)(k.x + 1.0 / mu, k.y))),
                              (double2)(1.0 + mu * k.x, mu * k.y));
         found.even = (left / mu) * exp_difference(-left * k, (double2)(-left / mu, 0.0));
@@ -216,7 +215,7 @@ void gains_of(double2 lam, const Way* way, const Lit* lit, Gains* gains)
     const Integrals found = integrals_of(k, way);
     const double2 even = 0.5 * found.even, odd = 0.5 * found.odd;
     const double2 bottom = (double2)(way->mu * k.x - sign, way->mu * k.y);
-    const double2 share = size_of(bottom) < NEAR ? (double2)(0.0) : over((double2)(0.5, 0.0), bottom);
+    const double2 share = size_of(bottom) < RESONANT ? (double2)(0.0) : over((double2)(0.5, 0.0), bottom);
     const double4 e_re = lit->e_re, e_im = lit->e_im, f_re = lit->f_re, f_im = lit->f_im;
     const double4 kf_re = sign * TIMES_RE(k, f_re, f_im), kf_im = sign * TIMES_IM(k, f_re, f_im);
     gains[0].beam = TIMES_RE(share, e_re + kf_re, e_im + kf_im);
@@ -247,7 +246,7 @@ void add_resonances(const Way* way, int n, int stokes, int rows, int n_in, int n
     for (int j = 0, pair; j < n; j += 1 + pair) {
         const double2 k = c_sqrt((double2)(lam_re[j], lam_im[j]));
         pair = lam_im[j] != 0.0;
-        if (size_of((double2)(mu * k.x - 1.0, mu * k.y)) >= NEAR)
+        if (size_of((double2)(mu * k.x - 1.0, mu * k.y)) >= RESONANT)
             continue;
         const Lit lit = light_of(stokes, pair, lit_e + (long)j * ld, lit_f + (long)j * ld, ld);
         const double4 re = lit.e_re + TIMES_RE(k, lit.f_re, lit.f_im), im = lit.e_im + TIMES_IM(k, lit.f_re, lit.f_im);
@@ -275,7 +274,7 @@ Shares shares_of(const Way* way, double mu0)
     const double mu = way->mu, depth = way->depth, rate = 1.0 / mu + 1.0 / mu0, fade = exp(-way->above / mu0);
     const double path = way->upward ? exp(-depth / mu0) * -expm1(-way->left * rate) / (mu * rate)
         : (depth / mu) * exp_difference((double2)(-depth / mu0, 0.0), (double2)(-depth / mu, 0.0)).x;
-    const int ends = way->upward && way->thickness < 1e300;
+    const int ends = way->upward && way->thickness < ENDLESS;
     const Shares found = {fade * path, mu * fade * path, depth == 0.0 ? 0.0 : way->upward ? fade : -fade,
                           ends ? -exp(-way->above / mu0 - way->left / mu) : 0.0};
     return found;
@@ -345,7 +344,7 @@ __kernel void sum_sources(int n, int stokes, int n_up, int ld, int n_layer, int 
         add_resonances(&way, n, stokes, rows, n_in, n_rhs, lam_re, lam_im, lit_e, lit_f, ld, c, mu0, to);
     // what is not there is fed with nothing: any numbers will do for it
     __global const double* here = depth != 0.0 ? fed_here : c;
-    __global const double* whole = upward && thickness[layer] < 1e300 ? fed_whole : c;
+    __global const double* whole = upward && thickness[layer] < ENDLESS ? fed_whole : c;
     for (int begin = 0, end; begin < n; begin = end) {
         for (end = begin; end < min(begin + BLOCK, n); end += lam_im[end] != 0.0 ? 2 : 1) {
             const Lit light = light_of(stokes, lam_im[end] != 0.0, lit_e + (long)end * ld, lit_f + (long)end * ld, ld);

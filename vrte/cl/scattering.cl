@@ -1,8 +1,6 @@
 // Single scattering over all Fourier orders in closed form: the phase matrix at the scattering angle, turned to the
 // meridian planes. Four azimuths at a time.
 
-#define SERIES 13        // numbers of one term, see `series_table` in core/single_scattering.pxi
-#define MOST_COLUMNS 16
 
 // F11, F44, F12, F34, F22 + F33, F22 - F33 at the cosines x by recurrences in the degree; terms is even.
 void sum_series(int terms, __global const double* s, double4 x, double4* f)

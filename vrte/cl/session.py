@@ -194,9 +194,9 @@ class Session:
 
 
 def sources() -> str:
-    """All kernels, one file behind the other."""
-    folder = files("vrte.cl")
-    return "\n".join(folder.joinpath(f"{name}.cl").read_text(encoding="utf-8") for name in SOURCES)
+    """The numbers that they share with the core, and all kernels, one file behind the other."""
+    names = ["core/constants.h", *(f"cl/{name}.cl" for name in SOURCES)]
+    return "\n".join(files("vrte").joinpath(name).read_text(encoding="utf-8") for name in names)
 
 
 def open_session(device: Any, form: str | None = None) -> Session:

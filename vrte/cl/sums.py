@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Crew
 from vrte.cl.lending import lent
@@ -14,7 +15,6 @@ from vrte.cl.matrices import padded
 from vrte.cl.session import Session
 
 TILE_OF_ORDERS, TILE_OF_SCATTERING = 12, 4  # azimuths that are done at once
-MOST_COLUMNS = 16
 PIECES = 64  # of a launch on a processor, so that its cores end together
 WIDE = 1 << 16  # pieces that a graphics device wants
 
@@ -186,7 +186,7 @@ def add_orders(
 class Scatterers:
     """What scatters once, on a device: phase matrices of all scenes, one scene's behind the other's.
 
-    first (scene + 1,): where a scene's begin; tables (table, most terms, 13): of `series_table`, zeros behind their
+    first (scene + 1,): where a scene's begin; tables (table, most terms, SERIES): of `series_table`, zeros behind their
     terms (table,); path (table, n_level, n_in, n_mu): what multiplies them, nothing is done where it is zero.
     """
 
@@ -199,7 +199,7 @@ class Scatterers:
 def upload_scatterers(session: Session, scenes: Sequence[Sequence[tuple[Array, Array]]]) -> Scatterers:
     """Of every scene its tables of `series_table` and their paths (n_level, n_in, n_mu)."""
     found = [pair for scene in scenes for pair in scene]
-    tables = np.zeros((len(found), max(table.shape[0] for table, _ in found), 13))
+    tables = np.zeros((len(found), max(table.shape[0] for table, _ in found), _core.SERIES))
     for room, (table, _) in zip(tables, found, strict=True):
         room[: table.shape[0]] = table
     return Scatterers(
@@ -323,9 +323,9 @@ def add_single_scattering(
     """`vrte._core.add_single_scattering` on a device: adds path times the phase matrix times columns to out (n_level,
     n_in, n_mu, n_phi, 4, n_place). ``wide`` is not used. Raises ValueError for too many
     columns or a table that is not of `series_table`."""
-    if columns.shape[0] > MOST_COLUMNS:
-        raise ValueError(f"at most {MOST_COLUMNS} columns")
-    if table.shape[0] % 2 or table.shape[1] != 13:
+    if columns.shape[0] > _core.MOST_COLUMNS:
+        raise ValueError(f"at most {_core.MOST_COLUMNS} columns")
+    if table.shape[0] % 2 or table.shape[1] != _core.SERIES:
         raise ValueError("the table must be one of series_table")
     start = time.perf_counter()
     if out.size and last > first:

@@ -30,8 +30,8 @@ def assemble(crew, *, const int[::1] orders, const int[::1] members, const doubl
         <int>coefficients.shape[0], n_term, n_node, n_out, n_all - n_node - n_out, <int>members.shape[0], &orders[0],
         &members[0], &terms[0], &coefficients[0, 0, 0], &albedo[0], &directions[0], &weights[0], &E[0, 0, 0, 0],
         &F[0, 0, 0, 0], &G_E[0, 0, 0, 0], &G_F[0, 0, 0, 0], &source_s[0, 0, 0, 0], &source_d[0, 0, 0, 0])
-    run_items(crew, assemble_one, &task, <int>orders.shape[0] * task.n_layer, assembly_work(n_all, n_term, task.stokes), 0,
-              NULL)
+    run_items(crew, assemble_one, &task, <int>orders.shape[0] * task.n_layer,
+              assembly_work(n_all, n_term, task.stokes), 0, NULL)
 
 
 # (1:13), (1:16)-(1:23)
@@ -41,37 +41,37 @@ cdef int assemble_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef int n_node = a.n_node, n_out = a.n_out, n_in = a.n_in, n_all = n_node + n_out + n_in, stokes = a.stokes
     cdef int n = stokes * n_node, into = stokes * n_in, out = stokes * n_out
     cdef size_t at = item, room = <size_t>(2 * stokes * n_all) * a.n_term
-    cdef Parity p = parity_of(m, stokes, a.members)
-    cdef double albedo = a.albedo[layer]
-    cdef given coefficients = a.coefficients + <size_t>6 * layer * a.n_term, directions = a.directions
+    cdef Expansion x = Expansion(parity_of(m, stokes, a.members), m, terms, a.albedo[layer],
+                                 a.coefficients + <size_t>6 * layer * a.n_term)
+    cdef given directions = a.directions
     cdef doubles E = a.E + at * n * n, F = a.F + at * n * n, G_E = a.G_E + at * n * out, G_F = a.G_F + at * n * out
     cdef doubles source_s = a.source_s + at * into * n, source_d = a.source_d + at * into * n
     cdef doubles prt = desk.work, phi = prt + <size_t>3 * n_all * a.n_term, psi = phi + room, phi_in = psi + room
     cdef doubles psi_in = phi_in + room, scale = psi_in + room
     cdef int i, j, kind, inner
     cdef doubles matrix
-    if terms <= m or albedo == 0.0:
-        memset(E, 0, sizeof(double) * n * n)
-        memset(F, 0, sizeof(double) * n * n)
-        memset(G_E, 0, sizeof(double) * out * n)
-        memset(G_F, 0, sizeof(double) * out * n)
-        memset(source_s, 0, sizeof(double) * into * n)
-        memset(source_d, 0, sizeof(double) * into * n)
+    if terms <= m or x.albedo == 0.0:
+        set_zero(<size_t>n * n, E)
+        set_zero(<size_t>n * n, F)
+        set_zero(<size_t>out * n, G_E)
+        set_zero(<size_t>out * n, G_F)
+        set_zero(<size_t>into * n, source_s)
+        set_zero(<size_t>into * n, source_d)
     else:
-        spherical(m, terms, is_polar(p), directions, n_all, prt)
+        spherical(m, terms, is_polar(x.p), directions, n_all, prt)
         for i in range(n_node):
             scale[i] = sqrt(a.weights[i] / directions[i])
         for kind in range(2):       # 0: E, 1: F
             matrix = F if kind else E
-            inner = columns_of(p, m, terms, kind)
-            parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, phi)
-            times_coefficients(p, m, terms, kind, albedo, 1.0, coefficients, n, phi, psi)
+            inner = columns_of(&x, kind)
+            parity_columns(&x, kind, prt, n_all, 0, n_node, scale, phi)
+            times_coefficients(&x, kind, 1.0, n, phi, psi)
             product(b"N", b"T", n, n, inner, -1.0, phi, n, psi, n, 0.0, matrix, n)
             # the beam: column mu0 of the same product; rows: phi, the nodes
-            parity_columns(p, m, terms, kind, prt, n_all, n_node + n_out, n_in, NULL, phi_in)
-            times_coefficients(p, m, terms, kind, albedo, 1.0, coefficients, into, phi_in, psi_in)
+            parity_columns(&x, kind, prt, n_all, n_node + n_out, n_in, NULL, phi_in)
+            times_coefficients(&x, kind, 1.0, into, phi_in, psi_in)
             product(b"N", b"T", n, into, inner, 1.0, phi, n, psi_in, into, 0.0, source_s if kind else source_d, n)
-            parity_columns(p, m, terms, kind, prt, n_all, n_node, n_out, NULL, phi)
+            parity_columns(&x, kind, prt, n_all, n_node, n_out, NULL, phi)
             product(b"N", b"T", out, n, inner, 1.0, phi, out, psi, n, 0.0, G_F if kind else G_E, out)
     for i in range(n):
         j = i * n + i

@@ -24,7 +24,7 @@ def order_bounds(crew, *, const double[:, :, ::1] coefficients, const int[::1] t
         np.any(np.asarray(coefficients)[:, :, 1:]), <int>coefficients.shape[1], <int>coefficients.shape[0],
         <int>directions.shape[0], <int>weights.shape[0], n_out, &terms[0], &coefficients[0, 0, 0], &albedo[0],
         &directions[0], &weights[0], &strength[0, 0], &bounds[0], &effect[0, 0])
-    run_items(crew, order_bound, &task, task.n_term, 4 * task.n_all * task.n_term + 3 * task.n_all + 3 * task.n_term, 0, NULL)
+    run_items(crew, order_bound, &task, task.n_term, (4 * task.n_all + 3) * task.n_term + 3 * task.n_all, 0, NULL)
 
 
 cdef inline double norm_of_coefficients(given c) noexcept nogil:
@@ -52,7 +52,7 @@ cdef int order_bound(const void* task, int m, Desk desk) noexcept nogil:
     cdef doubles norm
     cdef doubles q
     bound[0] = 0.0
-    memset(effect, 0, sizeof(double) * n_node)
+    set_zero(n_node, effect)
     spherical(m, n_term, b.polar, directions, n_all, prt)
     for l in range(m, n_term):
         p = prt + <size_t>3 * l * n_all
@@ -69,7 +69,7 @@ cdef int order_bound(const void* task, int m, Desk desk) noexcept nogil:
         worst_u = worst_v = 0.0
         q = b.strength + <size_t>layer * n_term + m
         q[0] = 0.0
-        memset(u, 0, sizeof(double) * 3 * n_all)
+        set_zero(3 * n_all, u)
         for l in range(m, b.terms[layer]):
             norm = norms + <size_t>l * n_all
             size[l] = albedo[layer] * norm_of_coefficients(b.coefficients + (<size_t>layer * n_term + l) * 6)
@@ -91,7 +91,8 @@ cdef int order_bound(const void* task, int m, Desk desk) noexcept nogil:
     return 0
 
 
-def bounds_at(*, const double[::1] strength, const double[::1] bounds, const double[::1] depth, const double[::1] decays):
+def bounds_at(*, const double[::1] strength, const double[::1] bounds, const double[::1] depth,
+              const double[::1] decays):
     """What multiple scattering of each order adds at most at each depth, (order, n_tau).
 
     An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is

@@ -25,9 +25,9 @@ def double_slabs(crew, *, const int[::1] orders, bint conserving, bint clear, bi
 
     conserving: whether order 0 has I; clear: whether slabs without scattering are not doubled; settled: whether
     doublings that change R no more are cut short; material (slab,): place of the slab's material in albedo, asymmetry
-    (material,) and in the matrices that `assemble` left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col, S)
-    the incident Stokes vectors, mu_out (n_out,). R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks N,
-    NI, ON, OI, OO, II one behind the other, T with the unscattered light on its diagonal; in order 0 the nodes are
+    (material,) and in the matrices that `assemble` left; thickness (slab,), inf allowed; mu0 (n_in,), columns (n_col,
+    S) the incident Stokes vectors, mu_out (n_out,). R, T (order, slab, extended_size(n, n_in n_col, S n_out)): blocks
+    N, NI, ON, OI, OO, II one behind the other, T with the unscattered light on its diagonal; in order 0 the nodes are
     turned so that one axis (`flux_axis`) carries the flux. lost (order, slab, n): what the slab absorbs of it, its row
     of 1 - R - T. residual (order, slab, 2): how well R, and T, satisfy invariance, relative; doublings (order, slab).
     """
@@ -43,209 +43,221 @@ def double_slabs(crew, *, const int[::1] orders, bint conserving, bint clear, bi
               doubling_work(n, task.n_in * task.n_col, stokes * task.n_out), n, &info[0, 0])
 
 
+cdef struct Work:
+    # one slab of one order at work: E and F with their directions off the nodes, Ze, Zo and C = 1 - Zo Ze, R and T
+    Sizes s
+    Nodes nodes
+    int m, n_in, n_col
+    double thickness, albedo, asymmetry, steepest
+    given columns, mu0, mu_out
+    Extended e, f, Ze, Zo, C, a, b, spare, r, t
+    doubles v
+    Desk desk
+
+
 cdef int double_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef const Doubling* d = <const Doubling*>task
-    cdef int order = item // d.n_slab, k = item % d.n_slab, material = d.material[k], stokes = d.stokes, info, i
-    cdef int n_in = d.n_in, n_col = d.n_col, m = d.orders[order] if d.conserving else max(d.orders[order], 1)
-    cdef Sizes s = Sizes(stokes * d.n_node, n_in * n_col, stokes * d.n_out, stokes)
-    cdef size_t each = size_extended(s), at = <size_t>order * d.n_material + material, n = s.n
-    cdef double thickness = d.thickness[k], albedo = d.albedo[material]
-    cdef given nodes = d.nodes, weights = d.weights, mu0 = d.mu0, columns = d.columns, mu_out = d.mu_out
-    cdef given E = d.E + at * n * n, F = d.F + at * n * n
-    cdef given G_E = d.G_E + at * n * s.o, G_F = d.G_F + at * n * s.o
-    cdef given source_s = d.source_s + at * stokes * n_in * n, source_d = d.source_d + at * stokes * n_in * n
-    cdef doubles R = d.R + item * each, T = d.T + item * each, lost = d.lost + item * n
-    cdef doubles residual = d.residual + 2 * <size_t>item, work = desk.work
-    cdef ints doublings = d.doublings + item, pivots = desk.pivots
-    cdef given_ints stop = desk.stop
-    cdef Extended e = extended_at(s, work), f = extended_at(s, work + each)
-    cdef Extended Ze = extended_at(s, work + 2 * each), Zo = extended_at(s, work + 3 * each)
-    cdef Extended C = extended_at(s, work + 4 * each), a = extended_at(s, work + 5 * each)
-    cdef Extended b = extended_at(s, work + 6 * each), spare = extended_at(s, work + 7 * each)
-    cdef Extended r = extended_at(s, R), t = extended_at(s, T)
-    cdef doubles v = work + 8 * each
-    cdef double steepest = 0.0
-    memset(R, 0, sizeof(double) * each)
-    memset(T, 0, sizeof(double) * each)
-    memset(lost, 0, sizeof(double) * s.n)
+    cdef int order = item // d.n_slab, k = item % d.n_slab, material = d.material[k], stokes = d.stokes, info
+    cdef Sizes s = Sizes(stokes * d.n_node, d.n_in * d.n_col, stokes * d.n_out, stokes)
+    cdef size_t each = size_extended(s), at = <size_t>order * d.n_material + material, n = s.n, into = stokes * d.n_in
+    cdef doubles memory = desk.work, lost = d.lost + item * n, residual = d.residual + 2 * <size_t>item
+    cdef Work w = Work(
+        s, Nodes(s.n, stokes, d.nodes, d.weights), d.orders[order] if d.conserving else max(d.orders[order], 1), d.n_in,
+        d.n_col, d.thickness[k], d.albedo[material], d.asymmetry[material], 0.0, d.columns, d.mu0, d.mu_out,
+        extended_at(s, memory), extended_at(s, memory + each), extended_at(s, memory + 2 * each),
+        extended_at(s, memory + 3 * each), extended_at(s, memory + 4 * each), extended_at(s, memory + 5 * each),
+        extended_at(s, memory + 6 * each), extended_at(s, memory + 7 * each), extended_at(s, d.R + item * each),
+        extended_at(s, d.T + item * each), memory + 8 * each, desk)
+    set_zero(each, w.r.N)
+    set_zero(each, w.t.N)
+    set_zero(n, lost)
     residual[0] = residual[1] = 0.0
-    doublings[0] = 0
-    rates(s, n_col, nodes, mu0, mu_out, e, &steepest)
-    if albedo == 0.0 and d.clear:
-        clear_slab(s, thickness, nodes, weights, e, t, m, lost, v, spare.N)
+    d.doublings[item] = 0
+    put_rates(&w, w.e)
+    if w.albedo == 0.0 and d.clear:
+        clear_slab(&w, lost)
         return 0
-    extend(s, n_col, n_in, columns, E, G_E, source_d, mu_out, e)
-    rates(s, n_col, nodes, mu0, mu_out, f, &steepest)
-    extend(s, n_col, n_in, columns, F, G_F, source_s, mu_out, f)
-    if m == 0:
-        turn_extended(s, albedo, nodes, weights, columns, n_col, mu_out, v, e, f, spare.N)
-    if thickness < 1e300:
-        info = double_plainly(s, m, d.settled, thickness, steepest, e, f, Ze, Zo, C, a, b, spare, doublings, pivots, stop)
+    extend(&w, d.E + at * n * n, d.G_E + at * n * s.o, d.source_d + at * into * n, w.e)
+    put_rates(&w, w.f)
+    extend(&w, d.F + at * n * n, d.G_F + at * n * s.o, d.source_s + at * into * n, w.f)
+    if w.m == 0:
+        turn_extended(&w)
+    product_extended(s, 1.0, w.f, w.e, w.a)
+    w.steepest = max(w.steepest, sqrt(norm_1(s.n, w.a.N)))
+    if w.thickness < ENDLESS:
+        info = double_plainly(&w, d.settled, d.doublings + item)
     else:
-        info = double_endless(s, m, albedo, d.asymmetry[material], steepest, e, f, Ze, Zo, a, b, spare, doublings, pivots, stop)
-    if info != 0 or stop[0]:
+        info = double_endless(&w, d.doublings + item)
+    if info != 0 or desk.stop[0]:
         return info
-    info = reflect_and_transmit(s, thickness, Ze, Zo, C, a, b, spare, r, t, lost, m, pivots)
+    info = reflect_and_transmit(&w, lost)
     if info == 0:
-        half_sum_and_difference(s, e, f)
-        if thickness > 1.5:
-            reflect_by_invariance(s, e, f, r, t, a)
-        invariance(s, thickness, e, f, r, t, a, b, spare, residual)
+        half_sum_and_difference(s, w.e, w.f)
+        if w.thickness > THICK:
+            reflect_by_invariance(s, w.e, w.f, w.r, w.t, w.a)
+        invariance(&w, residual)
     return info
 
 
-cdef void rates(Sizes s, int n_col, given nodes, given mu0, given mu_out, Extended a,
-                doubles steepest) noexcept nogil:
-    """1/mu of the incident and outgoing directions on the diagonal; the largest of all."""
+cdef void put_rates(Work* w, Extended a) noexcept nogil:
+    """1/mu of the incident and outgoing directions on a's diagonal; `steepest`: the largest of all."""
     cdef int i
-    for i in range(s.o):
-        a.OO[i] = 1.0 / mu_out[i // s.stokes]
-        steepest[0] = max(steepest[0], a.OO[i])
-    for i in range(s.r):
-        a.II[i] = 1.0 / mu0[i // n_col]
-        steepest[0] = max(steepest[0], a.II[i])
-    for i in range(s.n // s.stokes):
-        steepest[0] = max(steepest[0], 1.0 / nodes[i])
+    for i in range(w.s.o):
+        a.OO[i] = 1.0 / w.mu_out[i // w.s.stokes]
+        w.steepest = max(w.steepest, a.OO[i])
+    for i in range(w.s.r):
+        a.II[i] = 1.0 / w.mu0[i // w.n_col]
+        w.steepest = max(w.steepest, a.II[i])
+    for i in range(w.s.n // w.s.stokes):
+        w.steepest = max(w.steepest, 1.0 / w.nodes.mu[i])
 
 
-cdef void clear_slab(Sizes s, double thickness, given nodes, given weights, Extended rate, Extended t, int m,
-                     doubles lost, doubles v, doubles spare) noexcept nogil:
+cdef void clear_slab(const Work* w, doubles lost) noexcept nogil:
     """A slab that does not scatter: T alone."""
-    cdef int i
-    cdef double size = 0.0
-    for i in range(s.n):
-        t.N[<size_t>i * s.n + i] = exp(-thickness / nodes[i // s.stokes])
-    for i in range(s.o):
-        t.OO[i] = exp(-thickness * rate.OO[i])
-    for i in range(s.r):
-        t.II[i] = exp(-thickness * rate.II[i])
-    if m != 0:
+    cdef int i, n = w.s.n, stokes = w.s.stokes
+    cdef double size = half_range(w.nodes)
+    for i in range(n):
+        w.t.N[<size_t>i * n + i] = exp(-w.thickness / w.nodes.mu[i // stokes])
+    for i in range(w.s.o):
+        w.t.OO[i] = exp(-w.thickness * w.e.OO[i])
+    for i in range(w.s.r):
+        w.t.II[i] = exp(-w.thickness * w.e.II[i])
+    if w.m != 0:
         return
-    conserving_axis(s.n, s.stokes, nodes, weights, v)
-    reflect_both(s.n, s.stokes, v, t.N, spare)
-    for i in range(s.n // s.stokes):
-        size += weights[i] * nodes[i]
-    for i in range(s.n // s.stokes):     # the axis is minus the unit null vector
-        lost[s.stokes * i] = sqrt(weights[i] * nodes[i] / size) * expm1(-thickness / nodes[i])
-    turn_columns(s.n, s.stokes, 1, v, lost)
+    conserving_axis(w.nodes, w.v)
+    reflect_both(w.nodes, w.v, w.t.N, w.spare.N)
+    for i in range(n // stokes):     # the axis is minus the unit null vector
+        lost[stokes * i] = sqrt(w.nodes.weights[i] * w.nodes.mu[i] / size) * expm1(-w.thickness / w.nodes.mu[i])
+    turn_columns(w.nodes, 1, w.v, lost)
 
 
-cdef void extend(Sizes s, int n_col, int n_in, given columns, given matrix, given G,
-                 given source, given mu_out, Extended a) noexcept nogil:
+cdef void extend(const Work* w, given matrix, given G, given source, Extended a) noexcept nogil:
     """E or F with its incident and outgoing directions: the sources with the other sign, no OI."""
-    cdef int i, j
-    memcpy(a.N, matrix, sizeof(double) * <size_t>s.n * s.n)
-    for j in range(s.n):
-        for i in range(s.o):
-            a.ON[<size_t>j * s.o + i] = -G[<size_t>j * s.o + i] / mu_out[i // s.stokes]
-    for i in range(n_in):
-        product(b"N", b"N", s.n, n_col, s.stokes, -1.0, source + <size_t>s.stokes * i * s.n, s.n, columns, s.stokes, 0.0,
-                a.NI + <size_t>i * n_col * s.n, s.n)
-    memset(a.OI, 0, sizeof(double) * <size_t>s.r * s.o)
+    cdef int i, j, n = w.s.n, o = w.s.o, stokes = w.s.stokes
+    copy(<size_t>n * n, matrix, a.N)
+    for j in range(n):
+        for i in range(o):
+            a.ON[<size_t>j * o + i] = -G[<size_t>j * o + i] / w.mu_out[i // stokes]
+    for i in range(w.n_in):
+        multiply(n, w.n_col, stokes, -1.0, source + <size_t>stokes * i * n, w.columns, 0.0,
+                 a.NI + <size_t>i * w.n_col * n)
+    set_zero(<size_t>w.s.r * o, a.OI)
 
 
-cdef void turn_extended(Sizes s, double albedo, given nodes, given weights, given columns, int n_col,
-                        given mu_out, doubles v, Extended e, Extended f, doubles spare) noexcept nogil:
+cdef void turn_extended(Work* w) noexcept nogil:
     """Order 0: one axis becomes sqrt(weight mu) on I, whose row and column of E are known exactly (2 N terms)."""
-    cdef int i, axis = flux_axis(s.n, s.stokes)
-    cdef double size = 0.0
-    conserving_axis(s.n, s.stokes, nodes, weights, v)
-    for i in range(s.n // s.stokes):
-        size += weights[i] * nodes[i]
-    size = sqrt(size)
-    reflect_both(s.n, s.stokes, v, e.N, spare)
-    reflect_both(s.n, s.stokes, v, f.N, spare)
-    exact_conservation(s.n, s.stokes, albedo, nodes, weights, v, e.N, spare)
-    turn_edges(s, v, e, spare)
-    turn_edges(s, v, f, spare)
-    for i in range(s.r):
-        e.NI[<size_t>i * s.n + axis] = albedo * columns[s.stokes * (i % n_col)] / size
-    for i in range(s.o):
-        e.ON[<size_t>axis * s.o + i] = 0.0 if i % s.stokes else albedo / (mu_out[i // s.stokes] * size)
+    cdef int i, stokes = w.s.stokes, axis = flux_axis(w.s.n, stokes)
+    cdef double size = sqrt(half_range(w.nodes))
+    conserving_axis(w.nodes, w.v)
+    reflect_both(w.nodes, w.v, w.e.N, w.spare.N)
+    reflect_both(w.nodes, w.v, w.f.N, w.spare.N)
+    exact_conservation(w.nodes, w.albedo, w.v, w.e.N, w.spare.N)
+    turn_edges(w, w.e)
+    turn_edges(w, w.f)
+    for i in range(w.s.r):
+        w.e.NI[<size_t>i * w.s.n + axis] = w.albedo * w.columns[stokes * (i % w.n_col)] / size
+    for i in range(w.s.o):
+        w.e.ON[<size_t>axis * w.s.o + i] = 0.0 if i % stokes else w.albedo / (w.mu_out[i // stokes] * size)
 
 
-cdef inline void turn_edges(Sizes s, given v, Extended a, doubles spare) noexcept nogil:
+cdef inline void turn_edges(const Work* w, Extended a) noexcept nogil:
     """NI <- (1 - v v^T) NI, ON <- ON (1 - v v^T)."""
-    turn_columns(s.n, s.stokes, s.r, v, a.NI)
-    turn_rows(s.n, s.stokes, s.o, v, a.ON, spare)
+    turn_columns(w.nodes, w.s.r, w.v, a.NI)
+    turn_rows(w.nodes, w.s.o, w.v, a.ON, w.spare.N)
 
 
 cdef double SETTLED = 1e-17     # below the rounding of 1
+TANH_NUMERATOR = 135135.0, 17325.0, 378.0, 1.0      # tanh's continued fraction, its seventh convergent
+TANH_DENOMINATOR = 135135.0, 62370.0, 3150.0, 28.0
+cdef double[4] NUMERATOR = TANH_NUMERATOR
+cdef double[4] DENOMINATOR = TANH_DENOMINATOR
 
 
-cdef int double_plainly(Sizes s, int m, bint settled, double thickness, double steepest, Extended e, Extended f, Extended Ze, Extended Zo,
-                        Extended C, Extended a, Extended b, Extended spare, ints doublings, ints pivots,
-                        given_ints stop) noexcept nogil:
-    """Ze, Zo and C = 1 - Zo Ze of a finite slab: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1, L = 1 + Zo Ze.
+cdef int double_plainly(Work* w, bint settled, int* doublings) noexcept nogil:
+    """Ze, Zo and C = 1 - Zo Ze of a finite slab: a rational start, then Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1, L = 1 + Zo
+    Ze; a is F E on entry.
 
     C is formed while half the thickness is at most 0.75, so that 1 - Zo Ze keeps its digits, then carried,
     C <- (C L^-1)^2, which keeps them where T is too small for a difference. settled: once C is below the rounding of 1,
     L = 2 and doublings change C alone.
     """
+    cdef Sizes s = w.s
     cdef int info, step, i, count = 0, axis = flux_axis(s.n, s.stokes)
     cdef size_t k
-    cdef double h = 0.5 * thickness
+    cdef double h = 0.5 * w.thickness
     cdef bint carried = False
-    product_extended(s, 1.0, f, e, a)
-    steepest = max(steepest, sqrt(norm_1(s.n, a.N)))
-    while h * steepest > 0.5:
+    while h * w.steepest > 0.5:
         h = 0.5 * h
         count = count + 1
     doublings[0] = count
-    info = rational_start(s, h, e, f, Ze, Zo, a, b, C, spare, pivots)
+    info = rational_start(w, h)
     for step in range(count):
-        if info != 0 or stop[0]:
+        if info != 0 or w.desk.stop[0]:
             return info
-        if settled and carried and largest_of(size_extended(s), C.N) < SETTLED:
-            product_extended(s, 0.25, C, C, b)
-            copy_extended(s, b, C)
+        if settled and carried and largest_of(size_extended(s), w.C.N) < SETTLED:
+            product_extended(s, 0.25, w.C, w.C, w.b)
+            copy_extended(s, w.b, w.C)
             h = 2.0 * h
-            direct_complement(s, h, e, C)
+            direct_complement(w, h)
             continue
-        product_extended(s, 1.0, Zo, Ze, a)                      # L - 1
-        if 2.0 * h > 0.75 and not carried:
-            complement(s, h, e, a, C)
+        product_extended(s, 1.0, w.Zo, w.Ze, w.a)                      # L - 1
+        if 2.0 * h > COMPLEMENTED and not carried:
+            complement(w, h)
             carried = True
-        add_identity(s, 1.0, a)
-        info = invert_extended(s, a, spare, pivots)
-        product_extended(s, 2.0, a, Zo, b)
-        copy_extended(s, b, Zo)
-        if m == 0:
+        info = double_both(w)
+        if w.m == 0:
             for i in range(s.n):    # reciprocity; rounding in this row would double at each step
                 k = <size_t>axis * s.n + i
-                Zo.N[<size_t>i * s.n + axis] = -Zo.N[k] if s.stokes == 4 and i % 4 == 3 else Zo.N[k]
-        product_extended(s, 2.0, Ze, a, b)
-        copy_extended(s, b, Ze)
+                w.Zo.N[<size_t>i * s.n + axis] = -w.Zo.N[k] if s.stokes == 4 and i % 4 == 3 else w.Zo.N[k]
         h = 2.0 * h
-        for i in range(s.o):
-            Ze.OO[i] = Zo.OO[i] = tanh(h * e.OO[i])
-        for i in range(s.r):
-            Ze.II[i] = Zo.II[i] = tanh(h * e.II[i])
+        go_straight(w, h)
         if carried:
-            product_extended(s, 1.0, C, a, b)
-            product_extended(s, 1.0, b, b, C)
-            direct_complement(s, h, e, C)
+            product_extended(s, 1.0, w.C, w.a, w.b)
+            product_extended(s, 1.0, w.b, w.b, w.C)
+            direct_complement(w, h)
     if not carried:
-        product_extended(s, 1.0, Zo, Ze, a)
-        complement(s, h, e, a, C)
+        product_extended(s, 1.0, w.Zo, w.Ze, w.a)
+        complement(w, h)
     return info
 
 
-cdef inline void complement(Sizes s, double h, Extended rate, Extended product_of_both, Extended C) noexcept nogil:
-    """C = 1 - Zo Ze."""
-    copy_extended(s, product_of_both, C)
-    scale_extended(s, -1.0, C)
-    add_identity(s, 1.0, C)
-    direct_complement(s, h, rate, C)
+cdef int double_both(const Work* w) noexcept nogil:
+    """Zo <- 2 L^-1 Zo, Ze <- 2 Ze L^-1; a <- L^-1, L - 1 on entry."""
+    cdef int info
+    add_identity(w.s, 1.0, w.a)
+    info = invert_extended(w.s, w.a, w.spare, w.desk.pivots)
+    if info == 0:
+        product_extended(w.s, 2.0, w.a, w.Zo, w.b)
+        copy_extended(w.s, w.b, w.Zo)
+        product_extended(w.s, 2.0, w.Ze, w.a, w.b)
+        copy_extended(w.s, w.b, w.Ze)
+    return info
 
 
-cdef inline void direct_complement(Sizes s, double h, Extended rate, Extended C) noexcept nogil:
+cdef void go_straight(const Work* w, double h) noexcept nogil:
+    """Ze and Zo of unscattered light."""
+    cdef int i
+    for i in range(w.s.o):
+        w.Ze.OO[i] = w.Zo.OO[i] = tanh(h * w.e.OO[i])
+    for i in range(w.s.r):
+        w.Ze.II[i] = w.Zo.II[i] = tanh(h * w.e.II[i])
+
+
+cdef void complement(const Work* w, double h) noexcept nogil:
+    """C = 1 - Zo Ze, which a is."""
+    copy_extended(w.s, w.a, w.C)
+    scale_extended(w.s, -1.0, w.C)
+    add_identity(w.s, 1.0, w.C)
+    direct_complement(w, h)
+
+
+cdef void direct_complement(const Work* w, double h) noexcept nogil:
     """1 - tanh^2 = 1/cosh^2 of the unscattered light, without a difference."""
     cdef int i
-    for i in range(s.o):
-        C.OO[i] = one_over_cosh_squared(h * rate.OO[i])
-    for i in range(s.r):
-        C.II[i] = one_over_cosh_squared(h * rate.II[i])
+    for i in range(w.s.o):
+        w.C.OO[i] = one_over_cosh_squared(h * w.e.OO[i])
+    for i in range(w.s.r):
+        w.C.II[i] = one_over_cosh_squared(h * w.e.II[i])
 
 
 cdef inline double one_over_cosh_squared(double x) noexcept nogil:
@@ -253,85 +265,67 @@ cdef inline double one_over_cosh_squared(double x) noexcept nogil:
     return 4.0 * e / ((1.0 + e) * (1.0 + e))
 
 
-cdef int rational_start(Sizes s, double h, Extended e, Extended f, Extended Ze, Extended Zo, Extended z, Extended power,
-                        Extended above, Extended below, ints pivots) noexcept nogil:
-    """Ze = E f, Zo = f F with the seventh convergent of tanh's continued fraction (2e-16 for h sqrt(A) <= 1/2).
-
-    z: F E on entry. power, above, below: scratch.
-    """
-    cdef int info
-    cdef double numerator[4]
-    cdef double denominator[4]
-    cdef int i
-    numerator[0], numerator[1], numerator[2], numerator[3] = 135135.0, 17325.0, 378.0, 1.0
-    denominator[0], denominator[1], denominator[2], denominator[3] = 135135.0, 62370.0, 3150.0, 28.0
+cdef int rational_start(const Work* w, double h) noexcept nogil:
+    """Ze = E f, Zo = f F with the seventh convergent of tanh's continued fraction (2e-16 for h sqrt(A) <= 1/2); a is
+    F E on entry."""
+    cdef int i, info
+    cdef Sizes s = w.s
+    cdef Extended z = w.a, power = w.b, above = w.C, below = w.spare
     scale_extended(s, h * h, z)
-    memset(above.N, 0, sizeof(double) * size_extended(s))
-    memset(below.N, 0, sizeof(double) * size_extended(s))
-    add_identity(s, numerator[0], above)
-    add_identity(s, denominator[0], below)
+    set_zero(size_extended(s), above.N)
+    set_zero(size_extended(s), below.N)
+    add_identity(s, NUMERATOR[0], above)
+    add_identity(s, DENOMINATOR[0], below)
     copy_extended(s, z, power)
     for i in range(1, 4):
-        add_extended(s, numerator[i], power, above)
-        add_extended(s, denominator[i], power, below)
+        add_extended(s, NUMERATOR[i], power, above)
+        add_extended(s, DENOMINATOR[i], power, below)
         if i < 3:
-            product_extended(s, 1.0, z, power, Ze)
-            copy_extended(s, Ze, power)
-    info = invert_extended(s, below, power, pivots)
+            product_extended(s, 1.0, z, power, w.Ze)
+            copy_extended(s, w.Ze, power)
+    info = invert_extended(s, below, power, w.desk.pivots)
     product_extended(s, h, below, above, z)
-    product_extended(s, 1.0, e, z, Ze)
-    product_extended(s, 1.0, z, f, Zo)
-    for i in range(s.o):
-        Ze.OO[i] = Zo.OO[i] = tanh(h * e.OO[i])
-    for i in range(s.r):
-        Ze.II[i] = Zo.II[i] = tanh(h * e.II[i])
+    product_extended(s, 1.0, w.e, z, w.Ze)
+    product_extended(s, 1.0, z, w.f, w.Zo)
+    go_straight(w, h)
     return info
 
 
-cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double steepest, Extended e, Extended f,
-                        Extended Ze, Extended Zo, Extended a, Extended b, Extended spare, ints doublings, ints pivots,
-                        given_ints stop) noexcept nogil:
+cdef int double_endless(Work* w, int* doublings) noexcept nogil:
     """Ze and Zo of a slab without end, where Zo Ze = 1, by scaled doublings.
 
     Before each, both are multiplied by ratio^(-1/2), `ratio` being the smallest over the largest eigenvalue of
     sqrt(Zo Ze): the smallest is estimated from below, and a wrong guess costs steps, no digits. The condition of L is
-    1/ratio: it is not let below 1e-3.
+    1/ratio: it is not let below STEEPEST_RATIO.
     """
-    cdef int info = 0, step, i, axis = flux_axis(s.n, s.stokes)
-    cdef double ratio, used, gap, slowest
-    product_extended(s, 1.0, f, e, a)
-    steepest = max(steepest, sqrt(norm_1(s.n, a.N)))
-    slowest = sqrt((1.0 - albedo) * (1.0 - albedo * asymmetry))
-    if m > 0 or albedo == 1.0:
+    cdef Sizes s = w.s
+    cdef int info, step, i, axis = flux_axis(s.n, s.stokes)
+    cdef double ratio, used, gap, slowest = sqrt((1.0 - w.albedo) * (1.0 - w.albedo * w.asymmetry))
+    if w.m > 0 or w.albedo == 1.0:
         slowest = max(slowest, 0.05)
-    ratio = min(1.0, slowest / steepest)
-    copy_extended(s, e, Ze)
-    copy_extended(s, f, Zo)
-    scale_extended(s, 1.0 / steepest, Ze)
-    scale_extended(s, 1.0 / steepest, Zo)
-    for step in range(100):
-        if stop[0]:
+    ratio = min(1.0, slowest / w.steepest)
+    copy_extended(s, w.e, w.Ze)
+    copy_extended(s, w.f, w.Zo)
+    scale_extended(s, 1.0 / w.steepest, w.Ze)
+    scale_extended(s, 1.0 / w.steepest, w.Zo)
+    for step in range(MOST_DOUBLINGS):
+        if w.desk.stop[0]:
             return 0
-        used = max(ratio, 1e-3)
-        scale_extended(s, 1.0 / sqrt(used), Ze)
-        scale_extended(s, 1.0 / sqrt(used), Zo)
-        product_extended(s, 1.0, Zo, Ze, a)
+        used = max(ratio, STEEPEST_RATIO)
+        scale_extended(s, 1.0 / sqrt(used), w.Ze)
+        scale_extended(s, 1.0 / sqrt(used), w.Zo)
+        product_extended(s, 1.0, w.Zo, w.Ze, w.a)
         gap = 0.0
         for i in range(s.n):
-            if not (m == 0 and albedo == 1.0 and i == axis):     # there Ze = 0 for ever
-                gap = max(gap, fabs(a.N[<size_t>i * s.n + i] - 1.0))
+            if not (w.m == 0 and w.albedo == 1.0 and i == axis):     # there Ze = 0 for ever
+                gap = max(gap, fabs(w.a.N[<size_t>i * s.n + i] - 1.0))
         for i in range(s.o):
-            gap = max(gap, fabs(a.OO[i] - 1.0))
+            gap = max(gap, fabs(w.a.OO[i] - 1.0))
         for i in range(s.r):
-            gap = max(gap, fabs(a.II[i] - 1.0))
-        add_identity(s, 1.0, a)
-        info = invert_extended(s, a, spare, pivots)
+            gap = max(gap, fabs(w.a.II[i] - 1.0))
+        info = double_both(w)
         if info != 0:
             return info
-        product_extended(s, 2.0, a, Zo, b)
-        copy_extended(s, b, Zo)
-        product_extended(s, 2.0, Ze, a, b)
-        copy_extended(s, b, Ze)
         doublings[0] += 1
         if gap < 1e-9 and ratio > 0.999:      # the error is squared by the step just done
             break
@@ -340,38 +334,37 @@ cdef int double_endless(Sizes s, int m, double albedo, double asymmetry, double 
     return 0
 
 
-cdef int reflect_and_transmit(Sizes s, double thickness, Extended Ze, Extended Zo, Extended C, Extended a, Extended b,
-                              Extended spare, Extended r, Extended t, doubles lost, int m, ints pivots) noexcept nogil:
-    """r = So - Se and t = (1 + Zo)^-1 C (1 + Ze)^-1; without end r = 1 - 2 Se and t = 0. lost = 2 Se, the flux's row."""
+cdef int reflect_and_transmit(const Work* w, doubles lost) noexcept nogil:
+    """R = So - Se and T = (1 + Zo)^-1 C (1 + Ze)^-1; without end R = 1 - 2 Se and T = 0. lost = 2 Se, the flux's
+    row."""
+    cdef Sizes s = w.s
     cdef int info, i, axis = flux_axis(s.n, s.stokes)
-    cdef bint endless = thickness > 1e300
-    copy_extended(s, Ze, a)
-    add_identity(s, 1.0, a)
-    info = invert_extended(s, a, spare, pivots)
+    cdef bint endless = w.thickness > ENDLESS
+    copy_extended(s, w.Ze, w.a)
+    add_identity(s, 1.0, w.a)
+    info = invert_extended(s, w.a, w.spare, w.desk.pivots)
     if info != 0:
         return info
-    product_extended(s, -2.0 if endless else -1.0, Ze, a, r)
-    if m == 0:
+    product_extended(s, -2.0 if endless else -1.0, w.Ze, w.a, w.r)
+    if w.m == 0:
         for i in range(s.n):
-            lost[i] = r.N[<size_t>i * s.n + axis] * (-1.0 if endless else -2.0)
+            lost[i] = w.r.N[<size_t>i * s.n + axis] * (-1.0 if endless else -2.0)
     if endless:
-        add_identity(s, 1.0, r)
+        add_identity(s, 1.0, w.r)
     else:
-        product_extended(s, 1.0, C, a, b)                        # C (1 + Ze)^-1
-        copy_extended(s, Zo, a)
-        add_identity(s, 1.0, a)
-        info = invert_extended(s, a, spare, pivots)
-        product_extended(s, 1.0, a, b, t)
-        if thickness > 1.5:     # Zo may be as large as the slab is thick: So = 1 - (1 + Zo)^-1
-            add_extended(s, -1.0, a, r)
-            add_identity(s, 1.0, r)
-        else:                   # Zo may be small: So = Zo (1 + Zo)^-1
-            product_extended(s, 1.0, Zo, a, b)
-            add_extended(s, 1.0, b, r)
-    for i in range(s.o):      # unscattered light only
-        r.OO[i] = 0.0
-    for i in range(s.r):
-        r.II[i] = 0.0
+        product_extended(s, 1.0, w.C, w.a, w.b)                        # C (1 + Ze)^-1
+        copy_extended(s, w.Zo, w.a)
+        add_identity(s, 1.0, w.a)
+        info = invert_extended(s, w.a, w.spare, w.desk.pivots)
+        product_extended(s, 1.0, w.a, w.b, w.t)
+        if w.thickness > THICK:     # Zo may be as large as the slab is thick: So = 1 - (1 + Zo)^-1
+            add_extended(s, -1.0, w.a, w.r)
+            add_identity(s, 1.0, w.r)
+        else:                       # Zo may be small: So = Zo (1 + Zo)^-1
+            product_extended(s, 1.0, w.Zo, w.a, w.b)
+            add_extended(s, 1.0, w.b, w.r)
+    set_zero(s.o, w.r.OO)           # unscattered light only
+    set_zero(s.r, w.r.II)
     return info
 
 
@@ -385,7 +378,8 @@ cdef inline void half_sum_and_difference(Sizes s, Extended e, Extended f) noexce
         f.N[i] = 0.5 * (x - f.N[i])
 
 
-cdef void reflect_by_invariance(Sizes s, Extended alpha, Extended beta, Extended r, Extended t, Extended spare) noexcept nogil:
+cdef void reflect_by_invariance(Sizes s, Extended alpha, Extended beta, Extended r, Extended t,
+                                Extended spare) noexcept nogil:
     """R's OI anew, from R's and T's other blocks: a thin layer added on top and taken off below changes nothing.
 
     In a thick slab at omega = 1 Zo grows with the thickness, and what it leaves in OI is the difference of two such
@@ -394,51 +388,49 @@ cdef void reflect_by_invariance(Sizes s, Extended alpha, Extended beta, Extended
     cdef int i, j
     cdef size_t k, nr = <size_t>s.n * s.r
     # everything right of R_ON, and of T_ON
-    memcpy(spare.NI, alpha.NI, sizeof(double) * nr)
-    product(b"N", b"N", s.n, s.r, s.n, 1.0, beta.N, s.n, r.NI, s.n, 1.0, spare.NI, s.n)
-    product(b"N", b"N", s.o, s.r, s.n, -1.0, r.ON, s.o, spare.NI, s.n, 0.0, r.OI, s.o)
+    copy(nr, alpha.NI, spare.NI)
+    multiply(s.n, s.r, s.n, 1.0, beta.N, r.NI, 1.0, spare.NI)
+    multiply(s.o, s.r, s.n, -1.0, r.ON, spare.NI, 0.0, r.OI)
     for j in range(s.r):
         for i in range(s.n):
             k = <size_t>j * s.n + i
             spare.NI[k] = beta.NI[k] * t.II[j]
-    product(b"N", b"N", s.n, s.r, s.n, 1.0, beta.N, s.n, t.NI, s.n, 1.0, spare.NI, s.n)
-    product(b"N", b"N", s.o, s.r, s.n, 1.0, t.ON, s.o, spare.NI, s.n, 1.0, r.OI, s.o)
-    product(b"N", b"N", s.o, s.r, s.n, -1.0, alpha.ON, s.o, r.NI, s.n, 1.0, r.OI, s.o)
+    multiply(s.n, s.r, s.n, 1.0, beta.N, t.NI, 1.0, spare.NI)
+    multiply(s.o, s.r, s.n, 1.0, t.ON, spare.NI, 1.0, r.OI)
+    multiply(s.o, s.r, s.n, -1.0, alpha.ON, r.NI, 1.0, r.OI)
     for j in range(s.n):
         for i in range(s.o):
             k = <size_t>j * s.o + i
             spare.ON[k] = t.OO[i] * beta.ON[k]
-    product(b"N", b"N", s.o, s.r, s.n, 1.0, spare.ON, s.o, t.NI, s.n, 1.0, r.OI, s.o)
+    multiply(s.o, s.r, s.n, 1.0, spare.ON, t.NI, 1.0, r.OI)
     for j in range(s.r):
         for i in range(s.o):
             r.OI[<size_t>j * s.o + i] /= alpha.OO[i] + alpha.II[j]
 
 
-cdef void invariance(Sizes s, double thickness, Extended alpha, Extended beta, Extended r, Extended t, Extended a, Extended b,
-                     Extended c, doubles residual) noexcept nogil:
+cdef void invariance(const Work* w, doubles residual) noexcept nogil:
     """How far R and T are from not caring whether a thin layer is added on top or at the bottom, relative:
-    beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R).
+    beta + alpha R + R alpha + R beta R = T beta T and (alpha + R beta) T = T (alpha + beta R); e, f: alpha, beta.
 
     R counts relative to the light that it meets, not to itself: where albedo is 1e-12, nobody sees its last digits."""
-    cdef size_t i, nn = <size_t>s.n * s.n
-    cdef int n = s.n
-    cdef doubles x = a.N
-    cdef doubles y = b.N
-    cdef doubles z = c.N
+    cdef int n = w.s.n
+    cdef size_t i, nn = <size_t>n * n
+    cdef given alpha = w.e.N, beta = w.f.N, R = w.r.N, T = w.t.N
+    cdef doubles x = w.a.N, y = w.b.N, z = w.spare.N
     cdef double largest
-    memcpy(x, alpha.N, sizeof(double) * nn)
-    product(b"N", b"N", n, n, n, 1.0, r.N, n, beta.N, n, 1.0, x, n)      # alpha + R beta
-    product(b"N", b"N", n, n, n, 1.0, t.N, n, beta.N, n, 0.0, y, n)      # T beta
-    product(b"N", b"N", n, n, n, 1.0, r.N, n, alpha.N, n, 0.0, z, n)
-    largest = largest_of(nn, alpha.N)
-    largest = max(max(largest_of(nn, z), largest_of(nn, beta.N)), largest * min(1.0, thickness * largest))
+    copy(nn, alpha, x)
+    multiply(n, n, n, 1.0, R, beta, 1.0, x)                  # alpha + R beta
+    multiply(n, n, n, 1.0, T, beta, 0.0, y)                  # T beta
+    multiply(n, n, n, 1.0, R, alpha, 0.0, z)
+    largest = largest_of(nn, alpha)
+    largest = max(max(largest_of(nn, z), largest_of(nn, beta)), largest * min(1.0, w.thickness * largest))
     for i in range(nn):
-        z[i] += beta.N[i]
-    product(b"N", b"N", n, n, n, 1.0, x, n, r.N, n, 1.0, z, n)
-    product(b"N", b"N", n, n, n, -1.0, y, n, t.N, n, 1.0, z, n)
+        z[i] += beta[i]
+    multiply(n, n, n, 1.0, x, R, 1.0, z)
+    multiply(n, n, n, -1.0, y, T, 1.0, z)
     residual[0] = largest_of(nn, z) / largest if largest > 0.0 else 0.0
-    product(b"N", b"N", n, n, n, 1.0, x, n, t.N, n, 0.0, z, n)
+    multiply(n, n, n, 1.0, x, T, 0.0, z)
     largest = largest_of(nn, z)
-    product(b"N", b"N", n, n, n, -1.0, t.N, n, alpha.N, n, 1.0, z, n)
-    product(b"N", b"N", n, n, n, -1.0, y, n, r.N, n, 1.0, z, n)
-    residual[1] = largest_of(nn, z) / largest if largest > 1e-280 else 0.0
+    multiply(n, n, n, -1.0, T, alpha, 1.0, z)
+    multiply(n, n, n, -1.0, y, R, 1.0, z)
+    residual[1] = largest_of(nn, z) / largest if largest > NO_LIGHT else 0.0

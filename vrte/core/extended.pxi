@@ -43,7 +43,7 @@ cdef inline Extended extended_at(Sizes s, doubles memory) noexcept nogil:
 
 
 cdef inline void copy_extended(Sizes s, Extended a, Extended b) noexcept nogil:
-    memcpy(b.N, a.N, sizeof(double) * size_extended(s))
+    copy(size_extended(s), a.N, b.N)
 
 
 cdef inline void scale_extended(Sizes s, double factor, Extended a) noexcept nogil:

@@ -6,10 +6,11 @@ def homogeneous_work(n):
 
 
 cdef struct Homogeneous:
-    int n, n_layer, stokes
+    Nodes nodes
+    int n_layer
     bint conserving, quick, clear
     given_ints orders
-    given albedo, directions, weights, E, F
+    given albedo, E, F
     doubles lam_re, lam_im, X, Y, X_lu
     ints X_pivots
     doubles residual
@@ -27,97 +28,94 @@ def homogeneous(crew, *, const int[::1] orders, bint conserving, bint quick, bin
     without an eigenproblem. E, F, X, Y, X_lu (order, layer, n, n); lam_re, lam_im (order, layer, n), unit 1/optical
     depth squared, complex pairs adjacent, the positive imaginary part first; X_lu and X_pivots factorise X, or X_pivots
     starts with -1, X_lu is not filled and X^-1 = Y^T (symmetric modes); residual (order, layer): the largest of
-    |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading, which only a phase
-    matrix with more terms than the nodes carry has.
+    |F E X - X lambda| over that of |F E X|, 1 where lambda < 0: a mode that swings instead of fading, which only a
+    phase matrix with more terms than the nodes carry has.
     """
     cdef int n_layer = <int>albedo.shape[0], n = <int>X.shape[3]
     cdef Homogeneous task = Homogeneous(
-        n, n_layer, n // <int>weights.shape[0], conserving, quick, clear, &orders[0], &albedo[0], &directions[0],
-        &weights[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
-        &X_lu[0, 0, 0, 0], &X_pivots[0, 0, 0], &residual[0, 0])
-    run_items(crew, modes_of_layer, &task, <int>orders.shape[0] * n_layer, homogeneous_work(n), 6 * n + 8, &info[0, 0])
+        Nodes(n, n // <int>weights.shape[0], &directions[0], &weights[0]), n_layer, conserving, quick, clear,
+        &orders[0], &albedo[0], &E[0, 0, 0, 0], &F[0, 0, 0, 0], &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0],
+        &Y[0, 0, 0, 0], &X_lu[0, 0, 0, 0], &X_pivots[0, 0, 0], &residual[0, 0])
+    run_items(crew, homogeneous_one, &task, <int>orders.shape[0] * n_layer, homogeneous_work(n), 6 * n + 8, &info[0, 0])
 
 
-cdef int modes_of_layer(const void* task, int item, Desk desk) noexcept nogil:
-    cdef const Homogeneous* h = <const Homogeneous*>task
-    cdef size_t n = h.n, at = item * n, nn = item * n * n
-    cdef double albedo = h.albedo[item % h.n_layer]
-    if h.clear and albedo == 0.0:
-        clear_modes(h.n, h.stokes, h.directions, h.lam_re + at, h.lam_im + at, h.X + nn, h.Y + nn, h.X_lu + nn,
-                    h.X_pivots + at)
-        return 0
-    return homogeneous_one(
-        h.n, h.stokes, h.conserving and h.orders[item // h.n_layer] == 0, h.quick, albedo, h.directions, h.weights,
-        h.E + nn, h.F + nn, h.lam_re + at, h.lam_im + at, h.X + nn, h.Y + nn, h.X_lu + nn, h.X_pivots + at,
-        h.residual + item, desk.work, desk.pivots)
-
-
-cdef void clear_modes(int n, int stokes, given directions, doubles lam_re, doubles lam_im, doubles X, doubles Y,
-                      doubles X_lu, ints X_pivots) noexcept nogil:
-    """A layer that does not scatter: E = F = 1/mu, so X = 1, lambda = 1/mu^2 and Y = mu."""
-    cdef int i
-    cdef size_t size = sizeof(double) * <size_t>n * n
-    memset(X, 0, size)
-    memset(Y, 0, size)
-    memset(X_lu, 0, size)
-    for i in range(n):
-        X[<size_t>i * n + i] = X_lu[<size_t>i * n + i] = 1.0
-        Y[<size_t>i * n + i] = directions[i // stokes]
-        lam_re[i] = 1.0 / (directions[i // stokes] * directions[i // stokes])
-        lam_im[i] = 0.0
-        X_pivots[i] = i + 1      # LAPACK counts from 1
+cdef struct Halved:
+    # the halved eigenproblem of one order and layer
+    Nodes nodes
+    bint conserving, quick
+    double albedo
+    given E, F
+    doubles lam_re, lam_im, X, Y, work
+    ints pivots
 
 
 # (1:40)-(1:44)
-cdef int homogeneous_one(int n, int stokes, bint conserving, bint quick, double albedo, given directions, given weights, given E,
-                         given F, doubles lam_re, doubles lam_im, doubles X, doubles Y, doubles X_lu,
-                         ints X_pivots, doubles residual, doubles work, ints pivots) noexcept nogil:
-    cdef doubles e = work
-    cdef doubles f = e + n * n
-    cdef doubles a = f + n * n
-    cdef doubles v = a + n * n
-    cdef doubles spare = v + n
-    cdef int info, i, together
+cdef int homogeneous_one(const void* task, int item, Desk desk) noexcept nogil:
+    cdef const Homogeneous* t = <const Homogeneous*>task
+    cdef int n = t.nodes.n, info, i, together
+    cdef size_t nn = <size_t>n * n, at = <size_t>item * n, first = item * nn
+    cdef doubles e = desk.work, f = e + nn, a = f + nn, v = a + nn, spare = v + n, X_lu = t.X_lu + first
+    cdef ints X_pivots = t.X_pivots + at
+    cdef Halved h = Halved(
+        t.nodes, t.conserving and t.orders[item // t.n_layer] == 0, t.quick, t.albedo[item % t.n_layer], t.E + first,
+        t.F + first, t.lam_re + at, t.lam_im + at, t.X + first, t.Y + first, desk.work, desk.pivots)
     cdef bint paired = False       # X^-1 = Y^T
-    cdef bint growing = False      # a mode that neither fades nor grows: only a phase matrix with too many terms has one
-    cdef double largest
-    info = modes_by_stokes(n, stokes, quick, E, F, lam_re, lam_im, X, NULL if conserving else Y, &paired, work,
-                           spare, pivots, &together)
+    cdef bint growing = False      # a mode that neither fades nor grows: phase matrices with too many terms have one
+    cdef double largest = 0.0
+    if t.clear and h.albedo == 0.0:
+        clear_modes(&h, X_lu, X_pivots)
+        return 0
+    info = modes_by_stokes(&h, &paired, spare, &together)
     if info != 0:
         return info
     if not paired:
-        memcpy(f, F, sizeof(double) * n * n)
-        info = factorise(n, f, n, pivots)
+        copy(nn, h.F, f)
+        info = factorise(n, f, n, h.pivots)
         if info != 0:
             return info
-    if conserving:
-        conserving_axis(n, stokes, directions, weights, v)
-        memcpy(e, E, sizeof(double) * n * n)
-        reflect_both(n, stokes, v, e, spare)
-        exact_conservation(n, stokes, albedo, directions, weights, v, e, spare)
-        polish_smallest(n, stokes, together, albedo, directions, weights, v, e, f, pivots, lam_re, lam_im, X, a, spare,
-                        pivots + n)
-    largest = 0.0
+    if h.conserving:
+        conserving_axis(h.nodes, v)
+        copy(nn, h.E, e)
+        reflect_both(h.nodes, v, e, spare)
+        exact_conservation(h.nodes, h.albedo, v, e, spare)
+        polish_smallest(&h, together, v, e, f, a, spare)
     for i in range(n):
-        largest = max(largest, fabs(lam_re[i]))
+        largest = max(largest, fabs(h.lam_re[i]))
     for i in range(n):
-        if lam_im[i] == 0.0 and lam_re[i] < 0.0:
-            growing = growing or lam_re[i] < -1e-15 * largest      # else rounding below zero
-            lam_re[i] = 0.0
+        if h.lam_im[i] == 0.0 and h.lam_re[i] < 0.0:
+            growing = growing or h.lam_re[i] < -1e-15 * largest      # else rounding below zero
+            h.lam_re[i] = 0.0
     if not paired:
-        memcpy(Y, X, sizeof(double) * n * n)
-        solve(b"N", n, n, f, n, pivots, Y, n)
-    residual[0] = 1.0 if growing else mode_residual(n, E, F, lam_re, lam_im, X, a, e)
+        copy(nn, h.X, h.Y)
+        solve(b"N", n, n, f, n, h.pivots, h.Y, n)
+    t.residual[item] = 1.0 if growing else mode_residual(&h, a, e)
     if paired:
         X_pivots[0] = -1
         return 0
-    memcpy(X_lu, X, sizeof(double) * n * n)
+    copy(nn, h.X, X_lu)
     return factorise(n, X_lu, n, X_pivots)
 
 
-cdef int eigenproblem(int n, doubles a, doubles lam_re, doubles lam_im, doubles X, doubles spare, ints pivots) noexcept nogil:
-    """a X = X lambda; destroys a. Neither permutes nor scales: steep nodes have to stay on top, else small eigenvalues are
-    known to 1e-16 of the largest only."""
+cdef void clear_modes(const Halved* h, doubles X_lu, ints X_pivots) noexcept nogil:
+    """A layer that does not scatter: E = F = 1/mu, so X = 1, lambda = 1/mu^2 and Y = mu."""
+    cdef int i, n = h.nodes.n
+    cdef double mu
+    set_zero(<size_t>n * n, h.X)
+    set_zero(<size_t>n * n, h.Y)
+    set_zero(<size_t>n * n, X_lu)
+    for i in range(n):
+        mu = h.nodes.mu[i // h.nodes.stokes]
+        h.X[<size_t>i * n + i] = X_lu[<size_t>i * n + i] = 1.0
+        h.Y[<size_t>i * n + i] = mu
+        h.lam_re[i] = 1.0 / (mu * mu)
+        h.lam_im[i] = 0.0
+        X_pivots[i] = i + 1      # LAPACK counts from 1
+
+
+cdef int eigenproblem(int n, doubles a, doubles lam_re, doubles lam_im, doubles X, doubles spare,
+                      ints pivots) noexcept nogil:
+    """a X = X lambda; destroys a. Neither permutes nor scales: steep nodes have to stay on top, else small eigenvalues
+    are known to 1e-16 of the largest only."""
     cdef char no = b"N", yes = b"V"
     cdef int info = 0, lwork = n * n + 8 * n, low, high, one = 1
     cdef double norm, unused = 0.0
@@ -126,16 +124,15 @@ cdef int eigenproblem(int n, doubles a, doubles lam_re, doubles lam_im, doubles 
     return info
 
 
-cdef int modes_by_stokes(int n, int stokes, bint quick, given E, given F, doubles lam_re, doubles lam_im, doubles X, doubles Y,
-                         bint* paired, doubles room, doubles spare, ints pivots, ints together) noexcept nogil:
-    """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set. Y, unless
-    NULL, is filled where all is one set of symmetric modes, which `paired` says.
+cdef int modes_by_stokes(const Halved* h, bint* paired, doubles spare, int* together) noexcept nogil:
+    """The modes of each set of Stokes parameters that mix, one set after another; `together`: columns of I's set. Y is
+    filled where all is one set of symmetric modes and nothing is conserved, which `paired` says.
 
     Order 0 keeps (I, Q) from (U, V), b2 = 0 keeps V apart, a scalar phase function everything. In one system their
     equal eigenvalues would mix and lose digits.
     """
     cdef int set_of[4]
-    cdef int a, b, i, j, row, info = 0, size, column = 0, old
+    cdef int n = h.nodes.n, stokes = h.nodes.stokes, a, b, i, j, row, info = 0, size, column = 0, old
     cdef size_t at
     for a in range(stokes):
         set_of[a] = a
@@ -144,7 +141,7 @@ cdef int modes_by_stokes(int n, int stokes, bint quick, given E, given F, double
             for row in range(stokes):
                 a, b = set_of[row], set_of[j % stokes]
                 at = <size_t>j * n + i * stokes + row
-                if a != b and (E[at] != 0.0 or F[at] != 0.0):
+                if a != b and (h.E[at] != 0.0 or h.F[at] != 0.0):
                     old = max(a, b)
                     for size in range(stokes):
                         if set_of[size] == old:
@@ -154,53 +151,49 @@ cdef int modes_by_stokes(int n, int stokes, bint quick, given E, given F, double
         for b in range(stokes):
             size += set_of[b] == a
         if size > 0 and info == 0:
-            info = modes_of_set(n, stokes, quick, a, size, set_of, E, F, lam_re + column, lam_im + column, X + <size_t>column * n, Y,
-                                paired, room, spare, pivots)
+            info = modes_of_set(h, a, size, set_of, column, paired, spare)
             column += size * (n // stokes)
             if a == 0:
                 together[0] = column
     return info
 
 
-cdef int modes_of_set(int n, int stokes, bint quick, int which, int members, given_ints set_of, given E, given F,
-                      doubles lam_re, doubles lam_im, doubles X, doubles Y, bint* paired, doubles room, doubles spare,
-                      ints pivots) noexcept nogil:
-    """The modes of one set: columns of X, zero in the other rows."""
-    cdef int h = members * (n // stokes), i, j, row, column, info
-    cdef size_t hh = <size_t>h * h
-    cdef doubles e = room
-    cdef doubles f = e + hh
-    cdef doubles a = f + hh
-    cdef doubles x = X if members == stokes else a + hh
-    column = 0
-    if members == stokes:
-        memcpy(e, E, sizeof(double) * hh)
-        memcpy(f, F, sizeof(double) * hh)
-    for j in range(n if members < stokes else 0):
+cdef int modes_of_set(const Halved* h, int which, int members, given_ints set_of, int first, bint* paired,
+                      doubles spare) noexcept nogil:
+    """The modes of one set: columns of X from the first on, zero in the other rows."""
+    cdef int n = h.nodes.n, stokes = h.nodes.stokes, size = members * (n // stokes), i, j, row, column = 0, info = 1
+    cdef size_t square = <size_t>size * size
+    cdef bint alone = members == stokes
+    cdef doubles e = h.work, f = e + square, a = f + square, lam_re = h.lam_re + first, lam_im = h.lam_im + first
+    cdef doubles X = h.X + <size_t>first * n, x = X if alone else a + square
+    cdef doubles Y = h.Y if alone and not h.conserving else NULL
+    if alone:
+        copy(square, h.E, e)
+        copy(square, h.F, f)
+    for j in range(0 if alone else n):
         if set_of[j % stokes] != which:
             continue
         row = 0
         for i in range(n):
             if set_of[i % stokes] == which:
-                e[<size_t>column * h + row] = E[<size_t>j * n + i]
-                f[<size_t>column * h + row] = F[<size_t>j * n + i]
+                e[<size_t>column * size + row] = h.E[<size_t>j * n + i]
+                f[<size_t>column * size + row] = h.F[<size_t>j * n + i]
                 row += 1
         column += 1
-    info = 1
-    if quick and symmetric(h, e) and symmetric(h, f):
-        info = symmetric_modes(h, e, f, lam_re, lam_im, x, Y if members == stokes else NULL, a, spare, pivots)
-        paired[0] = info == 0 and members == stokes and Y != NULL
+    if h.quick and symmetric(size, e) and symmetric(size, f):
+        info = symmetric_modes(size, e, f, lam_re, lam_im, x, Y, a, spare, h.pivots)
+        paired[0] = info == 0 and Y != NULL
     if info != 0:
-        product(b"N", b"N", h, h, h, 1.0, f, h, e, h, 0.0, a, h)
-        info = eigenproblem(h, a, lam_re, lam_im, x, spare, pivots)
-    if members == stokes:
+        multiply(size, size, size, 1.0, f, e, 0.0, a)
+        info = eigenproblem(size, a, lam_re, lam_im, x, spare, h.pivots)
+    if alone:
         return info
-    memset(X, 0, sizeof(double) * <size_t>h * n)
-    for j in range(h):
+    set_zero(<size_t>size * n, X)
+    for j in range(size):
         row = 0
         for i in range(n):
             if set_of[i % stokes] == which:
-                X[<size_t>j * n + i] = x[<size_t>j * h + row]
+                X[<size_t>j * n + i] = x[<size_t>j * size + row]
                 row += 1
     return info
 
@@ -217,68 +210,64 @@ cdef bint symmetric(int n, given a) noexcept nogil:
     return True
 
 
-cdef int symmetric_modes(int n, given e, given f, doubles lam_re, doubles lam_im, doubles X, doubles Y,
-                         doubles a, doubles spare, ints pivots) noexcept nogil:
-    """Modes of symmetric E and F = L L^T: L^T E L W = W lambda, X = L W, Y = F^-1 X = L^-T W unless NULL, so X^-1 = Y^T;
-    steep nodes first, where the reduction to tridiagonal form starts. Not 0 where F is not positive; f is kept, for a
-    second try."""
+cdef int symmetric_modes(int n, given e, given f, doubles lam_re, doubles lam_im, doubles X, doubles Y, doubles L,
+                         doubles spare, ints pivots) noexcept nogil:
+    """Modes of symmetric E and F = L L^T: L^T E L W = W lambda, X = L W, Y = F^-1 X = L^-T W unless NULL, so
+    X^-1 = Y^T; steep nodes first, where the reduction to tridiagonal form starts. Not 0 where F is not positive; f is
+    kept, for a second try."""
     cdef char side = b"L", lower = b"L", yes = b"V", no = b"N", transposed = b"T", right = b"R"
     cdef int info = 0, lwork = 2 * n * n + 6 * n + 1, liwork = 5 * n + 3
     cdef double one = 1.0
-    cdef doubles L = a
-    memcpy(L, f, sizeof(double) * <size_t>n * n)
+    copy(<size_t>n * n, f, L)
     dpotrf(&lower, &n, L, &n, &info)
     if info != 0:
         return info
-    memcpy(X, e, sizeof(double) * <size_t>n * n)
+    copy(<size_t>n * n, e, X)
     dtrmm(&right, &lower, &no, &no, &n, &n, &one, L, &n, X, &n)
     dtrmm(&side, &lower, &transposed, &no, &n, &n, &one, L, &n, X, &n)
     dsyevd(&yes, &lower, &n, X, &n, lam_re, spare, &lwork, pivots, &liwork, &info)
-    memset(lam_im, 0, sizeof(double) * n)
+    set_zero(n, lam_im)
     if info == 0:
         if Y != NULL:
-            memcpy(Y, X, sizeof(double) * <size_t>n * n)
+            copy(<size_t>n * n, X, Y)
             dtrsm(&side, &lower, &transposed, &no, &n, &n, &one, L, &n, Y, &n)
         dtrmm(&side, &lower, &no, &no, &n, &n, &one, L, &n, X, &n)
     return info
 
 
-cdef void polish_smallest(int n, int stokes, int together, double albedo, given directions, given weights, given v,
-                          given e, given f_lu, given_ints f_pivots, doubles lam_re, doubles lam_im,
-                          doubles X, doubles work, doubles spare, ints pivots) noexcept nogil:
+cdef void polish_smallest(const Halved* h, int together, given v, given e, given f_lu, doubles lu,
+                          doubles row) noexcept nogil:
     """The diffusion mode, whose small lambda is else known only to 1e-16 of the largest: at omega = 1 the null vector
     itself, below by inverse iteration with e, the turned E, whose row and column of the flux are exact."""
-    cdef int inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n, stokes)
+    cdef int n = h.nodes.n, stokes = h.nodes.stokes, inner = n - 1, i, j, best = -1, sweep, axis = flux_axis(n, stokes)
     cdef double smallest = 0.05, pivot, top, norm, growth = 1.0
-    cdef doubles lu = work                       # (n-1, n-1), e without the axis
-    cdef doubles row = spare                     # (n-1,)
-    cdef doubles column = row + inner            # e''^-1 row, e is symmetric there
-    cdef doubles part = column + inner
-    cdef doubles x
+    # lu (n-1, n-1): e without the axis; row (n-1,); column: e''^-1 row, e is symmetric there
+    cdef doubles column = row + inner, part = column + inner, x
+    cdef ints pivots = h.pivots + n
     for j in range(together):     # those that have I
-        if lam_im[j] == 0.0 and fabs(lam_re[j]) < smallest:
-            best, smallest = j, fabs(lam_re[j])
+        if h.lam_im[j] == 0.0 and fabs(h.lam_re[j]) < smallest:
+            best, smallest = j, fabs(h.lam_re[j])
     if best < 0:
         return
-    x = X + best * n
-    if albedo == 1.0:
+    x = h.X + <size_t>best * n
+    if h.albedo == 1.0:
         for i in range(n):
-            x[i] = 0.0 if i % stokes else sqrt(weights[i // stokes] * directions[i // stokes])
-        lam_re[best] = 0.0
+            x[i] = 0.0 if i % stokes else sqrt(h.nodes.weights[i // stokes] * h.nodes.mu[i // stokes])
+        h.lam_re[best] = 0.0
         return
     for j in range(inner):
         leave_out(n, axis, e + (j if j < axis else j + 1) * n, lu + j * inner)
     if factorise(inner, lu, inner, pivots) != 0:
         return
     leave_out(n, axis, e + axis * n, row)
-    memcpy(column, row, sizeof(double) * inner)
+    copy(inner, row, column)
     solve(b"N", inner, 1, lu, inner, pivots, column, inner)
     pivot = e[axis * n + axis]
     for i in range(inner):
         pivot -= row[i] * column[i]
     for sweep in range(8):
-        solve(b"N", n, 1, f_lu, n, f_pivots, x, n)
-        turn_columns(n, stokes, 1, v, x)
+        solve(b"N", n, 1, f_lu, n, h.pivots, x, n)
+        turn_columns(h.nodes, 1, v, x)
         top = x[axis]
         leave_out(n, axis, x, part)
         solve(b"N", inner, 1, lu, inner, pivots, part, inner)
@@ -293,24 +282,24 @@ cdef void polish_smallest(int n, int stokes, int together, double albedo, given 
         for i in range(inner):
             x[i if i < axis else i + 1] = part[i] / growth
         x[axis] = top / growth
-        turn_columns(n, stokes, 1, v, x)
-    lam_re[best] = 1.0 / growth
+        turn_columns(h.nodes, 1, v, x)
+    h.lam_re[best] = 1.0 / growth
 
 
 cdef inline void leave_out(int n, int axis, given x, doubles out) noexcept nogil:
     """x (n,) without one element."""
-    memcpy(out, x, sizeof(double) * axis)
-    memcpy(out + axis, x + axis + 1, sizeof(double) * (n - 1 - axis))
+    copy(axis, x, out)
+    copy((n - 1 - axis), x + axis + 1, out + axis)
 
 
-cdef double mode_residual(int n, given e, given f, given lam_re, given lam_im,
-                          given X, doubles a, doubles b) noexcept nogil:
-    cdef int i, j = 0
+cdef double mode_residual(const Halved* h, doubles a, doubles b) noexcept nogil:
+    cdef int n = h.nodes.n, i, j = 0
     cdef double worst = 0.0, largest = 0.0, re, im
-    product(b"N", b"N", n, n, n, 1.0, e, n, X, n, 0.0, a, n)
-    product(b"N", b"N", n, n, n, 1.0, f, n, a, n, 0.0, b, n)
+    cdef given X = h.X
+    multiply(n, n, n, 1.0, h.E, X, 0.0, a)
+    multiply(n, n, n, 1.0, h.F, a, 0.0, b)
     while j < n:
-        re, im = lam_re[j], lam_im[j]
+        re, im = h.lam_re[j], h.lam_im[j]
         if im == 0.0:
             for i in range(n):
                 largest = max(largest, fabs(b[j * n + i]))

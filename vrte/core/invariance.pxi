@@ -8,7 +8,7 @@
 def invariance_work(n_node, n_off, stokes, n_term):
     """Doubles of `work` that one thread of `reflect_endless` needs."""
     n, u = stokes * n_node, stokes * n_off
-    return 3 * (n_node + n_off) * n_term + n_node + 12 * n_term * (n + u) + n * n + u * n + u * u + 6 * n * max(n, u) + u * u
+    return (3 * (n_node + n_off) + 12 * (n + u)) * n_term + n_node + n * n + u * n + 2 * u * u + 6 * n * max(n, u)
 
 
 cdef struct Endless:
@@ -39,7 +39,8 @@ def reflect_endless(crew, *, const int[::1] orders, const int[::1] members, cons
         stokes, terms, n_all, n_node, <int>out.shape[0], <int>into.shape[0], <int>columns.shape[0], halves, albedo,
         tolerance, &orders[0], &members[0], &out[0], &into[0], &coefficients[0, 0], &directions[0], &weights[0],
         &columns[0, 0], &up[0, 0, 0, 0], &on_nodes[0, 0, 0], &residual[0], &steps[0])
-    run_items(crew, endless_one, &task, <int>orders.shape[0], invariance_work(n_node, n_all - n_node, stokes, terms), 0, NULL)
+    run_items(crew, endless_one, &task, <int>orders.shape[0], invariance_work(n_node, n_all - n_node, stokes, terms), 0,
+              NULL)
 
 
 cdef struct Sheet:
@@ -51,9 +52,9 @@ cdef struct Sheet:
     doubles HC
 
 
-cdef doubles sheet_at(doubles memory, Parity p, int m, int terms, int kind, int n_mu, Sheet* sheet) noexcept nogil:
+cdef doubles sheet_at(doubles memory, const Expansion* x, int kind, int n_mu, Sheet* sheet) noexcept nogil:
     """Places a sheet; what lies behind it."""
-    sheet.rows, sheet.columns = p.stokes * n_mu, columns_of(p, m, terms, kind)
+    sheet.rows, sheet.columns = x.p.stokes * n_mu, columns_of(x, kind)
     sheet.phi = memory
     sheet.H = sheet.phi + <size_t>sheet.rows * sheet.columns
     sheet.HC = sheet.H + <size_t>sheet.rows * sheet.columns
@@ -86,7 +87,7 @@ cdef void mirror(int n, doubles a) noexcept nogil:
 
 cdef void renew(Sheet rows, Sheet nodes, double sign, given R) noexcept nogil:
     """H = phi + sign R phi_nodes."""
-    memcpy(rows.H, rows.phi, sizeof(double) * <size_t>rows.rows * rows.columns)
+    copy(<size_t>rows.rows * rows.columns, rows.phi, rows.H)
     product(b"N", b"N", rows.rows, rows.columns, nodes.rows, sign, R, rows.rows, nodes.phi, nodes.rows, 1.0, rows.H,
             rows.rows)
 
@@ -158,7 +159,7 @@ cdef void accelerate(int size, Past* past, doubles R) noexcept nogil:
         if g2 == 0.0 and a11 > 0.0:
             g1 = b1 / a11
     if g1 == 0.0:
-        memcpy(R, x, sizeof(double) * size)
+        copy(size, x, R)
         return
     c0, c1 = 1.0 - g1, g1 - g2
     if g2 == 0.0:
@@ -169,11 +170,10 @@ cdef void accelerate(int size, Past* past, doubles R) noexcept nogil:
             R[k] = c0 * x[k] + c1 * y[k] + g2 * z[k]
 
 
-cdef double settle(Parity p, int m, int terms, double albedo, given coefficients, Sheet* rows, Sheet* nodes,
-                   given mu_row, given mu_node, double rate, double tolerance, bint halves,
-                   doubles R, doubles room, ints steps, given_ints stop) noexcept nogil:
-    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate: what
-    a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric."""
+cdef double settle(const Expansion* x, Sheet* rows, Sheet* nodes, given mu_row, given mu_node, double rate,
+                   double tolerance, bint halves, doubles R, doubles room, ints steps, given_ints stop) noexcept nogil:
+    """Fixed points for R of some rows until what is missing is below the tolerance; the rows may be the nodes. rate:
+    what a step gains at least; room: six matrices like R; halves: on the nodes alone, where H C H^T is symmetric."""
     cdef int step, kind, k, size = rows[0].rows * nodes[0].rows
     cdef double gap, largest, missing = 1.0
     cdef doubles new
@@ -182,20 +182,20 @@ cdef double settle(Parity p, int m, int terms, double albedo, given coefficients
     past.steps = 0
     for k in range(3):
         past.led[k], past.moved[k] = room + <size_t>2 * k * size, room + <size_t>(2 * k + 1) * size
-    memset(R, 0, sizeof(double) * size)
+    set_zero(size, R)
     for kind in range(2):
-        memcpy(rows[kind].H, rows[kind].phi, sizeof(double) * <size_t>rows[kind].rows * rows[kind].columns)
+        copy(<size_t>rows[kind].rows * rows[kind].columns, rows[kind].phi, rows[kind].H)
     for step in range(MOST_STEPS):
         new = past.led[0]
         for kind in range(2):
-            times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, rows[kind].rows, rows[kind].H, rows[kind].HC)
+            times_coefficients(x, kind, -1.0, rows[kind].rows, rows[kind].H, rows[kind].HC)
             if halves:
                 half_step_of(nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
             else:
                 step_of(rows[kind], nodes[kind], -1.0 if kind else 1.0, new, 1.0 if kind else 0.0)
         if halves:
             mirror(nodes[0].rows, new)
-        divide_by_rates(p, rows[0].rows // p.stokes, mu_row, nodes[0].rows // p.stokes, mu_node, new)
+        divide_by_rates(x.p, rows[0].rows // x.p.stokes, mu_row, nodes[0].rows // x.p.stokes, mu_node, new)
         for k in range(size):
             past.moved[0][k] = new[k] - R[k]
         gap, largest = largest_in(size, past.moved[0]), largest_in(size, new)
@@ -203,7 +203,7 @@ cdef double settle(Parity p, int m, int terms, double albedo, given coefficients
         steps[0] += 1
         done = largest == 0.0 or missing <= tolerance or gap <= 4e-16 * largest or stop[0]
         if done:
-            memcpy(R, new, sizeof(double) * size)
+            copy(size, new, R)
         else:
             accelerate(size, &past, R)
             remember(size, &past)
@@ -215,70 +215,64 @@ cdef double settle(Parity p, int m, int terms, double albedo, given coefficients
 
 
 cdef enum:
-    MOST_STEPS = 400
     STRIPS = 4     # that a symmetric product is made in
 
 
 cdef int endless_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef const Endless* t = <const Endless*>task
-    cdef int m = t.orders[item], terms = t.terms, n_all = t.n_all, n_node = t.n_node, n_out = t.n_out, n_col = t.n_col
-    cdef int n_off = n_all - n_node, n = t.stokes * n_node, u = t.stokes * n_off, kind, i, j, a, b, c, beam, rhs
-    cdef Parity p = parity_of(m, t.stokes, t.members)
-    cdef double albedo = t.albedo, tolerance = t.tolerance
-    cdef given_ints out = t.out, into = t.into, stop = desk.stop
-    cdef given coefficients = t.coefficients, columns = t.columns, directions = t.directions
-    cdef given off = directions + n_node
-    cdef doubles up = t.up + <size_t>item * t.n_in * n_col * t.stokes * n_out, residual = t.residual + item
-    cdef doubles on_nodes = t.on_nodes + <size_t>item * t.n_in * n_col * n
-    cdef ints steps = t.steps + item
-    cdef doubles prt = desk.work
-    cdef doubles scale = prt + <size_t>3 * n_all * terms
-    cdef doubles R = scale + n_node
-    cdef doubles Ru = R + <size_t>n * n                   # (u, n)
-    cdef doubles Ruu = Ru + <size_t>u * n                 # (u, u)
-    cdef doubles new = Ruu + <size_t>u * u                # room for steps
+    cdef int m = t.orders[item], terms = t.terms, n_all = t.n_all, n_node = t.n_node, n_off = n_all - n_node
+    cdef int stokes = t.stokes, n = stokes * n_node, u = stokes * n_off, kind, i, j, a, b, c, beam
+    cdef Expansion x = Expansion(parity_of(m, stokes, t.members), m, terms, t.albedo, t.coefficients)
+    cdef given directions = t.directions, off = directions + n_node, column
+    cdef doubles up = t.up + <size_t>item * t.n_in * t.n_col * stokes * t.n_out, residual = t.residual + item
+    cdef doubles on_nodes = t.on_nodes + <size_t>item * t.n_in * t.n_col * n
+    cdef doubles prt = desk.work, scale = prt + <size_t>3 * n_all * terms, R = scale + n_node
+    cdef doubles Ru = R + <size_t>n * n, Ruu = Ru + <size_t>u * n             # (u, n), (u, u)
+    cdef doubles new = Ruu + <size_t>u * u                                    # room for steps
     cdef doubles memory = new + 6 * <size_t>n * max(n, u) + <size_t>u * u
     cdef Sheet nodes[2]
     cdef Sheet rows[2]
     cdef double total, sign, rate = 0.0
-    spherical(m, terms, is_polar(p), directions, n_all, prt)
+    spherical(m, terms, is_polar(x.p), directions, n_all, prt)
     for i in range(m, terms):
-        rate = max(rate, albedo * norm_of_coefficients(coefficients + 6 * i) / (2.0 * i + 1.0))
+        rate = max(rate, t.albedo * norm_of_coefficients(t.coefficients + 6 * i) / (2.0 * i + 1.0))
     rate = min(rate, 0.999)
     for i in range(n_node):
         scale[i] = sqrt(t.weights[i] / directions[i])
     for kind in range(2):
-        memory = sheet_at(memory, p, m, terms, kind, n_node, &nodes[kind])
-        memory = sheet_at(memory, p, m, terms, kind, n_off, &rows[kind])
-        parity_columns(p, m, terms, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
-        parity_columns(p, m, terms, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
-    steps[0] = 0
-    residual[0] = settle(p, m, terms, albedo, coefficients, nodes, nodes, directions, directions, rate, tolerance, t.halves, R,
-                         new, steps, stop)
-    residual[0] = max(residual[0], settle(p, m, terms, albedo, coefficients, rows, nodes, off, directions, rate, tolerance, False,
-                                          Ru, new, steps, stop))
+        memory = sheet_at(memory, &x, kind, n_node, &nodes[kind])
+        memory = sheet_at(memory, &x, kind, n_off, &rows[kind])
+        parity_columns(&x, kind, prt, n_all, 0, n_node, scale, nodes[kind].phi)
+        parity_columns(&x, kind, prt, n_all, n_node, n_off, NULL, rows[kind].phi)
+    t.steps[item] = 0
+    residual[0] = settle(&x, nodes, nodes, directions, directions, rate, t.tolerance, t.halves, R, new, t.steps + item,
+                         desk.stop)
+    residual[0] = max(residual[0], settle(&x, rows, nodes, off, directions, rate, t.tolerance, False, Ru, new,
+                                          t.steps + item, desk.stop))
     # from off the nodes to off the nodes, less what is scattered once
     for kind in range(2):
         sign = -1.0 if kind else 1.0
-        times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, u, rows[kind].H, rows[kind].HC)
-        product(b"N", b"T", u, u, rows[kind].columns, sign, rows[kind].HC, u, rows[kind].H, u, 1.0 if kind else 0.0, new, u)
-        times_coefficients(p, m, terms, kind, albedo, -1.0, coefficients, u, rows[kind].phi, rows[kind].HC)
+        times_coefficients(&x, kind, -1.0, u, rows[kind].H, rows[kind].HC)
+        step_of(rows[kind], rows[kind], sign, new, 1.0 if kind else 0.0)
+        times_coefficients(&x, kind, -1.0, u, rows[kind].phi, rows[kind].HC)
         product(b"N", b"T", u, u, rows[kind].columns, -sign, rows[kind].HC, u, rows[kind].phi, u, 1.0, new, u)
-    divide_by_rates(p, n_off, off, n_off, off, new)
-    memcpy(Ruu, new, sizeof(double) * <size_t>u * u)
+    divide_by_rates(x.p, n_off, off, n_off, off, new)
+    copy(<size_t>u * u, new, Ruu)
     for beam in range(t.n_in):
-        for c in range(n_col):
-            rhs = beam * n_col + c
-            for i in range(n_out):
-                for a in range(p.stokes):
+        for c in range(t.n_col):
+            column = t.columns + c * stokes
+            for i in range(t.n_out):
+                for a in range(stokes):
                     total = 0.0
-                    for b in range(p.stokes):
-                        total += Ruu[<size_t>(p.stokes * into[beam] + b) * u + p.stokes * out[i] + a] * columns[c * p.stokes + b]
-                    up[(<size_t>rhs * n_out + i) * p.stokes + a] = total / off[out[i]]
+                    for b in range(stokes):
+                        total += Ruu[<size_t>(stokes * t.into[beam] + b) * u + stokes * t.out[i] + a] * column[b]
+                    up[i * stokes + a] = total / off[t.out[i]]
             for j in range(n):                           # R_NI = Q Ru^T Q
                 total = 0.0
-                for b in range(p.stokes):
-                    sign = -1.0 if (b == p.place[3]) != (j % p.stokes == p.place[3]) else 1.0
-                    total += sign * Ru[<size_t>j * u + p.stokes * into[beam] + b] * columns[c * p.stokes + b]
-                on_nodes[<size_t>rhs * n + j] = total
+                for b in range(stokes):
+                    sign = -1.0 if (b == x.p.place[3]) != (j % stokes == x.p.place[3]) else 1.0
+                    total += sign * Ru[<size_t>j * u + stokes * t.into[beam] + b] * column[b]
+                on_nodes[j] = total
+            up += t.n_out * stokes
+            on_nodes += n
     return 0

@@ -2,17 +2,16 @@
 
 def joining_work(n, n_slab, n_rhs, o):
     """Doubles of `work` that one thread of `join_slabs` needs."""
-    return n_slab * (n * n + n * n_rhs) + (n_slab + 1) * 2 * n * n_rhs + 5 * n * n + 4 * n * n_rhs + 5 * n + 2 * o * (n + n_rhs)
+    return n_slab * n * (n + n_rhs) + (2 * n_slab + 6) * n * n_rhs + 5 * n * n + 5 * n + 2 * o * (n + n_rhs)
 
 
 cdef struct Joining:
     Sizes s
+    Nodes nodes
     int n_slab, n_place, n_in, n_level, residuals
     bint conserving
     given_ints orders, slabs
-    given above, nodes, weights, mu0
-    doubles R, T
-    given lost
+    given above, mu0, R, T, lost
     given_ints base_row
     given base, base_source, base_out
     given_ints interface
@@ -31,231 +30,216 @@ def join_slabs(crew, *, const int[::1] orders, bint conserving, const int[::1] s
     first; above (place + 1,): optical depth of each interface, the last below the pile; base_row (order,): row of base
     (row, n, n), base_source (row, n_rhs, n) and base_out (row, n, S n_out), or -1 for black; interface (level,): where
     the field is wanted. up, down (order, level, n_rhs, S n_out): radiance times 2 pi for a unit beam, upward flipped by
-    D; flux (order, level, 2, n_rhs): up and down through a horizontal plane, in order 0; residual (order, place): of the
-    joints' systems.
+    D; flux (order, level, 2, n_rhs): up and down through a horizontal plane, in order 0; residual (order, place): of
+    the joints' systems.
     """
     cdef int stokes = <int>up.shape[3] // n_out, n = stokes * <int>nodes.shape[0], n_place = <int>slabs.shape[0]
     cdef Sizes s = Sizes(n, <int>up.shape[2], stokes * n_out, stokes)
     cdef Joining task = Joining(
-        s, <int>R.shape[1], n_place, <int>mu0.shape[0], <int>interface.shape[0],
-        <int>residual.shape[1], conserving, &orders[0], &slabs[0],
-        &above[0], &nodes[0], &weights[0], &mu0[0], <doubles>&R[0, 0, 0], <doubles>&T[0, 0, 0], &lost[0, 0, 0],
-        &base_row[0], &base[0, 0, 0], &base_source[0, 0, 0], &base_out[0, 0, 0], &interface[0], &up[0, 0, 0, 0],
-        &down[0, 0, 0, 0], &flux[0, 0, 0, 0], &residual[0, 0])
+        s, Nodes(n, stokes, &nodes[0], &weights[0]), <int>R.shape[1], n_place, <int>mu0.shape[0],
+        <int>interface.shape[0], <int>residual.shape[1], conserving, &orders[0], &slabs[0], &above[0], &mu0[0],
+        &R[0, 0, 0], &T[0, 0, 0], &lost[0, 0, 0], &base_row[0], &base[0, 0, 0], &base_source[0, 0, 0],
+        &base_out[0, 0, 0], &interface[0], &up[0, 0, 0, 0], &down[0, 0, 0, 0], &flux[0, 0, 0, 0], &residual[0, 0])
     run_items(crew, join_one, &task, <int>orders.shape[0], joining_work(n, n_place, s.r, s.o), n, &info[0])
+
+
+cdef struct Pile:
+    # one order of a pile of slabs, from the base up
+    Sizes s
+    Nodes nodes
+    bint conserving
+    int n_place, per_beam
+    given_ints slabs
+    given above, mu0, R, T, lost
+    doubles G, g                    # per place: from falling at its bottom to up there, and what comes up by itself
+    doubles going_up, going_down    # per interface
+    doubles below, scratch, vectors # n^2, 4 n^2, 4 n n_rhs
+    doubles absorbed                # row of 1 - below that belongs to the flux
+    doubles v, row, out             # the turn to the flux's axis; 3 n spare; base_out, turned
+    ints pivots
+
+
+cdef inline Extended slab_of(const Pile* p, given matrices, int place) noexcept nogil:
+    """R or T of the slab at a place."""
+    return extended_at(p.s, <doubles>matrices + p.slabs[place] * size_extended(p.s))
 
 
 # (2:10)-(2:11)
 cdef int join_one(const void* task, int item, Desk desk) noexcept nogil:
-    cdef const Joining* pile = <const Joining*>task
-    cdef Sizes s = pile.s
-    cdef int n_place = pile.n_place, n_in = pile.n_in, n_level = pile.n_level, row = pile.base_row[item]
-    cdef bint conserving = pile.conserving and pile.orders[item] == 0
-    cdef size_t nn = <size_t>s.n * s.n, nr = <size_t>s.n * s.r, no = <size_t>s.n * s.o, each = size_extended(s), i
-    cdef size_t first = <size_t>item * pile.n_slab, wanted = <size_t>item * n_level
-    cdef given_ints slabs = pile.slabs, interface = pile.interface
-    cdef given above = pile.above, nodes = pile.nodes, weights = pile.weights, mu0 = pile.mu0, lost = pile.lost + first * s.n
-    cdef given base = pile.base + row * nn if row >= 0 else NULL
-    cdef given base_source = pile.base_source + row * nr if row >= 0 else NULL
-    cdef given base_out = pile.base_out + row * no if row >= 0 else NULL
-    cdef doubles R = pile.R + first * each, T = pile.T + first * each, residual = pile.residual + <size_t>item * pile.residuals
-    cdef doubles up = pile.up + wanted * s.r * s.o, down = pile.down + wanted * s.r * s.o, flux = pile.flux + wanted * 2 * s.r
-    cdef ints pivots = desk.pivots
-    cdef doubles G = desk.work                           # per place: from falling at its bottom to up there,
-    cdef doubles g = G + n_place * nn                    # and what comes up by itself
-    cdef doubles going_up = g + n_place * nr             # per interface
-    cdef doubles going_down = going_up + (n_place + 1) * nr
-    cdef doubles below = going_down + (n_place + 1) * nr
-    cdef doubles scratch = below + nn                    # 4 n^2
-    cdef doubles vectors = scratch + 4 * nn              # 4 n n_rhs
-    cdef doubles absorbed = vectors + 4 * nr             # row of 1 - below that belongs to the flux
-    cdef doubles v = absorbed + s.n                      # then 3 n spare
-    cdef doubles out = v + 4 * s.n                       # base_out, turned, then running and spare
-    cdef Extended r, t
-    cdef int place, info, b, axis = flux_axis(s.n, s.stokes)
-    cdef double size = 0.0
-    memset(below, 0, sizeof(double) * nn)
-    memset(absorbed, 0, sizeof(double) * s.n)
-    memset(going_up, 0, sizeof(double) * 2 * (n_place + 1) * nr)
-    absorbed[flux_axis(s.n, s.stokes)] = 1.0
-    if conserving:
-        conserving_axis(s.n, s.stokes, nodes, weights, v)
-        for i in range(<size_t>s.n // s.stokes):
-            size += weights[i] * nodes[i]
-    if base != NULL:
-        put_base(s, conserving, n_in, v, base, base_source, base_out, above[n_place], mu0, below,
-                 going_up + n_place * nr, out, absorbed, scratch)
+    cdef const Joining* t = <const Joining*>task
+    cdef Sizes s = t.s
+    cdef int n_place = t.n_place, row = t.base_row[item], place, level, info, i, n = s.n, r = s.r
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * r, each = size_extended(s)
+    cdef size_t first = <size_t>item * t.n_slab, wanted = <size_t>item * t.n_level, size = <size_t>r * s.o
+    cdef doubles G = desk.work, g = G + n_place * nn, going_up = g + n_place * nr
+    cdef doubles going_down = going_up + (n_place + 1) * nr, below = going_down + (n_place + 1) * nr
+    cdef doubles scratch = below + nn, vectors = scratch + 4 * nn, absorbed = vectors + 4 * nr, v = absorbed + n
+    cdef Pile p = Pile(
+        s, t.nodes, t.conserving and t.orders[item] == 0, n_place, r // t.n_in, t.slabs, t.above, t.mu0,
+        t.R + first * each, t.T + first * each, t.lost + first * n, G, g, going_up, going_down, below, scratch, vectors,
+        absorbed, v, v + n, v + 4 * n, desk.pivots)
+    cdef double size_of_flux = 0.0
+    set_zero(nn, below)
+    set_zero(n, absorbed)
+    set_zero(2 * (n_place + 1) * nr, going_up)
+    absorbed[flux_axis(n, s.stokes)] = 1.0
+    if p.conserving:
+        conserving_axis(t.nodes, v)
+        size_of_flux = half_range(t.nodes)
+    if row >= 0:
+        put_base(&p, t.base + row * nn, t.base_source + row * nr, t.base_out + <size_t>row * n * s.o)
     for place in range(n_place - 1, -1, -1):
         if desk.stop[0]:
             return 0
-        r = extended_at(s, R + slabs[place] * each)
-        t = extended_at(s, T + slabs[place] * each)
-        info = join_below(s, conserving, n_in, above[place], mu0, r, t, lost + <size_t>slabs[place] * s.n, below, absorbed,
-                          going_up + (place + 1) * nr, going_up + place * nr, G + place * nn, g + place * nr, scratch,
-                          vectors, v + s.n, &residual[place], pivots)
+        info = join_below(&p, place, t.residual + <size_t>item * t.residuals + place)
         if info != 0:
             return info
     for place in range(n_place):        # falling: T down + emitted, then up = G falling + g, then R up on top of it
-        r = extended_at(s, R + slabs[place] * each)
-        t = extended_at(s, T + slabs[place] * each)
-        emitted(s, n_in, above[place], mu0, t.NI, vectors)
-        product(b"N", b"N", s.n, s.r, s.n, 1.0, t.N, s.n, going_down + place * nr, s.n, 1.0, vectors, s.n)
-        memcpy(going_up + (place + 1) * nr, g + place * nr, sizeof(double) * nr)
-        product(b"N", b"N", s.n, s.r, s.n, 1.0, G + place * nn, s.n, vectors, s.n, 1.0, going_up + (place + 1) * nr, s.n)
-        memcpy(going_down + (place + 1) * nr, vectors, sizeof(double) * nr)
-        product(b"N", b"N", s.n, s.r, s.n, 1.0, r.N, s.n, going_up + (place + 1) * nr, s.n, 1.0,
-                going_down + (place + 1) * nr, s.n)
-    for b in range(n_level):
-        for i in range(<size_t>s.r):
-            flux[(2 * b) * s.r + i] = -sqrt(size) * going_up[interface[b] * nr + i * s.n + axis]
-            flux[(2 * b + 1) * s.r + i] = -sqrt(size) * going_down[interface[b] * nr + i * s.n + axis]
-    leave(s, n_place, n_in, n_level, slabs, above, mu0, R, T, base_out != NULL, out, going_up, going_down, interface, up, down,
-          out + no)
+        emitted(&p, place, p.T, vectors)
+        multiply(n, r, n, 1.0, slab_of(&p, p.T, place).N, going_down + place * nr, 1.0, vectors)
+        copy(nr, g + place * nr, going_up + (place + 1) * nr)
+        multiply(n, r, n, 1.0, G + place * nn, vectors, 1.0, going_up + (place + 1) * nr)
+        copy(nr, vectors, going_down + (place + 1) * nr)
+        multiply(n, r, n, 1.0, slab_of(&p, p.R, place).N, going_up + (place + 1) * nr, 1.0,
+                 going_down + (place + 1) * nr)
+    for level in range(t.n_level):
+        for i in range(r):
+            first = t.interface[level] * nr + <size_t>i * n + flux_axis(n, s.stokes)
+            t.flux[2 * (wanted + level) * r + i] = -sqrt(size_of_flux) * going_up[first]
+            t.flux[(2 * (wanted + level) + 1) * r + i] = -sqrt(size_of_flux) * going_down[first]
+    leave(&p, row >= 0, t.n_level, t.interface, t.up + wanted * size, t.down + wanted * size)
     return 0
 
 
-cdef void put_base(Sizes s, bint conserving, int n_in, given v, given base, given base_source,
-                   given base_out, double depth, given mu0, doubles below, doubles up, doubles out,
-                   doubles absorbed, doubles spare) noexcept nogil:
+cdef void put_base(const Pile* p, given base, given base_source, given base_out) noexcept nogil:
     """The base's operator, the beam that it reflects, its rows out, and (order 0) the row of what it absorbs."""
-    cdef size_t nr = <size_t>s.n * s.r, i
-    cdef int axis = flux_axis(s.n, s.stokes)
-    memcpy(below, base, sizeof(double) * <size_t>s.n * s.n)
-    memcpy(out, base_out, sizeof(double) * <size_t>s.n * s.o)
-    for i in range(nr):
-        up[i] = base_source[i] * exp(-depth / mu0[(i // s.n) // <size_t>(s.r // n_in)])
-    if not conserving:
+    cdef int i, n = p.s.n, axis = flux_axis(n, p.s.stokes)
+    cdef size_t nr = <size_t>n * p.s.r, k
+    cdef doubles up = p.going_up + p.n_place * nr
+    copy(<size_t>n * n, base, p.below)
+    copy(<size_t>n * p.s.o, base_out, p.out)
+    for k in range(nr):
+        up[k] = base_source[k] * exp(-p.above[p.n_place] / p.mu0[k // (n * <size_t>p.per_beam)])
+    if not p.conserving:
         return
-    reflect_both(s.n, s.stokes, v, below, spare)
-    turn_columns(s.n, s.stokes, s.r, v, up)
-    turn_rows(s.n, s.stokes, s.o, v, out, spare)
-    for i in range(<size_t>s.n):
-        absorbed[i] = (1.0 if <int>i == axis else 0.0) - below[i * s.n + axis]
-        if fabs(absorbed[i]) < 4e-16:    # rounding of the operator's quadrature, not a loss
-            absorbed[i] = 0.0
+    reflect_both(p.nodes, p.v, p.below, p.scratch)
+    turn_columns(p.nodes, p.s.r, p.v, up)
+    turn_rows(p.nodes, p.s.o, p.v, p.out, p.scratch)
+    for i in range(n):
+        p.absorbed[i] = (1.0 if i == axis else 0.0) - p.below[<size_t>i * n + axis]
+        if fabs(p.absorbed[i]) < ROUNDING:
+            p.absorbed[i] = 0.0
 
 
-cdef inline void emitted(Sizes s, int n_in, double depth, given mu0, given NI, doubles out) noexcept nogil:
-    """What a slab below optical depth `depth` sends out of the attenuated beam."""
-    cdef size_t i
-    cdef int j
+cdef inline void emitted(const Pile* p, int place, given matrices, doubles out) noexcept nogil:
+    """What the slab at a place sends out of the attenuated beam, up (R) or down (T)."""
+    cdef int i, j
     cdef double fade
-    for j in range(s.r):
-        fade = exp(-depth / mu0[j // (s.r // n_in)])
-        for i in range(<size_t>s.n):
-            out[<size_t>j * s.n + i] = fade * NI[<size_t>j * s.n + i]
+    cdef given NI = slab_of(p, matrices, place).NI
+    for j in range(p.s.r):
+        fade = exp(-p.above[place] / p.mu0[j // p.per_beam])
+        for i in range(p.s.n):
+            out[<size_t>j * p.s.n + i] = fade * NI[<size_t>j * p.s.n + i]
 
 
 # (2:8)
-cdef int join_below(Sizes s, bint conserving, int n_in, double depth, given mu0, Extended r, Extended t,
-                    given lost, doubles below, doubles absorbed, given up, doubles up_above, doubles G,
-                    doubles g, doubles scratch, doubles vectors, doubles row, doubles residual, ints pivots) noexcept nogil:
+cdef int join_below(const Pile* p, int place, doubles residual) noexcept nogil:
     """Puts a slab upon what lies below: G = (1 - below R)^-1 below, g = (1 - below R)^-1 up, below <- R + T G T.
 
     In order 0 the flux's row of 1 - below R, which is small where nothing absorbs, is summed from what is lost:
     lost + T's row + absorbed R, and `absorbed` becomes lost + (lost G + absorbed (1 + R G)) T.
     """
-    cdef size_t nn = <size_t>s.n * s.n, nr = <size_t>s.n * s.r, i
-    cdef int n = s.n, info, axis = flux_axis(s.n, s.stokes)
-    cdef doubles M = scratch
-    cdef doubles kept = M + nn
-    cdef doubles GT = kept + nn
+    cdef int n = p.s.n, n_rhs = p.s.r, i, info, axis = flux_axis(n, p.s.stokes)
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs
+    cdef Extended r = slab_of(p, p.R, place), t = slab_of(p, p.T, place)
+    cdef given lost = p.lost + <size_t>p.slabs[place] * n
+    cdef doubles M = p.scratch, kept = M + nn, GT = kept + nn, below = p.below, absorbed = p.absorbed, row = p.row
+    cdef doubles G = p.G + place * nn, g = p.g + place * nr, vectors = p.vectors, up_above = p.going_up + place * nr
     cdef double largest
-    cdef doubles rhs = vectors
-    memset(M, 0, sizeof(double) * nn)
-    for i in range(<size_t>n):
-        M[i * n + i] = 1.0
-    product(b"N", b"N", n, n, n, -1.0, below, n, r.N, n, 1.0, M, n)
-    memcpy(G, below, sizeof(double) * nn)
-    memcpy(g, up, sizeof(double) * nr)
-    if conserving:
-        product(b"N", b"N", 1, n, n, 1.0, absorbed, 1, r.N, n, 0.0, row, 1)
-        for i in range(<size_t>n):
-            row[i] += lost[i] + t.N[i * n + axis]
+    one_minus_product(n, below, r.N, M)
+    copy(nn, below, G)
+    copy(nr, p.going_up + (place + 1) * nr, g)
+    if p.conserving:
+        multiply(1, n, n, 1.0, absorbed, r.N, 0.0, row)
+        for i in range(n):
+            row[i] += lost[i] + t.N[<size_t>i * n + axis]
         largest = largest_of(n, row)
         if largest > 0.0:
-            for i in range(<size_t>n):
-                M[i * n + axis] = row[i] / largest
-                G[i * n + axis] /= largest
-            for i in range(<size_t>s.r):
-                g[i * n + axis] /= largest
-    memcpy(kept, M, sizeof(double) * nn)
-    memcpy(rhs, g, sizeof(double) * nr)
-    info = factorise(n, M, n, pivots)
+            for i in range(n):
+                M[<size_t>i * n + axis] = row[i] / largest
+                G[<size_t>i * n + axis] /= largest
+            for i in range(n_rhs):
+                g[<size_t>i * n + axis] /= largest
+    copy(nn, M, kept)
+    copy(nr, g, vectors)
+    info = factorise(n, M, n, p.pivots)
     if info != 0:
         return info
-    solve(b"N", n, n, M, n, pivots, G, n)
-    solve(b"N", n, s.r, M, n, pivots, g, n)
-    largest = largest_of(nr, rhs)
-    product(b"N", b"N", n, s.r, n, -1.0, kept, n, g, n, 1.0, rhs, n)
-    residual[0] = largest_of(nr, rhs) / largest if largest > 1e-280 else 0.0
-    product(b"N", b"N", n, n, n, 1.0, G, n, t.N, n, 0.0, GT, n)
-    if conserving:
+    solve(b"N", n, n, M, n, p.pivots, G, n)
+    solve(b"N", n, n_rhs, M, n, p.pivots, g, n)
+    largest = largest_of(nr, vectors)
+    multiply(n, n_rhs, n, -1.0, kept, g, 1.0, vectors)
+    residual[0] = largest_of(nr, vectors) / largest if largest > NO_LIGHT else 0.0
+    multiply(n, n, n, 1.0, G, t.N, 0.0, GT)
+    if p.conserving:
         # absorbed (1 + R G) T = absorbed T + (absorbed R) GT
-        product(b"N", b"N", 1, n, n, 1.0, absorbed, 1, r.N, n, 0.0, row, 1)
-        for i in range(<size_t>n):
+        multiply(1, n, n, 1.0, absorbed, r.N, 0.0, row)
+        for i in range(n):
             row[i] += lost[i]
-        memcpy(row + n, lost, sizeof(double) * n)
-        product(b"N", b"N", 1, n, n, 1.0, row, 1, GT, n, 1.0, row + n, 1)
-        product(b"N", b"N", 1, n, n, 1.0, absorbed, 1, t.N, n, 1.0, row + n, 1)
-        memcpy(absorbed, row + n, sizeof(double) * n)
-    memcpy(below, r.N, sizeof(double) * nn)
-    product(b"N", b"N", n, n, n, 1.0, t.N, n, GT, n, 1.0, below, n)
+        copy(n, lost, row + n)
+        multiply(1, n, n, 1.0, row, GT, 1.0, row + n)
+        multiply(1, n, n, 1.0, absorbed, t.N, 1.0, row + n)
+        copy(n, row + n, absorbed)
+    copy(nn, r.N, below)
+    multiply(n, n, n, 1.0, t.N, GT, 1.0, below)
     # up above = emitted up + T (G emitted down + g)
-    emitted(s, n_in, depth, mu0, t.NI, vectors)
-    memcpy(vectors + nr, g, sizeof(double) * nr)
-    product(b"N", b"N", n, s.r, n, 1.0, G, n, vectors, n, 1.0, vectors + nr, n)
-    emitted(s, n_in, depth, mu0, r.NI, up_above)
-    product(b"N", b"N", n, s.r, n, 1.0, t.N, n, vectors + nr, n, 1.0, up_above, n)
+    emitted(p, place, p.T, vectors)
+    copy(nr, g, vectors + nr)
+    multiply(n, n_rhs, n, 1.0, G, vectors, 1.0, vectors + nr)
+    emitted(p, place, p.R, up_above)
+    multiply(n, n_rhs, n, 1.0, t.N, vectors + nr, 1.0, up_above)
     return 0
 
 
-cdef void leave(Sizes s, int n_place, int n_in, int n_level, given_ints slabs, given above, given mu0,
-                doubles R, doubles T, bint has_base, given base_out, given going_up,
-                given going_down, given_ints interface, doubles up, doubles down, doubles work) noexcept nogil:
+cdef void leave(const Pile* p, bint has_base, int n_level, given_ints interface, doubles up,
+                doubles down) noexcept nogil:
     """The field off the nodes at every wanted interface, first up through the slabs, then down."""
-    cdef size_t nr = <size_t>s.n * s.r, size = <size_t>s.o * s.r, each = size_extended(s)
-    cdef doubles running = work
-    cdef doubles next = running + size
-    cdef Extended r, t
+    cdef size_t nr = <size_t>p.s.n * p.s.r, size = <size_t>p.s.o * p.s.r
+    cdef doubles running = p.out + <size_t>p.s.n * p.s.o, next = running + size
     cdef int place, level
-    memset(running, 0, sizeof(double) * size)
+    set_zero(size, running)
     if has_base:
-        product(b"N", b"N", s.o, s.r, s.n, 1.0, base_out, s.o, going_down + n_place * nr, s.n, 0.0, running, s.o)
-    for place in range(n_place, -1, -1):
+        multiply(p.s.o, p.s.r, p.s.n, 1.0, p.out, p.going_down + p.n_place * nr, 0.0, running)
+    for place in range(p.n_place, -1, -1):
         for level in range(n_level):
             if interface[level] == place:
-                memcpy(up + level * size, running, sizeof(double) * size)
+                copy(size, running, up + level * size)
         if place > 0:
-            r = extended_at(s, R + slabs[place - 1] * each)
-            t = extended_at(s, T + slabs[place - 1] * each)
-            off_nodes(s, n_in, above[place - 1], mu0, r, t, going_up + place * nr, going_down + (place - 1) * nr, r.OI, t.OO,
-                      running, next)
-            memcpy(running, next, sizeof(double) * size)
-    memset(running, 0, sizeof(double) * size)
-    for place in range(n_place + 1):
+            off_nodes(p, place - 1, p.R, p.going_up + place * nr, p.going_down + (place - 1) * nr, running, next)
+            copy(size, next, running)
+    set_zero(size, running)
+    for place in range(p.n_place + 1):
         for level in range(n_level):
             if interface[level] == place:
-                memcpy(down + level * size, running, sizeof(double) * size)
-        if place < n_place:
-            r = extended_at(s, R + slabs[place] * each)
-            t = extended_at(s, T + slabs[place] * each)
-            off_nodes(s, n_in, above[place], mu0, r, t, going_down + place * nr, going_up + (place + 1) * nr, t.OI, t.OO,
-                      running, next)
-            memcpy(running, next, sizeof(double) * size)
+                copy(size, running, down + level * size)
+        if place < p.n_place:
+            off_nodes(p, place, p.T, p.going_down + place * nr, p.going_up + (place + 1) * nr, running, next)
+            copy(size, next, running)
 
 
-cdef inline void off_nodes(Sizes s, int n_in, double depth, given mu0, Extended r, Extended t,
-                           given through, given turned, given OI, given direct,
-                           given entering, doubles out) noexcept nogil:
-    """out = direct entering + T_ON through + R_ON turned + OI of the attenuated beam."""
-    cdef int i, j
+cdef void off_nodes(const Pile* p, int place, given of_beam, given through, given turned, given entering,
+                    doubles out) noexcept nogil:
+    """out = entering let straight through + T_ON through + R_ON turned + OI of the attenuated beam, that of R (up) or T
+    (down)."""
+    cdef int i, j, o = p.s.o
     cdef size_t k
     cdef double fade
-    for j in range(s.r):
-        fade = exp(-depth / mu0[j // (s.r // n_in)])
-        for i in range(s.o):
-            k = <size_t>j * s.o + i
-            out[k] = direct[i] * entering[k] + fade * OI[k]
-    product(b"N", b"N", s.o, s.r, s.n, 1.0, t.ON, s.o, through, s.n, 1.0, out, s.o)
-    product(b"N", b"N", s.o, s.r, s.n, 1.0, r.ON, s.o, turned, s.n, 1.0, out, s.o)
+    cdef Extended r = slab_of(p, p.R, place), t = slab_of(p, p.T, place)
+    cdef given OI = slab_of(p, of_beam, place).OI
+    for j in range(p.s.r):
+        fade = exp(-p.above[place] / p.mu0[j // p.per_beam])
+        for i in range(o):
+            k = <size_t>j * o + i
+            out[k] = t.OO[i] * entering[k] + fade * OI[k]
+    multiply(o, p.s.r, p.s.n, 1.0, t.ON, through, 1.0, out)
+    multiply(o, p.s.r, p.s.n, 1.0, r.ON, turned, 1.0, out)

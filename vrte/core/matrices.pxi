@@ -21,6 +21,29 @@ cdef inline void product(char a_form, char b_form, int rows, int columns, int in
         dgemm(&a_form, &b_form, &rows, &columns, &inner, &scale, <doubles>a, &lda, <doubles>b, &ldb, &add, c, &ldc)
 
 
+cdef inline void multiply(int rows, int columns, int inner, double factor, given a, given b, double add,
+                          doubles c) noexcept nogil:
+    """c (rows, columns) = factor a b + add c."""
+    product(b"N", b"N", rows, columns, inner, factor, a, rows, b, inner, add, c, rows)
+
+
+cdef inline void one_minus_product(int n, given a, given b, doubles c) noexcept nogil:
+    """c = 1 - a b."""
+    cdef int i
+    set_zero(<size_t>n * n, c)
+    for i in range(n):
+        c[<size_t>i * n + i] = 1.0
+    multiply(n, n, n, -1.0, a, b, 1.0, c)
+
+
+cdef inline void copy(size_t count, given a, doubles b) noexcept nogil:
+    memcpy(b, a, sizeof(double) * count)
+
+
+cdef inline void set_zero(size_t count, doubles a) noexcept nogil:
+    memset(a, 0, sizeof(double) * count)
+
+
 cdef inline int factorise(int n, doubles a, int lda, ints pivots) noexcept nogil:
     cdef int info = 0
     if n > 0:
@@ -40,6 +63,13 @@ cdef inline void transpose(int n, given a, doubles b) noexcept nogil:
     for j in range(n):
         for i in range(n):
             b[j * n + i] = a[i * n + j]
+
+
+cdef inline void times_inverse(int n, given lu, const int* pivots, doubles a, doubles spare) noexcept nogil:
+    """a <- a M^-1, M given by its factors."""
+    transpose(n, a, spare)
+    solve(b"T", n, n, lu, n, pivots, spare, n)
+    transpose(n, spare, a)
 
 
 cdef inline void scale_columns(int n, int rows, given lam_im, const cplx* f, given a, doubles b) noexcept nogil:

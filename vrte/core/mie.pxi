@@ -1,15 +1,16 @@
 # A sphere: Bohren and Huffman, "Absorption and scattering of light by small particles" (1983), chapter 4.
 
 cdef inline int first_settled(double size, int orders) noexcept nogil:
-    """The degree from which recurrences downward, begun there with anything, have forgotten it at `orders` and at |z| = size."""
+    """The degree from which recurrences downward, begun there with anything, have forgotten it at `orders` and at
+    |z| = size."""
     return <int>(fmax(size, orders) + 8.0 * cbrt(size) + 16.0)
 
 
 def sphere_coefficients(cplx relative_index, double size, int orders):
     """a_n and b_n, (2, orders) from n = 1, of a sphere of size parameter `size`; Bohren and Huffman (4.88).
 
-    Each recurrence runs the way it is stable: D_n(mx) = psi_n'/psi_n downward (4.89), y_n upward, psi_n upward to n = x and
-    beyond it by psi_n/psi_(n-1), found downward.
+    Each recurrence runs the way it is stable: D_n(mx) = psi_n'/psi_n downward (4.89), y_n upward, psi_n upward to n = x
+    and beyond it by psi_n/psi_(n-1), found downward.
     """
     cdef cplx[:, ::1] found = np.empty((2, orders), np.complex128)
     cdef cplx[::1] slope = np.empty(orders + 1, np.complex128)

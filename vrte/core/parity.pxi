@@ -25,32 +25,42 @@ cdef Parity parity_of(int m, int stokes, given_ints members) noexcept nogil:
     return p
 
 
+cdef struct Expansion:
+    # one order of the phase matrix of a material, times its albedo
+    Parity p
+    int m, terms
+    double albedo
+    given coefficients
+
+
 cdef inline bint is_polar(Parity p) noexcept nogil:
     """Whether Q or U is of the set: else r and t of P_l^m play no part."""
     return p.place[1] >= 0 or p.place[2] >= 0
 
 
-cdef inline int columns_of(Parity p, int m, int terms, int even_kind) noexcept nogil:
+cdef inline int columns_of(const Expansion* x, int even_kind) noexcept nogil:
     """Columns of all degrees m .. terms - 1."""
-    cdef int same = (terms - m + 1) // 2, other = (terms - m) // 2    # l - m even, odd
+    cdef int same = (x.terms - x.m + 1) // 2, other = (x.terms - x.m) // 2    # l - m even, odd
+    cdef Parity p = x.p
     if even_kind != 0:
         same, other = other, same
     return max(0, same) * (p.has[0][0] + p.has[0][1]) + max(0, other) * (p.has[1][0] + p.has[1][1])
 
 
 # (1:10)-(1:11)
-cdef void parity_columns(Parity p, int m, int terms, int even_kind, given prt, int n_all, int first, int n_mu,
-                         given scale, doubles out) noexcept nogil:
+cdef void parity_columns(const Expansion* x, int even_kind, given prt, int n_all, int first, int n_mu, given scale,
+                         doubles out) noexcept nogil:
     """out, S n_mu rows by `columns_of`: from P_l^m its columns I, Q where l - m has the parity of `even_kind`, else
     U, V (the rest of (1:41) cancels), those that the set has; rows times scale."""
-    cdef int l, i, kind, rows = p.stokes * n_mu
+    cdef Parity p = x.p
+    cdef int l, i, kind, m = x.m, rows = p.stokes * n_mu
     cdef size_t column = 0
     cdef doubles left
     cdef doubles right
     cdef given value
     cdef double f
-    memset(out, 0, sizeof(double) * <size_t>rows * columns_of(p, m, terms, even_kind))
-    for l in range(m, terms):
+    set_zero(<size_t>rows * columns_of(x, even_kind), out)
+    for l in range(m, x.terms):
         kind = (l - m) % 2 != even_kind
         left = out + <size_t>rows * column
         right = left + <size_t>rows * p.has[kind][0]
@@ -74,18 +84,20 @@ cdef void parity_columns(Parity p, int m, int terms, int even_kind, given prt, i
                     right[p.stokes * i + p.place[3]] = f * value[0]
 
 
-cdef void times_coefficients(Parity p, int m, int terms, int even_kind, double factor, double v_sign,
-                             given coefficients, int rows, given phi, doubles out) noexcept nogil:
-    """out = factor phi B^T, column by column: B_l of (1:9) cut to the kept columns; V's column of phi counts v_sign
+cdef void times_coefficients(const Expansion* a, int even_kind, double v_sign, int rows, given phi,
+                             doubles out) noexcept nogil:
+    """out = albedo phi B^T, column by column: B_l of (1:9) cut to the kept columns; V's column of phi counts v_sign
     times."""
-    cdef int l, i, kind
+    cdef Parity p = a.p
+    cdef double factor = a.albedo
+    cdef int l, i, kind, m = a.m
     cdef size_t column = 0
     cdef double b00, b01, b10, b11
     cdef given c
     cdef given x
     cdef doubles y
-    for l in range(m, terms):
-        c = coefficients + 6 * l
+    for l in range(m, a.terms):
+        c = a.coefficients + 6 * l
         kind = (l - m) % 2 != even_kind
         if kind == 0:
             b00, b01, b10, b11 = c[0], -c[4], -c[4], c[1]

@@ -49,11 +49,11 @@ cdef int particular_one(const void* task, int item, Desk desk) noexcept nogil:
         product(b"T", b"N", n, stokes * n_in, n, 1.0, Y, n, source_s, n, 0.0, ps, n)
         product(b"T", b"N", n, stokes * n_in, n, 1.0, X, n, source_d, n, 0.0, fd, n)
     else:
-        memcpy(ps, source_s, sizeof(double) * <size_t>n * stokes * n_in)
+        copy(<size_t>n * stokes * n_in, source_s, ps)
         product(b"N", b"N", n, stokes * n_in, n, 1.0, F, n, source_d, n, 0.0, fd, n)
     for a in range(n_in):                     # the right-hand sides' Stokes columns
-        product(b"N", b"N", n, n_col, stokes, 1.0, ps + <size_t>stokes * a * n, n, columns, stokes, 0.0, p + <size_t>a * n_col * n, n)
-        product(b"N", b"N", n, n_col, stokes, 1.0, fd + <size_t>stokes * a * n, n, columns, stokes, 0.0, q + <size_t>a * n_col * n, n)
+        multiply(n, n_col, stokes, 1.0, ps + <size_t>stokes * a * n, columns, 0.0, p + <size_t>a * n_col * n)
+        multiply(n, n_col, stokes, 1.0, fd + <size_t>stokes * a * n, columns, 0.0, q + <size_t>a * n_col * n)
     if not paired:
         solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, p, n)
         solve(b"N", n, n_in * n_col, X_lu, n, X_pivots, q, n)

@@ -13,6 +13,15 @@ cdef extern from "core/clock.h":
 
 HAS_OPENMP = bool(vrte_openmp)
 
+cdef extern from "core/constants.h":
+    const double ENDLESS, FADING, RESONANT, NO_LIGHT, ROUNDING, THICK, COMPLEMENTED, STEEPEST_RATIO
+    enum: MOST_DOUBLINGS, MOST_STEPS, SERIES, MOST_COLUMNS, MOST_ENTRIES
+
+globals().update(
+    ENDLESS=ENDLESS, NO_LIGHT=NO_LIGHT, ROUNDING=ROUNDING, THICK=THICK, COMPLEMENTED=COMPLEMENTED,
+    STEEPEST_RATIO=STEEPEST_RATIO, MOST_DOUBLINGS=MOST_DOUBLINGS, MOST_STEPS=MOST_STEPS, SERIES=SERIES,
+    MOST_COLUMNS=MOST_COLUMNS)
+
 
 cdef struct Desk:
     # what a thread works with: a row of scratch memory, one of scratch integers, and the flag that stops it
@@ -26,8 +35,8 @@ ctypedef int (*Stage)(const void* task, int item, Desk desk) noexcept nogil
 
 
 cdef void run_items(crew, Stage stage, const void* task, int n_item, size_t doubles, size_t integers, ints info):
-    """All items of a task, each with its own `doubles` and `integers`; verdicts go to info (item,) unless NULL, seconds to
-    the crew's. Begins no item once the crew's flag is set."""
+    """All items of a task, each with its own `doubles` and `integers`; verdicts go to info (item,) unless NULL, seconds
+    to the crew's. Begins no item once the crew's flag is set."""
     cdef int item, thread, verdict, threads = crew.threads
     cdef double[:, ::1] work = np.empty((threads, doubles))
     cdef int[:, ::1] pivots = np.empty((threads, integers), np.int32)

@@ -1,5 +1,7 @@
 #include <math.h>
 
+#include "constants.h"
+
 /* Azimuths are done VRTE_BLOCK at a time, in loops that a compiler turns into vectors of any width. With GNU C on
    x86-64 the same code is compiled a second time for AVX2 and FMA, and the processor says which one runs. */
 #if defined(__GNUC__)
@@ -7,7 +9,7 @@
 #else
 #define VRTE_INLINE static __inline
 #endif
-enum { VRTE_BLOCK = 32, VRTE_SERIES = 13 };
+enum { VRTE_BLOCK = 32 };
 
 /* F11, F44, F12, F34, F22 + F33, F22 - F33 at the cosines x, one a row of f; terms is even. A row of the table: the
    factors of d^{l+1} = (a x -+ b) d^l - c d^{l-1} (a, c of d_00; a, c of d_02; a, b, c of d_2,+-2), then the
@@ -17,7 +19,7 @@ VRTE_INLINE void vrte_series(int terms, const double* table, const double* x, do
     double u[VRTE_BLOCK], u_old[VRTE_BLOCK], w[VRTE_BLOCK], w_old[VRTE_BLOCK];
     double *f11 = f, *f44 = f + VRTE_BLOCK, *f12 = f + 2 * VRTE_BLOCK, *f34 = f + 3 * VRTE_BLOCK;
     double *sum = f + 4 * VRTE_BLOCK, *difference = f + 5 * VRTE_BLOCK;
-    const double *s = table, *t = table + VRTE_SERIES;
+    const double *s = table, *t = table + SERIES;
     for (int i = 0; i < VRTE_BLOCK; i++) {
         f11[i] = s[7] + t[7] * x[i];
         f44[i] = s[8] + t[8] * x[i];
@@ -30,8 +32,8 @@ VRTE_INLINE void vrte_series(int terms, const double* table, const double* x, do
         q_old[i] = u_old[i] = w_old[i] = 0.0;
     }
     for (int l = 2; l < terms; l += 2) {
-        s = table + VRTE_SERIES * l;
-        t = s + VRTE_SERIES;
+        s = table + SERIES * l;
+        t = s + SERIES;
         for (int i = 0; i < VRTE_BLOCK; i++) {
             double p_next = s[0] * x[i] * p[i] - s[1] * p_old[i], q_next = s[2] * x[i] * q[i] - s[3] * q_old[i];
             f11[i] += s[7] * p[i] + t[7] * p_next;

@@ -1,17 +1,17 @@
 # Single scattering over all Fourier orders in closed form, added straight into the result; as in sums.pxi.
 
 cdef extern from "core/scattering.h":
-    const int VRTE_BLOCK, VRTE_SERIES
+    const int VRTE_BLOCK
     ctypedef void vrte_scatterer(int, const double*, double, double, int, const double*, const double*, int, const int*,
                                  const double*, double*, size_t) noexcept nogil
     vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
 
 
 def series_table(const double[:, :] coefficients):
-    """The phase matrix with coefficients (terms, 6) as `add_single_scattering` takes it, (terms, 13), terms made even: the
-    factors of the recurrences, then the coefficients."""
+    """The phase matrix with coefficients (terms, 6) as `add_single_scattering` takes it, (terms, SERIES), terms made
+    even: the factors of the recurrences, then the coefficients."""
     cdef int terms = <int>coefficients.shape[0], l
-    cdef double[:, ::1] table = np.zeros((terms + terms % 2, VRTE_SERIES))
+    cdef double[:, ::1] table = np.zeros((terms + terms % 2, SERIES))
     cdef double degree, here, above  # degree: the square of an int ends at 46340
     for l in range(terms):
         degree = l
@@ -51,20 +51,22 @@ def path_integrals(*, const double[::1] above, const double[::1] thickness, cons
                             rate = 1.0 / mu[j]
                             start = above[layer] + depth if layer == at else above[layer]
                             length = thickness[layer] - depth if layer == at else thickness[layer]
-                            out[layer, place, i, j] = (exp(-start * rate_in - way * rate) * -expm1(-length * (rate_in + rate))
-                                                       * rate / (rate_in + rate))
+                            out[layer, place, i, j] = (
+                                exp(-start * rate_in - way * rate) * -expm1(-length * (rate_in + rate))
+                                * rate / (rate_in + rate))
                         elif mu[j] < 0.0 and layer <= at:
                             rate = -1.0 / mu[j]
                             length = depth if layer == at else thickness[layer]
                             if length > 0.0:
-                                out[layer, place, i, j] = (length * rate * exp(-above[layer] * rate_in - way * rate)
-                                                           * exp_difference(make(-length * rate_in, 0.0), make(-length * rate, 0.0)).real)
+                                out[layer, place, i, j] = (
+                                    length * rate * exp(-above[layer] * rate_in - way * rate)
+                                    * exp_difference(make(-length * rate_in, 0.0), make(-length * rate, 0.0)).real)
     return np.asarray(out)
 
 
 cdef double path_between(int layer, int at, double depth, given thickness) noexcept nogil:
-    """Optical depth between a level and the nearer face of a layer, 0 inside it: a sum of thicknesses, never a difference
-    of depths, whose last place would be seen along a cosine of 1e-8."""
+    """Optical depth between a level and the nearer face of a layer, 0 inside it: a sum of thicknesses, never a
+    difference of depths, whose last place would be seen along a cosine of 1e-8."""
     cdef int i
     cdef double way
     if layer == at:
@@ -96,9 +98,9 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
     `wide=False` leaves AVX2 unused.
     """
     cdef int n_mu = <int>mu.shape[0], n_col = <int>columns.shape[0], n_angle = <int>cos_phi.shape[0]
-    if 4 * n_col > MOST_ENTRIES:
-        raise ValueError(f"at most {MOST_ENTRIES // 4} columns")
-    if table.shape[0] % 2 or table.shape[1] != VRTE_SERIES:
+    if n_col > MOST_COLUMNS:
+        raise ValueError(f"at most {MOST_COLUMNS} columns")
+    if table.shape[0] % 2 or table.shape[1] != SERIES:
         raise ValueError("the table must be one of series_table")
     if out.size == 0:
         return
@@ -112,8 +114,8 @@ def add_single_scattering(crew, *, const double[:, ::1] table, const double[:, :
 cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
     """All azimuths and depths of one pair of directions; z (column, Stokes, angle)."""
     cdef const Scattering* s = <const Scattering*>task
-    cdef int n_angle = s.n_angle, n_col = s.n_col, n_phi = s.n_phi, n_place = s.n_place, n_level = s.n_level, first = 0, t, f, k
-    cdef int i = s.first + item // s.n_mu, j = item % s.n_mu
+    cdef int n_angle = s.n_angle, n_col = s.n_col, n_phi = s.n_phi, n_place = s.n_place, n_level = s.n_level
+    cdef int first = 0, t, f, k, i = s.first + item // s.n_mu, j = item % s.n_mu
     cdef size_t each = <size_t>s.n_in * s.n_mu, pair = <size_t>i * s.n_mu + j    # levels apart; the pair's place in one
     cdef given path = s.path + pair
     cdef doubles z = desk.work

@@ -11,7 +11,8 @@ cdef inline double to_the_power(double x, int m) noexcept nogil:
     return result
 
 
-cdef void wigner_starts(int m, bint polar, given mu, int n_mu, doubles zero, doubles plus, doubles minus) noexcept nogil:
+cdef void wigner_starts(int m, bint polar, given mu, int n_mu, doubles zero, doubles plus,
+                        doubles minus) noexcept nogil:
     """d^l_{m,0} at l = m, then d^l_{m,2} and d^l_{m,-2} at l = max(m, 2) unless the polar ones are not wanted."""
     cdef double factor = 1.0 if m % 2 == 0 else -1.0, growth = factor, sine, power
     cdef int i, j
@@ -39,9 +40,10 @@ cdef void wigner_step(int m, int k, int l, given mu, int n_mu, given before, giv
     cdef double lower, upper, odd = 2.0 * l + 1.0, steep = <double>l * (l + 1.0), shift = <double>m * k
     cdef int i
     if l == 0:
-        memcpy(after, mu, sizeof(double) * n_mu)
+        copy(n_mu, mu, after)
         return
-    # factors that all mu share are whole numbers where m = 0: rounded ones would make P_l and 1 overlap at every node alike
+    # factors that all mu share are whole numbers where m = 0: rounded ones would make P_l and 1 overlap at every node
+    # alike
     lower = (l + 1.0) * sqrt((<double>l * l - <double>m * m) * (<double>l * l - <double>k * k))
     upper = l * sqrt(((l + 1.0) * (l + 1.0) - <double>m * m) * ((l + 1.0) * (l + 1.0) - <double>k * k))
     if lower == 0.0:      # before is not there yet
@@ -68,7 +70,7 @@ cdef void spherical(int m, int terms, bint polar, given mu, int n_mu, doubles ou
     if not polar:
         return
     for l in range(m, min(first, terms)):
-        memset(out + row * l + n_mu, 0, sizeof(double) * 2 * n_mu)
+        set_zero(2 * n_mu, out + row * l + n_mu)
     for l in range(first, terms - 1):
         now = out + row * l + n_mu
         wigner_step(m, 2, l, mu, n_mu, now - row, now, now + row)

@@ -6,14 +6,13 @@
 # (n_phi,) names the azimuth that was computed and `sign` (n_phi,) is -1 where it is to be mirrored.
 
 cdef enum:
-    MOST_ENTRIES = 64     # columns times Stokes components
     TILE = 8              # outgoing directions of one product of matrices
     TILE_DOUBLES = 32768  # what the products of a tile should not exceed
 
 
 cdef struct Entries:
-    # elements of a Mueller matrix with cos(m phi) first, then those with sin: where they lie in a kernel's (column, out,
-    # Stokes) and in a row of `out`
+    # elements of a Mueller matrix with cos(m phi) first, then those with sin: where they lie in a kernel's (column,
+    # out, Stokes) and in a row of `out`
     int count, cosines
     int column[MOST_ENTRIES]
     int component[MOST_ENTRIES]
@@ -21,7 +20,8 @@ cdef struct Entries:
     double factor[MOST_ENTRIES]
 
 
-cdef void list_entries(const int[::1] stokes, const int[::1] kind, const int[::1] place, int n_place, Entries* e) noexcept nogil:
+cdef void list_entries(const int[::1] stokes, const int[::1] kind, const int[::1] place, int n_place,
+                       Entries* e) noexcept nogil:
     """(1:6)-(1:8): cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V)."""
     cdef int with_sine, c, s, k
     e.count = 0
@@ -79,7 +79,8 @@ def azimuthal_sum(crew, *, const double[:, :, :, :, :, :] kernels, const int[::1
               task.tile * task.entries.count * (task.n_order + n_angle), 0, NULL)
 
 
-cdef inline double kernel_at(const Summing* t, const char* here, int order, int column, int row, int component) noexcept nogil:
+cdef inline double kernel_at(const Summing* t, const char* here, int order, int column, int row,
+                             int component) noexcept nogil:
     return (<given>(here + order * t.strides[0] + column * t.strides[3] + row * t.strides[4]
                             + component * t.strides[5]))[0]
 
@@ -88,8 +89,9 @@ cdef int sum_tile(const void* task, int item, Desk desk) noexcept nogil:
     """Some outgoing directions of one incident direction and one level."""
     cdef const Summing* t = <const Summing*>task
     cdef const Entries* e = &t.entries
-    cdef int n_order = t.n_order, n_angle = t.n_angle, n_phi = t.n_phi, n_place = t.n_place, level = item // (t.n_here * t.tiles)
-    cdef int i = t.first + item // t.tiles % t.n_here, begin = item % t.tiles * t.tile, end = min(t.n_mu, begin + t.tile)
+    cdef int n_order = t.n_order, n_angle = t.n_angle, n_phi = t.n_phi, n_place = t.n_place
+    cdef int level = item // (t.n_here * t.tiles), i = t.first + item // t.tiles % t.n_here
+    cdef int begin = item % t.tiles * t.tile, end = min(t.n_mu, begin + t.tile)
     cdef int wide = end - begin, with_cosine = wide * e.cosines, with_sine = wide * (e.count - e.cosines)
     cdef const char* kernels = t.kernels + t.levels[level] * t.strides[1] + i * t.strides[2]
     cdef double scale = t.scale[i]
