@@ -2,12 +2,11 @@
 
 import argparse
 import importlib.util
-import math
 import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +14,51 @@ from vrte.basics.cost import in_words
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.formats.zarr_folder import METADATA
-from vrte.request.request import COARSEST, FINEST
+from vrte.request.how import OPTIONS
 from vrte.results.spectrum import ascending
 
 Tick = Callable[[int, int], None]
+METAVARS = {int: "N", float: "X"}
+
+
+def new_command(commands: Any, name: str, run: Callable[[argparse.Namespace], None], told: str) -> Any:
+    """The parser of a command; ``told`` says in one line what comes of it."""
+    command = commands.add_parser(name, help=told, description=f"{told[0].upper()}{told[1:]}.")
+    command.set_defaults(run=run)
+    return command
+
+
+def add_options(command: argparse.ArgumentParser, *names: str) -> None:
+    """Options of a call by name, with the words that vrte/request/how.py has for them."""
+    for name in names:
+        option, flag = OPTIONS[name], f"--{name.replace('_', '-')}"
+        if option.of is bool:
+            command.add_argument(flag, action="store_true", default=None, help=option.short)
+        elif option.choices:
+            command.add_argument(flag, choices=option.choices, help=option.short)
+        else:
+            command.add_argument(flag, metavar=METAVARS[option.of], type=value_of(name), help=option.short)
+
+
+def value_of(name: str) -> Callable[[str], Any]:
+    """What reads the number of an option of a call.
+
+    >>> value_of("nodes")("8"), value_of("time_limit_s")("inf")
+    (8, inf)
+    """
+    option = OPTIONS[name]
+
+    def read(text: str) -> Any:
+        with suppress(ValueError):  # a SceneError is one
+            if (option.of is not int or text.isdecimal()) and option.check(name, option.of(text)):
+                return option.of(text)
+        raise argparse.ArgumentTypeError(f"must be {option.allowed}, not {text!r}")
+
+    return read
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:
-    """What reads a whole number of an option."""
+    """What reads another whole number."""
 
     def read(text: str) -> int:
         if not text.isdecimal() or not low <= int(text) <= high:
@@ -32,39 +68,13 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-def a_setting(text: str) -> tuple[str, Any]:
-    """Name and value of a method's setting: a number where it is one, otherwise a word."""
-    name, sign, value = text.partition("=")
-    if not (name and sign):
-        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, not {text!r}")
-    for read in (int, float):
-        try:
-            return name, read(value)
-        except ValueError:
-            continue
-    return name, value
-
-
-def an_accuracy(text: str) -> float:
-    """What an answer may be wrong by."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not FINEST <= value <= COARSEST:
-        raise argparse.ArgumentTypeError(f"must be a number between {FINEST:g} and {COARSEST:g}, not {text!r}")
-    return value
-
-
-def a_time(text: str) -> float:
-    """Seconds above 0, inf included."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not value > 0.0:
-        raise argparse.ArgumentTypeError(f"must be seconds above 0, inf for no limit, not {text!r}")
-    return value
+def add_study(command: argparse.ArgumentParser, quick: str, fresh: bool = True) -> None:
+    """What commands that measure have in common: where to write, and how much is measured."""
+    folder = Path(command.prog.split()[-1])
+    command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=folder, help="made if absent")
+    command.add_argument("--quick", action="store_true", help=quick)
+    if fresh:
+        command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
 
 
 def wavelengths(text: str) -> list[float]:

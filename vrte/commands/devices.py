@@ -4,14 +4,14 @@ import argparse
 from typing import Any
 
 from vrte.basics.errors import DeviceError
-from vrte.commands.common import progress
+from vrte.commands.common import new_command, progress
 
 
 def add(commands: Any) -> None:
     """`vrte devices`."""
-    devices = commands.add_parser("devices", help="OpenCL platforms and devices, and which one is taken")
+    told = "a list of OpenCL platforms and devices, and which one is taken"
+    devices = new_command(commands, "devices", run, told)
     devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
-    devices.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import check_extra, check_output, progress, say_written, wavelengths
+from vrte.commands.common import check_extra, check_output, new_command, progress, say_written, wavelengths
 from vrte.formats.atomic import atomic_write
 from vrte.formats.index_table import read_index
 from vrte.optics.refractive_index import MATERIALS, Material, refractive_index
@@ -22,8 +22,8 @@ Columns = dict[str, list[float]]
 
 def add(commands: Any) -> None:
     """`vrte material [NAME]`."""
-    help_text = "the refractive index of a material, and how its spheres scatter; without a name, all names"
-    material = commands.add_parser("material", help=help_text, description=f"Tells {help_text}.")
+    told = "the refractive index of a material, and how its spheres scatter; without a name, a list of all names"
+    material = new_command(commands, "material", run, told)
     material.add_argument(
         "name",
         nargs="?",
@@ -39,7 +39,6 @@ def add(commands: Any) -> None:
     material.add_argument("--host-index", type=float, metavar="N", help="around the spheres; default: 1")
     material.add_argument("-o", "--output", type=Path, metavar="OUT.csv", help="the table, every digit")
     material.add_argument("--plot", type=Path, metavar="OUT.png", help="a picture; .svg and .pdf too")
-    material.set_defaults(run=run)
 
 
 def a_range(text: str) -> list[float]:

@@ -5,15 +5,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vrte.commands.common import check_extra, check_output, progress, say_written, told_as_one, whole_number
+from vrte.commands.common import (
+    check_extra,
+    check_output,
+    new_command,
+    progress,
+    say_written,
+    told_as_one,
+    whole_number,
+)
 from vrte.render.colour import FEWEST, MOST
 from vrte.render.setting import LARGEST_SIZE, SMALLEST_SIZE, read
 
 
 def add(commands: Any) -> None:
     """`vrte render`."""
-    help_text = "spheres with the BRDFs of scenes, under a polarized sky"
-    command = commands.add_parser("render", help=help_text, description=f"Draws {help_text} (docs/render.md).")
+    told = "pictures of spheres with the BRDFs of scenes, under a polarized sky (docs/render.md)"
+    command = new_command(commands, "render", run, told)
     command.add_argument("scenes", metavar="SCENE.toml", type=Path, nargs="+", help="a sphere each")
     command.add_argument("-o", "--output", metavar="OUT.png", type=Path, required=True)
     command.add_argument(
@@ -27,7 +35,6 @@ def add(commands: Any) -> None:
     kind.add_argument(
         "--sheet", action="store_true", help="beside each sphere its lobes at mu_i = 0.6 and 1, at 0.64 um"
     )
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -1,24 +1,19 @@
 """`vrte report`: error against run time, and the figures of the radiance-factor paper."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from vrte.commands.common import made_folder, progress, say_written, told_as_one
+from vrte.commands.common import add_study, made_folder, new_command, progress, say_written, told_as_one
 
 
 def add(commands: Any) -> None:
     """`vrte report`."""
-    help_text = "error against run time of every method, measured on this machine"
-    command = commands.add_parser("report", help=help_text, description=f"Computes {help_text}.")
+    command = new_command(commands, "report", run, "error against run time of every method, measured on this machine")
+    add_study(command, "three small scenes instead of all: seconds")
     command.add_argument(
         "--figures", action="store_true", help="figures 1 and 2 of the radiance-factor paper instead: seconds"
     )
-    command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("report"), help="made if absent")
-    command.add_argument("--quick", action="store_true", help="three small scenes instead of all: seconds")
-    command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
     command.add_argument("--scenes", metavar="PATTERN", default="*", help='names, such as "Rayleigh*"; default: all')
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,31 +13,25 @@ from vrte.calls.radiance import radiance
 from vrte.commands import spectrum
 from vrte.commands.common import (
     Tick,
-    a_setting,
-    a_time,
-    an_accuracy,
+    add_options,
     check_extra,
     check_output,
     named_by,
+    new_command,
     progress,
     read_file,
     say_written,
     timed,
-    whole_number,
 )
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
 from vrte.formats.result_file import FORMATS
 from vrte.formats.scene_file import SceneFile
-from vrte.optics.truncation import CHOICES
 from vrte.pictures.figures import SUFFIXES as PICTURES
-from vrte.request.backends import BACKENDS
-from vrte.request.how import OPTIONS
-from vrte.request.request import ALGORITHMS, AUTO, EXACT, METHOD_NAMES, MOST_NODES
+from vrte.request.how import EXACT, OPTIONS
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.spectrum import with_scene
-from vrte.scene.illumination import SIDES
 
 HOW = tuple(name for name in OPTIONS if name != "settings")  # options that win over the scene file
 OUTPUTS = {"output": tuple(FORMATS), "csv": (".csv",), "plot": tuple(PICTURES)}
@@ -55,57 +50,33 @@ def add(commands: Any) -> None:
 
 
 def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser:
-    command = commands.add_parser(kind, help=help_text, description=f"Computes {help_text}.")
+    command: argparse.ArgumentParser = new_command(commands, kind, run, help_text)
+    command.epilog = "What is said here wins over the scene file."
+    command.set_defaults(kind=kind, wavelengths_um=None, mitsuba=None)
     command.add_argument("scene", metavar="SCENE.toml", type=Path)
-    command.add_argument(
-        "-o",
-        "--output",
-        metavar="OUT",
-        type=Path,
-        help=".nc: NetCDF; .csv: a table, which needs no extra; .zarr: Zarr",
-    )
+    written = ".nc: NetCDF; .csv: a table, which needs no extra; .zarr: Zarr"
+    command.add_argument("-o", "--output", metavar="OUT", type=Path, help=written)
     command.add_argument("--csv", metavar="OUT.csv", type=Path, help="beside -o or alone: one row a direction")
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture; .svg and .pdf too")
-    command.add_argument(
-        "--threads", metavar="N", type=whole_number(1, 1024), help="default: all CPUs that may be used"
-    )
-    command.add_argument("--algorithm", choices=ALGORITHMS, help="of discrete ordinates; default: auto")
-    command.add_argument("--backend", choices=BACKENDS, help="what computes; default: openmp")
-    command.add_argument(
-        "--truncation", choices=CHOICES, help="of phase matrices with more than 2 N terms; default: auto"
-    )
-    command.add_argument("--accuracy", metavar="A", type=an_accuracy, help="relative to the largest I at each depth")
-    command.add_argument(
-        "--nodes",
-        metavar="N",
-        type=whole_number(1, MOST_NODES),
-        help="in each hemisphere; this, too, wins over the scene file",
-    )
-    command.add_argument(
-        "--time-limit-s",
-        metavar="S",
-        type=a_time,
-        help="what is predicted to take longer is refused; default: 3600, inf for none",
-    )
-    command.add_argument("--illuminate", choices=SIDES, help="where the light comes from; default: top")
-    command.add_argument(
-        "--method",
-        choices=METHOD_NAMES,
-        help=f"default: {EXACT}; {AUTO}: by rule, for the accuracy; others: docs/methods.md",
-    )
-    command.add_argument(
-        "--set",
-        metavar="NAME=VALUE",
-        type=a_setting,
-        action="append",
-        default=[],
-        help="a setting of the method, any number of times",
-    )
-    command.add_argument(
-        "--verify", action="store_true", default=None, help="solve by both algorithms and report their agreement"
-    )
-    command.set_defaults(run=run, kind=kind, wavelengths_um=None, mitsuba=None)
+    add_options(command, *HOW)
+    told = "a setting of the method, any number of times"
+    command.add_argument("--set", metavar="NAME=VALUE", type=a_setting, action="append", default=[], help=told)
     return command
+
+
+def a_setting(text: str) -> tuple[str, Any]:
+    """Name and value of a method's setting: a number where it is one, otherwise a word.
+
+    >>> a_setting("orders=3"), a_setting("boundary=mark")
+    (('orders', 3), ('boundary', 'mark'))
+    """
+    name, sign, value = text.partition("=")
+    if not (name and sign):
+        raise argparse.ArgumentTypeError(f"must be NAME=VALUE, not {text!r}")
+    for read in (int, float):
+        with suppress(ValueError):
+            return name, read(value)
+    return name, value
 
 
 def run(options: argparse.Namespace) -> None:

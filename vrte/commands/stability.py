@@ -1,31 +1,22 @@
 """`vrte stability`: stiff and extreme scenes, solved and checked."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from vrte.commands.common import made_folder, progress, say_written, told_as_one, whole_number
-from vrte.request.request import ALGORITHMS
+from vrte.commands.common import add_options, add_study, made_folder, new_command, progress, say_written, told_as_one
+from vrte.request.how import OPTIONS
 
 
 def add(commands: Any) -> None:
     """`vrte stability`."""
-    help_text = "stiff and extreme scenes, solved and checked, as a table"
-    command = commands.add_parser("stability", help=help_text, description=f"Computes {help_text}.")
-    command.add_argument(
-        "-o", "--output", metavar="FOLDER", type=Path, default=Path("stability"), help="made if absent"
-    )
-    command.add_argument("--quick", action="store_true", help="some forty small scenes instead of all")
-    command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
-    command.add_argument("--algorithm", choices=ALGORITHMS, default="auto", help="of discrete ordinates; default: auto")
+    command = new_command(commands, "stability", run, "stiff and extreme scenes, solved and checked, as a table")
+    add_study(command, "some forty small scenes instead of all")
+    add_options(command, "algorithm", "threads")
     command.add_argument("--cases", metavar="PATTERN", default="*", help='names, such as "rayleigh*N=8"; default: all')
-    command.add_argument(
-        "--threads", metavar="N", type=whole_number(1, 1024), help="default: all CPUs that may be used"
-    )
     command.add_argument(
         "--oracle", metavar="FILE", type=Path, help="answers of ball arithmetic; default: those of the source tree"
     )
-    command.set_defaults(run=run)
+    command.set_defaults(algorithm=OPTIONS["algorithm"].default)
 
 
 def run(options: argparse.Namespace) -> None:

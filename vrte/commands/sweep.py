@@ -9,7 +9,16 @@ import numpy as np
 
 from vrte import __version__
 from vrte.basics.errors import SceneError, SweepError
-from vrte.commands.common import Tick, a_time, check_extra, check_output, progress, whole_number
+from vrte.commands.common import (
+    Tick,
+    check_extra,
+    check_output,
+    named_by,
+    new_command,
+    progress,
+    value_of,
+    whole_number,
+)
 from vrte.sweep import sweep
 from vrte.sweep.engines import ENGINES
 from vrte.sweep.run import MOST_WORKERS
@@ -23,8 +32,8 @@ MOST_NAMED = 3  # failures that --strict names
 
 def add(commands: Any) -> None:
     """`vrte sweep`."""
-    help_text = "the Mueller BRDFs, or Stokes fields, of many scenes, as one table"
-    command = commands.add_parser("sweep", help=help_text, description=f"Computes {help_text}; docs/sweeps.md.")
+    told = "the Mueller BRDFs, or Stokes fields, of many scenes, as one table (docs/sweeps.md)"
+    command = new_command(commands, "sweep", run, told)
     command.add_argument("file", metavar="SWEEP.toml", type=Path, help="a scene file with a table [axes]")
     command.add_argument(
         "-o", "--output", metavar="TABLE.zarr", type=Path, required=True, help=".zarr for large tables, or .nc"
@@ -40,11 +49,9 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--chunk", metavar="N", type=whole_number(1, 10**6), help="scenes that are computed and written together"
     )
-    command.add_argument(
-        "--time-limit-s", metavar="S", type=a_time, help="refuse what is predicted to take longer in all; default: none"
-    )
+    told = "refuse what is predicted to take longer in all; default: none"
+    command.add_argument("--time-limit-s", metavar="X", type=value_of("time_limit_s"), help=told)
     command.add_argument("--strict", action="store_true", help="a failure (exit code 1) where any scene has no result")
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:
@@ -60,19 +67,9 @@ def run(options: argparse.Namespace) -> None:
 
 def made(options: argparse.Namespace, tick: Tick) -> "xarray.Dataset":
     """The table; complaints about the sweep file begin with its name."""
-    try:
-        return sweep(
-            options.file,
-            options.output,
-            engine=options.engine,
-            scheduler=options.scheduler,
-            workers=options.workers,
-            chunk=options.chunk,
-            progress=tick,
-            time_limit_s=options.time_limit_s,
-        )
-    except SceneError as error:
-        raise error.behind(options.file) from error
+    how = {name: getattr(options, name) for name in ("engine", "scheduler", "workers", "chunk", "time_limit_s")}
+    with named_by(options.file):
+        return sweep(options.file, options.output, **how, progress=tick)
 
 
 def describe(options: argparse.Namespace, table: "xarray.Dataset", seconds: float) -> None:

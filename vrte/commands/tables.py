@@ -1,27 +1,23 @@
 """`vrte tables`: the tables and the cost figures of the GPU paper, measured."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import made_folder, progress, say_written, told_as_one, whole_number
+from vrte.commands.common import add_study, made_folder, new_command, progress, say_written, told_as_one, value_of
 
 
 def add(commands: Any) -> None:
     """`vrte tables`."""
-    help_text = "the tables and figures of the GPU paper, measured on this machine"
-    command = commands.add_parser("tables", help=help_text, description=f"Computes {help_text}.")
+    command = new_command(commands, "tables", run, "the tables and figures of the GPU paper, measured on this machine")
+    add_study(command, "few small scenes instead of the paper's: seconds", fresh=False)
     command.add_argument(
         "--figures", action="store_true", help="figures 2 to 9 instead: how the cost grows, with exponents"
     )
     command.add_argument(
         "--configurations", metavar="C,C,...", help='such as "1,2,5"; default: all that this machine can run'
     )
-    command.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("tables"), help="made if absent")
-    command.add_argument("--quick", action="store_true", help="few small scenes instead of the paper's: seconds")
-    command.add_argument("--threads", metavar="N", type=whole_number(1, 1024), default=2, help="of OpenMP; default: 2")
-    command.set_defaults(run=run)
+    command.add_argument("--threads", metavar="N", type=value_of("threads"), default=2, help="of OpenMP; default: 2")
 
 
 def run(options: argparse.Namespace) -> None:

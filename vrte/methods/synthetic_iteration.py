@@ -56,7 +56,7 @@ def solve_by_synthetic_iteration(task: Task) -> Answer:
     """Radiance by the iterations, fluxes those of the regular part."""
     request, settings = task.request, task.settings
     if request.truncation not in ("auto", "small-angle"):
-        raise SceneError(f"method {NAME!r} separates small angles: leave truncation out")
+        raise SceneError(f"method {NAME!r} separates small angles: leave truncation out", "method")
     regular, iterations = settings["regular"], settings["iterations"]
     request = replace(request, truncation="delta-m")
     two = problem = cut_to_two(request)

@@ -1,0 +1,137 @@
+"""One set of options: each is used or refused by name, whatever the method, and told in the same words everywhere."""
+
+from contextlib import suppress
+from dataclasses import fields
+from functools import cache
+from inspect import signature
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import cli
+from vrte.request.how import AUTO, EXACT, METHOD_NAMES, METHODS, NOT_FOR_ALL, OPTIONS, How
+
+SCENE = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.4, 12), albedo=0.8, thickness=0.5)])
+ASKED: dict[str, Any] = {
+    "nodes": 6,
+    "accuracy": 1e-3,
+    "algorithm": "doubling",
+    "verify": True,
+    "truncation": "none",
+    "backend": "sequential",
+    "illuminate": "bottom",
+}
+CALLS = (vrte.brdf, vrte.radiance, vrte.brdfs)
+
+
+@cache
+def answer(method: str, **how: Any) -> str:
+    """What a field brings, without the times that it took; along the nodes, where these are chosen."""
+    found = vrte.radiance(SCENE, [0.5, 0.9], mu=None if "nodes" in how else [0.4, 1.0, -0.7], method=method, **how)
+    left_out = ("stages", "wall_seconds")
+    told = {name: value for name, value in found.diagnostics.items() if name not in left_out}
+    return repr((found.stokes.shape, found.stokes.tobytes(), told))
+
+
+@pytest.mark.parametrize("method", METHOD_NAMES)
+@pytest.mark.parametrize("name", ASKED)
+def test_an_option_is_used_or_refused_by_name(method: str, name: str) -> None:
+    with suppress(vrte.SceneError):
+        if answer(method, **{name: ASKED[name]}) != answer(method):
+            return
+    with pytest.raises(vrte.SceneError, match=f"method '{method}' (takes no|separates).*{name}") as refused:
+        answer(method, **{name: ASKED[name]})
+    assert refused.value.place == ("method",)
+    assert name in NOT_FOR_ALL
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if name != EXACT])
+@pytest.mark.parametrize(("name", "value"), [("accuracy", 1e-15), ("backend", "opencl"), ("verify", True)])
+def test_what_only_discrete_ordinates_do_is_never_passed_over(method: str, name: str, value: Any) -> None:
+    """All but rounding, a device and a second algorithm: no other method can."""
+    with pytest.raises(vrte.SceneError, match=f"method '{method}' .*{name}"):
+        answer(method, nodes=4, **{name: value})
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_plan_is_that_of_the_method_asked_for(method: str) -> None:
+    if method == EXACT:
+        assert vrte.plan("brdf", SCENE, 0.5, 0.5, method=method, nodes=4).orders > 0
+        return
+    with pytest.raises(vrte.SceneError, match=f"method '{method}' has no plan"):
+        vrte.plan("brdf", SCENE, 0.5, 0.5, method=method, nodes=4)
+
+
+@pytest.mark.parametrize("method", [EXACT, "adding-doubling", "matrix-operator", "successive-orders"])
+def test_what_takes_too_long_is_refused_whatever_the_method(method: str) -> None:
+    with pytest.raises(vrte.SceneError, match="time_limit_s"):
+        answer(method, nodes=4, time_limit_s=1e-12)
+
+
+@pytest.mark.parametrize("method", [*METHODS, AUTO])
+def test_settings_go_with_their_method(method: str) -> None:
+    with pytest.raises(vrte.SceneError, match=f"method '{method}' (has no setting|takes no settings)"):
+        vrte.brdf(SCENE, 0.5, 0.5, method=method, settings={"depth of nothing": 1})
+
+
+def test_options_have_one_order_and_one_set_of_names() -> None:
+    names = [field.name for field in fields(How) if field.name in OPTIONS]
+    for call in CALLS[:2]:
+        taken = list(signature(call).parameters)
+        assert taken[taken.index("progress") + 1 :] == [name for name in names if name not in ("nodes", "threads")]
+    assert signature(vrte.brdfs).parameters.keys() - {"scenes"} == signature(vrte.brdf).parameters.keys() - {"scene"}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_help_tells_each_option(call: Any) -> None:
+    words = call.__doc__
+    assert "{options}" not in words
+    for name in signature(call).parameters.keys() & OPTIONS.keys():
+        assert f"\n    {name} : " in words
+        assert OPTIONS[name].short[1:40].split(";")[0].split(" and ")[0] in " ".join(words.split())
+
+
+@pytest.mark.parametrize("command", ["brdf", "field"])
+def test_the_command_line_has_each_option_in_the_same_words(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main([command, "--help"])
+    told = "".join(capsys.readouterr().out.split())
+    for name in OPTIONS.keys() - {"settings"}:
+        assert f"--{name.replace('_', '-')}" in told
+        assert "".join(OPTIONS[name].short.split()) in told
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [
+        ({"nodes": 0}, "nodes must be a whole number from 1 to 4096, not 0"),
+        ({"accuracy": 1.0}, "accuracy must be between 1e-15 and 0.1, not 1.0"),
+        ({"algorithm": "magic"}, "algorithm must be 'auto', 'direct', 'modes', 'doubling', 'invariance', not 'magic'"),
+        ({"verify": 1}, "verify must be True or False, not 1"),
+        ({"settings": 3}, "settings must be a dictionary by names of settings, not 3"),
+        ({"threads": 0}, "threads must be a whole number from 1 to 4096, not 0"),
+        ({"time_limit_s": -1}, "time_limit_s must be seconds, not -1"),
+        ({"algorithm": "modes", "backend": "opencl"}, "algorithm 'modes' needs an eigensolver"),
+        ({"method": AUTO, "nodes": 8}, "method 'auto' takes no nodes"),
+    ],
+)
+def test_a_wrong_option_is_named(how: dict[str, Any], words: str) -> None:
+    with pytest.raises(vrte.SceneError) as caught:
+        How(**how)
+    assert str(caught.value).startswith(words)
+    assert caught.value.place == (words.split()[0],)
+
+
+def test_an_option_that_there_is_not_is_no_option() -> None:
+    with pytest.raises(TypeError, match="nodess"):
+        vrte.plan("brdf", SCENE, 0.5, 0.5, nodess=4)
+    positional = vrte.plan("brdf", SCENE, 0.5, 0.5, 0.0, 4, 1, False, None, "doubling").request
+    assert (positional.nodes, positional.threads, positional.algorithm) == (4, 1, "doubling")
+
+
+def test_many_scenes_take_what_one_takes() -> None:
+    how: dict[str, Any] = {"nodes": 4, "method": "successive-orders", "settings": {"orders": 2}}
+    (one,), alone = vrte.brdfs([SCENE], 0.5, 0.5, **how), vrte.brdf(SCENE, 0.5, 0.5, **how)
+    np.testing.assert_array_equal(one.mueller, alone.mueller)
