@@ -34,6 +34,7 @@ mu_i = [0.6, 1.0]
 mu_o = { start = 0.5, stop = 1.0, count = 3 }
 """
 PHASE = SCENE.replace('particles = "gold"', "phase = PHASE\nalbedo = 0.9")
+GOLD = 'particles = "gold"'
 FIELD = SCENE.split("[brdf]")[0] + "[field]\nmu0 = 0.5\n"
 Reader = Callable[..., SceneFile]
 
@@ -103,43 +104,47 @@ def test_each_command_takes_its_own_table(read: Reader) -> None:
         read(SCENE, kind="field")
 
 
+def of_gold(material: Any = "gold", **how: Any) -> vrte.Particles:
+    """What SCENE holds, but for what is said."""
+    size = {} if "size" in how else {"radius_um": 0.1}
+    return vrte.spheres(material, **{"wavelength_um": 0.64} | size | how)
+
+
+def of_a_mixture() -> vrte.Layer:
+    kinds = vrte.mixture([(of_gold(), 0.7), (of_gold(1.5, radius_um=0.2), 0.3)])
+    return vrte.Layer.of(kinds, thickness_um=5.0, volume_fraction=0.05)
+
+
+LOGNORMAL = "size = { lognormal = { median_um = 0.1, sigma = 1.2 } }"
+GAMMA = "size = { gamma = { r_eff_um = 0.1, v_eff = 0.05 } }"
+GLASS = "[particles.glass]\nindex = [1.5, 0]\nradius_um = 0.2\n"
+
+
 @pytest.mark.parametrize(
-    ("size", "expected"),
+    ("exchanged", "expected"),
     [
-        ("size = { lognormal = { median_um = 0.1, sigma = 1.2 } }", vrte.Lognormal(median_um=0.1, sigma=1.2)),
-        ("size = { gamma = { r_eff_um = 0.1, v_eff = 0.05 } }", vrte.Gamma(r_eff_um=0.1, v_eff=0.05)),
+        ([("radius_um = 0.1", LOGNORMAL)], lambda: of_gold(size=vrte.Lognormal(median_um=0.1, sigma=1.2))),
+        ([("radius_um = 0.1", GAMMA)], lambda: of_gold(size=vrte.Gamma(r_eff_um=0.1, v_eff=0.05))),
+        ([('index = "gold"', 'index = "main/Au/Johnson"')], of_gold),
+        ([('index = "gold"', "index = [0.2, 3.5]")], lambda: of_gold(0.2 + 3.5j)),
+        ([('index = "gold"', "index = 1.5")], lambda: of_gold(1.5)),
+        ([("nodes = 12", "host_index = 1.33")], lambda: of_gold(host_index=1.33)),
+        (
+            [
+                ("[base]", f"{GLASS}[base]"),
+                ('particles = "gold"', "particles = { gold = 0.7, glass = 0.3 }"),
+                ("thickness = 2.0", "thickness_um = 5.0\nvolume_fraction = 0.05"),
+            ],
+            of_a_mixture,
+        ),
     ],
 )
-def test_size_distributions(read: Reader, size: str, expected: vrte.Lognormal | vrte.Gamma) -> None:
-    layer = read(SCENE, ("radius_um = 0.1", size)).scene.layers[0]
-    assert layer.albedo == vrte.spheres("gold", size=expected, wavelength_um=0.64).albedo
-
-
-@pytest.mark.parametrize("index", ['"main/Au/Johnson"', "[0.2, 3.5]", "1.5"])
-def test_indices(read: Reader, index: str) -> None:
-    given = {"[0.2, 3.5]": 0.2 + 3.5j, "1.5": 1.5}.get(index, "gold")
-    expected = vrte.spheres(given, radius_um=0.1, wavelength_um=0.64)
-    assert read(SCENE, ('index = "gold"', f"index = {index}")).scene.layers[0].albedo == expected.albedo
-
-
-def test_host(read: Reader) -> None:
-    in_water = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64, host_index=1.33)
-    file = read(SCENE, ("nodes = 12", "host_index = 1.33"))
-    assert file.scene.layers[0].albedo == in_water.albedo
-
-
-def test_mixtures_and_geometrical_thickness(read: Reader) -> None:
-    text = SCENE + "[particles.glass]\nindex = [1.5, 0]\nradius_um = 0.2\n"
-    file = read(
-        text,
-        ('particles = "gold"', "particles = { gold = 0.7, glass = 0.3 }"),
-        ("thickness = 2.0", "thickness_um = 5.0\nvolume_fraction = 0.05"),
-    )
-    gold = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64)
-    glass = vrte.spheres(1.5, radius_um=0.2, wavelength_um=0.64)
-    expected = vrte.Layer.of(vrte.mixture([(gold, 0.7), (glass, 0.3)]), thickness_um=5.0, volume_fraction=0.05)
-    assert file.scene.layers[0].thickness == expected.thickness
-    assert file.scene.layers[0].albedo == expected.albedo
+def test_a_layer_is_the_one_made_by_hand(
+    read: Reader, exchanged: list[tuple[str, str]], expected: Callable[[], vrte.Particles | vrte.Layer]
+) -> None:
+    found, made = read(SCENE, *exchanged).scene.layers[0], expected()
+    layer = made if isinstance(made, vrte.Layer) else vrte.Layer.of(made, thickness=2.0)
+    assert (found.albedo, found.thickness) == (layer.albedo, layer.thickness)
 
 
 def same(text: str, other: str) -> None:
@@ -184,7 +189,7 @@ def test_size_distributions_of_diameters() -> None:
 
 
 def test_mixtures_by_volume() -> None:
-    text = SCENE + "[particles.glass]\nindex = [1.5, 0]\nradius_um = 0.2\n"
+    text = SCENE + GLASS
     by_volume = text.replace('particles = "gold"', 'volume_fractions = { gold = "1 %", glass = 0.04 }')
     by_volume = by_volume.replace("thickness = 2.0", "thickness_um = 5.0")
     # of volumes 1 : 4, where a sphere of glass has 8 times the volume of one of gold: 2 : 1 by number
@@ -193,47 +198,6 @@ def test_mixtures_by_volume() -> None:
     same(by_volume, by_number)
     optical = by_volume.replace("thickness_um = 5.0", "thickness = 3.0")
     assert scene_of(tomllib.loads(optical)).scene.thickness == 3.0  # their ratios alone
-
-
-@pytest.mark.parametrize(
-    ("ours", "other", "words"),
-    [
-        ("radius_um = 0.1", "diameter_um = -1", "particles.gold.diameter_um: half of it, radius_um must be a length"),
-        ("radius_um = 0.1", "diameter_um = 1\nradius_um = 1", "exactly one of radius_um, diameter_um and size"),
-        (
-            "radius_um = 0.1",
-            "size = { gamma = { d_eff_um = -1, v_eff = 0.1 } }",
-            "particles.gold.size.gamma.d_eff_um: half of it, r_eff_um must be a length",
-        ),
-        (
-            "radius_um = 0.1",
-            "size = { gamma = { d_eff_um = 1, r_eff_um = 1, v_eff = 0.1 } }",
-            "exactly one of r_eff_um and d_eff_um",
-        ),
-        ("mu_i = [0.6, 1.0]", "angle_i_deg = [10, 90]", "brdf.angle_i_deg = .*: must be degrees from the normal"),
-        ("mu_i = [0.6, 1.0]", "mu_i = 1\nangle_i_deg = 3", "brdf: exactly one of mu_i and angle_i_deg is needed"),
-        ("albedo = 0.3", 'albedo = "30"', 'base.albedo = "30": must be a number between 0 and 1, or per cent'),
-        ("albedo = 0.3", 'albedo = "130 %"', "base.albedo must be between 0 and 1, not 1.3"),
-        ('particles = "gold"', "volume_fractions = { gold = 1.5 }", "volume_fractions.gold = 1.5: must be from 0"),
-        ('particles = "gold"', "volume_fractions = { lead = 0.5 }", r"volume_fractions.*: no table \[particles.lead\]"),
-        ('particles = "gold"', "volume_fractions = 0.5", "volume_fractions = 0.5: must be a table"),
-        ('particles = "gold"', 'volume_fractions = { gold = "0 %" }', "at least one fraction must be above 0"),
-        (
-            'particles = "gold"',
-            "volume_fractions = { gold = 0.1 }\nvolume_fraction = 0.1",
-            "volume_fraction = 0.1: is the sum of volume_fractions",
-        ),
-        (
-            'particles = "gold"\nthickness = 2.0',
-            "volume_fractions = { gold = 0.1 }",
-            r"either thickness \(optical\) or thickness_um is needed",
-        ),
-    ],
-)
-def test_what_is_wrong_with_them_names_their_keys(ours: str, other: str, words: str) -> None:
-    assert ours in SCENE
-    with pytest.raises(vrte.SceneError, match=words):
-        scene_of(tomllib.loads(SCENE.replace(ours, other)))
 
 
 @pytest.mark.parametrize(
@@ -353,6 +317,60 @@ def test_a_table_that_was_cut_short_is_taken_where_the_file_says_so(read: Reader
             "particles.gold.size.lognormal.sigma must be",
         ),
         ("0.64", "640.0", "particles.gold"),
+        # diameters, degrees, per cent and fractions of the volume
+        ("radius_um = 0.1", "diameter_um = -1", "particles.gold.diameter_um: half of it, radius_um must be a length"),
+        ("radius_um = 0.1", "diameter_um = 1\nradius_um = 1", "exactly one of radius_um, diameter_um and size"),
+        (
+            "radius_um = 0.1",
+            "size = { gamma = { d_eff_um = -1, v_eff = 0.1 } }",
+            "particles.gold.size.gamma.d_eff_um: half of it, r_eff_um must be a length",
+        ),
+        (
+            "radius_um = 0.1",
+            "size = { gamma = { d_eff_um = 1, r_eff_um = 1, v_eff = 0.1 } }",
+            "exactly one of r_eff_um and d_eff_um",
+        ),
+        ("mu_i = [0.6, 1.0]", "angle_i_deg = [10, 90]", "brdf.angle_i_deg = [10, 90]: must be degrees from the normal"),
+        ("mu_i = [0.6, 1.0]", "mu_i = 1\nangle_i_deg = 3", "brdf: exactly one of mu_i and angle_i_deg is needed"),
+        ("albedo = 0.3", 'albedo = "30"', 'base.albedo = "30": must be a number between 0 and 1, or per cent'),
+        ("albedo = 0.3", 'albedo = "130 %"', "base.albedo must be between 0 and 1, not 1.3"),
+        (GOLD, "volume_fractions = { gold = 1.5 }", "volume_fractions.gold = 1.5: must be from 0"),
+        (GOLD, "volume_fractions = { lead = 0.5 }", "no table [particles.lead]"),
+        (GOLD, "volume_fractions = 0.5", "volume_fractions = 0.5: must be a table"),
+        (GOLD, 'volume_fractions = { gold = "0 %" }', "at least one fraction must be above 0"),
+        (
+            GOLD,
+            "volume_fractions = { gold = 0.1 }\nvolume_fraction = 0.1",
+            "volume_fraction = 0.1: is the sum of volume_fractions",
+        ),
+        (
+            f"{GOLD}\nthickness = 2.0",
+            "volume_fractions = { gold = 0.1 }",
+            "either thickness (optical) or thickness_um is needed",
+        ),
+        # phase matrices without particles
+        (GOLD, 'phase = "isotropc"\nalbedo = 1', 'layer[1].phase = "isotropc": must be'),
+        (GOLD, 'phase = "absent.csv"\nalbedo = 1', 'layer[1].phase = "absent.csv": the file cannot be read'),
+        (GOLD, "phase = { rayleigh = 2 }\nalbedo = 1", "layer[1].phase.rayleigh: depolarization must be"),
+        (GOLD, "phase = { henyey_greenstein = 1.0 }\nalbedo = 1", "layer[1].phase.henyey_greenstein: "),
+        (
+            GOLD,
+            "phase = { henyey_greenstein = 0.9, terms = 3 }\nalbedo = 1",
+            "layer[1].phase.henyey_greenstein: 3 terms",
+        ),
+        (
+            GOLD,
+            "phase = { rayleigh = 0, terms = 3 }\nalbedo = 1",
+            "layer[1].phase = { rayleigh = 0, terms = 3 }: must be",
+        ),
+        (GOLD, "phase = 3\nalbedo = 1", "layer[1].phase = 3: must be"),
+        (GOLD, 'phase = "rayleigh"', "layer[1].albedo: is missing"),
+        (
+            f"{GOLD}\nthickness = 2.0",
+            'phase = "rayleigh"\nalbedo = 1\nthickness_um = 1\nvolume_fraction = 0.1',
+            "layer[1].thickness_um = 1: needs particles",
+        ),
+        ("[brdf]", "[field]\nmu0 = 0.5\nstokes = [1, 0, 0]\n[brdf]", "field.stokes = [1, 0, 0]: must be four numbers"),
         # no TOML at all
         ("= 12", "== 12", "not valid TOML: "),
         ("nodes = 12", "nodes = 12\nnodes = 13", "not valid TOML: "),
@@ -361,7 +379,7 @@ def test_a_table_that_was_cut_short_is_taken_where_the_file_says_so(read: Reader
 )
 def test_a_mistake_is_named(read: Reader, old: str, new: str, complaint: str) -> None:
     with pytest.raises(vrte.SceneError) as caught:
-        read(SCENE, (old, new), kind="brdf" if "[field]" in new else None)
+        read(SCENE, (old, new), kind="field" if "stokes" in new else "brdf" if "[field]" in new else None)
     assert complaint in str(caught.value)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(dotted(caught.value.place))
@@ -402,36 +420,6 @@ def test_a_request_is_complained_about_by_the_keys_of_the_file(
     with pytest.raises(vrte.SceneError, match=rf"^{dotted(place)} must ") as caught, file.located():
         vrte.brdf(file.scene, **file.keywords(asked))
     assert caught.value.place == place
-
-
-@pytest.mark.parametrize(
-    ("phase", "complaint"),
-    [
-        ('"isotropc"', 'layer[1].phase = "isotropc": must be'),
-        ('"absent.csv"', 'layer[1].phase = "absent.csv": the file cannot be read'),
-        ("{ rayleigh = 2 }", "layer[1].phase.rayleigh: depolarization must be"),
-        ("{ henyey_greenstein = 1.0 }", "layer[1].phase.henyey_greenstein: "),
-        ("{ henyey_greenstein = 0.9, terms = 3 }", "layer[1].phase.henyey_greenstein: "),
-        ("{ rayleigh = 0, terms = 3 }", "layer[1].phase = "),
-        ("3", "layer[1].phase = 3: must be"),
-    ],
-)
-def test_a_mistaken_phase_is_named(read: Reader, phase: str, complaint: str) -> None:
-    with pytest.raises(vrte.SceneError) as caught:
-        read(PHASE, ("PHASE", phase))
-    assert str(caught.value).startswith(complaint)
-
-
-def test_phase_needs_albedo_and_optical_thickness(read: Reader) -> None:
-    with pytest.raises(vrte.SceneError, match=r"layer\[1\]\.albedo: is missing"):
-        read(PHASE, ("PHASE", '"rayleigh"'), ("albedo = 0.9\n", ""))
-    with pytest.raises(vrte.SceneError, match=r"layer\[1\]\.thickness_um = 1: needs particles"):
-        read(PHASE, ("PHASE", '"rayleigh"'), ("thickness = 2.0", "thickness_um = 1\nvolume_fraction = 0.1"))
-
-
-def test_four_stokes_parameters(read: Reader) -> None:
-    with pytest.raises(vrte.SceneError, match=r"field\.stokes = \[1, 0, 0\]: must be four numbers"):
-        read(FIELD + "stokes = [1, 0, 0]\n")
 
 
 def test_files_that_are_no_text(tmp_path: Path) -> None:

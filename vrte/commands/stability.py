@@ -1,6 +1,7 @@
 """`vrte stability`: stiff and extreme scenes, solved and checked."""
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from vrte.commands.common import add_options, add_study, made_folder, new_command, progress, say_written, told_as_one

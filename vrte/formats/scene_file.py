@@ -21,7 +21,7 @@ from vrte.basics.errors import Place, SceneError
 from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.index_table import read_index
 from vrte.formats.text_file import read_text
-from vrte.formats.toml_table import Table, is_number, located, nearest, shortened, shown, shown_key
+from vrte.formats.toml_table import Table, error_at, is_number, located, nearest, shortened, shown, shown_key
 from vrte.optics.phase_matrix import (
     MOST_TERMS,
     PhaseMatrix,
@@ -33,10 +33,8 @@ from vrte.optics.phase_matrix import (
 from vrte.optics.refractive_index import Material, wavelength_range
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles, mixture, spheres
-from vrte.optics.truncation import CHOICES
-from vrte.request.request import AUTO, COARSEST, FINEST, METHOD_NAMES, MOST_NODES
+from vrte.request.how import AUTO, OPTIONS
 from vrte.scene.boundary import Lambertian
-from vrte.scene.illumination import SIDES
 from vrte.scene.layer import Layer
 from vrte.scene.scene import MOST_LAYERS, Scene
 
@@ -44,21 +42,15 @@ Read = TypeVar("Read")
 LARGEST_FILE = 10_000_000  # bytes
 # a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
 LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
-KINDS = ("brdf", "field")
 TABLE = ".csv"  # the suffix of tables of one's own
-NAMED = {"truncation": CHOICES, "method": METHOD_NAMES, "illuminate": SIDES}
 WAVE_KEYS = ("wavelength_um", "host_index")  # of the light, for all particles
-OPTION_KEYS = ("nodes", "accuracy", *NAMED, "settings")
-FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "render", *KINDS)
+OPTION_KEYS = ("nodes", "accuracy", "truncation", "method", "illuminate", "settings")
+FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "render", "brdf", "field")
 PARTICLE_KEYS = ("index", "radius_um", "diameter_um", "size")
 FILLINGS = ("particles", "volume_fractions", "phase")  # what a layer holds, in one of these ways
-LAYER_KEYS = (*FILLINGS, "tolerance", "albedo", "thickness", "thickness_um", "volume_fraction")
 THICKNESS_KEYS = ("thickness", "thickness_um", "volume_fraction")
+LAYER_KEYS = (*FILLINGS, "tolerance", "albedo", *THICKNESS_KEYS)
 BASE_KEYS = ("kind", "albedo")
-REQUEST_KEYS = {
-    "brdf": ("mu_i", "angle_i_deg", "mu_o", "angle_o_deg", "phi_deg", "transmission"),
-    "field": ("mu0", "angle0_deg", "stokes", "mu", "phi_deg", "tau"),
-}
 SIZES: dict[str, tuple[Callable[..., Lognormal | Gamma], tuple[str, ...]]] = {
     "lognormal": (Lognormal, ("median_um", "sigma")),
     "gamma": (Gamma, ("r_eff_um", "v_eff")),
@@ -76,12 +68,58 @@ INDEX = (
     'the name of a material, a path in the database such as "main/Au/Johnson", the path of a .csv with the columns '
     "wavelength_um (or wavelength_nm), n, k, or [n, k]"
 )
-BEAMS = "a cosine above 0, up to 1, or a list of them"
 SHARE = "a number fraction >= 0"
 PART = 'from 0 to below 1, or per cent in quotes, "5 %"'
 ALBEDO = 'a number between 0 and 1, or per cent in quotes, "30 %"'
-ANGLE = "degrees from the normal, from 0 to below 90"
 ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
+ANGLE = "degrees from the normal, from 0 to below 90"
+HALVED = {name: (key, "half of it, ") for name, key in DIAMETERS.items()}  # who is told of the one wrote the other
+
+
+def _cosines(table: Table, name: str) -> list[float]:
+    """The numbers at ``name``, or the cosines of those at its key for degrees."""
+    key = ANGLES[name]
+    if key not in table:
+        return table.numbers(name)
+    table.not_both(name, key)
+    degrees = table.numbers(key)
+    if not all(0.0 <= angle < 90.0 for angle in degrees):
+        raise table.wrong(key, f"must be {ANGLE}")
+    return [math.cos(math.radians(angle)) for angle in degrees]
+
+
+def _beams(table: Table, name: str) -> list[float] | float:
+    """The cosine of one beam, or a list of them."""
+    key = ANGLES[name] if ANGLES[name] in table else name
+    if isinstance(table.content.get(key), (list, dict)):
+        return _cosines(table, name)
+    table.number(key, "a cosine above 0, up to 1, or a list of them" if key == name else ANGLE)
+    return _cosines(table, name)[0]
+
+
+def _directions(table: Table, key: str) -> list[float]:
+    """Signed cosines; an empty list asks for fluxes alone."""
+    return [] if table.content[key] == [] else table.numbers(key)
+
+
+def _stokes(table: Table, key: str) -> list[float]:
+    """I, Q, U, V."""
+    found = table.numbers(key)
+    if len(found) != 4:
+        raise table.wrong(key, "must be four numbers I, Q, U, V")
+    return found
+
+
+# what is asked for: the keys of [brdf] and [field], what reads each, and the keywords of the calls where they differ
+REQUESTS: dict[str, dict[str, Callable[[Table, str], Any]]] = {
+    "brdf": {"mu_i": _cosines, "mu_o": _cosines, "phi_deg": Table.numbers, "transmission": Table.flag},
+    "field": {"mu0": _beams, "stokes": _stokes, "mu": _directions, "phi_deg": Table.numbers, "tau": Table.numbers},
+}
+KEYWORDS = {"phi_deg": "phi"}
+REQUEST_KEYS = {
+    kind: tuple(one for key in keys for one in ((key, ANGLES[key]) if key in ANGLES else (key,)))
+    for kind, keys in REQUESTS.items()
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,18 +165,15 @@ class SceneFile:
         Traceback (most recent call last):
         vrte.SceneError: brdf.phi_deg must be finite, not nan
         """
+        said: dict[str, tuple[str, str | None]] = {name: (key, None) for key, name in KEYWORDS.items()}
+        said |= {name: (ANGLES[name], "") for name in self.angles}
         try:
             yield
         except SceneError as error:
-            name, message = str(error.place[0]) if error.place else "", str(error)
-            key = ANGLES[name] if name in self.angles else "phi_deg" if name == "phi" else name
-            if key not in REQUEST_KEYS[self.kind]:
+            found = error_at(error, (self.kind,), REQUEST_KEYS[self.kind], said)
+            if found is None:
                 raise
-            if name in self.angles:
-                message = f"{self.kind}.{key}: {message}"
-            elif message.startswith(name):  # it may be that of one scene of several
-                message = f"{self.kind}.{key}{message[len(name) :]}"
-            raise SceneError(message, self.kind, key) from error
+            raise found from error
 
 
 def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength_um: float | None = None) -> SceneFile:
@@ -190,11 +225,19 @@ def scene_of(
     """
     file = Table((), content, FILE_KEYS)
     kind = _kind(file, kind)
-    request = _request(file, kind)
-    options = _options(file)
-    particles = _Particles(file, _particle_tables(file), spheres_of, folder)
-    angles = frozenset(name for name, key in ANGLES.items() if key in content[kind])
-    return SceneFile(_scene(file, particles, folder), kind, request, options, particles.computed, angles=angles)
+    request = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
+    asked = {
+        KEYWORDS.get(key, key): read(request, key)
+        for key, read in REQUESTS[kind].items()
+        if key in request or key in ANGLES  # these must be there, in one of two ways
+    }
+    options = {name: _option(file, name) for name in OPTION_KEYS if name in file}
+    particles = _Particles(file, spheres_of, folder)
+    layers, base = _layer_tables(file), _base(file)
+    makers = [_maker_of_layer(layer, particles, folder) for layer in layers]  # all are checked before one is made
+    scene = Scene([made() for made in makers], base)
+    angles = frozenset(name for name, key in ANGLES.items() if key in request)
+    return SceneFile(scene, kind, asked, options, particles.computed, angles=angles)
 
 
 def tables_named(content: Mapping[str, Any]) -> dict[Place, str]:
@@ -245,87 +288,24 @@ def toml_content(text: str) -> dict[str, Any]:
 
 def _kind(file: Table, kind: str | None) -> str:
     """The command whose table is there."""
-    there = [name for name in KINDS if name in file]
-    if kind is not None:
-        if kind not in there:
-            other = f" (there is [{there[0]}], for `vrte {there[0]}`)" if there else ""
-            raise SceneError(f"{kind} is missing: the file needs a table [{kind}]{other}", kind)
-        return kind
-    if len(there) != 1:
+    there = [name for name in REQUESTS if name in file]
+    if kind is not None and kind not in there:
+        other = f" (there is [{there[0]}], for `vrte {there[0]}`)" if there else ""
+        raise SceneError(f"{kind} is missing: the file needs a table [{kind}]{other}", kind)
+    if kind is None and len(there) != 1:
         raise SceneError(f"exactly one of the tables [brdf] and [field] is needed, not {len(there)}")
-    return there[0]
+    return kind or there[0]
 
 
-def _request(file: Table, kind: str) -> dict[str, Any]:
-    tables = {name: file.table(name, REQUEST_KEYS[name]) for name in KINDS if name in file}
-    table = tables[kind]
-    return _brdf_request(table) if kind == "brdf" else _field_request(table)
-
-
-def _options(file: Table) -> dict[str, Any]:
-    """How to solve, as far as the file says so."""
-    options: dict[str, Any] = {}
-    if "nodes" in file:
-        options["nodes"] = file.whole("nodes", 1, MOST_NODES)
-    if "accuracy" in file:
-        allowed = f"a number between {FINEST:g} and {COARSEST:g}"
-        options["accuracy"] = file.number("accuracy", allowed)
-        if not FINEST <= options["accuracy"] <= COARSEST:
-            raise file.wrong("accuracy", f"must be {allowed}")
-    options |= {name: file.choice(name, choices) for name, choices in NAMED.items() if name in file}
-    if "settings" in file:
-        if not isinstance(file.content["settings"], dict):
-            raise file.wrong("settings", "must be a table of the method's settings by name")
-        options["settings"] = dict(file.content["settings"])
-    return options
-
-
-def _brdf_request(table: Table) -> dict[str, Any]:
-    request: dict[str, Any] = {name: _cosines(table, name) for name in ("mu_i", "mu_o")}
-    if "phi_deg" in table:
-        request["phi"] = table.numbers("phi_deg")
-    if "transmission" in table:
-        request["transmission"] = table.flag("transmission")
-    return request
-
-
-def _field_request(table: Table) -> dict[str, Any]:
-    key = ANGLES["mu0"] if ANGLES["mu0"] in table else "mu0"
-    several = isinstance(table.content.get(key), (list, dict))
-    if not several:
-        table.number(key, BEAMS if key == "mu0" else ANGLE)
-    beams = _cosines(table, "mu0")
-    request: dict[str, Any] = {"mu0": beams if several else beams[0]}
-    for key, keyword in (("mu", "mu"), ("phi_deg", "phi"), ("tau", "tau")):
-        if key in table:
-            none = key == "mu" and table.content[key] == []  # fluxes alone
-            request[keyword] = [] if none else table.numbers(key)
-    if "stokes" in table:
-        request["stokes"] = table.numbers("stokes")
-        if len(request["stokes"]) != 4:
-            raise table.wrong("stokes", "must be four numbers I, Q, U, V")
-    return request
-
-
-def _cosines(table: Table, name: str) -> list[float]:
-    """The numbers at ``name``, or the cosines of those at its key for degrees."""
-    key = ANGLES[name]
-    if key not in table:
-        return table.numbers(name)
-    if name in table:
-        raise table.unfit(f"exactly one of {name} and {key} is needed")
-    degrees = table.numbers(key)
-    if not all(0.0 <= angle < 90.0 for angle in degrees):
-        raise table.wrong(key, f"must be {ANGLE}")
-    return [math.cos(math.radians(angle)) for angle in degrees]
-
-
-def _scene(file: Table, particles: "_Particles", folder: Path) -> Scene:
-    layers = _layer_tables(file)
-    base = _base(file)
-    for layer in layers:
-        _check_layer(layer, particles.kinds)
-    return Scene([_layer(layer, particles, folder) for layer in layers], base)
+def _option(file: Table, name: str) -> Any:
+    """How to solve, checked as the calls check it."""
+    known, value = OPTIONS[name], file.content[name]
+    if known.choices:
+        return file.choice(name, known.choices)
+    if type(value) is known.of or (known.of is float and type(value) is int):
+        with suppress(SceneError):
+            return known.check(name, value)
+    raise file.wrong(name, f"must be {known.allowed}")
 
 
 def _layer_tables(file: Table) -> list[Table]:
@@ -337,79 +317,78 @@ def _layer_tables(file: Table) -> list[Table]:
     return [Table(("layer", place), layer, LAYER_KEYS) for place, layer in enumerate(layers)]
 
 
-def _particle_tables(file: Table) -> dict[str, Table]:
-    """The tables [particles.NAME], checked without computing anything."""
-    content = file.content.get("particles", {})
-    if not isinstance(content, dict) or not all(isinstance(kind, dict) for kind in content.values()):
-        raise file.wrong("particles", "must be tables headed [particles.NAME]")
-    tables = {name: Table(("particles", name), kind, PARTICLE_KEYS) for name, kind in content.items()}
-    for table in tables.values():
-        table.required("index", INDEX)
-        if sum(key in table for key in PARTICLE_KEYS[1:]) != 1:
-            raise table.unfit("exactly one of radius_um, diameter_um and size is needed")
-        _index(table), _size(table)  # checked also where no layer asks for them
-    return tables
-
-
-def _check_layer(layer: Table, kinds: dict[str, Table]) -> None:
-    """Whether the keys of a layer go together."""
-    if sum(key in layer for key in FILLINGS) != 1:
-        raise layer.unfit(f"exactly one of {', '.join(FILLINGS)} is needed")
+def _maker_of_layer(layer: Table, particles: "_Particles", folder: Path) -> Callable[[], Layer]:
+    """What makes a layer, all its keys checked, nothing computed."""
+    layer.exactly_one(*FILLINGS)
     if "tolerance" in layer and not str(layer.content.get("phase")).endswith(TABLE):
         raise layer.wrong("tolerance", "goes with a phase from a .csv only: how far below zero it may be")
     if "phase" in layer:
-        layer.share("albedo", ALBEDO)
+        albedo = layer.share("albedo", ALBEDO)
         for key in THICKNESS_KEYS[1:]:
             if key in layer:
                 raise layer.wrong(key, "needs particles; with phase, give the optical thickness")
-        layer.number("thickness", "an optical thickness >= 0 (inf is allowed)")
-        return
+        thickness = layer.number("thickness", "an optical thickness >= 0 (inf is allowed)")
+
+        def of_phase() -> Layer:
+            matrix = _phase(layer, folder)
+            with located(layer.place, LAYER_KEYS):
+                return Layer(matrix, albedo, thickness)
+
+        return of_phase
     if "albedo" in layer:
         raise layer.wrong("albedo", "goes with phase only; particles bring their own")
-    _fractions(layer, kinds)
-    _check_thickness(layer)
+    key = "volume_fractions" if "volume_fractions" in layer else "particles"
+    shares, lengths = _fractions(layer, key, particles.makers), _lengths(layer)
+    if key == "volume_fractions" and "thickness_um" in layer:
+        lengths["volume_fraction"] = math.fsum(shares.values())
+
+    def of_particles() -> Layer:
+        parts = [(particles.kind(name), share) for name, share in shares.items()]
+        if key == "volume_fractions":  # how many of them make such a part of the volume
+            parts = [(kind, share / kind.volume_um3) for kind, share in parts]
+        with located(layer.place, LAYER_KEYS):
+            return Layer.of(mixture(parts) if len(parts) > 1 else parts[0][0], **lengths)
+
+    return of_particles
 
 
-def _check_thickness(layer: Table) -> None:
+def _lengths(layer: Table) -> dict[str, float]:
+    """How thick a layer of particles is, and how densely they lie."""
     optical, geometrical, by_volume = "thickness" in layer, "thickness_um" in layer, "volume_fractions" in layer
     if by_volume and "volume_fraction" in layer:
         raise layer.wrong("volume_fraction", "is the sum of volume_fractions; leave it out")
     if optical == geometrical or ("volume_fraction" in layer) != (geometrical and not by_volume):
         alone = "" if by_volume else " with volume_fraction"
         raise layer.unfit(f"either thickness (optical) or thickness_um{alone} is needed")
-    for key in THICKNESS_KEYS[:2]:
-        if key in layer:
-            layer.number(key, "a number >= 0")
-    if "volume_fraction" in layer:
-        layer.share("volume_fraction", PART)
+    found = {key: layer.number(key, "a number >= 0") for key in THICKNESS_KEYS[:2] if key in layer}
+    return found | {key: layer.share(key, PART) for key in THICKNESS_KEYS[2:] if key in layer}
 
 
-def _fractions(layer: Table, kinds: dict[str, Table]) -> list[tuple[str, float]]:
+def _fractions(layer: Table, key: str, kinds: Mapping[str, Any]) -> dict[str, float]:
     """The kinds of particles in a layer, with their fractions: of the number, or of the layer's volume."""
-    key, allowed = ("volume_fractions", PART) if "volume_fractions" in layer else ("particles", SHARE)
+    by_volume = key == "volume_fractions"
+    allowed, word = (PART, "fraction") if by_volume else (SHARE, "number fraction")
     value = layer.content[key]
-    if isinstance(value, str) and key == "particles":
+    if isinstance(value, str) and not by_volume:
         _known(layer, key, value, kinds)
-        return [(value, 1.0)]
+        return {value: 1.0}
     if not isinstance(value, dict) or not value:
-        word = "a name, or a table { name = number fraction" if key == "particles" else "a table { name = fraction"
-        raise layer.wrong(key, f"must be {word}, ... }}")
+        raise layer.wrong(key, f"must be {'' if by_volume else 'a name, or '}a table {{ name = {word}, ... }}")
     for name in value:
         _known(layer, key, name, kinds)
     fractions = layer.table(key, tuple(kinds))
-    shares = [(name, fractions.share(name, allowed)) for name in value]
-    for name, share in shares:
-        if not 0.0 <= share < (1.0 if key == "volume_fractions" else math.inf):
+    shares = {name: fractions.share(name, allowed) for name in value}
+    for name, share in shares.items():
+        if not 0.0 <= share < (1.0 if by_volume else math.inf):
             raise fractions.wrong(name, f"must be {allowed}")
-    if not any(share for _, share in shares):
-        word = "number fraction" if key == "particles" else "fraction"
+    if not any(shares.values()):
         raise layer.wrong(key, f"at least one {word} must be above 0")
-    if key == "volume_fractions" and math.fsum(share for _, share in shares) >= 1.0:
+    if by_volume and math.fsum(shares.values()) >= 1.0:
         raise layer.wrong(key, "their sum must be below 1, the whole layer")
     return shares
 
 
-def _known(layer: Table, key: str, name: str, kinds: dict[str, Table]) -> None:
+def _known(layer: Table, key: str, name: str, kinds: Mapping[str, Any]) -> None:
     if name not in kinds:
         defined = shortened(", ".join(map(shown_key, kinds)) or "none", 200)
         hint = nearest(name, kinds) or "."
@@ -417,35 +396,40 @@ def _known(layer: Table, key: str, name: str, kinds: dict[str, Table]) -> None:
 
 
 class _Particles:
-    """The particles of a file, each kind computed once, when a layer first asks for it."""
+    """The particles of a file by name: all are checked at once, each is computed when a layer first asks for it."""
 
-    def __init__(
-        self, file: Table, kinds: dict[str, Table], spheres_of: Callable[..., Particles], folder: Path
-    ) -> None:
-        self.file, self.kinds, self.spheres_of, self.folder = file, kinds, spheres_of, folder
+    def __init__(self, file: Table, spheres_of: Callable[..., Particles], folder: Path) -> None:
+        content = file.content.get("particles", {})
+        if not isinstance(content, dict) or not all(isinstance(kind, dict) for kind in content.values()):
+            raise file.wrong("particles", "must be tables headed [particles.NAME]")
+        tables = {name: Table(("particles", name), kind, PARTICLE_KEYS) for name, kind in content.items()}
+        self.makers = {name: _maker_of_particles(file, table, spheres_of, folder) for name, table in tables.items()}
         self.computed: dict[str, Particles] = {}
-
-    def __call__(self, layer: Table) -> Particles:
-        fractions = _fractions(layer, self.kinds)
-        if len(fractions) == 1:
-            return self.kind(fractions[0][0])
-        parts = [(self.kind(name), fraction) for name, fraction in fractions]
-        if "volume_fractions" in layer:  # how many of them make such a part of the volume
-            parts = [(kind, fraction / kind.volume_um3) for kind, fraction in parts]
-        with located(layer.place, LAYER_KEYS):
-            return mixture(parts)
 
     def kind(self, name: str) -> Particles:
         if name not in self.computed:
-            self.computed[name] = self._compute(self.kinds[name])
+            self.computed[name] = self.makers[name]()
         return self.computed[name]
 
-    def _compute(self, table: Table) -> Particles:
-        wavelength = self.file.number("wavelength_um", ONE_WAVELENGTH)
-        host = self.file.number("host_index") if "host_index" in self.file else 1.0
-        index, size = _material(table, self.folder), _size(table)
-        with located(table.place, PARTICLE_KEYS, WAVE_KEYS), _told_in_diameters(table):
-            return self.spheres_of(index, wavelength_um=wavelength, host_index=host, **size)
+
+def _maker_of_particles(
+    file: Table, table: Table, spheres_of: Callable[..., Particles], folder: Path
+) -> Callable[[], Particles]:
+    """What makes one kind, its keys checked."""
+    table.required("index", INDEX)
+    table.exactly_one(*PARTICLE_KEYS[1:])
+    index, size = _index(table), _size(table)
+
+    def made() -> Particles:
+        light = {"wavelength_um": file.number("wavelength_um", ONE_WAVELENGTH)}
+        if "host_index" in file:
+            light["host_index"] = file.number("host_index")
+        own = isinstance(index, str) and index.endswith(TABLE)
+        material: Material = _read_beside(table, "index", read_index, folder) if own else index
+        with located(table.place, PARTICLE_KEYS, WAVE_KEYS, HALVED if "diameter_um" in table else {}):
+            return spheres_of(material, **light, **size)
+
+    return made
 
 
 def _index(table: Table) -> str | tuple[float, float]:
@@ -456,14 +440,6 @@ def _index(table: Table) -> str | tuple[float, float]:
     if len(parts) != 2 or not all(is_number(part) for part in parts):
         raise table.wrong("index", f"must be {INDEX}")
     return float(parts[0]), float(parts[1])
-
-
-def _material(table: Table, folder: Path) -> Material:
-    """The index, or the table that it names."""
-    index = _index(table)
-    if not (isinstance(index, str) and index.endswith(TABLE)):
-        return index
-    return _read_beside(table, "index", read_index, folder)
 
 
 def _read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Path) -> Read:
@@ -486,41 +462,14 @@ def _size(table: Table) -> dict[str, Any]:
         raise table.wrong("size", f"must be exactly one of {', '.join(SIZES)}")
     (name,) = size.content
     distribution, keys = SIZES[name]
-    numbers = size.table(name, (*keys, DIAMETERS[keys[0]]))
-    if keys[0] in numbers and DIAMETERS[keys[0]] in numbers:
-        raise numbers.unfit(f"exactly one of {keys[0]} and {DIAMETERS[keys[0]]} is needed")
-    values = {
-        key: 0.5 * numbers.number(twice) if (twice := DIAMETERS.get(key, "")) in numbers else numbers.number(key)
-        for key in keys
-    }
-    with located(numbers.place, numbers.allowed), _told_in_diameters(numbers):
+    radius, diameter = keys[0], DIAMETERS[keys[0]]
+    numbers = size.table(name, (*keys, diameter))
+    numbers.not_both(radius, diameter)
+    values = {key: numbers.number(key) for key in keys if key != radius or diameter not in numbers}
+    if diameter in numbers:
+        values[radius] = 0.5 * numbers.number(diameter)
+    with located(numbers.place, numbers.allowed, said=HALVED if diameter in numbers else {}):
         return {"size": distribution(**values)}
-
-
-@contextmanager
-def _told_in_diameters(table: Table) -> Iterator[None]:
-    """Puts the key of a diameter that the file gives in front of a complaint about its half."""
-    try:
-        yield
-    except SceneError as error:
-        key = DIAMETERS.get(str(error.place[0]), "") if error.place else ""
-        if key not in table:
-            raise
-        message = str(error).removeprefix("lognormal: ").removeprefix("gamma: ")
-        raise SceneError(f"{key}: half of it, {message}", key) from error
-
-
-def _layer(layer: Table, particles: _Particles, folder: Path) -> Layer:
-    if "phase" not in layer:
-        inside = particles(layer)
-        lengths = {key: layer.share(key, PART) for key in THICKNESS_KEYS if key in layer}
-        if "volume_fractions" in layer and "thickness_um" in layer:
-            lengths["volume_fraction"] = math.fsum(share for _, share in _fractions(layer, particles.kinds))
-        with located(layer.place, LAYER_KEYS):
-            return Layer.of(inside, **lengths)
-    matrix, albedo, thickness = _phase(layer, folder), layer.share("albedo", ALBEDO), layer.number("thickness")
-    with located(layer.place, LAYER_KEYS):
-        return Layer(matrix, albedo, thickness)
 
 
 def _phase(layer: Table, folder: Path) -> PhaseMatrix:

@@ -5,9 +5,10 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -127,12 +128,26 @@ class Table:
             raise self.wrong(key, f"must be a table with the keys {', '.join(allowed)}")
         return Table((*self.place, key), value, allowed)
 
+    def exactly_one(self, *keys: str) -> None:
+        """Refuses a table with none of the keys, or with several."""
+        if sum(key in self for key in keys) != 1:
+            raise self.unfit(f"exactly one of {', '.join(keys[:-1])} and {keys[-1]} is needed")
+
+    def not_both(self, *keys: str) -> None:
+        """Refuses a table with both of two keys that say the same."""
+        if all(key in self for key in keys):
+            raise self.unfit(f"exactly one of {' and '.join(keys)} is needed")
+
+    def right(self, key: str, allowed: str, is_right: Callable[[Any], bool]) -> Any:
+        """The value at ``key`` if it is right; ``allowed`` says in words what would be."""
+        value = self.required(key, allowed)
+        if not is_right(value):
+            raise self.wrong(key, f"must be {allowed}")
+        return value
+
     def number(self, key: str, allowed: str = "a number") -> float:
         """The real number at ``key``; inf passes, NaN does not."""
-        value = self.required(key, allowed)
-        if not is_number(value) or math.isnan(value):
-            raise self.wrong(key, f"must be {allowed}")
-        return float(value)
+        return float(self.right(key, allowed, lambda value: is_number(value) and not math.isnan(value)))
 
     def share(self, key: str, allowed: str) -> float:
         """The number at ``key``, or per cent as a text: "5 %" is 0.05."""
@@ -144,26 +159,18 @@ class Table:
     def whole(self, key: str, low: int, high: int) -> int:
         """The whole number at ``key``, within [low, high]."""
         allowed = f"a whole number from {low} to {high}"
-        value = self.required(key, allowed)
-        if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-            raise self.wrong(key, f"must be {allowed}")
-        return value
+        return int(self.right(key, allowed, lambda value: type(value) is int and low <= value <= high))
 
     def flag(self, key: str) -> bool:
         """The truth value at ``key``."""
-        value = self.required(key, "true or false")
-        if not isinstance(value, bool):
-            raise self.wrong(key, "must be true or false")
-        return value
+        return bool(self.right(key, "true or false", lambda value: isinstance(value, bool)))
 
     def choice(self, key: str, choices: tuple[str, ...]) -> str:
         """The word at ``key``, one of ``choices``."""
-        allowed = " or ".join(f'"{word}"' for word in choices)
-        value = self.required(key, allowed)
-        if not isinstance(value, str) or value not in choices:
-            hint = nearest(value, choices) if isinstance(value, str) else ""
-            raise self.wrong(key, f"must be {allowed}{hint}")
-        return value
+        value = self.content.get(key)
+        hint = nearest(value, choices) if isinstance(value, str) else ""
+        allowed = " or ".join(f'"{word}"' for word in choices) + hint
+        return str(self.right(key, allowed, lambda value: isinstance(value, str) and value in choices))
 
     def numbers(self, key: str) -> list[float]:
         """The numbers at ``key``: one, a list, or a range { start, stop, count } with both ends."""
@@ -196,10 +203,42 @@ def dotted(place: Place) -> str:
     return "".join(steps).removeprefix(".")
 
 
+def error_at(
+    error: SceneError, place: Place, keys: Iterable[str], said: Mapping[str, tuple[str, str | None]]
+) -> SceneError | None:
+    """The library's error about an argument, as one about the key of a table that gave it; None where no key did.
+
+    ``said``: arguments that the table gives by another key, and words between that key and the library's sentence,
+    None where the key stands in place of the argument's name.
+
+    >>> error = SceneError.of("radius_um", "must be a length, not -0.5")
+    >>> str(error_at(error, ("particles", "gold"), ["diameter_um"], {"radius_um": ("diameter_um", "half of it, ")}))
+    'particles.gold.diameter_um: half of it, radius_um must be a length, not -0.5'
+    """
+    name = str(error.place[0]) if error.place else ""
+    key, words = said.get(name, (name, None))
+    if key not in {*keys}:
+        return None
+    message = without_owner(error, place)
+    message = message.removeprefix(name) if words is None else f": {words}{message}"
+    return SceneError(f"{dotted((*place, key))}{message}", *place, key)
+
+
+def without_owner(error: SceneError, place: Place) -> str:
+    """The sentence of an error without whose argument it is about where the place says so: "layer: " of a layer."""
+    owner = next(step for step in reversed(place) if isinstance(step, str))
+    return str(error).removeprefix(f"{owner}: ")
+
+
 @contextmanager
-def located(place: Place, keys: Iterable[str] = (), outside: Iterable[str] = ()) -> Iterator[None]:
-    """Puts the dotted key of a table in front of a SceneError of the library, or of one of its ``keys`` where the error
-    is about an argument of that name; one of the names ``outside`` stays the place of the error.
+def located(
+    place: Place,
+    keys: Iterable[str] = (),
+    outside: Iterable[str] = (),
+    said: Mapping[str, tuple[str, str | None]] = MappingProxyType({}),
+) -> Iterator[None]:
+    """Puts the dotted key of a table, or of one of its ``keys`` as `error_at` finds it, in front of a SceneError of the
+    library; one of the names ``outside`` stays the place of the error.
 
     >>> with located(("layer", 0), ["albedo"]):
     ...     raise SceneError.of("layer: albedo", "must be between 0 and 1, not 2")
@@ -209,11 +248,9 @@ def located(place: Place, keys: Iterable[str] = (), outside: Iterable[str] = ())
     try:
         yield
     except SceneError as error:
-        inside = error.place[:1] if error.place and error.place[0] in {*keys} else ()
-        within = error.place if error.place and error.place[0] in {*outside} else (*place, *inside)
-        own = next(step for step in reversed(place) if isinstance(step, str))
-        message = str(error).removeprefix(f"{own}: ")
-        raise SceneError(f"{dotted(place)}{'.' if inside else ': '}{message}", *within) from error
+        elsewhere = error.place if error.place[:1] in {(name,) for name in outside} else place
+        whole = SceneError(f"{dotted(place)}: {without_owner(error, place)}", *elsewhere)
+        raise error_at(error, place, keys, said) or whole from error
 
 
 def is_number(value: Any) -> bool:
