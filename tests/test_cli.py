@@ -191,7 +191,7 @@ def test_refused_before_the_work_in_one_line_with_code_2(
     scene: Path, arguments: str, words: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if "--set" not in arguments:  # a method's settings are seen to with the request
-        monkeypatch.setattr(solve, "solved", lambda *_: pytest.fail("worked"))
+        monkeypatch.setattr(solve, "brdf", lambda *_, **__: pytest.fail("worked"))
     monkeypatch.chdir(scene.parent)
     (scene.parent / "folder.nc").mkdir()
     assert run(*arguments.split()) == 2
@@ -273,7 +273,7 @@ def test_a_missing_extra_is_named_before_the_work(
 ) -> None:
     find = common.importlib.util.find_spec
     monkeypatch.setattr(common.importlib.util, "find_spec", lambda name: None if name == module else find(name))
-    monkeypatch.setattr(common, "read_scene", lambda *_: pytest.fail("worked"))
+    monkeypatch.setattr(solve, "read_scene", lambda *_: pytest.fail("worked"))
     assert run("brdf", scene, "-o", scene.parent / "out.nc", "--plot", scene.parent / "out.png") == 1
     assert f"pip install 'vrte[{extra}]'" in one_line(capsys)
 

@@ -7,15 +7,16 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from vrte.basics.cost import in_words
 from vrte.basics.errors import MissingExtraError, SceneError
-from vrte.formats.scene_file import SceneFile, read_scene
+from vrte.formats.scene_file import SceneFile
 from vrte.formats.zarr_folder import METADATA
 from vrte.request.how import OPTIONS
-from vrte.results.spectrum import ascending
+from vrte.results.spectrum import Spectrum, ascending
 
 Tick = Callable[[int, int], None]
 METAVARS = {int: "N", float: "X"}
@@ -118,12 +119,6 @@ def say_written(path: Path) -> None:
     print(f"wrote {path} ({sum(file.stat().st_size for file in files) / 1e3:,.0f} kB)")
 
 
-def read_file(path: Path, kind: str) -> SceneFile:
-    """A scene file, complained about by its name."""
-    with reading(path):
-        return read_scene(path, kind)
-
-
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
     """Complaints about a scene file, or that it cannot be read, with its name in front."""
@@ -143,12 +138,25 @@ def named_by(path: Path) -> Iterator[None]:
         raise error.behind(path) from error
 
 
-@contextmanager
-def timed(seconds: dict[str, float], name: str) -> Iterator[None]:
-    """Adds the wall seconds of what happens within."""
-    start = time.perf_counter()
-    yield
-    seconds[name] = time.perf_counter() - start
+class Seconds(dict[str, float]):
+    """Wall seconds of what was done, by its name."""
+
+    @contextmanager
+    def of(self, name: str) -> Iterator[None]:
+        """Notes how long that takes which happens within."""
+        start = time.perf_counter()
+        yield
+        self[name] = time.perf_counter() - start
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The scene at each wavelength, the result of them all, and two spectra where a table for Mitsuba is asked for: the
+    table's and those that check it."""
+
+    files: list[SceneFile]
+    result: Any
+    table: tuple[Spectrum, Spectrum] | None = None
 
 
 @contextmanager

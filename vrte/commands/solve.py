@@ -12,6 +12,8 @@ from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.commands import spectrum
 from vrte.commands.common import (
+    Found,
+    Seconds,
     Tick,
     add_options,
     check_extra,
@@ -19,14 +21,13 @@ from vrte.commands.common import (
     named_by,
     new_command,
     progress,
-    read_file,
+    reading,
     say_written,
-    timed,
 )
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
 from vrte.formats.result_file import FORMATS
-from vrte.formats.scene_file import SceneFile
+from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.pictures.figures import SUFFIXES as PICTURES
 from vrte.request.how import EXACT, OPTIONS
 from vrte.results.brdf import Brdf
@@ -81,39 +82,31 @@ def a_setting(text: str) -> tuple[str, Any]:
 
 def run(options: argparse.Namespace) -> None:
     check_outputs(options)
-    (run_spectrum if options.wavelengths_um else run_one)(options)
-
-
-def run_one(options: argparse.Namespace) -> None:
-    """At the wavelength of the scene file."""
-    seconds: dict[str, float] = {}
+    several, seconds = bool(options.wavelengths_um), Seconds()
     with progress() as (phase, tick):
-        phase("particles")
-        with timed(seconds, "particles"):
-            file = read_file(options.scene, options.kind)
-        check_picture(options, file)
-        phase("Fourier orders, then directions")
-        with timed(seconds, "solver"):
-            result = solved(file, options, tick)
-    describe(options.scene, file, result)
-    paths = [written(result, options, name, seconds) for name in OUTPUTS if getattr(options, name)]
-    print_times(seconds, result.diagnostics["stages"])
-    for path in paths:
-        say_written(path)
-
-
-def run_spectrum(options: argparse.Namespace) -> None:
-    """At several wavelengths."""
-    seconds: dict[str, float] = {}
-    with progress() as (phase, tick):
-        found = spectrum.solve(options, how(options), seconds, phase, tick)
-    spectrum.describe(options.scene, found)
+        found = (spectrum.solve if several else solve)(options, how(options), seconds, phase, tick)
+    (spectrum.describe if several else describe)(options.scene, found)
     paths = [written(found.result, options, name, seconds) for name in OUTPUTS if getattr(options, name)]
     if found.table:
         paths.append(spectrum.write_table(found.table, options, seconds))
     print_times(seconds, spectrum.stages(found.result))
     for path in paths:
         say_written(path)
+
+
+def solve(
+    options: argparse.Namespace, asked: dict[str, Any], seconds: Seconds, phase: Callable[[str], None], tick: Tick
+) -> Found:
+    """At the wavelength of the scene file."""
+    phase("particles")
+    with seconds.of("particles"), reading(options.scene):
+        file = read_scene(options.scene, options.kind)
+    check_picture(options, file)
+    phase("Fourier orders, then directions")
+    call: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
+    with seconds.of("solver"), named_by(options.scene), file.located():
+        result = call(file.scene, progress=tick, **file.keywords(asked))
+    return Found([file], with_scene(result, file.text))
 
 
 def check_outputs(options: argparse.Namespace) -> None:
@@ -144,16 +137,9 @@ def how(options: argparse.Namespace) -> dict[str, Any]:
     return found | ({"settings": dict(options.set)} if options.set else {})
 
 
-def solved(file: SceneFile, options: argparse.Namespace, tick: Tick) -> Brdf | Field:
-    solve: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    with named_by(options.scene), file.located():
-        found = solve(file.scene, progress=tick, **file.keywords(how(options)))
-    return with_scene(found, file.text)
-
-
-def written(result: Result, options: argparse.Namespace, name: str, seconds: dict[str, float]) -> Path:
+def written(result: Result, options: argparse.Namespace, name: str, seconds: Seconds) -> Path:
     path: Path = getattr(options, name)
-    with timed(seconds, f"writing {path.suffix}"):
+    with seconds.of(f"writing {path.suffix}"):
         if name == "output":
             result.save(path)
         elif name == "csv":
@@ -165,8 +151,9 @@ def written(result: Result, options: argparse.Namespace, name: str, seconds: dic
     return path
 
 
-def describe(path: Path, file: SceneFile, result: Brdf | Field) -> None:
+def describe(path: Path, found: Found) -> None:
     """What was computed, of what, and how."""
+    file, result = found.files[0], found.result
     print(f"vrte {__version__}: subsurface {'BRDF' if isinstance(result, Brdf) else 'field'} of {path}")
     for name, particles in file.particles.items():
         print(f"  {name}: {particles.description}")
@@ -213,7 +200,7 @@ def agreement(found: dict[str, Any]) -> str:
     return f"{agreed} ({found['orders_compared']} orders compared)"
 
 
-def print_times(seconds: dict[str, float], stages: dict[str, dict[str, float]]) -> None:
+def print_times(seconds: Seconds, stages: dict[str, dict[str, float]]) -> None:
     """A table of wall seconds, and of seconds summed over the threads for the stages of the solver."""
     print(f"\n  {'stage':22}{'wall s':>9}{'thread s':>10}")
     for name, wall in seconds.items():

@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,10 @@ from vrte import __version__
 from vrte.basics.errors import SceneError
 from vrte.calls.mitsuba import solved_for_table
 from vrte.calls.spectrum import scenes_at, solved_at
-from vrte.commands.common import Tick, check_output, named_by, reading, timed, wavelengths
+from vrte.commands.common import Found, Seconds, Tick, check_output, named_by, reading, wavelengths
 from vrte.formats import measured_polarized as mitsuba
-from vrte.formats.scene_file import SceneFile, listed_wavelengths, read_content
+from vrte.formats.contents import Result
+from vrte.formats.scene_file import listed_wavelengths, read_content
 from vrte.results.spectrum import Spectrum, ascending
 
 
@@ -60,51 +60,37 @@ def check_options(options: argparse.Namespace) -> None:
         mitsuba.check_wavelengths(options.wavelengths_um)
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """The scene at each wavelength, its spectrum, and two more where they are asked for: of Mitsuba's table and of its
-    check."""
-
-    files: list[SceneFile]
-    result: Spectrum
-    table: tuple[Spectrum, Spectrum] | None
-
-
 def solve(
-    options: argparse.Namespace,
-    asked: dict[str, Any],
-    seconds: dict[str, float],
-    phase: Callable[[str], None],
-    tick: Tick,
+    options: argparse.Namespace, asked: dict[str, Any], seconds: Seconds, phase: Callable[[str], None], tick: Tick
 ) -> Found:
     """All that was asked for at the wavelengths."""
     at = np.array(options.wavelengths_um)
     phase("particles")
-    with timed(seconds, "particles"), reading(options.scene):
+    with seconds.of("particles"), reading(options.scene):
         files, told = scenes_at(options.scene, at, progress=tick, asked=asked)
     phase("wavelengths")
-    with timed(seconds, "solver"), named_by(options.scene):
+    with seconds.of("solver"), named_by(options.scene):
         result = solved_at(files, at, tick, told, **asked)
     if not options.mitsuba:
-        return Found(files, result, None)
+        return Found(files, result)
     phase("directions of the table")
-    with timed(seconds, "solver for Mitsuba"), named_by(options.scene):
+    with seconds.of("solver for Mitsuba"), named_by(options.scene):
         return Found(files, result, solved_for_table(files, at, tick, **asked))
 
 
-def write_table(table: tuple[Spectrum, Spectrum], options: argparse.Namespace, seconds: dict[str, float]) -> Path:
+def write_table(table: tuple[Spectrum, Spectrum], options: argparse.Namespace, seconds: Seconds) -> Path:
     """The file for Mitsuba."""
-    with timed(seconds, "writing .bsdf"):
+    with seconds.of("writing .bsdf"):
         errors = mitsuba.write_mitsuba(table[0], options.mitsuba, options.mitsuba_step_deg, table[1])
     print(f"  Mitsuba's table: {errors}")
     path: Path = options.mitsuba
     return path
 
 
-def stages(result: Spectrum) -> dict[str, dict[str, float]]:
+def stages(result: Result) -> dict[str, dict[str, float]]:
     """Seconds of each stage, those of all wavelengths added up."""
     found: dict[str, dict[str, float]] = {}
-    for one in result:
+    for one in result if isinstance(result, Spectrum) else [result]:
         for stage, took in one.diagnostics["stages"].items():
             before = found.setdefault(stage, dict.fromkeys(took, 0.0))
             found[stage] = {name: before[name] + value for name, value in took.items()}
