@@ -33,7 +33,7 @@ from vrte.formats.toml_table import shown_key
 from vrte.request.request import EXACT
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field, one_beam
-from vrte.results.spectrum import SCENE, Spectrum
+from vrte.results.spectrum import SCENE, Spectrum, with_scene
 
 Tell = Callable[[Progress], None]
 MOST_NAMED = 30  # warnings
@@ -127,11 +127,6 @@ def solve(task: Solve, tell: Tell) -> Outcome:
         planned,
         reflectances=reflectances(wavelengths, brdfs, others, names),
     )
-
-
-def with_scene(result: Any, text: str) -> Any:
-    """A result that says in its diagnostics of what scene it is: files made of it tell, too."""
-    return replace(result, diagnostics={**result.diagnostics, SCENE: text})
 
 
 def names_of(content: Content) -> tuple[str, ...]:
