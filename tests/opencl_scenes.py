@@ -13,7 +13,7 @@ from vrte.cl.session import Session
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 
-from .test_discrete_ordinates import spheroids
+from .samples import spheroids
 
 
 def scenes() -> dict[str, vrte.Scene]:

@@ -10,7 +10,7 @@ from tests import exact
 
 from .ball_oracle import brdf_order
 from .oracle import brdf_orders
-from .test_discrete_ordinates import spheroids
+from .samples import spheroids
 
 MU_I, MU_O = [1e-3, 0.5, 1.0], [1e-3, 0.35, 1.0]
 NODES = 8

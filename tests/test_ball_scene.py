@@ -11,7 +11,7 @@ from tests import exact
 from .ball_oracle import brdf_order
 from .ball_scene import Answer, Layer, Request, field_order, mueller_lobe_orders, sensitivity
 from .oracle import brdf_orders
-from .test_discrete_ordinates import BOTH, spheroids
+from .samples import BOTH, spheroids
 
 WIDTH_DEG, AMPLITUDE = 5.0, 3.0
 LOBE = np.array([[1.0, 0.3, 0, 0], [0.3, 1.0, 0, 0], [0, 0, 0.8, 0.4], [0, 0, -0.4, 0.8]])

@@ -14,22 +14,15 @@ import vrte
 from tests import exact
 from vrte import _core
 from vrte.basics.quadrature import double_gauss
-from vrte.basics.running import Crew, usable_cpus
+from vrte.basics.running import usable_cpus
 
 from .oracle import azimuthal_sum, brdf_orders, legendre_matrix
+from .samples import BOTH, largest_gap, scattered, spheroids
 
 Q = np.diag([1.0, 1.0, 1.0, -1.0])
 D = np.diag([1.0, 1.0, -1.0, -1.0])
 MU = np.array([0.05, 0.1, 0.5, 1.0])
 PHI = np.array([0.0, 30.0, 111.0, 180.0])
-BOTH = pytest.mark.parametrize("algorithm", ["modes", "doubling"])
-
-
-def spheroids() -> vrte.PhaseMatrix:
-    """Siewert's problem IIA: b2 != 0."""
-    from vrte.studies.cases import SPHEROIDS
-
-    return vrte.PhaseMatrix(*np.array(SPHEROIDS).T)
 
 
 def spheres() -> vrte.PhaseMatrix:
@@ -48,10 +41,6 @@ def random_layers(seed: int) -> list[vrte.Layer]:
         )
         for _ in range(rng.integers(1, 4))
     ]
-
-
-def largest_gap(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.abs(a - b).max() / np.abs(b).max())
 
 
 def test_spherical_functions_against_wigners_sum() -> None:
@@ -77,24 +66,9 @@ def fourier_phase_matrix(matrix: vrte.PhaseMatrix, mu: float, mu0: float, phi: f
 
 
 def closed_form(matrix: vrte.PhaseMatrix, mu: float, mu0: float, phi: float) -> np.ndarray:
-    out, one = np.zeros((1, 1, 1, 1, 4, 4)), np.zeros(1, np.int32)
-    _core.add_single_scattering(
-        Crew(1, np.zeros(1), one),
-        table=_core.series_table(matrix.coefficients),
-        path=np.ones((1, 1, 1)),
-        mu0=np.array([mu0]),
-        mu=np.array([mu]),
-        cos_phi=np.cos([phi]),
-        sin_phi=np.sin([phi]),
-        angle=one,
-        sign=np.ones(1),
-        columns=np.eye(4),
-        kind=np.array([0, 0, 1, 1], np.int32),
-        place=np.arange(4, dtype=np.int32),
-        first=0,
-        last=1,
-        out=out,
-    )
+    out = np.zeros((1, 1, 1, 1, 4, 4))
+    one = np.ones((1, 1, 1)), np.array([mu0]), np.array([mu]), np.degrees([phi])
+    scattered(matrix.coefficients, *one, np.eye(4), range(4), out)
     return out[0, 0, 0, 0]
 
 
@@ -492,13 +466,6 @@ def test_terms_cut_are_told_and_progress_is_called() -> None:
     assert set(f.diagnostics["stages"]) >= {"assembly", "homogeneous", "boundary", "reconstruction"}
 
 
-def test_orders_left_out_change_nothing() -> None:
-    scene = vrte.Scene([vrte.Layer(vrte.spheres(1.5, radius_um=0.4, wavelength_um=0.5).phase_matrix, 0.9, 5.0)])
-    few, most = (exact.brdf(scene, MU, MU, PHI, nodes=24, accuracy=accuracy) for accuracy in (1e-6, 1e-15))
-    assert few.diagnostics["orders"] < most.diagnostics["orders"] < scene.layers[0].phase_matrix.terms
-    assert largest_gap(few.mueller, most.mueller) < 1e-6
-
-
 def test_default_directions_are_the_nodes() -> None:
     field = exact.radiance(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]), 0.6, tau=0.5, nodes=8)
     nodes, weights = double_gauss(8)
@@ -538,14 +505,6 @@ def test_bad_requests_are_refused_in_one_sentence(change: dict[str, Any], messag
 
 def test_usable_cpus() -> None:
     assert 1 <= usable_cpus() <= (os.cpu_count() or 1)
-
-
-def test_results_pickle_and_are_read_only() -> None:
-    f = exact.brdf(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]), 0.5, 0.5, nodes=4)
-    copy = pickle.loads(pickle.dumps(f))
-    assert np.array_equal(copy.mueller, f.mueller)
-    with pytest.raises(ValueError, match="read-only"):
-        f.mueller[0] = 0.0
 
 
 def test_the_algorithm_is_the_users_choice() -> None:

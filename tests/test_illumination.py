@@ -10,7 +10,7 @@ from vrte.basics.errors import SceneError
 from vrte.cli import main
 
 from . import exact
-from .test_discrete_ordinates import spheroids
+from .samples import spheroids
 
 MU, PHI = np.array([0.2, 0.7, 1.0]), np.array([0.0, 40.0, 130.0, 180.0, 250.0])
 D, Q = np.diag([1.0, 1.0, -1.0, -1.0]), np.diag([1.0, 1.0, 1.0, -1.0])

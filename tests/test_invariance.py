@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from tests.test_discrete_ordinates import largest_gap, spheroids
+from tests.samples import largest_gap, spheroids
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.invariance import reflect_endless

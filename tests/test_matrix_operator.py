@@ -14,7 +14,7 @@ from vrte.methods.matrix_operator import Matter, Slab, matter_of, propagator
 from vrte.methods.parts import operators
 
 from . import exact
-from .test_discrete_ordinates import spheroids
+from .samples import spheroids
 
 NODES = 6
 FLIP = np.diag([1.0, 1.0, -1.0, -1.0])

@@ -17,7 +17,7 @@ from vrte.discrete_ordinates.orders.homogeneous import homogeneous
 from vrte.discrete_ordinates.orders.particular import particular
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 
-from .test_discrete_ordinates import spheroids
+from .samples import spheroids
 
 UP_AND_DOWN = np.array([1.0, 0.6, 0.07, -0.3, -0.77])
 GOLD = vrte.spheres("gold", radius_um=0.2, wavelength_um=0.4).phase_matrix

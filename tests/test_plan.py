@@ -19,7 +19,7 @@ from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.planning.plan import Plan, make_plan
 from vrte.results.solution import Solution
 
-from .test_discrete_ordinates import spheroids
+from .samples import spheroids
 
 EXACT = 1e-13
 NAMES = [switch.name for switch in fields(LeaveOut)]

@@ -24,7 +24,7 @@ from vrte.discrete_ordinates.orders.slabs import cut, join
 from vrte.scene.boundary import BLACK
 
 from .oracle import slab
-from .test_discrete_ordinates import spheroids
+from .samples import spheroids
 
 NODES, ALBEDO, THICKNESS, MU0 = 6, 0.9, 2.0, 0.45
 ORDERS = np.array([0, 1, 3], np.int32)

@@ -9,8 +9,9 @@ import vrte
 from vrte import _core
 from vrte.basics.running import Crew
 from vrte.discrete_ordinates.execution.engines.cpu import Processor
-from vrte.discrete_ordinates.execution.sums import column_kinds
 from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
+
+from .samples import scattered
 
 FULL_TURN = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 33.3])
 
@@ -148,43 +149,6 @@ def phase_matrix(coefficients: np.ndarray, mu0: float, mu: float, phi: float) ->
     a1, a2, a3, a4, b1, b2 = scattering_matrix(coefficients, np.clip(out[2] @ into[2], -1.0, 1.0))
     f = np.array([[a1, b1, 0, 0], [b1, a2, 0, 0], [0, 0, a3, b2], [0, 0, -b2, a4]])
     return turn(out, normal).T @ f @ turn(into, normal)
-
-
-def scattered(
-    coefficients: np.ndarray,
-    path: np.ndarray,
-    mu0: np.ndarray,
-    mu: np.ndarray,
-    phi: np.ndarray,
-    columns: np.ndarray,
-    place: Sequence[int],
-    out: np.ndarray,
-    threads: int = 2,
-    wide: bool = True,
-) -> None:
-    """The kernel under test, in two pieces of the incident directions."""
-    azimuths = fold(phi)
-    cosine, sine = cos_sin_deg(azimuths.distinct)
-    kind = column_kinds(columns)
-    for first, last in ((0, 1), (1, mu0.size)):
-        _core.add_single_scattering(
-            Crew(threads, np.zeros(threads), np.zeros(1, np.int32)),
-            table=_core.series_table(coefficients),
-            path=path,
-            mu0=mu0,
-            mu=mu,
-            cos_phi=cosine,
-            sin_phi=sine,
-            angle=azimuths.angle,
-            sign=azimuths.sign,
-            columns=columns,
-            kind=kind,
-            place=np.array(place, np.int32),
-            first=first,
-            last=last,
-            out=out,
-            wide=wide,
-        )
 
 
 @pytest.mark.parametrize("wide", [True, False])

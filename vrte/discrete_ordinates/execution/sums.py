@@ -15,7 +15,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, scatter_by_orders
+from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, scatter_by_orders, scatterers
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, cos_sin_deg
 from vrte.request.wanted import Wanted
@@ -170,11 +170,20 @@ def pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> Iterator[tuple[int
     return itertools.pairwise(k * wanted.scale.size // count for k in range(count + 1))
 
 
+def scattered_once(target: Target, part: Part) -> list[tuple[Array, Array]]:
+    """The table of every phase matrix and what multiplies it, (n_level, n_in, n_mu): 0 where small angles are
+    separated."""
+    scale = target.wanted.scale[:, None]
+    return [
+        (table, np.where(part.spreads, 0.0, scale * path))
+        for table, path in scatterers(target.scene.layers, target.problem, part.levels, part.mu)
+    ]
+
+
 def singly_scattered(target: Target, run: Run) -> Light:
     """Single scattering by Fourier orders, where its closed form shall not be used."""
-    begin = time.perf_counter()
-    kernels = scatter_by_orders(target.scene.layers, target.problem)
-    run.book("single scattering", time.perf_counter() - begin)
+    with run.booked("single scattering"):
+        kernels = scatter_by_orders(target.scene.layers, target.problem)
     orders, columns = (np.arange(kernels.shape[axis], dtype=np.int32) for axis in (0, 3))
     return Light(orders, np.array(ALL, np.int32), columns, kernels)
 
@@ -246,9 +255,8 @@ def prepare_base(target: Target, run: Run) -> Adder:
     wanted, base = target.wanted, target.scene.below
 
     def add(share: Share) -> None:
-        begin, part = time.perf_counter(), share.part
-        place = wanted.place, wanted.scale, share.first, share.last
-        add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *place, part.values)
-        run.book("single scattering", time.perf_counter() - begin)
+        part, place = share.part, (wanted.place, wanted.scale, share.first, share.last)
+        with run.booked("single scattering"):
+            add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *place, part.values)
 
     return add

@@ -15,10 +15,17 @@ from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import PIECE_BYTES
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, no_answer
-from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target, prepare_closed_form
+from vrte.discrete_ordinates.execution.sums import (
+    Adder,
+    Light,
+    Part,
+    Share,
+    Target,
+    prepare_closed_form,
+    scattered_once,
+)
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES, Orders, Route
-from vrte.discrete_ordinates.orders.single_scattering import scatterers
 from vrte.discrete_ordinates.orders.small_angle import scratch_doubles
 from vrte.discrete_ordinates.orders.truncating import spread_towards
 from vrte.discrete_ordinates.planning.azimuths import fold
@@ -105,21 +112,14 @@ class Processor:
 
     def prepare_scattering(self, target: Target, parts: Sequence[Part], run: Run) -> Adder:
         """What adds single scattering in all layers to a share, but where small angles are separated."""
-        scatter, problem, scale = prepare_closed_form(target, run), target.problem, target.wanted.scale
+        scatter, mu0 = prepare_closed_form(target, run), target.problem.mu0
         with run.booked("single scattering"):
-            tables = {
-                id(part): [
-                    (table, np.where(part.spreads, 0.0, scale[:, None] * path))
-                    for table, path in scatterers(target.scene.layers, problem, part.levels, part.mu)
-                ]
-                for part in parts
-            }
+            tables = {id(part): scattered_once(target, part) for part in parts}
 
         def add(share: Share) -> None:
-            part = share.part
-            for table, path in tables[id(part)]:
-                place = problem.mu0, part.mu, share.first, share.last
-                scatter("single scattering", table, path, *place, part.values)
+            for table, path in tables[id(share.part)]:
+                place = mu0, share.part.mu, share.first, share.last
+                scatter("single scattering", table, path, *place, share.part.values)
 
         return add
 

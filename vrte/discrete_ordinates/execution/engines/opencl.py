@@ -26,13 +26,12 @@ from vrte.cl.doubling import Frame, Items
 from vrte.cl.faults import check_room
 from vrte.cl.session import Session
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, no_answer
-from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target
+from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target, scattered_once
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.doubling import asymmetry_of
 from vrte.discrete_ordinates.orders.invariance import flux_up
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import TIGHTER, Doubling, allowed_of_invariance
-from vrte.discrete_ordinates.orders.single_scattering import scatterers
 from vrte.discrete_ordinates.orders.slabs import Pile, cut
 from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg
 from vrte.discrete_ordinates.planning.memory import doubles_of_kernels
@@ -183,10 +182,7 @@ class Device:
         def add(share: Share) -> None:
             part, (first, last) = share.part, (share.first, share.last)
             with run.booked("single scattering", self.session.finish):
-                pairs = [
-                    (series, np.where(part.spreads, 0.0, wanted.scale[:, None] * path)[:, first:last])
-                    for series, path in scatterers(target.scene.layers, problem, part.levels, part.mu)
-                ]
+                pairs = [(series, path[:, first:last]) for series, path in scattered_once(target, part)]
                 if pairs:
                     seen = problem.mu0[first:last], part.mu, *cos_sin_deg(target.azimuths.distinct), *columns
                     directions = sums.upload_directions(self.session, *seen)

@@ -1,0 +1,63 @@
+"""What several test modules compare with or start from."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import _core
+from vrte.basics.running import Crew
+from vrte.discrete_ordinates.execution.sums import column_kinds
+from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
+from vrte.studies.cases import SPHEROIDS
+
+BOTH = pytest.mark.parametrize("algorithm", ["modes", "doubling"])
+
+
+def spheroids() -> vrte.PhaseMatrix:
+    """Siewert's problem IIA: b2 != 0."""
+    return vrte.PhaseMatrix(*np.array(SPHEROIDS).T)
+
+
+def largest_gap(a: np.ndarray, b: np.ndarray) -> float:
+    """Relative to the largest."""
+    return float(np.abs(a - b).max() / np.abs(b).max())
+
+
+def scattered(
+    coefficients: np.ndarray,
+    path: np.ndarray,
+    mu0: np.ndarray,
+    mu: np.ndarray,
+    phi: np.ndarray,
+    columns: np.ndarray,
+    place: Sequence[int],
+    out: np.ndarray,
+    threads: int = 2,
+    wide: bool = True,
+) -> None:
+    """Adds single scattering in closed form to out (n_level, n_in, n_mu, n_phi, 4, n_place), phi in degrees, in two
+    pieces of the incident directions."""
+    azimuths = fold(phi)
+    cosine, sine = cos_sin_deg(azimuths.distinct)
+    kind = column_kinds(columns)
+    for first, last in ((0, 1), (1, mu0.size)):
+        _core.add_single_scattering(
+            Crew(threads, np.zeros(threads), np.zeros(1, np.int32)),
+            table=_core.series_table(coefficients),
+            path=path,
+            mu0=mu0,
+            mu=mu,
+            cos_phi=cosine,
+            sin_phi=sine,
+            angle=azimuths.angle,
+            sign=azimuths.sign,
+            columns=columns,
+            kind=kind,
+            place=np.array(place, np.int32),
+            first=first,
+            last=last,
+            out=out,
+            wide=wide,
+        )
