@@ -167,6 +167,19 @@ def test_many_scenes_by_the_processor() -> None:
         vrte.brdfs([many[0], "gold"], MU, MU)  # type: ignore[list-item]
 
 
+def test_a_device_repeats_what_fails_its_checks_by_doubling_or_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = vrte.brdf(SCENES["endless and dark"], MU, MU, PHI, nodes=6, backend="opencl", algorithm="doubling")
+    monkeypatch.setattr(device, "allowed_of_invariance", lambda accuracy: {"residual_of_invariance": -1.0})
+    found = vrte.brdf(SCENES["endless and dark"], MU, MU, PHI, nodes=6, backend="opencl", algorithm="invariance")
+    assert found.diagnostics["orders_repeated"]["by"] == "doubling"
+    np.testing.assert_array_equal(found.mueller, expected.mueller)
+    monkeypatch.setattr(device.Doubling, "allowed", dict.fromkeys(device.Doubling.allowed, -1.0))
+    with pytest.raises(
+        vrte.AccuracyError, match=r"the OpenCL device cannot vouch for Fourier order 0 by doubling \(res"
+    ):
+        vrte.brdf(SCENES["one layer"], MU, MU, nodes=6, backend="opencl")
+
+
 def test_little_room_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     from vrte.discrete_ordinates.execution.engines import opencl as engine
 
