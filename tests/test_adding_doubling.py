@@ -1,4 +1,4 @@
-"""Adding and doubling: its starting layer's order, slabs added from both sides, the field between them."""
+"""Adding and doubling: its starting layer's order, and white layers."""
 
 import numpy as np
 import pytest
@@ -22,31 +22,6 @@ def test_order_of_the_starting_layer(start: int) -> None:
     errors = [error(SLAB, thin=size, start=start) for size in (thin, thin / 2.0)]
     order = max(1, 2 * start)
     assert order - 0.25 < np.log2(errors[0] / errors[1]) < order + 0.25
-
-
-def test_layers_base_and_depths() -> None:
-    layers = [vrte.Layer(vrte.rayleigh(), 0.9, 0.5), vrte.Layer(vrte.henyey_greenstein(0.4, 6), 1.0, 0.7)]
-    scene = vrte.Scene(layers, vrte.Lambertian(0.3))
-    ask = {"mu0": 0.6, "stokes": [1.0, 0.3, -0.2, 0.4], "mu": np.array([0.2, -0.3, 0.9, -0.6]), "phi": PHI}
-    ask |= {"tau": [0.0, 0.2, 0.5, 0.9, 1.2], "nodes": 4}
-    exact = vrte.radiance(scene, accuracy=1e-13, **ask)
-    found = vrte.radiance(scene, method="adding-doubling", settings={"start": 4}, **ask)
-    np.testing.assert_allclose(found.stokes, exact.stokes, atol=1e-12)
-    np.testing.assert_allclose(found.flux_up, exact.flux_up, atol=1e-12)
-    np.testing.assert_allclose(found.flux_down, exact.flux_down, atol=1e-12)
-
-
-def test_energy() -> None:
-    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 10.0)])
-    ask = {"mu0": 0.5, "stokes": [1.0, 0.0, 0.0, 0.0], "mu": [], "tau": [0.0, 10.0], "nodes": 6}
-    field = vrte.radiance(scene, method="adding-doubling", settings={"start": 4}, **ask)
-    out = field.flux_up[0] + field.flux_down[1] + 0.5 * np.exp(-10.0 / 0.5)
-    np.testing.assert_allclose(out, 0.5, rtol=1e-11)
-
-
-def test_layer_without_end() -> None:
-    scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 8), 0.9, np.inf)])
-    assert error(scene, start=4) < 1e-12
 
 
 def test_grazing_beams_and_nodes() -> None:
@@ -75,17 +50,3 @@ def test_white_layers_lose_nothing(phase: vrte.PhaseMatrix, thickness: float) ->
         )
         rest = net.flux_down + net.direct - net.flux_up
         np.testing.assert_allclose(rest, rest[-1], rtol=0, atol=2e-15)
-
-
-@pytest.mark.parametrize("method", ["adding-doubling", "matrix-operator", "successive-orders", "invariant-imbedding"])
-@pytest.mark.parametrize("thickness", [5e-324, 1e-310, 1e-20])
-def test_the_thinnest_layers_scatter_once(method: str, thickness: float) -> None:
-    """And no arithmetic goes wrong on the way."""
-    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, thickness)])
-    found = vrte.brdf(scene, [0.5, 0.05], 0.5, nodes=8, method=method, transmission=True)
-    once = vrte.brdf(scene, [0.5, 0.05], 0.5, nodes=8, method="single-scattering", transmission=True)
-    pairs = [(found.mueller, once.mueller), (found.transmission, once.transmission)]
-    # the matrix operator holds what passes unscattered as well, 1e-16 of which is more than this
-    for some, other in pairs[:1] if method == "matrix-operator" else pairs:
-        np.testing.assert_allclose(some, other, rtol=0, atol=1e-320 + 1e-9 * np.abs(other).max())
-    np.testing.assert_allclose(found.reflectance, once.reflectance, rtol=1e-6, atol=1e-320)

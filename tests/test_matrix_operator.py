@@ -1,11 +1,10 @@
-"""The matrix operator method: its divided differences, its slabs, and the propagator."""
+"""The matrix operator method: its slabs, and the propagator."""
 
 import numpy as np
 import pytest
 import scipy.linalg
 
 import vrte
-from vrte.basics import divided_differences
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
@@ -30,21 +29,6 @@ def matter() -> tuple[Matter, np.ndarray, np.ndarray]:
     """Order 1 of a layer with b2, and its E and F."""
     problem, matrices = discrete(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]))
     return matter_of(problem, matrices, 0, 1, 0), matrices.E[0, 0].T, matrices.F[0, 0].T
-
-
-def expected_second(a: float, b: float, c: float) -> float:
-    """f[a, b, c] of sqrt, by hand: -1/((sqrt a + sqrt b)(sqrt b + sqrt c)(sqrt a + sqrt c))."""
-    a, b, c = np.sqrt([a, b, c])
-    return float(-1.0 / ((a + b) * (b + c) * (a + c)))
-
-
-@pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-6, 1e-3, 0.05, 0.0999, 0.1001, 0.3, 10.0])
-def test_divided_differences_near_and_far(gap: float) -> None:
-    a, b, c = 2.0, 2.0 * (1.0 + gap), 2.0 * (1.0 - gap / 11.0)
-    one = divided_differences.first(np.sqrt, np.array([a]), np.array([b]))
-    two = divided_differences.second(np.sqrt, np.array([a]), np.array([b + 0j]), np.array([c]))
-    np.testing.assert_allclose(one, 1.0 / (np.sqrt(a) + np.sqrt(b)), rtol=1e-13)
-    np.testing.assert_allclose(two, expected_second(a, b, c), rtol=2e-12)
 
 
 @pytest.mark.parametrize("thickness", [1e-3, 0.5, 20.0])

@@ -37,30 +37,14 @@ def test_integrals_in_depth(z: float) -> None:
     np.testing.assert_allclose(upward(np.array(z), 4)[-1] @ (1.0 - gauss_depths(4)), exact[-1], rtol=1e-6)
 
 
-def test_sum() -> None:
-    exact = vrte.brdf(PAIR, MU, MU, PHI, nodes=4, accuracy=1e-13)
-    found = brdf(PAIR, tolerance=1e-12, levels=120)
-    np.testing.assert_allclose(found.mueller, exact.mueller, atol=1e-11 * exact.mueller.max())
-    assert found.diagnostics["converged"]
-    assert found.diagnostics["remainder"] <= 1e-12
-
-
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9, 1e-12])
 def test_tolerance(tolerance: float) -> None:
     exact = vrte.brdf(PAIR, MU, MU, PHI, nodes=4, accuracy=1e-13)
     found = brdf(PAIR, tolerance=tolerance, levels=120)
-    assert np.abs(found.mueller - exact.mueller).max() <= 2.0 * tolerance * np.abs(exact.mueller).max()
-
-
-def test_depths_and_fluxes() -> None:
-    ask = {"mu0": 0.6, "stokes": [1.0, 0.3, -0.2, 0.4], "mu": np.array([0.2, -0.3, 0.9, -0.6]), "phi": PHI}
-    ask |= {"tau": [0.0, 0.2, 0.5, 0.9, 1.2], "nodes": 4}
-    exact = vrte.radiance(PAIR, accuracy=1e-13, **ask)
-    settings = {"tolerance": 1e-12, "levels": 160}
-    found = vrte.radiance(PAIR, method="successive-orders", settings=settings, **ask)
-    np.testing.assert_allclose(found.stokes, exact.stokes, atol=1e-11)
-    np.testing.assert_allclose(found.flux_up, exact.flux_up, atol=1e-11)
-    np.testing.assert_allclose(found.flux_down, exact.flux_down, atol=1e-11)
+    left = 2.0 * tolerance if tolerance > 1e-12 else 1e-11  # 120 depths leave more
+    assert np.abs(found.mueller - exact.mueller).max() <= left * np.abs(exact.mueller).max()
+    assert found.diagnostics["converged"]
+    assert found.diagnostics["remainder"] <= tolerance
 
 
 def test_order_in_depth() -> None:

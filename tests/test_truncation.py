@@ -13,7 +13,7 @@ from vrte.basics.running import Run, new_run
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 from vrte.discrete_ordinates.execution.sums import Target, fill
 from vrte.discrete_ordinates.orders.discretise import discretise
-from vrte.discrete_ordinates.orders.small_angle import Spreading, exp_difference
+from vrte.discrete_ordinates.orders.small_angle import Spreading
 from vrte.discrete_ordinates.planning import node_choice
 from vrte.discrete_ordinates.planning.azimuths import fold
 from vrte.methods import solve_request
@@ -194,15 +194,6 @@ def test_matrix_functions_of_the_degrees() -> None:
         for block in range(2):
             s = spreading.mean[degree, block] * np.eye(2) + spreading.shape[degree, block]
             np.testing.assert_allclose(exponentials[degree, block], expm((0.9 * s - np.eye(2)) * 7.0), atol=1e-13)
-
-
-def test_exponential_differences() -> None:
-    a = np.array([0.0, -1.0, -1.0 + 1e-7, -30.0, -1.0 + 2j, -700.0])
-    for b in (-1.0, -40.0, 0.0):
-        direct = (np.exp(a.astype(np.clongdouble)) - np.exp(np.longdouble(b))) / np.where(a == b, 1.0, a - b)
-        np.testing.assert_allclose(
-            exp_difference(a, b), np.where(a == b, np.exp(b), direct), rtol=1e-11 if b == -1.0 else 1e-14
-        )
 
 
 def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:

@@ -5,8 +5,6 @@ import pytest
 
 import vrte
 from vrte.basics.errors import SceneError
-from vrte.basics.spherical_functions import gauss_legendre
-from vrte.methods.parts.two_fluxes import second_difference
 
 MU, PHI = np.array([1e-3, 0.5, 0.8, 1.0, -1e-3, -0.3, -0.5, -1.0]), [0.0, 40.0, 130.0]
 HG, EVEN = vrte.henyey_greenstein(0.6, 40), vrte.isotropic()
@@ -60,15 +58,3 @@ def test_what_it_refuses():
     mirror = vrte.MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))
     with pytest.raises(SceneError, match="method 'two-stream' takes no base but a Lambertian one"):
         vrte.brdf(scene_of([(HG, 0.9, 1.0)], mirror), 0.5, 0.5, method="two-stream")
-
-
-@pytest.mark.parametrize("scale", [1e-9, 1e-3, 0.3, 1.0, 30.0])
-def test_second_differences(scale):
-    """Against the integral over the simplex, by Gauss-Legendre quadrature of many nodes."""
-    x, w = gauss_legendre(60)
-    x, w = 0.5 * (x + 1.0), 0.5 * w
-    for points in ((0.0, 0.4, 1.0), (0.2, 0.2, 0.7), (1.0, 1.0, 1.0), (0.0, 1e-8, 1.0)):
-        p, q, r = -scale * np.array(points)
-        u, v = x[:, None], x[:, None] * x
-        integral = np.sum(w[:, None] * w * u * np.exp(p + (q - p) * u + (r - q) * v))
-        np.testing.assert_allclose(second_difference(r, p, q), integral, rtol=2e-14)

@@ -1,6 +1,11 @@
-"""Divided differences of smooth functions, also where the points are close to each other or the same."""
+"""Divided differences of smooth functions, also where the points are close to each other or the same.
+
+Those of exp have their own, right to rounding for any spacing; the core's are in core/complex.pxi, those of OpenCL in
+cl/complexes.cl.
+"""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +16,8 @@ ComplexArray = NDArray[np.complex128]
 Function = Callable[[ComplexArray], ComplexArray]
 NEAR = 0.1  # of the largest point: closer ones go around by Cauchy's integral
 RADIUS, SAMPLES = 0.3, 32  # of that circle over its centre; 0.3^32 is below rounding
+SMALL = 1e-5  # gaps that the series of exp[a, b] is for
+TERMS = 21  # of the series of exp[a, b, c], for gaps below 1
 
 
 def first(function: Function, a: Array | ComplexArray, b: Array | ComplexArray) -> ComplexArray:
@@ -54,3 +61,42 @@ def around(function: Function, points: list[ComplexArray]) -> ComplexArray:
     z = centre[:, None] + ring
     share = ring / np.prod([z - point[:, None] for point in points], axis=0)
     return np.asarray((function(z) * share).mean(axis=1))
+
+
+def exp_difference(a: Any, b: Any) -> Any:
+    """exp[a, b] = (e^a - e^b)/(a - b) for complex a, e^b where they meet, of any shapes; real parts <= 0."""
+    gap = a - b
+    small = np.abs(gap) < SMALL
+    # the larger one in front: expm1 of what does not grow
+    ahead = np.where(gap.real > 0.0, a, b)
+    turned = np.where(gap.real > 0.0, -gap, gap)
+    slope = np.where(small, 1.0 + turned / 2.0 + turned**2 / 6.0, np.expm1(turned) / np.where(small, 1.0, turned))
+    return np.exp(ahead) * slope
+
+
+def exp_difference_2(*points: Any) -> Array:
+    """exp[a, b, c] at three real points <= 0, any shapes that broadcast.
+
+    >>> exp_difference_2(0.0, 0.0, 0.0).item()
+    0.5
+    """
+    high, middle, low = -np.sort(-np.stack(np.broadcast_arrays(*points)), axis=0)
+    x, y = high - middle, high - low
+    near = y < 1.0
+    apart = np.where(near, 1.0, y)
+    by_quotient = (exp_difference(np.zeros(1), -x) - exp_difference(-x, -y)) / apart
+    return np.exp(high) * np.where(near, _series(np.where(near, x, 0.0), np.where(near, y, 0.0)), by_quotient)
+
+
+def _series(x: Array, y: Array) -> Array:
+    """The second divided difference of exp at 0, -x, -y: sum over n of (-1)^n h_n(x, y)/(n + 2)!, h_n complete and
+    homogeneous; 0 <= x <= y < 1."""
+    power, h = np.ones_like(x), np.ones_like(x)
+    share = 0.5
+    total = share * h
+    for n in range(1, TERMS):
+        power = power * x
+        h = y * h + power
+        share /= -(n + 2.0)
+        total = total + share * h
+    return total

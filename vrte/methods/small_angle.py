@@ -11,9 +11,10 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array
+from vrte.basics.divided_differences import exp_difference
 from vrte.discrete_ordinates.execution.sums import Part, make_parts, prepare_closed_form
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam, exp_difference
+from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam
 from vrte.methods.parts.method import Answer, Method
 from vrte.methods.parts.task import Task
 from vrte.scene.scene import Scene

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array, IntArray
+from vrte.basics.divided_differences import exp_difference
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import distance
 from vrte.discrete_ordinates.orders.truncating import is_scalar
@@ -34,7 +35,6 @@ from vrte.scene.scene import Scene
 
 NEARLY_EQUAL = 1e-7  # eigenvalues of S_l, which are of size 1 at most: closer ones take the derivative
 STEP = 1e-6  # of the derivative: rounding of 1e-10, and as much times (tau/mu0)^2
-SMALL = 1e-5  # exponents that a series is for
 TOGETHER = 30_000  # degrees of so many directions at once: their matrices take some 30 MB
 ComplexArray = NDArray[np.complex128]
 
@@ -274,14 +274,3 @@ class Ray:
             return way * (length / mu) * exp_difference(-length * rate, -length / mu)
         reach = -np.expm1(-length * (rate + 1.0 / mu)) if np.isfinite(length) else 1.0
         return way * np.exp(-self.top * rate) * reach / (1.0 + mu * rate)
-
-
-def exp_difference(a: Any, b: Any) -> Any:
-    """(e^a - e^b)/(a - b) for complex a, e^b where they meet, any shapes that broadcast; real parts <= 0."""
-    gap = a - b
-    small = np.abs(gap) < SMALL
-    # the larger one in front: expm1 of what does not grow
-    ahead = np.where(gap.real > 0.0, a, b)
-    turned = np.where(gap.real > 0.0, -gap, gap)
-    slope = np.where(small, 1.0 + turned / 2.0 + turned**2 / 6.0, np.expm1(turned) / np.where(small, 1.0, turned))
-    return np.exp(ahead) * slope

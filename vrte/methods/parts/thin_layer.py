@@ -3,7 +3,7 @@
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.discrete_ordinates.orders.small_angle import exp_difference
+from vrte.basics.divided_differences import exp_difference
 from vrte.methods.parts.adding import Slab, homogeneous
 from vrte.methods.parts.in_depth import downward, gauss_depths, upward
 from vrte.methods.parts.on_nodes import Scattered

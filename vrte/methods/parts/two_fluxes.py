@@ -20,16 +20,16 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray
+from vrte.basics.divided_differences import exp_difference, exp_difference_2
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.single_scattering import distance
-from vrte.discrete_ordinates.orders.small_angle import Ray, exp_difference
+from vrte.discrete_ordinates.orders.small_angle import Ray
 from vrte.discrete_ordinates.orders.truncating import Truncation, choose_truncation, flux_of_the_peak, spread_towards
 from vrte.methods.parts.method import Answer
 from vrte.methods.parts.task import Task, cosines_of, discrete
 from vrte.request.request import FINEST, Request
 
 CARRIED = 2  # terms of a phase function
-SERIES = 21  # terms of it, for exponents below 1
 
 
 def faded(rate: Any, length: float) -> Any:
@@ -53,35 +53,7 @@ def joined_twice(one: Any, other: Any, third: Any, length: float) -> Any:
     """Integral of e^(-one (length - t)) `joined`(other, third, t); ``one`` is 0 where length is infinite."""
     if not np.isfinite(length):
         return 1.0 / (other * third)
-    return length**2 * second_difference(*(-length * np.asarray(rate, float) for rate in (one, other, third)))
-
-
-def second_difference(*points: Any) -> Array:
-    """The second divided difference of exp at three points <= 0, any shapes that broadcast.
-
-    >>> second_difference(0.0, 0.0, 0.0).item()
-    0.5
-    """
-    high, middle, low = -np.sort(-np.stack(np.broadcast_arrays(*points)), axis=0)
-    x, y = high - middle, high - low
-    near = y < 1.0
-    apart = np.where(near, 1.0, y)
-    by_quotient = (exp_difference(np.zeros(1), -x) - exp_difference(-x, -y)) / apart
-    return np.exp(high) * np.where(near, _series(np.where(near, x, 0.0), np.where(near, y, 0.0)), by_quotient)
-
-
-def _series(x: Array, y: Array) -> Array:
-    """The second divided difference of exp at 0, -x, -y: sum over n of (-1)^n h_n(x, y)/(n + 2)!, h_n complete and
-    homogeneous; 0 <= x <= y < 1."""
-    power, h = np.ones_like(x), np.ones_like(x)
-    share = 0.5
-    total = share * h
-    for n in range(1, SERIES):
-        power = power * x
-        h = y * h + power
-        share /= -(n + 2.0)
-        total = total + share * h
-    return total
+    return length**2 * exp_difference_2(*(-length * np.asarray(rate, float) for rate in (one, other, third)))
 
 
 @dataclass(frozen=True, eq=False)
