@@ -10,8 +10,6 @@ E_0 + c E_z = 0 at the top and E_0 - c E_z = 0 at a black base, with c named by 
 source function of this field integrated along each direction, light scattered once with all terms in closed form.
 """
 
-from typing import Any
-
 import numpy as np
 
 from vrte.basics.arrays import Array
@@ -38,11 +36,6 @@ from vrte.request.request import one_of
 # c of E_0 = c times the net flux out: no flux comes in; no light along P1's node; the exact extrapolation length of a
 # half space that conserves energy and scatters evenly, 0.71045 mean free paths
 BOUNDARIES = {"marshak": 2.0, "mark": float(np.sqrt(3.0)), "milne": 3.0 * 0.7104460895}
-
-
-def boundary_of(value: Any) -> str:
-    """The boundary condition's name."""
-    return one_of("setting 'boundary' of method 'diffusion'", value, tuple(BOUNDARIES))
 
 
 def solve_by_diffusion(task: Task) -> Answer:
@@ -120,7 +113,7 @@ METHOD = Method(
     settings={
         "boundary": Setting(
             "marshak",
-            boundary_of,
+            lambda value: one_of("setting 'boundary' of method 'diffusion'", value, tuple(BOUNDARIES)),
             "'marshak' (no flux comes in), 'mark' (no light along the cosine 1/sqrt 3) or 'milne' (the exact "
             "extrapolation length of a conservative half space)",
         )

@@ -8,7 +8,6 @@ these further iterations: the regular part is that of light without polarization
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -30,26 +29,11 @@ from vrte.request.request import EXACT, METHODS, Request, one_of
 from vrte.scene.scene import Scene
 
 NAME, CLOSED = "synthetic-iteration", ("two-stream", "diffusion")
+REGULAR = tuple(name for name in METHODS if name not in (NAME, "small-angle"))
 NODES = 8  # of a hemisphere, where none are asked for
 FIRST_STEP = 1e-3  # from each face of a layer
 LONGEST_STEP, MOST = 8.0, 12  # over the number of depths, optical depth; times it, how many such steps at most
 MARSHAK = diffusion.BOUNDARIES["marshak"]
-
-
-def regular_of(value: Any) -> str:
-    """The name of the method that finds the regular part."""
-    names = tuple(name for name in METHODS if name not in (NAME, "small-angle"))
-    return one_of(f"setting 'regular' of method {NAME!r}", value, names)
-
-
-def iterations_of(value: Any) -> int:
-    """How often the source function is integrated."""
-    return whole(f"setting 'iterations' of method {NAME!r}", value, 1, 1000)
-
-
-def depths_of(value: Any) -> int:
-    """Towards each face of a layer."""
-    return whole(f"setting 'depths' of method {NAME!r}", value, 2, 1000)
 
 
 def solve_by_synthetic_iteration(task: Task) -> Answer:
@@ -319,8 +303,20 @@ METHOD = Method(
     base="even",
     options=("nodes", "truncation", "backend"),
     settings={
-        "regular": Setting("two-stream", regular_of, "the method that finds the regular part"),
-        "iterations": Setting(1, iterations_of, "of the source function; each beyond the first along nodes"),
-        "depths": Setting(32, depths_of, "of the grid towards each face of a layer, where there is a grid"),
+        "regular": Setting(
+            "two-stream",
+            lambda value: one_of(f"setting 'regular' of method {NAME!r}", value, REGULAR),
+            "the method that finds the regular part",
+        ),
+        "iterations": Setting(
+            1,
+            lambda value: whole(f"setting 'iterations' of method {NAME!r}", value, 1, 1000),
+            "of the source function; each beyond the first along nodes",
+        ),
+        "depths": Setting(
+            32,
+            lambda value: whole(f"setting 'depths' of method {NAME!r}", value, 2, 1000),
+            "of the grid towards each face of a layer, where there is a grid",
+        ),
     },
 )
