@@ -49,6 +49,17 @@ def working_session() -> Any:
     return opened
 
 
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """As in a process that has not used OpenCL yet; what the test opens is forgotten after it."""
+    from vrte.cl import device
+
+    state = {"process": None, "devices": None, "sessions": {}, "complaints": {}}
+    monkeypatch.setattr(device, "_state", state)
+    monkeypatch.delenv(device.VARIABLE, raising=False)
+    return state
+
+
 @pytest.fixture(params=["cpu", "gpu"])
 def either_form(request: pytest.FixtureRequest, opencl: Any) -> Any:
     """Sessions on that device with the kernels as a CPU wants them, and as a GPU does."""

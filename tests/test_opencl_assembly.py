@@ -1,4 +1,4 @@
-"""Spherical functions, phase matrices, and E and F on a device against those of the compiled core."""
+"""E and F, with what leads out of and into the nodes, on a device against those of the compiled core."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -24,29 +24,6 @@ def directions_and_weights(n_node: int, others: int) -> tuple[np.ndarray, np.nda
 def largest_gap(found: np.ndarray, expected: np.ndarray) -> float:
     """Relative to the largest."""
     return float(np.abs(found - expected).max() / max(np.abs(expected).max(), 1e-300))
-
-
-@pytest.mark.parametrize(("m", "terms"), [(0, 1), (0, 2), (0, 80), (1, 3), (2, 2), (2, 40), (7, 7), (7, 8), (30, 80)])
-def test_spherical_functions(either_form: Any, m: int, terms: int) -> None:
-    mu = np.concatenate([np.linspace(-1.0, 1.0, 21), [1e-9, 0.999999999]])
-    found = assembly.generalized_spherical_functions(either_form, m, terms, mu)
-    np.testing.assert_allclose(
-        found, _core.generalized_spherical_functions(m, terms, mu), rtol=0, atol=1e-13 if terms > 40 else 1e-14
-    )
-
-
-@pytest.mark.parametrize(("m", "terms", "mu"), [(-1, 3, 0.5), (0, 0, 0.5), (0, 3, 1.5), (0, 3, np.nan)])
-def test_spherical_functions_refuse_what_the_core_refuses(either_form: Any, m: int, terms: int, mu: float) -> None:
-    with pytest.raises(ValueError, match=r"cosines|order"):
-        assembly.generalized_spherical_functions(either_form, m, terms, mu)
-
-
-@pytest.mark.parametrize("m", [0, 1, 2, 8, 9])
-def test_phase_matrices(either_form: Any, m: int) -> None:
-    coefficients = np.random.default_rng(m).normal(size=(9, 6))
-    to, frm = np.array([-1.0, -0.3, 0.2, 0.7, 1.0]), np.array([-0.8, 0.0, 0.9])
-    found = assembly.phase_matrices(either_form, m, coefficients, to, frm)
-    np.testing.assert_allclose(found, _core.phase_matrices(m, coefficients, to, frm), rtol=0, atol=1e-13)
 
 
 MATRICES = ("E", "F", "G_E", "G_F", "source_s", "source_d")
@@ -83,14 +60,14 @@ def assembled_by_both(
 @pytest.mark.parametrize("stokes", SETS)
 @pytest.mark.parametrize("n_node", [1, 3, 7])
 def test_assembly(either_form: Any, stokes: Sequence[int], n_node: int) -> None:
-    orders = np.array([0, 1, 2, 4, 8, 11], np.int32)
+    orders = np.array([0, 1, 2, 4, 7, 8, 11], np.int32)
     for found, expected in assembled_by_both(either_form, stokes, orders, n_node, 2, 3, 9):
         assert largest_gap(found, expected) < 1e-14
 
 
 @pytest.mark.parametrize(("n_out", "n_in"), [(0, 1), (1, 0), (5, 4)])
 def test_assembly_of_many_nodes(either_form: Any, n_out: int, n_in: int) -> None:
-    for found, expected in assembled_by_both(either_form, ALL, np.array([0, 1, 40], np.int32), 40, n_out, n_in, 80):
+    for found, expected in assembled_by_both(either_form, ALL, np.array([0, 1, 30, 40], np.int32), 40, n_out, n_in, 80):
         assert found.size == 0 or largest_gap(found, expected) < 2e-14
 
 

@@ -42,15 +42,6 @@ FLOAT = made("Card F", "gpu", 32.0, fp64=False)
 
 
 @pytest.fixture
-def alone(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """As in a process that has not used OpenCL yet; what the test opens is forgotten after it."""
-    state = {"process": None, "devices": None, "sessions": {}, "complaints": {}}
-    monkeypatch.setattr(device, "_state", state)
-    monkeypatch.delenv(device.VARIABLE, raising=False)
-    return state
-
-
-@pytest.fixture
 def reopening(opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """The same, and what is opened has a queue and memory of its own, but kernels that are compiled already."""
 

@@ -28,13 +28,6 @@ def failing(*indices: int) -> Callable[[int], str]:
 
 
 @pytest.fixture
-def alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in a process that has not used OpenCL yet."""
-    monkeypatch.setattr(device, "_state", {"process": None, "devices": None, "sessions": {}, "complaints": {}})
-    monkeypatch.delenv(device.VARIABLE, raising=False)
-
-
-@pytest.fixture
 def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Intel's runtime as pip leaves it, an empty library, and no drivers of the system's."""
     site, library = tmp_path / "lib" / "python" / "site", tmp_path / "lib" / "libintelocl.so"
@@ -138,7 +131,7 @@ class TestChoice:
 
 
 class TestTrial:
-    def test_it_is_done_once(self, alone: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_it_is_done_once(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
         tried: list[int] = []
         monkeypatch.setattr(trial, "complaint", lambda index, *_: tried.append(index) or "")
         for _ in range(3):
@@ -148,7 +141,11 @@ class TestTrial:
         assert len(tried) == 1
 
     def test_a_driver_older_than_its_processor(
-        self, opencl: Session, alone: None, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+        self,
+        opencl: Session,
+        alone: dict[str, Any],
+        capsys: pytest.CaptureFixture[str],
+        monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         """What PoCL 3.0 says where even an empty kernel does not build: of the device that would be taken otherwise."""
         original, platform = pyopencl.Program.build, opencl.device.platform.name

@@ -39,16 +39,13 @@ int next_strip(int rows)
 
 // What scatters in each item: its Fourier order and its material, of which there are coefficients (material, n_term, 6),
 // terms and albedo (material,).
-#define SCATTERING int n_term, int members, __global const double* restrict coefficients, \
-    __global const int* restrict order, __global const int* restrict material, __global const int* restrict terms, \
-    __global const double* restrict albedo
+#define SCATTERING int n_term, int members, IN coefficients, INTS order, INTS material, INTS terms, IN albedo
 
 // phi: the columns of all degrees, E's and behind them F's; rows: the nodes' times sqrt(weight / mu), then the next ones,
 // then the last, each from a multiple of 8 on with zeros up to it; counts (item, 2): how many columns E and F have, none
 // where nothing is scattered. Global size: pieces of `each` directions, items.
-__kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int each, __global const double* restrict mu,
-                             __global const double* restrict weights, __global const double* restrict factors, STACK(phi),
-                             __global int* restrict counts, __global const int* restrict items)
+__kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int each, IN mu, IN weights, IN factors,
+                             STACK(phi), __global int* restrict counts, INTS items)
 {
     const long item = items[get_global_id(1)];
     const int m = order[item], stokes = popcount(members), end = min(n_all, each * ((int)get_global_id(0) + 1));
@@ -101,8 +98,8 @@ __kernel void parity_columns(SCATTERING, int n_all, int n_node, int n_out, int e
 // psi = factor phi B^T on the double4 first .. last - 1 of each column, B_l of (1:9) cut to the columns that there are, E's
 // (odd = 0) or F's of the degrees m .. end - 1; V's column of phi counts v_sign times.
 void multiply_by_coefficients(int m, int end, int members, int odd, double factor, double v_sign,
-                              __global const double* coefficients, int first, int last, __global const double* phi, int ld,
-                              __global double* psi, int psi_ld)
+                              __global const double* coefficients, int first, int last, __global const double* phi,
+                              int ld, __global double* psi, int psi_ld)
 {
     for (int l = m; l < end; l++) {
         __global const double* c = coefficients + 6 * l;
@@ -127,9 +124,8 @@ void multiply_by_coefficients(int m, int end, int members, int odd, double facto
 }
 
 // psi = albedo phi B^T, F's columns odd_sign times. Global size: pieces of `each` strips of 8 rows, items.
-__kernel void times_coefficients(SCATTERING, int n_strip, int each, double v_sign, double odd_sign,
-                                 __global const int* restrict counts, STACK(phi), STACK(psi),
-                                 __global const int* restrict items)
+__kernel void times_coefficients(SCATTERING, int n_strip, int each, double v_sign, double odd_sign, INTS counts,
+                                 STACK(phi), STACK(psi), INTS items)
 {
     const long item = items[get_global_id(1)];
     const int first = 2 * each * get_global_id(0), last = min(2 * n_strip, first + 2 * each);
@@ -145,8 +141,7 @@ __kernel void times_coefficients(SCATTERING, int n_strip, int each, double v_sig
 }
 
 // The diagonals 1/mu of E and F. Global size: items.
-__kernel void add_rates(int n, int stokes, __global const double* restrict mu, STACK(E), STACK(F),
-                        __global const int* restrict items)
+__kernel void add_rates(int n, int stokes, IN mu, STACK(E), STACK(F), INTS items)
 {
     const long item = items[get_global_id(0)];
     for (int i = 0; i < n; i++) {

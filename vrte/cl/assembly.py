@@ -1,5 +1,5 @@
-"""Spherical functions, phase matrices, and E and F of (1:41) with the rows and columns that lead out of and into the
-nodes, on a device: `_core.generalized_spherical_functions`, `phase_matrices` and `assemble` for all items at once.
+"""E and F of (1:41) with the rows and columns that lead out of and into the nodes, on a device: `_core.assemble` for
+all items at once.
 
 An item is a Fourier order and a material, ``order[item]`` and ``material[item]`` on the device; materials have
 ``coefficients`` (material, term, 6), ``terms`` and ``albedo`` (material,). ``members``: places of Stokes parameters.
@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from vrte import _core
-from vrte.basics.arrays import Array
 from vrte.basics.running import Crew
 from vrte.cl.matrices import STRIP, Stack, download_stack, new_stack, padded, product
 from vrte.cl.session import Placed, Session
@@ -58,7 +56,7 @@ class Scattering(Placed):
         """All but the items, the members as bits of a number."""
         bits = sum(1 << member for member in self.members)
         arrays = self.coefficients, self.order, self.material, self.terms, self.albedo
-        return self.n_term, bits, *(array.data for array in arrays)
+        return self.n_term, bits, *arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,14 +114,6 @@ def wigner_factors(session: Session, items: Any, order: Any, n_term: int) -> Any
     factors = session.empty((order.size, n_term + 1, 4))
     session.launch("wigner_factors", (items.size,), n_term, order, factors, items)
     return factors
-
-
-def spherical(session: Session, items: Any, order: Any, n_term: int, mu: Any) -> Any:
-    """p, r, t of `_core.generalized_spherical_functions` of the listed items, (item, n_term, 3, n_mu); mu (n_mu,)."""
-    out, factors = session.empty((order.size, n_term, 3, mu.size)), wigner_factors(session, items, order, n_term)
-    arguments = n_term, mu.size, ..., mu, order, factors, out
-    launch_pieces(session, "spherical", mu.size, DIRECTIONS_A_PIECE, items, *arguments)
-    return out
 
 
 def parity_columns(session: Session, what: Scattering, directions: Any, weights: Any, n_out: int) -> Columns:
@@ -197,17 +187,6 @@ def product_over_columns(
     product(session, items, a, b, c, alpha, beta, True, part, counts, STRIPS_TOGETHER)
 
 
-def generalized_spherical_functions(session: Session, m: int, terms: int, mu: ArrayLike) -> Array:
-    """As `_core.generalized_spherical_functions`: (terms, n_mu, 3)."""
-    cosines = np.atleast_1d(np.asarray(mu, float))
-    if m < 0 or terms < 1 or not np.all(np.abs(cosines) <= 1.0) or cosines.size == 0:
-        return _core.generalized_spherical_functions(m, terms, cosines)  # it says what is wrong
-    one = session.constant(np.zeros(1, np.int32))
-    order = session.constant(np.full(1, m, np.int32))
-    found = session.download(spherical(session, one, order, terms, session.upload(cosines)))
-    return np.ascontiguousarray(found[0].transpose(0, 2, 1))
-
-
 @stands_for(_core.assemble)
 def assemble_arrays(session: Session, crew: Crew, given: Any) -> None:
     """Fills E, F, G_E, G_F, source_s and source_d."""
@@ -223,27 +202,3 @@ def assemble_arrays(session: Session, crew: Crew, given: Any) -> None:
         array = getattr(given, name)
         if array.size:
             array[...] = download_stack(session, stack).reshape(array.shape)
-
-
-def phase_matrices(session: Session, m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: ArrayLike) -> Array:
-    """As `_core.phase_matrices`: A^m(mu, mu_from) of (1:9), (n, k, 4, 4), cosines positive downward."""
-    table = np.ascontiguousarray(coefficients, dtype=float)
-    to, frm = (np.atleast_1d(np.asarray(cosines, float)) for cosines in (mu, mu_from))
-    both = np.concatenate([to, frm])
-    if table.ndim != 2 or table.shape[1] != 6 or m < 0 or not np.all(np.abs(both) <= 1.0):
-        return _core.phase_matrices(m, table, to, frm)  # it says what is wrong
-    if 0 in (to.size, frm.size, table.shape[0]):
-        return np.zeros((to.size, frm.size, 4, 4))
-    upload, zero = session.constant, session.constant(np.zeros(1, np.int32))
-    one = np.ones(1)
-    materials = upload(table[np.newaxis]), upload(np.array([table.shape[0]], np.int32)), upload(one)
-    what = Scattering(zero, upload(np.full(1, m, np.int32)), zero, (0, 1, 2, 3), *materials)
-    # a node that is not asked for: there has to be one
-    columns = parity_columns(session, what, upload(np.concatenate([one, both])), upload(one), to.size)
-    phi, phi_from = columns.rows(1, 4 * to.size), columns.rows(2, 4 * frm.size)
-    shapes = (4 * frm.size, phi.columns), (4 * to.size, 4 * frm.size)
-    psi, found = (new_stack(session, 1, *shape, bare=True) for shape in shapes)
-    times_coefficients(session, what, columns.counts, phi_from, psi)
-    product_over_columns(session, zero, columns.counts, 2, phi, psi, found, 1.0)
-    flat = download_stack(session, found)[0].T
-    return np.ascontiguousarray(flat.reshape(to.size, 4, frm.size, 4).transpose(0, 2, 1, 3))

@@ -1,8 +1,8 @@
 """What was compiled, kept from process to process in a folder of vrte's own; no other cache is read, mended or removed.
 
 The folder holds one archive with its checksum. A process unpacks it into a folder that nobody else uses, where drivers
-read and write while it runs, and at its end adds what is new: no driver ever meets a damaged or half-written file, or
-one of another account's.
+read and write while it runs, and at its end adds what is new; the next process removes that folder. So no driver ever
+meets a damaged or half-written file, or one of another account's.
 """
 
 import atexit
@@ -107,16 +107,12 @@ def _temporary_folder(unusable: Path, error: OSError) -> Path:
 
 
 def remove_abandoned(kept: Path) -> None:
-    """Folders of processes that were killed: nobody holds their lock."""
+    """Folders of processes that ended: nobody holds their lock."""
     for lock in kept.glob("process-*.lock") if fcntl else ():
         with suppress(OSError), lock.open() as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            _remove(lock.with_suffix(""))
-
-
-def _remove(folder: Path) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.with_suffix(".lock").unlink(missing_ok=True)
+            shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
+            lock.unlink()
 
 
 def read_archive(path: Path) -> dict[str, bytes]:
@@ -153,7 +149,8 @@ def write_archive(path: Path, content: dict[str, bytes]) -> None:
 
 def keep_new(archive: Path, folder: Path, known: set[str], process: int) -> None:
     """At the end of a process, not of one forked from it: what it compiled goes to the archive, beside what others have
-    put there meanwhile; its folder goes."""
+    put there meanwhile. Its folder stays for the next one to remove: a driver may be compiling yet, for a queue that
+    nobody waited for, and would end the process."""
     if os.getpid() != process:
         return
     with suppress(OSError):  # a full disk: compiled again another time
@@ -161,4 +158,5 @@ def keep_new(archive: Path, folder: Path, known: set[str], process: int) -> None
         names = {str(path.relative_to(folder)): path for path in found if not path.name.startswith("tempfile")}
         if set(names) - known:
             write_archive(archive, read_archive(archive) | {name: path.read_bytes() for name, path in names.items()})
-    _remove(folder)
+    if not fcntl:
+        shutil.rmtree(folder, ignore_errors=True)

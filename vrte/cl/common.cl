@@ -13,3 +13,8 @@ typedef double4 loose4 __attribute__((aligned(8)));     // four doubles that beg
 // What kernels take for a stack of matrices and of vectors; where its item begins.
 #define STACK(x) __global double* x, long x##_first, int x##_ld, long x##_stride
 #define OF_ITEM(x) (x + x##_first + item * x##_stride)
+
+// Memory that nothing else of a kernel leads to: what is read, and what is written.
+#define IN __global const double* restrict
+#define INTS __global const int* restrict
+#define OUT __global double* restrict

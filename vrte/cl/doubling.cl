@@ -10,101 +10,59 @@ typedef struct {
     __global double* II;
 } Extended;
 
-#define EXTENDED(x) __global double* x, __global double* x##_OO, int x##_o_stride, __global double* x##_II, int x##_r_stride
+#define SIZES int n, int p, int r, int o, int ld, long stride
+#define EXTENDED(x) __global double* x, __global double* x##_OO, int x##_o_stride, __global double* x##_II, \
+    int x##_r_stride
 #define EXTENDED_AT(x, item) { x + (item) * stride, x##_OO + (item) * (long)x##_o_stride, x##_II + (item) * (long)x##_r_stride }
 
-// c = alpha a b. Global size: strips of 8 rows, 1, items.
-__attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void product_extended(int n, int p, int r, int o, int ld, long stride, double alpha, EXTENDED(a), EXTENDED(b),
-                               EXTENDED(c), __global const int* restrict items)
+// c = alpha a b: added to the product through the nodes is light that goes on straight. Global size: work-items that share
+// the columns, items.
+__kernel void add_straight(SIZES, double alpha, EXTENDED(a), EXTENDED(b), EXTENDED(c), INTS items)
 {
-    const long item = items[get_global_id(2)];
-    const int strip = 8 * get_global_id(0), columns = n + r, inner = n, a_ld = ld, c_ld = ld, b_row = 1, b_column = ld;
-    const Extended A = EXTENDED_AT(a, item), left = EXTENDED_AT(b, item), result = EXTENDED_AT(c, item);
-    __global const double* B = left.M;
-    __global double* C = result.M + strip;
-    for (int j = 0; j < columns; j += TILE_COLUMNS) {
-        __global const double* a = A.M + strip;
-        EACH_COLUMN(COLUMN_OF_B)
-        EACH_COLUMN(NO_SUMS)
-        SUM_TERMS
-        EACH_COLUMN(SCALE_SUMS)
-        EACH_COLUMN(STORE_SUMS)
-    }
-    for (int j = 0; j < r; j++) {     // what arrives goes on straight
-        const double straight = alpha * left.II[j];
-        __global const double* old = A.M + strip + (long)(n + j) * ld;
-        __global double* now = C + (long)(n + j) * ld;
-        PUT(now, 0) = straight * AT(old, 0) + AT(now, 0);
-        PUT(now, 1) = straight * AT(old, 1) + AT(now, 1);
-    }
-    if (strip >= p) {     // what leaves has come straight
-        double4 top = (double4)(0.0), low = (double4)(0.0);
-        for (int i = 0; i < min(8, p + o - strip); i++) {
-            const double straight = alpha * A.OO[strip - p + i];
-            result.OO[strip - p + i] = straight * left.OO[strip - p + i];
-            top = i == 0 ? (double4)(straight, top.yzw) : i == 1 ? (double4)(top.x, straight, top.zw)
-                : i == 2 ? (double4)(top.xy, straight, top.w) : i == 3 ? (double4)(top.xyz, straight) : top;
-            low = i == 4 ? (double4)(straight, low.yzw) : i == 5 ? (double4)(low.x, straight, low.zw)
-                : i == 6 ? (double4)(low.xy, straight, low.w) : i == 7 ? (double4)(low.xyz, straight) : low;
-        }
-        for (int j = 0; j < columns; j++) {
-            __global const double* old = B + strip + (long)j * ld;
-            __global double* now = C + (long)j * ld;
-            PUT(now, 0) = top * AT(old, 0) + AT(now, 0);
-            PUT(now, 1) = low * AT(old, 1) + AT(now, 1);
-        }
-    }
-    if (strip == 0)
-        for (int j = 0; j < r; j++)
-            result.II[j] = alpha * A.II[j] * left.II[j];
-}
-
-// What `product_extended` adds to the product through the nodes: light that goes on straight. Global size: columns, items.
-__kernel void add_straight(int n, int p, int r, int o, int ld, long stride, double alpha, EXTENDED(a), EXTENDED(b),
-                           EXTENDED(c), __global const int* restrict items)
-{
-    const int j = get_global_id(0);
+    const int first = get_global_id(0), step = get_global_size(0);
     const long item = items[get_global_id(1)];
     const Extended A = EXTENDED_AT(a, item), B = EXTENDED_AT(b, item), C = EXTENDED_AT(c, item);
-    __global double* to = C.M + (long)j * ld;
-    if (j >= n)
-        for (int i = 0; i < ld; i++)
-            to[i] += alpha * B.II[j - n] * A.M[(long)j * ld + i];
-    for (int i = 0; i < o; i++)
-        to[p + i] += alpha * A.OO[i] * B.M[(long)j * ld + p + i];
-    for (int i = j; i < o; i += n + r)
+    for (int j = first; j < n + r; j += step) {
+        __global double* to = C.M + (long)j * ld;
+        if (j >= n)
+            for (int i = 0; i < ld / 4; i++)
+                PUT(to, i) = alpha * B.II[j - n] * AT(A.M + (long)j * ld, i) + AT(to, i);
+        for (int i = 0; i < o; i++)
+            to[p + i] += alpha * A.OO[i] * B.M[(long)j * ld + p + i];
+    }
+    for (int i = first; i < o; i += step)
         C.OO[i] = alpha * A.OO[i] * B.OO[i];
-    for (int i = j; i < r; i += n + r)
+    for (int i = first; i < r; i += step)
         C.II[i] = alpha * A.II[i] * B.II[i];
 }
 
-// c = factor[item] a + beta b + gamma 1; factor may be absent (has_factor = 0). Global size: columns, items.
-__kernel void combine(int n, int p, int r, int o, int ld, long stride, int has_factor, __global const double* factor,
-                      double alpha, EXTENDED(a), double beta, EXTENDED(b), double gamma, EXTENDED(c),
-                      __global const int* restrict items)
+// c = factor[item] alpha a + beta b + gamma 1, a being that of item from_item[item]; factor and from_item may be absent.
+// Global size: work-items that share the columns, items.
+__kernel void combine(SIZES, __global const double* factor, double alpha, EXTENDED(a), __global const int* from_item,
+                      double beta, EXTENDED(b), double gamma, EXTENDED(c), INTS items)
 {
-    const int j = get_global_id(0);
-    const long item = items[get_global_id(1)];
-    const Extended A = EXTENDED_AT(a, item), B = EXTENDED_AT(b, item), C = EXTENDED_AT(c, item);
-    const double share = has_factor ? alpha * factor[item] : alpha;
-    __global const double* from = A.M + (long)j * ld;
-    __global const double* other = B.M + (long)j * ld;
-    __global double* to = C.M + (long)j * ld;
-    for (int i = 0; i < ld / 4; i++)
-        PUT(to, i) = beta == 0.0 ? share * AT(from, i) : share * AT(from, i) + beta * AT(other, i);
-    if (j < n)
-        to[j] += gamma;
-    for (int i = j; i < o; i += n + r)
+    const int first = get_global_id(0), step = get_global_size(0);
+    const long item = items[get_global_id(1)], source = from_item ? from_item[item] : item;
+    const Extended A = EXTENDED_AT(a, source), B = EXTENDED_AT(b, item), C = EXTENDED_AT(c, item);
+    const double share = factor ? alpha * factor[item] : alpha;
+    for (int j = first; j < n + r; j += step) {
+        __global const double* from = A.M + (long)j * ld;
+        __global const double* other = B.M + (long)j * ld;
+        __global double* to = C.M + (long)j * ld;
+        for (int i = 0; i < ld / 4; i++)
+            PUT(to, i) = beta == 0.0 ? share * AT(from, i) : share * AT(from, i) + beta * AT(other, i);
+        if (j < n)
+            to[j] += gamma;
+    }
+    for (int i = first; i < o; i += step)
         C.OO[i] = share * A.OO[i] + (beta == 0.0 ? 0.0 : beta * B.OO[i]) + gamma;
-    for (int i = j; i < r; i += n + r)
+    for (int i = first; i < r; i += step)
         C.II[i] = share * A.II[i] + (beta == 0.0 ? 0.0 : beta * B.II[i]) + gamma;
 }
 
 // Before the rest of an inverse is made by products: b's ON = -ON/OO, NI = -NI/II, and of a, whose N is inverted, NI = 0,
 // OI <- -OI/(OO II). Global size: columns, items.
-__kernel void prepare_inverse(int n, int p, int r, int o, int ld, long stride, EXTENDED(a), EXTENDED(b),
-                              __global const int* restrict items)
+__kernel void prepare_inverse(SIZES, EXTENDED(a), EXTENDED(b), INTS items)
 {
     const int j = get_global_id(0);
     const long item = items[get_global_id(1)];
@@ -126,7 +84,7 @@ __kernel void prepare_inverse(int n, int p, int r, int o, int ld, long stride, E
 }
 
 // OO <- 1/OO, II <- 1/II. Global size: items.
-__kernel void invert_straight(int r, int o, long stride, EXTENDED(a), __global const int* restrict items)
+__kernel void invert_straight(SIZES, EXTENDED(a), INTS items)
 {
     const Extended A = EXTENDED_AT(a, (long)items[get_global_id(0)]);
     for (int i = 0; i < o; i++)
@@ -137,18 +95,15 @@ __kernel void invert_straight(int r, int o, long stride, EXTENDED(a), __global c
 
 // E or F with its incident and outgoing directions: the sources with the other sign, no OI. matrix (n, n), G (o, n) and
 // source (n, S n_in) of item `of[item]`. Global size: columns, items.
-__kernel void extend(int n, int p, int r, int o, int ld, long stride, int stokes, int n_col, __global const double* columns,
-                     __global const double* rate_OO, __global const int* of, __global const double* matrix, long m_first,
-                     int m_ld, long m_stride, __global const double* G, long g_first, int g_ld, long g_stride,
-                     __global const double* source, long s_first, int s_ld, long s_stride, __global double* out,
-                     __global const int* restrict items)
+__kernel void extend(SIZES, int stokes, int n_col, __global const double* columns, __global const double* rate_OO,
+                     __global const int* of, STACK(matrix), STACK(G), STACK(source), __global double* out, INTS items)
 {
     const int j = get_global_id(0);
     const long item = items[get_global_id(1)], from = of[item];
     __global double* to = out + item * stride + (long)j * ld;
     if (j < n) {
-        __global const double* column = matrix + m_first + from * m_stride + (long)j * m_ld;
-        __global const double* leading = G + g_first + from * g_stride + (long)j * g_ld;
+        __global const double* column = matrix + matrix_first + from * matrix_stride + (long)j * matrix_ld;
+        __global const double* leading = G + G_first + from * G_stride + (long)j * G_ld;
         for (int i = 0; i < n; i++)
             to[i] = column[i];
         for (int i = 0; i < o; i++)
@@ -156,10 +111,11 @@ __kernel void extend(int n, int p, int r, int o, int ld, long stride, int stokes
         return;
     }
     const int beam = (j - n) / n_col, incident = (j - n) % n_col;
+    source += source_first + from * source_stride + (long)stokes * beam * source_ld;
     for (int i = 0; i < n; i++) {
         double total = 0.0;
         for (int s = 0; s < stokes; s++)
-            total += source[s_first + from * s_stride + (long)(stokes * beam + s) * s_ld + i] * columns[stokes * incident + s];
+            total += source[(long)s * source_ld + i] * columns[stokes * incident + s];
         to[i] = -total;
     }
     for (int i = 0; i < o; i++)
@@ -168,12 +124,11 @@ __kernel void extend(int n, int p, int r, int o, int ld, long stride, int stokes
 
 // The sums over a column's |elements| or the largest of them, of a part with `rows` rows; sizes (item, columns). Global
 // size: columns, items.
-__kernel void column_sizes(int rows, int columns, int sum, __global const double* M, long first, int ld, long stride,
-                           __global double* sizes, __global const int* restrict items)
+__kernel void column_sizes(int rows, int columns, int sum, STACK(M), __global double* sizes, INTS items)
 {
     const int j = get_global_id(0);
     const long item = items[get_global_id(1)];
-    __global const double* column = M + first + item * stride + (long)j * ld;
+    __global const double* column = OF_ITEM(M) + (long)j * M_ld;
     double total = 0.0, largest = 0.0;
     for (int i = 0; i < rows; i++) {
         const double size = fabs(column[i]);
@@ -184,7 +139,7 @@ __kernel void column_sizes(int rows, int columns, int sum, __global const double
 }
 
 // The largest of n sizes. Global size: items.
-__kernel void largest_size(int n, __global const double* sizes, __global double* largest, __global const int* restrict items)
+__kernel void largest_size(int n, __global const double* sizes, __global double* largest, INTS items)
 {
     const long item = items[get_global_id(0)];
     double found = 0.0;
@@ -194,8 +149,7 @@ __kernel void largest_size(int n, __global const double* sizes, __global double*
 }
 
 // How far Zo Ze is from 1 on the diagonal, `axis` left out where skip[item]. Global size: items.
-__kernel void diagonal_gap(int n, int r, int o, int ld, long stride, int axis, __global const int* skip, EXTENDED(a),
-                           __global double* gap, __global const int* restrict items)
+__kernel void diagonal_gap(SIZES, int axis, __global const int* skip, EXTENDED(a), __global double* gap, INTS items)
 {
     const long item = items[get_global_id(0)];
     const Extended A = EXTENDED_AT(a, item);
@@ -218,8 +172,8 @@ double straight_light(int kind, double x)
     return kind == 0 ? tanh(x) : kind == 1 ? 4.0 * fading / ((1.0 + fading) * (1.0 + fading)) : kind == 2 ? exp(-x) : 0.0;
 }
 
-__kernel void go_straight(int r, int o, long stride, int kind, __global const double* h, __global const double* rate_OO,
-                          __global const double* rate_II, EXTENDED(a), __global const int* restrict items)
+__kernel void go_straight(SIZES, int kind, __global const double* h, __global const double* rate_OO,
+                          __global const double* rate_II, EXTENDED(a), INTS items)
 {
     const long item = items[get_global_id(0)];
     const Extended A = EXTENDED_AT(a, item);
@@ -230,8 +184,7 @@ __kernel void go_straight(int r, int o, long stride, int kind, __global const do
 }
 
 // Order 0: (1 - v v^T) from the left, on the first n rows of any column. Global size: columns, items.
-__kernel void turn_columns(int n, int ld, long stride, int stokes, __global const double* v, __global double* M,
-                           __global const int* restrict items)
+__kernel void turn_columns(SIZES, int stokes, __global const double* v, __global double* M, INTS items)
 {
     __global double* column = M + items[get_global_id(1)] * stride + (long)get_global_id(0) * ld;
     double total = 0.0;
@@ -242,8 +195,7 @@ __kernel void turn_columns(int n, int ld, long stride, int stokes, __global cons
 }
 
 // The same from the right, on the first n columns of eight rows. Global size: strips of 8 rows, items.
-__kernel void turn_rows(int n, int ld, long stride, int stokes, __global const double* v, __global double* M,
-                        __global const int* restrict items)
+__kernel void turn_rows(SIZES, int stokes, __global const double* v, __global double* M, INTS items)
 {
     __global double* row = M + items[get_global_id(1)] * stride + 8 * get_global_id(0);
     double4 top = (double4)(0.0), low = (double4)(0.0);
@@ -261,9 +213,9 @@ __kernel void turn_rows(int n, int ld, long stride, int stokes, __global const d
 
 // The flux's row and column of the turned E, known exactly: clear_row (n,) is what they are without scattering; size:
 // the length of sqrt(weight mu). Global size: items.
-__kernel void conserve(int n, int p, int r, int o, int ld, long stride, int stokes, int n_col, int axis, double size,
-                       __global const double* clear_row, __global const double* columns, __global const double* rate_OO,
-                       __global const double* albedo, __global double* e, __global const int* restrict items)
+__kernel void conserve(SIZES, int stokes, int n_col, int axis, double size, __global const double* clear_row,
+                       __global const double* columns, __global const double* rate_OO, __global const double* albedo,
+                       __global double* e, INTS items)
 {
     const long item = items[get_global_id(0)];
     __global double* M = e + item * stride;
@@ -278,8 +230,7 @@ __kernel void conserve(int n, int p, int r, int o, int ld, long stride, int stok
 }
 
 // Reciprocity: the flux's column of Zo from its row; rounding there would double at each step. Global size: items.
-__kernel void mirror_flux(int n, int ld, long stride, int axis, int v_place, int stokes, __global double* Zo,
-                          __global const int* restrict items)
+__kernel void mirror_flux(SIZES, int axis, int v_place, int stokes, __global double* Zo, INTS items)
 {
     __global double* M = Zo + items[get_global_id(0)] * stride;
     for (int i = 0; i < n; i++) {
@@ -288,30 +239,9 @@ __kernel void mirror_flux(int n, int ld, long stride, int axis, int v_place, int
     }
 }
 
-// What is lost of the flux: factor times its row of R. Global size: items.
-__kernel void flux_row(int n, int ld, long stride, int axis, double factor, __global const double* R, __global double* lost,
-                       __global const int* restrict items)
-{
-    const long item = items[get_global_id(0)];
-    for (int i = 0; i < n; i++)
-        lost[item * n + i] = factor * R[item * stride + (long)i * ld + axis];
-}
-
-// e, f <- (e + f)/2, (e - f)/2. Global size: columns, items.
-__kernel void half_sum_and_difference(int ld, long stride, __global double* e, __global double* f,
-                                      __global const int* restrict items)
-{
-    const long first = items[get_global_id(1)] * stride + (long)get_global_id(0) * ld;
-    for (int i = 0; i < ld / 4; i++) {
-        const double4 one = AT(e + first, i), other = AT(f + first, i);
-        PUT(e + first, i) = 0.5 * (one + other);
-        PUT(f + first, i) = 0.5 * (one - other);
-    }
-}
-
-// to's NI = alpha NI + what b's NI lets through straight t.II; to's ON = straight t.OO b's ON. Global size: columns, items.
-__kernel void lead_straight(int n, int p, int o, int ld, long stride, __global const double* b, __global const double* t_OO,
-                            __global const double* t_II, int r, __global double* to, __global const int* restrict items)
+// to's NI = b's NI times the straight t.II; to's ON = the straight t.OO times b's ON. Global size: columns, items.
+__kernel void lead_straight(SIZES, __global const double* b, __global const double* t_OO, __global const double* t_II,
+                            __global double* to, INTS items)
 {
     const int j = get_global_id(0);
     const long item = items[get_global_id(1)], first = item * stride + (long)j * ld;
@@ -324,8 +254,8 @@ __kernel void lead_straight(int n, int p, int o, int ld, long stride, __global c
 }
 
 // OI <- OI/(1/mu + 1/mu0). Global size: incident columns, items.
-__kernel void divide_by_rates(int n, int p, int o, int ld, long stride, __global const double* rate_OO,
-                              __global const double* rate_II, __global double* R, __global const int* restrict items)
+__kernel void divide_by_rates(SIZES, __global const double* rate_OO, __global const double* rate_II, __global double* R,
+                              INTS items)
 {
     const int j = get_global_id(0);
     __global double* column = R + items[get_global_id(1)] * stride + (long)(n + j) * ld + p;
@@ -333,18 +263,9 @@ __kernel void divide_by_rates(int n, int p, int o, int ld, long stride, __global
         column[i] /= rate_OO[i] + rate_II[j];
 }
 
-// c = alpha a + beta b on some rows and columns from a row that is a multiple of 8. Global size: columns, items.
-__kernel void add_blocks(int rows, int ld, long stride, int row, int column, double alpha, __global const double* a,
-                         double beta, __global const double* b, __global double* c, __global const int* restrict items)
-{
-    const long first = items[get_global_id(1)] * stride + (long)(column + get_global_id(0)) * ld + row;
-    for (int i = 0; i < rows; i++)
-        c[first + i] = alpha * a[first + i] + (beta == 0.0 ? 0.0 : beta * b[first + i]);
-}
-
 // A slab without scattering: exp(-thickness/mu) on the diagonal of T. Global size: items.
-__kernel void clear_nodes(int n, int ld, long stride, int stokes, __global const double* thickness,
-                          __global const double* nodes, __global double* T, __global const int* restrict items)
+__kernel void clear_nodes(SIZES, int stokes, __global const double* thickness, __global const double* nodes,
+                          __global double* T, INTS items)
 {
     const long item = items[get_global_id(0)];
     for (int i = 0; i < n; i++)

@@ -6,15 +6,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.cl.matrices import PANEL, STRIP, Stack, invert, padded, product
-from vrte.cl.session import Session
+from vrte.cl.matrices import PANEL, Stack, invert, padded, product, stack_in
+from vrte.cl.session import Placed, Session
 
 BoolArray = NDArray[np.bool_]
+SHARING = 8
 TANH, COMPLEMENT, FADE, NOTHING = 0, 1, 2, 3  # kinds of `go_straight`
 
 
 @dataclass(frozen=True)
-class Sizes:
+class Sizes(Placed):
     """n unknowns of a hemisphere, r incident columns, o outgoing rows, S Stokes parameters a direction."""
 
     n: int
@@ -38,18 +39,18 @@ class Sizes:
         return self.n + self.r
 
     @property
-    def stride(self) -> int:
-        """Doubles of an item."""
-        return self.ld * self.columns
+    def axis(self) -> int:
+        """The axis that carries the flux once order 0 is turned: I of the last node."""
+        return self.n - self.stokes
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """As kernels take them."""
-        return (*map(np.int32, (self.n, self.p, self.r, self.o, self.ld)), np.int64(self.stride))
+    def place(self) -> tuple[Any, ...]:
+        """And the doubles of an item."""
+        return self.n, self.p, self.r, self.o, self.ld, self.ld * self.columns
 
 
 @dataclass(frozen=True, eq=False)
-class Extended:
+class Extended(Placed):
     """A stack of such matrices: data, and OO (o,) and II (r,) of each item, or, ``shared``, the same for all."""
 
     sizes: Sizes
@@ -59,15 +60,14 @@ class Extended:
     shared: bool = False
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """As kernels take them."""
+    def place(self) -> tuple[Any, ...]:
+        """Memory of each, and how far items' OO and II are apart."""
         o, r = (0, 0) if self.shared else (self.sizes.o, self.sizes.r)
-        return self.data, self.OO, np.int32(o), self.II, np.int32(r)
+        return self.data, self.OO, o, self.II, r
 
     def part(self, row: int, column: int, rows: int, columns: int) -> Stack:
         """A block of every matrix."""
-        s = self.sizes
-        return Stack(self.data, s.ld, s.columns, s.ld, s.stride).part(row, column, rows, columns)
+        return stack_in(self.data, self.sizes.ld, self.sizes.columns).part(row, column, rows, columns)
 
     @property
     def N(self) -> Stack:
@@ -91,13 +91,19 @@ class Extended:
 
 
 class Algebra:
-    """What is done to extended matrices of one size: scratch memory for `items` of them, and lists of items."""
+    """What is done to stacks of ``items`` matrices, those ``chosen`` by (item,) of bool, and to extended ones of one
+    size."""
 
     def __init__(self, session: Session, sizes: Sizes, items: int) -> None:
         self.session, self.sizes, self.items = session, sizes, items
         self.rest = session.empty((items, PANEL * sizes.n))
         self.pivots = session.empty((items, sizes.n), np.int32)
         self.info = session.zeros((items,), np.int32)
+
+    @property
+    def sharing(self) -> int:
+        """Work-items that share the columns of a matrix: few on a processor, where each costs time."""
+        return min(self.sizes.columns, SHARING) if self.session.form == "cpu" else self.sizes.columns
 
     def new(self) -> Extended:
         """Zeros."""
@@ -106,27 +112,47 @@ class Algebra:
         return Extended(s, zeros((self.items, max(1, s.columns), s.ld)), *straight)
 
     def where(self, chosen: BoolArray) -> Any:
-        """The items chosen, (item,) of bool, as kernels take them."""
+        """The items chosen, as kernels take them."""
         return self.session.constant(np.flatnonzero(chosen).astype(np.int32))
 
-    def columns_of(self, items: Any) -> tuple[int, int]:
-        """The size of a launch over columns."""
-        return self.sizes.columns, items.size
+    def launch(self, name: str, chosen: BoolArray, *arguments: Any, columns: int | None = None) -> None:
+        """A kernel over items, or over ``columns`` of each."""
+        items = self.where(chosen)
+        self.session.launch(name, (items.size,) if columns is None else (columns, items.size), *arguments, items)
 
-    def product(self, items: Any, alpha: float, a: Extended, b: Extended, c: Extended) -> None:
+    def multiply(self, chosen: BoolArray, a: Stack, b: Stack, c: Stack, alpha: float = 1.0, beta: float = 0.0) -> None:
+        """c = alpha a b + beta c, stacks; c is neither a nor b."""
+        product(self.session, self.where(chosen), a, b, c, alpha, beta)
+
+    def blend(
+        self,
+        chosen: BoolArray,
+        alpha: float,
+        a: Stack,
+        out: Stack,
+        beta: float = 0.0,
+        b: Stack | None = None,
+        gamma: float = 0.0,
+        places: Any = None,
+    ) -> None:
+        """out = alpha a + beta b + gamma 1, stacks; places (item,): of which item a is taken."""
+        arguments = out.rows, alpha, a, places, beta, out if b is None else b, gamma, out
+        self.launch("blend", chosen, *arguments, columns=out.columns)
+
+    def invert_stack(self, chosen: BoolArray, a: Stack) -> None:
+        """a <- a^-1."""
+        invert(self.session, self.where(chosen), a, self.rest, self.pivots, self.info)
+
+    def product(self, chosen: BoolArray, alpha: float, a: Extended, b: Extended, c: Extended) -> None:
         """c = alpha a b; c is neither a nor b."""
         s = self.sizes
-        arguments = (*s.arguments, np.float64(alpha), *a.arguments, *b.arguments, *c.arguments, items)
-        if self.session.form == "cpu":
-            self.session.launch("product_extended", (s.ld // STRIP, 1, items.size), *arguments)
-            return
-        left, right = a.part(0, 0, s.ld, s.n), b.part(0, 0, s.n, s.columns)
-        product(self.session, items, left, right, c.part(0, 0, s.ld, s.columns), alpha)
-        self.session.launch("add_straight", self.columns_of(items), *arguments)
+        whole = c.part(0, 0, s.ld, s.columns)
+        self.multiply(chosen, a.part(0, 0, s.ld, s.n), b.part(0, 0, s.n, s.columns), whole, alpha)
+        self.launch("add_straight", chosen, s, alpha, a, b, c, columns=self.sharing)
 
     def combine(
         self,
-        items: Any,
+        chosen: BoolArray,
         alpha: float,
         a: Extended,
         c: Extended,
@@ -134,61 +160,49 @@ class Algebra:
         b: Extended | None = None,
         gamma: float = 0.0,
         factor: Any = None,
+        places: Any = None,
     ) -> None:
-        """c = factor alpha a + beta b + gamma 1; factor (item,) on the device."""
-        other = a if b is None else b
-        arguments = (
-            *self.sizes.arguments,
-            *(np.int32(factor is not None), a.OO if factor is None else factor, np.float64(alpha)),
-            *a.arguments,
-            np.float64(beta),
-            *other.arguments,
-            np.float64(gamma),
-            *c.arguments,
-            items,
-        )
-        self.session.launch("combine", self.columns_of(items), *arguments)
+        """c = factor alpha a + beta b + gamma 1; factor (item,); places (item,): of which item a is taken."""
+        arguments = self.sizes, factor, alpha, a, places, beta, c if b is None else b, gamma, c
+        self.launch("combine", chosen, *arguments, columns=self.sharing)
 
-    def invert(self, items: Any, a: Extended, spare: Extended) -> None:
+    def invert(self, chosen: BoolArray, a: Extended, spare: Extended) -> None:
         """a <- a^-1."""
         s = self.sizes
-        invert(self.session, items, a.N, self.rest, self.pivots, self.info)
+        self.invert_stack(chosen, a.N)
         if s.o + s.r == 0:
             return
-        self.session.launch(
-            "prepare_inverse", self.columns_of(items), *s.arguments, *a.arguments, *spare.arguments, items
-        )
-        if s.o:
-            product(self.session, items, spare.ON, a.N, a.ON)
-        if s.r:
-            whole = a.part(0, s.n, s.p + s.o, s.r)
-            product(self.session, items, a.part(0, 0, s.p + s.o, s.n), spare.NI, whole, beta=1.0)
-        each = np.int32(s.r), np.int32(s.o), np.int64(s.stride)
-        self.session.launch("invert_straight", (items.size,), *each, *a.arguments, items)
+        self.launch("prepare_inverse", chosen, s, a, spare, columns=s.columns)
+        self.multiply(chosen, spare.ON, a.N, a.ON)
+        whole = a.part(0, s.n, s.p + s.o, s.r)
+        self.multiply(chosen, a.part(0, 0, s.p + s.o, s.n), spare.NI, whole, beta=1.0)
+        self.launch("invert_straight", chosen, s, a)
 
-    def go_straight(self, items: Any, kind: int, h: Any, rate: Extended, a: Extended) -> None:
+    def go_straight(self, chosen: BoolArray, kind: int, h: Any, rate: Extended, a: Extended) -> None:
         """OO and II of light that is not scattered, over h."""
-        s = self.sizes
-        each = np.int32(s.r), np.int32(s.o), np.int64(s.stride), np.int32(kind)
-        self.session.launch("go_straight", (items.size,), *each, h, rate.OO, rate.II, *a.arguments, items)
+        self.launch("go_straight", chosen, self.sizes, kind, h, rate.OO, rate.II, a)
 
-    def largest(self, items: Any, a: Stack, sums: bool = False) -> Any:
+    def largest(self, chosen: BoolArray, a: Stack, sums: bool = False) -> Any:
         """Of a's elements, or of the sums over its columns, (item,) on the device."""
         sizes, found = self.session.empty((self.items, a.columns)), self.session.zeros((self.items,))
-        rows, columns = np.int32(a.rows), np.int32(a.columns)
-        self.session.launch(
-            "column_sizes", (a.columns, items.size), rows, columns, np.int32(sums), *a.place, sizes, items
-        )
-        self.session.launch("largest_size", (items.size,), columns, sizes, found, items)
+        self.launch("column_sizes", chosen, a.rows, a.columns, sums, a, sizes, columns=a.columns)
+        self.launch("largest_size", chosen, a.columns, sizes, found)
         return found
-
-    def each_column(self, name: str, columns: int, items: Any, *arguments: Any) -> None:
-        """A launch over columns."""
-        self.session.launch(name, (columns, items.size), *arguments, items)
 
     def replace(self, chosen: BoolArray, old: Extended, new: Extended) -> tuple[Extended, Extended]:
         """`new` in the place of `old` for the items chosen, and what is free now: exchanged where all are chosen."""
         if chosen.all():
             return new, old
-        self.combine(self.where(chosen), 1.0, new, old)
+        self.combine(chosen, 1.0, new, old)
         return old, new
+
+
+def row_in(data: Any) -> Stack:
+    """Rows (item, n) on the device as a stack of matrices of one row."""
+    n = data.shape[1]
+    return Stack(data, 1, n, 1, n)
+
+
+def row_of(a: Stack, row: int) -> Stack:
+    """A row of every matrix, as the same."""
+    return Stack(a.data, 1, a.columns, a.ld, a.stride, a.first + row)

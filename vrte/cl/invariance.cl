@@ -16,8 +16,7 @@ typedef struct
 
 // mu of a direction at each of its Stokes parameters, minus where that is V (`v_place`); up to the next multiple of 8 the
 // last one again. Global size: 1.
-__kernel void cosines_of_rows(int n_mu, int stokes, int v_place, __global const double* restrict mu, int first,
-                              __global double* restrict out)
+__kernel void cosines_of_rows(int n_mu, int stokes, int v_place, IN mu, int first, OUT out)
 {
     for (int i = 0; i < next_strip(stokes * n_mu); i++) {
         const double cosine = mu[first + min(i / stokes, n_mu - 1)];
@@ -26,7 +25,7 @@ __kernel void cosines_of_rows(int n_mu, int stokes, int v_place, __global const 
 }
 
 // rate (item,): what a step gains at least, the largest albedo |B_l| / (2 l + 1). Global size: items.
-__kernel void invariance_rate(SCATTERING, __global double* restrict rate, __global const int* restrict items)
+__kernel void invariance_rate(SCATTERING, OUT rate, INTS items)
 {
     const int item = items[get_global_id(0)], of = material[item];
     double largest = 0.0;
@@ -127,8 +126,8 @@ Settling judged(int step, const double* found, double rate, double tolerance, Se
 }
 
 // The double4 k of the next R: shares of what the last steps led to.
-double4 mixed(const double* share, __global const double* led, __global const double* led_1, __global const double* led_2,
-              int k)
+double4 mixed(const double* share, __global const double* led, __global const double* led_1,
+              __global const double* led_2, int k)
 {
     double4 value = share[0] * AT(led, k);
     if (share[1] != 0.0)
@@ -217,16 +216,14 @@ int dealt(int work_item, int number, int units)
 // Matrices like R: that itself, where the last three steps led and by how much they moved, the latest first.
 #define STEPS __global double* R, __global double* led, __global double* led_1, __global double* led_2, \
     __global double* moved, __global double* moved_1, __global double* moved_2
-#define JUDGED __global const double* restrict rate, __global const double* restrict tolerance, \
-    __global double* restrict residual, __global int* restrict steps
+#define JUDGED IN rate, IN tolerance, OUT residual, __global int* restrict steps
 
 // As many fixed points as an item needs, all by one work-item, as a CPU wants it: R, H and what is missing of it.
 // Global size: items.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void invariance_settle(SCATTERING, int units, int most, int strips, int symmetric, int n,
-                                __global const int* restrict counts, __global const double* restrict row_mu,
-                                __global const double* restrict signed_mu, STACK(phi), STACK(nodes_H), STEPS, STACK(H),
-                                int h_columns, __global double* HC, JUDGED, __global const int* restrict items)
+__kernel void invariance_settle(SCATTERING, int units, int most, int strips, int symmetric, int n, INTS counts,
+                                IN row_mu, IN signed_mu, STACK(phi), STACK(nodes_H), STEPS, STACK(H), int h_columns,
+                                __global double* HC, JUDGED, INTS items)
 {
     const long item = items[dealt(get_global_id(0), get_global_size(0), units)], place = item * strips * STRIP * n;
     const int columns = number_of_columns(counts, item, 2), of = material[item];
@@ -281,13 +278,9 @@ __kernel void invariance_settle(SCATTERING, int units, int most, int strips, int
 // up (item, beam, column, S n_out) from Ruu (u, u), all but what is scattered once, not yet over the rates, divided by mu;
 // on_nodes (item, beam, column, n) = Q Ru^T Q. Ru: `strip_step` from a strip to the next, `column_step` from column to
 // column. Global size: pieces of `each` of the S n_out + n numbers of a column, beams, items.
-__kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col,
-                                 __global const double* restrict off_mu, __global const int* restrict out,
-                                 __global const int* restrict into, __global const double* restrict columns,
-                                 STACK(Ruu),
-                                 __global const double* restrict Ru, int strip_step, int column_step, long stride,
-                                 __global double* restrict up, __global double* restrict on_nodes,
-                                 __global const int* restrict items)
+__kernel void invariance_results(int n, int each, int stokes, int v_place, int n_out, int n_col, IN off_mu, INTS out,
+                                 INTS into, IN columns, STACK(Ruu), IN Ru, int strip_step, int column_step, long stride,
+                                 OUT up, OUT on_nodes, INTS items)
 {
     const long item = items[get_global_id(2)], beam = get_global_id(1), n_in = get_global_size(1);
     const int from = stokes * into[beam], n_up = stokes * n_out;
@@ -342,11 +335,8 @@ __kernel void invariance_results(int n, int each, int stokes, int v_place, int n
 // As `step_of_strip`, of a tile; found (item, tile, 5). Global size: 16 work-items a tile of 64 rows, 16 a tile of 64
 // columns, items.
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
-__kernel void invariance_step_gpu(int ld, int n, __global const int* restrict counts,
-                                  __global const double* restrict row_mu, __global const double* restrict signed_mu,
-                                  __global const double* restrict HC, STACK(H), int h_columns, STEPS,
-                                  __global double* restrict found, __global const int* restrict state,
-                                  __global const int* restrict items)
+__kernel void invariance_step_gpu(int ld, int n, INTS counts, IN row_mu, IN signed_mu, IN HC, STACK(H), int h_columns,
+                                  STEPS, OUT found, INTS state, INTS items)
 {
     __local double a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1], sums[5][GPU_LANES];
     const long item = items[get_global_id(2)], place = item * ld * n;
@@ -381,9 +371,8 @@ __kernel void invariance_step_gpu(int ld, int n, __global const int* restrict co
 }
 
 // Global size: items.
-__kernel void invariance_judge(int step, int most, int tiles, __global const double* restrict found, JUDGED,
-                               __global Settling* restrict settling, __global int* restrict state,
-                               __global const int* restrict items)
+__kernel void invariance_judge(int step, int most, int tiles, IN found, JUDGED, __global Settling* restrict settling,
+                               __global int* restrict state, INTS items)
 {
     const long item = items[get_global_id(0)];
     if (state[item] != RUNNING) {
@@ -410,8 +399,8 @@ __kernel void invariance_judge(int step, int most, int tiles, __global const dou
 }
 
 // R of the last steps, zero at the start. Global size: elements of a matrix rounded up, items.
-__kernel void invariance_mix(int starting, int size, STEPS, __global const Settling* restrict settling,
-                             __global const int* restrict state, __global const int* restrict items)
+__kernel void invariance_mix(int starting, int size, STEPS, __global const Settling* restrict settling, INTS state,
+                             INTS items)
 {
     const long item = items[get_global_id(1)], k = item * size + get_global_id(0);
     if (get_global_id(0) >= size || state[item] == LEFT)
@@ -433,9 +422,7 @@ __kernel void invariance_mix(int starting, int size, STEPS, __global const Settl
 
 // H = +-phi + R phi_nodes. Global size: 16 work-items a tile of 64 rows, 16 a tile of 64 columns, items.
 __attribute__((reqd_work_group_size(GPU_GROUP, GPU_GROUP, 1)))
-__kernel void invariance_renew_gpu(int starting, int n, __global const int* restrict counts, STACK(phi),
-                                   __global const double* restrict R, STACK(H), __global const int* restrict state,
-                                   __global const int* restrict items)
+__kernel void invariance_renew_gpu(int starting, int n, INTS counts, STACK(phi), IN R, STACK(H), INTS state, INTS items)
 {
     __local double a_tile[GPU_DEPTH][GPU_TILE], b_tile[GPU_DEPTH][GPU_TILE + 1];
     const long item = items[get_global_id(2)];

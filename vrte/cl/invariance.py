@@ -63,7 +63,7 @@ class Judged(Placed):
     @property
     def place(self) -> tuple[Any, ...]:
         """In that order."""
-        return tuple(array.data for array in vars(self).values())
+        return tuple(vars(self).values())
 
 
 def reflect_endless(

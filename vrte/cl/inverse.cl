@@ -75,8 +75,7 @@ void eliminate_rest(int n, int first, int last, __global double* M, int ld, __gl
 }
 
 // M <- M^-1, M (n, n); rest: (n, 16) an item; pivots (n,) an item; info: 0, or 1 where M is singular. Global size: items.
-#define INVERSE int n, STACK(M), __global double* restrict rest, __global int* restrict pivots, __global int* restrict info, \
-    __global const int* restrict items
+#define INVERSE int n, STACK(M), OUT rest, __global int* restrict pivots, __global int* restrict info, INTS items
 #define OF_MATRIX(place) \
     const long item = items[place]; \
     const int ld = M_ld; \

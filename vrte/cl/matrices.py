@@ -45,7 +45,7 @@ class Stack(Placed):
     @property
     def place(self) -> tuple[Any, ...]:
         """Memory, first double, distance of columns and of items."""
-        return self.data.data, self.first, self.ld, self.stride
+        return self.data, self.first, self.ld, self.stride
 
 
 def stack_in(data: Any, rows: int, columns: int) -> Stack:

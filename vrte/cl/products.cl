@@ -53,9 +53,8 @@ int number_of_columns(__global const int* counts, long item, int part)
 // C = alpha A B + beta C; A (rows, inner), B's element (k, j) at k b_row + j b_column (so that either factor may be a
 // transpose), C (rows, columns), rows with their padding. Where part is not -1, the sum is over A's columns and B's rows
 // of that part.
-#define PRODUCT int rows, int each, int columns, int all, double alpha, double beta, int part, \
-    __global const int* restrict counts, STACK(A), __global const double* B, long B_first, int b_row, int b_column, \
-    long B_stride, STACK(C), __global const int* restrict items
+#define PRODUCT int rows, int each, int columns, int all, double alpha, double beta, int part, INTS counts, STACK(A), \
+    __global const double* B, long B_first, int b_row, int b_column, long B_stride, STACK(C), INTS items
 #define FACTORS \
     const long item = items[get_global_id(2)]; \
     const int inner = part < 0 ? all : number_of_columns(counts, item, part); \

@@ -6,6 +6,10 @@
 
 #define BLOCK 32      // modes that are summed over at once, one more where a pair would be cut
 
+// Modes of a layer, and how many there are of all else; what all orders share.
+#define COUNTS int n, int stokes, int n_up, int n_layer, int n_level, int n_in, int n_rhs
+#define PLACES IN thickness, IN above, IN mu0, IN mu_out, IN level, INTS level_layer
+
 // Up to four Stokes components of a direction, or rows.
 double4 stokes_at(int stokes, __global const double* p)
 {
@@ -29,9 +33,7 @@ void put_stokes(int stokes, __global double* p, double4 value)
 // rows), X (item, n, n). Where a strip is longer than what is left of its column it reads into the next ones, but not
 // behind the last. Global size: strips of 8 rows, items, 2.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void light_of_modes(int n, int rows, int ld, __global const double* restrict G_E,
-                             __global const double* restrict G_F, __global const double* restrict X,
-                             __global const double* restrict Y, __global double* restrict lit)
+__kernel void light_of_modes(COUNTS, int rows, int ld, IN G_E, IN G_F, IN X, IN Y, OUT lit)
 {
     const long item = get_global_id(1), first = 8 * get_global_id(0);
     const int columns = n, c_ld = ld, b_column = n, b_row = 1, left = rows - (int)first;
@@ -61,11 +63,7 @@ __kernel void light_of_modes(int n, int rows, int ld, __global const double* res
 // fed (order, stop, n_rhs, n) = c D(depth of the stop), nothing where that is 0 or infinite.
 // Global size: stops, n_in, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void feed_modes(int n, int n_layer, int n_level, int n_rhs, __global const double* restrict lam_re,
-                         __global const double* restrict lam_im, __global const double* restrict c,
-                         __global const double* restrict mu0, __global const double* restrict thickness,
-                         __global const double* restrict level, __global const int* restrict level_layer,
-                         __global double* restrict fed)
+__kernel void feed_modes(COUNTS, IN lam_re, IN lam_im, IN c, PLACES, OUT fed)
 {
     const int stop = get_global_id(0), beam = get_global_id(1), per_beam = n_rhs / get_global_size(1);
     const int layer = stop < n_level ? level_layer[stop] : stop - n_level;
@@ -306,16 +304,8 @@ Way way_to(int upward, int fading, double mu, double thickness, double above, do
 // into part (order, layer, n_rhs, rows) at a face. lit, fed: of `light_of_modes`, `feed_modes`; fades (order, layer).
 // Global size: n_out, stops, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void sum_sources(int n, int stokes, int n_up, int ld, int n_layer, int n_level, int n_in, int n_rhs,
-                          __global const double* restrict lit, __global const double* restrict lam_re,
-                          __global const double* restrict lam_im, __global const int* restrict fades,
-                          __global const double* restrict even, __global const double* restrict odd,
-                          __global const double* restrict c, __global const double* restrict zeta,
-                          __global const double* restrict fed, __global const double* restrict thickness,
-                          __global const double* restrict above, __global const double* restrict mu0,
-                          __global const double* restrict mu_out, __global const double* restrict level,
-                          __global const int* restrict level_layer, __global double* restrict out,
-                          __global double* restrict part)
+__kernel void sum_sources(COUNTS, int ld, IN lit, IN lam_re, IN lam_im, INTS fades, IN even, IN odd, IN c, IN zeta,
+                          IN fed, PLACES, OUT out, OUT part)
 {
     const int place = get_global_id(0), stop = get_global_id(1), upward = place < n_up, at_face = stop >= n_level;
     const int rows = stokes * get_global_size(0), layer = at_face ? stop - n_level : level_layer[stop];
@@ -368,14 +358,9 @@ __kernel void sum_sources(int n, int stokes, int n_up, int ld, int n_layer, int 
 // Adds what enters each layer, attenuated: from the base, base_out (row, n, rows) times base_down (order, n_rhs, n), a
 // row of -1 for none, up through the layers, and from the top down. Global size: n_out, n_rhs, orders.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void pass_layers(int n, int stokes, int n_up, int n_layer, int n_level,
-                          __global const double* restrict base_down, __global const int* restrict base_row,
-                          __global const double* restrict base_out, __global const double* restrict thickness,
-                          __global const double* restrict mu_out, __global const double* restrict level,
-                          __global const int* restrict level_layer, __global double* restrict out,
-                          __global const double* restrict part)
+__kernel void pass_layers(COUNTS, IN base_down, INTS base_row, IN base_out, PLACES, OUT out, IN part)
 {
-    const int place = get_global_id(0), r = get_global_id(1), upward = place < n_up, n_rhs = get_global_size(1);
+    const int place = get_global_id(0), r = get_global_id(1), upward = place < n_up;
     const int rows = stokes * get_global_size(0);
     const long order = get_global_id(2), here = (long)r * rows + stokes * place, size = (long)n_rhs * rows;
     const double mu = mu_out[place];

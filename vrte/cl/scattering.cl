@@ -106,13 +106,8 @@ void see_columns(const double4* f, const double4* turns, int n_col, __global con
 // place (n_col,) in the result's last axis; the others as `add_orders`, a tile being four angles.
 // Global size: n_mu / mu_each, tiles of angles / tiles_each, scenes times n_here.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void add_scattering(__global const int* restrict first_table, __global const double* restrict tables,
-                             long table_stride, __global const int* restrict terms,
-                             __global const double* restrict path, __global const double* restrict mu0,
-                             __global const double* restrict mu, __global const double* restrict cos_phi,
-                             __global const double* restrict sin_phi, int n_col,
-                             __global const double* restrict columns, __global const int* restrict kind,
-                             __global const int* restrict place, WHERE_OUT)
+__kernel void add_scattering(INTS first_table, IN tables, long table_stride, INTS terms, IN path, IN mu0, IN mu,
+                             IN cos_phi, IN sin_phi, int n_col, IN columns, INTS kind, INTS place, WHERE_OUT)
 {
     const int i = first_in + get_global_id(2) % n_here, last_mu = min(n_mu, (int)(get_global_id(0) + 1) * mu_each);
     const int last_tile = min((n_angle + 3) / 4, (int)(get_global_id(1) + 1) * tiles_each);

@@ -3,7 +3,8 @@
 import math
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any
@@ -43,7 +44,7 @@ class Placed:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """Those arguments: memory and numbers."""
+        """Those arguments."""
         raise NotImplementedError
 
 
@@ -169,19 +170,29 @@ class Session:
         if 0 in size:
             return
         self._check_process()
-        plain: list[Any] = []
-        for argument in arguments:
-            if isinstance(argument, Placed):
-                plain += argument.place
-            else:
-                plain.append(argument)
-        self.kernels[name](self.queue, size, group or (1,) * len(size), *plain)
+        self.kernels[name](self.queue, size, group or (1,) * len(size), *plain(arguments))
 
     def local_memory(self, size: int) -> Any:
         """An argument of a kernel: so many bytes of local memory for each work-group."""
         import pyopencl
 
         return pyopencl.LocalMemory(size)
+
+    @contextmanager
+    def lent(self, values: Array, written: bool = True) -> Iterator[Any]:
+        """The caller's own memory as the device's, which a processor need not copy; what kernels have ``written`` to it
+        is seen when the block is left."""
+        import pyopencl
+
+        flags = pyopencl.mem_flags
+        access = flags.READ_WRITE if written else flags.READ_ONLY
+        buffer = pyopencl.Buffer(self.context, access | flags.USE_HOST_PTR, hostbuf=values)
+        yield buffer
+        if written:
+            shape, read = values.shape, pyopencl.map_flags.READ
+            seen, _ = pyopencl.enqueue_map_buffer(self.queue, buffer, read, 0, shape, values.dtype)
+            seen.base.release(self.queue)
+            self.finish()
 
     def finish(self) -> None:
         """Waits until all that was enqueued is done."""
@@ -191,6 +202,17 @@ class Session:
     def _check_process(self) -> None:
         if os.getpid() != self.process:
             raise DeviceError(FORKED)
+
+
+def plain(arguments: Iterable[Any]) -> list[Any]:
+    """Memory and numbers alone."""
+    found: list[Any] = []
+    for argument in arguments:
+        if isinstance(argument, Placed):
+            found += plain(argument.place)
+        else:
+            found.append(argument)
+    return found
 
 
 def sources() -> str:

@@ -64,8 +64,7 @@ double below(int m, double l, double k)
 
 // What all directions of an item share: factors (item, n_term + 1, 4) of each step, the starts' factor and growth last.
 // Global size: items.
-__kernel void wigner_factors(int n_term, __global const int* restrict order, __global double* restrict factors,
-                             __global const int* restrict items)
+__kernel void wigner_factors(int n_term, INTS order, OUT factors, INTS items)
 {
     const long item = items[get_global_id(0)];
     const int m = order[item];
@@ -81,29 +80,4 @@ __kernel void wigner_factors(int n_term, __global const int* restrict order, __g
                                     polar ? (l + 1.0) * below(m, l, 2.0) : 0.0, polar ? l * below(m, l + 1.0, 2.0) : 1.0);
     }
     PUT(factors, n_term) = (double4)(factor, growth, 0.0, 0.0);
-}
-
-// out (item, n_term, 3, n_mu): p, r, t of each degree, zero below m. Global size: pieces of `each` directions, items.
-__kernel void spherical(int n_term, int n_mu, int each, __global const double* restrict mu,
-                        __global const int* restrict order, __global const double* restrict factors,
-                        __global double* restrict out, __global const int* restrict items)
-{
-    const long item = items[get_global_id(1)];
-    const int m = order[item], last = min(n_mu, each * ((int)get_global_id(0) + 1));
-    factors += item * 4 * (n_term + 1);
-    out += item * 3 * n_term * n_mu;
-    for (int i = each * get_global_id(0); i < last; i++) {
-        const double4 starts = AT(factors, n_term);
-        Wigner w = wigner_start(m, mu[i], starts.x);
-        for (int l = 0; l < n_term; l++) {
-            __global double* now = out + (long)3 * l * n_mu + i;
-            if (l == max(m, 2))
-                polar_start(m, mu[i], starts.y, &w);
-            now[0] = l < m ? 0.0 : w.zero;
-            now[n_mu] = l < m ? 0.0 : 0.5 * (w.plus + w.minus);
-            now[2 * n_mu] = l < m ? 0.0 : 0.5 * (w.plus - w.minus);
-            if (l >= m)
-                wigner_step(m, l, true, mu[i], AT(factors, l), &w);
-        }
-    }
 }

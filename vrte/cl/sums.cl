@@ -9,9 +9,8 @@
 #define KEEP_SUM(x) sums[x] = sum##x;
 
 // How the directions of a result share the work, and where the result's rows lie.
-#define WHERE_OUT __global const int* restrict first_use, __global const int* restrict azimuth, \
-    __global const double* restrict mirror, int n_angle, int n_phi, int n_place, int n_level, int n_in, int n_mu, \
-    int first_in, int n_here, int mu_each, int tiles_each, __global double* restrict out, long out_first, \
+#define WHERE_OUT INTS first_use, INTS azimuth, IN mirror, int n_angle, int n_phi, int n_place, int n_level, \
+    int n_in, int n_mu, int first_in, int n_here, int mu_each, int tiles_each, OUT out, long out_first, \
     long out_stride
 
 // sums (angle, lane) of four elements times weight times waves (order, angle, lane), `wave_ld` doubles an order apart.
@@ -55,13 +54,10 @@ void sum_group(__global const double* row, long column_stride, long stokes_strid
 // (n_out, S): of a row of the kernels; out (scene, n_level, n_in, n_mu, n_phi, 4, n_place).
 // Global size: n_mu / mu_each, tiles of angles / tiles_each, scenes times n_level times n_here.
 __attribute__((reqd_work_group_size(1, 1, 1)))
-__kernel void add_orders(__global const double* restrict kernels, long first, long scene_stride, long order_stride,
-                         long level_stride, long in_stride, long column_stride, long row_stride, long stokes_stride,
-                         __global const int* restrict n_order, int n_group, __global const int* restrict entry,
-                         __global const double* restrict sense, __global const double* restrict waves, int wave_rows,
-                         int wave_ld, __global const double* restrict mirrored, __global const int* restrict levels,
-                         __global const int* restrict rows, __global const double* restrict scale,
-                         __global const double* restrict factors, int n_stokes, WHERE_OUT)
+__kernel void add_orders(IN kernels, long first, long scene_stride, long order_stride, long level_stride,
+                         long in_stride, long column_stride, long row_stride, long stokes_stride, INTS n_order,
+                         int n_group, INTS entry, IN sense, IN waves, int wave_rows, int wave_ld, IN mirrored,
+                         INTS levels, INTS rows, IN scale, IN factors, int n_stokes, WHERE_OUT)
 {
     const int i = first_in + get_global_id(2) % n_here, level = get_global_id(2) / n_here % n_level;
     const long scene = get_global_id(2) / ((long)n_here * n_level);

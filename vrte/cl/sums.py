@@ -1,6 +1,5 @@
 """The end of a solve on a device: sums over Fourier orders and single scattering, added into a table of radiances."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +9,9 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Crew
-from vrte.cl.lending import lent
 from vrte.cl.matrices import padded
-from vrte.cl.session import Session
+from vrte.cl.session import Placed, Session
+from vrte.cl.stages import stands_for
 
 TILE_OF_ORDERS, TILE_OF_SCATTERING = 12, 4  # azimuths that are done at once
 PIECES = 64  # of a launch on a processor, so that its cores end together
@@ -20,7 +19,7 @@ WIDE = 1 << 16  # pieces that a graphics device wants
 
 
 @dataclass(frozen=True, eq=False)
-class Azimuths:
+class Azimuths(Placed):
     """The azimuths (n_phi,) of a table, sorted by the distinct angle (n_angle,) that each is or mirrors.
 
     first_use (n_angle + 1,): where an angle's azimuths begin in ``azimuth`` (n_phi,), their places in the table, and
@@ -33,9 +32,8 @@ class Azimuths:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """As kernels take them."""
-        sizes = np.int32(self.first_use.size - 1), np.int32(self.azimuth.size)
-        return self.first_use, self.azimuth, self.mirror, *sizes
+        """And how many distinct angles and azimuths there are."""
+        return self.first_use, self.azimuth, self.mirror, self.first_use.size - 1, self.azimuth.size
 
 
 def upload_azimuths(session: Session, angle: Array, sign: Array, n_angle: int) -> Azimuths:
@@ -56,15 +54,9 @@ class Table:
     first: int = 0
     stride: int = 0
 
-    def place(self, first_in: int, last_in: int, mu_each: int, tiles_each: int) -> tuple[Any, ...]:
-        """What kernels want to know of it, for some incident directions."""
-        n_level, n_in, n_mu, _, _, n_place = self.shape
-        sizes = n_place, n_level, n_in, n_mu, first_in, last_in - first_in, mu_each, tiles_each
-        return *(np.int32(size) for size in sizes), self.data, np.int64(self.first), np.int64(self.stride)
-
 
 @dataclass(frozen=True, eq=False)
-class Kernels:
+class Kernels(Placed):
     """Light of Fourier orders on a device: (scene, order, n_tau, n_in, n_col, n_out, S), ``strides`` doubles apart from
     double ``first`` of ``data`` on."""
 
@@ -74,8 +66,8 @@ class Kernels:
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """As kernels take it."""
-        return self.data, np.int64(self.first), *(np.int64(stride) for stride in self.strides)
+        """In that order."""
+        return self.data, self.first, *self.strides
 
 
 def dense(data: Any, shape: Sequence[int], first: int = 0) -> Kernels:
@@ -110,15 +102,10 @@ def upload_entries(
             group[target % 4] = column, component, int(with_sine), -1.0 if with_sine and s < 2 else 1.0
             used[target] += 1
     patterns = sorted({tuple(sines for _, _, sines, _ in group) for group in groups.values()})
-    where = [
-        (
-            *(lane[0] for lane in group),
-            *(lane[1] for lane in group),
-            patterns.index(tuple(lane[2] for lane in group)),
-            at,
-        )
-        for (at, _), group in groups.items()
-    ]
+    where = []
+    for (at, _), group in groups.items():
+        columns, components, sines, _ = zip(*group, strict=True)
+        where.append((*columns, *components, patterns.index(sines), at))
     waves = np.zeros((len(patterns), cosine.shape[0], -(-cosine.shape[1] // TILE_OF_ORDERS) * TILE_OF_ORDERS, 4))
     for lanes, pattern in zip(waves, patterns, strict=True):
         for lane, with_sine in enumerate(pattern):
@@ -131,17 +118,28 @@ def upload_entries(
     )
 
 
-def tiles_of(azimuths: Azimuths, tile: int) -> int:
-    """Tiles of so many distinct angles."""
-    return -(-(int(azimuths.first_use.size) - 1) // tile)
-
-
-def shares(session: Session, n_mu: int, tiles: int, others: int) -> tuple[int, int]:
-    """Outgoing directions and tiles of azimuths of one piece of a launch, which has ``others`` times as many: large
-    pieces on a processor, where each costs time, one tile on a graphics device, which wants many."""
+def launch_into(
+    session: Session,
+    name: str,
+    tile: int,
+    others: int,
+    azimuths: Azimuths,
+    incident: tuple[int, int],
+    table: Table,
+    *arguments: Any,
+) -> None:
+    """A kernel over outgoing directions, tiles of so many distinct angles, and ``others``; what it adds to comes behind
+    its arguments. Pieces are large on a processor, where each costs time; a graphics device wants many."""
+    n_level, n_in, n_mu, _, _, n_place = table.shape
+    tiles = -(-(int(azimuths.first_use.size) - 1) // tile)
     if session.on_host:
-        return max(1, min(n_mu, n_mu * others // PIECES)), tiles
-    return max(1, min(n_mu, n_mu * tiles * others // WIDE)), 1
+        mu_each, tiles_each = n_mu * others // PIECES, tiles
+    else:
+        mu_each, tiles_each = n_mu * tiles * others // WIDE, 1
+    mu_each = max(1, min(n_mu, mu_each))
+    sizes = n_place, n_level, n_in, n_mu, incident[0], incident[1] - incident[0], mu_each, tiles_each
+    size = -(-n_mu // mu_each), -(-tiles // tiles_each), others
+    session.launch(name, size, *arguments, azimuths, *sizes, table.data, table.first, table.stride)
 
 
 def add_orders(
@@ -163,23 +161,11 @@ def add_orders(
     kernels' n_tau and n_out is wanted; scale (n_in,): factor of each incident direction; factors (n_out, S): of each
     outgoing one and Stokes component. ``incident``: the first direction and the one behind the last.
     """
-    n_level, _, n_mu, *_ = table.shape
     _, n_order_most, n_angle_padded, _ = entries.waves.shape
-    tiles, others = tiles_of(azimuths, TILE_OF_ORDERS), table.scenes * n_level * (incident[1] - incident[0])
-    mu_each, tiles_each = shares(session, n_mu, tiles, others)
-    session.launch(
-        "add_orders",
-        (-(-n_mu // mu_each), -(-tiles // tiles_each), others),
-        *kernels.place,
-        n_order,
-        *(np.int32(entries.where.shape[0]), entries.where, entries.sense, entries.waves),
-        *(np.int32(size) for size in (n_order_most, 4 * n_angle_padded)),
-        entries.mirrored,
-        *(levels, rows, scale, factors),
-        np.int32(factors.shape[1]),
-        *azimuths.place,
-        *table.place(*incident, mu_each, tiles_each),
-    )
+    groups = entries.where.shape[0], entries.where, entries.sense, entries.waves, n_order_most, 4 * n_angle_padded
+    arguments = kernels, n_order, *groups, entries.mirrored, levels, rows, scale, factors, factors.shape[1]
+    others = table.scenes * table.shape[0] * (incident[1] - incident[0])
+    launch_into(session, "add_orders", TILE_OF_ORDERS, others, azimuths, incident, table, *arguments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,100 +228,55 @@ def add_scattering(
     table: Table,
 ) -> None:
     """Adds path times the phase matrix times columns, all scatterers of all scenes in one launch."""
-    n_mu = table.shape[2]
-    tiles, others = tiles_of(azimuths, TILE_OF_SCATTERING), table.scenes * (incident[1] - incident[0])
-    mu_each, tiles_each = shares(session, n_mu, tiles, others)
     _, most_terms, numbers = scatterers.tables.shape
-    session.launch(
-        "add_scattering",
-        (-(-n_mu // mu_each), -(-tiles // tiles_each), others),
-        *(scatterers.first, scatterers.tables, np.int64(most_terms * numbers), scatterers.terms, scatterers.path),
-        *(directions.mu0, directions.mu, directions.cosine, directions.sine),
-        np.int32(directions.kind.size),
-        *(directions.columns, directions.kind, directions.place),
-        *azimuths.place,
-        *table.place(*incident, mu_each, tiles_each),
-    )
+    tables = scatterers.first, scatterers.tables, most_terms * numbers, scatterers.terms, scatterers.path
+    beams = directions.mu0, directions.mu, directions.cosine, directions.sine, directions.kind.size
+    arguments = *tables, *beams, directions.columns, directions.kind, directions.place
+    others = table.scenes * (incident[1] - incident[0])
+    launch_into(session, "add_scattering", TILE_OF_SCATTERING, others, azimuths, incident, table, *arguments)
 
 
-def azimuthal_sum(
-    session: Session,
-    crew: Crew,
-    *,
-    kernels: Array,
-    stokes: Array,
-    kind: Array,
-    place: Array,
-    cosine: Array,
-    sine: Array,
-    angle: Array,
-    sign: Array,
-    levels: Array,
-    rows: Array,
-    scale: Array,
-    first: int,
-    last: int,
-    out: Array,
-) -> None:
-    """`vrte._core.azimuthal_sum` on a device: adds to out (n_level, n_in, n_mu, n_phi, 4, n_place) what Fourier orders
-    hold."""
-    start = time.perf_counter()
-    if kernels.size and out.size and last > first:
-        here = np.ascontiguousarray(kernels)
-        weights = np.ones((kernels.shape[4], kernels.shape[5]))
-        with lent(session, here, False) as light, lent(session, out) as result:
-            add_orders(
-                session,
-                dense(light, kernels.shape),
-                session.constant(np.array([kernels.shape[0]], np.int32)),
-                upload_entries(session, stokes, kind, place, out.shape[5], cosine, sine),
-                upload_azimuths(session, angle, sign, cosine.shape[1]),
-                session.constant(levels),
-                session.constant(rows),
-                session.constant(scale),
-                session.constant(weights),
-                (first, last),
-                Table(result, out.shape),
-            )
-    crew.seconds[0] += time.perf_counter() - start
+@stands_for(_core.azimuthal_sum)
+def azimuthal_sum(session: Session, crew: Crew, given: Any) -> None:
+    """Adds to out (n_level, n_in, n_mu, n_phi, 4, n_place) what Fourier orders hold."""
+    upload, out = session.constant, given.out
+    if not given.kernels.size or not out.size or given.last <= given.first:
+        return
+    kernels, n_angle = np.ascontiguousarray(given.kernels), given.cosine.shape[1]
+    kinds = given.stokes, given.kind, given.place
+    with session.lent(kernels, False) as light, session.lent(out) as result:
+        add_orders(
+            session,
+            dense(light, kernels.shape),
+            upload(np.array([kernels.shape[0]], np.int32)),
+            upload_entries(session, *kinds, out.shape[5], given.cosine, given.sine),
+            upload_azimuths(session, given.angle, given.sign, n_angle),
+            upload(given.levels),
+            upload(given.rows),
+            upload(given.scale),
+            upload(np.ones(kernels.shape[4:])),
+            (given.first, given.last),
+            Table(result, out.shape),
+        )
 
 
-def add_single_scattering(
-    session: Session,
-    crew: Crew,
-    *,
-    table: Array,
-    path: Array,
-    mu0: Array,
-    mu: Array,
-    cos_phi: Array,
-    sin_phi: Array,
-    angle: Array,
-    sign: Array,
-    columns: Array,
-    kind: Array,
-    place: Array,
-    first: int,
-    last: int,
-    out: Array,
-    wide: bool = True,
-) -> None:
-    """`vrte._core.add_single_scattering` on a device: adds path times the phase matrix times columns to out (n_level,
-    n_in, n_mu, n_phi, 4, n_place). ``wide`` is not used. Raises ValueError for too many
-    columns or a table that is not of `series_table`."""
-    if columns.shape[0] > _core.MOST_COLUMNS:
+@stands_for(_core.add_single_scattering)
+def add_single_scattering(session: Session, crew: Crew, given: Any) -> None:
+    """Adds path times the phase matrix times columns to out (n_level, n_in, n_mu, n_phi, 4, n_place). ``wide`` is not
+    used. Raises ValueError for too many columns or a table that is not of `series_table`."""
+    if given.columns.shape[0] > _core.MOST_COLUMNS:
         raise ValueError(f"at most {_core.MOST_COLUMNS} columns")
-    if table.shape[0] % 2 or table.shape[1] != _core.SERIES:
+    if given.table.shape[0] % 2 or given.table.shape[1] != _core.SERIES:
         raise ValueError("the table must be one of series_table")
-    start = time.perf_counter()
-    if out.size and last > first:
-        with lent(session, out) as result:
-            add_scattering(
-                session,
-                upload_scatterers(session, [[(table, path)]]),
-                upload_directions(session, mu0, mu, cos_phi, sin_phi, columns, kind, place),
-                upload_azimuths(session, angle, sign, cos_phi.size),
-                (first, last),
-                Table(result, out.shape),
-            )
-    crew.seconds[0] += time.perf_counter() - start
+    if not given.out.size or given.last <= given.first:
+        return
+    angles = given.mu0, given.mu, given.cos_phi, given.sin_phi
+    with session.lent(given.out) as result:
+        add_scattering(
+            session,
+            upload_scatterers(session, [[(given.table, given.path)]]),
+            upload_directions(session, *angles, given.columns, given.kind, given.place),
+            upload_azimuths(session, given.angle, given.sign, given.cos_phi.size),
+            (given.first, given.last),
+            Table(result, given.out.shape),
+        )
