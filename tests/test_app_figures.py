@@ -232,21 +232,18 @@ def test_a_dark_scene_can_be_drawn() -> None:
 
 
 def test_bad_input_is_one_sentence(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
-    for wrong in (2, -1, 0.5):
-        with pytest.raises(vrte.SceneError, match="place must be a whole number from 0 to 1"):
-            figures.lobe(brdf, wrong)  # type: ignore[arg-type]
-    with pytest.raises(vrte.SceneError, match="a quantity must be one of"):
-        figures.lobe(brdf, 0, height="<b>")
-    with pytest.raises(vrte.SceneError, match="a quantity must be one of I"):
-        figures.field_polar(vrte.radiance(scene, 0.6, nodes=4), "f00")
-    with pytest.raises(vrte.SceneError, match="at least 2 different mu_o"):
-        figures.cuts(vrte.brdf(scene, 0.6, 0.5, PHI, nodes=4), 0)
     gaps = vrte.Brdf(np.full_like(brdf.mueller, np.nan), brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, {})
-    with pytest.raises(vrte.SceneError, match="finite Mueller matrices"):
-        figures.lobe(gaps, 0)
-    for mu, phi in (([0.5], 90.0), ([], 0.0)):
-        with pytest.raises(vrte.SceneError, match="at phi_deg 0 or 180"):
-            figures.field_polar(vrte.radiance(scene, 0.6, mu=mu, phi=phi, nodes=4))
+    fields = [vrte.radiance(scene, 0.6, mu=mu, phi=phi, nodes=4) for mu, phi in ((None, 0.0), ([0.5], 90.0), ([], 0.0))]
+    for words, draw, *arguments in (
+        *(("place must be a whole number from 0 to 1", figures.lobe, brdf, wrong) for wrong in (2, -1, 0.5)),
+        ("a quantity must be one of", figures.lobe, brdf, 0, "<b>"),
+        ("a quantity must be one of I", figures.field_polar, fields[0], "f00"),
+        ("at least 2 different mu_o", figures.cuts, vrte.brdf(scene, 0.6, 0.5, PHI, nodes=4), 0),
+        ("finite Mueller matrices", figures.lobe, gaps, 0),
+        *(("at phi_deg 0 or 180", figures.field_polar, field) for field in fields[1:]),
+    ):
+        with pytest.raises(vrte.SceneError, match=words):
+            draw(*arguments)
 
 
 def test_without_plotly_it_says_what_to_install(brdf: vrte.Brdf, monkeypatch: pytest.MonkeyPatch) -> None:

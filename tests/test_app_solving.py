@@ -151,17 +151,17 @@ def test_a_process_that_dies_is_a_sentence() -> None:
     assert "ended by the system" in ended(job).message
 
 
-def test_memory_beyond_the_limit_is_refused_in_a_sentence() -> None:
-    greedy = copy.deepcopy(SMALL) | {"nodes": 800, "wavelength_um": 0.5}
-    job = ended(Job(Solve(greedy, Path(), 3e8)))
+@pytest.mark.parametrize(
+    ("change", "memory", "words"),
+    [
+        ({"nodes": 800}, 3e8, "memory"),
+        ({"field": SMALL["field"] | {"tau": [9.0]}}, ENOUGH, "field.tau must lie between 0 and"),  # by its key
+    ],
+)
+def test_what_shows_only_in_the_solve_is_a_sentence(change: form.Content, memory: float, words: str) -> None:
+    job = ended(Job(Solve(SMALL | {"wavelength_um": 0.5} | change, Path(), memory)))
     assert job.outcome is None
-    assert "memory" in job.message
-
-
-def test_bad_input_that_shows_only_in_the_solve_is_told_by_its_key() -> None:
-    content = copy.deepcopy(SMALL) | {"wavelength_um": 0.5}
-    content["field"]["tau"] = [9.0]
-    assert ended(Job(Solve(content, Path(), ENOUGH))).message.startswith("field.tau must lie between 0 and")
+    assert words in job.message
 
 
 def test_no_process_is_left_when_the_server_is_killed(tmp_path: Path) -> None:
@@ -221,12 +221,10 @@ def test_nobody_waits_for_what_a_closed_page_solves() -> None:
 
 def test_the_tabs_not_used_for_longest_are_forgotten_first() -> None:
     benches = Benches()
-    first = benches.of("first")
-    for k in range(MOST_TABS - 1):
-        benches.of(f"tab {k}")
+    first, second, *_ = [benches.of(name) for name in ("first", *(f"tab {k}" for k in range(1, MOST_TABS)))]
     assert benches.of("first") is first
-    second = benches.of("tab 1")
-    for k in range(MOST_TABS - 3):
+    assert benches.of("tab 1") is second
+    for k in range(MOST_TABS - 2):
         benches.of(f"new {k}")
     assert benches.of("first") is first
     assert benches.of("tab 1") is second

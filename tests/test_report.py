@@ -110,14 +110,6 @@ def test_a_dark_scene_can_be_drawn(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"brdf.png", "field.png"}
 
 
-def test_the_global_state_of_the_plotting_library_is_left_alone(
-    brdf: vrte.Brdf, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)  # loaded by other tests
-    lobes.brdf_figure(brdf)
-    assert "matplotlib.pyplot" not in sys.modules
-
-
 def test_a_missing_extra_is_one_sentence(brdf: vrte.Brdf, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(vrte.MissingExtraError, match=r"a picture needs the extra 'plot': pip install 'vrte\[plot\]'"):

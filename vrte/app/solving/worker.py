@@ -30,7 +30,7 @@ from vrte.formats import load
 from vrte.formats.scene_file import FILLINGS, SceneFile, scene_of, toml_content
 from vrte.formats.scene_writer import toml_text
 from vrte.formats.toml_table import shown_key
-from vrte.request.request import EXACT
+from vrte.request.how import AUTO, EXACT
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field, one_beam
 from vrte.results.spectrum import SCENE, Spectrum, with_scene
@@ -148,7 +148,7 @@ def filling(layer: Content) -> str:
 
 def planned_of(file: SceneFile, keywords: dict[str, Any]) -> Planned | None:
     """The plan of the BRDF; only discrete ordinates have one."""
-    if keywords.get("method", EXACT) not in (EXACT, "auto"):
+    if keywords.get("method", EXACT) not in (EXACT, AUTO):
         return None
     made = plan("brdf", file.scene, **keywords)
     facts = made.as_dict()
