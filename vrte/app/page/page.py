@@ -207,7 +207,7 @@ class Page:
             data = await event.file.read()
             if suffix == ".toml":
                 about = self.bench.folder, self.bench.tables
-                self.fill(*await asyncio.to_thread(files.adopted_and_told, files.content_of_file(data), *about))
+                self.fill(*await asyncio.to_thread(lambda: files.adopted_and_told(files.content_of_file(data), *about)))
             elif suffix in SUFFIXES:
                 self.bench.start(Read(data, suffix, memory_of_one()))
             else:
