@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import vrte
-from tests.test_formats import assert_same
+from tests.helpers import assert_same, run
 from vrte import SceneError, Spectrum
 from vrte.formats import contents
 from vrte.formats.netcdf import to_xarray
@@ -182,18 +182,13 @@ class TestNetcdf:
             dataset.to_netcdf(tmp_path / "old.nc", engine="h5netcdf")
             assert_same(old, vrte.load(tmp_path / "old.nc"))
 
-    def test_long_texts(self, paint: Spectrum, tmp_path: Path) -> None:
+    @pytest.mark.parametrize("name", ["told.nc", "told.csv"])
+    def test_texts_long_and_of_each_wavelength(self, name: str, paint: Spectrum, tmp_path: Path) -> None:
         long = replace(paint[0], diagnostics={"scene_toml": 100_000 * "é\n", "note": 100_000 * "x"})
-        for name in ("long.nc", "long.csv"):
-            long.save(tmp_path / name)
-            assert_same(long, vrte.load(tmp_path / name))
-
-    def test_scenes_that_differ_stay_with_their_wavelengths(self, paint: Spectrum, tmp_path: Path) -> None:
-        each = [replace(one, diagnostics={"scene_toml": text}) for one, text in zip(paint, "ab", strict=True)]
-        both = Spectrum(WAVELENGTHS, tuple(each))
-        for name in ("both.nc", "both.csv"):
-            both.save(tmp_path / name)
-            assert_same(both, vrte.load(tmp_path / name))
+        each = (replace(one, diagnostics={"scene_toml": text}) for one, text in zip(paint, "ab", strict=True))
+        for told in (long, Spectrum(WAVELENGTHS, tuple(each))):
+            told.save(tmp_path / name)
+            assert_same(told, vrte.load(tmp_path / name))
 
     def test_a_file_that_is_cut_off(self, paint: Spectrum, tmp_path: Path) -> None:
         paint.save(tmp_path / "whole.nc")
@@ -202,12 +197,6 @@ class TestNetcdf:
             (tmp_path / "cut.nc").write_bytes(content[: int(share * len(content))])
             with pytest.raises(SceneError, match=r"cut\.nc"):
                 vrte.load(tmp_path / "cut.nc")
-
-
-def damaged(path: Path, change: Callable[[str], str]) -> Path:
-    found = path.with_name("damaged.csv")
-    found.write_text(change(path.read_text()))
-    return found
 
 
 def swapped(before: str, after: str) -> Callable[[str], str]:
@@ -248,33 +237,19 @@ class TestCsv:
             (swapped("# mu_o = [0.2, 0.5]", "# mu_o = 0.2"), "the header has no list for mu_o"),
             (swapped("# mu_o = [0.2, 0.5]", "# mu_o = [0.3, 0.5]"), r"line 23: the row must be for"),
             (swapped("# mu_o = [0.2, 0.5]", "# mu_o = [0.2]"), "there must be 8 rows.*not 16"),
-            (
-                lambda text: text.replace("# reflectance", "# reflection"),
-                "the header has no line for 'reflectance'|reflectance",
-            ),
+            (swapped("# reflectance", "# reflection"), "the header has no line for 'reflectance'|reflectance"),
             (swapped(",f00,", ",f0,"), r"line 22: the columns must be wavelength_um,mu_i"),
-            (
-                lambda text: text.replace("\n0.45,0.6,0.2,90.0,", "\n0.45,0.6,0.2,90.0;"),
-                r"line 24: '0.45,0.6.*not a number",
-            ),
-            (
-                lambda text: text.replace("\n0.45,0.6,0.2,90.0,", "\n0.45,0.6,0.2,90.0,1,"),
-                "line 24: 36 numbers are needed, not 37",
-            ),
+            (swapped("\n0.45,0.6,0.2,90.0,", "\n0.45,0.6,0.2,90.0;"), r"line 24: '0.45,0.6.*not a number"),
+            (swapped("\n0.45,0.6,0.2,90.0,", "\n0.45,0.6,0.2,90.0,1,"), "line 24: 36 numbers are needed, not 37"),
             (lambda text: text[:-1], "the file is cut off"),
             (lambda text: text[: text.rindex("\n0.6")] + "\n", "there must be 16 rows, one a direction, not 15"),
-            (
-                lambda text: text.replace("# diagnostics = [{", "# diagnostics = [{}, {"),
-                "diagnostics for each wavelength",
-            ),
-            (
-                lambda text: text.replace("# wavelength_um = [0.45, 0.6]", "# wavelength_um = [1e999, 0.6]"),
-                "line 23: the row",
-            ),
+            (swapped("# diagnostics = [{", "# diagnostics = [{}, {"), "diagnostics for each wavelength"),
+            (swapped("# wavelength_um = [0.45, 0.6]", "# wavelength_um = [1e999, 0.6]"), "line 23: the row"),
         ],
     )
     def test_a_damaged_table_says_where(self, change: Callable[[str], str], words: str, table: Path) -> None:
-        path = damaged(table, change)
+        path = table.with_name("damaged.csv")
+        path.write_text(change(table.read_text()))
         assert path.read_text() != table.read_text()
         with pytest.raises(SceneError, match=words) as caught:
             vrte.load(path)
@@ -329,8 +304,6 @@ class TestCommandLine:
         return tmp_path / "paint.toml"
 
     def test_a_spectrum_in_both_formats(self, scene: Path, paint: Spectrum, capsys: pytest.CaptureFixture[str]) -> None:
-        from tests.test_cli import run
-
         out, table = scene.with_name("out.nc"), scene.with_name("out.csv")
         assert run("brdf", scene, "--wavelengths-um", "0.45,0.6", "-o", out, "--csv", table) == 0
         told = capsys.readouterr()
@@ -343,8 +316,6 @@ class TestCommandLine:
         assert loaded[0].diagnostics["scene_toml"] == TOML
 
     def test_wavelengths_that_the_file_lists(self, scene: Path, paint: Spectrum, tmp_path: Path) -> None:
-        from tests.test_cli import run
-
         listed, out = tmp_path / "listed.toml", tmp_path / "out.nc"
         listed.write_text("wavelength_um = [0.45, 0.6]\n" + TOML, encoding="utf-8")
         assert run("brdf", listed, "-o", out) == 0
@@ -366,8 +337,6 @@ class TestCommandLine:
         ],
     )
     def test_complaints(self, options: list[str], words: str, scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        from tests.test_cli import run
-
         assert run("brdf", scene, "-o", scene.with_name("out.nc"), *options) == 2
         told = capsys.readouterr().err
         assert words in told

@@ -3,8 +3,6 @@
 import faulthandler
 import os
 import random
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +13,7 @@ import numpy as np
 import pytest
 
 import vrte
+from tests.helpers import printed_by
 from vrte.basics.errors import SceneError
 from vrte.formats import csv_table, netcdf
 from vrte.formats.seal import LENGTH
@@ -147,7 +146,10 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
         file.truncate(600_000_000)
         file.seek(0, 2)
         file.write(b"\n")
-    said = in_little_memory(
+    said = printed_by(
+        "import vrte\n"
+        "from vrte.basics.limits import limit_memory\n"
+        "limit_memory(4e8)\n"
         "for name, most in (('declared.csv', 2e9), ('declared.csv', 1e12), ('sparse.csv', 1e12)):\n"
         "    try: vrte.load(name, most_bytes=most)\n"
         "    except vrte.SceneError as error: print(error)\n",
@@ -159,24 +161,6 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
         "declared.csv: there must be 40000000 rows, one a direction, not 0",
         "sparse.csv: line 8: longer than 10000 bytes",
     ]
-
-
-def in_little_memory(program: str, folder: Path) -> list[str]:
-    """What a program prints that may take 0.4 GB."""
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            f"import vrte\nfrom vrte.basics.limits import limit_memory\nlimit_memory(4e8)\n{program}",
-        ],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(Path(vrte.__file__).parents[1])},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
-    return done.stdout.splitlines()
 
 
 def test_every_flipped_bit_is_told(good: Path) -> None:
@@ -273,16 +257,7 @@ def test_a_full_disk_is_an_error_and_no_crash(good: Path, tmp_path: Path) -> Non
     """HDF5 that is told of a full disk ends the process, at the end of it if not at once."""
     limits = [0, 100, 5_000, 100_000, 150_000]
     (tmp_path / "here").mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(good), *map(str, limits)],
-        cwd=tmp_path / "here",
-        env={**os.environ, "PYTHONPATH": str(Path(vrte.__file__).parents[1])},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.splitlines() == ["File too large"] * 3 * len(limits)
+    assert printed_by(FULL_DISK, tmp_path / "here", good, *limits) == ["File too large"] * 3 * len(limits)
     assert list((tmp_path / "here").iterdir()) == []
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.helpers import assert_same
 from vrte import Brdf, Field, MissingExtraError, SceneError, Spectrum, load
 from vrte.formats.atomic import atomic_write
 from vrte.formats.contents import Result
@@ -67,22 +68,6 @@ def spectrum(brdf: Brdf) -> Spectrum:
 @pytest.fixture(params=["brdf", "field", "spectrum"])
 def result(request: pytest.FixtureRequest) -> Result:
     return request.getfixturevalue(request.param)
-
-
-def assert_same(first: Result, second: Result) -> None:
-    assert type(first) is type(second)
-    for name, value in vars(first).items():
-        other = getattr(second, name)
-        if name == "brdfs":
-            assert len(value) == len(other)
-            for one, another in zip(value, other, strict=True):
-                assert_same(one, another)
-        elif isinstance(value, np.ndarray):
-            assert value.tobytes() == other.tobytes(), name
-            assert value.shape == other.shape
-            assert not other.flags.writeable
-        else:
-            assert value == other, name
 
 
 @pytest.mark.parametrize("name", [*(f"result{suffix}" for suffix in FORMATS), "RESULT.CSV"])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
+from tests.helpers import run
 from vrte import SceneError, Spectrum
 from vrte.basics.arrays import Array
 from vrte.calls import mitsuba as mitsuba_call
@@ -228,8 +229,6 @@ class TestFromAScene:
     def test_the_command_line_and_the_call_write_the_same(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        from tests.test_cli import run
-
         monkeypatch.setattr(mitsuba_call, "COSINES", 16)  # fewer than anybody would ask for
         monkeypatch.setattr(mitsuba_call, "AZIMUTHS", 19)
 

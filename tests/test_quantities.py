@@ -83,14 +83,12 @@ def test_between_the_directions_is_what_the_solver_finds(
 ) -> None:
     given = vrte.brdf(scene, [0.4, 0.8], MU_O, azimuths, nodes=6, threads=1)
     theta, phi = np.array([7.0, 31.0, 62.0, 80.0]), np.array([3.0, 101.0, 197.0, 352.0])
-    exact = vrte.brdf(scene, 0.8, np.cos(np.radians(theta)), phi, nodes=6, threads=1).mueller[0] @ np.array(
-        light, float
-    )
+    exact = vrte.brdf(scene, 0.8, np.cos(np.radians(theta)), phi, nodes=6, threads=1).mueller[0] @ light
     found = stokes_over_hemisphere(given, 1, theta, phi, light)
     assert np.abs(found - exact).max() < 2e-3 * np.abs(exact).max()
     # at the given directions, to rounding; mirror images included
     at_given = stokes_over_hemisphere(given, 1, np.degrees(np.arccos(MU_O)), PHI, light)
-    np.testing.assert_allclose(at_given, brdf.mueller[1] @ np.array(light, float), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(at_given, brdf.mueller[1] @ light, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("step", [0.7, 4.0, 200.0])

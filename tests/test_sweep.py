@@ -1,6 +1,7 @@
 """Sweeps: files, axes, tables, and what is computed once."""
 
 import copy
+import itertools
 import json
 import os
 import shutil
@@ -19,7 +20,7 @@ import pytest
 import xarray
 
 import vrte
-from vrte import cli
+from tests.helpers import run, wait_until
 from vrte.basics.errors import SceneError, SweepError
 from vrte.sweep import optics, store
 from vrte.sweep.engines.threads import Cores
@@ -75,23 +76,17 @@ def test_a_table_holds_the_brdf_of_each_scene(file: Path) -> None:
     np.testing.assert_allclose(table.radius, [0.02, 0.08], rtol=1e-15)
     assert table.radius.attrs == {"units": "um", "long_name": "particles.gold.radius_um"}
     assert not (table.error != "").any()
-    for wavelength in (0.5, 0.64):
-        for radius in (0.02, 0.08):
-            gold = vrte.spheres("gold", radius_um=radius, wavelength_um=wavelength)
-            glass = vrte.spheres((1.5, 0.0), radius_um=0.05, wavelength_um=wavelength)
-            for share in (0.0, 0.25, 1.0):
-                both = vrte.mixture([(gold, share), (glass, 0.5)])
-                for albedo in (0.0, 1.0):
-                    scene = vrte.Scene([vrte.Layer.of(both, 1.0)], vrte.Lambertian(albedo))
-                    alone = vrte.brdf(scene, [0.6, 1.0], [0.3, 0.8], [0, 90, 180], nodes=4)
-                    here = table.sel(
-                        {"wavelength_um": wavelength, "radius": radius, "share": share, "base.albedo": albedo},
-                        method="nearest",
-                    )
-                    size = np.abs(alone.mueller).max()
-                    np.testing.assert_allclose(here.mueller, alone.mueller, rtol=0, atol=1e-13 * size)
-                    np.testing.assert_allclose(here.reflectance, alone.reflectance, rtol=1e-12)
-                    np.testing.assert_allclose(here.direct_transmittance, alone.direct_transmittance, rtol=1e-15)
+    for wavelength, radius, share, albedo in itertools.product((0.5, 0.64), (0.02, 0.08), (0.0, 0.25, 1.0), (0.0, 1.0)):
+        gold = vrte.spheres("gold", radius_um=radius, wavelength_um=wavelength)
+        glass = vrte.spheres((1.5, 0.0), radius_um=0.05, wavelength_um=wavelength)
+        both = vrte.mixture([(gold, share), (glass, 0.5)])
+        scene = vrte.Scene([vrte.Layer.of(both, 1.0)], vrte.Lambertian(albedo))
+        alone = vrte.brdf(scene, [0.6, 1.0], [0.3, 0.8], [0, 90, 180], nodes=4)
+        place = {"wavelength_um": wavelength, "radius": radius, "share": share, "base.albedo": albedo}
+        here = table.sel(place, method="nearest")
+        np.testing.assert_allclose(here.mueller, alone.mueller, rtol=0, atol=1e-13 * np.abs(alone.mueller).max())
+        np.testing.assert_allclose(here.reflectance, alone.reflectance, rtol=1e-12)
+        np.testing.assert_allclose(here.direct_transmittance, alone.direct_transmittance, rtol=1e-15)
     assert json.loads(table.attrs["sweep"])["axes"]["radius"]["key"] == "particles.gold.radius_um"
 
 
@@ -164,6 +159,9 @@ def test_transmission_and_sizes_and_phases_are_swept(tmp_path: Path) -> None:
     np.testing.assert_allclose(here.transmission, alone.transmission, rtol=0, atol=1e-13)
 
 
+ALBEDO = "layer[1].albedo"
+
+
 @pytest.mark.parametrize(
     ("axes", "words"),
     [
@@ -179,17 +177,11 @@ def test_transmission_and_sizes_and_phases_are_swept(tmp_path: Path) -> None:
         ({"a": {"key": "layer[1].albedo", "values": [True]}}, "must be a list of numbers"),
         ({"a": {"key": "layer[1].albedo"}}, "needs either values or start, stop and count"),
         ({"a": {"key": "layer[1].albedo", "start": 0, "stop": 1}}, "axes.a.count: is missing"),
-        (
-            {"a": {"key": "layer[1].albedo", "start": 0, "stop": 1, "count": 2, "spacing": "log"}},
-            "start and stop above",
-        ),
+        ({"a": {"key": ALBEDO, "start": 0, "stop": 1, "count": 2, "spacing": "log"}}, "start and stop above"),
         ({"a": {"key": "layer[1].albedo", "vlues": [1]}}, "did you mean 'values'?"),
         ({"layer[1].albedo": [0.5], "a": {"key": "layer[1].albedo", "values": [0.5]}}, "two of them change the same"),
         (
-            {
-                "layer[1].albedo": {"values": [0.5], "along": "s"},
-                "layer[1].thickness": {"values": [1, 2], "along": "s"},
-            },
+            {ALBEDO: {"values": [0.5], "along": "s"}, "layer[1].thickness": {"values": [1, 2], "along": "s"}},
             "must have the same number of values",
         ),
         ({"wavelength_um": {"start": 0.4, "stop": 0.7, "count": 10**6}, "nodes": list(range(2, 2000))}, "are too many"),
@@ -416,14 +408,6 @@ def test_what_is_left_of_a_sweep_that_never_began_is_no_obstacle(tmp_path: Path)
     assert not folder.exists()
 
 
-def run(*arguments: str | Path) -> int:
-    """The exit code of `vrte` with these arguments."""
-    try:
-        return cli.main([str(argument) for argument in arguments])
-    except SystemExit as leaving:
-        return leaving.code  # type: ignore[return-value]
-
-
 def test_the_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "table.zarr"
     assert run("sweep", file, "-o", output, "--workers", 1) == 0
@@ -461,7 +445,7 @@ def test_strict_names_the_scenes_that_failed(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_interrupted_it_ends_at_once_and_leaves_what_is_done(tmp_path: Path) -> None:
-    count = 4000
+    count = 2000
     layer = "[[layer]]\nphase = 'rayleigh'\nalbedo = 1\nthickness = 1\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n"
     lines = f'nodes = 4\n{layer}[axes]\n"layer[1].albedo" = {{ start = 0, stop = 1, count = {count} }}\n'
     (tmp_path / "s.toml").write_text(lines)
@@ -478,14 +462,6 @@ def test_interrupted_it_ends_at_once_and_leaves_what_is_done(tmp_path: Path) -> 
     assert process.returncode == 130
     assert complaint == "vrte: error: interrupted\n"
     assert 3 < len(list(done.iterdir())) < count // 2
-
-
-def wait_until(condition: Any, seconds: float = 60.0) -> None:
-    """Waits for a condition, or fails."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
 
 
 def test_warnings_are_as_before_afterwards() -> None:

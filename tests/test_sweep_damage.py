@@ -267,8 +267,7 @@ def test_a_table_packed_in_a_strange_way_is_not_read(here: Path) -> None:
     output = here / "table.zarr"
     quietly_swept(output)
     said = json.loads((output / "zarr.json").read_text())
-    for array in (said["consolidated_metadata"]["metadata"]["mueller"],):
-        array["codecs"][-1] = {"name": "gzip", "configuration": {"level": 1}}
+    said["consolidated_metadata"]["metadata"]["mueller"]["codecs"][-1] = {"name": "gzip", "configuration": {"level": 1}}
     (output / "zarr.json").write_text(json.dumps(said))
     with pytest.raises(SceneError, match="its mueller is packed as gzip"):
         open_table(output)

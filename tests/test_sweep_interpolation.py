@@ -1,7 +1,5 @@
 """Between the scenes of a table, and how much memory a table takes."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
+from tests.helpers import printed_by
 from vrte.basics.errors import SceneError
 from vrte.sweep.interpolation import held_out
 
@@ -148,13 +147,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 CHUNK = 2 * 50 * 50 * 37 * 16 * 8 / 1024  # kilobytes
 
 
-def largest_memory(scenes: int, output: Path) -> float:
-    """Of a process that makes a table of so many scenes, in kilobytes."""
-    command = [sys.executable, "-c", MEMORY, str(scenes), str(output)]
-    return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-
-
 @pytest.mark.parametrize("suffix", ["zarr", pytest.param("nc", marks=pytest.mark.slow)])
 def test_memory_is_bounded_by_the_chunk_not_by_the_sweep(suffix: str, tmp_path: Path) -> None:
-    few, many = (largest_memory(scenes, tmp_path / f"t{scenes}.{suffix}") for scenes in (6, 46))
+    few, many = (float(*printed_by(MEMORY, tmp_path, scenes, f"t{scenes}.{suffix}")) for scenes in (6, 46))
     assert many - few < 5.0 * CHUNK  # of 20 chunks more

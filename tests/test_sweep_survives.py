@@ -7,13 +7,14 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
 import vrte
+from tests.helpers import wait_until
 from vrte.sweep.store import partial_of
 from vrte.sweep.table import open_table
 
@@ -61,7 +62,7 @@ class Table:
         )
         self.started.append(process)
         if not self.kept.exists():
-            wait_until(lambda: (self.partial / "log.txt").exists(), process)
+            wait_until((self.partial / "log.txt").exists, process=process)
             os.link(self.partial / "log.txt", self.kept)
         return process
 
@@ -94,15 +95,6 @@ class Table:
         assert not self.partial.exists()
 
 
-def wait_until(condition: Callable[[], bool], process: "subprocess.Popen[str]", seconds: float = 60.0) -> None:
-    """Waits for a condition while the process is alive, or fails."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert process.poll() is None, process.communicate()[1]
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.002)
-
-
 def killed_again_and_again(table: Table, kills: int, seed: int, *engine: str) -> None:
     """Kills the whole process ``kills`` times; each time it has at least begun something."""
     chance = random.Random(seed)
@@ -112,7 +104,7 @@ def killed_again_and_again(table: Table, kills: int, seed: int, *engine: str) ->
         process = table.start(*engine)
         line = len(table.lines()) if seen else 0
         goal = len(table.begun(line)) + chance.randint(1, max(1, chunks // (2 * kills)))
-        wait_until(lambda line=line, goal=goal: len(table.begun(line)) >= goal, process)  # type: ignore[misc]
+        wait_until(lambda line=line, goal=goal: len(table.begun(line)) >= goal, process=process)  # type: ignore[misc]
         time.sleep(chance.uniform(0.0, 0.03))
         process.send_signal(signal.SIGKILL)
         process.communicate()
@@ -142,13 +134,13 @@ def wait_until_quiet(table: Table) -> None:
 def worker_killed_again_and_again(table: Table, kills: int, seed: int) -> None:
     """Kills ``kills`` times a Dask worker that is at work; the sweep itself goes on."""
     chance = random.Random(seed)
-    process = table.start("--engine", "dask", "--workers", "2")
+    process = table.start(*DASK)
     dead: set[int] = set()
     seen: list[tuple[set[int], int]] = []
     for _ in range(kills):
         line = len(table.lines())
         goal = chance.randint(1, table.scenes // (4 * kills))
-        wait_until(lambda line=line, goal=goal: len(table.begun(line)) >= goal, process)  # type: ignore[misc]
+        wait_until(lambda line=line, goal=goal: len(table.begun(line)) >= goal, process=process)  # type: ignore[misc]
         time.sleep(chance.uniform(0.0, 0.03))
         worker = next(pid for word in reversed(table.lines()) if (pid := int(word[2].rpartition(":")[2])) not in dead)
         done, line = table.done(), len(table.lines())
@@ -174,44 +166,30 @@ def table(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Table]:
     found.end()
 
 
-def by_chance() -> int:
-    return random.randrange(10**6)
+SLOW = pytest.mark.slow
+DASK = ("--engine", "dask", "--workers", "2")
 
 
-@pytest.mark.parametrize("table", [64], indirect=True)
-def test_process_killed_twice(table: Table) -> None:
-    killed_again_and_again(table, 2, by_chance())
+@pytest.mark.parametrize(
+    ("table", "kills", "engine"),
+    [(64, 2, ()), pytest.param(400, 10, (), marks=SLOW), pytest.param(400, 10, DASK, marks=SLOW)],
+    indirect=["table"],
+)
+def test_process_killed(table: Table, kills: int, engine: tuple[str, ...]) -> None:
+    killed_again_and_again(table, kills, random.randrange(10**6), *engine)
 
 
-@pytest.mark.parametrize("table", [64], indirect=True)
-def test_dask_worker_killed_twice(table: Table) -> None:
-    worker_killed_again_and_again(table, 2, by_chance())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("table", [400], indirect=True)
-def test_process_killed_ten_times(table: Table) -> None:
-    killed_again_and_again(table, 10, by_chance())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("table", [1200], indirect=True)
-def test_dask_worker_killed_ten_times(table: Table) -> None:
-    worker_killed_again_and_again(table, 10, by_chance())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("table", [400], indirect=True)
-def test_process_with_its_dask_cluster_killed_ten_times(table: Table) -> None:
-    killed_again_and_again(table, 10, by_chance(), "--engine", "dask", "--workers", "2")
+@pytest.mark.parametrize(("table", "kills"), [(64, 2), pytest.param(1200, 10, marks=SLOW)], indirect=["table"])
+def test_dask_worker_killed(table: Table, kills: int) -> None:
+    worker_killed_again_and_again(table, kills, random.randrange(10**6))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("table", [1200], indirect=True)
 def test_interrupted_with_its_dask_workers_it_says_one_line(table: Table) -> None:
     # as a terminal does: the interrupt goes to the whole group of processes
-    process = table.start("--engine", "dask", "--workers", "2", own_group=True)
-    wait_until(lambda: len(table.done()) > 2, process)
+    process = table.start(*DASK, own_group=True)
+    wait_until(lambda: len(table.done()) > 2, process=process)
     os.killpg(process.pid, signal.SIGINT)
     _, complaint = process.communicate(timeout=30)
     assert (process.returncode, complaint) == (130, "vrte: error: interrupted\n")

@@ -1,0 +1,64 @@
+"""What tests of several modules use: results compared bit by bit, the command, programs in processes of their own."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import vrte
+from vrte import cli
+from vrte.formats.contents import Result
+
+
+def assert_same(first: Result, second: Result) -> None:
+    """Every bit is the same, and nothing can be written into it."""
+    assert type(first) is type(second)
+    for name, value in vars(first).items():
+        other = getattr(second, name)
+        if name == "brdfs":
+            for one, another in zip(value, other, strict=True):
+                assert_same(one, another)
+        elif isinstance(value, np.ndarray):
+            assert value.tobytes() == other.tobytes(), name
+            assert value.shape == other.shape
+            assert not other.flags.writeable
+        else:
+            assert value == other, name
+
+
+def run(*arguments: str | float | Path) -> int:
+    """The exit code of `vrte` with these arguments."""
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as leaving:
+        return leaving.code  # type: ignore[return-value]
+
+
+def printed_by(program: str, folder: Path, *arguments: object) -> list[str]:
+    """The lines that a Python program prints, run by a process of its own in a folder."""
+    done = subprocess.run(
+        [sys.executable, "-c", program, *map(str, arguments)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(Path(vrte.__file__).parents[1])},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout.splitlines()
+
+
+def wait_until(
+    condition: Callable[[], Any], seconds: float = 60.0, process: "subprocess.Popen[str] | None" = None
+) -> None:
+    """Waits for a condition, while the process is alive, or fails."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert process is None or process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.002)
