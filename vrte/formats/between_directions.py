@@ -10,10 +10,11 @@ import numpy as np
 from vrte.basics.arrays import Array, whole
 from vrte.request.request import SMALLEST_COSINE
 from vrte.results.brdf import Brdf
-from vrte.results.splines import MARGIN, MIRROR, around, coefficients, over_pole, rows
+from vrte.results.splines import MIRROR, around, coefficients, over_pole, rows
 
 COSINES, AZIMUTHS = 48, 73  # to solve for, by default
 FEWEST, MOST = 8, 1024
+MARGIN = 8  # points beyond each end: the ends' own error, which is small on such fine grids, has faded to 3e-5 there
 
 
 def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Array]:
@@ -37,15 +38,16 @@ class Splines:
     def __init__(self, one: Brdf) -> None:
         s, weighted = stretched(one.mu_o), one.mueller * (one.mu_i[:, None] + one.mu_o)[:, :, None, None, None]
         for axis in (0, 1):
-            polar, weighted = over_pole(s, weighted, np.flip(weighted, 2) * MIRROR, axis)
+            polar, weighted = over_pole(s, weighted, np.flip(weighted, 2) * MIRROR, axis, MARGIN)
             horizon = np.flip(weighted.take(range(-min(MARGIN, s.size), 0), axis), axis)
             weighted = np.concatenate([weighted, horizon], axis)
-        azimuths, weighted = around(one.phi, weighted, 0.0, 180.0)
+        azimuths, weighted = around(one.phi, weighted, 0.0, 180.0, MARGIN)
         polar = np.concatenate([polar, 2.0 - s[: -MARGIN - 1 : -1]])
         self.grids = polar, polar, azimuths
-        self.there = weighted.any(axis=(0, 1, 2)).ravel()  # elements that are not zero throughout
-        flat = weighted.reshape(*weighted.shape[:3], 16)[..., self.there]
-        self.coefficients = coefficients(self.grids, flat).reshape(-1, flat.shape[-1])
+        self.there = weighted.any(axis=(0, 1, 2))  # elements that are not zero throughout
+        # one after another: all at once would take five times the memory
+        each = (coefficients(self.grids, weighted[..., *element]).ravel() for element in np.argwhere(self.there))
+        self.coefficients = np.stack(list(each), axis=1)
 
     def __call__(self, into: Array, out: Array, lowest: float = SMALLEST_COSINE) -> Array:
         """The BRDF (pairs, 4, 4) in meridian planes [sr-1], directions (pairs, 3) away from the surface; cosines
@@ -54,9 +56,9 @@ class Splines:
         # the light travels against ``into``
         turned = np.arctan2(out[:, 1], out[:, 0]) - np.arctan2(into[:, 1], into[:, 0]) - np.pi
         phi = (np.degrees(turned) + 180.0) % 360.0 - 180.0
-        found = np.zeros((len(into), 16))
-        found[:, self.there] = rows(self.grids, (stretched(mu_i), stretched(mu_o), np.abs(phi))) @ self.coefficients
-        matrices = found.reshape(-1, 4, 4) / (mu_i + mu_o)[:, None, None]
+        matrices = np.zeros((len(into), 4, 4))
+        matrices[:, self.there] = rows(self.grids, (stretched(mu_i), stretched(mu_o), np.abs(phi))) @ self.coefficients
+        matrices /= (mu_i + mu_o)[:, None, None]
         matrices[phi < 0.0] *= MIRROR
         return matrices
 

@@ -64,19 +64,19 @@ def degree(grid: Array) -> int:
 
 
 def repeated(
-    grid: Array, period: float = 2.0 * np.pi, low: float = 0.0, high: float = np.inf
+    grid: Array, period: float = 2.0 * np.pi, low: float = 0.0, high: float = np.inf, margin: int = MARGIN
 ) -> tuple[Array, NDArray[np.intp]]:
-    """The points of one period, ascending from 0 on, between ``low`` and ``high``, by default once around, and MARGIN
-    more at each end; and which of ``grid`` (n,) each is.
+    """The points of one period, ascending from 0 on, between ``low`` and ``high``, by default once around, and
+    ``margin`` more at each end; and which of ``grid`` (n,) each is.
 
     >>> [part.size for part in repeated(np.arange(36) * (np.pi / 18))]
     [69, 69]
     """
-    turns = -(-MARGIN // grid.size) + 1
+    turns = -(-margin // grid.size) + 1
     count = np.arange(-turns * grid.size, (turns + 1) * grid.size + 1)
     going_on = grid[count % grid.size] + period * (count // grid.size)
     first, last = np.searchsorted(going_on, [low, min(high, period)])
-    there = slice(max(0, first - MARGIN), last + MARGIN + 1)
+    there = slice(max(0, first - margin), last + margin + 1)
     return going_on[there], count[there] % grid.size
 
 
@@ -91,21 +91,23 @@ def mirrored(phi: Array) -> tuple[Array, NDArray[np.intp]]:
     return found, places
 
 
-def around(phi: Array, matrices: Array, low: float = 0.0, high: float = 360.0) -> tuple[Array, Array]:
+def around(
+    phi: Array, matrices: Array, low: float = 0.0, high: float = 360.0, margin: int = MARGIN
+) -> tuple[Array, Array]:
     """Azimuths (m,) [degrees] from ``low`` to ``high`` and beyond, and the Mueller matrices (..., m, 4, 4) there.
 
     ``matrices`` (..., n, 4, 4) are those at ``phi`` (n,) [degrees]; missing azimuths are mirror images.
     """
     azimuths, places = mirrored(phi)
-    grid, turn = repeated(azimuths, 360.0, low, high)
+    grid, turn = repeated(azimuths, 360.0, low, high, margin)
     sign = np.where((places[turn] >= phi.size)[:, None, None], MIRROR, 1.0)
     return grid, matrices[..., places[turn] % phi.size, :, :] * sign
 
 
-def over_pole(theta: Array, here: Array, opposite: Array, axis: int = 0) -> tuple[Array, Array]:
+def over_pole(theta: Array, here: Array, opposite: Array, axis: int = 0, margin: int = MARGIN) -> tuple[Array, Array]:
     """Angles from the normal (m,) and values along great circles: half a turn away the angle is negative.
 
     ``theta`` (n,) ascends from 0 or above; ``here`` and ``opposite``, half a turn away, have it as their ``axis``.
     """
-    behind = np.flatnonzero(theta > POLE)[:MARGIN][::-1]  # the pole itself counts once
+    behind = np.flatnonzero(theta > POLE)[:margin][::-1]  # the pole itself counts once
     return np.concatenate([-theta[behind], theta]), np.concatenate([opposite.take(behind, axis), here], axis)
