@@ -117,8 +117,10 @@ cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
     cdef int n_angle = s.n_angle, n_col = s.n_col, n_phi = s.n_phi, n_place = s.n_place, n_level = s.n_level
     cdef int first = 0, t, f, k, i = s.first + item // s.n_mu, j = item % s.n_mu
     cdef size_t each = <size_t>s.n_in * s.n_mu, pair = <size_t>i * s.n_mu + j    # levels apart; the pair's place in one
-    cdef given path = s.path + pair
+    cdef given path = s.path + pair, sign = s.sign
+    cdef given_ints angle = s.angle
     cdef doubles z = desk.work
+    cdef double strength
     cdef int target[MOST_ENTRIES]
     cdef double factor[2][MOST_ENTRIES]     # as computed, and mirrored
     cdef doubles to
@@ -133,16 +135,17 @@ cdef int scatter_pair(const void* task, int item, Desk desk) noexcept nogil:
                   s.sin_phi + first, n_col, s.kind, s.columns, z + first, n_angle)
         first += VRTE_BLOCK
     for t in range(n_level):
-        if path[t * each] == 0.0:
+        strength = path[t * each]
+        if strength == 0.0:
             continue
         for k in range(4 * n_col):
             target[k] = k % 4 * n_place + s.place[k // 4]
-            factor[0][k] = path[t * each]
-            factor[1][k] = path[t * each] if (k % 4 >= 2) == (s.kind[k // 4] == 1) else -path[t * each]
+            factor[0][k] = strength
+            factor[1][k] = strength if (k % 4 >= 2) == (s.kind[k // 4] == 1) else -strength
         to = s.out + (t * each + pair) * n_phi * 4 * n_place
         for f in range(n_phi):
-            now = &factor[s.sign[f] < 0.0][0]
+            now = &factor[sign[f] < 0.0][0]
             for k in range(4 * n_col):
-                to[target[k]] += now[k] * z[<size_t>k * n_angle + s.angle[f]]
+                to[target[k]] += now[k] * z[<size_t>k * n_angle + angle[f]]
             to += 4 * n_place
     return 0
