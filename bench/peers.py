@@ -23,7 +23,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
 from vrte.formats.atomic import atomic_write
 from vrte.studies.cases import SPHEROIDS
-from vrte.studies.methods.peers import imported, nanodisort, sasktran2
+from vrte.studies.methods.peers import codes, imported
 from vrte.studies.methods.peers.asked import Asked
 
 Solve = Callable[[], Array]  # radiances (tau, mu, phi, Stokes compared)
@@ -163,16 +163,16 @@ def wanted_keywords() -> dict[str, Any]:
 def with_nanodisort(problem: Problem, streams: int, accuracy: float = ACCURACY) -> Solve:
     """nanodisort (cdisort), its arrays made beforehand."""
     asked = problem.asked
-    state = nanodisort.state_of(asked, streams, accuracy)
-    return lambda: nanodisort.field_of(asked, state).stokes[..., : problem.stokes]
+    state = codes.nanodisort_state(asked, streams, accuracy)
+    return lambda: codes.nanodisort_field(asked, state).stokes[..., : problem.stokes]
 
 
 def with_sasktran2(problem: Problem, streams: int, orders: int | None = None) -> Solve:
     """sasktran2, engine and atmosphere made beforehand; ``orders`` fixes its number of azimuthal orders."""
     asked = problem.asked
-    engine, geometry, config = sasktran2.engine_of(asked, streams, orders)
-    atmosphere = sasktran2.atmosphere_of(asked, geometry, config)
-    return lambda: sasktran2.field_of(asked, engine, atmosphere).stokes[..., : problem.stokes]
+    engine, geometry, config = codes.sasktran2_engine(asked, streams, orders)
+    atmosphere = codes.sasktran2_atmosphere(asked, geometry, config)
+    return lambda: codes.sasktran2_field(asked, engine, atmosphere).stokes[..., : problem.stokes]
 
 
 # by the peer a problem is for, then by the name in the table

@@ -1,17 +1,24 @@
-"""An oracle nobody can argue with: adding-doubling of the discrete system in ball arithmetic (python-flint).
+"""An oracle nobody can argue with: the field of any scene in ball arithmetic (python-flint).
 
-The same system that the package solves (double-Gauss nodes, l < 2 N terms), with directions off the nodes as nodes of
-weight zero and the beams as nodes into which nothing scatters. Every number is a ball that contains the true value, so
-its digits are right, whatever the thickness and the albedo.
+Layers over a base, at any depth, one Fourier order, of the discrete system that the package solves: double-Gauss nodes,
+multiple scattering with l < 2 N terms, a beam's scattering straight into a direction off the nodes with all terms.
+Directions off the nodes are nodes of weight zero; slabs join by the star product. Every number is a ball that contains
+the true value, so its digits are right, whatever the thickness and the albedo.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from flint import arb, arb_mat, ctx, fmpq
 
-BITS = 256
+Lobe = Callable[[int, arb, arb], arb_mat]
+BITS, BITS_CONSERVATIVE = 256, 448
+# thicknesses that stand for infinite: light dies out at a rate of 1e-6 or more, or 1/thickness of it gets through
+ENDLESS, ENDLESS_CONSERVATIVE = 2**34, 2**72
+COLUMNS = ((1.0, 0.3, 0.0, 0.0), (0.0, 0.0, 0.2, 0.1))  # incident Stokes vectors [W m-2]
+FLIP = (1, 1, -1, -1)
 
 
 def exact(value: float) -> arb:
@@ -64,91 +71,395 @@ def coefficient_matrix(row: Sequence[float]) -> arb_mat:
     return arb_mat([[a1, -b1, 0, 0], [-b1, a2, 0, 0], [0, 0, a3, -b2], [0, 0, b2, a4]])
 
 
-def blocks(matrices: list[list[arb_mat]]) -> arb_mat:
-    """One matrix from a square array of 4x4 blocks."""
-    size = len(matrices)
-    return arb_mat([[matrices[i // 4][j // 4][i % 4, j % 4] for j in range(4 * size)] for i in range(4 * size)])
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Expansion coefficients (terms, 6), albedo, optical thickness."""
+
+    coefficients: np.ndarray
+    albedo: float
+    thickness: float
 
 
-def slab(
-    m: int, coefficients: np.ndarray, albedo: float, thickness: float, mu: list[arb], weight: list[arb], n_in: int
-) -> tuple[arb_mat, arb_mat]:
-    """R and T of the slab on the directions mu; the last n_in carry the beams."""
-    terms = len(coefficients)
-    count, omega, none = len(mu), exact(albedo), arb_mat(4, 4)
-    here = [legendre_matrices(m, terms, u) for u in mu]
-    middle = [coefficient_matrix(row) for row in coefficients]
-    flip = arb_mat([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, -1]])
-    left = [[here[i][l] * middle[l] for l in range(m, terms)] for i in range(count)]
-    # Pm = A(mu, -mu') D, with P_l^m(-u) = (-1)^(l-m) D P_l^m(u) D
-    turned = [[(-1) ** (l - m) * (flip * matrix) if l >= m else none for l, matrix in enumerate(row)] for row in here]
-    forward, back = [], []
-    for i in range(count):
-        forward.append([none] * count)
-        back.append([none] * count)
-        if i >= count - n_in:
-            continue
-        for j in range(count):
-            if weight[j] == 0:
-                continue
-            same, other = none, none
-            for l in range(m, terms):
-                same = same + left[i][l - m] * here[j][l]
-                other = other + left[i][l - m] * turned[j][l]
-            scale = omega / 2 * weight[j] / mu[i]
-            forward[i][j] = scale * same
-            back[i][j] = scale * other
-    size = 4 * count
-    a, b = blocks(forward), blocks(back)
-    for i in range(size):
-        a[i, i] = a[i, i] - 1 / mu[i // 4]
-    steepest = max(float(1 / u) for u in mu)
-    doublings = max(0, math.ceil(math.log2(max(thickness * steepest, 1e-300))))
-    h = exact(thickness) / 2**doublings
-    whole = arb_mat(2 * size, 2 * size)
-    for i in range(size):
-        for j in range(size):
-            whole[i, j], whole[i, size + j] = h * a[i, j], h * b[i, j]
-            whole[size + i, j], whole[size + i, size + j] = -h * b[i, j], -h * a[i, j]
+@dataclass(frozen=True, eq=False)
+class Request:
+    """One order of the field of some beams: signed cosines mu, depths as (layer, depth below its top); ``columns``: the
+    Stokes vectors of each beam."""
+
+    order: int
+    layers: tuple[Layer, ...]
+    base: float | Lobe | None
+    mu0: tuple[float, ...]
+    mu: tuple[float, ...]
+    levels: tuple[tuple[int, float], ...]
+    nodes: int
+    columns: tuple[tuple[float, ...], ...] = COLUMNS
+
+    @property
+    def incident(self) -> arb_mat:
+        """The columns of a beam, (4, n_column)."""
+        return arb_mat([[exact(column[i]) for column in self.columns] for i in range(4)])
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """radiance (n_column, n_tau, n_mu, 4), diffuse, the columns of one beam after those of another; flux_up, flux_down
+    (n_column, n_tau), in order 0."""
+
+    radiance: np.ndarray
+    flux_up: np.ndarray
+    flux_down: np.ndarray
+
+
+class Directions:
+    """Nodes, then the distinct cosines of `mu` as nodes of weight zero, then the beams' columns."""
+
+    def __init__(self, request: Request) -> None:
+        roots = [arb.legendre_p_root(request.nodes, k, weight=True) for k in range(request.nodes)]
+        self.nodes = request.nodes
+        self.out = sorted({abs(u) for u in request.mu})
+        self.mu = [(x + 1) / 2 for x, _ in roots] + [exact(u) for u in self.out]
+        self.weight = [w / 2 for _, w in roots]
+        self.mu0 = [exact(u) for u in request.mu0]
+        self.columns = len(request.columns)
+        self.field = 4 * len(self.mu)
+        self.size = self.field + self.columns * len(self.mu0)
+
+    def rate(self, row: int) -> arb:
+        """1/mu of a row of the operators."""
+        return 1 / (self.mu[row // 4] if row < self.field else self.mu0[(row - self.field) // self.columns])
+
+
+def scattering(
+    request: Request, layer: Layer, terms: int, to: list[arb], sources: list[tuple[arb, arb_mat]]
+) -> list[arb_mat]:
+    """omega/2 Pp and omega/2 Pm from (cosine, factor) sources to cosines: (4 n_to, columns of all factors) each.
+
+    Pm = A(mu, -mu') D, with P_l^m(-u) = (-1)^(l-m) D P_l^m(u) D.
+    """
+    m, half = request.order, exact(layer.albedo) / 2
+    degrees = range(m, min(terms, len(layer.coefficients)))
+    widths = [factor.ncols() for _, factor in sources]
+    left = arb_mat(4 * len(to), 4 * len(degrees))
+    same, other = (arb_mat(4 * len(degrees), sum(widths)) for _ in range(2))
+    if not degrees:
+        return [left * same, left * other]
+    middle = [half * coefficient_matrix(layer.coefficients[l]) for l in degrees]
+    for i, mu in enumerate(to):
+        for k, matrix in enumerate(sharp_legendre_matrices(m, degrees.stop, mu)):
+            put(left, 4 * i, 4 * k, matrix * middle[k])
+    for j, (mu, factor) in enumerate(sources):
+        for k, matrix in enumerate(sharp_legendre_matrices(m, degrees.stop, mu)):
+            put(same, 4 * k, sum(widths[:j]), matrix * factor)
+            put(other, 4 * k, sum(widths[:j]), (-1) ** k * flipped(matrix) * factor)
+    return [left * same, left * other]
+
+
+def sharp_legendre_matrices(m: int, terms: int, mu: arb) -> list[arb_mat]:
+    """P_l^m, l = m .. terms - 1: balls lose up to 1.3 bits a step of the recurrence in l."""
+    bits = ctx.prec
+    ctx.prec = bits + 2 * terms
+    try:
+        return legendre_matrices(m, terms, mu)[m:]
+    finally:
+        ctx.prec = bits
+
+
+def flipped(matrix: arb_mat) -> arb_mat:
+    """D matrix."""
+    return arb_mat([[FLIP[i] * matrix[i, j] for j in range(matrix.ncols())] for i in range(4)])
+
+
+def put(target: arb_mat, row: int, column: int, block: arb_mat) -> None:
+    """Writes a block into a matrix."""
+    for i in range(block.nrows()):
+        for j in range(block.ncols()):
+            target[row + i, column + j] = block[i, j]
+
+
+def generator(directions: Directions, request: Request, layer: Layer) -> tuple[arb_mat, arb_mat]:
+    """a, b of I+' = a I+ + b I~, I~' = -b I+ - a I~ on nodes, outgoing directions and beam."""
+    n, on_nodes, cut_at = directions.size, 4 * directions.nodes, 2 * request.nodes
+    nodes = [(mu, weight * identity(4)) for mu, weight in zip(directions.mu, directions.weight, strict=False)]
+    beam = [(mu0, request.incident) for mu0 in directions.mu0]
+    among = scattering(request, layer, cut_at, directions.mu, nodes)
+    onto = scattering(request, layer, cut_at, directions.mu[: directions.nodes], beam)
+    once = scattering(request, layer, len(layer.coefficients), directions.mu[directions.nodes :], beam)
+    result = []
+    for many, first, straight in zip(among, onto, once, strict=True):
+        matrix = arb_mat(n, n)
+        put(matrix, 0, 0, many)
+        put(matrix, 0, directions.field, first)
+        put(matrix, on_nodes, directions.field, straight)
+        result.append(arb_mat([[directions.rate(i) * matrix[i, j] for j in range(n)] for i in range(n)]))
+    a, b = result
+    for i in range(n):
+        a[i, i] -= directions.rate(i)
+    return a, b
+
+
+def homogeneous(directions: Directions, a: arb_mat, b: arb_mat, thickness: arb) -> tuple[arb_mat, arb_mat]:
+    """R and T of a slab: a matrix exponential, then doublings."""
+    n = directions.size
+    steepest = max(sum(abs(float(a[i, j].mid())) + abs(float(b[i, j].mid())) for j in range(n)) for i in range(n))
+    doublings = max(0, math.ceil(math.log2(max(float(thickness) * steepest, 1e-300))))
+    h = thickness / 2**doublings
+    whole = arb_mat(2 * n, 2 * n)
+    for i in range(n):
+        for j in range(n):
+            whole[i, j], whole[i, n + j] = h * a[i, j], h * b[i, j]
+            whole[n + i, j], whole[n + i, n + j] = -h * b[i, j], -h * a[i, j]
     start = whole.exp()
-    part = lambda top, side: arb_mat([[start[top + i, side + j] for j in range(size)] for i in range(size)])  # noqa: E731
-    R = -1 * part(size, size).solve(part(size, 0))
-    T = part(0, 0) + part(0, size) * R
-    one = arb_mat([[int(i == j) for j in range(size)] for i in range(size)])
+    R = -1 * part(start, n, n).solve(part(start, n, 0))
+    T = part(start, 0, 0) + part(start, 0, n) * R
     for _ in range(doublings):
-        inner = (one - R * R).solve(T)
+        inner = (identity(n) - R * R).solve(T)
         R, T = R + T * (R * inner), T * inner
     return R, T
 
 
-def centre(ball: arb) -> float:
-    """The double nearest to a ball's centre, which must leave no doubt of it."""
-    assert float(ball.rad()) < 1e-30
-    return float(ball)
+def part(matrix: arb_mat, top: int, side: int) -> arb_mat:
+    """One quarter."""
+    n = matrix.nrows() // 2
+    return arb_mat([[matrix[top + i, side + j] for j in range(n)] for i in range(n)])
 
 
-def brdf_order(
-    m: int,
-    coefficients: np.ndarray,
-    albedo: float,
-    thickness: float,
-    mu_i: Sequence[float],
-    mu_o: Sequence[float],
-    nodes: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """f^m and the diffuse BTDF's (in, out, 4, 4) [1/sr], public frame, over a black base."""
-    ctx.prec = BITS
-    roots = [arb.legendre_p_root(nodes, k, weight=True) for k in range(nodes)]
-    mu = [(x + 1) / 2 for x, _ in roots] + [exact(u) for u in [*mu_o, *mu_i]]
-    weight = [w / 2 for _, w in roots] + [arb(0)] * len(mu_o) + [arb(1)] * len(mu_i)
-    R, T = slab(m, coefficients[: 2 * nodes], albedo, thickness, mu, weight, len(mu_i))
-    reflected, transmitted = (np.empty((len(mu_i), len(mu_o), 4, 4)) for _ in range(2))
-    for i, u in enumerate(mu_i):
-        for o in range(len(mu_o)):
-            row, column = 4 * (nodes + o), 4 * (nodes + len(mu_o) + i)
-            for a in range(4):
-                for b in range(4):
-                    scale = 2 * arb.pi() * exact(u)
-                    reflected[i, o, a, b] = centre(R[row + a, column + b] / scale) * (1 if a < 2 else -1)
-                    transmitted[i, o, a, b] = centre(T[row + a, column + b] / scale)
-    return reflected, transmitted
+def identity(n: int) -> arb_mat:
+    """1."""
+    return arb_mat([[int(i == j) for j in range(n)] for i in range(n)])
+
+
+Quartet = tuple[arb_mat, arb_mat, arb_mat, arb_mat]
+
+
+def star(upper: Quartet, lower: Quartet) -> Quartet:
+    """R and T from above, R and T from below, of two parts joined."""
+    Ra, Ta, Rb, Tb = upper
+    Sa, Ua, Sb, Ub = lower
+    one = identity(Ra.nrows())
+    down = (one - Rb * Sa).solve(Ta)
+    up = (one - Sa * Rb).solve(Ub)
+    return Ra + Tb * (Sa * down), Ua * down, Sb + Ua * (Rb * up), Tb * up
+
+
+def base_operator(directions: Directions, request: Request) -> arb_mat:
+    """From light falling on the base, nodes and beam, to light going up, nodes and outgoing directions (flipped)."""
+    n = directions.size
+    result = arb_mat(n, n)
+    if request.base is None or (isinstance(request.base, float) and request.order > 0):
+        return result
+    for i, mu_out in enumerate(directions.mu):
+        for j, mu_in in enumerate([*directions.mu[: directions.nodes], *directions.mu0]):
+            if isinstance(request.base, float):
+                block = arb_mat(4, 4)
+                block[0, 0] = 2 * exact(request.base)
+            else:
+                block = flipped(request.base(request.order, mu_in, mu_out))
+            if j < directions.nodes:
+                put(result, 4 * i, 4 * j, directions.weight[j] * mu_in * block)
+            else:
+                place = directions.field + (j - directions.nodes) * directions.columns
+                put(result, 4 * i, place, mu_in * (block * request.incident))
+    return result
+
+
+class Pile:
+    """The slabs between the wanted depths; equal sequences are worked out once."""
+
+    def __init__(self, directions: Directions, request: Request) -> None:
+        self.directions, self.request = directions, request
+        self.generators: dict[tuple[bytes, float], tuple[arb_mat, arb_mat]] = {}
+        self.known: dict[tuple[tuple[int, str], ...], Quartet] = {}
+
+    def slab(self, layer: Layer, thickness: arb) -> Quartet:
+        """R, T, R, T of a piece of a layer."""
+        key = (layer.coefficients.tobytes(), layer.albedo)
+        if key not in self.generators:
+            self.generators[key] = generator(self.directions, self.request, layer)
+        R, T = homogeneous(self.directions, *self.generators[key], thickness)
+        return R, T, R, T
+
+    def sequence(self, pieces: tuple[tuple[Layer, arb], ...]) -> Quartet:
+        """R and T of pieces on top of each other, halved again and again."""
+        kinds = [(layer.coefficients.tobytes(), layer.albedo) for layer, _ in pieces]
+        key = tuple((hash(kind), piece[1].str(80)) for kind, piece in zip(kinds, pieces, strict=True))
+        if key not in self.known:
+            if len(pieces) == 1:
+                self.known[key] = self.slab(*pieces[0])
+            else:
+                half = 2 ** ((len(pieces) - 1).bit_length() - 1)
+                self.known[key] = star(self.sequence(pieces[:half]), self.sequence(pieces[half:]))
+        return self.known[key]
+
+
+def cut(request: Request) -> tuple[list[tuple[tuple[Layer, arb], ...]], list[int]]:
+    """The pieces between wanted depths, top first, and which boundary between them each level is."""
+    groups: list[tuple[tuple[Layer, arb], ...]] = []
+    here: list[tuple[Layer, arb]] = []
+    place: dict[tuple[int, float], int] = {}
+    for k, layer in enumerate(request.layers):
+        depth = arb(0)
+        for level in sorted({d for at, d in request.levels if at == k}):
+            if exact(level) > depth:
+                here.append((layer, exact(level) - depth))
+                depth = exact(level)
+            if here:
+                groups.append(tuple(here))
+                here = []
+            place[(k, level)] = len(groups)
+        left = endless(layer, request) if math.isinf(layer.thickness) else exact(layer.thickness) - depth
+        if left > 0:
+            here.append((layer, left))
+    if here:
+        groups.append(tuple(here))
+    return groups, [place[level] for level in request.levels]
+
+
+def endless(layer: Layer, request: Request) -> arb:
+    """A thickness that stands for infinite."""
+    return arb(ENDLESS_CONSERVATIVE if layer.albedo == 1.0 and request.order == 0 else ENDLESS)
+
+
+class DoubtfulError(ArithmeticError):
+    """The balls are too wide: the scene has no stable answer, or needs more bits."""
+
+
+def field_order(request: Request) -> Answer:
+    """The field of one Fourier order, with as many bits as it takes. Raises DoubtfulError where 1280 are not enough.
+
+    The public field is the sum over orders of (2 - delta_m0) times (cos, cos, sin, sin)(m phi) for the first column,
+    and (-sin, -sin, cos, cos)(m phi) for the second.
+    """
+    conservative = any(math.isinf(layer.thickness) and layer.albedo == 1.0 for layer in request.layers)
+    bits = BITS_CONSERVATIVE if conservative and request.order == 0 else BITS
+    while True:
+        try:
+            return with_bits(request, bits)
+        except (DoubtfulError, ZeroDivisionError):
+            if bits >= 1024:
+                raise DoubtfulError("even wide balls leave the answer open") from None
+            bits *= 2
+
+
+def with_bits(request: Request, bits: int) -> Answer:
+    """The field of one Fourier order. Raises DoubtfulError where the balls leave 20 digits in doubt."""
+    ctx.prec = bits
+    directions = Directions(request)
+    groups, boundary = cut(request)
+    pile = Pile(directions, request)
+    parts = [pile.sequence(group) for group in groups]
+    n = directions.size
+    lit = not math.isinf(request.layers[-1].thickness)
+    below = base_operator(directions, request) if lit else arb_mat(n, n)
+    reflected, passing = [below], []
+    for Ra, Ta, Rb, Tb in reversed(parts):
+        through = (identity(n) - Rb * below).solve(Ta)
+        passing.append(through)
+        below = Ra + Tb * (below * through)
+        reflected.append(below)
+    down = arb_mat([[int(i - directions.field == j) for j in range(n - directions.field)] for i in range(n)])
+    fields = [(down, reflected[-1] * down)]
+    for through, lower in zip(reversed(passing), reversed(reflected[:-1]), strict=True):
+        down = through * down
+        fields.append((down, lower * down))
+    return collect(request, directions, [fields[place] for place in boundary])
+
+
+def collect(request: Request, directions: Directions, fields: list[tuple[arb_mat, arb_mat]]) -> Answer:
+    """Radiance in the wanted directions and fluxes, as doubles."""
+    n_tau, columns = len(fields), range(directions.size - directions.field)
+    radiance, flux = np.empty((len(columns), n_tau, len(request.mu), 4)), np.empty((len(columns), n_tau, 2))
+    for t, (down, up) in enumerate(fields):
+        light = [[light_at(request, directions, c, u, down, up) for u in request.mu] for c in columns]
+        through = [[flux_of(directions, light_of, c) for light_of in (up, down)] for c in columns]
+        radiance[:, t], flux[:, t] = centres(light), centres(through)
+    return Answer(radiance, flux[..., 0], flux[..., 1])
+
+
+def light_at(request: Request, directions: Directions, c: int, u: float, down: arb_mat, up: arb_mat) -> list[arb]:
+    """The four Stokes parameters along a signed cosine, public frame."""
+    row = 4 * (directions.nodes + directions.out.index(abs(u)))
+    field, flip = (up, FLIP) if u > 0 else (down, (1, 1, 1, 1))
+    return [field[row + i, c] * flip[i] / (2 * arb.pi()) for i in range(4)]
+
+
+def flux_of(directions: Directions, light: arb_mat, c: int) -> arb:
+    """Diffuse flux through a horizontal plane, from the nodes."""
+    terms = (directions.weight[j] * directions.mu[j] * light[4 * j, c] for j in range(directions.nodes))
+    return sum(terms, arb(0))
+
+
+def centres(balls: list) -> np.ndarray:
+    """The centres of nested lists of balls, none wider than 1e-20 of the largest. Raises DoubtfulError."""
+    flat = np.array(balls, dtype=object)
+    values = np.array([float(ball.mid()) for ball in flat.ravel()]).reshape(flat.shape)
+    widest = max(float(ball.rad()) for ball in flat.ravel())
+    if not widest <= 1e-20 * max(np.abs(values).max(), 1e-290):
+        raise DoubtfulError(f"a ball of radius {widest:.1g} beside values up to {np.abs(values).max():.1g}")
+    return values
+
+
+def mueller_lobe_orders(width_deg: float, amplitude: float, matrix: np.ndarray) -> Lobe:
+    """Orders of amplitude exp(-(1 - c)/width^2) M: 2 pi e^-x I_m(x) in the cosine blocks; M has no sine blocks."""
+    constant = arb_mat([[exact(value) for value in row] for row in matrix])
+
+    def orders(m: int, mu_in: arb, mu_out: arb) -> arb_mat:
+        kappa = 1 / exact(math.radians(width_deg)) ** 2  # here, with the bits of the answer
+        sines = ((1 - mu_in**2) * (1 - mu_out**2)).sqrt()
+        x = kappa * sines
+        # the scaled function carries e^-x
+        scale = 2 * arb.pi() * exact(amplitude) * (x + kappa * (mu_in * mu_out - 1)).exp() * x.bessel_i(m, scaled=True)
+        return scale * constant
+
+    return orders
+
+
+def sensitivity(request: Request, answer: Answer, size: np.ndarray) -> float:
+    """c: the largest change when albedo, thickness or a coefficient of every layer moves by one unit in the last place.
+
+    Of radiance relative to ``size`` (n_tau,), of fluxes (order 0) relative to the larger one at that depth.
+    """
+    worst = 0.0
+    for change in (less_albedo, thicker, less_forward):
+        layers = tuple(change(layer) for layer in request.layers)
+        if all(a is b for a, b in zip(layers, request.layers, strict=True)):
+            continue
+        levels = tuple(moved_level(request.layers, layers, level) for level in request.levels)
+        other = field_order(replace(request, layers=layers, levels=levels))
+        worst = max(worst, largest(np.abs(other.radiance - answer.radiance).max(axis=(0, 2, 3)), size))
+        if request.order == 0:
+            fluxes, moved = (np.stack([found.flux_up, found.flux_down]) for found in (answer, other))
+            worst = max(worst, largest(np.abs(moved - fluxes).max(axis=(0, 1)), np.abs(fluxes).max(axis=(0, 1))))
+    return worst
+
+
+def largest(gap: np.ndarray, size: np.ndarray) -> float:
+    """The largest ratio; where there is no light there is no gap."""
+    return float((gap / np.maximum(size, 1e-300)).max())
+
+
+def less_albedo(layer: Layer) -> Layer:
+    """One unit in the last place off the albedo."""
+    return replace(layer, albedo=float(np.nextafter(layer.albedo, 0.0))) if layer.albedo > 0.0 else layer
+
+
+def thicker(layer: Layer) -> Layer:
+    """One unit in the last place onto the thickness."""
+    if math.isinf(layer.thickness):
+        return layer
+    return replace(layer, thickness=float(np.nextafter(layer.thickness, np.inf)))
+
+
+def less_forward(layer: Layer) -> Layer:
+    """One unit in the last place off the first coefficient that is not zero beyond a1[0]."""
+    coefficients = layer.coefficients.copy()
+    for l in range(1, len(coefficients)):
+        if coefficients[l, 0] != 0.0:
+            coefficients[l, 0] = np.nextafter(coefficients[l, 0], 0.0)
+            return replace(layer, coefficients=coefficients)
+    return layer
+
+
+def moved_level(before: tuple[Layer, ...], after: tuple[Layer, ...], level: tuple[int, float]) -> tuple[int, float]:
+    """A level at a layer's bottom stays there."""
+    at, depth = level
+    return (at, after[at].thickness) if depth == before[at].thickness else level

@@ -18,7 +18,7 @@ from vrte.studies.stability.cases import Case
 from vrte.studies.stability.corners import oracle_cases
 from vrte.studies.stability.oracle import TABLE
 
-from .ball_scene import DoubtfulError, Layer, Request, field_order, mueller_lobe_orders, sensitivity
+from .ball_oracle import DoubtfulError, Layer, Request, field_order, mueller_lobe_orders, sensitivity
 
 SAVE_EVERY = 60.0  # seconds
 Arrays = dict[str, np.ndarray]
@@ -31,7 +31,7 @@ def request_of(case: Case, order: int) -> Request:
         order=order,
         layers=tuple(Layer(*layer) for layer in case.layers),
         base=lobe if case.base == "lobe" else case.base,
-        mu0=case.mu0,
+        mu0=(case.mu0,),
         mu=tuple(case.mu),
         levels=tuple(case.levels),
         nodes=case.nodes,

@@ -111,7 +111,7 @@ def test_without_them_the_report_works_and_says_so(monkeypatch: pytest.MonkeyPat
 def test_a_failure_of_theirs_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("nanodisort")
 
-    def fails(*_: object) -> peers.Solve:
+    def fails(*_: object) -> object:
         raise ValueError("of its own")
 
     broken = replace(peers.PEERS["nanodisort"], prepare=fails)

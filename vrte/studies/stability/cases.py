@@ -16,6 +16,7 @@ from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import double_gauss
+from vrte.discrete_ordinates.planning.choice import THIN
 from vrte.scene.scene import Scene
 from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Base, Slab, phase_matrix, scene_of
 from vrte.studies.stability.covering import Row, covering_array
@@ -141,6 +142,21 @@ class Case:
     def resolved(self) -> bool:
         """Whether the nodes carry all terms, without which the cut phase matrix may be negative somewhere."""
         return self.terms <= 2 * self.nodes
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether what scatters is so thin that one of the algorithms is known to lose digits (and is not chosen)."""
+        return math.fsum(slab.thickness for slab in self.slabs if slab.albedo > 0.0) < THIN
+
+    @property
+    def reflects_everything(self) -> bool:
+        """Whether the scene ends in a white base or without end."""
+        return self.base_kind == "white" or math.isinf(self.thickness)
+
+    def is_white(self, top: tuple[int, float], bottom: tuple[int, float] | None = None) -> bool:
+        """Whether nothing is absorbed from one level to another, by default to the bottom."""
+        last, depth = bottom or (len(self.slabs) - 1, self.slabs[-1].thickness)
+        return all(slab.albedo == 1.0 for slab in self.slabs[top[0] : last + (depth > 0.0)])
 
     @property
     def group(self) -> str:
@@ -280,9 +296,3 @@ def albedo_name(albedo: float) -> str:
     ('1-1e-09', '0.99')
     """
     return f"1-{1.0 - albedo:.0e}" if 0.999 < albedo < 1.0 else f"{albedo:g}"
-
-
-def conservative_between(case: Case, top: tuple[int, float], bottom: tuple[int, float]) -> bool:
-    """Whether nothing is absorbed from one level to the next."""
-    layers = range(top[0], bottom[0] + (bottom[1] > 0.0))
-    return all(case.slabs[k].albedo == 1.0 for k in layers)

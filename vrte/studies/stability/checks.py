@@ -13,10 +13,10 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError
-from vrte.discrete_ordinates.planning.choice import THIN
+from vrte.discrete_ordinates.orders.routes import OTHER
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.studies.stability.cases import BEAM, Case, conservative_between
+from vrte.studies.stability.cases import BEAM, Case
 from vrte.studies.stability.oracle import OracleAnswer
 from vrte.studies.stability.solving import (
     FEW,
@@ -28,7 +28,6 @@ from vrte.studies.stability.solving import (
     expected_seconds,
     few_azimuths,
     is_whole,
-    other_algorithm,
     solve_brdf,
     solve_few_orders,
     solve_field,
@@ -94,14 +93,18 @@ def whole_checks(case: Case, oracle: OracleAnswer | None, options: Options, limi
     yield finite(field.stokes, field.flux_up, field.flux_down, brdf.mueller, brdf.transmission, other.stokes)
     if oracle is not None:
         yield from against_oracle(case, in_the_oracles_light(case, field, options), oracle)
-    yield Check("BRDF and radiance", brdf_gap(case, field, brdf, few), limit)
+    # the BRDF times the irradiance is the radiance at the top, the BTDF times the irradiance that at the bottom
+    lit = case.mu0 * np.array(case.beam)
+    yield Check("BRDF and radiance", relative((brdf.mueller[0] @ lit)[None], up_and_down(field, few)[0]), limit)
     if brdf.transmission is not None:
-        yield Check("BTDF and radiance", btdf_gap(case, field, brdf, few), limit)
+        places = [brdf.mu_o.tolist().index(-mu) for mu in case.mu[case.mu < 0.0]]
+        below = (brdf.transmission[0, places] @ lit)[None]
+        yield Check("BTDF and radiance", relative(below, up_and_down(field, few)[1]), limit)
     yield Check("layer cut otherwise", relative(other.stokes, field.stokes[:, :, few]), limit)
     yield Check("layer cut otherwise, fluxes", flux_gap(other, field), limit)
-    alone = oracle is None and not is_thin(case)
+    alone = oracle is None and not case.is_thin
     yield from both_algorithms(case, field, phi[few], few, options, limit, alone)
-    yield from energy(case, net_flux(field), field.direct[0])
+    yield from energy(case, field.flux_down + field.direct - field.flux_up, field.direct[0])
     yield from closed(case, brdf)
     yield Check("reciprocity", reciprocity(brdf), limit)
     yield Check("mirror symmetry", mirror(brdf), TARGET)
@@ -120,18 +123,13 @@ def both_algorithms(
     case: Case, field: Field, phi: Array, few: Array, options: Options, limit: float, counts: bool
 ) -> Iterator[Check]:
     """The field by the other algorithm, unless that one says that it cannot."""
-    algorithm = other_algorithm(field.diagnostics["algorithm"])
+    algorithm = OTHER[field.diagnostics["algorithm"]]
     try:
         other = solve_field(case, case.scene, phi, algorithm, options.threads)
     except AccuracyError:
         return
     yield Check("both algorithms", relative(other.stokes, field.stokes[:, :, few]), limit, counts)
     yield Check("both algorithms, fluxes", flux_gap(other, field), limit, counts)
-
-
-def is_thin(case: Case) -> bool:
-    """Whether what scatters is so thin that one of the algorithms is known to lose digits (and is not chosen)."""
-    return math.fsum(slab.thickness for slab in case.slabs if slab.albedo > 0.0) < THIN
 
 
 def few_order_checks(case: Case, options: Options, limit: float) -> Iterator[Check]:
@@ -141,8 +139,8 @@ def few_order_checks(case: Case, options: Options, limit: float) -> Iterator[Che
     if expected_seconds(case, FEW) <= SPLIT_UP_TO:
         other = solve_few_orders(case, cut(case), options.algorithm, options.threads)
         yield from few_order_gaps(case, "layer cut otherwise", other, found, limit, True)
-        other = solve_few_orders(case, case.scene, other_algorithm(found.algorithm), options.threads)
-        yield from few_order_gaps(case, "both algorithms", other, found, limit, not is_thin(case))
+        other = solve_few_orders(case, case.scene, OTHER[found.algorithm], options.threads)
+        yield from few_order_gaps(case, "both algorithms", other, found, limit, not case.is_thin)
     for beam, mu0 in enumerate((case.mu0, SECOND_DIRECTION)):
         direct = mu0 * np.exp(-case.tau / mu0)
         yield from energy(case, found.flux_down[:, beam, 0] + direct - found.flux_up[:, beam, 0], mu0, f" {beam + 1}")
@@ -156,9 +154,9 @@ def few_order_gaps(
     sun = np.array([case.mu0, SECOND_DIRECTION])
     beam = sun * np.exp(-case.tau[:, None] / sun)
     diffuse = np.abs(found.flux_up[..., 0]) + np.abs(found.flux_down[..., 0])
-    kernels = by_depth(found.kernels)
+    kernels, others = (np.moveaxis(each.kernels, 1, 0) for each in (found, other))  # the depth first
     size = np.maximum(np.abs(kernels[..., 0]).max(axis=(1, 2, 3, 4)), diffuse.max(axis=1) / math.pi)
-    gap = np.abs(by_depth(other.kernels) - kernels).max(axis=(1, 2, 3, 4, 5))
+    gap = np.abs(others - kernels).max(axis=(1, 2, 3, 4, 5))
     yield Check(name, largest(gap / np.maximum(size, NOTHING)), limit, counts)
     gap = np.maximum(np.abs(other.flux_up - found.flux_up), np.abs(other.flux_down - found.flux_down)).max(axis=(1, 2))
     yield Check(f"{name}, fluxes", largest(gap / np.maximum((diffuse + beam).max(axis=1), NOTHING)), limit, counts)
@@ -195,11 +193,6 @@ def relative(got: Array, right: Array) -> float:
 def largest(values: Array) -> float:
     """The largest, NaN where one is NaN; 0 of none."""
     return float(values.max()) if values.size else 0.0
-
-
-def by_depth(orders: Array) -> Array:
-    """(order or part, tau, ...) with the depth first."""
-    return np.moveaxis(orders, 1, 0)
 
 
 def fourier_orders(case: Case, stokes: Array, orders: tuple[int, ...]) -> dict[int, Array]:
@@ -247,19 +240,10 @@ def flux_against_oracle(case: Case, field: Field, oracle: OracleAnswer) -> Itera
         yield Check("transmitted flux, omega = 1", float(gap / max(through, NOTHING)), TRANSMITTED, kind="oracle")
 
 
-def brdf_gap(case: Case, field: Field, brdf: Brdf, few: Array) -> float:
-    """The BRDF times the irradiance, and the radiance at the top."""
-    expected_light = case.mu0 * brdf.mueller[0] @ np.array(case.beam)
-    return relative(expected_light[None], field.stokes[:1, case.mu > 0.0][:, :, few])
-
-
-def btdf_gap(case: Case, field: Field, brdf: Brdf, few: Array) -> float:
-    """The BTDF times the irradiance, and the radiance at the bottom."""
-    assert brdf.transmission is not None
-    ways = brdf.mu_o.tolist()
-    places = [ways.index(-mu) for mu in case.mu[case.mu < 0.0]]
-    expected_light = case.mu0 * brdf.transmission[0, places] @ np.array(case.beam)
-    return relative(expected_light[None], field.stokes[-1:, case.mu < 0.0][:, :, few])
+def up_and_down(field: Field, few: Array) -> tuple[Array, Array]:
+    """Light up at the top and down at the bottom, at some azimuths: (1, mu, phi, 4) each."""
+    up = field.mu > 0.0
+    return field.stokes[:1, up][:, :, few], field.stokes[-1:, ~up][:, :, few]
 
 
 def flux_gap(got: Field, right: Field) -> float:
@@ -269,18 +253,13 @@ def flux_gap(got: Field, right: Field) -> float:
     return largest(gap / np.maximum(size, NOTHING))
 
 
-def net_flux(field: Field) -> Array:
-    """What goes down less what comes up: (tau,)."""
-    return field.flux_down + field.direct - field.flux_up
-
-
 def energy(case: Case, net: Array, entering: float, which: str = "") -> Iterator[Check]:
     """Net flux: constant where nothing absorbs, zero above what reflects everything, never growing with depth."""
     levels = case.levels
-    steps = [(k, conservative_between(case, levels[k], levels[k + 1])) for k in range(len(levels) - 1)]
+    steps = [(k, case.is_white(levels[k], levels[k + 1])) for k in range(len(levels) - 1)]
     balance = [abs(net[k + 1] - net[k]) for k, white in steps if white]
-    if reflects_everything(case):
-        balance += [abs(net[k]) for k, level in enumerate(levels) if conservative_below(case, level)]
+    if case.reflects_everything:
+        balance += [abs(net[k]) for k, level in enumerate(levels) if case.is_white(level)]
     if balance:
         yield Check(f"energy{which}", float(np.max(balance) / entering), energy_limit(case), kind="energy")
     growth = [net[k + 1] - net[k] for k, _ in steps]
@@ -294,21 +273,15 @@ def energy_limit(case: Case) -> float:
     return ENERGY if case.resolved else TARGET
 
 
-def reflects_everything(case: Case) -> bool:
-    """Whether the scene ends in a white base or without end."""
-    return case.base_kind == "white" or math.isinf(case.thickness)
-
-
-def conservative_below(case: Case, level: tuple[int, float]) -> bool:
-    """Whether nothing absorbs between a level and the bottom."""
-    last = len(case.slabs) - 1
-    return conservative_between(case, level, (last, case.slabs[last].thickness))
-
-
 def closed(case: Case, brdf: Brdf) -> Iterator[Check]:
     """A scene that absorbs nothing and lets nothing out below reflects everything."""
-    if reflects_everything(case) and conservative_below(case, (0, 0.0)):
-        yield Check("reflectance of 1", largest(np.abs(brdf.reflectance - 1.0)), energy_limit(case), kind="energy")
+    if case.reflects_everything and case.is_white((0, 0.0)):
+        yield Check(
+            "reflectance of 1",
+            largest(np.abs(brdf.reflectance - 1.0)),
+            energy_limit(case),
+            kind="energy",
+        )
 
 
 def reciprocity(brdf: Brdf) -> float:

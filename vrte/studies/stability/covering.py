@@ -5,7 +5,8 @@ Greedy, one row after another, like the AETG of Cohen, Dalal, Fredman and Patton
 """
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
+from functools import partial
+from itertools import combinations, product
 from random import Random
 from typing import TypeVar
 
@@ -53,13 +54,9 @@ def uncovered(rows: Sequence[Row], sizes: Sequence[int], strength: int) -> set[C
     >>> uncovered([(0, 0), (1, 0)], [2, 2], 2) == {((0, 0), (1, 1)), ((0, 1), (1, 1))}
     True
     """
-    open_cells: set[Cell] = set()
-    for axes in combinations(range(len(sizes)), strength):
-        grown: list[Cell] = [()]
-        for axis in axes:
-            grown = [(*cell, (axis, value)) for cell in grown for value in range(sizes[axis])]
-        open_cells.update(grown)
-    return open_cells.difference(*(cells(row, strength) for row in rows))
+    values = [[(axis, value) for value in range(size)] for axis, size in enumerate(sizes)]
+    every = {cell for axes in combinations(values, strength) for cell in product(*axes)}
+    return every.difference(*(cells(row, strength) for row in rows))
 
 
 def cells(row: Row, strength: int) -> set[Cell]:
@@ -74,18 +71,14 @@ def cells(row: Row, strength: int) -> set[Cell]:
 def _row_for_a_pair(sizes: Sequence[int], pairs: set[Cell], draw: Random) -> Row:
     """A row that holds one open pair, the other axes filled in random order, each with the value that closes most."""
     row: dict[int, int] = dict(_choice(sorted(pairs), draw))
+
+    def closed(axis: int, value: int) -> int:
+        """How many open pairs this value of one more axis would close."""
+        return sum(tuple(sorted([(other, there), (axis, value)])) in pairs for other, there in row.items())
+
     for axis in _shuffled([axis for axis in range(len(sizes)) if axis not in row], draw):
-        values = _shuffled(range(sizes[axis]), draw)
-        row[axis] = max(values, key=lambda value: _closed(row, axis, value, pairs))
+        row[axis] = max(_shuffled(range(sizes[axis]), draw), key=partial(closed, axis))
     return tuple(row[axis] for axis in range(len(sizes)))
-
-
-def _closed(row: dict[int, int], axis: int, value: int, pairs: set[Cell]) -> int:
-    """How many open pairs this value of one more axis would close."""
-    return sum(
-        (((other, there), (axis, value)) if other < axis else ((axis, value), (other, there))) in pairs
-        for other, there in row.items()
-    )
 
 
 def _choice(values: Sequence[Value], draw: Random) -> Value:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from vrte.studies.stability.cases import Case
 LOBE_ORDERS = 136  # beyond, the lobe's orders are below 1e-17 of the first
 WHOLE_UP_TO = 4.0  # seconds that all Fourier orders may be expected to take
 SECOND_DIRECTION = 0.35  # incident beside the sun, for reciprocity
+EVERYTHING: dict[str, Any] = {"accuracy": FINEST, "truncation": "none"}
 FEW = 3  # orders 0, 1, 2 where not all can be had
 
 
@@ -65,35 +67,16 @@ def few_azimuths(phi: Array) -> Array:
 
 def solve_field(case: Case, scene: Scene, phi: Array, algorithm: str, threads: int | None) -> Field:
     """What the case asks of a scene, at the given azimuths."""
-    return radiance(
-        scene,
-        mu0=case.mu0,
-        stokes=case.beam,
-        mu=case.mu,
-        phi=phi,
-        tau=case.tau,
-        nodes=case.nodes,
-        accuracy=FINEST,
-        truncation="none",
-        algorithm=algorithm,
-        threads=threads,
-    )
+    directions: dict[str, Any] = {"mu0": case.mu0, "stokes": case.beam, "mu": case.mu, "phi": phi, "tau": case.tau}
+    return radiance(scene, **directions, **EVERYTHING, nodes=case.nodes, algorithm=algorithm, threads=threads)
 
 
 def solve_brdf(case: Case, options: Options, phi: Array) -> Brdf:
     """The BRDF and, of a finite scene, BTDF for the sun's direction and the second one, out to all of the case's."""
-    return brdf(
-        case.scene,
-        mu_i=[case.mu0, SECOND_DIRECTION],
-        mu_o=case.mu[case.mu > 0.0],
-        phi=phi,
-        nodes=case.nodes,
-        accuracy=FINEST,
-        truncation="none",
-        transmission=bool(np.isfinite(case.thickness)),
-        algorithm=options.algorithm,
-        threads=options.threads,
-    )
+    directions: dict[str, Any] = {"mu_i": [case.mu0, SECOND_DIRECTION], "mu_o": case.mu[case.mu > 0.0], "phi": phi}
+    directions |= {"transmission": math.isfinite(case.thickness)}
+    how: dict[str, Any] = {"algorithm": options.algorithm, "threads": options.threads}
+    return brdf(case.scene, **directions, **EVERYTHING, nodes=case.nodes, **how)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,15 +112,6 @@ def solve_few_orders(case: Case, scene: Scene, algorithm: str, threads: int | No
         return FewOrders(found.kernels, found.flux_up, found.flux_down, name)
 
     return interruptible(run, work)
-
-
-def other_algorithm(name: str) -> str:
-    """The one that `name` is checked by.
-
-    >>> other_algorithm("modes")
-    'doubling'
-    """
-    return OTHER[name]
 
 
 def cut(case: Case) -> Scene:

@@ -9,19 +9,17 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
 from vrte.basics.arrays import in_one_line
 from vrte.basics.errors import MissingExtraError
-from vrte.results.field import Field
-from vrte.studies.methods.peers import nanodisort, pythonic_disort, sasktran2
+from vrte.studies.methods.peers import codes
 from vrte.studies.methods.peers.asked import Asked
+from vrte.studies.methods.peers.codes import Solve
+from vrte.studies.records import digest_of
 
-ACCURACY = 1e-12  # of nanodisort's sum over azimuthal orders
-Solve = Callable[[], Field]
 Result = TypeVar("Result")
 
 
@@ -32,14 +30,19 @@ class PeerError(Exception):
 @dataclass(frozen=True)
 class Peer:
     """A code, by the name of its package; ``lacks``: what its curve tells of what it does not find; ``prepare``: what
-    other scenes of as many layers share, done; what it returns does the rest, and is timed. ``check`` raises
-    SceneError."""
+    other scenes of as many layers share, done; what it returns does the rest, and is timed; whether it takes
+    polarization, and albedo 1."""
 
     name: str
     lacks: str
     streams: tuple[int, ...]
-    check: Callable[[Asked], None]
     prepare: Callable[[Asked, int], Solve]
+    polarization: bool = False
+    conservative: bool = True
+
+    def check(self, asked: Asked) -> None:
+        """Raises SceneError for what it does not take."""
+        asked.check(self.name, self.polarization, self.conservative)
 
     @property
     def is_installed(self) -> bool:
@@ -52,28 +55,13 @@ class Peer:
         return f"{version(self.name)} {sources()}"
 
 
-def of_nanodisort(asked: Asked, streams: int) -> Solve:
-    """All of it is done again."""
-    return lambda: nanodisort.field_of(asked, nanodisort.state_of(asked, streams, ACCURACY))
-
-
-def of_pythonic_disort(asked: Asked, streams: int) -> Solve:
-    """All of it is done again."""
-    return lambda: pythonic_disort.field_of(asked, streams)
-
-
-def of_sasktran2(asked: Asked, streams: int) -> Solve:
-    """The engine is kept, the atmosphere made again."""
-    engine, *how = sasktran2.engine_of(asked, streams)
-    return lambda: sasktran2.field_of(asked, engine, sasktran2.atmosphere_of(asked, *how))
-
-
+UP_TO_64 = (4, 8, 16, 32, 64)
 PEERS = {
     peer.name: peer
     for peer in (
-        Peer("nanodisort", "", nanodisort.STREAMS, nanodisort.check, of_nanodisort),
-        Peer("PythonicDISORT", "", pythonic_disort.STREAMS, pythonic_disort.check, of_pythonic_disort),
-        Peer("sasktran2", " (light up, no V)", sasktran2.STREAMS, sasktran2.check, of_sasktran2),
+        Peer("nanodisort", "", (*UP_TO_64, 128), codes.prepare_nanodisort),
+        Peer("PythonicDISORT", "", UP_TO_64, codes.prepare_pythonic_disort, conservative=False),
+        Peer("sasktran2", " (light up, no V)", UP_TO_64, codes.prepare_sasktran2, polarization=True),
     )
 }
 
@@ -110,15 +98,10 @@ def installed() -> tuple[Peer, ...]:
     return tuple(peer for peer in PEERS.values() if peer.is_installed)
 
 
-def missing() -> tuple[str, ...]:
-    """Names of the others."""
-    return tuple(peer.name for peer in PEERS.values() if not peer.is_installed)
-
-
 def statement() -> str:
     """Which other codes are drawn, in their versions, and which could be."""
     here = ", ".join(f"{peer.name} {version(peer.name)}" for peer in installed())
-    absent = ", ".join(missing())
+    absent = ", ".join(peer.name for peer in PEERS.values() if not peer.is_installed)
     texts = [f"other codes: {here or 'none'}", f"not installed: {absent} (pip install 'vrte[bench]')" if absent else ""]
     return "; ".join(text for text in texts if text)
 
@@ -126,7 +109,4 @@ def statement() -> str:
 @cache
 def sources() -> str:
     """A fingerprint of these files."""
-    found = sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        found.update(path.read_bytes())
-    return found.hexdigest()[:16]
+    return digest_of(Path(__file__).parent.glob("*.py"))[:16]
