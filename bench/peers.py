@@ -22,6 +22,7 @@ import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
 from vrte.formats.atomic import atomic_write
+from vrte.studies import cases
 from vrte.studies.cases import SPHEROIDS
 from vrte.studies.methods.peers import codes, imported
 from vrte.studies.methods.peers.asked import Asked
@@ -40,33 +41,31 @@ SECONDS = 3.0  # for the rounds of one scene, as far as ROUNDS lets
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """One homogeneous layer over black ground, lit by an unpolarized beam, and the radiances wanted of it.
+    """One homogeneous layer over black ground, by its name in `vrte.studies.cases`, lit by an unpolarized beam along
+    mu0 = 0.6, and the radiances wanted of it.
 
-    ``coefficients`` (terms, 6) are a1, a2, a3, a4, b1, b2, or (terms, 1) a1 alone; ``flux`` is the beam's,
-    perpendicular to it; ``mu``, ``phi`` [deg] and ``tau`` are as in `vrte.radiance`; ``stokes`` says how many of I, Q,
-    U are compared.
+    ``flux`` is the beam's, perpendicular to it; ``mu``, ``phi`` [deg] and ``tau`` are as in `vrte.radiance`; ``stokes``
+    says how many of I, Q, U are compared.
     """
 
     peer: str
     name: str
+    scene: str
     streams: tuple[int, ...]
-    coefficients: Array
-    albedo: float
-    thickness: float
-    mu0: float
     flux: float
     mu: Array
     phi: Array
-    tau: Array
+    tau: tuple[float, ...]
     stokes: int
 
     @property
     def asked(self) -> Asked:
-        """The same for any code."""
-        matrix = vrte.PhaseMatrix(*self.coefficients.T)
-        scene = vrte.Scene([vrte.Layer(matrix, self.albedo, self.thickness)])
-        beam = np.array([self.flux, 0.0, 0.0, 0.0])
-        return Asked(scene, self.mu0, beam, self.mu, self.phi, self.tau)
+        """The same for any code. The scene is made anew: that is part of the set-up."""
+        (layer,), beam = cases.scene(self.scene).layers, np.array([self.flux, 0.0, 0.0, 0.0])
+        matrix = layer.phase_matrix
+        made = vrte.PhaseMatrix(matrix.a1) if matrix.is_scalar else vrte.PhaseMatrix(*matrix.coefficients.T)
+        scene = vrte.Scene([vrte.Layer(made, layer.albedo, layer.thickness)])
+        return Asked(scene, 0.6, beam, self.mu, self.phi, np.array(self.tau))
 
 
 Prepare = Callable[[Problem, int], Solve]  # set-up, for so many streams
@@ -89,49 +88,21 @@ class Row:
     target: float | None
 
 
-def henyey_greenstein(g: float, terms: int, thickness: float, streams: tuple[int, ...]) -> Problem:
-    """Scalar, albedo 0.99: I going up and down at the top and at the bottom, 20 cosines, 5 azimuths."""
-    degrees = np.arange(terms)
-    up = np.linspace(0.1, 1.0, 10)
-    return Problem(
-        peer="nanodisort",
-        name=f"Henyey-Greenstein, g {g:g}, thickness {thickness:g}",
-        streams=streams,
-        coefficients=((2 * degrees + 1) * g**degrees)[:, None],
-        albedo=0.99,
-        thickness=thickness,
-        mu0=0.6,
-        flux=1.0,
-        mu=np.concatenate([-up[::-1], up]),
-        phi=np.linspace(0.0, 180.0, 5),
-        tau=np.array([0.0, thickness]),
-        stokes=1,
-    )
-
-
-def siewert(streams: tuple[int, ...]) -> Problem:
-    """Siewert (2000), problem IIA: I, Q, U leaving the top, at the ten cosines and three azimuths of his tables."""
-    return Problem(
-        peer="sasktran2",
-        name="Siewert (2000), problem IIA",
-        streams=streams,
-        coefficients=np.array(SPHEROIDS),
-        albedo=0.973527,
-        thickness=1.0,
-        mu0=0.6,
-        flux=np.pi,
-        mu=np.linspace(0.1, 1.0, 10),
-        phi=np.array([0.0, 90.0, 180.0]),
-        tau=np.array([0.0]),
-        stokes=3,
-    )
-
-
-# enough terms for g**terms to be below 1e-15
+# scalar, albedo 0.99, enough terms for g**terms to be below 1e-15: I going up and down at the top and at the bottom, 20
+# cosines, 5 azimuths; and I, Q, U leaving the top, at the ten cosines and three azimuths of Siewert's tables
+UP = np.linspace(0.1, 1.0, 10)
+BOTH_WAYS, FIVE = np.concatenate([-UP[::-1], UP]), np.linspace(0.0, 180.0, 5)
+IIA, THREE = "Siewert (2000), problem IIA", np.array([0.0, 90.0, 180.0])
+HG = "Henyey-Greenstein, g"
 PROBLEMS = (
-    henyey_greenstein(0.75, 128, 1.0, (32, 64)),
-    henyey_greenstein(0.9, 384, 100.0, (64, 128)),
-    siewert((32, 60)),
+    Problem(
+        *("nanodisort", f"{HG} 0.75, thickness 1", "HG 0.75, 128 terms", (32, 64), 1.0, BOTH_WAYS, FIVE, (0.0, 1.0), 1)
+    ),
+    Problem(
+        *("nanodisort", f"{HG} 0.9, thickness 100", "HG 0.9, 384 terms", (64, 128)),
+        *(1.0, BOTH_WAYS, FIVE, (0.0, 100.0), 1),
+    ),
+    Problem("sasktran2", IIA, "spheroids", (32, 60), np.pi, UP, THREE, (0.0,), 3),
 )
 
 # Siewert (2000), JQSRT 64, 227, tables 2 to 9: I, Q, U up at tau 0, phi 90, mu 0.2, 0.5 and 0.8

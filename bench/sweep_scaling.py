@@ -8,7 +8,6 @@ of docs/sweeps.md.
 import json
 import os
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -16,6 +15,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from bench.workers import Worker
 
 ROUNDS = 5
 WAVELENGTHS = [0.45, 0.48, 0.51, 0.54, 0.57, 0.6, 0.63, 0.66]
@@ -30,6 +31,7 @@ WORKER = """
 import json, shutil, sys, time
 import vrte
 
+print("ready", flush=True)
 for line in sys.stdin:
     job = json.loads(line)
     shutil.rmtree(job["output"], ignore_errors=True)
@@ -55,34 +57,14 @@ def sweep_of(wavelengths: list[float], depths: int = DEPTHS) -> dict[str, Any]:
     }
 
 
-class Process:
-    """A process that does sweeps as it is told, and says how long each took."""
-
-    def __init__(self) -> None:
-        command = [sys.executable, "-c", WORKER]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-
-    def begin(self, wavelengths: list[float], output: Path, **how: Any) -> None:
-        assert self.process.stdin is not None
-        job = {"sweep": sweep_of(wavelengths), "output": str(output), "how": how}
-        self.process.stdin.write(json.dumps(job) + "\n")
-        self.process.stdin.flush()
-
-    def seconds(self) -> float:
-        assert self.process.stdout is not None
-        return float(self.process.stdout.readline())
-
-    def end(self) -> None:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.close()
-        self.process.wait(30)
-        self.process.stdout.close()
+def job(wavelengths: list[float], output: Path, **how: Any) -> str:
+    """A sweep, as a worker is told."""
+    return json.dumps({"sweep": sweep_of(wavelengths), "output": str(output), "how": how})
 
 
 @contextmanager
-def processes(count: int) -> Iterator[list[Process]]:
-    found = [Process() for _ in range(count)]
+def processes(count: int) -> Iterator[list[Worker]]:
+    found = [Worker(WORKER) for _ in range(count)]
     try:
         yield found
     finally:
@@ -110,14 +92,14 @@ def measure(rounds: int = ROUNDS) -> dict[str, list[float]]:
         half = len(WAVELENGTHS) // 2
         taken: dict[str, list[float]] = {"one thread": [], "two processes": [], "threads": [], "dask": []}
         for _ in range(rounds + 1):
-            both.begin(WAVELENGTHS, folder / "a.zarr", workers=1)
+            both.begin(job(WAVELENGTHS, folder / "a.zarr", workers=1))
             taken["one thread"].append(both.seconds())
-            one.begin(WAVELENGTHS[:half], folder / "b.zarr", workers=1)
-            other.begin(WAVELENGTHS[half:], folder / "c.zarr", workers=1)
+            one.begin(job(WAVELENGTHS[:half], folder / "b.zarr", workers=1))
+            other.begin(job(WAVELENGTHS[half:], folder / "c.zarr", workers=1))
             taken["two processes"].append(max(one.seconds(), other.seconds()))
-            both.begin(WAVELENGTHS, folder / "a.zarr", workers=2)
+            both.begin(job(WAVELENGTHS, folder / "a.zarr", workers=2))
             taken["threads"].append(both.seconds())
-            both.begin(WAVELENGTHS, folder / "a.zarr", engine="dask", scheduler=scheduler)
+            both.begin(job(WAVELENGTHS, folder / "a.zarr", engine="dask", scheduler=scheduler))
             taken["dask"].append(both.seconds())
         bytes_of_a_scene = sum(file.stat().st_size for file in (folder / "a.zarr").rglob("*")) / SCENES
     found = {way: seconds[1:] for way, seconds in taken.items()}

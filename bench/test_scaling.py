@@ -1,9 +1,8 @@
 """Two threads against two processes of one thread each: what the machine can give, and what is taken of it."""
 
-import subprocess
-import sys
-
 import numpy as np
+
+from bench.workers import Worker
 
 PAIRS = 5
 WORTH = 0.9
@@ -12,8 +11,9 @@ WORKER = """
 import sys, time
 import numpy as np, vrte
 
-gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
-scene = vrte.Scene([vrte.Layer.of(gold, thickness=100.0)])
+from vrte.studies import cases
+
+scene = cases.scene("gold")
 mu, phi, threads, calls = np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), int(sys.argv[1]), int(sys.argv[2])
 
 def solve():
@@ -29,44 +29,16 @@ for _ in sys.stdin:
 """
 
 
-class Worker:
-    """A process that solves the scene once for each line it is sent, and says how long it took."""
-
-    def __init__(self, threads: int) -> None:
-        command = [sys.executable, "-c", WORKER, str(threads), "10"]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self.answer()
-
-    def start(self) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write("\n")
-        self.process.stdin.flush()
-
-    def answer(self) -> str:
-        assert self.process.stdout is not None
-        return self.process.stdout.readline()
-
-    def seconds(self) -> float:
-        self.start()
-        return float(self.answer())
-
-    def end(self) -> None:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.close()
-        self.process.wait(10)
-        self.process.stdout.close()
-
-
 def test_two_threads_scale_like_two_processes() -> None:
     """The 20 x 20 x 37 BRDF of gold: solves a second of two threads, over those of two processes side by side."""
-    both, alone, second = Worker(2), Worker(1), Worker(1)
+    both, alone, second = (Worker(WORKER, threads, "10") for threads in "211")
     taken = []
     for _ in range(PAIRS):
+        both.begin()
         threads = both.seconds()
-        alone.start()
-        second.start()
-        processes = max(float(alone.answer()), float(second.answer())) / 2.0
+        alone.begin()
+        second.begin()
+        processes = max(alone.seconds(), second.seconds()) / 2.0
         taken.append(processes / threads)
     for worker in (both, alone, second):
         worker.end()

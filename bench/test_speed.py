@@ -13,6 +13,16 @@ from .conftest import eigenproblems
 
 Measure = Callable[..., float]
 DIRECTIONS = np.linspace(0.05, 1.0, 20)
+PEAK = """
+import numpy as np, vrte
+from vrte.studies import cases
+
+def peak():
+    line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+    return int(line.split()[1]) / 1024
+
+scene = cases.scene("gold")
+"""
 
 
 def test_table_3_radiance(gold: vrte.Scene, against_floor: Measure) -> None:
@@ -89,32 +99,18 @@ def test_tiny_scene() -> None:
 def test_brdf_peak_memory() -> None:
     """Peak memory of (c) above the process after import: at most 300 MB."""
     code = """
-import numpy as np, vrte
-
-def peak():
-    line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
-    return int(line.split()[1]) / 1024
-
-gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
-scene = vrte.Scene([vrte.Layer.of(gold, thickness=100.0)])
 before, mu = peak(), np.linspace(0.05, 1.0, 20)
 vrte.brdf(scene, mu, mu, np.arange(0, 361, 10), nodes=40, threads=2)
 print(peak() - before)
 """
-    megabytes = float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout)
+    megabytes = float(
+        subprocess.run([sys.executable, "-c", PEAK + code], capture_output=True, check=True, text=True).stdout
+    )
     print(f"\npeak memory of the 20 x 20 x 37 BRDF: {megabytes:.0f} MB")
     assert megabytes <= 300.0
 
 
 TABLE = """
-import numpy as np, vrte
-
-def peak():
-    line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
-    return int(line.split()[1]) / 1024
-
-gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
-scene = vrte.Scene([vrte.Layer.of(gold, thickness=100.0)])
 before, mu = peak(), np.linspace(0.05, 1.0, 90)
 done = []
 
@@ -131,7 +127,7 @@ print(table.diagnostics["wall_seconds"], len(done), done[-1])
 
 def test_table_for_a_renderer() -> None:
     """90 x 90 x 181 directions, all distinct: memory beside the result, seconds from Fourier orders to the table."""
-    output = subprocess.run([sys.executable, "-c", TABLE], capture_output=True, check=True, text=True).stdout
+    output = subprocess.run([sys.executable, "-c", PEAK + TABLE], capture_output=True, check=True, text=True).stdout
     megabytes, orders, single, wall, calls, share = (float(word) for word in output.split())
     print(
         f"\n90 x 90 x 181 table: {wall:.2f} s, of which {orders:.2f} s the sum over Fourier orders and {single:.2f} s "

@@ -1,5 +1,6 @@
 """What every test can ask for."""
 
+import csv
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,6 +33,22 @@ def opencl(request: pytest.FixtureRequest) -> Any:
     opened = working_session()
     request.config.stash[DEVICE] = f"{opened.device.name} ({opened.device.platform.name.strip()})"
     return opened
+
+
+def call(*arguments: str | Path) -> int:
+    """The exit code of `vrte` with these arguments."""
+    from vrte import cli
+
+    try:
+        return cli.main([str(argument) for argument in arguments])
+    except SystemExit as leaving:
+        return leaving.code  # type: ignore[return-value]
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file by its header."""
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def working_session() -> Any:

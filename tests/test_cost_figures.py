@@ -1,8 +1,6 @@
 """Cost growth: the axes are what they are called, fits find exponents, a run writes what it says."""
 
-import csv
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,24 +9,17 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte import cli
 from vrte.studies.cost import measuring, page
 from vrte.studies.cost.axes import PHI, Point, axes
 from vrte.studies.tables import configurations
 from vrte.studies.tables.paper import STEPS, TOTAL
 
+from .conftest import call, rows_of
+
 ROOT = Path(__file__).parents[1]
 POINT = Point(radius_um=0.2, nodes=9, outgoing=2)
 POINT_12 = ("nodes", "12", "configuration 2")
 FILES = {f"figure_{number}.png" for number in range(2, 10)} | {"figures.md", "measurements.csv"}
-
-
-def call(*arguments: str | Path) -> int:
-    """The exit code of `vrte tables` with these arguments."""
-    try:
-        return cli.main(["tables", *(str(argument) for argument in arguments)])
-    except SystemExit as leaving:
-        return leaving.code  # type: ignore[return-value]
 
 
 def pretended(point: Point, configuration: measuring.Configuration) -> dict[str, Any]:
@@ -162,7 +153,7 @@ def test_series_hold_median_and_extremes() -> None:
 
 def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "new"
-    assert call("--figures", "--quick", "--threads", "1", "-o", folder) == 0
+    assert call("tables", "--figures", "--quick", "--threads", "1", "-o", folder) == 0
     told = capsys.readouterr()
     assert told.err == ""
     assert {path.name for path in folder.iterdir()} == FILES
@@ -171,8 +162,7 @@ def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.Captur
     for picture in folder.glob("*.png"):
         assert picture.read_bytes().startswith(b"\x89PNG")
         assert picture.stat().st_size < 80_000
-    with open(folder / "measurements.csv", encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(folder / "measurements.csv")
     assert {row["axis"] for row in rows} == {"nodes", "outgoing", "orders", "incident"}
     assert all(float(row["total_s"]) >= float(row["homogeneous_s"]) > 0.0 for row in rows)
     text = (folder / "figures.md").read_text(encoding="utf-8")
@@ -189,8 +179,7 @@ def test_a_stage_that_did_not_run_everywhere_has_gaps(tmp_path: Path) -> None:
     found = measuring.measure(varied, measuring.configurations(1), 0.0)
     found = [replace(each, stages={"homogeneous": 1e-3}) if each.value == 12.0 else each for each in found]
     page.write_page(found, varied, names, tmp_path, "a test")
-    with open(tmp_path / page.CSV, encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / page.CSV)
     assert {row["a_stage_to_come_s"] == "" for row in rows if row["value"] == "12"} == {True}
     assert len(list(tmp_path.glob("*.png"))) == 2
 
@@ -203,42 +192,16 @@ def test_what_goes_wrong_leaves_the_last_run_as_it_was(tmp_path: Path, monkeypat
         raise OSError("no space left")
 
     monkeypatch.setattr("PIL.Image.Image.save", fails)
-    assert call("--figures", "--quick", "-o", tmp_path) == 1
+    assert call("tables", "--figures", "--quick", "-o", tmp_path) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["figure_2.png"]
     assert (tmp_path / "figure_2.png").read_text() == "the last run"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--figures", "--configurations", "2"], "--configurations goes with the tables"),
-        (["--figures", "--threads", "0"], "--threads: must be a whole number"),
-    ],
-)
-def test_bad_options_are_one_line_and_code_2(
-    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert call(*arguments) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert message in line
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_file_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "here").write_text("")
-    assert call("--figures", "-o", tmp_path / "here") == 2
-    assert "must be a folder" in capsys.readouterr().err
-
-
-def test_what_is_missing_is_said_before_anything_is_measured(
+def test_a_core_without_openmp_is_measured_on_one_thread(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    assert call("--figures", "-o", tmp_path / "new") == 1
-    assert "needs the extra 'plot'" in capsys.readouterr().err
     monkeypatch.setattr("vrte._core.HAS_OPENMP", False)
-    assert call("--figures", "-o", tmp_path / "new") == 2
+    assert call("tables", "--figures", "-o", tmp_path / "new") == 2
     assert "without OpenMP" in capsys.readouterr().err
     assert {configuration.options["threads"] for configuration in measuring.configurations(1)} == {1}
     assert not list(tmp_path.iterdir())

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte import cli
 from vrte.studies.cases import Slab, mueller_lobe, phase_matrix
 from vrte.studies.records import Records
 from vrte.studies.stability import cases, checks, corners, oracle, run, solving
@@ -20,16 +19,10 @@ from vrte.studies.stability.cases import AXES, LAYERINGS, Case
 from vrte.studies.stability.covering import covering_array, uncovered
 from vrte.studies.stability.table import CASE_COLUMNS, COLUMNS
 
+from .conftest import call, rows_of
+
 SMALL = Case("small", 4, (Slab("rayleigh", 1.0, 1.0),), sun=0.6)
 PATTERN = "thickness 0*"  # three cases
-
-
-def call(*arguments: str | Path) -> int:
-    """The exit code of `vrte stability` with these arguments."""
-    try:
-        return cli.main(["stability", *(str(argument) for argument in arguments)])
-    except SystemExit as leaving:
-        return leaving.code  # type: ignore[return-value]
 
 
 def checked(case: Case, **options: Any) -> dict[str, checks.Check]:
@@ -256,7 +249,7 @@ def test_the_estimate_of_c_is_of_the_right_size() -> None:
 
 
 def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("--quick", "-o", tmp_path / "out") == 0
+    assert call("stability", "--quick", "-o", tmp_path / "out") == 0
     told = capsys.readouterr()
     assert told.err == ""
     assert re.search(r"^  all .* holds$", told.out, re.MULTILINE)
@@ -274,8 +267,7 @@ def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         rows = list(csv.reader(file))
     assert rows[0] == ["scenes", "condition", *COLUMNS[2:]]
     assert {len(row) for row in rows} == {len(COLUMNS)}
-    with (tmp_path / "out" / "stability_cases.csv").open(newline="") as file:
-        examined = list(csv.DictReader(file))
+    examined = rows_of(tmp_path / "out" / "stability_cases.csv")
     assert [row["name"] for row in examined] == [case.name for case in corners.quick_cases()]
     assert set(examined[0]) == set(CASE_COLUMNS)
     assert {row["verdict"] for row in examined} == {"holds"}
@@ -294,22 +286,22 @@ def test_a_run_that_was_killed_is_taken_up_again(
         return examine(case, *rest)
 
     monkeypatch.setattr(run, "examine", counted)
-    assert call("--cases", PATTERN, "-o", tmp_path) == 130
+    assert call("stability", "--cases", PATTERN, "-o", tmp_path) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["stability_records.csv"]
     log = tmp_path / "stability_records.csv"
     header, first, second = log.read_text().splitlines()
     log.write_text(f"{header}\n{first}\n{second[:-50]}")  # killed while it wrote
     examined.clear()
     monkeypatch.setattr(run, "examine", lambda case, *rest: (examined.append(case.name), examine(case, *rest))[1])
-    assert call("--cases", PATTERN, "-o", tmp_path) == 0
+    assert call("stability", "--cases", PATTERN, "-o", tmp_path) == 0
     assert examined == [case.name for case in corners.matching(PATTERN)[1:]]
     examined.clear()
-    assert call("--cases", PATTERN, "-o", tmp_path) == 0
+    assert call("stability", "--cases", PATTERN, "-o", tmp_path) == 0
     assert examined == []
-    assert call("--cases", PATTERN, "-o", tmp_path, "--algorithm", "doubling") == 0
+    assert call("stability", "--cases", PATTERN, "-o", tmp_path, "--algorithm", "doubling") == 0
     assert len(examined) == 3
     examined.clear()
-    assert call("--cases", PATTERN, "-o", tmp_path, "--fresh") == 0
+    assert call("stability", "--cases", PATTERN, "-o", tmp_path, "--fresh") == 0
     assert len(examined) == 3
     assert [record.name for record in Records(run.Record, log).read().values()] == examined
     capsys.readouterr()
@@ -319,7 +311,7 @@ def test_a_shortfall_is_exit_code_1_and_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(checks, "ENERGY", -1.0)
-    assert call("--cases", "sun on a node", "-o", tmp_path) == 1
+    assert call("stability", "--cases", "sun on a node", "-o", tmp_path) == 1
     told = capsys.readouterr()
     assert re.fullmatch(r"vrte: error: 1 of 1 scenes fall short, the first: sun on a node: energy [^\n]+\n", told.err)
     assert "1 fall short" in told.out
@@ -332,34 +324,9 @@ def test_a_known_reason_is_told_and_does_not_count(
     monkeypatch.setattr(checks, "ENERGY", -1.0)
     known = ("sun on*", "energy", "nothing is less than nothing"), ("sun on*", "net flux*", "nor this")
     monkeypatch.setattr(run, "KNOWN", known)
-    assert call("--cases", "sun on a node", "-o", tmp_path) == 0
+    assert call("stability", "--cases", "sun on a node", "-o", tmp_path) == 0
     assert "nothing is less than nothing" in capsys.readouterr().out
     assert "nothing is less than nothing" in (tmp_path / "stability.md").read_text()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "complaint"),
-    [
-        (["--cases", "nothing like it"], "matches no scene"),
-        (["--algorithm", "guessing"], "invalid choice"),
-        (["--threads", "0"], "whole number from 1"),
-        (["--colour"], "unrecognized arguments"),
-    ],
-)
-def test_bad_options_are_one_line_and_code_2(
-    tmp_path: Path, arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call("-o", tmp_path / "out", *arguments) == 2
-    told = capsys.readouterr()
-    assert re.fullmatch(r"vrte: error: [^\n]+\n", told.err)
-    assert complaint in told.err
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_file_is_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "out").write_text("a file")
-    assert call("-o", tmp_path / "out", "--quick") == 2
-    assert "must be a folder" in capsys.readouterr().err
 
 
 def test_without_the_oracle_the_run_says_where_it_is(
@@ -367,13 +334,9 @@ def test_without_the_oracle_the_run_says_where_it_is(
 ) -> None:
     table = oracle.TABLE
     monkeypatch.setattr(oracle, "TABLE", tmp_path / table.name)
-    assert call("--cases", "thickness 0", "-o", tmp_path / "without") == 0
+    assert call("stability", "--cases", "thickness 0", "-o", tmp_path / "without") == 0
     assert "to be given by --oracle FILE" in capsys.readouterr().out
     assert "to be given by --oracle FILE" in (tmp_path / "without" / "stability.md").read_text()
-    assert call("--cases", "thickness 0", "-o", tmp_path / "with", "--oracle", table) == 0
+    assert call("stability", "--cases", "thickness 0", "-o", tmp_path / "with", "--oracle", table) == 0
     assert "--oracle" not in capsys.readouterr().out
-    with (tmp_path / "with" / "stability_cases.csv").open(newline="") as file:
-        assert [row["oracle"] for row in csv.DictReader(file)] == ["yes"]
-    for wrong in (tmp_path / "nothing.npz", Path(__file__)):
-        assert call("--oracle", wrong, "-o", tmp_path / "new") == 2
-        assert "cannot be read as a table of the oracle" in capsys.readouterr().err
+    assert [row["oracle"] for row in rows_of(tmp_path / "with" / "stability_cases.csv")] == ["yes"]

@@ -1,6 +1,5 @@
 """The paper's tables: configurations are what they are called, answers agree, no process is left, a run writes all."""
 
-import csv
 import os
 import platform
 import signal
@@ -9,18 +8,18 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from vrte import cli
 from vrte.basics.blas import blas_libraries
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.studies.tables import configurations, measuring, page, paper, processes
 from vrte.studies.tables.configurations import BASELINE, DEVICE, FULL, OPENCL, SEQUENTIAL, Configuration, chosen
 from vrte.studies.tables.paper import OWN_STEPS, TABLE_2, TABLE_3, problems
 from vrte.studies.tables.processes import Child, Reply, Task
+
+from .conftest import call, rows_of
 
 FILES = {"tables.md", "tables.csv", "figure_1.png"}
 SIEWERT, GOLD, MUELLER = problems(quick=True)
@@ -29,11 +28,6 @@ needs_baseline = pytest.mark.skipif(
     or any(library.internal_api != "openblas" for library in blas_libraries()),
     reason="baseline SIMD is a setting of OpenBLAS on x86",
 )
-
-
-def call(*arguments: str | Path) -> int:
-    """The exit code of `vrte tables` with these arguments."""
-    return cli.main(["tables", *(str(argument) for argument in arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +70,7 @@ def test_other_processors_are_refused_by_name(monkeypatch: pytest.MonkeyPatch, c
     assert not {each.label for each in able} & {"1", "4", "OpenMP baseline"}
     for name in ("configuration 1", "configuration 4", "OpenMP baseline"):
         assert f"{name} needs the baseline SIMD of an x86 processor, and this is aarch64" in refused
-    assert call("--configurations", "2,1") == 2
+    assert call("tables", "--configurations", "2,1") == 2
     assert "configuration 1 needs the baseline SIMD" in capsys.readouterr().err
 
 
@@ -87,14 +81,8 @@ def test_without_a_device_the_others_are_measured(
     able, refused = chosen()
     assert [each.label for each in able] == ["1", "2", "OpenMP baseline", "OpenMP full", "default"]
     assert refused == [f"configuration {n} needs an OpenCL device: there is none" for n in (3, 4, 5, 6)]
-    assert call("--configurations", "6") == 2
+    assert call("tables", "--configurations", "6") == 2
     assert "configuration 6 needs an OpenCL device: there is none" in capsys.readouterr().err
-
-
-def test_a_configuration_that_is_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    assert call("--configurations", "2,7", "-o", tmp_path / "new") == 2
-    assert "there is no configuration '7'; there are 1, 2," in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
 
 
 def test_the_papers_steps_add_up_to_its_totals() -> None:
@@ -224,7 +212,7 @@ def is_there(pid: int) -> bool:
 @needs_baseline
 def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     folder = tmp_path / "new"
-    assert call("--quick", "--configurations", "1,2", "-o", folder) == 0
+    assert call("tables", "--quick", "--configurations", "1,2", "-o", folder) == 0
     told = capsys.readouterr()
     assert told.err == ""
     assert {path.name for path in folder.iterdir()} == FILES
@@ -232,16 +220,11 @@ def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.Captur
     text = (folder / "tables.md").read_text(encoding="utf-8")
     assert "quick, 2 rounds" in text
     assert "baseline SIMD: openblas" in text
-    rows = table_of(folder / "tables.csv")
+    rows = rows_of(folder / "tables.csv")
     assert {(row["problem"], row["configuration"]) for row in rows} == {
         (problem.name, label) for problem in problems(quick=True) for label in ("1", "2")
     }
     assert {row["problem"] for row in rows if row["paper_s"]} == {"table 2"}, "the others are smaller than the paper's"
-
-
-def table_of(path: Path) -> list[dict[str, str]]:
-    with open(path, encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Measured, tmp_path: Path) -> None:
@@ -256,7 +239,7 @@ def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Me
     assert "| homogeneous | 108 | 102 | - | 101 | 95.8 | - |" in text
     assert "| total | 263 | 258 | 286 | 80.7 | 77.8 | 102 |" in text
     assert "| reconstruction | 22.1 | 22 | 22.1 | 2.52 | 2.51 | 2.53 |" in text
-    rows = table_of(tmp_path / "tables.csv")
+    rows = rows_of(tmp_path / "tables.csv")
     assert len(rows) == 3 * 9 * (len(OWN_STEPS) + 1)
     (row,) = [row for row in rows if (row["problem"], row["configuration"], row["step"]) == ("brdf", "5", "total")]
     assert float(row["paper_over_ours"]) == pytest.approx(900.0 / 0.11, rel=1e-3)
@@ -275,12 +258,3 @@ def test_figure_1_has_the_papers_bars_and_ours(all_measured: measuring.Measured,
     written = page.write_page(all_measured, tmp_path, "a test", [], [])
     assert {path.name for path in written} == FILES
     assert (tmp_path / page.FIGURE).stat().st_size < 80_000
-
-
-def test_nothing_is_started_where_the_picture_cannot_be_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
-) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    assert call("--quick", "-o", tmp_path / "new") == 1
-    assert "needs the extra 'plot'" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())

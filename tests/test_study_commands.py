@@ -1,0 +1,52 @@
+"""The commands that measure vrte itself: what is wrong is said in one line before anything is measured or written."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from .conftest import call
+
+STUDIES = (["tables", "--quick"], ["tables", "--figures"], ["report", "--figures"], ["stability", "--quick"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("tables --figures --configurations 2", "--configurations goes with the tables"),
+        ("tables --figures --threads 0", "--threads: must be a whole number"),
+        ("tables --configurations 2,7", "there is no configuration '7'; there are 1, 2,"),
+        ("report --scenes nothing*", "--scenes must fit one of"),
+        ("stability --cases nothing*", "matches no scene"),
+        ("stability --algorithm guessing", "invalid choice"),
+        ("stability --threads 0", "whole number from 1"),
+        ("stability --colour", "unrecognized arguments"),
+        ("stability --oracle nothing.npz", "cannot be read as a table of the oracle"),
+        (f"stability --oracle {__file__}", "cannot be read as a table of the oracle"),
+    ],
+)
+def test_bad_options_are_one_line_and_code_2(
+    arguments: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(*arguments.split(), "-o", tmp_path / "new") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("vrte: error: ")
+    assert message in line
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("study", STUDIES, ids=" ".join)
+def test_a_file_is_no_folder(study: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "here").write_text("")
+    assert call(*study, "-o", tmp_path / "here") == 2
+    assert "must be a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("study", STUDIES[:2], ids=" ".join)
+def test_what_is_missing_is_said_before_anything_is_measured(
+    study: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert call(*study, "-o", tmp_path / "new") == 1
+    assert "needs the extra 'plot'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
