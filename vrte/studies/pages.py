@@ -28,6 +28,16 @@ def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([texts[0], "|" + "---|" * len(header), *texts[1:]]) + "\n"
 
 
+def html_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Of cells that are HTML.
+
+    >>> html_table(["a"], [["1"]])
+    '<table><tr><th>a</th></tr><tr><td>1</td></tr></table>'
+    """
+    lines = [f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows]
+    return f"<table><tr>{''.join(f'<th>{name}</th>' for name in header)}</tr>{''.join(lines)}</table>"
+
+
 def markdown_list(facts: Iterable[str]) -> str:
     """One item a line.
 

@@ -8,7 +8,7 @@ from statistics import median
 
 from vrte.request.request import AUTO, EXACT, METHODS
 from vrte.studies.methods.rows import REFUSED, Row, grouped
-from vrte.studies.pages import markdown_table
+from vrte.studies.pages import html_table, markdown_table
 
 TARGETS = (1e-3, 1e-6, 1e-10)
 COARSE = 1e-2  # what synthetic iteration is held to
@@ -183,11 +183,7 @@ def score_markdown(rows: Sequence[Row]) -> str:
 def score_html(rows: Sequence[Row]) -> str:
     """The section of the page, empty without runs of auto."""
     lines = score_rows(rows)
-    if not lines:
-        return ""
-    head = "".join(f"<th>{name}</th>" for name in HEADER)
-    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in line)}</tr>" for line in lines)
-    return f'<h2>How well method="auto" chose</h2>\n<table><tr>{head}</tr>{body}</table>'
+    return f'<h2>How well method="auto" chose</h2>\n{html_table(HEADER, lines)}' if lines else ""
 
 
 def score_text(rows: Sequence[Row]) -> str:

@@ -30,7 +30,7 @@ from vrte.studies.methods.advice import (
 from vrte.studies.methods.reference import slug
 from vrte.studies.methods.rows import STOKES, Row, grouped
 from vrte.studies.methods.scenes import case
-from vrte.studies.pages import MARKERS, finish_panel, made_with, two_digits, write_text
+from vrte.studies.pages import MARKERS, finish_panel, html_table, made_with, two_digits, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -239,14 +239,12 @@ def as_html(rows: Sequence[Row], settings: str) -> str:
 
 def summary(scenes: dict[str, list[Row]]) -> str:
     """Scenes down, targets across."""
-    head = "".join(f"<th>{target:.0e}</th>" for target in TARGETS)
-    lines = [f"<tr><th>scene</th><th>reference within</th>{head}</tr>"]
-    for name, rows in scenes.items():
-        cells = "".join(f"<td>{html.escape(short(rows, target))}</td>" for target in TARGETS)
-        lines.append(
-            f'<tr><td><a href="#s-{slug(name)}">{html.escape(name)}</a></td><td>{within_of(rows):.0e}</td>{cells}</tr>'
-        )
-    return f"<table>{''.join(lines)}</table>"
+    lines = [
+        [f'<a href="#s-{slug(name)}">{html.escape(name)}</a>', f"{within_of(rows):.0e}"]
+        + [html.escape(short(rows, target)) for target in TARGETS]
+        for name, rows in scenes.items()
+    ]
+    return html_table(["scene", "reference within", *(f"{target:.0e}" for target in TARGETS)], lines)
 
 
 def short(rows: Sequence[Row], target: float) -> str:
