@@ -15,48 +15,43 @@ typedef struct {
     int x##_r_stride
 #define EXTENDED_AT(x, item) { x + (item) * stride, x##_OO + (item) * (long)x##_o_stride, x##_II + (item) * (long)x##_r_stride }
 
-// c = alpha a b: added to the product through the nodes is light that goes on straight. Global size: work-items that share
-// the columns, items.
+// c = alpha a b: added to the product through the nodes is light that goes on straight. Global size: columns, items.
 __kernel void add_straight(SIZES, double alpha, EXTENDED(a), EXTENDED(b), EXTENDED(c), INTS items)
 {
-    const int first = get_global_id(0), step = get_global_size(0);
+    const int j = get_global_id(0);
     const long item = items[get_global_id(1)];
     const Extended A = EXTENDED_AT(a, item), B = EXTENDED_AT(b, item), C = EXTENDED_AT(c, item);
-    for (int j = first; j < n + r; j += step) {
-        __global double* to = C.M + (long)j * ld;
-        if (j >= n)
-            for (int i = 0; i < ld / 4; i++)
-                PUT(to, i) = alpha * B.II[j - n] * AT(A.M + (long)j * ld, i) + AT(to, i);
-        for (int i = 0; i < o; i++)
-            to[p + i] += alpha * A.OO[i] * B.M[(long)j * ld + p + i];
-    }
-    for (int i = first; i < o; i += step)
+    __global double* to = C.M + (long)j * ld;
+    if (j >= n)
+        for (int i = 0; i < ld / 4; i++)
+            PUT(to, i) = alpha * B.II[j - n] * AT(A.M + (long)j * ld, i) + AT(to, i);
+    for (int i = 0; i < o; i++)
+        to[p + i] += alpha * A.OO[i] * B.M[(long)j * ld + p + i];
+    for (int i = j; i < o; i += n + r)
         C.OO[i] = alpha * A.OO[i] * B.OO[i];
-    for (int i = first; i < r; i += step)
+    for (int i = j; i < r; i += n + r)
         C.II[i] = alpha * A.II[i] * B.II[i];
 }
 
 // c = factor[item] alpha a + beta b + gamma 1, a being that of item from_item[item]; factor and from_item may be absent.
-// Global size: work-items that share the columns, items.
+// Global size: columns, items.
 __kernel void combine(SIZES, __global const double* factor, double alpha, EXTENDED(a), __global const int* from_item,
                       double beta, EXTENDED(b), double gamma, EXTENDED(c), INTS items)
 {
-    const int first = get_global_id(0), step = get_global_size(0);
+    const int j = get_global_id(0);
     const long item = items[get_global_id(1)], source = from_item ? from_item[item] : item;
     const Extended A = EXTENDED_AT(a, source), B = EXTENDED_AT(b, item), C = EXTENDED_AT(c, item);
     const double share = factor ? alpha * factor[item] : alpha;
-    for (int j = first; j < n + r; j += step) {
-        __global const double* from = A.M + (long)j * ld;
-        __global const double* other = B.M + (long)j * ld;
-        __global double* to = C.M + (long)j * ld;
-        for (int i = 0; i < ld / 4; i++)
-            PUT(to, i) = beta == 0.0 ? share * AT(from, i) : share * AT(from, i) + beta * AT(other, i);
-        if (j < n)
-            to[j] += gamma;
-    }
-    for (int i = first; i < o; i += step)
+    __global const double* from = A.M + (long)j * ld;
+    __global const double* other = B.M + (long)j * ld;
+    __global double* to = C.M + (long)j * ld;
+    for (int i = 0; i < ld / 4; i++)
+        PUT(to, i) = beta == 0.0 ? share * AT(from, i) : share * AT(from, i) + beta * AT(other, i);
+    if (j < n)
+        to[j] += gamma;
+    for (int i = j; i < o; i += n + r)
         C.OO[i] = share * A.OO[i] + (beta == 0.0 ? 0.0 : beta * B.OO[i]) + gamma;
-    for (int i = first; i < r; i += step)
+    for (int i = j; i < r; i += n + r)
         C.II[i] = share * A.II[i] + (beta == 0.0 ? 0.0 : beta * B.II[i]) + gamma;
 }
 

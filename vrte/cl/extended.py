@@ -10,7 +10,6 @@ from vrte.cl.matrices import PANEL, Stack, invert, padded, product, stack_in
 from vrte.cl.session import Placed, Session
 
 BoolArray = NDArray[np.bool_]
-SHARING = 8
 TANH, COMPLEMENT, FADE, NOTHING = 0, 1, 2, 3  # kinds of `go_straight`
 
 
@@ -100,11 +99,6 @@ class Algebra:
         self.pivots = session.empty((items, sizes.n), np.int32)
         self.info = session.zeros((items,), np.int32)
 
-    @property
-    def sharing(self) -> int:
-        """Work-items that share the columns of a matrix: few on a processor, where each costs time."""
-        return min(self.sizes.columns, SHARING) if self.session.form == "cpu" else self.sizes.columns
-
     def new(self) -> Extended:
         """Zeros."""
         s, zeros = self.sizes, self.session.zeros
@@ -148,7 +142,7 @@ class Algebra:
         s = self.sizes
         whole = c.part(0, 0, s.ld, s.columns)
         self.multiply(chosen, a.part(0, 0, s.ld, s.n), b.part(0, 0, s.n, s.columns), whole, alpha)
-        self.launch("add_straight", chosen, s, alpha, a, b, c, columns=self.sharing)
+        self.launch("add_straight", chosen, s, alpha, a, b, c, columns=self.sizes.columns)
 
     def combine(
         self,
@@ -164,7 +158,7 @@ class Algebra:
     ) -> None:
         """c = factor alpha a + beta b + gamma 1; factor (item,); places (item,): of which item a is taken."""
         arguments = self.sizes, factor, alpha, a, places, beta, c if b is None else b, gamma, c
-        self.launch("combine", chosen, *arguments, columns=self.sharing)
+        self.launch("combine", chosen, *arguments, columns=self.sizes.columns)
 
     def invert(self, chosen: BoolArray, a: Extended, spare: Extended) -> None:
         """a <- a^-1."""
