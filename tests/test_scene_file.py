@@ -12,6 +12,7 @@ import pytest
 
 import vrte
 from vrte.basics.errors import Place
+from vrte.formats.particle_sources import SOURCES
 from vrte.formats.scene_file import SceneFile, read_scene, scene_of
 from vrte.formats.toml_table import dotted
 from vrte.optics.phase_matrix import henyey_greenstein_terms
@@ -435,3 +436,20 @@ def test_nothing_is_computed_for_a_scene_with_a_mistake(read: Reader, monkeypatc
     second = '[[layer]]\nparticles = "gold"\n'
     with pytest.raises(vrte.SceneError, match=r"layer\[2\]: either thickness"):
         read(SCENE, ("[base]", second + "[base]"))
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_every_source_of_particles_fills_a_layer(name: str) -> None:
+    """By its example: named or, for spheres, not, in a scene that loses no energy; other keys are refused by name."""
+    kind = {"source": name, **SOURCES[name].example}
+    rest = {"wavelength_um": 0.5, "nodes": 8, "layer": [{"particles": "one", "thickness": 0.5}], "field": {"mu0": 0.6}}
+    found = scene_of({**rest, "particles": {"one": kind}})
+    (layer,) = found.scene.layers
+    assert layer.albedo == found.particles["one"].albedo
+    field = vrte.radiance(found.scene, 0.6, tau=[0.0, 0.5], nodes=8)
+    net = field.flux_down + field.direct - field.flux_up
+    assert layer.albedo < 1.0 or abs(net[1] - net[0]) < 1e-12
+    with pytest.raises(vrte.SceneError, match=r"particles\.one\.colour = 1: unknown key.* source, "):
+        scene_of({**rest, "particles": {"one": {**kind, "colour": 1}}})
+    with pytest.raises(vrte.SceneError, match=r"particles\.one\.source = \"dust\": must be 'spheres'"):
+        scene_of({**rest, "particles": {"one": {**kind, "source": "dust"}}})

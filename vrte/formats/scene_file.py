@@ -14,14 +14,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from vrte.basics.arrays import in_one_line
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.index_table import read_index
+from vrte.formats.particle_sources import TABLE, WAVE_KEYS, check_source, read_beside
 from vrte.formats.text_file import read_text
-from vrte.formats.toml_table import Table, error_at, is_number, located, nearest, shortened, shown, shown_key
+from vrte.formats.toml_table import Table, error_at, located, nearest, shortened, shown, shown_key
 from vrte.optics.phase_matrix import (
     MOST_TERMS,
     PhaseMatrix,
@@ -30,33 +31,23 @@ from vrte.optics.phase_matrix import (
     isotropic,
     rayleigh,
 )
-from vrte.optics.refractive_index import Material, wavelength_range
-from vrte.optics.size_distribution import Gamma, Lognormal
+from vrte.optics.refractive_index import wavelength_range
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.request.how import AUTO, OPTIONS
 from vrte.scene.boundary import Lambertian
 from vrte.scene.layer import Layer
 from vrte.scene.scene import MOST_LAYERS, Scene
 
-Read = TypeVar("Read")
 LARGEST_FILE = 10_000_000  # bytes
 # a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
 LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
-TABLE = ".csv"  # the suffix of tables of one's own
-WAVE_KEYS = ("wavelength_um", "host_index")  # of the light, for all particles
 OPTION_KEYS = ("nodes", "accuracy", "truncation", "method", "illuminate", "settings")
 FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "render", "brdf", "field")
-PARTICLE_KEYS = ("index", "radius_um", "diameter_um", "size")
 FILLINGS = ("particles", "volume_fractions", "phase")  # what a layer holds, in one of these ways
 THICKNESS_KEYS = ("thickness", "thickness_um", "volume_fraction")
 LAYER_KEYS = (*FILLINGS, "tolerance", "albedo", *THICKNESS_KEYS)
 BASE_KEYS = ("kind", "albedo")
-SIZES: dict[str, tuple[Callable[..., Lognormal | Gamma], tuple[str, ...]]] = {
-    "lognormal": (Lognormal, ("median_um", "sigma")),
-    "gamma": (Gamma, ("r_eff_um", "v_eff")),
-}
 # keys that say the same in another way: twice the radius, and the angle from the normal in place of its cosine
-DIAMETERS = {"radius_um": "diameter_um", "median_um": "median_diameter_um", "r_eff_um": "d_eff_um"}
 ANGLES = {"mu_i": "angle_i_deg", "mu_o": "angle_o_deg", "mu0": "angle0_deg"}
 NAMED_PHASES: dict[str, Callable[[], PhaseMatrix]] = {"isotropic": isotropic, "rayleigh": rayleigh}
 PHASE_KEYS = ("henyey_greenstein", "rayleigh", "terms")
@@ -64,16 +55,10 @@ PHASES = (
     '"isotropic", "rayleigh", { henyey_greenstein = g }, { rayleigh = depolarization } '
     "or the path of a .csv with the columns l, a1, a2, a3, a4, b1, b2"
 )
-INDEX = (
-    'the name of a material, a path in the database such as "main/Au/Johnson", the path of a .csv with the columns '
-    "wavelength_um (or wavelength_nm), n, k, or [n, k]"
-)
 SHARE = "a number fraction >= 0"
 PART = 'from 0 to below 1, or per cent in quotes, "5 %"'
 ALBEDO = 'a number between 0 and 1, or per cent in quotes, "30 %"'
-ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
 ANGLE = "degrees from the normal, from 0 to below 90"
-HALVED = {name: (key, "half of it, ") for name, key in DIAMETERS.items()}  # who is told of the one wrote the other
 
 
 def _cosines(table: Table, name: str) -> list[float]:
@@ -402,74 +387,13 @@ class _Particles:
         content = file.content.get("particles", {})
         if not isinstance(content, dict) or not all(isinstance(kind, dict) for kind in content.values()):
             raise file.wrong("particles", "must be tables headed [particles.NAME]")
-        tables = {name: Table(("particles", name), kind, PARTICLE_KEYS) for name, kind in content.items()}
-        self.makers = {name: _maker_of_particles(file, table, spheres_of, folder) for name, table in tables.items()}
+        self.makers = {name: check_source(file, name, kind, spheres_of, folder) for name, kind in content.items()}
         self.computed: dict[str, Particles] = {}
 
     def kind(self, name: str) -> Particles:
         if name not in self.computed:
             self.computed[name] = self.makers[name]()
         return self.computed[name]
-
-
-def _maker_of_particles(
-    file: Table, table: Table, spheres_of: Callable[..., Particles], folder: Path
-) -> Callable[[], Particles]:
-    """What makes one kind, its keys checked."""
-    table.required("index", INDEX)
-    table.exactly_one(*PARTICLE_KEYS[1:])
-    index, size = _index(table), _size(table)
-
-    def made() -> Particles:
-        light = {"wavelength_um": file.number("wavelength_um", ONE_WAVELENGTH)}
-        if "host_index" in file:
-            light["host_index"] = file.number("host_index")
-        own = isinstance(index, str) and index.endswith(TABLE)
-        material: Material = _read_beside(table, "index", read_index, folder) if own else index
-        with located(table.place, PARTICLE_KEYS, WAVE_KEYS, HALVED if "diameter_um" in table else {}):
-            return spheres_of(material, **light, **size)
-
-    return made
-
-
-def _index(table: Table) -> str | tuple[float, float]:
-    value = table.content["index"]
-    if isinstance(value, str):
-        return value
-    parts = value if isinstance(value, list) else [value, 0.0]
-    if len(parts) != 2 or not all(is_number(part) for part in parts):
-        raise table.wrong("index", f"must be {INDEX}")
-    return float(parts[0]), float(parts[1])
-
-
-def _read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Path) -> Read:
-    """What is in the file that a key names, beside the scene file."""
-    try:
-        return read(folder / table.content[key])
-    except SceneError as error:
-        raise table.wrong(key, str(error)) from error
-    except OSError as error:
-        raise table.wrong(key, f"the file cannot be read: {error.strerror}") from error
-
-
-def _size(table: Table) -> dict[str, Any]:
-    """The keyword of ``spheres`` that says how large the particles are."""
-    for key, factor in (("radius_um", 1.0), ("diameter_um", 0.5)):
-        if key in table:
-            return {"radius_um": factor * table.number(key, f"a {key.removesuffix('_um')} in micrometres > 0")}
-    size = table.table("size", tuple(SIZES))
-    if len(size.content) != 1:
-        raise table.wrong("size", f"must be exactly one of {', '.join(SIZES)}")
-    (name,) = size.content
-    distribution, keys = SIZES[name]
-    radius, diameter = keys[0], DIAMETERS[keys[0]]
-    numbers = size.table(name, (*keys, diameter))
-    numbers.not_both(radius, diameter)
-    values = {key: numbers.number(key) for key in keys if key != radius or diameter not in numbers}
-    if diameter in numbers:
-        values[radius] = 0.5 * numbers.number(diameter)
-    with located(numbers.place, numbers.allowed, said=HALVED if diameter in numbers else {}):
-        return {"size": distribution(**values)}
 
 
 def _phase(layer: Table, folder: Path) -> PhaseMatrix:
@@ -483,7 +407,7 @@ def _phase(layer: Table, folder: Path) -> PhaseMatrix:
     if not value.endswith(TABLE):
         raise layer.wrong("phase", f"must be {PHASES}{nearest(value, NAMED_PHASES)}")
     tolerance = layer.number("tolerance") if "tolerance" in layer else 0.0
-    return _read_beside(layer, "phase", partial(read_coefficients, tolerance=tolerance), folder)
+    return read_beside(layer, "phase", partial(read_coefficients, tolerance=tolerance), folder)
 
 
 def _parametric_phase(layer: Table) -> PhaseMatrix:

@@ -7,7 +7,8 @@ from typing import Any
 
 from vrte.app.form.fields import leaves
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.scene_file import ANGLES, DIAMETERS, FILLINGS, REQUEST_KEYS, SceneFile, listed_wavelengths
+from vrte.formats.particle_sources import DIAMETERS
+from vrte.formats.scene_file import ANGLES, FILLINGS, REQUEST_KEYS, SceneFile, listed_wavelengths
 from vrte.formats.scene_writer import toml_text
 from vrte.formats.toml_table import is_number, shown_key
 from vrte.optics.refractive_index import MATERIALS

@@ -1,0 +1,119 @@
+"""Sources of particles, by the name that a table [particles.NAME] of a scene file gives in ``source``.
+
+A new source is a maker and a row in `SOURCES` (docs/extending.md); scene files, sweeps and spectra then know it.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from vrte.basics.errors import SceneError
+from vrte.formats.index_table import read_index
+from vrte.formats.toml_table import Table, is_number, located
+from vrte.optics.refractive_index import Material
+from vrte.optics.size_distribution import Gamma, Lognormal
+from vrte.optics.spheres import Particles
+
+Read = TypeVar("Read")
+Make = Callable[[], Particles]
+TABLE = ".csv"  # the suffix of tables of one's own
+WAVE_KEYS = ("wavelength_um", "host_index")  # of the light, for all particles
+ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
+SIZES: dict[str, tuple[Callable[..., Lognormal | Gamma], tuple[str, ...]]] = {
+    "lognormal": (Lognormal, ("median_um", "sigma")),
+    "gamma": (Gamma, ("r_eff_um", "v_eff")),
+}
+DIAMETERS = {"radius_um": "diameter_um", "median_um": "median_diameter_um", "r_eff_um": "d_eff_um"}
+HALVED = {name: (key, "half of it, ") for name, key in DIAMETERS.items()}  # who is told of the one wrote the other
+INDEX = (
+    'the name of a material, a path in the database such as "main/Au/Johnson", the path of a .csv with the columns '
+    "wavelength_um (or wavelength_nm), n, k, or [n, k]"
+)
+SPHERES = "spheres"  # where a table names no source
+
+
+class Source(NamedTuple):
+    """``keys`` of its table beside ``source``; ``check`` reads the table (of a file, in a folder), refuses what is
+    wrong there, and returns what makes the particles when a layer first asks for them; ``spheres_of`` is called like
+    `vrte.spheres`; ``example``: a table that it takes, for tests."""
+
+    keys: tuple[str, ...]
+    check: Callable[[Table, Table, Callable[..., Particles], Path], Make]
+    example: dict[str, Any]
+
+
+def check_source(
+    file: Table, name: str, content: dict[str, Any], spheres_of: Callable[..., Particles], folder: Path
+) -> Make:
+    """What makes the particles of one table [particles.NAME]: by the source that it names, its keys checked."""
+    given = content.get("source", SPHERES)
+    if not (isinstance(given, str) and given in SOURCES):
+        table = Table(("particles", name), content, tuple(content))
+        raise table.wrong("source", f"must be {' or '.join(map(repr, SOURCES))}")
+    source = SOURCES[given]
+    return source.check(file, Table(("particles", name), content, ("source", *source.keys)), spheres_of, folder)
+
+
+def check_spheres_table(file: Table, table: Table, spheres_of: Callable[..., Particles], folder: Path) -> Make:
+    """Homogeneous spheres: an index, and a radius or a size distribution."""
+    table.required("index", INDEX)
+    table.exactly_one(*SOURCES[SPHERES].keys[1:])
+    index, size = _index(table), _size(table)
+
+    def made() -> Particles:
+        light = {"wavelength_um": file.number("wavelength_um", ONE_WAVELENGTH)}
+        if "host_index" in file:
+            light["host_index"] = file.number("host_index")
+        own = isinstance(index, str) and index.endswith(TABLE)
+        material: Material = read_beside(table, "index", read_index, folder) if own else index
+        with located(table.place, table.allowed, WAVE_KEYS, HALVED if "diameter_um" in table else {}):
+            return spheres_of(material, **light, **size)
+
+    return made
+
+
+def _index(table: Table) -> str | tuple[float, float]:
+    value = table.content["index"]
+    if isinstance(value, str):
+        return value
+    parts = value if isinstance(value, list) else [value, 0.0]
+    if len(parts) != 2 or not all(is_number(part) for part in parts):
+        raise table.wrong("index", f"must be {INDEX}")
+    return float(parts[0]), float(parts[1])
+
+
+def read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Path) -> Read:
+    """What is in the file that a key names, beside the scene file."""
+    try:
+        return read(folder / table.content[key])
+    except SceneError as error:
+        raise table.wrong(key, str(error)) from error
+    except OSError as error:
+        raise table.wrong(key, f"the file cannot be read: {error.strerror}") from error
+
+
+def _size(table: Table) -> dict[str, Any]:
+    """The keyword of ``spheres`` that says how large the particles are."""
+    for key, factor in (("radius_um", 1.0), ("diameter_um", 0.5)):
+        if key in table:
+            return {"radius_um": factor * table.number(key, f"a {key.removesuffix('_um')} in micrometres > 0")}
+    size = table.table("size", tuple(SIZES))
+    if len(size.content) != 1:
+        raise table.wrong("size", f"must be exactly one of {', '.join(SIZES)}")
+    (name,) = size.content
+    distribution, keys = SIZES[name]
+    radius, diameter = keys[0], DIAMETERS[keys[0]]
+    numbers = size.table(name, (*keys, diameter))
+    numbers.not_both(radius, diameter)
+    values = {key: numbers.number(key) for key in keys if key != radius or diameter not in numbers}
+    if diameter in numbers:
+        values[radius] = 0.5 * numbers.number(diameter)
+    with located(numbers.place, numbers.allowed, said=HALVED if diameter in numbers else {}):
+        return {"size": distribution(**values)}
+
+
+SOURCES: dict[str, Source] = {
+    SPHERES: Source(
+        ("index", "radius_um", "diameter_um", "size"), check_spheres_table, {"index": [1.5, 0.0], "radius_um": 0.1}
+    ),
+}
