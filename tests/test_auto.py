@@ -15,7 +15,8 @@ from vrte.cli import main
 from vrte.discrete_ordinates.planning.node_choice import DISCRETE
 from vrte.formats.scene_file import SceneFile
 from vrte.methods.auto import QUANTITIES, RULES, caught, fading, scattered_again_over_accuracy, special_wishes, taken
-from vrte.request.request import EXACT, METHODS, Request
+from vrte.request.how import EXACT, METHODS
+from vrte.request.request import Request
 from vrte.studies.methods.advice import score_html, score_markdown, score_rows, score_text
 from vrte.studies.methods.rows import Row
 from vrte.studies.methods.rules import disagreements, rows_of

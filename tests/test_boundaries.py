@@ -8,7 +8,7 @@ import pytest
 
 import vrte
 from vrte.methods import method_of
-from vrte.request.request import EXACT, METHODS
+from vrte.request.how import EXACT, METHODS
 from vrte.scene.boundary import BLACK, TRANSPARENT, Boundary, Lambertian, MuellerBase
 
 DIRECTIONS: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 1.0], "phi": [0.0, 70.0]}

@@ -10,7 +10,7 @@ from vrte.basics.errors import SceneError
 from vrte.cli import main
 from vrte.methods import method_of
 from vrte.methods.parts.method import Method
-from vrte.request.request import EXACT, METHODS
+from vrte.request.how import EXACT, METHODS
 
 OTHERS = tuple(name for name in METHODS if name != EXACT)
 MU, PHI = np.array([0.3, 0.8]), np.array([0.0, 40.0, 180.0])

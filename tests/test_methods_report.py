@@ -10,7 +10,7 @@ import pytest
 
 from vrte import cli
 from vrte.basics.errors import SceneError
-from vrte.request.request import METHODS
+from vrte.request.how import METHODS
 from vrte.studies import radiance_factor
 from vrte.studies.methods import advice, knobs, measuring, page, peers, reference, registry, scenes
 from vrte.studies.methods.rows import MEASURED, REFUSED, Row

@@ -11,7 +11,8 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.planning.forecast import seconds_of_all, seconds_of_planning
 from vrte.request.backends import Backend
-from vrte.request.request import EXACT, Request
+from vrte.request.how import EXACT
+from vrte.request.request import Request
 
 FEW = 5  # solves of many that are looked at
 

@@ -21,7 +21,7 @@ from vrte.formats.measured_polarized import (
     check_wavelengths,
     write_mitsuba,
 )
-from vrte.request.request import EXACT
+from vrte.request.how import EXACT
 from vrte.results.spectrum import Spectrum, ascending
 
 if TYPE_CHECKING:

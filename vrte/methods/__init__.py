@@ -12,7 +12,8 @@ from vrte.discrete_ordinates.planning.node_choice import NodeChoice, choose_node
 from vrte.methods.auto import by_rule
 from vrte.methods.parts.method import Method
 from vrte.methods.parts.task import NODES, Task
-from vrte.request.request import AUTO, EXACT, METHODS, Request, operations_of
+from vrte.request.how import AUTO, EXACT, METHODS
+from vrte.request.request import Request, operations_of
 from vrte.results.solution import Solution
 
 

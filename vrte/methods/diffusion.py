@@ -31,7 +31,7 @@ from vrte.methods.parts.two_fluxes import (
     levels_of,
     piled,
 )
-from vrte.request.request import one_of
+from vrte.request.how import one_of
 
 # c of E_0 = c times the net flux out: no flux comes in; no light along P1's node; the exact extrapolation length of a
 # half space that conserves energy and scatters evenly, 0.71045 mean free paths

@@ -18,7 +18,8 @@ from vrte.discrete_ordinates.planning.plan import Plan, plan_of
 from vrte.methods.parts.method import Answer, Method
 from vrte.methods.parts.task import Task
 from vrte.request.backends import Backend
-from vrte.request.request import EXACT, FINEST, Request
+from vrte.request.how import EXACT, FINEST
+from vrte.request.request import Request
 from vrte.results.solution import NO_LIGHT, Solution
 
 GOOD = 1e-2  # accuracy that nodes are told for where there are too few

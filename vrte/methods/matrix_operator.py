@@ -30,7 +30,8 @@ from vrte.methods.parts.method import Answer, Method
 from vrte.methods.parts.on_nodes import OnNodes, distinct_directions
 from vrte.methods.parts.operators import Modes, Operator, empty
 from vrte.methods.parts.task import NODES, Task
-from vrte.request.request import MOST_NODES, check_scene
+from vrte.request.how import MOST_NODES
+from vrte.request.request import check_scene
 from vrte.scene.scene import Scene
 
 LARGEST_RESIDUAL = 1e-8  # of the eigenvectors

@@ -19,7 +19,7 @@ from vrte.methods.parts.in_depth import downward, gauss_depths, upward
 from vrte.methods.parts.method import Answer, Method, Setting, Settings
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, distinct_directions, solve_in_turn
 from vrte.methods.parts.task import Task
-from vrte.request.request import EXACT
+from vrte.request.how import EXACT
 
 POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
 FINEST_SCALE = 1e-3  # panels at a face are no finer than light along the lowest cosine asks for, nor than this

@@ -25,7 +25,8 @@ from vrte.methods.parts.task import Task, discrete
 from vrte.methods.parts.two_fluxes import base_albedo_of, cut_to_two, kernels_of
 from vrte.methods.small_angle import expansions
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.request.request import EXACT, METHODS, Request, one_of
+from vrte.request.how import EXACT, METHODS, one_of
+from vrte.request.request import Request
 from vrte.scene.scene import Scene
 
 NAME, CLOSED = "synthetic-iteration", ("two-stream", "diffusion")

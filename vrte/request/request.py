@@ -9,17 +9,7 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array, flag, numbers, settled, vector
 from vrte.basics.errors import SceneError
-from vrte.request.how import ALGORITHMS as ALGORITHMS
-from vrte.request.how import AUTO as AUTO
-from vrte.request.how import BY_RULE as BY_RULE
-from vrte.request.how import COARSEST as COARSEST
-from vrte.request.how import EXACT as EXACT
-from vrte.request.how import FINEST as FINEST
-from vrte.request.how import METHOD_NAMES as METHOD_NAMES
-from vrte.request.how import METHODS as METHODS
-from vrte.request.how import MOST_NODES as MOST_NODES
-from vrte.request.how import How as How
-from vrte.request.how import one_of as one_of
+from vrte.request.how import BY_RULE, How
 from vrte.request.wanted import Wanted
 from vrte.scene.illumination import check_physical, lit_from, mirrored_stokes
 from vrte.scene.scene import Scene

@@ -14,7 +14,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.calls.radiance import radiance
 from vrte.pictures.figures import FAINT, require_pictures, save
-from vrte.request.request import EXACT, METHODS
+from vrte.request.how import EXACT, METHODS
 from vrte.results.field import Field
 from vrte.scene.scene import Scene
 from vrte.studies import cases

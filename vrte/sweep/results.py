@@ -12,7 +12,8 @@ from vrte.calls.radiance import field_of
 from vrte.formats.contents import BRDF, FIELDS, STOKES_AXIS, Kind
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.toml_table import shown
-from vrte.request.request import EXACT, Request, brdf_request, radiance_request
+from vrte.request.how import EXACT
+from vrte.request.request import Request, brdf_request, radiance_request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.solution import Solution

@@ -19,7 +19,8 @@ from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, usable_cpus
 from vrte.calls.forecast import foretell_all
 from vrte.formats.text_file import file_name
-from vrte.request.request import Request, one_of
+from vrte.request.how import one_of
+from vrte.request.request import Request
 from vrte.sweep import store
 from vrte.sweep.chunks import Task, collected, prepare
 from vrte.sweep.engines import ENGINES

@@ -9,7 +9,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import Pile, cut
-from vrte.request.request import BY_RULE
+from vrte.request.how import BY_RULE
 
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
 ONE_LAYER = 16.0  # thickness over the lowest mu of the nodes: doubling takes five steps and more

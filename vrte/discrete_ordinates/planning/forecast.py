@@ -7,7 +7,8 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.planning.azimuths import fold
 from vrte.discrete_ordinates.planning.operations import operations_of_block, operations_of_sums
 from vrte.request.backends import Backend
-from vrte.request.request import EXACT, Request
+from vrte.request.how import EXACT
+from vrte.request.request import Request
 
 if TYPE_CHECKING:
     from vrte.discrete_ordinates.planning.plan import Plan

@@ -27,7 +27,8 @@ from vrte.discrete_ordinates.planning.needs import (
 )
 from vrte.discrete_ordinates.planning.node_choice import DISCRETE, NodeChoice, choose_nodes, given_nodes
 from vrte.discrete_ordinates.planning.plan_table import facts_of, spelled, text_of
-from vrte.request.request import EXACT, Request
+from vrte.request.how import EXACT
+from vrte.request.request import Request
 from vrte.request.wanted import Wanted
 from vrte.scene.scene import Scene
 

@@ -17,7 +17,7 @@ from vrte.discrete_ordinates.planning.blocks import Block, why_normal
 from vrte.discrete_ordinates.planning.memory import doubles_needed
 from vrte.discrete_ordinates.planning.needs import why_apart
 from vrte.discrete_ordinates.planning.operations import operations_of_block, operations_of_sums
-from vrte.request.request import EXACT
+from vrte.request.how import EXACT
 from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.planning.node_choice import CAREFUL, LOWEST, estimated_nodes
 from vrte.methods.auto.rules import RULES, Rule
 from vrte.methods.parts.task import NODES
-from vrte.request.request import EXACT, Request
+from vrte.request.how import EXACT
+from vrte.request.request import Request
 from vrte.scene.layer import Layer
 
 EULER = 0.5772156649015329

@@ -7,7 +7,7 @@ included. `python -m vrte.studies.methods.rules docs/methods/methods.csv` holds 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from vrte.request.request import EXACT
+from vrte.request.how import EXACT
 
 
 @dataclass(frozen=True)

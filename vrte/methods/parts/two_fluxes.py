@@ -27,7 +27,8 @@ from vrte.discrete_ordinates.orders.small_angle import Ray
 from vrte.discrete_ordinates.orders.truncating import Truncation, choose_truncation, flux_of_the_peak, spread_towards
 from vrte.methods.parts.method import Answer
 from vrte.methods.parts.task import Task, cosines_of, discrete
-from vrte.request.request import FINEST, Request
+from vrte.request.how import FINEST
+from vrte.request.request import Request
 
 CARRIED = 2  # terms of a phase function
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from vrte.request.request import AUTO, EXACT, METHODS
+from vrte.request.how import AUTO, EXACT, METHODS
 from vrte.studies.methods.rows import REFUSED, Row, grouped
 from vrte.studies.pages import html_table, markdown_table
 

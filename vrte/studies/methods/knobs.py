@@ -7,7 +7,7 @@ from typing import Any
 
 from vrte.basics.errors import DeviceError
 from vrte.methods import method_of
-from vrte.request.request import AUTO, EXACT, METHODS
+from vrte.request.how import AUTO, EXACT, METHODS
 from vrte.studies.methods import peers
 from vrte.studies.methods.advice import EXPONENTS, EXPONENTS_QUICK
 

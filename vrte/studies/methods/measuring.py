@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyError, SceneError
-from vrte.request.request import AUTO
+from vrte.request.how import AUTO
 from vrte.results.field import Field
 from vrte.studies.methods import peers
 from vrte.studies.methods.knobs import Curve, Options, Setting

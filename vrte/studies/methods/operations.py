@@ -20,7 +20,8 @@ from vrte.methods import adding_doubling, matrix_operator, method_of, successive
 from vrte.methods.parts import imbedding
 from vrte.methods.parts.on_nodes import OnNodes
 from vrte.methods.parts.task import discrete
-from vrte.request.request import EXACT, Request
+from vrte.request.how import EXACT
+from vrte.request.request import Request
 from vrte.results.field import Field
 from vrte.studies.methods.knobs import Options
 from vrte.studies.methods.scenes import PHI, Case

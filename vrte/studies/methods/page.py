@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vrte.basics.errors import MissingExtraError
 from vrte.pictures.figures import FAINT, require_pictures, save
-from vrte.request.request import AUTO, METHOD_NAMES
+from vrte.request.how import AUTO, METHOD_NAMES
 from vrte.studies.methods import peers
 from vrte.studies.methods.advice import (
     TARGETS,

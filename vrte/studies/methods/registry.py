@@ -6,7 +6,7 @@ from typing import Any
 from vrte.methods import method_of
 from vrte.methods.auto.rules import RULES, Rule
 from vrte.methods.parts.method import Method
-from vrte.request.request import METHODS
+from vrte.request.how import METHODS
 from vrte.studies.pages import markdown_table, write_text
 
 BEGIN, END = "<!-- begin: python -m vrte.studies.methods docs/methods.md -->", "<!-- end -->"

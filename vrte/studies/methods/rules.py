@@ -14,7 +14,8 @@ from pathlib import Path
 from vrte.calls.plan import request_of
 from vrte.methods.auto import RULES, taken
 from vrte.methods.auto.rules import Rule
-from vrte.request.request import AUTO, EXACT, METHODS, Request
+from vrte.request.how import AUTO, EXACT, METHODS
+from vrte.request.request import Request
 from vrte.studies.methods.advice import EXPONENTS, TARGETS, quickest, score_markdown, within_of
 from vrte.studies.methods.rows import Row, grouped
 from vrte.studies.methods.scenes import CASES, PHI, Case, case

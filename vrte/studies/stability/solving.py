@@ -16,7 +16,7 @@ from vrte.discrete_ordinates.execution.engines.cpu import solve_orders
 from vrte.discrete_ordinates.orders.discretise import discretise
 from vrte.discrete_ordinates.orders.routes import OTHER
 from vrte.discrete_ordinates.planning.choice import choose
-from vrte.request.request import FINEST
+from vrte.request.how import FINEST
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.scene.scene import Scene
