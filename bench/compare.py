@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from vrte.basics.running import usable_cpus
-from vrte.studies.pages import markdown_table, processor
+from vrte.basics.running import count_usable_cpus
+from vrte.studies.pages import find_processor_name, make_markdown_table
 
 HISTORY = Path(__file__).parent / "history"
 ALLOWED = 1.3
@@ -63,8 +63,8 @@ def summary(run: dict[str, Any]) -> dict[str, Any]:
     }
     return {
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
-        "processor": processor(),
-        "cores": usable_cpus(),
+        "processor": find_processor_name(),
+        "cores": count_usable_cpus(),
         "versions": sorted({text for case in run["benchmarks"] for text in case["extra_info"].get("versions", [])}),
         "cases": rounded(cases),
     }
@@ -118,7 +118,7 @@ def table(before: dict[str, Any], run: dict[str, Any]) -> str:
         both = (each["cases"].get(name) for each in (before, run))
         ratios = ["-" if case is None else f"{case[COMPARED]:.3f}" for case in both]
         rows.append([name, *ratios, f"{found[name]:.2f}" if name in found else "not in both"])
-    return markdown_table(["case", "over the floor, saved", "now", "factor"], rows)
+    return make_markdown_table(["case", "over the floor, saved", "now", "factor"], rows)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 import vrte
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.studies import cases
 
@@ -24,19 +24,19 @@ PEER_ROWS = pytest.StashKey[list[Row]]()
 @pytest.fixture(scope="session")
 def gold() -> vrte.Scene:
     """Table 3 of the paper: gold, 400 nm, radius 0.6 um, thickness 100."""
-    return cases.scene("gold")
+    return cases.find_scene("gold")
 
 
 @pytest.fixture(scope="session")
 def spheroids() -> vrte.Scene:
     """Table 2 of the paper: the benchmark of Wauben and Hovenier, as in Siewert (2000)."""
-    return cases.scene("spheroids")
+    return cases.find_scene("spheroids")
 
 
 def eigenproblems(scene: vrte.Scene, nodes: int, orders: int) -> list[np.ndarray]:
     """The matrices FE of the first `orders` orders."""
     one = np.ones(1)
-    problem = discretise(scene, one, np.eye(4), one, np.zeros(1), nodes)
+    problem = discretise_scene(scene, one, np.eye(4), one, np.zeros(1), nodes)
     matrices = assemble(problem, np.arange(orders, dtype=np.int32), Run(1))
     return [matrices.F[m, 0].T @ matrices.E[m, 0].T for m in range(orders)]
 

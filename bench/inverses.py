@@ -13,12 +13,12 @@ import numpy as np
 import pyopencl
 
 from vrte.basics.arrays import Array
-from vrte.basics.blas import single_threaded
-from vrte.basics.running import usable_cpus
+from vrte.basics.blas import keep_to_one_thread
+from vrte.basics.running import count_usable_cpus
 from vrte.cl.device import session
-from vrte.cl.matrices import Stack, download_stack, invert, new_stack, product, upload_stack
+from vrte.cl.matrices import Stack, download_stack, invert, make_stack, multiply_stacks, upload_stack
 from vrte.cl.session import FORMS, Session, open_session
-from vrte.studies.devices import fastest
+from vrte.studies.devices import time_calls
 
 SIZES = ((40, 256), (80, 64), (160, 24))  # rows, matrices in a call
 STEPS = 5  # of Newton-Schulz from 2/3: 1/3 to the power of 32 is 5e-16
@@ -34,7 +34,7 @@ def matrices(rows: int, count: int) -> Array:
 def by_elimination(opened: Session, stored: Array) -> tuple[Callable[[], None], Stack]:
     """Inverts a copy each time."""
     count, rows, _ = stored.shape
-    source, made = upload_stack(opened, stored), new_stack(opened, count, rows, rows)
+    source, made = upload_stack(opened, stored), make_stack(opened, count, rows, rows)
     scratch = opened.empty((count, 16 * rows)), opened.empty((count, rows), np.int32), opened.zeros((count,), np.int32)
     items = opened.upload(np.arange(count, dtype=np.int32))
 
@@ -53,7 +53,7 @@ def by_newton_schulz(opened: Session, stored: Array) -> tuple[Callable[[], None]
     identity, begun, source = (
         upload_stack(opened, values) for values in (one, 4.0 / 3.0 * one - 4.0 / 9.0 * stored, stored)
     )
-    found, other, rest = (new_stack(opened, count, rows, rows) for _ in range(3))
+    found, other, rest = (make_stack(opened, count, rows, rows) for _ in range(3))
     items = opened.upload(np.arange(count, dtype=np.int32))
 
     def copy(target: Stack, origin: Stack) -> None:
@@ -64,9 +64,9 @@ def by_newton_schulz(opened: Session, stored: Array) -> tuple[Callable[[], None]
         for step in range(1, STEPS):
             now, after = (found, other) if step % 2 else (other, found)
             copy(rest, identity)
-            product(opened, items, source, now, rest, alpha=-1.0, beta=1.0)
+            multiply_stacks(opened, items, source, now, rest, alpha=-1.0, beta=1.0)
             copy(after, now)
-            product(opened, items, now, rest, after, beta=1.0)
+            multiply_stacks(opened, items, now, rest, after, beta=1.0)
         opened.finish()
 
     return call, found
@@ -83,12 +83,12 @@ def rows_of_table(threads: int) -> list[str]:
     opened = session()
     forms = {form: opened if form == opened.form else open_session(opened.device, form) for form in FORMS}
     lines = []
-    with ThreadPoolExecutor(threads) as pool, single_threaded():
+    with ThreadPoolExecutor(threads) as pool, keep_to_one_thread():
         for rows, count in SIZES:
             stored = matrices(rows, count)
             made = [(forms[form], *by_elimination(forms[form], stored)) for form in FORMS]
             made.append((opened, *by_newton_schulz(opened, stored)))
-            seconds = fastest([*(call for _, call, _ in made), by_lapack(pool, threads, stored)])
+            seconds = time_calls([*(call for _, call, _ in made), by_lapack(pool, threads, stored)])
             exact = np.linalg.inv(stored)
             errors = [np.abs(download_stack(where, stack) - exact).max() for where, _, stack in made]
             times = " | ".join(f"{1e3 * value:.1f}" for value in seconds)
@@ -98,7 +98,7 @@ def rows_of_table(threads: int) -> list[str]:
 
 def main() -> None:
     """Prints the table."""
-    threads = usable_cpus()
+    threads = count_usable_cpus()
     print(f"{session().device.name}, {threads} threads; milliseconds\n")
     print("| rows | matrices | work-item a matrix | work-group a matrix | Newton-Schulz | LAPACK | largest error |")
     print("|---|---|---|---|---|---|---|")

@@ -21,10 +21,10 @@ from threadpoolctl import threadpool_limits
 import vrte
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 from vrte.studies import cases
 from vrte.studies.cases import SPHEROIDS
-from vrte.studies.methods.peers import codes, imported
+from vrte.studies.methods.peers import codes, import_peer
 from vrte.studies.methods.peers.asked import Asked
 
 Solve = Callable[[], Array]  # radiances (tau, mu, phi, Stokes compared)
@@ -61,7 +61,7 @@ class Problem:
     @property
     def asked(self) -> Asked:
         """The same for any code. The scene is made anew: that is part of the set-up."""
-        (layer,), beam = cases.scene(self.scene).layers, np.array([self.flux, 0.0, 0.0, 0.0])
+        (layer,), beam = cases.find_scene(self.scene).layers, np.array([self.flux, 0.0, 0.0, 0.0])
         matrix = layer.phase_matrix
         made = vrte.PhaseMatrix(matrix.a1) if matrix.is_scalar else vrte.PhaseMatrix(*matrix.coefficients.T)
         scene = vrte.Scene([vrte.Layer(made, layer.albedo, layer.thickness)])
@@ -134,16 +134,16 @@ def wanted_keywords() -> dict[str, Any]:
 def with_nanodisort(problem: Problem, streams: int, accuracy: float = ACCURACY) -> Solve:
     """nanodisort (cdisort), its arrays made beforehand."""
     asked = problem.asked
-    state = codes.nanodisort_state(asked, streams, accuracy)
-    return lambda: codes.nanodisort_field(asked, state).stokes[..., : problem.stokes]
+    state = codes.make_nanodisort_state(asked, streams, accuracy)
+    return lambda: codes.solve_nanodisort(asked, state).stokes[..., : problem.stokes]
 
 
 def with_sasktran2(problem: Problem, streams: int, orders: int | None = None) -> Solve:
     """sasktran2, engine and atmosphere made beforehand; ``orders`` fixes its number of azimuthal orders."""
     asked = problem.asked
-    engine, geometry, config = codes.sasktran2_engine(asked, streams, orders)
-    atmosphere = codes.sasktran2_atmosphere(asked, geometry, config)
-    return lambda: codes.sasktran2_field(asked, engine, atmosphere).stokes[..., : problem.stokes]
+    engine, geometry, config = codes.make_sasktran2_engine(asked, streams, orders)
+    atmosphere = codes.make_sasktran2_atmosphere(asked, geometry, config)
+    return lambda: codes.solve_sasktran2(asked, engine, atmosphere).stokes[..., : problem.stokes]
 
 
 # by the peer a problem is for, then by the name in the table
@@ -254,7 +254,7 @@ def main(arguments: list[str] | None = None) -> int:
     comparisons, before = [], load()
     try:
         for peer in TARGETS:
-            imported(peer)
+            import_peer(peer)
         for problem in PROBLEMS:
             for streams in problem.streams:
                 print(f"{problem.name}, {streams} streams", file=sys.stderr, flush=True)
@@ -265,7 +265,7 @@ def main(arguments: list[str] | None = None) -> int:
         if options.output is None:
             print(text)
         else:
-            with atomic_write(options.output) as part:
+            with write_atomically(options.output) as part:
                 part.write_text(text, encoding="utf-8")
     except (MissingExtraError, OSError) as reason:
         print(f"error: {reason}", file=sys.stderr)

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 
 from bench.peers import ACCURACY, REFERENCE_STREAMS, ROUNDS, SETUPS, Problem, Row, shortfalls, wanted_keywords
-from vrte.basics.running import usable_cpus
-from vrte.studies.pages import markdown_list, markdown_table, processor, two_digits
+from vrte.basics.running import count_usable_cpus
+from vrte.studies.pages import find_processor_name, make_markdown_list, make_markdown_table, show_two_digits
 
 COLUMNS = ("scene", "streams", "code", "set-up [ms]", "solve [ms]", "over vrte", "target")
 ERRORS = ("error I", "error Q", "error U")
@@ -49,7 +49,7 @@ def page(comparisons: Sequence[list[Row]], checks: dict[Problem, float], load_be
     """Markdown: with what it was made, the table, what falls short, and what is compared."""
     short = [text for rows in comparisons for text in shortfalls(rows)]
     references = [
-        f"- reference of {problem.name}: within {two_digits(gap)} of {CHECKED_WITH[problem.peer]}\n"
+        f"- reference of {problem.name}: within {show_two_digits(gap)} of {CHECKED_WITH[problem.peer]}\n"
         for problem, gap in checks.items()
     ]
     blocks = [
@@ -65,13 +65,13 @@ def page(comparisons: Sequence[list[Row]], checks: dict[Problem, float], load_be
 
 def table(rows: Sequence[Row]) -> str:
     """All rows as one Markdown table."""
-    return markdown_table([*COLUMNS, *ERRORS], [cells(row) for row in rows])
+    return make_markdown_table([*COLUMNS, *ERRORS], [cells(row) for row in rows])
 
 
 def cells(row: Row) -> list[str]:
     """One row as text."""
     times = [f"{row.setup_ms:.2f}", f"{row.solve_ms:.2f}", f"{row.ratio:.2f}"]
-    errors = [two_digits(error) for error in row.errors]
+    errors = [show_two_digits(error) for error in row.errors]
     return [
         *(row.problem, str(row.streams), row.code, *times),
         f">= {row.target:g}" if row.target else "",
@@ -94,9 +94,9 @@ def made_with(load_before: str) -> str:
         ", ".join(f"{name}={value!r}" for name, value in wanted_keywords().items()) or "none beyond nodes and threads"
     )
     facts = [
-        f"{datetime.now(UTC):%Y-%m-%d}, {processor()}, {usable_cpus()} cores",
+        f"{datetime.now(UTC):%Y-%m-%d}, {find_processor_name()}, {count_usable_cpus()} cores",
         f"load (1, 5, 15 minutes) {load_before} before, {load()} after",
         f"{codes}, Python {platform.python_version()}, {platform.system()}",
         f"keywords of vrte.radiance: {keywords}",
     ]
-    return markdown_list(facts)
+    return make_markdown_list(facts)

@@ -13,7 +13,7 @@ import numpy as np, vrte
 
 from vrte.studies import cases
 
-scene = cases.scene("gold")
+scene = cases.find_scene("gold")
 mu, phi, threads, calls = np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), int(sys.argv[1]), int(sys.argv[2])
 
 def solve():

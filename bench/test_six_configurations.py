@@ -14,9 +14,9 @@ import scipy
 
 import vrte
 from vrte.studies.tables.configurations import Configuration
-from vrte.studies.tables.measuring import checked
-from vrte.studies.tables.paper import TABLE_2, TABLE_3, Problem, problems
-from vrte.studies.tables.processes import Child, Reply, Task, facts, started
+from vrte.studies.tables.measuring import check_answer
+from vrte.studies.tables.paper import TABLE_2, TABLE_3, Problem, list_problems
+from vrte.studies.tables.processes import Child, Reply, Task, describe_processes, start_processes
 
 from .conftest import ROUNDS, eigenproblems, floor_seconds
 
@@ -32,14 +32,14 @@ def seconds_in_solves() -> float:
 @pytest.fixture(scope="module")
 def children() -> Iterator[dict[str, Child]]:
     settings = {each.simd for each in Configuration if each.refusal() is None}
-    with started(sorted(settings)) as found:
+    with start_processes(sorted(settings)) as found:
         yield found
 
 
 @pytest.fixture(scope="module")
 def references(children: dict[str, Child]) -> dict[str, np.ndarray]:
     """What a call that is told nothing else answers, by problem."""
-    answers = {each.name: children["full"].solve(Task(each, {}, True)).answer for each in problems()}
+    answers = {each.name: children["full"].solve(Task(each, {}, True)).answer for each in list_problems()}
     return {name: answer for name, answer in answers.items() if answer is not None}
 
 
@@ -51,7 +51,7 @@ def matrices(gold: vrte.Scene, spheroids: vrte.Scene) -> dict[str, list[np.ndarr
 
 @pytest.mark.benchmark(timer=seconds_in_solves)
 @pytest.mark.parametrize("configuration", list(Configuration), ids=lambda each: each.title)
-@pytest.mark.parametrize("problem", problems()[:2], ids=lambda problem: problem.name)
+@pytest.mark.parametrize("problem", list_problems()[:2], ids=lambda problem: problem.name)
 def test_configuration(
     problem: Problem,
     configuration: Configuration,
@@ -64,7 +64,7 @@ def test_configuration(
     if (reason := configuration.refusal()) is not None:
         pytest.skip(reason)
     solve = solver(problem, configuration, children)
-    check = checked(problem, solve(wants_answer=True), references[problem.name])
+    check = check_answer(problem, solve(wants_answer=True), references[problem.name])
     assert check.passed, check
     replies: list[Reply] = []
     floors: list[float] = []
@@ -86,7 +86,7 @@ def test_configuration(
         "difference_from_default": check.gap,
         "off_siewert": check.published,
         "orders_by": check.orders_by,
-        "versions": [*versions(), *facts(children, [configuration])],
+        "versions": [*versions(), *describe_processes(children, [configuration])],
     }
     print(f"\n{benchmark.name}: {1e3 * median:.1f} ms, {median / floor:.2f} x the LAPACK floor of {1e3 * floor:.1f} ms")
 

@@ -21,7 +21,7 @@ def peak():
     line = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
     return int(line.split()[1]) / 1024
 
-scene = cases.scene("gold")
+scene = cases.find_scene("gold")
 """
 
 

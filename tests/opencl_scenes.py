@@ -10,7 +10,7 @@ import numpy as np
 import vrte
 from vrte import _core
 from vrte.cl.session import Session
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 
 from .samples import spheroids
@@ -40,7 +40,7 @@ def problem_of(scene: vrte.Scene, nodes: int, stokes: tuple[int, ...] = ALL) -> 
     """Two beams, three directions, three depths."""
     depth = min(scene.thickness, 5.0)
     tau = np.array([0.0, 0.3 * depth, depth])
-    problem = discretise(scene, np.array([0.45, 0.2]), np.eye(4), np.array([0.7, 0.1, -0.3]), tau, nodes)
+    problem = discretise_scene(scene, np.array([0.45, 0.2]), np.eye(4), np.array([0.7, 0.1, -0.3]), tau, nodes)
     chosen = list(stokes)
     return replace(problem, stokes=stokes, columns=np.ascontiguousarray(problem.columns[np.ix_(chosen, chosen)]))
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG
 from vrte.studies.stability.cases import Case
-from vrte.studies.stability.corners import oracle_cases
+from vrte.studies.stability.corners import list_oracle_cases
 from vrte.studies.stability.oracle import TABLE
 
 from .ball_oracle import DoubtfulError, Layer, Request, field_order, mueller_lobe_orders, sensitivity
@@ -74,13 +74,13 @@ def stored(path: Path, cases: Iterable[Case]) -> Arrays:
 
 def save(path: Path, table: Arrays) -> None:
     """All of it or nothing."""
-    with atomic_write(path) as part, part.open("wb") as file:
+    with write_atomically(path) as part, part.open("wb") as file:
         np.savez_compressed(file, **table)
 
 
 def main(fresh: bool = False, path: Path = TABLE) -> None:
     """Works out what is missing, two cases at a time."""
-    cases = oracle_cases()
+    cases = list_oracle_cases()
     table = {} if fresh else stored(path, cases)
     missing = sorted((case for case in cases if f"{case.name}/hash" not in table), key=effort)
     print(f"{len(cases)} cases, {len(missing)} to do", flush=True)

@@ -8,8 +8,8 @@ import pytest
 import vrte
 from vrte import _core
 from vrte.basics.running import Crew
-from vrte.discrete_ordinates.execution.sums import column_kinds
-from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
+from vrte.discrete_ordinates.execution.sums import find_column_kinds
+from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 from vrte.studies.cases import SPHEROIDS
 
 BOTH = pytest.mark.parametrize("algorithm", ["modes", "doubling"])
@@ -39,9 +39,9 @@ def scattered(
 ) -> None:
     """Adds single scattering in closed form to out (n_level, n_in, n_mu, n_phi, 4, n_place), phi in degrees, in two
     pieces of the incident directions."""
-    azimuths = fold(phi)
-    cosine, sine = cos_sin_deg(azimuths.distinct)
-    kind = column_kinds(columns)
+    azimuths = fold_azimuths(phi)
+    cosine, sine = compute_cos_sin(azimuths.distinct)
+    kind = find_column_kinds(columns)
     for first, last in ((0, 1), (1, mu0.size)):
         _core.add_single_scattering(
             Crew(threads, np.zeros(threads), np.zeros(1, np.int32)),

@@ -23,25 +23,25 @@ QUICK_CHOSEN = ("HG 0.5, thickness 1", "Rayleigh, thickness 10, field")
 
 def check(outcomes: Sequence[sweep.Outcome]) -> None:
     """Never above what was requested, and not far below where something could be left out."""
-    assert not [page.as_text(outcome) for outcome in outcomes if not outcome.kept]
+    assert not [page.describe_outcome(outcome) for outcome in outcomes if not outcome.kept]
     assert all(outcome.promised for outcome in outcomes)
     assert max(outcome.uncertain for outcome in outcomes) < 3e-10
-    assert sweep.median_slack(outcomes) < 100.0
+    assert sweep.compute_median_slack(outcomes) < 100.0
 
 
 def test_requested_is_achieved_on_given_nodes() -> None:
-    check(list(sweep.outcomes_of(QUICK_GIVEN, True, sweep.GIVEN[::4])))
+    check(list(sweep.measure_outcomes(QUICK_GIVEN, True, sweep.GIVEN[::4])))
 
 
 def test_requested_is_achieved_on_chosen_nodes() -> None:
-    check(list(sweep.outcomes_of(QUICK_CHOSEN, False, sweep.CHOSEN[::2])))
+    check(list(sweep.measure_outcomes(QUICK_CHOSEN, False, sweep.CHOSEN[::2])))
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::vrte.LongSolveWarning")  # of references on many nodes
 @pytest.mark.parametrize("given", [True, False])
 def test_requested_is_achieved_everywhere(given: bool) -> None:
-    outcomes = list(sweep.outcomes_of(tuple(PROBES), given, sweep.GIVEN if given else sweep.CHOSEN))
+    outcomes = list(sweep.measure_outcomes(tuple(PROBES), given, sweep.GIVEN if given else sweep.CHOSEN))
     assert len(PROBES) >= 12
     # references on many nodes are good to 4e-10: at a request of 1e-9 that is what is compared with
     check(outcomes if given else [replace(outcome, uncertain=0.0) for outcome in outcomes])
@@ -50,7 +50,7 @@ def test_requested_is_achieved_everywhere(given: bool) -> None:
 
 def ratio_of(outcomes: Sequence[sweep.Outcome]) -> dict[tuple[str, float], float]:
     """Nodes chosen over the fewest that hold, by the study in docs."""
-    found = fewest.ratios(fewest.read_errors(ERRORS), outcomes)
+    found = fewest.pair_chosen_and_fewest(fewest.read_errors(ERRORS), outcomes)
     return {case: chosen / fewest for case, (chosen, fewest) in found.items()}
 
 
@@ -63,7 +63,7 @@ def test_peaked_phase_matrices_take_few_more_nodes_than_hold(name: str) -> None:
         mu = case.signed_mu if tau.size > 1 else np.array(MU)
         asked = case.scene, np.array(case.mu0), mu, np.array(PHI), tau, requested
         found = node_choice.choose_nodes(*asked, Run(1), "all")
-        assert found.nodes <= 1.5 * fewest.fewest_that_hold(errors, requested)
+        assert found.nodes <= 1.5 * fewest.find_fewest_that_hold(errors, requested)
         assert not found.notes
 
 
@@ -133,7 +133,7 @@ def test_a_wrong_estimate_is_found_and_mended(monkeypatch: pytest.MonkeyPatch) -
     right = chosen(rayleigh(1.0))
     for wrong, first in ((1e-20, node_choice.FEWEST), (1.0, node_choice.MOST)):
         estimate = np.full(node_choice.MOST - node_choice.FEWEST + 1, wrong)
-        monkeypatch.setattr(node_choice, "estimated_errors", lambda *_, estimate=estimate: estimate)
+        monkeypatch.setattr(node_choice, "estimate_errors", lambda *_, estimate=estimate: estimate)
         found = chosen(rayleigh(1.0))
         assert f"estimate {first}: " in found.rule
         assert f"; {found.nodes}: right to" in found.rule
@@ -237,8 +237,8 @@ def test_nothing_is_lowered_before_two_orders_are_known() -> None:
     found = {0: np.full((1, 1), 1e-9), 1: np.full((1, 1), 1e-9)}
     bounds = 0.1 ** np.arange(5.0)[:, None, None]
     known = needs.Needs(np.full((1, 5), 0.1), np.full(5, 0.1), np.ones(5), np.ones((5, 2)))
-    assert np.array_equal(needs.calibrated(known, bounds, found), bounds)
-    lowered = needs.calibrated(known, bounds, found | {2: np.full((1, 1), 1e-10)})
+    assert np.array_equal(needs.calibrate_bounds(known, bounds, found), bounds)
+    lowered = needs.calibrate_bounds(known, bounds, found | {2: np.full((1, 1), 1e-10)})
     assert (lowered[3:] < bounds[3:]).all()
     assert np.array_equal(lowered[:3], bounds[:3])
 
@@ -247,7 +247,7 @@ def test_the_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     first = sweep.Outcome("a", True, 1e-3, 1e-5, 1e-14, 8, 3, 96, 0.1, True, True)
     outcomes = [first, replace(first, requested=1e-4, achieved=2e-4), replace(first, given=False, promised=False)]
     pretended = iter([outcomes[:2], outcomes[2:]])
-    monkeypatch.setattr(sweep, "outcomes_of", lambda *_: next(pretended))
+    monkeypatch.setattr(sweep, "measure_outcomes", lambda *_: next(pretended))
     assert main(["-o", str(tmp_path), "--quick"]) == 1
     assert "NOT KEPT" in capsys.readouterr().out
     with (tmp_path / "accuracy.csv").open() as file:
@@ -264,6 +264,6 @@ def test_bounds_beyond_all_numbers_make_no_arithmetic_go_wrong() -> None:
     known = needs.Needs(np.full((1, 6), 0.1), np.full(6, 0.1), np.ones(6), np.ones((6, 2)))
     found = {order: np.full((1, 1), size) for order, size in enumerate((1.0, 1e-320, 1e-10, 0.0))}
     with np.errstate(all="raise", under="ignore"):
-        assert needs.orders_that_matter(bounds, np.ones((1, 1)), 1e-3) == 6
-        assert np.isfinite(needs.calibrated(known, bounds, found)[2:]).all()
-        needs.calibrated(known, bounds[:4], {1: np.ones((1, 1)), 2: np.full((1, 1), 1e-300)})
+        assert needs.count_orders_that_matter(bounds, np.ones((1, 1)), 1e-3) == 6
+        assert np.isfinite(needs.calibrate_bounds(known, bounds, found)[2:]).all()
+        needs.calibrate_bounds(known, bounds[:4], {1: np.ones((1, 1)), 2: np.full((1, 1), 1e-300)})

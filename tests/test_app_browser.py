@@ -16,10 +16,10 @@ import pytest
 import vrte
 from tests.viewer_server import viewer
 from vrte.app.form.content import START
-from vrte.app.form.files import link_of
+from vrte.app.form.files import write_link
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors
-from vrte.formats.scene_writer import toml_text
+from vrte.formats.scene_writer import write_toml
 
 ROOT = Path(__file__).parents[1]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -292,7 +292,7 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(tab: Tab, tmp
         ("bad.nc", "the file is not a NetCDF file"),
         ("table.toml", "reads no files of the machine"),
     ):
-        (tmp_path / file).write_text(toml_text(TABLE) if file == "table.toml" else "[[[")
+        (tmp_path / file).write_text(write_toml(TABLE) if file == "table.toml" else "[[[")
         chooser.set_input_files(tmp_path / file)
         tab.says(words)
     chooser.set_input_files(GOLD)
@@ -431,7 +431,7 @@ def test_a_link_carries_the_scene_and_is_a_strangers(tab: Tab, open_tab: Callabl
     other.waits_for("document.querySelector('[aria-label=\"optical thickness\"]').value == '7'")
     assert other.value("radius [µm]") == "0.05"
     for text, words in (
-        (link_of(TABLE), "reads no files of the machine"),
+        (write_link(TABLE), "reads no files of the machine"),
         ("AAAA", "the link holds no scene, or it is damaged"),
         (base64.urlsafe_b64encode(zlib.compress(b"a" * 10**7)).decode().rstrip("="), "at most 1000000 bytes"),
     ):

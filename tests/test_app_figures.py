@@ -9,7 +9,7 @@ import pytest
 import vrte
 from vrte.app import figures
 from vrte.app.figures.lobe import STEP
-from vrte.app.solving.reflectance import Reflectances, colours_of
+from vrte.app.solving.reflectance import Reflectances, compute_colours
 from vrte.results.over_hemisphere import stokes_over_hemisphere
 from vrte.results.quantities import FIELD_QUANTITIES, QUANTITIES
 
@@ -176,7 +176,7 @@ def test_each_depth_can_be_drawn_over_its_largest(field: vrte.Field) -> None:
 def test_reflectances_over_both_bases_and_their_colours() -> None:
     wavelengths = np.linspace(0.43, 0.7, 7)
     red = np.repeat(np.where(wavelengths > 0.6, 0.9, 0.05)[:, None], 2, axis=1)
-    colours, why_none = colours_of(wavelengths, {"red": red, "white": np.ones((7, 2)), "black": np.zeros((7, 2))})
+    colours, why_none = compute_colours(wavelengths, {"red": red, "white": np.ones((7, 2)), "black": np.zeros((7, 2))})
     assert (colours["white"], colours["black"], why_none) == (("#ffffff",) * 2, ("#000000",) * 2, "")
     assert int(colours["red"][0][1:3], 16) > 150 > 90 > int(colours["red"][0][3:5], 16)
     found = Reflectances(np.array([0.5, 1.0]), {"over black": red, "over white (albedo 1)": np.ones((7, 2))}, colours)
@@ -185,12 +185,12 @@ def test_reflectances_over_both_bases_and_their_colours() -> None:
     np.testing.assert_allclose(curves["over black"].y, red[:, 1], rtol=1e-6)
     one = named(figures.reflectance(Reflectances(found.mu_i, {"over black": red[:1]}), (0.64,), 0))
     np.testing.assert_allclose(one["over black"].x, [0.0, 60.0], atol=1e-5)
-    assert "at least 5 wavelengths" in colours_of(np.array([0.5, 0.6]), {})[1]
+    assert "at least 5 wavelengths" in compute_colours(np.array([0.5, 0.6]), {})[1]
 
 
 def test_a_colour_without_its_library_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "colour", None)
-    assert "extra 'render'" in colours_of(np.linspace(0.43, 0.7, 7), {})[1]
+    assert "extra 'render'" in compute_colours(np.linspace(0.43, 0.7, 7), {})[1]
 
 
 def test_a_beam_from_below_goes_up(scene: vrte.Scene) -> None:

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 import vrte
 from vrte.app.form import checks
 from vrte.app.form import content as form
-from vrte.app.form.fields import text_of, value_of
-from vrte.app.form.files import MOST_OF_AXIS, adopted, adopted_and_told, scene_text
+from vrte.app.form.fields import parse_field_text, write_field_text
+from vrte.app.form.files import MOST_OF_AXIS, adopt_and_tell, adopt_content, write_content
 from vrte.basics.errors import Place
-from vrte.formats.scene_file import FILE_KEYS, LAYER_KEYS, read_content, scene_of
-from vrte.formats.toml_table import dotted
+from vrte.formats.scene_file import FILE_KEYS, LAYER_KEYS, make_scene_file, read_content
+from vrte.formats.toml_table import show_place
 from vrte.optics.spheres import check_spheres
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -28,7 +28,7 @@ GALLERY = sorted((Path(vrte.__file__).parent / "app" / "gallery").glob("*.toml")
 
 def problems(content: form.Content, *about: Any) -> dict[str, str]:
     """By the dotted key that a message is about."""
-    return {dotted(place): message for place, message in checks.problems(content, *about).items()}
+    return {show_place(place): message for place, message in checks.find_problems(content, *about).items()}
 
 
 def fresh(**changes: Any) -> form.Content:
@@ -54,13 +54,13 @@ def henyey_greenstein(g: float, **more: int) -> form.Content:
     ],
 )
 def test_text_becomes_a_value(text: str, value: Any) -> None:
-    assert value_of(text) == value
+    assert parse_field_text(text) == value
 
 
 @settings(max_examples=40)
 @given(st.one_of(st.floats(allow_nan=False), st.integers(-(10**20), 10**20), st.lists(st.floats(0, 9), min_size=2)))
 def test_a_value_becomes_text_and_the_same_value(value: Any) -> None:
-    assert value_of(text_of(value)) == value
+    assert parse_field_text(write_field_text(value)) == value
 
 
 # every field, something that is wrong with it, and words of the library's message
@@ -98,15 +98,15 @@ WRONG = [
 @pytest.mark.parametrize(("place", "text", "words"), WRONG)
 def test_a_wrong_field_gets_the_librarys_message(place: Place, text: str, words: str) -> None:
     content = fresh()
-    form.put(content, place, value_of(text))
+    form.put(content, place, parse_field_text(text))
     found = problems(content)
-    assert list(found) == [dotted(place)]
-    assert words in found[dotted(place)]
+    assert list(found) == [show_place(place)]
+    assert words in found[show_place(place)]
 
 
 def test_the_message_is_that_of_the_solver_and_may_be_about_all_of_a_kind() -> None:
     with pytest.raises(vrte.SceneError) as told:
-        scene_of(fresh(nodes=10**6), "brdf", spheres_of=check_spheres)
+        make_scene_file(fresh(nodes=10**6), "brdf", spheres_of=check_spheres)
     assert problems(fresh(nodes=10**6)) == {"nodes": str(told.value)}
     content = fresh(particles={"gold": {"index": "gold", "radius_um": 1e5}})
     assert "size parameter" in problems(content)["particles.gold"]
@@ -169,7 +169,7 @@ def test_huge_and_misshapen_scenes_get_a_message_soon(change: dict[str, Any]) ->
     assert problems(fresh(**change))
     assert time.process_time() - start < 2.0
     with pytest.raises(vrte.SceneError):
-        adopted(fresh(**change))
+        adopt_content(fresh(**change))
 
 
 def test_no_file_of_the_machine_is_read(tmp_path: Path) -> None:
@@ -211,14 +211,14 @@ def test_every_choice_is_right_from_the_start() -> None:
     layer, kind = content["layer"][0], content["particles"]["gold"]
     for medium in ("mixture", "volumes", "isotropic", "rayleigh", "henyey_greenstein", "particles"):
         form.set_medium(content, 0, medium)
-        assert (form.medium_of(layer), problems(content)) == (medium, {})
+        assert (form.get_medium(layer), problems(content)) == (medium, {})
     for medium in ("volumes", "particles", "volumes", "mixture"):
         form.set_geometric(layer, medium != "particles")
         form.set_medium(content, 0, medium)
         assert problems(content) == {}
     for mode in form.SIZES:
         form.set_size_mode(kind, mode)
-        assert (form.size_mode(kind), problems(content)) == (mode, {})
+        assert (form.get_size_mode(kind), problems(content)) == (mode, {})
     form.set_base(content, "lambertian")
     assert problems(content) == {}
 
@@ -231,7 +231,7 @@ def test_a_kind_is_renamed_where_it_is_held_and_stays_while_it_is() -> None:
     form.rename_kind(content, "gold", name)
     assert list(content["layer"][0]["particles"]) == [name, other]
     assert problems(content) == {}
-    assert tomllib.loads(scene_text(content)) == content
+    assert tomllib.loads(write_content(content)) == content
     for bad in ("", "x" * 61, other, "\ud800"):
         with pytest.raises(vrte.SceneError):
             form.rename_kind(content, name, bad)
@@ -241,17 +241,17 @@ def test_a_kind_is_renamed_where_it_is_held_and_stays_while_it_is() -> None:
 
 def test_a_file_fills_the_form_and_comes_out_the_same() -> None:
     given = read_content(EXAMPLES / "gold_powder.toml")
-    assert adopted(given) == given == tomllib.loads(scene_text(given))
+    assert adopt_content(given) == given == tomllib.loads(write_content(given))
     several = fresh(wavelength_um=[0.45, 0.65])
-    assert adopted(tomllib.loads(scene_text(several))) == several
+    assert adopt_content(tomllib.loads(write_content(several))) == several
 
 
 @pytest.mark.parametrize("path", GALLERY, ids=lambda path: path.stem)
 def test_every_gallery_scene_opens_and_what_it_lacks_is_told(path: Path) -> None:
     given = read_content(path)
-    content, told = adopted_and_told(given)
+    content, told = adopt_and_tell(given)
     assert problems(content) == {}
-    assert len(form.wavelengths_of(content)) >= 7
+    assert len(form.list_page_wavelengths(content)) >= 7
     assert [text.split()[0] for text in told] == ["[brdf]", "wavelength_um"]
     assert {key: content[key] for key in ("particles", "layer")} == {key: given[key] for key in ("particles", "layer")}
 
@@ -262,18 +262,18 @@ def test_sweeps_open_with_the_wavelengths_that_a_page_shows() -> None:
         ("gold_table", ["axes.wavelength_um: 10 of its 28 wavelengths are taken", f"axes: radius_um {others}"]),
         ("rutile_spectrum", ["axes.wavelength_um: 10 of its 55 wavelengths are taken"]),
     ):
-        content, told = adopted_and_told(read_content(EXAMPLES / f"{name}.toml"))
-        assert ("axes" in content, len(form.wavelengths_of(content)), [*told]) == (False, MOST_OF_AXIS, expected)
-    content, told = adopted_and_told(fresh(axes={"wavelength_um": [0.5, 0.6]}))
+        content, told = adopt_and_tell(read_content(EXAMPLES / f"{name}.toml"))
+        assert ("axes" in content, len(form.list_page_wavelengths(content)), [*told]) == (False, MOST_OF_AXIS, expected)
+    content, told = adopt_and_tell(fresh(axes={"wavelength_um": [0.5, 0.6]}))
     assert (content["wavelength_um"], told) == ([0.5, 0.6], ())
-    _, told = adopted_and_told(fresh(axes={"depth": {"key": "layer[1].thickness", "values": [1, 2]}}))
+    _, told = adopt_and_tell(fresh(axes={"depth": {"key": "layer[1].thickness", "values": [1, 2]}}))
     assert told == (f"axes: depth {others}",)
 
 
 def test_a_range_of_wavelengths_is_taken() -> None:
     content = fresh(wavelength_um={"start": 0.43, "stop": 0.7, "count": 4})
     assert problems(content) == {}
-    np.testing.assert_allclose(form.wavelengths_of(content), [0.43, 0.52, 0.61, 0.7])
+    np.testing.assert_allclose(form.list_page_wavelengths(content), [0.43, 0.52, 0.61, 0.7])
 
 
 def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
@@ -282,7 +282,7 @@ def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
         form.set_size_mode(content["particles"]["gold"], mode)
         assert content["particles"]["gold"] == {"index": "gold", **size}
     form.set_degrees(content, True)
-    assert form.in_degrees(content)
+    assert form.is_in_degrees(content)
     assert content["brdf"]["angle_i_deg"] == {"start": 78.463, "stop": 0.0, "count": 9}
     assert content["field"]["angle0_deg"] == 53.1301
     assert problems(content) == {}

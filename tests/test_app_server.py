@@ -20,7 +20,7 @@ from tests.viewer_server import started, viewer
 from vrte import cli
 from vrte.app.server import connections, guard
 from vrte.app.server.guard import LARGEST_UPLOAD
-from vrte.app.server.serve import listener, page_that_leads_to
+from vrte.app.server.serve import bind_socket, make_opening_page
 
 PARTS = re.compile(r"http://(127\.0\.0\.1:(\d+))/\?token=([\w-]+)")
 
@@ -164,7 +164,7 @@ def small_server() -> Iterator[int]:
                 return
 
     begun = threading.Event()
-    with listener("127.0.0.1", 0) as listening:
+    with bind_socket("127.0.0.1", 0) as listening:
         port = listening.getsockname()[1]
         guarded = guard.Guard(echo, "127.0.0.1", port)
         guarded._known = lambda headers: True  # type: ignore[method-assign]
@@ -235,7 +235,7 @@ def test_not_more_connections_than_a_page_needs(small_server: int, monkeypatch: 
 
 def test_what_is_logged_is_one_printable_line(capsys: pytest.CaptureFixture[str]) -> None:
     server = connections.Server(None, lambda: None)
-    with connections.quiet_log(server):
+    with connections.shorten_log(server):
         try:
             raise ValueError("\x1b]0;owned\x07\nvrte: done")
         except ValueError as error:
@@ -317,7 +317,7 @@ def test_where_the_address_cannot_be_told_it_ends_in_one_line() -> None:
 def test_the_address_is_on_no_command_line() -> None:
     """Other accounts see what a browser is called with."""
     address = "http://127.0.0.1:1/?token=a&b"
-    with page_that_leads_to(address) as page:
+    with make_opening_page(address) as page:
         assert page.stat().st_mode & 0o777 == 0o600
         assert page.parent.stat().st_mode & 0o777 == 0o700
         assert "url=http://127.0.0.1:1/?token=a&amp;b" in page.read_text()
@@ -331,7 +331,7 @@ def test_a_taken_port_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> Non
         port = taken.getsockname()[1]
         told = f"vrte: error: the viewer cannot listen on port {port} of 127.0.0.1 ("
         assert refused(capsys, "--port", str(port)).startswith(told)
-        with listener("127.0.0.1", 0) as free:
+        with bind_socket("127.0.0.1", 0) as free:
             assert free.getsockname()[1] != port
 
 

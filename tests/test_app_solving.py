@@ -15,13 +15,13 @@ import pytest
 
 import vrte
 from vrte.app.form import content as form
-from vrte.app.form.files import adopted
-from vrte.app.server.serve import left
+from vrte.app.form.files import adopt_content
+from vrte.app.server.serve import leave_bench
 from vrte.app.solving import downloads
 from vrte.app.solving.bench import MOST_TABS, Benches
 from vrte.app.solving.job import Job
 from vrte.app.solving.messages import Outcome, Read, Solve
-from vrte.app.solving.worker import outcome_of
+from vrte.app.solving.worker import make_outcome
 
 SMALL: form.Content = {
     "wavelength_um": [0.5, 0.6],
@@ -86,21 +86,21 @@ def test_the_numbers_are_those_of_the_library(outcome: Outcome) -> None:
 
 @pytest.mark.parametrize("suffix", [".nc", ".csv"])
 def test_what_is_downloaded_opens_again_with_its_scene(outcome: Outcome, suffix: str, tmp_path: Path) -> None:
-    name, data = downloads.brdf_file(outcome, suffix)
+    name, data = downloads.make_brdf_download(outcome, suffix)
     (tmp_path / name).write_bytes(data)
     found = vrte.load(tmp_path / name)
     assert isinstance(found, vrte.Spectrum)
     np.testing.assert_array_equal(found.mueller, np.stack([one.mueller for one in outcome.brdfs]))
-    again = outcome_of(found)
+    again = make_outcome(found)
     assert again.wavelength_um == (0.5, 0.6)
-    assert again.content == adopted(SMALL)
-    name, data = downloads.field_file(outcome, 1, suffix)
+    assert again.content == adopt_content(SMALL)
+    name, data = downloads.make_field_download(outcome, 1, suffix)
     (tmp_path / name).write_bytes(data)
     np.testing.assert_array_equal(vrte.load(tmp_path / name).stokes, outcome.fields[1].stokes)
 
 
 def test_a_result_file_is_read_in_a_process_of_its_own(outcome: Outcome) -> None:
-    job = ended(Job(Read(downloads.field_file(outcome, 0, ".nc")[1], ".nc", ENOUGH)))
+    job = ended(Job(Read(downloads.make_field_download(outcome, 0, ".nc")[1], ".nc", ENOUGH)))
     assert isinstance(job.outcome, Outcome)
     np.testing.assert_array_equal(job.outcome.fields[0].stokes, outcome.fields[0].stokes)
     job = ended(Job(Read(b"\x89HDF\r\n\x1a\n" + bytes(1000), ".nc", ENOUGH)))
@@ -113,7 +113,7 @@ def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Pa
     h5py = pytest.importorskip("h5py")
     secret, upload = tmp_path / "letters", tmp_path / "upload.nc"
     secret.write_bytes(bytes(range(256)))
-    upload.write_bytes(downloads.brdf_file(Outcome(None, brdfs=outcome.brdfs[:1]), ".nc")[1])
+    upload.write_bytes(downloads.make_brdf_download(Outcome(None, brdfs=outcome.brdfs[:1]), ".nc")[1])
     with h5py.File(upload, "r+") as file:
         shape = file["mueller"].shape
         del file["mueller"]
@@ -124,7 +124,10 @@ def test_an_upload_cannot_bring_back_another_file(outcome: Outcome, tmp_path: Pa
 
 
 def test_there_is_nothing_to_download_before_a_solve() -> None:
-    for make in (lambda: downloads.brdf_file(None, ".nc"), lambda: downloads.field_file(None, 0, ".nc")):
+    for make in (
+        lambda: downloads.make_brdf_download(None, ".nc"),
+        lambda: downloads.make_field_download(None, 0, ".nc"),
+    ):
         with pytest.raises(vrte.SceneError, match="there is no"):
             make()
     with pytest.raises(vrte.SceneError, match="exactly 5 wavelengths, not 2"):
@@ -212,9 +215,9 @@ def test_nobody_waits_for_what_a_closed_page_solves() -> None:
     bench.content = copy.deepcopy(LONG)
     bench.pages = 2
     bench.solve()
-    left(bench)
+    leave_bench(bench)
     assert bench.busy
-    left(bench)
+    leave_bench(bench)
     assert bench.job is not None
     assert ended(bench.job).message == "cancelled"
 

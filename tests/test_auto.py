@@ -10,16 +10,24 @@ from scipy.special import expn
 import vrte
 from tests.random_scenes import Asked, asked, faint
 from vrte.basics.errors import SceneError
-from vrte.calls.plan import request_of
+from vrte.calls.plan import make_request
 from vrte.cli import main
 from vrte.discrete_ordinates.planning.node_choice import DISCRETE
 from vrte.formats.scene_file import SceneFile
-from vrte.methods.auto import QUANTITIES, RULES, caught, fading, scattered_again_over_accuracy, special_wishes, taken
+from vrte.methods.auto import (
+    QUANTITIES,
+    RULES,
+    bound_caught_share,
+    bound_multiple_scattering,
+    count_special_wishes,
+    find_rule,
+    sum_fading,
+)
 from vrte.request.how import EXACT, METHODS
 from vrte.request.request import Request
-from vrte.studies.methods.advice import score_html, score_markdown, score_rows, score_text
+from vrte.studies.methods.advice import describe_score, make_score_html, make_score_markdown, make_score_rows
 from vrte.studies.methods.rows import Row
-from vrte.studies.methods.rules import disagreements, rows_of
+from vrte.studies.methods.rules import find_disagreements, read_report_rows
 
 REPORT = Path(__file__).parents[1] / "docs" / "methods" / "methods.csv"
 THIN = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 1e-3)])
@@ -30,7 +38,7 @@ KEYS = {"mu0": 0.6, "mu": [0.3, 0.9, -0.3, -0.9], "phi": [0.0, 90.0], "threads":
 
 def request(scene: vrte.Scene, **keywords: object) -> Request:
     """Of a field, by the exact method."""
-    return request_of("radiance", scene, **KEYS | keywords)
+    return make_request("radiance", scene, **KEYS | keywords)
 
 
 @pytest.mark.parametrize(
@@ -115,10 +123,10 @@ def test_the_table() -> None:
     ],
 )
 def test_special_wishes_go_to_the_exact_method_by_accuracy(wish: dict[str, object]) -> None:
-    assert taken(request(MIDDLE, accuracy=1e-2))[0] == 1
+    assert find_rule(request(MIDDLE, accuracy=1e-2))[0] == 1
     found = request(MIDDLE, accuracy=1e-2, **wish)
-    assert special_wishes(found) == 1.0
-    assert taken(found)[0] == 2
+    assert count_special_wishes(found) == 1.0
+    assert find_rule(found)[0] == 2
 
 
 def test_a_mueller_base_goes_there_too() -> None:
@@ -128,29 +136,29 @@ def test_a_mueller_base_goes_there_too() -> None:
         )
     )
     based = vrte.Scene(MIDDLE.layers, mirror)
-    assert taken(request(based, accuracy=1e-2))[0] == 2
+    assert find_rule(request(based, accuracy=1e-2))[0] == 2
 
 
 def test_fading_is_the_diffusion_exponent_down_to_the_lowest_depth() -> None:
     pile = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.75, 2.0), vrte.Layer(vrte.isotropic(), 1.0, 5.0)])
     exponent = np.sqrt(0.75)
     for tau, expected in ((0.0, 0.0), (1.0, exponent), (7.0, 2.0 * exponent)):
-        assert fading(request(pile, tau=tau)) == pytest.approx(expected)
+        assert sum_fading(request(pile, tau=tau)) == pytest.approx(expected)
 
 
 def test_light_caught_again_is_bounded_closely() -> None:
     thickness = np.geomspace(1e-8, 1.0, 30)
-    bound, right = np.array([caught(each) for each in thickness]), 1.0 - expn(2, 0.5 * thickness)
+    bound, right = np.array([bound_caught_share(each) for each in thickness]), 1.0 - expn(2, 0.5 * thickness)
     assert (bound >= right * (1.0 - 1e-9)).all()
     assert (bound[thickness < 0.5] <= 1.1 * right[thickness < 0.5]).all()
-    assert caught(np.inf) == 1.0
-    assert caught(0.0) == 0.0
+    assert bound_caught_share(np.inf) == 1.0
+    assert bound_caught_share(0.0) == 0.0
 
 
 def error_of_single_scattering(one: Asked) -> tuple[float, float]:
     """What light scattered again adds, and the bound on it."""
-    wanted = request_of(one.kind, one.scene, **one.keywords | {"accuracy": 1e-15})
-    bound = 0.1 * scattered_again_over_accuracy(replace(wanted, accuracy=0.1))
+    wanted = make_request(one.kind, one.scene, **one.keywords | {"accuracy": 1e-15})
+    bound = 0.1 * bound_multiple_scattering(replace(wanted, accuracy=0.1))
     right = one.solved(nodes=32, accuracy=1e-12)
     return one.solved(method="single-scattering").error(right), bound
 
@@ -169,8 +177,8 @@ def check_promise(one: Asked, accuracies: tuple[float, ...]) -> list[int]:
     nodes = (112 if scalar else 64) if one.lowest > 0.05 else (160 if scalar else 104)
     right, places = None, []
     for accuracy in accuracies:
-        wanted = request_of(one.kind, one.scene, **one.keywords | {"accuracy": accuracy})
-        place = taken(wanted)[0]
+        wanted = make_request(one.kind, one.scene, **one.keywords | {"accuracy": accuracy})
+        place = find_rule(wanted)[0]
         if place == 2:
             continue
         found = one.solved(accuracy=accuracy, method="auto")
@@ -205,12 +213,12 @@ def test_many_thin_and_dark_scenes_get_the_accuracy_asked_for() -> None:
 @pytest.fixture(scope="module")
 def rows() -> list[Row]:
     """Of the committed report."""
-    return rows_of(REPORT)
+    return read_report_rows(REPORT)
 
 
 def test_the_table_agrees_with_the_report(rows: list[Row]) -> None:
     assert len({row.scene for row in rows}) == 15
-    assert disagreements(rows) == []
+    assert find_disagreements(rows) == []
 
 
 def test_disagreements_are_found(rows: list[Row]) -> None:
@@ -225,7 +233,7 @@ def test_disagreements_are_found(rows: list[Row]) -> None:
         (missing, "is not in the report"),
         (other, "matrix-operator is the quickest"),
     ):
-        assert any(words in text for text in disagreements(changed)), words
+        assert any(words in text for text in find_disagreements(changed)), words
 
 
 def test_score() -> None:
@@ -245,13 +253,13 @@ def test_score() -> None:
         row("c", "peer", "somebody else's", "8 nodes", 1.0, 1e-4),  # no method of this package
         row("c", "x", EXACT, "8 nodes", 5.0, 1e-4),
     ]
-    assert score_rows(rows) == [("1e-3", "3", "2", "2", "2", "3 (b)")]
-    assert "| 1e-3 | 3 | 2 | 2 | 2 | 3 (b) |" in score_markdown(rows)
-    assert "<td>3 (b)</td>" in score_html(rows)
-    assert "good enough in 2 of 3 scenes" in score_text(rows)
+    assert make_score_rows(rows) == [("1e-3", "3", "2", "2", "2", "3 (b)")]
+    assert "| 1e-3 | 3 | 2 | 2 | 2 | 3 (b) |" in make_score_markdown(rows)
+    assert "<td>3 (b)</td>" in make_score_html(rows)
+    assert "good enough in 2 of 3 scenes" in describe_score(rows)
     others = [each for each in rows if each.curve != "auto"]
-    assert score_rows(others) == []
-    assert score_html(others) == ""
+    assert make_score_rows(others) == []
+    assert make_score_html(others) == ""
 
 
 def test_nodes_of_a_scene_file_are_left_out() -> None:

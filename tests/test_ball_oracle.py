@@ -8,7 +8,7 @@ import pytest
 
 import vrte
 from tests import exact
-from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, mueller_lobe, phase_matrix
+from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, evaluate_mueller_lobe, find_phase_matrix
 
 from .ball_oracle import Answer, Layer, Request, field_order, mueller_lobe_orders, sensitivity
 from .oracle import brdf_orders
@@ -17,7 +17,7 @@ MU_I, MU_O = [1e-3, 0.5, 1.0], [1e-3, 0.35, 1.0]
 NODES = 8
 MU = (0.35, 1.0, 1e-3, -0.35, -1.0, -1e-3)
 STOKES = (1.0, 0.3, 0.2, 0.1)
-SPHEROIDS, RAYLEIGH = phase_matrix("spheroids"), phase_matrix("rayleigh")
+SPHEROIDS, RAYLEIGH = find_phase_matrix("spheroids"), find_phase_matrix("rayleigh")
 MATRICES = {
     "rayleigh": RAYLEIGH,
     "spheroids": SPHEROIDS,
@@ -118,7 +118,7 @@ def test_both_algorithms_inside_and_out(name: str, algorithm: str) -> None:
     layers = [vrte.Layer(*layer) for layer in numbers]
     levels = [(0, 0.0), (0, 0.1), (len(layers) - 1, 0.3 if math.isinf(layers[-1].thickness) else layers[-1].thickness)]
     above = np.cumsum([0.0, *(layer.thickness for layer in layers[:-1])])
-    bases = {None: None, "lobe": vrte.MuellerBase(mueller_lobe)}
+    bases = {None: None, "lobe": vrte.MuellerBase(evaluate_mueller_lobe)}
     scene = vrte.Scene(layers, bases[base] if base in bases else vrte.Lambertian(base))
     field = exact.radiance(
         scene,

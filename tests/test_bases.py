@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.discrete_ordinates.orders.base import reflected_orders
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.base import find_reflected_orders
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import Problem
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -39,7 +39,7 @@ def hapke(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
 def problem_over(base: Function, nodes: int, mu0: list[float], mu: list[float]) -> tuple[vrte.MuellerBase, Problem]:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.2)], vrte.MuellerBase(base))
     assert isinstance(scene.base, vrte.MuellerBase)
-    return scene.base, discretise(scene, np.array(mu0), np.eye(4), np.array(mu), np.array([0.0]), nodes)
+    return scene.base, discretise_scene(scene, np.array(mu0), np.eye(4), np.array(mu), np.array([0.0]), nodes)
 
 
 def test_disort_problem_6d() -> None:
@@ -89,7 +89,7 @@ def test_the_sea_that_is_published(rough_sea: Function) -> None:
 def test_orders_are_those_of_another_quadrature(name: str, rough_sea: Function) -> None:
     """R^m of every pair, weighted as it acts, against 160 Gauss points from 0 to 180 degrees: cusps are at its ends."""
     base, problem = problem_over({"sea": rough_sea, "hapke": hapke}[name], 6, [0.35], [0.7])
-    found, _ = reflected_orders(base, problem, 5, accuracy=1e-9)
+    found, _ = find_reflected_orders(base, problem, 5, accuracy=1e-9)
     x, weight = np.polynomial.legendre.leggauss(160)
     phi = 90.0 * (x + 1.0)
     angle = np.arange(5)[:, None] * np.radians(phi)
@@ -114,7 +114,7 @@ def test_a_rough_sea_at_32_nodes_is_quick(rough_sea: Function) -> None:
 
     base, problem = problem_over(counted, 32, [0.5], [0.8])
     sampled.clear()
-    reflected_orders(base, problem, 3, accuracy=1e-8)
+    find_reflected_orders(base, problem, 3, accuracy=1e-8)
     samples = np.concatenate(sampled)
     assert len(np.unique(samples, axis=0)) == len(samples) < 1.2e5
     start = time.process_time()

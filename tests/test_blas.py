@@ -7,30 +7,30 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.basics.blas import blas_libraries, setter_of, single_threaded
+from vrte.basics.blas import find_blas_libraries, find_setter, keep_to_one_thread
 
 
 @pytest.fixture(autouse=True)
 def two_threads() -> Iterator[None]:
     """Of every BLAS, set by the main thread, which then controls them as threadpoolctl sees it."""
-    before = [(library, library.get_num_threads()) for library in blas_libraries()]
+    before = [(library, library.get_num_threads()) for library in find_blas_libraries()]
     for library, _ in before:
         library.set_num_threads(2)
-        setter_of(library)(2)
+        find_setter(library)(2)
     yield
     for library, threads in before:
-        setter_of(library)(threads)
+        find_setter(library)(threads)
 
 
 def threads_of_blas() -> set[int]:
-    return {library.get_num_threads() for library in blas_libraries()}
+    return {library.get_num_threads() for library in find_blas_libraries()}
 
 
 def test_from_any_thread() -> None:
     seen = []
 
     def work() -> None:
-        with single_threaded(), single_threaded():
+        with keep_to_one_thread(), keep_to_one_thread():
             seen.append(threads_of_blas())
         seen.append(threads_of_blas())
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.methods import method_of
+from vrte.methods import find_method
 from vrte.request.how import EXACT, METHODS
 from vrte.scene.boundary import BLACK, TRANSPARENT, Boundary, Lambertian, MuellerBase
 
@@ -66,7 +66,7 @@ def test_what_no_light_reaches_is_black() -> None:
 def test_a_boundary_of_ones_own() -> None:
     """The same bits as the one of the house that does the same, by every method that takes it."""
     for method in METHODS:
-        if method != EXACT and method_of(method).base == "none":
+        if method != EXACT and find_method(method).base == "none":
             continue
         how: dict[str, Any] = {"method": method} | ({"nodes": 6} if method not in ("diffusion", "two-stream") else {})
         pile = [vrte.Layer(vrte.henyey_greenstein(0.3, 8), 0.9, 0.4)]
@@ -74,8 +74,8 @@ def test_a_boundary_of_ones_own() -> None:
         assert np.array_equal(found.mueller, expected.mueller), method
 
 
-@pytest.mark.parametrize("method", [name for name in METHODS if name != EXACT and method_of(name).base != "any"])
+@pytest.mark.parametrize("method", [name for name in METHODS if name != EXACT and find_method(name).base != "any"])
 def test_a_method_refuses_the_boundaries_that_it_does_not_take(method: str) -> None:
-    base = Lambertian(0.5) if method_of(method).base == "none" else FOUR[3]
+    base = Lambertian(0.5) if find_method(method).base == "none" else FOUR[3]
     with pytest.raises(vrte.SceneError, match=f"method '{method}' takes no base"):
         vrte.brdf(vrte.Scene([vrte.Layer(vrte.isotropic(), 0.9, 0.4)], base), **DIRECTIONS, method=method)

@@ -10,7 +10,7 @@ import pytest
 
 import vrte
 from vrte.studies.cost import measuring, page
-from vrte.studies.cost.axes import PHI, Point, axes
+from vrte.studies.cost.axes import PHI, Point, list_axes
 from vrte.studies.tables import configurations
 from vrte.studies.tables.paper import STEPS, TOTAL
 
@@ -34,7 +34,7 @@ def pretended(point: Point, configuration: measuring.Configuration) -> dict[str,
 def no_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor a device: configuration 2, and OpenMP."""
     monkeypatch.setattr(measuring, "solve", pretended)
-    monkeypatch.setattr(configurations, "no_device", lambda: "a test has none")
+    monkeypatch.setattr(configurations, "explain_missing_device", lambda: "a test has none")
 
 
 @pytest.mark.parametrize("exponent", [-1.0, 0.0, 1.0, 2.7])
@@ -63,7 +63,7 @@ def test_too_few_points_have_no_exponent(x: list[float], seconds: list[float]) -
 
 def test_the_upper_half_sees_less_of_a_constant() -> None:
     x = 2.0 ** np.arange(11)
-    upper = measuring.upper_half(x)
+    upper = measuring.mark_upper_half(x)
     assert x[upper].tolist() == [32.0, 64.0, 128.0, 256.0, 512.0, 1024.0]
     seconds = 20.0 + x
     whole, half = measuring.fit_exponent(x, seconds), measuring.fit_exponent(x[upper], seconds[upper])
@@ -74,7 +74,7 @@ def test_the_upper_half_sees_less_of_a_constant() -> None:
 
 @pytest.mark.parametrize("quick", [False, True])
 def test_the_axes_are_what_the_figures_show(quick: bool) -> None:
-    each = axes(quick)
+    each = list_axes(quick)
     assert [number for axis in each for number in axis.figures] == list(range(2, 10))
     for axis, varied in zip(each, ("nodes", "outgoing", "radius_um", "incident"), strict=True):
         assert (np.diff(axis.values) > 0.0).all(), axis.name
@@ -85,7 +85,7 @@ def test_the_axes_are_what_the_figures_show(quick: bool) -> None:
 
 
 def test_the_orders_of_expansion_are_those_of_the_paper() -> None:
-    orders = axes()[2]
+    orders = list_axes()[2]
     radii = [point.radius_um for point in orders.points]
     assert (radii[0], radii[-1]) == (0.2, 0.7)
     assert radii == sorted(radii)
@@ -96,15 +96,15 @@ def test_the_orders_of_expansion_are_those_of_the_paper() -> None:
 
 
 def test_the_paper_says_something_of_each_of_its_steps() -> None:
-    for axis in axes(quick=True):
+    for axis in list_axes(quick=True):
         assert all(axis.claims[step] for step in (TOTAL, *STEPS))
 
 
 @pytest.mark.parametrize("incident", [None, 3])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_solve_is_timed_step_by_step(incident: int | None, threads: int) -> None:
-    (axis, *_), point = axes(quick=True), replace(POINT, incident=incident)
-    found = measuring.measured(axis, point, measuring.configurations(threads)[-1], 0)
+    (axis, *_), point = list_axes(quick=True), replace(POINT, incident=incident)
+    found = measuring.measure_point(axis, point, measuring.list_configurations(threads)[-1], 0)
     steps = found.steps
     assert {TOTAL, *STEPS, measuring.REST} <= set(steps)
     assert sum(steps.values()) == pytest.approx(2.0 * found.seconds)
@@ -119,27 +119,27 @@ def test_stages_not_known_here_are_steps_of_their_own() -> None:
 
 @pytest.mark.usefixtures("no_solver")
 def test_configurations_take_turns_and_medians_are_theirs() -> None:
-    varied, ticks = axes(quick=True), []
-    found = measuring.measure(varied, measuring.configurations(2), 0.0, lambda *told: ticks.append(told))
+    varied, ticks = list_axes(quick=True), []
+    found = measuring.measure(varied, measuring.list_configurations(2), 0.0, lambda *told: ticks.append(told))
     points = sum(len(axis.points) for axis in varied)
     solves = points * measuring.FEWEST_ROUNDS
     assert [tick[:2] for tick in ticks] == [(done, solves) for done in range(solves + 1)]
     assert len(found) == 2 * solves
     assert [each.round for each in found] == sorted(each.round for each in found), "one round after another"
     assert [each.configuration for each in found[:4]] == ["configuration 2", "OpenMP, 2 threads"] * 2
-    lines = measuring.series(found, "nodes", "OpenMP, 2 threads")
+    lines = measuring.collect_series(found, "nodes", "OpenMP, 2 threads")
     assert list(lines) == ["total", "homogeneous", "a stage to come", "reconstruction", measuring.REST]
     np.testing.assert_array_equal(lines["homogeneous"].x, varied[0].values)
     np.testing.assert_allclose(lines["homogeneous"].seconds, 0.5e-6 * varied[0].values ** 3)
-    text = page.as_text(found, varied, ["configuration 2"])
+    text = page.describe_exponents(found, varied, ["configuration 2"])
     assert re.search(r"homogeneous +3 \(3\.A\) +3\.00 ± 0\.00", text)
     assert re.search(r"a stage to come +- +1\.00 ± 0\.00", text)
 
 
 @pytest.mark.usefixtures("no_solver")
 def test_a_configuration_that_cannot_run_is_named() -> None:
-    assert [each.name for each in measuring.configurations(1)] == ["configuration 2"]
-    assert measuring.left_out() == ["configuration 5 needs an OpenCL device: a test has none"]
+    assert [each.name for each in measuring.list_configurations(1)] == ["configuration 2"]
+    assert measuring.explain_missing_configurations() == ["configuration 5 needs an OpenCL device: a test has none"]
 
 
 def test_series_hold_median_and_extremes() -> None:
@@ -147,7 +147,7 @@ def test_series_hold_median_and_extremes() -> None:
         measuring.Measurement("nodes", 9.0, POINT, "one", number, seconds, 1)
         for number, seconds in enumerate([5, 1, 2])
     ]
-    total = measuring.series(found, "nodes", "one")["total"]
+    total = measuring.collect_series(found, "nodes", "one")["total"]
     assert [values.tolist() for values in (total.x, total.least, total.seconds, total.greatest)] == [[9], [1], [2], [5]]
 
 
@@ -175,8 +175,8 @@ def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.Captur
 
 @pytest.mark.usefixtures("no_solver")
 def test_a_stage_that_did_not_run_everywhere_has_gaps(tmp_path: Path) -> None:
-    varied, names = axes(quick=True)[:1], ["configuration 2"]
-    found = measuring.measure(varied, measuring.configurations(1), 0.0)
+    varied, names = list_axes(quick=True)[:1], ["configuration 2"]
+    found = measuring.measure(varied, measuring.list_configurations(1), 0.0)
     found = [replace(each, stages={"homogeneous": 1e-3}) if each.value == 12.0 else each for each in found]
     page.write_page(found, varied, names, tmp_path, "a test")
     rows = rows_of(tmp_path / page.CSV)
@@ -203,11 +203,11 @@ def test_a_core_without_openmp_is_measured_on_one_thread(
     monkeypatch.setattr("vrte._core.HAS_OPENMP", False)
     assert call("tables", "--figures", "-o", tmp_path / "new") == 2
     assert "without OpenMP" in capsys.readouterr().err
-    assert {configuration.options["threads"] for configuration in measuring.configurations(1)} == {1}
+    assert {configuration.options["threads"] for configuration in measuring.list_configurations(1)} == {1}
     assert not list(tmp_path.iterdir())
 
 
 def test_steps_of_our_own_have_colours_of_their_own() -> None:
     steps = ["order bounds", "homogeneous", "a stage to come", measuring.REST]
-    colours = page.colours_of(steps)
+    colours = page.choose_colours(steps)
     assert len({colours[step] for step in steps}) == len(steps)

@@ -13,8 +13,8 @@ from scipy.special import spherical_jn, spherical_yn
 import vrte
 from tests import exact
 from vrte import _core
-from vrte.basics.quadrature import double_gauss
-from vrte.basics.running import usable_cpus
+from vrte.basics.quadrature import make_double_gauss
+from vrte.basics.running import count_usable_cpus
 
 from .oracle import azimuthal_sum, brdf_orders, legendre_matrix
 from .samples import BOTH, largest_gap, scattered, spheroids
@@ -311,7 +311,7 @@ def test_base_alone() -> None:
 @pytest.mark.parametrize("case", ["node", "eigenvalue", "same"])
 def test_resonances_are_ordinary(case: str) -> None:
     """mu0 on a node, on the reciprocal of an eigenvalue, mu = mu0: the same as beside it, and the literal solver's."""
-    nodes = double_gauss(8)[0]
+    nodes = make_double_gauss(8)[0]
     layer = vrte.Layer(spheroids(), 0.9, 3.0)
     mu0 = {"node": nodes[5], "eigenvalue": eigen_cosine(layer, 8), "same": 0.37}[case]
     out = np.array([nodes[5], mu0, 0.2])
@@ -326,14 +326,14 @@ def test_resonances_are_ordinary(case: str) -> None:
 def eigen_cosine(layer: vrte.Layer, nodes: int) -> float:
     """1/k of a mode of order 1 that lies in (0, 1)."""
     from vrte.basics.running import Run
-    from vrte.discrete_ordinates.orders.discretise import discretise
-    from vrte.discrete_ordinates.orders.homogeneous import homogeneous
+    from vrte.discrete_ordinates.orders.discretise import discretise_scene
+    from vrte.discrete_ordinates.orders.homogeneous import find_modes
     from vrte.discrete_ordinates.orders.phase_assembly import assemble
 
     one = np.ones(1)
-    problem = discretise(vrte.Scene([layer]), one, np.eye(4), one, np.zeros(1), nodes)
+    problem = discretise_scene(vrte.Scene([layer]), one, np.eye(4), one, np.zeros(1), nodes)
     orders, run = np.array([1], np.int32), Run(1)
-    modes = homogeneous(problem, orders, assemble(problem, orders, run), run)
+    modes = find_modes(problem, orders, assemble(problem, orders, run), run)
     real = modes.lam_re[0, 0][modes.lam_im[0, 0] == 0.0]
     return float(1.0 / np.sqrt(real[real > 1.5].min()))
 
@@ -468,7 +468,7 @@ def test_terms_cut_are_told_and_progress_is_called() -> None:
 
 def test_default_directions_are_the_nodes() -> None:
     field = exact.radiance(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]), 0.6, tau=0.5, nodes=8)
-    nodes, weights = double_gauss(8)
+    nodes, weights = make_double_gauss(8)
     assert np.array_equal(field.mu, np.concatenate([nodes, -nodes]))
     mean = [
         exact.radiance(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]), 0.6, tau=0.5, phi=p, nodes=8)
@@ -504,7 +504,7 @@ def test_bad_requests_are_refused_in_one_sentence(change: dict[str, Any], messag
 
 
 def test_usable_cpus() -> None:
-    assert 1 <= usable_cpus() <= (os.cpu_count() or 1)
+    assert 1 <= count_usable_cpus() <= (os.cpu_count() or 1)
 
 
 def test_the_algorithm_is_the_users_choice() -> None:
@@ -616,8 +616,8 @@ def test_memory_is_estimated_before_it_is_taken(
 
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0 + 0.1 * k) for k in range(4)])
     told: list[float] = []
-    count = memory.doubles_needed
-    monkeypatch.setattr(memory, "doubles_needed", lambda *given: told.append(8 * count(*given)) or told[-1] / 8)
+    count = memory.count_doubles_needed
+    monkeypatch.setattr(memory, "count_doubles_needed", lambda *given: told.append(8 * count(*given)) or told[-1] / 8)
     tracemalloc.start()
     exact.radiance(scene, 0.6, mu=[0.5, -0.5], tau=[0.0, 1.0], algorithm=algorithm, **request_of)
     peak = tracemalloc.get_traced_memory()[1]

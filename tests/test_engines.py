@@ -14,7 +14,7 @@ from vrte.basics.running import Crew, Run
 from vrte.cl import faults
 from vrte.cl.session import Session
 from vrte.discrete_ordinates.execution.carry_out import carry_out
-from vrte.discrete_ordinates.execution.engines import ENGINES, stages_of
+from vrte.discrete_ordinates.execution.engines import ENGINES, load_stages
 from vrte.discrete_ordinates.execution.engines import opencl as device
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
 
@@ -80,7 +80,7 @@ def form(request: pytest.FixtureRequest, opencl: Session, monkeypatch: pytest.Mo
 @pytest.mark.parametrize("engine", OTHER_ENGINES)
 def test_every_stage_is_that_of_the_core(engine: str, name: str, algorithm: str) -> None:
     """On the same arguments, in every call of a solve."""
-    stages = stages_of(engine)
+    stages = load_stages(engine)
     for stage, before, after in recorded(name, algorithm):
         if not hasattr(stages, stage):
             continue
@@ -169,7 +169,7 @@ def test_many_scenes_by_the_processor() -> None:
 
 def test_a_device_repeats_what_fails_its_checks_by_doubling_or_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = vrte.brdf(SCENES["endless and dark"], MU, MU, PHI, nodes=6, backend="opencl", algorithm="doubling")
-    monkeypatch.setattr(device, "allowed_of_invariance", lambda accuracy: {"residual_of_invariance": -1.0})
+    monkeypatch.setattr(device, "find_allowed_residuals", lambda accuracy: {"residual_of_invariance": -1.0})
     found = vrte.brdf(SCENES["endless and dark"], MU, MU, PHI, nodes=6, backend="opencl", algorithm="invariance")
     assert found.diagnostics["orders_repeated"]["by"] == "doubling"
     np.testing.assert_array_equal(found.mueller, expected.mueller)

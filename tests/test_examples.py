@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.sweep.template import sweep_of
+from vrte.sweep.template import read_sweep
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MOST_LINES = {"rough_sea.py": 52}  # 30 elsewhere
@@ -90,7 +90,7 @@ def test_which_method_when(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.parametrize(("name", "lengths"), [("gold_table", [21, 28]), ("rutile_spectrum", [55])])
 def test_the_sweeps_are_read(name: str, lengths: list[int]) -> None:
-    sweep = sweep_of(EXAMPLES / f"{name}.toml")
+    sweep = read_sweep(EXAMPLES / f"{name}.toml")
     assert list(sweep.shape) == lengths
     axis = next(axis for axis in sweep.axes if axis.name == "wavelength_um")
     assert (axis.values[0], axis.values[-1]) == (0.43, 0.70)

@@ -12,10 +12,10 @@ import pytest
 
 import vrte
 from vrte.basics import cost
-from vrte.basics.running import new_run
-from vrte.calls.plan import request_of
+from vrte.basics.running import start_run
+from vrte.calls.plan import make_request
 from vrte.cli import main
-from vrte.methods import method_of, predicted
+from vrte.methods import find_method, predict_seconds
 from vrte.request.how import METHODS
 
 POLARIZING = vrte.mix([(vrte.rayleigh(), 0.5), (vrte.henyey_greenstein(0.7, 40), 0.5)])
@@ -50,7 +50,7 @@ def test_accuracy_that_takes_all_nodes_is_refused_at_once() -> None:
 def test_what_takes_long_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cost, "LONG", 0.0)
     scene = vrte.Scene([vrte.Layer(POLARIZING, 0.9, 1.0)])
-    for method in ("discrete-ordinates", *(name for name in METHODS if method_of(name).operations)):
+    for method in ("discrete-ordinates", *(name for name in METHODS if find_method(name).operations)):
         with pytest.warns(vrte.LongSolveWarning, match=r"this will take about \d s, most of it for"):
             found = vrte.brdf(scene, 0.5, 0.5, nodes=4, method=method, time_limit_s=math.inf)
         assert np.isfinite(found.mueller).all()
@@ -157,8 +157,8 @@ def test_predictions_are_about_right(method: str, albedo: float, thickness: floa
     """To a factor of 3 on the machine that the rates are of; here with room for others and for work beside."""
     scene = vrte.Scene([vrte.Layer(POLARIZING, albedo, thickness)])
     asked = ([0.3, 0.8], [0.2, 0.5, 0.9], [0.0, 90.0, 180.0])
-    request = request_of("brdf", scene, *asked, method=method, **how)
-    seconds = predicted(request, new_run(1))
+    request = make_request("brdf", scene, *asked, method=method, **how)
+    seconds = predict_seconds(request, start_run(1))
     begin = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", vrte.LongSolveWarning)

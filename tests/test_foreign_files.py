@@ -42,7 +42,7 @@ def not_for_ever() -> Iterator[None]:
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """The checks are the same in a process of its own, which takes half a second to start."""
-    monkeypatch.setattr(netcdf, "stored_in_foreign", netcdf.stored_in)
+    monkeypatch.setattr(netcdf, "read_foreign", netcdf.read_stored)
 
 
 def external_storage(file: h5py.File, secret: Path) -> None:
@@ -139,7 +139,7 @@ def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
     axes = "".join(
         f"# {name} = {list(range(size))}\n" for name, size in (("mu_i", 100), ("mu_o", 1000), ("phi_deg", 400))
     )
-    columns = ",".join(csv_table._columns(csv_table.KINDS["brdf"], {"mueller": None})) + "\n"
+    columns = ",".join(csv_table._list_columns(csv_table.KINDS["brdf"], {"mueller": None})) + "\n"
     (tmp_path / "declared.csv").write_text(header + axes + columns)
     with open(tmp_path / "sparse.csv", "wb") as file:
         file.write((header + "# mu_i = [1]\n# mu_o = [1]\n# phi_deg = [0]\n" + columns).encode())
@@ -228,15 +228,15 @@ FULL_DISK = """
 import resource, signal, sys
 import numpy as np
 import vrte
-from vrte.formats.atomic import atomic_write
-from vrte.formats.netcdf import new_netcdf
+from vrte.formats.atomic import write_atomically
+from vrte.formats.netcdf import create_netcdf
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # as Python has it: an OSError instead
 brdf = vrte.load(sys.argv[1])
 
 
 def table(path):
-    with atomic_write(path) as part, new_netcdf(part) as file:
+    with write_atomically(path) as part, create_netcdf(part) as file:
         file.dimensions["x"] = 30_000
         for name in "abcd":
             file.create_variable(name, ("x",), float)[...] = np.arange(30_000.0)
@@ -272,7 +272,7 @@ def test_the_device_that_is_always_full(small_brdf: Any) -> None:
 @pytest.mark.parametrize("attack", [external_storage, virtual_dataset, external_link, soft_link])
 def test_a_table_that_leads_elsewhere_is_refused(attack: Attack, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "secret")  # whoever opens it waits for ever
-    with netcdf.new_netcdf(tmp_path / "table.nc") as file:
+    with netcdf.create_netcdf(tmp_path / "table.nc") as file:
         file.attrs["sweep"] = "{}"
     with h5py.File(tmp_path / "table.nc", "r+") as file:
         attack(file, tmp_path / "secret")

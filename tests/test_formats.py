@@ -14,7 +14,7 @@ import pytest
 
 from tests.helpers import assert_same
 from vrte import Brdf, Field, MissingExtraError, SceneError, Spectrum, load
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
 from vrte.formats.netcdf import to_xarray
@@ -237,7 +237,7 @@ def test_an_interrupted_write_leaves_what_was_there(reason: type[BaseException],
     target.write_text("before")
 
     def interrupted() -> Iterator[None]:
-        with atomic_write(target) as part:
+        with write_atomically(target) as part:
             part.write_text("half")
             yield
 

@@ -10,8 +10,8 @@ from vrte import cli
 from vrte.app.form.checks import check_tables
 from vrte.basics.errors import SceneError
 from vrte.formats.scene_file import read_scene
-from vrte.sweep.optics import name_of
-from vrte.sweep.template import sweep_of
+from vrte.sweep.optics import make_file_name
+from vrte.sweep.template import read_sweep
 
 SCENE = """
 wavelength_um = 0.55
@@ -94,9 +94,9 @@ def test_the_command_tells_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_a_sweep_goes_by_what_is_in_the_table(tmp_path: Path) -> None:
     written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.02\n700,1.5,0.0\n")
     scene = written(tmp_path, SCENE + '[axes]\n"layer[1].thickness" = [1.0, 2.0]\n', "sweep.toml")
-    before = sweep_of(scene).fingerprint()
+    before = read_sweep(scene).fingerprint()
     written(tmp_path, "wavelength_nm,n,k\n400,1.6,0.03\n700,1.5,0.0\n")
-    assert sweep_of(scene).fingerprint() != before
+    assert read_sweep(scene).fingerprint() != before
 
 
 def test_long_tables_are_told_apart_by_all_their_rows() -> None:
@@ -104,7 +104,7 @@ def test_long_tables_are_told_apart_by_all_their_rows() -> None:
     one = vrte.IndexTable(rows, (1.5,) * 5000, (0.0,) * 5000)
     other = vrte.IndexTable(rows, (1.5,) * 2500 + (1.6,) + (1.5,) * 2499, (0.0,) * 5000)
     assert one != other
-    assert name_of(one, {"wavelength_um": 0.5}) != name_of(other, {"wavelength_um": 0.5})
+    assert make_file_name(one, {"wavelength_um": 0.5}) != make_file_name(other, {"wavelength_um": 0.5})
 
 
 def test_the_viewer_reads_no_table_that_it_was_not_started_with() -> None:

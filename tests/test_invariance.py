@@ -6,7 +6,7 @@ import pytest
 import vrte
 from tests.samples import largest_gap, spheroids
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.invariance import reflect_endless
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 
@@ -36,8 +36,8 @@ def test_it_is_as_exact_as_asked(matrix: vrte.PhaseMatrix, albedo: float, accura
 def test_its_equation_holds_on_the_nodes() -> None:
     """D R + R D = ((1 + R) e (1 + R) - (1 - R) f (1 - R))/2, R from the field on the nodes for beams along them."""
     layer = vrte.Layer(spheroids(), 0.9, np.inf)
-    nodes = discretise(vrte.Scene([layer]), np.ones(1), np.eye(4), np.ones(1), np.zeros(1), 8).nodes
-    problem = discretise(vrte.Scene([layer]), nodes, np.eye(4), nodes, np.zeros(1), 8)
+    nodes = discretise_scene(vrte.Scene([layer]), np.ones(1), np.eye(4), np.ones(1), np.zeros(1), 8).nodes
+    problem = discretise_scene(vrte.Scene([layer]), nodes, np.eye(4), nodes, np.zeros(1), 8)
     orders = np.array([1], np.int32)
     found = reflect_endless(problem, orders, 1e-14, Run(1))
     # the source of a unit beam is sqrt(weight/mu) times less than that of a scaled node

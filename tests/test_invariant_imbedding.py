@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.methods.parts.endless import doubled_until_settled
+from vrte.methods.parts.endless import double_until_settled
 
 MU, PHI = np.array([0.05, 0.3, 1.0]), np.array([0.0, 40.0, 180.0])
 
@@ -39,5 +39,5 @@ def test_cost_of_a_low_cosine() -> None:
 
 def test_structure_preserving_doubling_of_numbers() -> None:
     """x^2 c - x (a + d) + b = 0, the smaller root."""
-    found, _ = doubled_until_settled(*(np.array([[value]]) for value in (2.0, 1.0, 0.5, 3.0)))
+    found, _ = double_until_settled(*(np.array([[value]]) for value in (2.0, 1.0, 0.5, 3.0)))
     np.testing.assert_allclose(found[0, 0], (5.0 - np.sqrt(25.0 - 2.0)) / 1.0, rtol=1e-14)

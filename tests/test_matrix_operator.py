@@ -6,10 +6,10 @@ import scipy.linalg
 
 import vrte
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.methods.matrix_operator import Matter, Slab, matter_of, propagator
+from vrte.methods.matrix_operator import Matter, Slab, build_matter, propagator
 from vrte.methods.parts import operators
 
 from . import exact
@@ -21,14 +21,14 @@ FLIP = np.diag([1.0, 1.0, -1.0, -1.0])
 
 def discrete(scene: vrte.Scene) -> tuple[Problem, Assembled]:
     """Order 1 of a scene."""
-    problem = discretise(scene, np.array([0.6]), np.eye(4), np.array([0.3, -0.8]), np.zeros(1), NODES)
+    problem = discretise_scene(scene, np.array([0.6]), np.eye(4), np.array([0.3, -0.8]), np.zeros(1), NODES)
     return problem, assemble(problem, np.array([1], np.int32), Run(1))
 
 
 def matter() -> tuple[Matter, np.ndarray, np.ndarray]:
     """Order 1 of a layer with b2, and its E and F."""
     problem, matrices = discrete(vrte.Scene([vrte.Layer(spheroids(), 0.9, 1.0)]))
-    return matter_of(problem, matrices, 0, 1, 0), matrices.E[0, 0].T, matrices.F[0, 0].T
+    return build_matter(problem, matrices, 0, 1, 0), matrices.E[0, 0].T, matrices.F[0, 0].T
 
 
 @pytest.mark.parametrize("thickness", [1e-3, 0.5, 20.0])

@@ -8,7 +8,7 @@ import pytest
 import vrte
 from vrte.basics.errors import SceneError
 from vrte.cli import main
-from vrte.methods import method_of
+from vrte.methods import find_method
 from vrte.methods.parts.method import Method
 from vrte.request.how import EXACT, METHODS
 
@@ -19,11 +19,11 @@ MU, PHI = np.array([0.3, 0.8]), np.array([0.0, 40.0, 180.0])
 @pytest.fixture(params=OTHERS)
 def method(request: pytest.FixtureRequest) -> Method:
     """Every one of them."""
-    return method_of(request.param)
+    return find_method(request.param)
 
 
 def test_what_it_says_of_itself(method: Method) -> None:
-    assert method_of(method.name) is method
+    assert find_method(method.name) is method
     assert method.purpose
     assert method.conserves
     assert "(2:" in method.source or "(1:" in method.source
@@ -150,7 +150,7 @@ SAME = {
 def test_the_same_on_the_same_nodes(fine: dict[str, object], name: str) -> None:
     """As discrete ordinates: fields of a polarized beam at the faces and, where the method
     takes that, inside, their fluxes, and the reflection of any light."""
-    scene, method = SAME[name], method_of(str(fine["method"]))
+    scene, method = SAME[name], find_method(str(fine["method"]))
     left = FINE[method.name][1]
     if name.startswith("endless"):
         left = 1e-10 if name == "endless, nearly white" else min(left, 1e-10)
@@ -204,7 +204,7 @@ def h_function(mu: np.ndarray, albedo: float, nodes: np.ndarray, weights: np.nda
 @pytest.mark.parametrize("albedo", [0.3, 0.9, 0.99])
 def test_isotropic_layer_without_end(fine: dict[str, object], albedo: float) -> None:
     """f = omega/(4 pi) H(mu) H(mu')/(mu + mu'), on many nodes."""
-    if not method_of(str(fine["method"])).endless:
+    if not find_method(str(fine["method"])).endless:
         pytest.skip("not claimed")
     scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo, np.inf)])
     points, weights = np.polynomial.legendre.leggauss(60)
@@ -261,7 +261,7 @@ def test_what_a_method_does_not_use_is_refused_by_name(method: str, option: str)
     """Also with the value that is the default: who asks for it shall not think that it does something."""
     scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.1)])
     asked = {"mu_i": 0.5, "mu_o": 0.5, "method": method, option: OPTIONS[option]}
-    if option in method_of(method).options and option != "backend":
+    if option in find_method(method).options and option != "backend":
         if method != "synthetic-iteration":
             assert vrte.brdf(scene, **asked).mueller[0, 0, 0, 0, 0] > 0.0
         return
@@ -302,7 +302,7 @@ def test_files_and_spectra_are_refused_alike(tmp_path: Path, capsys: pytest.Capt
         vrte.spectrum(scene, [0.5, 0.6], algorithm="modes")
 
 
-BY_ACCURACY = [name for name in OTHERS if "accuracy" in method_of(name).options]
+BY_ACCURACY = [name for name in OTHERS if "accuracy" in find_method(name).options]
 CONTINUOUS = {
     "Rayleigh": vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.99, 1.0)]),
     "thin, white": vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 0.05)]),
@@ -346,7 +346,7 @@ def test_accuracy(converged: dict[str, vrte.Field], method: str, name: str, accu
 @pytest.mark.parametrize("method", BY_ACCURACY)
 def test_the_discrete_problem_is_solved_to_the_finest_accuracy(method: str) -> None:
     """On nodes that are given the accuracy is that of the discrete problem; a finer one is refused, not missed."""
-    finest, scene = method_of(method).finest, CONTINUOUS["Rayleigh"]
+    finest, scene = find_method(method).finest, CONTINUOUS["Rayleigh"]
     right = field_of(scene, nodes=6, accuracy=1e-14).stokes
     found = field_of(scene, nodes=6, accuracy=finest, method=method).stokes
     assert np.abs(found - right).max() <= finest * right[..., 0].reshape(2, -1).max(axis=1).min()

@@ -17,7 +17,7 @@ from vrte.studies.methods.rows import MEASURED, REFUSED, Row
 from vrte.studies.records import Records
 
 ROOT = Path(__file__).parents[1]
-CURVE = knobs.Curve("modes", "discrete-ordinates", knobs.over_nodes((2, 8), algorithm="modes"))
+CURVE = knobs.Curve("modes", "discrete-ordinates", knobs.vary_nodes((2, 8), algorithm="modes"))
 ONCE = measuring.Pace(seconds=0.0, fewest=1, most=1)
 
 
@@ -44,14 +44,14 @@ def run(folder: Path, curve: knobs.Curve = CURVE, **how: bool) -> list[Row]:
 
 
 def test_every_method_and_scene_has_its_rows(rows: list[Row], folder: Path) -> None:
-    assert {row.method for row in rows} == set(METHODS) | {peer.name for peer in peers.installed()}
+    assert {row.method for row in rows} == set(METHODS) | {peer.name for peer in peers.list_installed()}
     assert {row.scene for row in rows} == set(scenes.QUICK)
     assert all(row.status.startswith((MEASURED, REFUSED)) for row in rows), [row.status for row in rows]
     with open(folder / measuring.CSV, encoding="utf-8", newline="") as file:
         assert (
             len(list(csv.DictReader(file)))
             == len(rows)
-            == len(scenes.QUICK) * sum(len(each.settings) for each in knobs.curves(True))
+            == len(scenes.QUICK) * sum(len(each.settings) for each in knobs.list_curves(True))
         )
 
 
@@ -85,27 +85,27 @@ def test_the_page_opens_without_a_network(folder: Path) -> None:
     text = (folder / page.PAGE).read_text(encoding="utf-8")
     assert not re.search(r"<(script|link|img)[^>]*(src|href)=", text)
     for name in scenes.QUICK:
-        assert f'id="{reference.slug(name)}"' in text
-        assert (folder / f"{reference.slug(name)}.png").stat().st_size > 1000
+        assert f'id="{reference.make_file_stem(name)}"' in text
+        assert (folder / f"{reference.make_file_stem(name)}.png").stat().st_size > 1000
     assert "For 1e-03 take" in text
 
 
 def test_one_colour_a_method_and_the_answer_on_top() -> None:
     known = list(Records(Row, ROOT / "docs" / "methods" / "methods.csv").read().values())
     curves = {row.curve: row for row in known if not row.is_peer}
-    colours = {page.method_of_curve(row): page.colour_of([row]) for row in curves.values()}
-    assert {page.colour_of([row]) for row in known if not row.is_peer} == set(colours.values())
+    colours = {page.find_curve_method(row): page.choose_colour([row]) for row in curves.values()}
+    assert {page.choose_colour([row]) for row in known if not row.is_peer} == set(colours.values())
     assert len(set(colours.values())) == len(colours) == len(METHODS) + 1
-    looks = {(page.colour_of([row]), page.styles(known)[curve]) for curve, row in curves.items()}
+    looks = {(page.choose_colour([row]), page.assign_markers(known)[curve]) for curve, row in curves.items()}
     assert len(looks) == len(curves) > len(colours)
-    text = page.as_html(known, "")
+    text = page.make_html(known, "")
     assert -1 < text.find("good enough in 45 of 45") < text.index("<table>")
 
 
 def test_what_is_done_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = run(tmp_path)
-    monkeypatch.setattr(measuring, "timed", lambda *_: pytest.fail("measured again"))
-    monkeypatch.setattr(measuring, "reference", lambda *_: pytest.fail("solved again"))
+    monkeypatch.setattr(measuring, "time_solve", lambda *_: pytest.fail("measured again"))
+    monkeypatch.setattr(measuring, "get_reference", lambda *_: pytest.fail("solved again"))
     assert run(tmp_path) == first
 
 
@@ -113,8 +113,8 @@ def test_a_torn_line_is_measured_again_and_no_other(tmp_path: Path, monkeypatch:
     first, path = run(tmp_path), tmp_path / measuring.CSV
     text = path.read_text()
     path.write_text(text[: text.rindex(",") + 4])
-    measured, timed = [], measuring.timed
-    monkeypatch.setattr(measuring, "timed", lambda *given: measured.append(given) or timed(*given))
+    measured, timed = [], measuring.time_solve
+    monkeypatch.setattr(measuring, "time_solve", lambda *given: measured.append(given) or timed(*given))
     again = run(tmp_path)
     assert len(measured) == 1
     assert again[0] == first[0]
@@ -124,12 +124,12 @@ def test_a_torn_line_is_measured_again_and_no_other(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize("change", ["version", "setting", "fresh"])
 def test_what_has_changed_is_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: str) -> None:
     run(tmp_path)
-    curve, measured, timed = CURVE, [], measuring.timed
+    curve, measured, timed = CURVE, [], measuring.time_solve
     if change == "version":
-        monkeypatch.setattr("vrte.studies.records.made_by", lambda: "another version")
+        monkeypatch.setattr("vrte.studies.records.identify_setup", lambda: "another version")
     if change == "setting":
-        curve = replace(CURVE, settings=knobs.over_nodes((2, 8), algorithm="doubling"))
-    monkeypatch.setattr(measuring, "timed", lambda *given: measured.append(given) or timed(*given))
+        curve = replace(CURVE, settings=knobs.vary_nodes((2, 8), algorithm="doubling"))
+    monkeypatch.setattr(measuring, "time_solve", lambda *given: measured.append(given) or timed(*given))
     assert len(run(tmp_path, curve, fresh=change == "fresh")) == len(measured) == 2
     assert len(Records(Row, tmp_path / measuring.CSV).read()) == 2
 
@@ -141,13 +141,13 @@ def test_a_slow_curve_ends_early(tmp_path: Path) -> None:
 
 
 def test_errors_are_relative_to_the_largest_intensity_of_their_depth() -> None:
-    one = scenes.case("Rayleigh, small")
-    field = reference.ask(one, nodes=8)
+    one = scenes.find_case("Rayleigh, small")
+    field = reference.solve_case(one, nodes=8)
     right = reference.Reference.of(one, field)
-    assert max(measuring.errors(one, field, right).values()) < 1e-14
+    assert max(measuring.measure_run_errors(one, field, right).values()) < 1e-14
     wrong = field.stokes.copy()
     wrong[1, :, :, 2] += 0.01 * np.abs(field.stokes[1, field.mu < 0.0, :, 0]).max()
-    found = measuring.errors(one, replace(field, stokes=wrong), right)
+    found = measuring.measure_run_errors(one, replace(field, stokes=wrong), right)
     assert found["u_max"] == pytest.approx(0.01)
     assert found["u_rms"] == pytest.approx(0.01)
     assert found["i_max"] == 0.0
@@ -156,44 +156,44 @@ def test_errors_are_relative_to_the_largest_intensity_of_their_depth() -> None:
 def test_advice_says_what_is_quickest_and_what_cannot_be_told() -> None:
     slow = Row("s", "c", "m", "8 nodes", MEASURED, 2.0, i_max=1e-7, q_max=0, u_max=0, v_max=0, reference_within=1e-9)
     quick = replace(slow, setting="2 nodes", seconds=1.0, q_max=1e-4)
-    text = advice.sentence([slow, quick])
+    text = advice.advise_on_scene([slow, quick])
     assert text.startswith("For 1e-03 take c with 2 nodes (1 s, error 1e-04), for 1e-06 take c with 8 nodes")
     assert text.endswith("for 1e-10 nothing can be told (the reference is known to 1e-09).")
-    assert "take none of these" in advice.advice([quick], 1e-6)
+    assert "take none of these" in advice.advise_on_target([quick], 1e-6)
 
 
 def test_synthetic_iteration_is_held_to_the_exact_method() -> None:
     exact = Row("s", "e", "discrete-ordinates", "8 nodes", MEASURED, 2.0, i_max=1e-3, q_max=0, u_max=0, v_max=0)
     other = replace(exact, curve="s", method="synthetic-iteration", seconds=0.1)
-    assert advice.beside_exact([exact, other]).endswith("2 s, 20 times as much.")
-    assert advice.beside_exact([exact, replace(other, i_max=0.1)]).endswith("its least error is 1.0e-01.")
-    assert advice.beside_exact([exact]).endswith("it was not measured.")
+    assert advice.compare_with_exact([exact, other]).endswith("2 s, 20 times as much.")
+    assert advice.compare_with_exact([exact, replace(other, i_max=0.1)]).endswith("its least error is 1.0e-01.")
+    assert advice.compare_with_exact([exact]).endswith("it was not measured.")
 
 
 def test_scenes() -> None:
     assert len(scenes.CASES) >= 12
     with pytest.raises(SceneError, match="--scenes must fit one of"):
-        scenes.matching("no such scene")
+        scenes.find_matching_scenes("no such scene")
 
 
 @pytest.mark.slow
 def test_no_two_scenes_are_the_same() -> None:
-    assert len({scenes.case(name).fingerprint for name in scenes.CASES}) == len(scenes.CASES)
+    assert len({scenes.find_case(name).fingerprint for name in scenes.CASES}) == len(scenes.CASES)
 
 
 def test_the_table_of_knobs_names_settings_that_are_there() -> None:
-    assert knobs.unknown_settings() == []
+    assert knobs.list_unknown_settings() == []
 
 
 def test_the_table_of_methods_is_that_of_the_registry() -> None:
     text = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
-    assert registry.refreshed(text) == text, "run `python -m vrte.studies.methods docs/methods.md`"
+    assert registry.refresh_tables(text) == text, "run `python -m vrte.studies.methods docs/methods.md`"
     for name in METHODS:
         assert f"\n| `{name}` |" in text
 
 
 def test_figure_2_agrees_near_the_beam_and_where_it_is_thin() -> None:
-    lobes = radiance_factor.below(0.01)
+    lobes = radiance_factor.solve_below(0.01)
     exact, once = (lobes[name] for name in ("discrete-ordinates", "single-scattering"))
     near = np.abs(exact.angle - radiance_factor.BEAM) < 10.0
     np.testing.assert_allclose(once.radiance[near], exact.radiance[near], rtol=0.02)
@@ -207,7 +207,7 @@ def test_figures_of_the_paper(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_inside_a_conservative_slab_light_turns_towards_straight_down() -> None:
-    lobes = radiance_factor.inside()
+    lobes = radiance_factor.solve_inside()
     brightest = [abs(lobe.angle[np.argmax(lobe.radiance)]) for lobe in lobes]
     # at the top the brightest light is that of the long, nearly horizontal ways
     assert np.all(np.diff(brightest[1:]) < 0.0)

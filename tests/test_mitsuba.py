@@ -48,7 +48,9 @@ def mitsuba() -> Any:
 def random_directions(count: int, seed: int, lowest: float = 0.0) -> Array:
     """Unit vectors (count, 3) of the upper hemisphere, evenly spread over it."""
     random = np.random.default_rng(seed)
-    return measured_polarized.direction(random.uniform(lowest, 1.0, count), random.uniform(-np.pi, np.pi, count))
+    return measured_polarized.make_unit_vectors(
+        random.uniform(lowest, 1.0, count), random.uniform(-np.pi, np.pi, count)
+    )
 
 
 class TestTable:
@@ -59,9 +61,9 @@ class TestTable:
         last = Spectrum([0.65], (gold[4],))
         found = []
         for step in (10.0, 5.0, 2.5):
-            angles = measured_polarized.angles_of(step)
-            table = measured_polarized.tabulated(last, angles)
-            found.append(measured_polarized.errors_of(table, angles, exact).median)
+            angles = measured_polarized.make_angles(step)
+            table = measured_polarized.tabulate_spectrum(last, angles)
+            found.append(measured_polarized.measure_errors(table, angles, exact).median)
         np.testing.assert_allclose(np.log2(np.divide(found[:-1], found[1:])), 2.0, atol=0.4)
         assert found[-1] < 3e-3
 
@@ -202,7 +204,7 @@ class TestInMitsuba:
         view = np.array([0.6, 0.0, 0.8])
         flux = sum(
             2.0 * np.pi * weight * evaluated(mitsuba, bsdf, into, view, 523.0)
-            for into, weight in zip(measured_polarized.direction(points, np.ones(4)), weights, strict=True)
+            for into, weight in zip(measured_polarized.make_unit_vectors(points, np.ones(4)), weights, strict=True)
         )
         np.testing.assert_allclose(flux, np.diag([1.0, 0.0, 0.0, 0.0]), atol=1e-6)
         mean = mitsuba.render(ball_under(mitsuba, material, 16)).array

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.pictures.plan_picture import operations_by_order
+from vrte.pictures.plan_picture import sum_operations_by_order
 from vrte.results.spectrum import Spectrum
 
 MU_O, PHI = np.linspace(0.1, 1.0, 10), np.arange(0, 360, 30)
@@ -185,7 +185,7 @@ def test_the_plan_draws_its_operations() -> None:
     (panel,) = THINGS["plan"].plot().axes
     drawn = sum((steps.get_data().values - steps.get_data().baseline).sum() for steps in panel.patches)
     assert drawn == pytest.approx(sum(block["operations"] for block in facts["blocks"]))
-    assert set(operations_by_order(facts)) == {block["algorithm"] for block in facts["blocks"]}
+    assert set(sum_operations_by_order(facts)) == {block["algorithm"] for block in facts["blocks"]}
 
 
 def test_a_plan_in_two_parts_has_two_panels() -> None:

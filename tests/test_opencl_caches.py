@@ -160,7 +160,7 @@ class TestArchive:
     @pytest.mark.slow
     def test_a_folder_in_its_place(self, home: Path) -> None:
         archive_of(home).unlink()
-        (home / ".cache" / "vrte" / "opencl" / f"kernels-{caches._sources_checksum()}.zip").mkdir()
+        (home / ".cache" / "vrte" / "opencl" / f"kernels-{caches._hash_sources()}.zip").mkdir()
         assert compute(home) == ""
 
     @pytest.mark.slow
@@ -224,7 +224,7 @@ class TestPlace:
         assert [path.name for path in named.iterdir()] == ["vrte"]
         assert not any(home.rglob("kernels-*"))
         monkeypatch.setenv(caches.VARIABLE, str(named))
-        assert caches.kept_folder() == named / "vrte"
+        assert caches.find_kept_folder() == named / "vrte"
 
     @pytest.mark.parametrize(
         "named", ["", pytest.param("file", marks=pytest.mark.slow), pytest.param("file/below", marks=pytest.mark.slow)]

@@ -47,10 +47,10 @@ def reopening(opencl: Session, alone: dict[str, Any], monkeypatch: pytest.Monkey
 
     def opened(handle: Any) -> Session:
         queue = pyopencl.CommandQueue(opencl.context)
-        kernels = building.Kernels(opencl.kernels.program, sessions.sources())
-        return Session(opencl.context, queue, kernels, sessions._memory(queue), opencl.form)
+        kernels = building.Kernels(opencl.kernels.program, sessions.read_sources())
+        return Session(opencl.context, queue, kernels, sessions._make_memory_pool(queue), opencl.form)
 
-    alone.update(process=os.getpid(), devices=(device.chosen(),))
+    alone.update(process=os.getpid(), devices=(device.find_chosen_device(),))
     monkeypatch.setattr(device, "open_session", opened)
     return alone
 
@@ -110,7 +110,7 @@ class TestDevices:
             assert found.units > 0
             assert found.name
             assert found.platform
-        assert device.chosen().double_precision
+        assert device.find_chosen_device().double_precision
 
     def test_without_pyopencl(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(sys.modules, "pyopencl", None)
@@ -160,7 +160,7 @@ class TestSession:
 
     def test_one_for_each_choice(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
         alone.update(process=os.getpid(), devices=(SMALL, LARGE))
-        monkeypatch.setattr(trial, "complaint", lambda *_: "")
+        monkeypatch.setattr(trial, "try_device", lambda *_: "")
         monkeypatch.setattr(device, "open_session", lambda handle: object())
         large = device.session()
         monkeypatch.setenv(device.VARIABLE, " Card S")
@@ -171,7 +171,7 @@ class TestSession:
         assert device.session() is large
 
     def test_a_form_for_each_kind(self, opencl: Session) -> None:
-        assert opencl.form == ("cpu" if device.chosen().kind == "cpu" else "gpu")
+        assert opencl.form == ("cpu" if device.find_chosen_device().kind == "cpu" else "gpu")
 
 
 def raising(routine: str, name: str) -> Callable[..., Any]:
@@ -211,21 +211,21 @@ class TestFaults:
     def test_each_in_one_sentence(self, name: str, message: str, alone: dict[str, Any]) -> None:
         alone["sessions"][0] = object()
         cause = error_of("clX", name)
-        with pytest.raises(DeviceError, match=message) as raised, device.device_errors():
+        with pytest.raises(DeviceError, match=message) as raised, device.raise_device_errors():
             raise cause
         assert raised.value.__cause__ is cause
         assert not alone["sessions"]
 
     def test_others_pass(self, alone: dict[str, Any]) -> None:
         alone["sessions"][0] = kept = object()
-        with pytest.raises(ZeroDivisionError), device.device_errors():
+        with pytest.raises(ZeroDivisionError), device.raise_device_errors():
             raise ZeroDivisionError
         assert alone["sessions"] == {0: kept}
 
     def test_after_a_lost_device_the_next_call_starts_anew(self, reopening: dict[str, Any]) -> None:
         first = device.session()
         first.kernels["product"] = raising("clEnqueueNDRangeKernel", "DEVICE_NOT_AVAILABLE")
-        with pytest.raises(DeviceError, match="was lost"), device.device_errors():
+        with pytest.raises(DeviceError, match="was lost"), device.raise_device_errors():
             first.launch("product", (1,))
         second = device.session()
         assert second is not first
@@ -242,7 +242,7 @@ class TestFaults:
     def test_an_array_that_is_too_large(self, reopening: dict[str, Any]) -> None:
         too_large = 4 * max(found.memory for found in device.devices())
         opened = device.session()
-        with pytest.raises(DeviceError, match="ran out of memory"), device.device_errors():
+        with pytest.raises(DeviceError, match="ran out of memory"), device.raise_device_errors():
             opened.empty((too_large // 8,))
 
     @pytest.mark.parametrize("on_host", [True, False])
@@ -264,7 +264,7 @@ class TestFaults:
 
     def test_kernels_that_do_not_compile(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(
-            sessions, "sources", lambda: "__kernel void broken(__global doubel* x) { x[0] = 1; }\n" * 40
+            sessions, "read_sources", lambda: "__kernel void broken(__global doubel* x) { x[0] = 1; }\n" * 40
         )
         with pytest.raises(DeviceError, match=r"the kernels do not compile on .*error.*doubel") as raised:
             open_session(opencl.device)
@@ -274,7 +274,7 @@ class TestFaults:
 
     def test_a_compiler_with_something_to_say(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
         text = '#warning "look here"\n__kernel void fine(__global double* x) { x[0] = 1.0; }\n'
-        monkeypatch.setattr(sessions, "sources", lambda: text)
+        monkeypatch.setattr(sessions, "read_sources", lambda: text)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             opened = open_session(opencl.device)
@@ -293,15 +293,15 @@ import resource
 import numpy as np
 from vrte.cl import device, session
 session.SOURCES = ("trial",)
-from vrte.basics.memory import address_bytes
+from vrte.basics.memory import find_address_bytes
 opened = device.session()
 opened.zeros((1,))
 used = resource.getpagesize() * int(open("/proc/self/statm").read().split()[0])
 resource.setrlimit(resource.RLIMIT_AS, (used + (400 << 20), resource.RLIM_INFINITY))
-assert 200e6 < address_bytes() < 420e6
+assert 200e6 < find_address_bytes() < 420e6
 kept = []
 try:
-    with device.device_errors():
+    with device.raise_device_errors():
         while len(kept) < 10:
             kept.append(opened.zeros(((100 << 20) // 8,)))
             opened.finish()
@@ -457,7 +457,7 @@ class TestCommand:
         monkeypatch.setattr(report, "SIZES", ((16, 4), (24, 2)))
         monkeypatch.setattr(report, "SECONDS", 1e-4)
         assert all(
-            rate.device > 0.0 < rate.blas for rate in report.measure(opencl, 1)
+            rate.device > 0.0 < rate.blas for rate in report.measure_rates(opencl, 1)
         )  # of a GPU, less than is printed
         assert cli.main(["devices", "--measure"]) == 0
         rows = capsys.readouterr().out.splitlines()[-2:]
@@ -468,4 +468,4 @@ class TestCommand:
 
 def test_the_error_is_public() -> None:
     assert vrte.DeviceError is DeviceError
-    assert faults.translated(ValueError("x")) is None
+    assert faults.make_device_error(ValueError("x")) is None

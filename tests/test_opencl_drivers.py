@@ -14,7 +14,7 @@ from vrte.basics.errors import DeviceError
 from vrte.cl import device, drivers, trial
 from vrte.cl.device import Device, choose
 from vrte.cl.session import Session
-from vrte.studies.devices import as_text
+from vrte.studies.devices import describe_devices
 
 OLD = "error: unknown target CPU 'generic'"
 CARD = Device("Maker", "Card", "gpu", True, 8 << 30, 2 << 30, 40, "1")
@@ -45,7 +45,7 @@ def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 class TestWhatIsVisible:
     def named(self) -> list[str]:
-        with drivers.all_visible():
+        with drivers.make_drivers_visible():
             folder = os.environ.get(drivers.FOLDER)
             found = [] if folder is None else [path.read_text() for path in sorted(Path(folder).glob("*.icd"))]
         assert folder is None or not Path(folder).exists()
@@ -66,15 +66,15 @@ class TestWhatIsVisible:
 
     def test_a_folder_that_was_named_stands(self, runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(drivers.FOLDER, "/mine")
-        with drivers.all_visible():
+        with drivers.make_drivers_visible():
             assert os.environ[drivers.FOLDER] == "/mine"
 
     def test_not_installed_or_only_in_part(self, runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         runtime.unlink()
-        assert drivers.intel_runtime() is None
+        assert drivers.find_intel_runtime() is None
         assert self.named() == []
         monkeypatch.setattr(sys, "path", [])
-        assert drivers.intel_runtime() is None
+        assert drivers.find_intel_runtime() is None
 
     def test_nowhere_to_put_the_folder(self, runtime: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(drivers.tempfile, "tempdir", str(tmp_path / "absent"))
@@ -83,16 +83,16 @@ class TestWhatIsVisible:
     def test_windows_has_a_variable_for_it(self, runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(drivers, "WINDOWS", True)
         monkeypatch.setenv(drivers.FILES, "mine.dll")
-        with drivers.all_visible():
+        with drivers.make_drivers_visible():
             assert os.environ[drivers.FILES] == f"mine.dll{os.pathsep}{runtime}"
         assert os.environ[drivers.FILES] == "mine.dll"
 
 
-@pytest.mark.skipif(drivers.intel_runtime() is None, reason="intel-opencl-rt is not installed")
+@pytest.mark.skipif(drivers.find_intel_runtime() is None, reason="intel-opencl-rt is not installed")
 @pytest.mark.skipif(bool(os.environ.get(drivers.FOLDER)), reason=f"{drivers.FOLDER} names other drivers")
 def test_intels_runtime_computes(opencl: Session) -> None:
     (index,) = (index for index, found in enumerate(device.devices()) if found.platform == trial.INTEL)
-    assert device.complaint_of(index) == ""
+    assert device.find_complaint(index) == ""
 
 
 class TestChoice:
@@ -125,7 +125,7 @@ class TestChoice:
             choose([BY_POCL, BY_INTEL], "0", failing(0))
 
     def test_the_table_says_why(self) -> None:
-        lines = as_text([BY_POCL, BY_INTEL], 1, "the only CPU", {0: OLD, 1: ""}).splitlines()
+        lines = describe_devices([BY_POCL, BY_INTEL], 1, "the only CPU", {0: OLD, 1: ""}).splitlines()
         assert lines[3] == f"     never taken: {OLD}"
         assert sum("never taken" in line for line in lines) == 1
 
@@ -133,11 +133,11 @@ class TestChoice:
 class TestTrial:
     def test_it_is_done_once(self, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
         tried: list[int] = []
-        monkeypatch.setattr(trial, "complaint", lambda index, *_: tried.append(index) or "")
+        monkeypatch.setattr(trial, "try_device", lambda index, *_: tried.append(index) or "")
         for _ in range(3):
-            device.chosen()
+            device.find_chosen_device()
         device.forget()
-        device.chosen()
+        device.find_chosen_device()
         assert len(tried) == 1
 
     def test_a_driver_older_than_its_processor(
@@ -156,14 +156,14 @@ class TestTrial:
             return original(program, *arguments, **named)
 
         monkeypatch.setattr(pyopencl.Program, "build", old)
-        monkeypatch.setattr(trial, "leaves_the_process_alone", lambda platform: True)
+        monkeypatch.setattr(trial, "is_safe_in_process", lambda platform: True)
         others = {found.platform.strip() for found in device.devices()} - {platform.strip()}
         assert cli.main(["devices"]) == (0 if others else 1)
         output = capsys.readouterr()
         assert f"never taken: the kernels do not compile on {opencl.device.name}: {OLD}" in output.out
         assert ("passed over" if others else "taken: none") in output.out
         if others:
-            assert device.chosen().platform != platform.strip()
+            assert device.find_chosen_device().platform != platform.strip()
         else:
             assert output.err.startswith("vrte: error: no OpenCL device compiles kernels in double precision")
             assert output.err.endswith(f"{device.INSTALL}\n")
@@ -176,22 +176,22 @@ class TestTrial:
             )
 
         monkeypatch.setattr(pyopencl, "enqueue_copy", fail)
-        assert trial.complaint_here(opencl.device) == f"it fails ({name} in clEnqueueReadBuffer)"
+        assert trial.try_here(opencl.device) == f"it fails ({name} in clEnqueueReadBuffer)"
 
     def test_a_device_that_cannot_reckon(self, opencl: Session, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(pyopencl, "enqueue_copy", lambda *_: None)
-        assert trial.complaint_here(opencl.device) == "it finds 2 x 3 + 1 = 3.0"
+        assert trial.try_here(opencl.device) == "it finds 2 x 3 + 1 = 3.0"
 
     def test_drivers_that_nobody_tried_have_a_process_of_their_own(
         self, opencl: Session, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        assert trial.complaint(0, "Another", None) == device.complaint_of(0)
+        assert trial.try_device(0, "Another", None) == device.find_complaint(0)
         monkeypatch.setattr(trial, "TRY_ONE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)  # {}")
-        assert trial.complaint(0, "Another", None) == "it ends the process (signal SIGSEGV)"
+        assert trial.try_device(0, "Another", None) == "it ends the process (signal SIGSEGV)"
 
     def test_one_that_hangs(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(trial, "LONGEST_WAIT", 0.01)
-        assert trial.complaint(0, "Another", None) == "it gives no answer in 0.01 s"
+        assert trial.try_device(0, "Another", None) == "it gives no answer in 0.01 s"
 
     def test_how_it_ended(self) -> None:
         assert trial.end_of_the_process(-11, "one\ntwo\n\n") == "it ends the process (signal SIGSEGV: two)"

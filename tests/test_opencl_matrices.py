@@ -7,7 +7,15 @@ import pytest
 
 from vrte.basics.errors import DeviceError
 from vrte.cl import matrices
-from vrte.cl.matrices import Stack, download_stack, invert, new_stack, panel_width, product, upload_stack
+from vrte.cl.matrices import (
+    Stack,
+    choose_panel_width,
+    download_stack,
+    invert,
+    make_stack,
+    multiply_stacks,
+    upload_stack,
+)
 from vrte.cl.session import Session
 
 SIZES = ((1, 1, 1), (3, 5, 2), (8, 8, 8), (13, 40, 7), (65, 17, 66), (100, 30, 129))  # rows, inner, columns
@@ -44,7 +52,7 @@ def test_products(session: Session, size: tuple[int, int, int], by_transpose: bo
     c = rng.standard_normal((4, columns, rows))
     stacks = [upload_stack(session, values) for values in (a, b, c)]
     items = np.array([3, 0, 2], np.int32)
-    product(session, session.upload(items), *stacks, alpha=1.5, beta=-0.7, transposed=by_transpose)  # type: ignore[misc]
+    multiply_stacks(session, session.upload(items), *stacks, alpha=1.5, beta=-0.7, transposed=by_transpose)  # type: ignore[misc]
     expected = c.copy()
     for item in items:
         right = b[item] if by_transpose else b[item].T
@@ -57,7 +65,7 @@ def test_products(session: Session, size: tuple[int, int, int], by_transpose: bo
 def test_without_beta_what_was_there_does_not_matter(session: Session) -> None:
     a = np.random.default_rng(1).random((1, 9, 9))
     stack, made = upload_stack(session, a), upload_stack(session, np.full((1, 9, 9), np.nan))
-    product(session, session.upload(np.zeros(1, np.int32)), stack, stack, made)
+    multiply_stacks(session, session.upload(np.zeros(1, np.int32)), stack, stack, made)
     np.testing.assert_allclose(transposed(download_stack(session, made))[0], a[0].T @ a[0].T, rtol=1e-14)
 
 
@@ -65,7 +73,7 @@ def test_a_part_leaves_the_others_alone(session: Session) -> None:
     rng = np.random.default_rng(2)
     a, c = rng.random((2, 24, 24)), rng.random((2, 24, 24))
     big, small = upload_stack(session, c), upload_stack(session, a)
-    product(
+    multiply_stacks(
         session, session.upload(np.arange(2, dtype=np.int32)), small.part(8, 0, 8, 24), small, big.part(16, 5, 8, 7)
     )
     expected = c.copy()
@@ -76,8 +84,8 @@ def test_a_part_leaves_the_others_alone(session: Session) -> None:
 
 def test_nothing_to_do(session: Session) -> None:
     none = session.upload(np.zeros(0, np.int32))
-    stack = new_stack(session, 2, 5, 5)
-    product(session, none, stack, stack, stack)
+    stack = make_stack(session, 2, 5, 5)
+    multiply_stacks(session, none, stack, stack, stack)
     invert(session, none, stack, session.empty((2, 80)), session.empty((2, 5), np.int32), session.zeros((2,), np.int32))
     assert not download_stack(session, stack).any()
 
@@ -115,7 +123,7 @@ def test_a_singular_matrix_is_told(session: Session) -> None:
 
 @pytest.mark.parametrize("width", [1, 3, 5])
 def test_little_local_memory(session: Session, width: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(matrices, "panel_width", lambda rows, local_bytes: width)
+    monkeypatch.setattr(matrices, "choose_panel_width", lambda rows, local_bytes: width)
     stored = np.random.default_rng(4).standard_normal((2, 37, 37)) + 12.0 * np.eye(37)
     found, info = inverted(session, stored, [0, 1])
     assert not info.any()
@@ -124,7 +132,7 @@ def test_little_local_memory(session: Session, width: int, monkeypatch: pytest.M
 
 def test_no_local_memory_for_one_column() -> None:
     with pytest.raises(DeviceError, match="5000 rows are too large for the local memory"):
-        panel_width(5000, 32 << 10)
+        choose_panel_width(5000, 32 << 10)
 
 
 def test_parts_begin_at_strips() -> None:

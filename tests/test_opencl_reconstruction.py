@@ -11,10 +11,10 @@ from vrte import _core
 from vrte.basics.running import Crew, Run
 from vrte.cl import reconstruction
 from vrte.discrete_ordinates.orders.base import expand_base
-from vrte.discrete_ordinates.orders.boundary import boundary
-from vrte.discrete_ordinates.orders.discretise import discretise
-from vrte.discrete_ordinates.orders.homogeneous import homogeneous
-from vrte.discrete_ordinates.orders.particular import particular
+from vrte.discrete_ordinates.orders.boundary import solve_boundary
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
+from vrte.discrete_ordinates.orders.homogeneous import find_modes
+from vrte.discrete_ordinates.orders.particular import find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 
 from .samples import spheroids
@@ -33,14 +33,14 @@ def solved(
     stokes: tuple[int, ...] = (0, 1, 2, 3),
 ) -> dict[str, Any]:
     """A scene solved by modes: the arguments of `reconstruct`."""
-    problem = discretise(scene, np.array(mu0), np.eye(4), mu, np.array(tau), nodes)
+    problem = discretise_scene(scene, np.array(mu0), np.eye(4), mu, np.array(tau), nodes)
     problem = replace(problem, stokes=stokes, columns=np.eye(len(stokes)))
     places, run = np.array(orders, np.int32), Run(1)
     matrices = assemble(problem, places, run)
-    modes = homogeneous(problem, places, matrices, run)
-    beam = particular(problem, matrices, modes, run)
+    modes = find_modes(problem, places, matrices, run)
+    beam = find_beam_field(problem, matrices, modes, run)
     base = expand_base(scene.below, problem, max(orders) + 1)
-    amplitudes = boundary(problem, places, modes, beam, base, run)
+    amplitudes = solve_boundary(problem, places, modes, beam, base, run)
     return {
         "G_E": matrices.G_E,
         "G_F": matrices.G_F,

@@ -10,8 +10,8 @@ import vrte
 from vrte import _core
 from vrte.basics.running import Crew
 from vrte.cl import sums
-from vrte.discrete_ordinates.execution.sums import column_kinds
-from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
+from vrte.discrete_ordinates.execution.sums import find_column_kinds
+from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 
 from .test_sums import FULL_TURN, some_kernels
 
@@ -45,7 +45,7 @@ def both_sums(opencl: Any, values: tuple[Any, ...], shape: tuple[int, ...]) -> t
 def test_azimuthal_sum(opencl: Any, stokes: Sequence[int], kind: Sequence[int], place: Sequence[int]) -> None:
     orders = np.array([0, 1, 2, 5, 6, 9, 30], np.int32)
     kernels = some_kernels(orders.size, len(kind))[..., list(stokes)]
-    azimuths = fold(MANY_AZIMUTHS)
+    azimuths = fold_azimuths(MANY_AZIMUTHS)
     levels, rows = [2, 0], [20, 3, 3, 0, 7, 8, 9, 10, 11, 12, 13]
     arguments = (
         kernels,
@@ -63,7 +63,7 @@ def test_azimuthal_sum(opencl: Any, stokes: Sequence[int], kind: Sequence[int], 
 
 def test_azimuthal_sum_of_more_orders_than_are_kept_at_hand_and_of_one_azimuth(opencl: Any) -> None:
     for n_order, phi in ((70, np.array([33.0])), (0, FULL_TURN)):
-        azimuths = fold(phi)
+        azimuths = fold_azimuths(phi)
         arguments = (
             some_kernels(n_order, 1),
             *integers(range(4), [0], [0]),
@@ -81,7 +81,7 @@ def test_orders_of_many_scenes_are_added_at_once(opencl: Any) -> None:
     """Kernels as stacks of matrices hold them, other numbers of orders, factors of rows and Stokes components, and a
     buffer that more than these tables share."""
     rng = np.random.default_rng(3)
-    n_order, azimuths, first, shape = [5, 3], fold(FULL_TURN), 12, (1, 2, 3, FULL_TURN.size, 4, 4)
+    n_order, azimuths, first, shape = [5, 3], fold_azimuths(FULL_TURN), 12, (1, 2, 3, FULL_TURN.size, 4, 4)
     n_out, columns, size = 5, 2 * 4, int(np.prod(shape))
     stack = rng.standard_normal((sum(n_order), columns, 24))  # rows padded
     cosine, sine = azimuths.cos_sin(np.arange(5, dtype=np.int32))
@@ -118,10 +118,10 @@ MU0, MU = np.array([0.25, 0.6, 1.0]), np.array([0.25, -0.6, -1.0, 0.6, 1.0, -0.3
 
 def scattering_arguments(coefficients: np.ndarray, columns: np.ndarray, place: Sequence[int]) -> dict[str, Any]:
     """Arguments of `add_single_scattering` but for the piece."""
-    azimuths = fold(MANY_AZIMUTHS)
+    azimuths = fold_azimuths(MANY_AZIMUTHS)
     path = np.random.default_rng(2).uniform(0.5, 2.0, (2, MU0.size, MU.size))
     path[1, 2, 4] = path[:, 0, 1] = 0.0
-    cosine, sine = cos_sin_deg(azimuths.distinct)
+    cosine, sine = compute_cos_sin(azimuths.distinct)
     return {
         "table": _core.series_table(coefficients),
         "path": path,
@@ -132,7 +132,7 @@ def scattering_arguments(coefficients: np.ndarray, columns: np.ndarray, place: S
         "angle": azimuths.angle,
         "sign": azimuths.sign,
         "columns": columns,
-        "kind": column_kinds(columns),
+        "kind": find_column_kinds(columns),
         "place": np.array(place, np.int32),
     }
 

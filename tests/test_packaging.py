@@ -26,8 +26,8 @@ for module in (vrte, vrte._core):
 assert importlib.metadata.version("vrte") == vrte.__version__
 for name in ("py.typed", "_core.pyx", "core/assembly.pxi", "core/scattering.h", "cl/common.cl", "app/page/page.css"):
     assert importlib.resources.files("vrte").joinpath(name).is_file(), name
-from vrte.cl.session import sources
-assert "__kernel void product(" in sources()
+from vrte.cl.session import read_sources
+assert "__kernel void product(" in read_sources()
 assert refractive_index("gold", 0.64).k > 3.0
 scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
 assert vrte.brdf(scene, mu_i=0.6, mu_o=[0.5, 1.0], nodes=4).mueller.shape == (1, 2, 1, 4, 4)

@@ -10,7 +10,7 @@ from flint import arb, ctx
 
 import vrte
 from vrte.basics.errors import SceneError
-from vrte.basics.spherical_functions import gauss_legendre, wigner_functions
+from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
 from vrte.formats.scene_file import NAMED_PHASES, read_scene
 from vrte.optics.phase_matrix import (
     PAIRS,
@@ -27,7 +27,7 @@ NAMES = ["a1", "a2", "a3", "a4", "b1", "b2"]
 
 
 def functions(pairs, terms, cosine):
-    return np.concatenate([block for _, block in wigner_functions(pairs, terms, np.asarray(cosine))])
+    return np.concatenate([block for _, block in compute_wigner_functions(pairs, terms, np.asarray(cosine))])
 
 
 def published(path):
@@ -55,7 +55,7 @@ def test_functions_of_degrees_2_and_3():
 
 def test_functions_keep_their_digits_at_high_degree():
     ctx.prec = 200
-    nodes = gauss_legendre(700)[0]
+    nodes = find_gauss_legendre(700)[0]
     u = np.concatenate([[-1.0], nodes[:5], nodes[345:355], nodes[-5:], [1.0]])
     exact = [float(arb(float(value)).legendre_p(699).mid()) for value in u]
     np.testing.assert_allclose(functions([(0, 0)], 700, u)[699, 0], exact, atol=2e-15)
@@ -63,7 +63,7 @@ def test_functions_keep_their_digits_at_high_degree():
 
 @pytest.mark.parametrize("pairs", [PAIRS, ((1, 1), (1, -1))])
 def test_functions_are_orthogonal(pairs):
-    u, weights = gauss_legendre(80)
+    u, weights = find_gauss_legendre(80)
     d = functions(pairs, 60, u)
     for place, (m, n) in enumerate(pairs):
         gram = (d[:, place] * weights) @ d[:, place].T
@@ -76,7 +76,7 @@ def test_functions_are_orthogonal(pairs):
 def test_gauss_legendre_to_the_last_digits(count):
     ctx.prec = 200
     exact = [arb.legendre_p_root(count, k, weight=True) for k in range(count)][::-1]
-    nodes, weights = gauss_legendre(count)
+    nodes, weights = find_gauss_legendre(count)
     np.testing.assert_allclose(nodes, [float(node.mid()) for node, _ in exact], atol=3e-16)
     np.testing.assert_allclose(weights, [float(weight.mid()) for _, weight in exact], rtol=2e-14)
 

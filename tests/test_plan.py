@@ -11,8 +11,8 @@ import pytest
 
 import vrte
 from vrte.basics.errors import SceneError
-from vrte.basics.running import new_run
-from vrte.calls.plan import request_of
+from vrte.basics.running import start_run
+from vrte.calls.plan import make_request
 from vrte.discrete_ordinates.execution.carry_out import carry_out
 from vrte.discrete_ordinates.execution.engines import cpu
 from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
@@ -113,13 +113,13 @@ CASES = [
 
 
 def planned(case: Case, leave_out: LeaveOut = EVERYTHING, **changes: Any) -> Plan:
-    request = request_of(case.kind, case.scene, **case.keywords | changes)
-    return make_plan(request, new_run(1), leave_out)
+    request = make_request(case.kind, case.scene, **case.keywords | changes)
+    return make_plan(request, start_run(1), leave_out)
 
 
 def solved(case: Case, leave_out: LeaveOut = EVERYTHING) -> tuple[Plan, Solution]:
     plan = planned(case, leave_out)
-    return plan, carry_out([plan], cpu.PROCESSOR, new_run(1))[0]
+    return plan, carry_out([plan], cpu.PROCESSOR, start_run(1))[0]
 
 
 def all_but(name: str) -> LeaveOut:
@@ -201,7 +201,7 @@ def test_the_solver_does_what_the_plan_says(case: Case, monkeypatch: pytest.Monk
 def test_no_work_is_done_for_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     import vrte.discrete_ordinates.orders.routes as routes
 
-    for name in ("assemble", "homogeneous", "double_slabs", "reflect_endless"):
+    for name in ("assemble", "find_modes", "double_slabs", "reflect_endless"):
         monkeypatch.setattr(routes, name, None)
     for scene in (ONE, TWICE, ENDLESS):
         assert "Predicted" in str(vrte.plan("brdf", scene, **table()))
@@ -290,11 +290,11 @@ def test_plan_takes_what_the_functions_take() -> None:
 
 
 def test_the_table_of_savings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from vrte.studies.savings import HEADER, main, savings
+    from vrte.studies.savings import HEADER, list_savings, main
 
     main(["-o", str(tmp_path), "--nodes", "4", "--directions", "3", "--repeats", "1"])
     lines = (tmp_path / "savings.md").read_text().splitlines()
-    rows = savings(4, 3)
+    rows = list_savings(4, 3)
     assert len(capsys.readouterr().out.splitlines()) == len(rows)
     assert lines[0] == "| " + " | ".join(HEADER) + " |"
     assert sum(line.startswith("|") for line in lines) == len(rows) + 2

@@ -51,7 +51,7 @@ def test_siewert_2000_problem_iia(reference: Find) -> None:
 
 def test_siewert_2000_quoted() -> None:
     """Eight values of the same tables, quoted: mu0 0.6, phi 90, mu 0.5 up at tau 0 and mu 0.2 down at tau 1."""
-    field = exact.radiance(cases.scene("spheroids"), 0.6, FLUX_PI, [0.5, -0.2], 90.0, [0.0, 1.0], nodes=30)
+    field = exact.radiance(cases.find_scene("spheroids"), 0.6, FLUX_PI, [0.5, -0.2], 90.0, [0.0, 1.0], nodes=30)
     np.testing.assert_allclose(field.stokes[0, 0, 0], SIEWERT_UP, rtol=1e-5)
     np.testing.assert_allclose(field.stokes[1, 1, 0], SIEWERT_DOWN, rtol=1e-5)
 
@@ -149,7 +149,7 @@ def test_garcia_siewert_1985_quoted(name: str, order: int) -> None:
     """Garcia and Siewert, Transp. Theory Stat. Phys. 14, 437: as above; haze L from its size distribution, which ends
     at 10 um here: straight ahead, where that is seen, nothing is quoted."""
     table = np.array(GARCIA[name, order])
-    matrix, omega, mu0 = (MIE_L8, 0.95, 0.5) if name == "mie" else (cases.phase_matrix("haze-L").a1, 0.9, 1.0)
+    matrix, omega, mu0 = (MIE_L8, 0.95, 0.5) if name == "mie" else (cases.find_phase_matrix("haze-L").a1, 0.9, 1.0)
     phi = np.arange(64) * (360.0 / 64)
     scene = vrte.Scene([vrte.Layer(vrte.PhaseMatrix(matrix), omega, 1.0)])
     field = exact.radiance(scene, mu0, FLUX_PI, -table[:, 0], phi, [0.0, 0.05, 0.1, 0.2, 0.5, 0.75, 1.0], nodes=60)
@@ -219,6 +219,6 @@ HAZE_L = [
 def test_haze_l_single_scattering_quoted(mu: float, phi: float, published: list[float]) -> None:
     """As above, the phase matrix from Deirmendjian's size distribution (Electromagnetic Scattering, 1969)."""
     tiny = 1e-7
-    scene = vrte.Scene([vrte.Layer(cases.phase_matrix("haze-L"), tiny, 0.2)])
+    scene = vrte.Scene([vrte.Layer(cases.find_phase_matrix("haze-L"), tiny, 0.2)])
     field = exact.radiance(scene, 0.6, FLUX_PI, mu, phi, 0.0 if mu > 0.0 else 0.2, nodes=4)
     assert np.abs(field.stokes[0, 0, 0, :3] / tiny - published).max() <= 1.5e-6

@@ -17,13 +17,13 @@ from vrte import cli
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.render import colour, rendering
-from vrte.render.geometry import Camera, camera_at, normals
-from vrte.render.picture import Sheet, angle_colours
-from vrte.render.rendering import interpolation_error, rendered
+from vrte.render.geometry import Camera, compute_normals, place_camera
+from vrte.render.picture import Sheet, colour_angles
+from vrte.render.rendering import compute_spheres, measure_interpolation_error
 from vrte.render.setting import Setting, read
-from vrte.render.sky import Sky, optical_thickness, sky_of
-from vrte.render.spheres import MARGIN, Resolution, Table, View, irradiance, table_of
-from vrte.results.splines import rows
+from vrte.render.sky import Sky, compute_optical_thickness, make_sky
+from vrte.render.spheres import MARGIN, Resolution, Table, View, compute_irradiance, tabulate_brdf
+from vrte.results.splines import make_spline_matrix
 
 COARSE = Resolution(angles=20, azimuths=36, around=24, along=12, across=8)
 WHITE = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(1.0))
@@ -32,16 +32,16 @@ PLAIN = '[[layer]]\nphase = "rayleigh"\nalbedo = 1.0\nthickness = 2.0\n'
 
 def table(scene: vrte.Scene, resolution: Resolution = COARSE, **how: Any) -> Table:
     how = {"nodes": 12} | how
-    return table_of(vrte.brdf(scene, resolution.mu, resolution.mu, resolution.phi, **how), resolution)
+    return tabulate_brdf(vrte.brdf(scene, resolution.mu, resolution.mu, resolution.phi, **how), resolution)
 
 
 def view(sky: Sky, size: int = 40, camera: Camera | None = None, resolution: Resolution = COARSE) -> View:
-    return View(camera or camera_at(15.0, 50.0), sky, size, resolution)
+    return View(camera or place_camera(15.0, 50.0), sky, size, resolution)
 
 
 def normals_of(seen: View) -> Array:
     _, theta, psi = seen.pixels
-    return normals(seen.camera, theta, psi)[0]
+    return compute_normals(seen.camera, theta, psi)[0]
 
 
 def rayleigh_layer(albedo: float, thickness: float, base: float | None = None) -> vrte.Scene:
@@ -50,51 +50,51 @@ def rayleigh_layer(albedo: float, thickness: float, base: float | None = None) -
 
 def test_lambertian_sphere_under_a_uniform_sky_is_flat() -> None:
     half = vrte.Scene(WHITE.layers, vrte.Lambertian(0.4))
-    found = view(sky_of("uniform", [0.5], 30.0, 0.0)).stokes(table(half), 0)
+    found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes(table(half), 0)
     np.testing.assert_allclose(found[:, 0], 0.4, rtol=2e-6)
     assert np.abs(found[:, 1:]).max() < 1e-15
 
 
 def test_lambertian_sphere_in_the_sun_obeys_lambert() -> None:
-    seen = view(sky_of("sun", [0.5], 35.0, 0.0))
+    seen = view(make_sky("sun", [0.5], 35.0, 0.0))
     expected = np.maximum(-(normals_of(seen) @ seen.sky.beam), 0.0) / np.pi
     np.testing.assert_allclose(seen.stokes(table(WHITE), 0)[:, 0], expected, atol=1e-6)
 
 
 def test_lambertian_sphere_under_the_rayleigh_sky_sends_back_its_irradiance() -> None:
     """The quadrature of the sky, facet by facet, against an adaptive one in the sky's own angles."""
-    sky = sky_of("rayleigh", [0.45], 35.0, 0.3)
+    sky = make_sky("rayleigh", [0.45], 35.0, 0.3)
     seen = view(sky, resolution=replace(COARSE, along=20, across=14))
     found = seen.stokes(table(WHITE, seen.resolution), 0)[:, 0]
     some = np.arange(0, found.size, 97)
-    expected = irradiance(sky, normals_of(seen)[some], Resolution(along=60, across=60))[0] / np.pi
+    expected = compute_irradiance(sky, normals_of(seen)[some], Resolution(along=60, across=60))[0] / np.pi
     np.testing.assert_allclose(found[some], expected, rtol=2e-4)
 
 
 def test_irradiance_on_level_ground_is_that_of_the_field() -> None:
-    sky, mu0 = sky_of("rayleigh", [0.45], 35.0, 0.3), np.sin(np.radians(35.0))
-    air = vrte.Layer(vrte.rayleigh(0.0279), 1.0, float(optical_thickness(0.45)))
+    sky, mu0 = make_sky("rayleigh", [0.45], 35.0, 0.3), np.sin(np.radians(35.0))
+    air = vrte.Layer(vrte.rayleigh(0.0279), 1.0, float(compute_optical_thickness(0.45)))
     field = vrte.radiance(vrte.Scene([air], vrte.Lambertian(0.3)), mu0, mu=[], tau=air.thickness)
     expected = field.flux_down[0] + field.direct[0]
     level = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    np.testing.assert_allclose(irradiance(sky, level)[0], [expected, 0.3 * expected], rtol=2e-5)
+    np.testing.assert_allclose(compute_irradiance(sky, level)[0], [expected, 0.3 * expected], rtol=2e-5)
 
 
 def test_nothing_absorbs_so_nothing_shows_in_a_furnace() -> None:
     """Light the same from all sides, no absorption: no sphere can be told from its surroundings."""
     scene = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 24), 1.0, 3.0)], vrte.Lambertian(1.0))
     for one in (scene, rayleigh_layer(1.0, 0.2, 1.0)):
-        found = view(sky_of("uniform", [0.5], 30.0, 0.0)).stokes(table(one), 0)
+        found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes(table(one), 0)
         assert np.abs(found - [1.0, 0.0, 0.0, 0.0]).max() < 2e-3
 
 
 def test_a_sphere_that_absorbs_nothing_sends_back_all_that_falls_on_it() -> None:
     """Radiance over the disc, added up over all directions of a camera around the sun's axis."""
-    here, sky = table(rayleigh_layer(1.0, 1.5, 1.0)), sky_of("sun", [0.5], 90.0, 0.0)
+    here, sky = table(rayleigh_layer(1.0, 1.5, 1.0)), make_sky("sun", [0.5], 90.0, 0.0)
     points, weights = np.polynomial.legendre.leggauss(6)
     out = 0.0
     for cosine, weight in zip(points, weights, strict=True):
-        seen = view(sky, 48, camera_at(float(np.degrees(np.arcsin(cosine))), 0.0))
+        seen = view(sky, 48, place_camera(float(np.degrees(np.arcsin(cosine))), 0.0))
         inside = seen.pixels[0]
         out += 2.0 * np.pi * weight * float(seen.stokes(here, 0)[:, 0] @ seen.cover.ravel()[inside])
     radius = 0.5 * MARGIN * 48
@@ -120,8 +120,8 @@ THIN = 1e-5  # so thin that light is scattered once: dipoles, without depolariza
 @pytest.mark.parametrize("azimuth", [0.0, 50.0, 200.0])
 def test_frames_of_sunlight_are_those_of_dipoles_in_space(azimuth: float) -> None:
     """Every pixel of a thin layer in the sun shows the same polarization, that of dipoles, without any frame."""
-    sky = sky_of("sun", [0.5], 35.0, 0.0)
-    seen = view(sky, camera=camera_at(20.0, azimuth))
+    sky = make_sky("sun", [0.5], 35.0, 0.0)
+    seen = view(sky, camera=place_camera(20.0, azimuth))
     found = seen.stokes(table(rayleigh_layer(1.0, THIN)), 0)
     unpolarized = 0.5 * (np.eye(3) - np.outer(sky.beam, sky.beam))
     scattered = stokes_of(dipoles(unpolarized, seen.camera.toward), seen.camera)
@@ -139,7 +139,7 @@ def sky_coherency(sky: Sky, travel: Array) -> Array:
     right = np.cross(travel, [0.0, 0.0, 1.0])  # r = l x k with l the polar unit vector, up to a common sign
     right /= np.linalg.norm(right)
     along = np.cross(travel, right)
-    above = rows((sky.theta,), (np.array([np.arccos(-travel[2])]),))
+    above = make_spline_matrix((sky.theta,), (np.array([np.arccos(-travel[2])]),))
     i, q, u, _ = sky.stokes(0, above, np.array([np.arctan2(travel[1], travel[0])]))[0]
     both = np.outer(along, right)
     return 0.5 * ((i + q) * np.outer(along, along) + (i - q) * np.outer(right, right) + u * (both + both.T))
@@ -147,9 +147,9 @@ def sky_coherency(sky: Sky, travel: Array) -> Array:
 
 def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
     """A thin layer under the polarized sky, three pixels, against a sum over the sky of dipoles in space."""
-    sky = sky_of("rayleigh", [0.45], 25.0, 0.0)
+    sky = make_sky("rayleigh", [0.45], 25.0, 0.0)
     sky = replace(sky, sun=np.zeros(1))
-    seen = view(sky, camera=camera_at(20.0, 130.0), resolution=replace(COARSE, around=32, along=20, across=16))
+    seen = view(sky, camera=place_camera(20.0, 130.0), resolution=replace(COARSE, around=32, along=20, across=16))
     found, normal = seen.stokes(table(rayleigh_layer(1.0, THIN), seen.resolution), 0), normals_of(seen)
     points, weights = np.polynomial.legendre.leggauss(20)
     theta, theta_weights = 0.25 * np.pi * (points + 1.0), 0.25 * np.pi * weights
@@ -175,17 +175,17 @@ def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
 def test_all_turned_about_the_vertical_is_the_same_picture() -> None:
     here = table(rayleigh_layer(0.9, 1.0))
     pictures = [
-        view(sky_of("rayleigh", [0.45], 25.0, 0.2, turned), camera=camera_at(20.0, 75.0 + turned)).stokes(here, 0)
+        view(make_sky("rayleigh", [0.45], 25.0, 0.2, turned), camera=place_camera(20.0, 75.0 + turned)).stokes(here, 0)
         for turned in (0.0, 123.0)
     ]
     np.testing.assert_allclose(*pictures, atol=1e-12)
 
 
 def test_mirrored_camera_sees_the_mirrored_picture() -> None:
-    here, sky = table(rayleigh_layer(0.9, 1.0)), sky_of("rayleigh", [0.45], 25.0, 0.2)
+    here, sky = table(rayleigh_layer(0.9, 1.0)), make_sky("rayleigh", [0.45], 25.0, 0.2)
     squares = []
     for azimuth in (60.0, -60.0):
-        seen = view(sky, camera=camera_at(20.0, azimuth))
+        seen = view(sky, camera=place_camera(20.0, azimuth))
         flat = np.zeros((seen.size**2, 4))
         flat[seen.pixels[0]] = seen.stokes(here, 0)
         squares.append(flat.reshape(seen.size, seen.size, 4))
@@ -196,8 +196,8 @@ def test_mirrored_camera_sees_the_mirrored_picture() -> None:
 
 def test_the_sky_is_polarized_as_molecules_do_it() -> None:
     """At right angles to the sun, across the plane of scattering."""
-    sky = sky_of("rayleigh", [0.55], 20.0, 0.1)
-    beyond_the_zenith = rows((sky.theta,), (np.radians([20.0]),))  # the sun is 70 degrees on this side
+    sky = make_sky("rayleigh", [0.55], 20.0, 0.1)
+    beyond_the_zenith = make_spline_matrix((sky.theta,), (np.radians([20.0]),))  # the sun is 70 degrees on this side
     stokes = sky.stokes(0, beyond_the_zenith, np.zeros(1))[0]
     assert 0.75 < -stokes[1] / stokes[0] < 0.95
     assert abs(stokes[2]) < 1e-9 * stokes[0]
@@ -205,37 +205,38 @@ def test_the_sky_is_polarized_as_molecules_do_it() -> None:
 
 def test_optical_thickness_of_the_atmosphere() -> None:
     for wavelength in (0.4, 0.55, 0.7):
-        expected = colour.science().phenomena.rayleigh_optical_depth(wavelength * 1e-4, latitude=45.0)
-        assert optical_thickness(wavelength) == pytest.approx(float(np.squeeze(expected)), rel=0.01)
+        expected = colour.import_colour_science().phenomena.rayleigh_optical_depth(wavelength * 1e-4, latitude=45.0)
+        assert compute_optical_thickness(wavelength) == pytest.approx(float(np.squeeze(expected)), rel=0.01)
 
 
 def test_colours_of_white_are_white() -> None:
-    chosen = colour.wavelengths(9)
-    weights = colour.weights(chosen)
+    chosen = colour.choose_wavelengths(9)
+    weights = colour.weigh_wavelengths(chosen)
     assert weights[1].sum() == pytest.approx(1.0)
     white = weights.sum(axis=1)
-    observer = colour.science().MSDS_CMFS[colour.OBSERVER]
-    lit = observer.values * colour.sunlight(observer.wavelengths * 1e-3)[:, None]
+    observer = colour.import_colour_science().MSDS_CMFS[colour.OBSERVER]
+    lit = observer.values * colour.load_sunlight_spectrum(observer.wavelengths * 1e-3)[:, None]
     np.testing.assert_allclose(white, lit.sum(axis=0) / lit[:, 1].sum(), rtol=1e-12)
-    film = colour.film(white)
+    film = colour.make_film(white)
     np.testing.assert_allclose(film(white), 1.0, atol=2e-3)
     np.testing.assert_allclose(film.linear(0.5 * white), 0.5, atol=1e-3)
-    np.testing.assert_allclose(colour.film(white, -1.0).linear(white), 0.5, atol=1e-3)
+    np.testing.assert_allclose(colour.make_film(white, -1.0).linear(white), 0.5, atol=1e-3)
 
 
 @pytest.mark.slow
 def test_colour_science_leaves_the_way_arrays_are_printed_alone() -> None:
     code = (
-        "import numpy; from vrte.render.colour import sunlight; sunlight(numpy.ones(1)); print(repr(numpy.float64(1)))"
+        "import numpy; from vrte.render.colour import load_sunlight_spectrum as load; "
+        "load(numpy.ones(1)); print(repr(numpy.float64(1)))"
     )
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert printed.stdout == "np.float64(1.0)\n"
 
 
 def test_nine_wavelengths_do_for_smooth_spectra() -> None:
-    few, many = (colour.wavelengths(count) for count in (9, 31))
+    few, many = (colour.choose_wavelengths(count) for count in (9, 31))
     smooth: Callable[[Array], Array] = lambda wavelength: 0.3 + 0.5 / (1.0 + np.exp((0.55 - wavelength) / 0.03))  # noqa: E731
-    xyz = [colour.weights(chosen) @ smooth(chosen) for chosen in (few, many)]
+    xyz = [colour.weigh_wavelengths(chosen) @ smooth(chosen) for chosen in (few, many)]
     np.testing.assert_allclose(xyz[0], xyz[1], rtol=5e-3)
 
 
@@ -243,11 +244,11 @@ def test_nine_wavelengths_do_for_smooth_spectra() -> None:
 def test_what_the_resolution_is_good_for() -> None:
     """Against twice as many of everything, as docs/render.md says; coarse gold at 0.4 um is a hard case."""
     gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
-    scene, sky = vrte.Scene([vrte.Layer.of(gold, thickness=np.inf)]), sky_of("rayleigh", [0.4], 40.0, 0.2)
+    scene, sky = vrte.Scene([vrte.Layer.of(gold, thickness=np.inf)]), make_sky("rayleigh", [0.4], 40.0, 0.2)
     pictures = []
     for chosen in (Resolution(), Resolution(56, 180, 96, 40, 28)):
         here = table(scene, chosen, nodes=None, accuracy=1e-4)
-        pictures.append(view(sky, 96, camera_at(10.0, 50.0), chosen).stokes(here, 0))
+        pictures.append(view(sky, 96, place_camera(10.0, 50.0), chosen).stokes(here, 0))
     gap = np.abs(pictures[0] - pictures[1]) / pictures[1][:, 0].max()
     assert gap.max() < 3e-3
     assert np.sqrt((gap**2).mean(axis=0)).max() < 3e-4
@@ -288,7 +289,9 @@ class Command:
 
 @pytest.fixture
 def render(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
-    monkeypatch.setattr(rendering, "rendered", partial(rendered, resolutions=[Resolution(12, 24, 16, 8, 6)]))
+    monkeypatch.setattr(
+        rendering, "compute_spheres", partial(compute_spheres, resolutions=[Resolution(12, 24, 16, 8, 6)])
+    )
     return Command(tmp_path, capsys)
 
 
@@ -337,14 +340,14 @@ def test_colour_only_is_transparent_around_the_spheres(render: Command) -> None:
 def test_a_brdf_between_its_directions(tmp_path: Path) -> None:
     materials, _ = read([write(tmp_path / "one.toml", PLAIN)])
     brdf = materials[0].brdf(0.5, COARSE.mu, COARSE.mu, COARSE.phi)
-    assert interpolation_error(materials[0], 0.5, table_of(brdf, COARSE)) < 1e-3
+    assert measure_interpolation_error(materials[0], 0.5, tabulate_brdf(brdf, COARSE)) < 1e-3
 
 
 def test_finer_where_needed(tmp_path: Path) -> None:
     peaked = "[[layer]]\nphase = { henyey_greenstein = 0.9 }\nalbedo = 0.9\nthickness = 1.0\n"
     materials, setting = read([write(tmp_path / "one.toml", peaked + SMALL)])
     coarse, fine = Resolution(8, 12, 8, 4, 4), Resolution(16, 24, 8, 4, 4)
-    errors = [rendered(materials, setting, resolutions=some)[0].error for some in ([coarse], [coarse, fine])]
+    errors = [compute_spheres(materials, setting, resolutions=some)[0].error for some in ([coarse], [coarse, fine])]
     assert errors[1] < errors[0]
 
 
@@ -406,11 +409,11 @@ def test_angles_have_the_colours_of_the_wheel() -> None:
     """Upright light is red, and so is what the legend shows above its middle; unpolarized light is grey."""
     swing = np.radians([0.0, 90.0, 180.0])
     stokes = np.stack([np.ones(3), np.cos(2.0 * swing), np.sin(2.0 * swing), np.zeros(3)], axis=-1)
-    found = angle_colours(stokes, np.ones(3))
+    found = colour_angles(stokes, np.ones(3))
     np.testing.assert_allclose(found[0], [1.0, 0.0, 0.0, 1.0], atol=0.05)
     np.testing.assert_allclose(found[1], [0.0, 1.0, 1.0, 1.0], atol=0.05)
     np.testing.assert_allclose(found[2], found[0], atol=0.05)
-    grey = angle_colours(np.array([[1.0, 0.0, 0.0, 0.5]]), np.ones(1))
+    grey = colour_angles(np.array([[1.0, 0.0, 0.0, 0.5]]), np.ones(1))
     np.testing.assert_allclose(grey, [[0.6, 0.6, 0.6, 1.0]])
 
 
@@ -418,4 +421,4 @@ def test_setting_has_its_defaults(tmp_path: Path) -> None:
     materials, setting = read([write(tmp_path / "white_paint.toml", PLAIN)])
     assert setting == Setting()
     assert materials[0].title == "white paint"
-    np.testing.assert_array_equal(materials[0].wavelengths_um, colour.wavelengths(9))
+    np.testing.assert_array_equal(materials[0].wavelengths_um, colour.choose_wavelengths(9))

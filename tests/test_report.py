@@ -9,7 +9,7 @@ import pytest
 
 import vrte
 from vrte.pictures import lobes
-from vrte.pictures.notebook import brdf_picture
+from vrte.pictures.notebook import draw_brdf
 from vrte.results.over_hemisphere import check_directions, stokes_over_hemisphere
 from vrte.results.quantities import of_stokes
 
@@ -33,7 +33,7 @@ def degree(mueller: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("place", [0, 1])
 def test_a_lobe_goes_through_directions_that_were_not_given(scene: vrte.Scene, brdf: vrte.Brdf, place: int) -> None:
-    lobe = lobes.lobe_of(brdf, place)
+    lobe = lobes.compute_lobe(brdf, place)
     theta, phi = np.arange(0, lobe.theta.size, 14), np.arange(0, lobe.phi.size, 42)
     cosines = np.cos(np.radians(lobe.theta[theta]))
     exact = vrte.brdf(scene, brdf.mu_i[place], cosines, lobe.phi[phi], nodes=8, threads=1).mueller[0]
@@ -43,7 +43,7 @@ def test_a_lobe_goes_through_directions_that_were_not_given(scene: vrte.Scene, b
 
 def test_bodies_and_cuts_end_where_the_directions_end(scene: vrte.Scene) -> None:
     few = vrte.brdf(scene, 0.6, np.linspace(0.5, 1.0, 8), np.arange(0, 361, 15), nodes=8, threads=1)
-    assert lobes.lobe_of(few, 0).theta[-1] == pytest.approx(60.0)
+    assert lobes.compute_lobe(few, 0).theta[-1] == pytest.approx(60.0)
     assert np.isnan(stokes_over_hemisphere(few, 0, np.array([59.9, 60.0, 60.1, 90.0]), np.array([7.0]))).all(
         axis=(1, 2)
     ).tolist() == [False, False, True, True]
@@ -55,7 +55,7 @@ def test_bodies_and_cuts_end_where_the_directions_end(scene: vrte.Scene) -> None
 
 
 def lobes_of_notebook(brdf: vrte.Brdf) -> list[Any]:
-    figure = brdf_picture(brdf)
+    figure = draw_brdf(brdf)
     assert figure is not None
     return list(figure.axes)
 
@@ -67,7 +67,7 @@ def test_the_mesh_of_a_lobe_is_fine_enough_for_zeros_of_the_polarization() -> No
     brdf = vrte.brdf(
         vrte.Scene([vrte.Layer.of(gold, 5.0)]), 0.6, np.linspace(0.05, 1.0, 40), np.arange(0, 181, 4), nodes=24
     )
-    lobe = lobes.lobe_of(brdf, 0)
+    lobe = lobes.compute_lobe(brdf, 0)
     half_way = 0.5 * (lobe.theta[1:] + lobe.theta[:-1])
     exact = of_stokes(stokes_over_hemisphere(brdf, 0, half_way, lobe.phi), "degree of linear polarization")
     gap = np.abs(0.5 * (lobe.polarized[1:] + lobe.polarized[:-1]) - exact).max()
@@ -79,7 +79,7 @@ def test_mirror_symmetry_gives_the_azimuths_left_out(brdf: vrte.Brdf, scene: vrt
     half = np.arange(0, 181, 15)
     phi = {"half a turn": half, "unsorted": np.roll(half, 5), "negative": -half}[order]
     partial = vrte.brdf(scene, 0.6, MU_O[::-1], phi, nodes=8, threads=1)
-    drawn, expected = lobes.lobe_of(partial, 0), lobes.lobe_of(brdf, 0)
+    drawn, expected = lobes.compute_lobe(partial, 0), lobes.compute_lobe(brdf, 0)
     np.testing.assert_allclose(drawn.radius, expected.radius, atol=1e-9)
     np.testing.assert_allclose(drawn.polarized, expected.polarized, atol=1e-9)
 
@@ -93,12 +93,12 @@ def test_too_few_directions(mu_o: list[float], phi: list[float]) -> None:
 
 
 def test_pictures_say_what_they_show(brdf: vrte.Brdf, scene: vrte.Scene) -> None:
-    figure = lobes.brdf_figure(brdf)
+    figure = lobes.draw_brdf(brdf)
     assert "Subsurface BRDF" in figure.get_suptitle()
     assert "0.6" in figure.axes[0].get_title()
     assert any("degree of linear polarization" in axes.get_ylabel() for axes in figure.axes)
     field = vrte.radiance(scene, 0.6, phi=[0, 90], tau=[0, 0.5], nodes=8, threads=1)
-    figure = lobes.field_figure(field)
+    figure = lobes.draw_field(field)
     assert "Subsurface radiance" in figure.get_suptitle()
     assert [axes.get_title() for axes in figure.axes[:2]] == [r"$\phi$ = 0°", r"$\phi$ = 90°"]
 

@@ -29,7 +29,7 @@ class Tallied(np.ndarray):  # type: ignore[type-arg]
     def __array_function__(self, function: Any, types: Any, arguments: Any, keywords: Any) -> Any:
         if function is np.linalg.solve:
             matrix, right = (np.asarray(item) for item in arguments)
-            TALLY[0] += matrix[..., 0, 0].size * operations.solved_for(matrix.shape[-1], right.shape[-1])
+            TALLY[0] += matrix[..., 0, 0].size * operations.count_solve(matrix.shape[-1], right.shape[-1])
         if function is np.linalg.inv:
             TALLY[0] += 2.0 * float(arguments[0].shape[-1]) ** 3
         if function is np.einsum:
@@ -59,8 +59,8 @@ def seen(operator: operators.Operator) -> operators.Operator:
 @pytest.fixture
 def tally(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """What is added up from now on, of all that comes from what layers scatter, and from weights of steps."""
-    scattered, weights = on_nodes.OnNodes.scattered, imbedding.step_weights
-    modes_of, extended = matrix_operator.modes_of, matrix_operator.extended
+    scattered, weights = on_nodes.OnNodes.scattered, imbedding.compute_step_weights
+    modes_of, extended = matrix_operator.find_modes, matrix_operator.extend_matrix
 
     def watched(self: on_nodes.OnNodes, order: int, layer: int) -> on_nodes.Scattered:
         return on_nodes.Scattered(*(matrix.view(Tallied) for matrix in scattered(self, order, layer)))
@@ -74,11 +74,11 @@ def tally(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         TALLY[0] += (operations.EIGENVECTORS + 16.0) * modes.lam.size**3  # with an inverse and a product to check it
         return replace(modes, right=modes.right.view(Tallied), left=modes.left.view(Tallied))
 
-    monkeypatch.setattr(matrix_operator, "modes_of", eigenvectors)
-    monkeypatch.setattr(matrix_operator, "extended", lambda *given: seen(extended(*given)))
+    monkeypatch.setattr(matrix_operator, "find_modes", eigenvectors)
+    monkeypatch.setattr(matrix_operator, "extend_matrix", lambda *given: seen(extended(*given)))
     monkeypatch.setattr(on_nodes.OnNodes, "scattered", watched)
-    monkeypatch.setattr(imbedding, "step_weights", weighed)
-    for name in ("downward", "upward"):
+    monkeypatch.setattr(imbedding, "compute_step_weights", weighed)
+    for name in ("weigh_downward", "weigh_upward"):
         plain = getattr(successive_orders, name)
         monkeypatch.setattr(successive_orders, name, lambda *given, plain=plain: plain(*given).view(Tallied))
     TALLY[0] = 0.0
@@ -102,19 +102,21 @@ def tally(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     ],
 )
 def test_what_is_counted_is_what_is_done(tally: list[float], method: str, scene: str) -> None:
-    case = TWO if scene == "two layers" else scenes.case(scene)
-    field = reference.ask(case, method=method, nodes=6, threads=1)
+    case = TWO if scene == "two layers" else scenes.find_case(scene)
+    field = reference.solve_case(case, method=method, nodes=6, threads=1)
     done = tally[0]
-    found = operations.operations(case, method, {"nodes": 6}, field)
+    found = operations.count_operations(case, method, {"nodes": 6}, field)
     # doublings of a layer without end are the most that any order took
     assert 0.98 * done < found < (1.2 if "without end" in scene else 1.02) * done
 
 
 def test_the_exact_method_has_its_plan_and_closed_forms_nothing() -> None:
-    case = scenes.case("Rayleigh, small")
-    found = operations.operations(case, "discrete-ordinates", {"nodes": 6}, reference.ask(case, nodes=6))
+    case = scenes.find_case("Rayleigh, small")
+    found = operations.count_operations(case, "discrete-ordinates", {"nodes": 6}, reference.solve_case(case, nodes=6))
     arguments = case.scene, case.mu0, case.stokes, case.signed_mu, scenes.PHI, case.tau
     assert found == vrte.plan("radiance", *arguments, nodes=6).as_dict()["operations"] > 0.0
     parts = {"parts": {"unpolarized": {"operations": 1.0}, "polarized": {"operations": 2.0}}}
-    assert operations.planned(parts) == 3.0
-    assert np.isnan(operations.operations(case, "small-angle", {}, reference.ask(case, method="small-angle")))
+    assert operations.count_planned_operations(parts) == 3.0
+    assert np.isnan(
+        operations.count_operations(case, "small-angle", {}, reference.solve_case(case, method="small-angle"))
+    )

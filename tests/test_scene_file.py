@@ -13,9 +13,9 @@ import pytest
 import vrte
 from vrte.basics.errors import Place
 from vrte.formats.particle_sources import SOURCES
-from vrte.formats.scene_file import SceneFile, read_scene, scene_of
-from vrte.formats.toml_table import dotted
-from vrte.optics.phase_matrix import henyey_greenstein_terms
+from vrte.formats.scene_file import SceneFile, make_scene_file, read_scene
+from vrte.formats.toml_table import show_place
+from vrte.optics.phase_matrix import count_henyey_greenstein_terms
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "gold_powder.toml"
 SCENE = """
@@ -150,7 +150,7 @@ def test_a_layer_is_the_one_made_by_hand(
 
 def same(text: str, other: str) -> None:
     """Two scene files that say the same."""
-    one, two = (scene_of(tomllib.loads(given)) for given in (text, other))
+    one, two = (make_scene_file(tomllib.loads(given)) for given in (text, other))
     assert one.request.keys() == two.request.keys()
     for name, values in one.request.items():
         np.testing.assert_allclose(values, two.request[name], rtol=1e-14)
@@ -198,7 +198,7 @@ def test_mixtures_by_volume() -> None:
     by_number = by_number.replace("thickness = 2.0", "thickness_um = 5.0\nvolume_fraction = 0.05")
     same(by_volume, by_number)
     optical = by_volume.replace("thickness_um = 5.0", "thickness = 3.0")
-    assert scene_of(tomllib.loads(optical)).scene.thickness == 3.0  # their ratios alone
+    assert make_scene_file(tomllib.loads(optical)).scene.thickness == 3.0  # their ratios alone
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_henyey_greenstein_gets_all_the_terms_that_count(read: Reader, g: float)
     exact = (1 - g * g) / (1 + g * g - 2 * g * np.cos(np.radians(angle))) ** 1.5
     found = matrix.scattering_matrix(angle)[:, 0, 0]
     np.testing.assert_allclose(found, exact, rtol=1e-9, atol=2e-12)
-    assert henyey_greenstein_terms(g) == matrix.terms
+    assert count_henyey_greenstein_terms(g) == matrix.terms
 
 
 def test_a_table_of_coefficients_lies_beside_the_scene(read: Reader, tmp_path: Path) -> None:
@@ -383,7 +383,7 @@ def test_a_mistake_is_named(read: Reader, old: str, new: str, complaint: str) ->
         read(SCENE, (old, new), kind="field" if "stokes" in new else "brdf" if "[field]" in new else None)
     assert complaint in str(caught.value)
     assert "\n" not in str(caught.value)
-    assert str(caught.value).startswith(dotted(caught.value.place))
+    assert str(caught.value).startswith(show_place(caught.value.place))
 
 
 @pytest.mark.parametrize(
@@ -418,7 +418,7 @@ def test_a_request_is_complained_about_by_the_keys_of_the_file(
     read: Reader, asked: dict[str, Any], place: Place
 ) -> None:
     file = read(SCENE)
-    with pytest.raises(vrte.SceneError, match=rf"^{dotted(place)} must ") as caught, file.located():
+    with pytest.raises(vrte.SceneError, match=rf"^{show_place(place)} must ") as caught, file.located():
         vrte.brdf(file.scene, **file.keywords(asked))
     assert caught.value.place == place
 
@@ -443,13 +443,13 @@ def test_every_source_of_particles_fills_a_layer(name: str) -> None:
     """By its example: named or, for spheres, not, in a scene that loses no energy; other keys are refused by name."""
     kind = {"source": name, **SOURCES[name].example}
     rest = {"wavelength_um": 0.5, "nodes": 8, "layer": [{"particles": "one", "thickness": 0.5}], "field": {"mu0": 0.6}}
-    found = scene_of({**rest, "particles": {"one": kind}})
+    found = make_scene_file({**rest, "particles": {"one": kind}})
     (layer,) = found.scene.layers
     assert layer.albedo == found.particles["one"].albedo
     field = vrte.radiance(found.scene, 0.6, tau=[0.0, 0.5], nodes=8)
     net = field.flux_down + field.direct - field.flux_up
     assert layer.albedo < 1.0 or abs(net[1] - net[0]) < 1e-12
     with pytest.raises(vrte.SceneError, match=r"particles\.one\.colour = 1: unknown key.* source, "):
-        scene_of({**rest, "particles": {"one": {**kind, "colour": 1}}})
+        make_scene_file({**rest, "particles": {"one": {**kind, "colour": 1}}})
     with pytest.raises(vrte.SceneError, match=r"particles\.one\.source = \"dust\": must be 'spheres'"):
-        scene_of({**rest, "particles": {"one": {**kind, "source": "dust"}}})
+        make_scene_file({**rest, "particles": {"one": {**kind, "source": "dust"}}})

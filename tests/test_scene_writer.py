@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import vrte
-from vrte.formats.scene_file import read_content, scene_of
-from vrte.formats.scene_writer import toml_text
+from vrte.formats.scene_file import make_scene_file, read_content
+from vrte.formats.scene_writer import write_toml
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 VALUE = st.recursive(
@@ -24,7 +24,7 @@ VALUE = st.recursive(
 @settings(max_examples=60)
 @given(st.dictionaries(st.one_of(TEXT, st.sampled_from(["particles", "layer", "brdf"])), VALUE, max_size=6))
 def test_any_content_reads_back(content: dict[str, object]) -> None:
-    found = tomllib.loads(toml_text(content))
+    found = tomllib.loads(write_toml(content))
     assert found == content
     assert json.dumps(found, sort_keys=True) == json.dumps(content, sort_keys=True)  # 1, 1.0 and true are not the same
 
@@ -32,14 +32,14 @@ def test_any_content_reads_back(content: dict[str, object]) -> None:
 def test_every_example_reads_back(tmp_path: Path) -> None:
     for path in (Path(__file__).parents[1] / "examples").glob("*.toml"):
         content = read_content(path)
-        (tmp_path / path.name).write_text(toml_text(content), encoding="utf-8")
+        (tmp_path / path.name).write_text(write_toml(content), encoding="utf-8")
         assert read_content(tmp_path / path.name) == content
 
 
 def test_the_numbers_that_need_care() -> None:
     content = {"a": [math.inf, -math.inf, 1e16, 1e-7, -0.0, 10**300], "b": 'q"\\\n\t\x00\x7f\x9f\u2028'}
-    assert tomllib.loads(toml_text(content)) == content
-    assert math.isnan(tomllib.loads(toml_text({"a": math.nan}))["a"])
+    assert tomllib.loads(write_toml(content)) == content
+    assert math.isnan(tomllib.loads(write_toml({"a": math.nan}))["a"])
 
 
 def test_particles_have_headings_of_their_own() -> None:
@@ -49,17 +49,17 @@ def test_particles_have_headings_of_their_own() -> None:
         "layer": [{"particles": "fool's gold", "thickness": 1.0}],
         "brdf": {"mu_i": {"start": 0.5, "stop": 1.0, "count": 2}, "mu_o": 0.5},
     }
-    text = toml_text(content)
+    text = write_toml(content)
     assert '[particles."fool\'s gold"]' in text
     assert "[[layer]]" in text
     assert "mu_i = { start = 0.5, stop = 1.0, count = 2 }" in text
-    assert scene_of(tomllib.loads(text)).scene.thickness == 1.0
+    assert make_scene_file(tomllib.loads(text)).scene.thickness == 1.0
 
 
 @pytest.mark.parametrize("value", ["\ud800", None, b"x", 10**4000])
 def test_what_no_scene_holds_is_refused(value: object) -> None:
     with pytest.raises(vrte.SceneError, match="cannot be written"):
-        toml_text({"a": value})
+        write_toml({"a": value})
 
 
 def test_too_deep_is_refused() -> None:
@@ -67,4 +67,4 @@ def test_too_deep_is_refused() -> None:
     for _ in range(100):
         value = [value]
     with pytest.raises(vrte.SceneError, match="too deeply"):
-        toml_text({"a": value})
+        write_toml({"a": value})

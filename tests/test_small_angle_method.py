@@ -5,10 +5,10 @@ import pytest
 from scipy.linalg import expm
 
 import vrte
-from vrte.basics.spherical_functions import gauss_legendre
-from vrte.methods.parts.task import discrete
-from vrte.methods.small_angle import expansions
-from vrte.request.request import radiance_request
+from vrte.basics.spherical_functions import find_gauss_legendre
+from vrte.methods.parts.task import discretise_request
+from vrte.methods.small_angle import expand_diffuse_part
+from vrte.request.request import make_radiance_request
 
 from .oracle import a_matrix, azimuthal_sum
 
@@ -22,8 +22,8 @@ MATRIX = vrte.PhaseMatrix(  # all six differ from zero
 
 def tables_of(layers, tau):
     """The expansion about the beam, (n_tau, terms, 6)."""
-    request = radiance_request(vrte.Scene(layers), MU0, mu=-0.5, tau=tau, nodes=8, method="small-angle")
-    return expansions(request.scene, discrete(request))[:, 0]
+    request = make_radiance_request(vrte.Scene(layers), MU0, mu=-0.5, tau=tau, nodes=8, method="small-angle")
+    return expand_diffuse_part(request.scene, discretise_request(request))[:, 0]
 
 
 @pytest.mark.parametrize("albedo", [1.0, 0.7])
@@ -35,7 +35,7 @@ def test_moments(albedo):
     x_k = HG.a1 / (2.0 * k + 1.0)
     expected = np.exp(-tau[:, None] / MU0) * np.expm1(albedo * x_k * tau[:, None] / MU0)
     np.testing.assert_allclose(tables[..., 0] / (2.0 * k + 1.0), expected, rtol=1e-12)
-    cosine, weights = gauss_legendre(20)
+    cosine, weights = find_gauss_legendre(20)
     field = np.polynomial.legendre.legval(cosine, tables[3, :, 0]) / (4.0 * np.pi)
     moments = [2.0 * np.pi * weights @ (field * np.polynomial.legendre.legval(cosine, np.eye(16)[n])) for n in k]
     np.testing.assert_allclose(moments, expected[3], atol=1e-14)
@@ -63,7 +63,7 @@ def test_is_the_sum_over_orders(layers):
 def test_flux_and_note():
     """The flux down is that of the radiance; up there is nothing, and it says so."""
     scene = vrte.Scene([vrte.Layer(HG, 0.9, 2.0)])
-    x, w = gauss_legendre(40)
+    x, w = find_gauss_legendre(40)
     mu, w = 0.5 * (x + 1.0), 0.5 * w
     phi = np.arange(0.0, 360.0, 10.0)
     field = vrte.radiance(scene, MU0, mu=-mu, phi=phi, tau=[0.5, 2.0], method="small-angle")

@@ -10,17 +10,17 @@ import pytest
 import vrte
 from tests import exact
 from vrte import _core
-from vrte.basics.blas import blas_libraries, single_threaded
+from vrte.basics.blas import find_blas_libraries, keep_to_one_thread
 from vrte.basics.cost import BRIEF, BRIEF_ALONE
-from vrte.basics.running import Run, new_run
-from vrte.discrete_ordinates.orders.discretise import discretise
-from vrte.discrete_ordinates.orders.homogeneous import homogeneous
-from vrte.discrete_ordinates.orders.particular import particular
+from vrte.basics.running import Run, start_run
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
+from vrte.discrete_ordinates.orders.homogeneous import find_modes
+from vrte.discrete_ordinates.orders.particular import find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.single_scattering import paths_in_layers
-from vrte.discrete_ordinates.planning.blocks import node_counts
-from vrte.request.request import operations_of, radiance_request
+from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
+from vrte.discrete_ordinates.planning.blocks import choose_node_counts
+from vrte.request.request import estimate_operations, make_radiance_request
 
 SCALAR = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 16), 0.9, 1.0)])
 POLAR = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.Lambertian(0.2))
@@ -28,7 +28,7 @@ LARGE = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.9, 400), 0.9, 1.0)])
 
 
 def operations(scene: vrte.Scene, nodes: int | None, mu: Any = 0.5, algorithm: str = "auto") -> float:
-    return operations_of(radiance_request(scene, 0.6, mu=mu, nodes=nodes, algorithm=algorithm))
+    return estimate_operations(make_radiance_request(scene, 0.6, mu=mu, nodes=nodes, algorithm=algorithm))
 
 
 def test_what_is_brief() -> None:
@@ -39,9 +39,9 @@ def test_what_is_brief() -> None:
     assert operations(SCALAR, None) == operations(SCALAR, 8, mu=None) == np.inf
     based = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)], vrte.MuellerBase(lambda i, o, phi: np.eye(4) / np.pi))
     assert operations(based, 4) == np.inf
-    assert new_run(3, BRIEF / 2).threads == 1
-    assert (new_run(3, BRIEF * 2).threads, new_run(3, BRIEF * 2).brief) == (3, False)
-    assert new_run(1, BRIEF * 2).brief
+    assert start_run(3, BRIEF / 2).threads == 1
+    assert (start_run(3, BRIEF * 2).threads, start_run(3, BRIEF * 2).brief) == (3, False)
+    assert start_run(1, BRIEF * 2).brief
 
 
 @pytest.mark.parametrize("scene", [SCALAR, POLAR])
@@ -60,7 +60,7 @@ def test_a_brief_call_starts_no_thread(scene: vrte.Scene, monkeypatch: pytest.Mo
 def problem_of(stokes: tuple[int, ...], nodes: int) -> Problem:
     """Of the Stokes parameters that Rayleigh scattering keeps together."""
     columns = np.eye(4)[:1]
-    whole = discretise(POLAR, np.array([0.6]), columns, np.array([0.5]), np.zeros(1), nodes)
+    whole = discretise_scene(POLAR, np.array([0.6]), columns, np.array([0.5]), np.zeros(1), nodes)
     return replace(whole, stokes=stokes, columns=np.ascontiguousarray(columns[:, stokes]))
 
 
@@ -72,8 +72,8 @@ def test_symmetric_modes_invert_themselves(nodes: int) -> None:
     matrices = assemble(problem, orders, run)
     fields = []
     for quick in (True, False):
-        modes = homogeneous(problem, orders, matrices, run, quick)
-        beam = particular(problem, matrices, modes, run)
+        modes = find_modes(problem, orders, matrices, run, quick)
+        beam = find_beam_field(problem, matrices, modes, run)
         fields.append(np.stack([np.einsum("olrj,olji->olri", c, modes.X) for c in (beam.c, beam.zeta)]))
         if quick:
             paired = modes.X_pivots[..., 0] == -1
@@ -88,8 +88,8 @@ def test_symmetric_modes_invert_themselves(nodes: int) -> None:
 def test_path_integrals_by_quadrature() -> None:
     layers = [vrte.Layer(vrte.isotropic(), 0.9, thickness) for thickness in (0.3, 1.2, 0.5)]
     mu, mu0, tau = np.array([0.3, -0.7, -0.4]), np.array([0.4, 0.8]), np.array([0.0, 0.9, 1.5, 2.0])
-    problem = discretise(vrte.Scene(layers), mu0, np.eye(4)[:1], mu, tau, 4)
-    found = paths_in_layers(problem, np.arange(4, dtype=np.int32), mu)
+    problem = discretise_scene(vrte.Scene(layers), mu0, np.eye(4)[:1], mu, tau, 4)
+    found = integrate_paths(problem, np.arange(4, dtype=np.int32), mu)
     x, weights = np.polynomial.legendre.leggauss(60)
     for k, (top, thickness) in enumerate(zip(problem.above, problem.thickness, strict=True)):
         for t, depth in enumerate(tau):
@@ -105,16 +105,16 @@ def test_nodes_seen_and_their_counts() -> None:
     effect = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 0.1, 0.01], [1.0, 0.0, 0.0, 0.0]])
     seen = _core.nodes_seen(strength=np.array([0.5, 0.0, 0.0]), effect=effect, allowed=0.02, largest_gain=1e4)
     assert seen.tolist() == [4, 3, 1]
-    assert node_counts(4, seen, 1) == [4, 4, 4]  # another block takes longer than all of them
+    assert choose_node_counts(4, seen, 1) == [4, 4, 4]  # another block takes longer than all of them
     wide = np.repeat(np.array([100, 70, 30], np.int32), 9)
-    assert node_counts(100, wide, 4) == 9 * [100] + 10 * [70] + 8 * [30]  # in pairs from order 1 on
-    assert node_counts(100, wide[:10], 1) == 9 * [100] + [70]
+    assert choose_node_counts(100, wide, 4) == 9 * [100] + 10 * [70] + 8 * [30]  # in pairs from order 1 on
+    assert choose_node_counts(100, wide[:10], 1) == 9 * [100] + [70]
 
 
 def test_blas_gets_its_threads_back() -> None:
-    libraries = blas_libraries()
+    libraries = find_blas_libraries()
     before = [library.get_num_threads() for library in libraries]
-    with single_threaded(), single_threaded():
+    with keep_to_one_thread(), keep_to_one_thread():
         assert {library.get_num_threads() for library in libraries} == {1}
     assert [library.get_num_threads() for library in libraries] == before
 

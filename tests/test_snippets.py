@@ -13,7 +13,7 @@ import pytest
 from vrte import cli
 from vrte.formats.scene_file import read_content, read_scene
 from vrte.render.setting import read as read_setting
-from vrte.sweep.template import sweep_of
+from vrte.sweep.template import read_sweep
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -95,7 +95,7 @@ def test_the_scene_files_of_a_page_are_read(page: Path, tmp_path: Path) -> None:
         path.write_text(code)
         content = read_content(path)
         if "axes" in content:
-            assert sweep_of(path).count > 1
+            assert read_sweep(path).count > 1
             continue
         if "render" in content:
             read_setting([path])
@@ -107,7 +107,7 @@ def test_the_scene_files_of_a_page_are_read(page: Path, tmp_path: Path) -> None:
 def test_the_commands_of_a_page_have_these_options(page: Path) -> None:
     for line in commands(page):
         words = [word for word in shlex.split(line, comments=True)[1:] if word != "..."]
-        options = cli._parser().parse_args([word.replace("[", "").replace("]", "") for word in words])
+        options = cli._make_parser().parse_args([word.replace("[", "").replace("]", "") for word in words])
         for word in words:
             if word.startswith(("examples/", "vrte/")):
                 assert (ROOT / word).is_file(), line

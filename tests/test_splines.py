@@ -9,10 +9,10 @@ import pytest
 import vrte
 from vrte.basics.arrays import Array
 from vrte.formats.between_directions import Splines, directions
-from vrte.formats.measured_polarized import direction
-from vrte.render.spheres import Resolution, table_of
+from vrte.formats.measured_polarized import make_unit_vectors
+from vrte.render.spheres import Resolution, tabulate_brdf
 from vrte.results.over_hemisphere import stokes_over_hemisphere
-from vrte.results.splines import around, repeated, weights
+from vrte.results.splines import compute_weights, extend_azimuths, repeat_grid
 
 LIGHT = np.array([1.0, 0.3, -0.4, 0.5])
 
@@ -64,7 +64,9 @@ def test_tables_for_mitsuba(scene: vrte.Scene, count: tuple[int, int], lowest: f
     mu_i, mu_o, phi, exact = exact_pairs(scene, lowest, 3)
     heading = np.random.default_rng(4).uniform(-np.pi, np.pi, phi.size)  # of the light as it travels
     spline = Splines(solved(scene, **directions(*count)))
-    off = np.abs(spline(direction(mu_i, heading + np.pi), direction(mu_o, heading + phi)) - exact).max(axis=(1, 2))
+    off = np.abs(spline(make_unit_vectors(mu_i, heading + np.pi), make_unit_vectors(mu_o, heading + phi)) - exact).max(
+        axis=(1, 2)
+    )
     assert (off / exact[:, 0, 0]).max() < largest
 
 
@@ -73,7 +75,7 @@ def test_tables_for_mitsuba(scene: vrte.Scene, count: tuple[int, int], lowest: f
 )
 def test_tables_of_the_renderer(scene: vrte.Scene, resolution: Resolution, largest: float) -> None:
     mu_i, mu_o, phi, exact = exact_pairs(scene, 0.02, 5)
-    table = table_of(solved(scene, resolution.mu, resolution.mu, resolution.phi), resolution)
+    table = tabulate_brdf(solved(scene, resolution.mu, resolution.mu, resolution.phi), resolution)
     off = np.abs(table.mueller(mu_i, mu_o, phi) - exact).max(axis=(1, 2))
     assert (off / exact[:, 0, 0]).max() < largest
 
@@ -100,21 +102,21 @@ def test_tables_of_sweeps(scene: vrte.Scene) -> None:
 def test_azimuths_go_on_for_ever(count: int) -> None:
     """A period's spline is that of many periods, however few points it has."""
     phi = 360.0 * np.sort(np.random.default_rng(count).uniform(size=count))
-    grid, places = repeated(phi, 360.0)
+    grid, places = repeat_grid(phi, 360.0)
     assert (grid[0], grid[-1]) < (0.0, 720.0)
     values = np.sin(np.radians(phi))
     at = np.linspace(0.0, 360.0, 19)
-    found = weights(grid, at) @ values[places]
+    found = compute_weights(grid, at) @ values[places]
     many = np.concatenate([phi + 360.0 * turn for turn in range(-40, 41)])
-    np.testing.assert_allclose(found, weights(many, at) @ np.tile(values, 81), atol=1e-8)
+    np.testing.assert_allclose(found, compute_weights(many, at) @ np.tile(values, 81), atol=1e-8)
 
 
 def test_missing_azimuths_are_mirror_images(scene: vrte.Scene) -> None:
     half, full = (solved(scene, 0.6, [0.5, 1.0], np.arange(0, most, 30)) for most in (181, 360))
-    grid, matrices = around(half.phi, half.mueller)
-    whole, everything = around(full.phi, full.mueller)
+    grid, matrices = extend_azimuths(half.phi, half.mueller)
+    whole, everything = extend_azimuths(full.phi, full.mueller)
     np.testing.assert_array_equal(grid, whole)
     np.testing.assert_allclose(matrices, everything, atol=1e-13)
-    some, _ = around(half.phi, half.mueller, 0.0, 180.0)
+    some, _ = extend_azimuths(half.phi, half.mueller, 0.0, 180.0)
     assert some[0] == grid[0]
     assert some[-1] == 180.0 + 16 * 30.0

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.studies.cases import Slab, mueller_lobe, phase_matrix
+from vrte.studies.cases import Slab, evaluate_mueller_lobe, find_phase_matrix
 from vrte.studies.records import Records
 from vrte.studies.stability import cases, checks, corners, oracle, run, solving
 from vrte.studies.stability.cases import AXES, LAYERINGS, Case
-from vrte.studies.stability.covering import covering_array, uncovered
+from vrte.studies.stability.covering import find_uncovered_cells, make_covering_array
 from vrte.studies.stability.table import CASE_COLUMNS, COLUMNS
 
 from .conftest import call, rows_of
@@ -27,23 +27,23 @@ PATTERN = "thickness 0*"  # three cases
 
 def checked(case: Case, **options: Any) -> dict[str, checks.Check]:
     """The checks of a case by name."""
-    return {check.name: check for check in checks.examine(case, "none", solving.Options(**options)).checks}
+    return {check.name: check for check in checks.examine_case(case, "none", solving.Options(**options)).checks}
 
 
 def test_the_covering_array_covers_every_pair_of_values() -> None:
-    rows = cases.covering_rows()
+    rows = cases.make_covering_rows()
     sizes = [len(values) for values in AXES.values()]
-    assert not uncovered(rows, sizes, 2)
+    assert not find_uncovered_cells(rows, sizes, 2)
     assert len(rows) == len(set(rows)) == cases.SCENES
-    assert len(uncovered(rows, sizes, 3)) < 0.45 * len(uncovered([], sizes, 3))
+    assert len(find_uncovered_cells(rows, sizes, 3)) < 0.45 * len(find_uncovered_cells([], sizes, 3))
 
 
 @pytest.mark.parametrize("sizes", [[2, 2], [3, 1, 4], [5, 4, 3, 2]])
 def test_covering_arrays_of_other_sizes(sizes: list[int]) -> None:
     most = math.prod(sizes)
-    rows = covering_array(sizes, rows=most, seed=3)
-    assert not uncovered(rows, sizes, 2)
-    assert rows == covering_array(sizes, rows=most, seed=3)
+    rows = make_covering_array(sizes, rows=most, seed=3)
+    assert not find_uncovered_cells(rows, sizes, 2)
+    assert rows == make_covering_array(sizes, rows=most, seed=3)
     assert len(set(rows)) == len(rows) <= most
 
 
@@ -51,25 +51,25 @@ def test_unwanted_rows_only_where_a_pair_needs_them() -> None:
     def unwanted(row: tuple[int, ...]) -> bool:
         return row[:2] == (0, 0)
 
-    rows = covering_array([3, 3, 3, 3], rows=40, seed=5, unwanted=unwanted)
-    pairs_alone = covering_array([3, 3, 3, 3], rows=0, seed=5, unwanted=unwanted)
+    rows = make_covering_array([3, 3, 3, 3], rows=40, seed=5, unwanted=unwanted)
+    pairs_alone = make_covering_array([3, 3, 3, 3], rows=0, seed=5, unwanted=unwanted)
     assert not any(unwanted(row) for row in rows[len(pairs_alone) :])
 
 
 def test_cases_are_as_many_and_as_named_as_promised() -> None:
-    every = corners.all_cases()
+    every = corners.list_all_cases()
     assert len(corners.CORNERS) >= 40
     assert len({case.name for case in every}) == len(every) >= 340
     assert not [case.name for case in every if "/" in case.name]  # the oracle's table has it between its keys
     assert all(case.reason for case in corners.CORNERS)
-    assert 40 <= len(corners.quick_cases()) <= 60
+    assert 40 <= len(corners.choose_quick_cases()) <= 60
     assert {slab.phase for case in every for slab in case.slabs} == set(AXES["phase"])
 
 
 @pytest.mark.parametrize("layering", LAYERINGS)
 @pytest.mark.parametrize("thickness", [1e-10, 4.0, math.inf])
 def test_layers_are_stacked_as_they_are_called(layering: str, thickness: float) -> None:
-    slabs, main = cases.stack("haze-L", 1.0, thickness, layering)
+    slabs, main = cases.arrange_slabs("haze-L", 1.0, thickness, layering)
     assert len(slabs) == {"one": 1, "two": 2, "hundred": 100}.get(layering, 3)
     assert slabs[main].phase == "haze-L"
     assert [math.isinf(slab.thickness) for slab in slabs] == [False] * (len(slabs) - 1) + [math.isinf(thickness)]
@@ -78,7 +78,7 @@ def test_layers_are_stacked_as_they_are_called(layering: str, thickness: float) 
 
 
 def test_levels_are_depths_from_top_to_bottom() -> None:
-    for case in corners.all_cases():
+    for case in corners.list_all_cases():
         tau = case.tau
         assert tau[0] == 0.0
         assert (np.diff(tau) >= 0.0).all(), case.name
@@ -100,33 +100,33 @@ def test_cosines_are_what_they_are_called() -> None:
 def test_an_eigenvalue_is_one() -> None:
     """At mu0 = 1/k the textbook's particular solution is singular: its matrix loses rank."""
     from vrte import _core
-    from vrte.basics.quadrature import double_gauss
+    from vrte.basics.quadrature import make_double_gauss
 
     slab, nodes = Slab("glass-x1", 0.9, 1.0), 6
-    mu, weights = double_gauss(nodes)
+    mu, weights = make_double_gauss(nodes)
     signed = np.concatenate([mu, -mu])
-    table = phase_matrix(slab.phase).coefficients[: 2 * nodes]
+    table = find_phase_matrix(slab.phase).coefficients[: 2 * nodes]
     kernel = _core.phase_matrices(0, table, signed, signed).transpose(0, 2, 1, 3).reshape(48, 48)
     both = np.repeat(np.tile(weights, 2), 4)
     generator = (0.5 * slab.albedo * kernel * both - np.eye(48)) / np.repeat(signed, 4)[:, None]
-    decay = 1.0 / cases.eigen_cosine(slab, nodes)
+    decay = 1.0 / cases.find_eigen_cosine(slab, nodes)
     values = np.linalg.svd(generator + decay * np.eye(48), compute_uv=False)
     assert values[-1] < 1e-12 * values[0]
 
 
 def test_the_lobe_is_a_base() -> None:
-    base = vrte.MuellerBase(mueller_lobe)
-    assert pickle.loads(pickle.dumps(base)).function is mueller_lobe
+    base = vrte.MuellerBase(evaluate_mueller_lobe)
+    assert pickle.loads(pickle.dumps(base)).function is evaluate_mueller_lobe
     layer = vrte.Layer(vrte.isotropic(), 0.0, 0.0)
     f = vrte.brdf(vrte.Scene([layer], base), [0.3, 1.0], [0.3, 1.0], [0.0, 20.0], nodes=40)
     assert 0.2 < f.reflectance[1] < 0.3
-    assert checks.unphysical_matrix(f.mueller) < 1e-12
-    assert checks.reciprocity(f) < 1e-12
+    assert checks.measure_unphysical_matrix(f.mueller) < 1e-12
+    assert checks.measure_reciprocity_gap(f) < 1e-12
 
 
 def test_haze_l_is_the_published_one() -> None:
     """Garcia and Siewert (1986): a1[1] = 2.41260 and a1[2] = 3.23047, for water spheres of this distribution."""
-    assert phase_matrix("haze-L").a1[1:3] == pytest.approx([2.41260, 3.23047], abs=2e-5)
+    assert find_phase_matrix("haze-L").a1[1:3] == pytest.approx([2.41260, 3.23047], abs=2e-5)
 
 
 def test_orders_are_those_that_went_in() -> None:
@@ -140,7 +140,7 @@ def test_orders_are_those_that_went_in() -> None:
         c, s = (np.array([w(m * phi)] * 2).T for w in (np.cos, np.sin))
         scale = 1.0 if m == 0 else 2.0
         stokes += scale * (first[:, :, None] * np.hstack([c, s]) + second[:, :, None] * np.hstack([-s, c]))
-    found = checks.fourier_orders(SMALL, stokes, (0, 1, 3))
+    found = checks.compute_fourier_orders(SMALL, stokes, (0, 1, 3))
     for m, values in found.items():
         np.testing.assert_allclose(values, parts[m], atol=1e-14)
 
@@ -204,17 +204,17 @@ def test_a_scene_that_is_refused_or_warns_falls_short(monkeypatch: pytest.Monkey
 
     solve = solving.solve_field
     monkeypatch.setattr(checks, "solve_field", refuse)
-    assert run.record_of(SMALL, {}, solving.Options()).shortfalls == ["refused: no"]
+    assert run.record_case(SMALL, {}, solving.Options()).shortfalls == ["refused: no"]
     monkeypatch.setattr(checks, "solve_field", warn)
-    (short,) = run.record_of(SMALL, {}, solving.Options()).shortfalls
+    (short,) = run.record_case(SMALL, {}, solving.Options()).shortfalls
     assert "divide by zero" in short
 
 
 def oracle_table(case: Case) -> dict[str, np.ndarray]:
     """As the ball-arithmetic oracle stores it, from the solver itself."""
-    field = solving.solve_field(case, case.scene, solving.azimuths(case), "modes", None)
+    field = solving.solve_field(case, case.scene, solving.make_azimuths(case), "modes", None)
     table = {f"{case.name}/hash": np.array(case.key)}
-    for m, values in checks.fourier_orders(case, field.stokes, case.orders).items():
+    for m, values in checks.compute_fourier_orders(case, field.stokes, case.orders).items():
         table |= {f"{case.name}/{m}/radiance": values, f"{case.name}/{m}/c": np.array(1e-15)}
     both = {"flux_up": field.flux_up, "flux_down": field.flux_down}
     return table | {f"{case.name}/{name}": np.stack([flux, 0.0 * flux]) for name, flux in both.items()}
@@ -222,12 +222,12 @@ def oracle_table(case: Case) -> dict[str, np.ndarray]:
 
 def test_an_oracle_is_compared_with() -> None:
     table = oracle_table(SMALL)
-    record = run.record_of(SMALL, table, solving.Options())
+    record = run.record_case(SMALL, table, solving.Options())
     assert (record.oracle, record.shortfalls) == ("yes", [])
     assert record.worst("oracle") < 1e-12
     table["small/1/radiance"] = table["small/1/radiance"] + 1e-6
     table["small/flux_down"] = table["small/flux_down"] * (1.0 + 1e-7)
-    short = " ".join(run.record_of(SMALL, table, solving.Options()).shortfalls)
+    short = " ".join(run.record_case(SMALL, table, solving.Options()).shortfalls)
     for part in ("order 1, up at the top", "order 1, inside", "order 1, down at the bottom", "fluxes", "transmitted"):
         assert part in short
     assert "order 0" not in short
@@ -235,17 +235,17 @@ def test_an_oracle_is_compared_with() -> None:
 
 def test_an_oracle_that_does_not_fit_says_so() -> None:
     table = oracle_table(SMALL)
-    assert oracle.lookup(replace(SMALL, sun=0.7), table) == "out of date"
-    assert oracle.lookup(replace(SMALL, name="another"), table) == "none"
-    assert oracle.lookup(replace(SMALL, nodes=40), table) == "too many nodes"
-    assert oracle.lookup(SMALL, {"small/hash": table["small/hash"]}) == "no stable answer"
+    assert oracle.find_oracle_answer(replace(SMALL, sun=0.7), table) == "out of date"
+    assert oracle.find_oracle_answer(replace(SMALL, name="another"), table) == "none"
+    assert oracle.find_oracle_answer(replace(SMALL, nodes=40), table) == "too many nodes"
+    assert oracle.find_oracle_answer(SMALL, {"small/hash": table["small/hash"]}) == "no stable answer"
 
 
 def test_the_estimate_of_c_is_of_the_right_size() -> None:
     """T at omega = 1 and thickness 1e6 moves by 1e-4 per unit in the last place (256-bit arithmetic)."""
     thick = replace(SMALL, slabs=(Slab("rayleigh", 1.0, 1e6),))
-    assert 3e-5 < checks.estimated_c(thick) < 1e-3
-    assert checks.estimated_c(SMALL) < 1e-14
+    assert 3e-5 < checks.estimate_c(thick) < 1e-3
+    assert checks.estimate_c(SMALL) < 1e-14
 
 
 def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -268,7 +268,7 @@ def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert rows[0] == ["scenes", "condition", *COLUMNS[2:]]
     assert {len(row) for row in rows} == {len(COLUMNS)}
     examined = rows_of(tmp_path / "out" / "stability_cases.csv")
-    assert [row["name"] for row in examined] == [case.name for case in corners.quick_cases()]
+    assert [row["name"] for row in examined] == [case.name for case in corners.choose_quick_cases()]
     assert set(examined[0]) == set(CASE_COLUMNS)
     assert {row["verdict"] for row in examined} == {"holds"}
 
@@ -277,7 +277,7 @@ def test_a_run_that_was_killed_is_taken_up_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     examined: list[str] = []
-    examine = run.examine
+    examine = run.examine_case
 
     def counted(case: Case, *rest: Any) -> Any:
         if len(examined) == 2:
@@ -285,16 +285,16 @@ def test_a_run_that_was_killed_is_taken_up_again(
         examined.append(case.name)
         return examine(case, *rest)
 
-    monkeypatch.setattr(run, "examine", counted)
+    monkeypatch.setattr(run, "examine_case", counted)
     assert call("stability", "--cases", PATTERN, "-o", tmp_path) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["stability_records.csv"]
     log = tmp_path / "stability_records.csv"
     header, first, second = log.read_text().splitlines()
     log.write_text(f"{header}\n{first}\n{second[:-50]}")  # killed while it wrote
     examined.clear()
-    monkeypatch.setattr(run, "examine", lambda case, *rest: (examined.append(case.name), examine(case, *rest))[1])
+    monkeypatch.setattr(run, "examine_case", lambda case, *rest: (examined.append(case.name), examine(case, *rest))[1])
     assert call("stability", "--cases", PATTERN, "-o", tmp_path) == 0
-    assert examined == [case.name for case in corners.matching(PATTERN)[1:]]
+    assert examined == [case.name for case in corners.find_matching_cases(PATTERN)[1:]]
     examined.clear()
     assert call("stability", "--cases", PATTERN, "-o", tmp_path) == 0
     assert examined == []

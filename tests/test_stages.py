@@ -12,15 +12,15 @@ from tests import exact
 from vrte import _core
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
-from vrte.discrete_ordinates.orders.boundary import boundary
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.boundary import solve_boundary
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.doubling import double_slabs
-from vrte.discrete_ordinates.orders.homogeneous import Modes, homogeneous
-from vrte.discrete_ordinates.orders.particular import particular
+from vrte.discrete_ordinates.orders.homogeneous import Modes, find_modes
+from vrte.discrete_ordinates.orders.particular import find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.reconstruction import mode_coordinates, reconstruct
-from vrte.discrete_ordinates.orders.slabs import cut, join
+from vrte.discrete_ordinates.orders.reconstruction import find_mode_coordinates, reconstruct
+from vrte.discrete_ordinates.orders.slabs import cut_layers, join_pile
 from vrte.scene.boundary import BLACK
 
 from .oracle import slab
@@ -34,7 +34,9 @@ FLIP = np.diag([1.0, 1.0, -1.0, -1.0])
 @pytest.fixture(scope="module")
 def problem() -> Problem:
     scene = vrte.Scene([vrte.Layer(spheroids(), ALBEDO, THICKNESS)])
-    return discretise(scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), np.array([0.0, 0.8, THICKNESS]), NODES)
+    return discretise_scene(
+        scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), np.array([0.0, 0.8, THICKNESS]), NODES
+    )
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +46,7 @@ def matrices(problem: Problem) -> Assembled:
 
 @pytest.fixture(scope="module")
 def modes(problem: Problem, matrices: Assembled) -> Modes:
-    return homogeneous(problem, ORDERS, matrices, Run(1))
+    return find_modes(problem, ORDERS, matrices, Run(1))
 
 
 def kernel(m: int, to: np.ndarray, frm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,12 +104,12 @@ def test_the_field_obeys_its_equation_and_its_boundaries(problem: Problem, matri
     run = Run(1)
     order = np.array([0], np.int32)
     first = Assembled(*(getattr(matrices, name)[:1] for name in Assembled.__dataclass_fields__))
-    found = homogeneous(problem, order, first, run)
-    beam = particular(problem, first, found, run)
-    amplitudes = boundary(problem, order, found, beam, expand_base(BLACK, problem, 1), run)
+    found = find_modes(problem, order, first, run)
+    beam = find_beam_field(problem, first, found, run)
+    amplitudes = solve_boundary(problem, order, found, beam, expand_base(BLACK, problem, 1), run)
 
     def field(depth: float) -> tuple[np.ndarray, np.ndarray]:
-        y, z = mode_coordinates(problem, 0, depth, found, beam, amplitudes)
+        y, z = find_mode_coordinates(problem, 0, depth, found, beam, amplitudes)
         return y @ found.X[0, 0], z @ found.Y[0, 0]
 
     depth, step = 0.8, 1e-4
@@ -136,10 +138,10 @@ def test_stages_do_not_depend_on_threads(problem: Problem, stage: str) -> None:
     def run_all(threads: int) -> dict[str, list[np.ndarray]]:
         run = Run(threads)
         built = assemble(problem, ORDERS, run)
-        found = homogeneous(problem, ORDERS, built, run)
-        beam = particular(problem, built, found, run)
+        found = find_modes(problem, ORDERS, built, run)
+        beam = find_beam_field(problem, built, found, run)
         base = expand_base(BLACK, problem, 4)
-        amplitudes = boundary(problem, ORDERS, found, beam, base, run)
+        amplitudes = solve_boundary(problem, ORDERS, found, beam, base, run)
         out = reconstruct(problem, ORDERS, built, found, beam, amplitudes, base, run)
         return {
             "assemble": list(vars(built).values()),
@@ -173,7 +175,7 @@ def blocks(problem: Problem, values: np.ndarray) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("thickness", [1e-8, 0.3, 5.0])
 def test_doubling(problem: Problem, thickness: float) -> None:
     """R and T on the nodes and off them, against a matrix exponential and plain doublings of R and T."""
-    pile = cut(replace(problem, level=problem.level[:1], level_layer=problem.level_layer[:1]))
+    pile = cut_layers(replace(problem, level=problem.level[:1], level_layer=problem.level_layer[:1]))
     matrices = assemble(pile.problem, ORDERS, Run(1))
     slabs = double_slabs(pile.problem, pile.material, np.array([thickness]), ORDERS, matrices, Run(1))
     out, n = pile.problem.mu_out, problem.size
@@ -219,13 +221,13 @@ def test_joining(problem: Problem) -> None:
         vrte.Lambertian(0.4),
     )
     levels = np.array([0.0, 0.5, 1.3, 1.8])
-    problem = discretise(scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), levels, NODES)
-    pile = cut(problem)
+    problem = discretise_scene(scene, np.array([MU0]), np.eye(4), np.array([0.7, -0.3]), levels, NODES)
+    pile = cut_layers(problem)
     assert (pile.material.size, pile.slabs.tolist(), pile.interface.tolist()) == (2, [0, 1, 0], [0, 1, 2, 3])
     base = expand_base(scene.below, pile.problem, 4)
     run = Run(1)
     slabs = double_slabs(pile.problem, pile.material, pile.thickness, ORDERS, assemble(pile.problem, ORDERS, run), run)
-    kernels, up, down, residual = join(pile, ORDERS, slabs, base, run)
+    kernels, up, down, residual = join_pile(pile, ORDERS, slabs, base, run)
     assert kernels.shape == (3, 4, 1, 4, 2, 4)
     assert residual.max() < 1e-12
     # downward light on the base and upward light at the top, order 0: all interreflections as one big linear system

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.methods.parts.in_depth import downward, gauss_depths, upward
+from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
 
 MU, PHI = np.array([0.2, 0.6, 1.0]), np.array([0.0, 40.0, 180.0])
 PAIR = vrte.Scene(
@@ -21,8 +21,8 @@ def brdf(scene: vrte.Scene, **settings: float) -> vrte.Brdf:
 @pytest.mark.parametrize("z", [0.0, 1e-9, 0.3, 7.9, 8.1, 50.0, 1e9])
 def test_integrals_in_depth(z: float) -> None:
     """Against the closed form for S = s."""
-    weights = downward(np.array(z), 4)
-    x = np.append(gauss_depths(4), 1.0)
+    weights = weigh_downward(np.array(z), 4)
+    x = np.append(find_gauss_depths(4), 1.0)
     exact = (
         x**2 / 2.0
         - z * x**3 / 6.0
@@ -33,8 +33,8 @@ def test_integrals_in_depth(z: float) -> None:
         if z < 1.0
         else (x + np.expm1(-z * x) / z) / z
     )
-    np.testing.assert_allclose(weights @ gauss_depths(4), exact, rtol=1e-6 if z == 0.3 else 1e-12)
-    np.testing.assert_allclose(upward(np.array(z), 4)[-1] @ (1.0 - gauss_depths(4)), exact[-1], rtol=1e-6)
+    np.testing.assert_allclose(weights @ find_gauss_depths(4), exact, rtol=1e-6 if z == 0.3 else 1e-12)
+    np.testing.assert_allclose(weigh_upward(np.array(z), 4)[-1] @ (1.0 - find_gauss_depths(4)), exact[-1], rtol=1e-6)
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9, 1e-12])

@@ -9,7 +9,7 @@ import vrte
 from vrte import _core
 from vrte.basics.running import Crew
 from vrte.discrete_ordinates.execution.engines.cpu import Processor
-from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg, fold
+from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin, fold_azimuths
 
 from .samples import scattered
 
@@ -18,7 +18,7 @@ FULL_TURN = np.array([0.0, 10.0, 75.0, 180.0, 285.0, 350.0, 360.0, -10.0, 90.0, 
 
 def fourier_sum(kernels: np.ndarray, orders: np.ndarray, kind: Sequence[int], phi: np.ndarray) -> np.ndarray:
     """(1:6)-(1:8), (1:12) without its 1/2, for kernels (order, tau, in, col, out, 4): (tau, in, out, phi, 4, col)."""
-    cosine, sine = cos_sin_deg(orders[:, None] * phi)
+    cosine, sine = compute_cos_sin(orders[:, None] * phi)
     twice = np.where(orders == 0, 1.0, 2.0)[:, None]
     cosine, sine = twice * cosine, twice * sine
     parts = []
@@ -43,7 +43,7 @@ def summed(
     threads: int = 2,
 ) -> None:
     """The kernel under test, in two pieces of the incident directions."""
-    azimuths = fold(phi)
+    azimuths = fold_azimuths(phi)
     cosine, sine = azimuths.cos_sin(orders)
     listed = {"stokes": stokes, "kind": kind, "place": place, "levels": levels, "rows": rows}
     integers = {name: np.array(values, np.int32) for name, values in listed.items()}
@@ -101,7 +101,7 @@ def test_azimuthal_sum_puts_columns_at_one_place_and_does_not_depend_on_threads(
 
 def test_azimuths_beyond_half_a_turn_are_mirror_images() -> None:
     phi = np.arange(0.0, 361.0, 2.0)
-    azimuths = fold(phi)
+    azimuths = fold_azimuths(phi)
     assert azimuths.distinct.size == 91
     np.testing.assert_array_equal(np.cos(np.radians(azimuths.distinct)), np.cos(np.radians(np.arange(0, 181, 2))))
     folded = azimuths.sign * azimuths.distinct[azimuths.angle]
@@ -132,7 +132,7 @@ def phase_matrix(coefficients: np.ndarray, mu0: float, mu: float, phi: float) ->
 
     def frame(u: float, azimuth: float) -> np.ndarray:
         """Theta-hat, r = l x k, and k, one a row."""
-        s, (c, n) = np.sqrt((1 - u) * (1 + u)), (float(v) for v in cos_sin_deg(np.array(azimuth)))
+        s, (c, n) = np.sqrt((1 - u) * (1 + u)), (float(v) for v in compute_cos_sin(np.array(azimuth)))
         l, k = np.array([u * c, u * n, -s]), np.array([s * c, s * n, u])
         return np.array([l, np.cross(l, k), k])
 

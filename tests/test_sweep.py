@@ -24,9 +24,9 @@ from tests.helpers import run, wait_until
 from vrte.basics.errors import SceneError, SweepError
 from vrte.sweep import optics, store
 from vrte.sweep.engines.threads import Cores
-from vrte.sweep.grid import Grid, grid_of
+from vrte.sweep.grid import Grid, cut_grid
 from vrte.sweep.run import SweepWarning
-from vrte.sweep.template import sweep_of
+from vrte.sweep.template import read_sweep
 
 POWDER = """
 nodes = 4
@@ -189,7 +189,7 @@ ALBEDO = "layer[1].albedo"
 )
 def test_bad_axes_end_in_a_sentence(axes: dict[str, Any], words: str) -> None:
     with pytest.raises(SceneError) as caught:
-        sweep_of(simple(axes))
+        read_sweep(simple(axes))
     assert words in str(caught.value)
 
 
@@ -285,14 +285,14 @@ def test_particles_kept_on_disk_are_the_same(tmp_path: Path) -> None:
             assert getattr(found, name) == getattr(gold, name)
     assert [path.suffix for path in sorted(tmp_path.iterdir())] == ["", ".lock"]
     sizes = [vrte.Lognormal(0.1, 1.3), vrte.Lognormal(0.1, np.nextafter(1.3, 2)), vrte.Gamma(0.1, 0.3)]
-    names = {optics.name_of((1.5, 0.0), {"size": size, "wavelength_um": 0.6}) for size in sizes}
+    names = {optics.make_file_name((1.5, 0.0), {"size": size, "wavelength_um": 0.6}) for size in sizes}
     assert len(names) == 3
 
 
 def test_boxes_cover_the_grid_once() -> None:
     for shape in ((7,), (3, 10), (2, 3, 5), (1, 1), (4, 1, 6)):
         for most in (1, 2, 3, 4, 7, 16, 1000):
-            grid = grid_of(shape, most)
+            grid = cut_grid(shape, most)
             places = [place for chunk in range(grid.chunks) for place in grid.places(chunk)]
             assert sorted(places) == list(np.ndindex(*shape))
             assert max(len(list(grid.places(chunk))) for chunk in range(grid.chunks)) <= most
@@ -339,7 +339,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     assert not output.exists()
     folder = tmp_path / "table.zarr.partial"
     os.link(folder / "log.txt", tmp_path / "log")
-    before = store.work_in(folder).done()
+    before = store.read_work(folder).done()
     assert {0, 1, 2} <= before < set(range(6))
     told: list[int] = []
     table = vrte.sweep(given, output, workers=1, progress=lambda done, _: told.append(done))
@@ -393,7 +393,7 @@ def test_a_changed_table_of_coefficients_is_noticed(tmp_path: Path) -> None:
 
 def test_a_second_process_at_the_same_output_is_refused(tmp_path: Path) -> None:
     given, output = simple({"layer[1].albedo": [0.1, 1.0]}), tmp_path / "table.zarr"
-    with store.alone_at(output), pytest.raises(SweepError, match=r"another process is at work on .*table\.zarr"):
+    with store.lock_output(output), pytest.raises(SweepError, match=r"another process is at work on .*table\.zarr"):
         vrte.sweep(given, output)
     vrte.sweep(given, output).close()
 

@@ -87,7 +87,7 @@ def test_on_a_device_a_scene_that_fails_does_not_stop_its_chunk(monkeypatch: pyt
     with pytest.warns(UserWarning, match="6 of 12 scenes failed"):
         expected = vrte.sweep(given, workers=1)
     batches = []
-    solved = chunks.solved_together
+    solved = chunks.solve_together
 
     def picky(requests: Any, *rest: Any) -> Any:
         batches.append(len(requests))
@@ -95,7 +95,7 @@ def test_on_a_device_a_scene_that_fails_does_not_stop_its_chunk(monkeypatch: pyt
             raise vrte.AccuracyError("not this one")
         return solved(requests, *rest)
 
-    monkeypatch.setattr(chunks, "solved_together", picky)
+    monkeypatch.setattr(chunks, "solve_together", picky)
     with pytest.warns(UserWarning, match="8 of 12 scenes failed"):
         table = vrte.sweep(given, engine="opencl", chunk=12)
     assert batches == [6, 1, 1, 1, 1, 1, 1]
@@ -137,7 +137,7 @@ def test_the_cluster_of_a_sweep_is_for_nobody_else(tmp_path: Path) -> None:
     from distributed import Client, Security
 
     before = listening()  # that of other tests
-    with dask_engine.own_cluster(types.SimpleNamespace(folder=tmp_path), 1) as client:  # type: ignore[arg-type]
+    with dask_engine.start_own_cluster(types.SimpleNamespace(folder=tmp_path), 1) as client:  # type: ignore[arg-type]
         assert client.submit(abs, -7).result() == 7
         address = client.scheduler.address
         sockets = listening() - before

@@ -12,27 +12,35 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vrte.basics.blas import blas_libraries
+from vrte.basics.blas import find_blas_libraries
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.studies.tables import configurations, measuring, page, paper, processes
-from vrte.studies.tables.configurations import BASELINE, DEVICE, FULL, OPENCL, SEQUENTIAL, Configuration, chosen
-from vrte.studies.tables.paper import OWN_STEPS, TABLE_2, TABLE_3, problems
+from vrte.studies.tables.configurations import (
+    BASELINE,
+    DEVICE,
+    FULL,
+    OPENCL,
+    SEQUENTIAL,
+    Configuration,
+    choose_configurations,
+)
+from vrte.studies.tables.paper import OWN_STEPS, TABLE_2, TABLE_3, list_problems
 from vrte.studies.tables.processes import Child, Reply, Task
 
 from .conftest import call, rows_of
 
 FILES = {"tables.md", "tables.csv", "figure_1.png"}
-SIEWERT, GOLD, MUELLER = problems(quick=True)
+SIEWERT, GOLD, MUELLER = list_problems(quick=True)
 needs_baseline = pytest.mark.skipif(
     platform.machine().lower() not in {"x86_64", "amd64"}
-    or any(library.internal_api != "openblas" for library in blas_libraries()),
+    or any(library.internal_api != "openblas" for library in find_blas_libraries()),
     reason="baseline SIMD is a setting of OpenBLAS on x86",
 )
 
 
 @pytest.fixture(scope="module")
 def both() -> Iterator[dict[str, Child]]:
-    with processes.started(["baseline", "full"]) as found:
+    with processes.start_processes(["baseline", "full"]) as found:
         yield found
 
 
@@ -47,7 +55,7 @@ def pretended(label: str, without_eigenvectors: bool) -> Reply:
 @pytest.fixture
 def all_measured() -> measuring.Measured:
     """The paper's problems in every configuration, three rounds, by no solver."""
-    found = measuring.Measured(problems(), tuple(Configuration))
+    found = measuring.Measured(list_problems(), tuple(Configuration))
     for problem in found.problems:
         for each in Configuration:
             reply = pretended(each.label, each.linear_algebra == DEVICE)
@@ -66,7 +74,7 @@ def test_six_configurations_are_table_1() -> None:
 
 def test_other_processors_are_refused_by_name(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
     monkeypatch.setattr(platform, "machine", lambda: "aarch64")
-    able, refused = chosen()
+    able, refused = choose_configurations()
     assert not {each.label for each in able} & {"1", "4", "OpenMP baseline"}
     for name in ("configuration 1", "configuration 4", "OpenMP baseline"):
         assert f"{name} needs the baseline SIMD of an x86 processor, and this is aarch64" in refused
@@ -77,8 +85,8 @@ def test_other_processors_are_refused_by_name(monkeypatch: pytest.MonkeyPatch, c
 def test_without_a_device_the_others_are_measured(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
-    monkeypatch.setattr(configurations, "no_device", lambda: "there is none")
-    able, refused = chosen()
+    monkeypatch.setattr(configurations, "explain_missing_device", lambda: "there is none")
+    able, refused = choose_configurations()
     assert [each.label for each in able] == ["1", "2", "OpenMP baseline", "OpenMP full", "default"]
     assert refused == [f"configuration {n} needs an OpenCL device: there is none" for n in (3, 4, 5, 6)]
     assert call("tables", "--configurations", "6") == 2
@@ -94,7 +102,7 @@ def test_the_papers_steps_add_up_to_its_totals() -> None:
 
 def test_no_time_is_lost_between_the_steps() -> None:
     stages = {"planning": 1.0, "homogeneous": 2.0, "fourier sum": 4.0, "a stage to come": 8.0, "assembly": 16.0}
-    found = paper.steps_of(40.0, stages)
+    found = paper.split_into_steps(40.0, stages)
     assert sum(found.values()) == 40.0
     assert (found["reconstruction"], found["assembly"], found[paper.OTHER]) == (4.0, 16.0, 18.0)
 
@@ -103,23 +111,23 @@ def test_no_time_is_lost_between_the_steps() -> None:
 def test_each_process_has_its_own_simd(both: dict[str, Child]) -> None:
     assert set(both["baseline"].hello.cores) <= set(processes.BASELINE_NAMES)
     assert not set(both["full"].hello.cores) & set(processes.BASELINE_NAMES)
-    assert "Katmai" in processes.facts(both, [])[0]
+    assert "Katmai" in processes.describe_processes(both, [])[0]
 
 
 @needs_baseline
 @pytest.mark.parametrize("problem", [SIEWERT, GOLD, MUELLER], ids=lambda problem: problem.name)
 def test_every_configuration_gives_the_default_answer(problem: paper.Problem, both: dict[str, Child]) -> None:
-    found = measuring.measure(both, [problem], chosen()[0], threads=2, rounds=0)
-    measuring.require_all(found)
-    assert len(found.checks) == len(chosen()[0])
+    found = measuring.measure(both, [problem], choose_configurations()[0], threads=2, rounds=0)
+    measuring.require_right_answers(found)
+    assert len(found.checks) == len(choose_configurations()[0])
     assert all((check.published is not None) == (problem is SIEWERT) for check in found.checks.values())
 
 
 def test_wrong_answers_do_not_count(all_measured: measuring.Measured) -> None:
-    measuring.require_all(all_measured)
+    measuring.require_right_answers(all_measured)
     all_measured.checks["table 3", Configuration.FIVE] = measuring.Check(2e-9, None, {})
     with pytest.raises(AccuracyError, match=r"table 3 in configuration 5 \(off by 2\.0e-09\)$"):
-        measuring.require_all(all_measured)
+        measuring.require_right_answers(all_measured)
     assert not measuring.Check(0.0, 2e-5, {}).passed
 
 
@@ -144,30 +152,30 @@ def test_what_the_solver_raises_is_raised_here(both: dict[str, Child]) -> None:
 
 @needs_baseline
 def test_a_setting_that_does_not_take_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "environment", lambda simd: dict(os.environ))
+    monkeypatch.setattr(processes, "make_environment", lambda simd: dict(os.environ))
     with (
         pytest.raises(SceneError, match="where baseline SIMD was asked for: nothing is measured"),
-        processes.started(["baseline"]),
+        processes.start_processes(["baseline"]),
     ):
         pass
 
 
 def test_the_users_own_setting_does_not_reach_the_full_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")
-    assert "OPENBLAS_CORETYPE" not in processes.environment("full")
+    assert "OPENBLAS_CORETYPE" not in processes.make_environment("full")
 
 
 def test_a_process_that_dies_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "START", "import os; os.write(2, b'out of luck'); os._exit(3)")
     with (
         pytest.raises(ChildProcessError, match=r"for full SIMD has died with code 3: out of luck$"),
-        processes.started(["full"]),
+        processes.start_processes(["full"]),
     ):
         pass
 
 
 def test_one_that_is_killed_midway_too() -> None:
-    with processes.started(["full"]) as found:
+    with processes.start_processes(["full"]) as found:
         os.kill(found["full"]._process.pid, signal.SIGKILL)
         with pytest.raises(ChildProcessError, match="has died with code -9"):
             found["full"].solve(Task(GOLD, {}))
@@ -175,12 +183,12 @@ def test_one_that_is_killed_midway_too() -> None:
 
 PARENT = """
 import sys
-from vrte.studies.tables.paper import problems
-from vrte.studies.tables.processes import Task, started
-with started(["full"]) as found:
+from vrte.studies.tables.paper import list_problems
+from vrte.studies.tables.processes import Task, start_processes
+with start_processes(["full"]) as found:
     print(found["full"]._process.pid, flush=True)
     while True:
-        found["full"].solve(Task(problems()[2], {"threads": 1, "algorithm": "doubling"}))
+        found["full"].solve(Task(list_problems()[2], {"threads": 1, "algorithm": "doubling"}))
 """
 
 
@@ -222,7 +230,7 @@ def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.Captur
     assert "baseline SIMD: openblas" in text
     rows = rows_of(folder / "tables.csv")
     assert {(row["problem"], row["configuration"]) for row in rows} == {
-        (problem.name, label) for problem in problems(quick=True) for label in ("1", "2")
+        (problem.name, label) for problem in list_problems(quick=True) for label in ("1", "2")
     }
     assert {row["problem"] for row in rows if row["paper_s"]} == {"table 2"}, "the others are smaller than the paper's"
 
@@ -246,12 +254,12 @@ def test_the_page_sets_the_papers_numbers_beside_ours(all_measured: measuring.Me
 
 
 def test_figure_1_has_the_papers_bars_and_ours(all_measured: measuring.Measured, tmp_path: Path) -> None:
-    theirs, ours = page.printed_bars(), page.measured_bars(all_measured)
+    theirs, ours = page.make_printed_bars(), page.make_measured_bars(all_measured)
     assert list(theirs) == list(paper.LABELS)
     assert list(ours) == [each.label for each in Configuration]
     for bar in ours:
         np.testing.assert_allclose(sum(ours[bar].values()), 0.1 + 0.01 * len(bar))
-    drawn = page.drawn(all_measured)
+    drawn = page.draw_step_costs(all_measured)
     left, right = drawn.axes
     assert (left.get_ylabel(), right.get_ylabel()) == ("seconds", "milliseconds")
     assert len(right.patches) == len(Configuration) * len(OWN_STEPS)

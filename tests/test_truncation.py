@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.basics.quadrature import double_gauss
-from vrte.basics.running import Run, new_run
+from vrte.basics.quadrature import make_double_gauss
+from vrte.basics.running import Run, start_run
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
-from vrte.discrete_ordinates.execution.sums import Target, fill
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.execution.sums import Target, fill_parts
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.small_angle import Spreading
 from vrte.discrete_ordinates.planning import node_choice
-from vrte.discrete_ordinates.planning.azimuths import fold
+from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.methods import solve_request
-from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, _lowest_coherency_eigenvalue
-from vrte.optics.truncation import TRUNCATIONS, delta_m, truncated
-from vrte.request.request import radiance_request
+from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, _find_lowest_coherency_eigenvalue
+from vrte.optics.truncation import TRUNCATIONS, remove_forward_peak, truncate_layer
+from vrte.request.request import make_radiance_request
 from vrte.request.wanted import Wanted
 from vrte.results.solution import Solution
 from vrte.studies import truncation
-from vrte.studies.cases import phase_matrix
+from vrte.studies.cases import find_phase_matrix
 
 HG = vrte.henyey_greenstein(0.9, 200)
 MU = np.concatenate([np.linspace(0.05, 1.0, 12), -np.linspace(0.05, 1.0, 12)])
@@ -33,7 +33,7 @@ TRUNCATING = [name for name in TRUNCATIONS if name != "none"]
 
 def two_layers(albedo: float = 1.0, base: float = 0.3) -> vrte.Scene:
     return vrte.Scene(
-        [vrte.Layer(HG, albedo, 3.0), vrte.Layer(phase_matrix("haze-L"), albedo, 1.0)], vrte.Lambertian(base)
+        [vrte.Layer(HG, albedo, 3.0), vrte.Layer(find_phase_matrix("haze-L"), albedo, 1.0)], vrte.Lambertian(base)
     )
 
 
@@ -67,7 +67,7 @@ def test_where_the_nodes_carry_all_terms_nothing_changes(name: str) -> None:
 
 def test_conservative_layers_stay_exactly_conservative() -> None:
     for terms in range(1, 200):
-        layer = delta_m(HG, 1.0, 7.0, terms)
+        layer = remove_forward_peak(HG, 1.0, 7.0, terms)
         assert layer.albedo == 1.0
         assert layer.coefficients[0, 0] == 1.0
         assert layer.fraction == pytest.approx(0.9**terms)
@@ -75,8 +75,8 @@ def test_conservative_layers_stay_exactly_conservative() -> None:
 
 def test_the_first_coefficient_left_out_is_the_peaks() -> None:
     # moments of layer and peak, weighted, are those of the phase matrix: a1[l]/(2l+1) = f + (1-f) a1'[l]/(2l+1)
-    matrix = phase_matrix("haze-L")
-    layer = delta_m(matrix, 0.9, 1.0, 12)
+    matrix = find_phase_matrix("haze-L")
+    layer = remove_forward_peak(matrix, 0.9, 1.0, 12)
     f, degree = layer.fraction, 2.0 * np.arange(12) + 1.0
     assert f == matrix.a1[12] / 25.0
     for column, whole in ((0, matrix.a1), (3, matrix.a4)):
@@ -93,7 +93,7 @@ def test_the_first_coefficient_left_out_is_the_peaks() -> None:
 
 @pytest.mark.parametrize("backward", [vrte.henyey_greenstein(-0.8, 100), vrte.isotropic()])
 def test_without_a_forward_peak_there_is_nothing_to_take_off(backward: vrte.PhaseMatrix) -> None:
-    layer = delta_m(backward, 0.9, 2.0, 7)
+    layer = remove_forward_peak(backward, 0.9, 2.0, 7)
     assert (layer.fraction, layer.albedo, layer.thickness) == (0.0, 0.9, 2.0)
 
 
@@ -101,14 +101,14 @@ def lowest_eigenvalue(coefficients: np.ndarray) -> float:
     """Of the coherency matrix, over the scattering angles that PhaseMatrix checks; its trace has the mean 1."""
     matrix = object.__new__(vrte.PhaseMatrix)  # without the check, which refuses what is looked at here
     matrix.__setstate__(dict(zip(("a1", "a2", "a3", "a4", "b1", "b2"), coefficients.T, strict=True)))
-    return float(_lowest_coherency_eigenvalue(*matrix._elements(np.cos(np.radians(CHECK_ANGLES_DEG)))).min())
+    return float(_find_lowest_coherency_eigenvalue(*matrix._elements(np.cos(np.radians(CHECK_ANGLES_DEG)))).min())
 
 
 @pytest.mark.parametrize(("terms", "allowed"), [(8, 0.06), (16, 0.014), (24, 0.006), (40, 4e-4), (64, 7e-6)])
 def test_truncated_haze_is_nearly_physical(terms: int, allowed: float) -> None:
     """Nothing makes sure that the rest is a matrix that particles can have; it lacks less than a cut one."""
-    cut = lowest_eigenvalue(truncated("none", phase_matrix("haze-L"), 1.0, 1.0, terms).coefficients)
-    rest = lowest_eigenvalue(delta_m(phase_matrix("haze-L"), 1.0, 1.0, terms).coefficients)
+    cut = lowest_eigenvalue(truncate_layer("none", find_phase_matrix("haze-L"), 1.0, 1.0, terms).coefficients)
+    rest = lowest_eigenvalue(remove_forward_peak(find_phase_matrix("haze-L"), 1.0, 1.0, terms).coefficients)
     assert rest > -allowed
     assert rest > 0.5 * cut
 
@@ -155,7 +155,7 @@ def test_light_near_the_beam() -> None:
 
 def test_spread_light_is_the_flux() -> None:
     """Radiance integrated over the lower hemisphere; delta-M leaves a hundredth of it out."""
-    nodes, weights = double_gauss(60)
+    nodes, weights = make_double_gauss(60)
     scene = vrte.Scene([vrte.Layer(HG, 1.0, 2.0)])
     phi = np.arange(1.0, 360.0, 2.0)
     for name, gap in (("delta-m", 0.014), ("small-angle", 1e-5)):
@@ -187,7 +187,7 @@ def test_matrix_functions_of_the_degrees() -> None:
     """Against the exponential series, with b2 != 0 (swinging pairs) and degrees whose eigenvalues nearly agree."""
     from scipy.linalg import expm
 
-    spreading = Spreading.of(phase_matrix("glass-x30"), 120)
+    spreading = Spreading.of(find_phase_matrix("glass-x30"), 120)
     exponentials = spreading.function(lambda s: np.exp((0.9 * s - 1.0) * 7.0))
     assert (spreading.root.imag != 0.0).any()
     for degree in range(120):
@@ -200,12 +200,14 @@ def test_without_a_peak_the_anisotropic_part_is_single_scattering() -> None:
     """The closed forms agree where the nodes carry all terms: one integrates over depths matrix by matrix."""
     scene = two_layers(0.9)
     tau, mu0, columns = np.array([0.0, 1.0, 3.0, 4.0]), np.array([0.3, 1.0]), np.eye(4)
-    problem = discretise(scene, mu0, columns, MU, tau, 100, "all")
+    problem = discretise_scene(scene, mu0, columns, MU, tau, 100, "all")
     assert not problem.fraction.any()
     part = np.arange(4, dtype=np.int32), np.arange(MU.size, dtype=np.int32)
     wanted = Wanted([part], np.arange(4, dtype=np.int32), np.ones(2))
     once, spread = (
-        fill(Target(wanted, scene, problem, MU, fold(np.array(PHI)), spreads), [], PROCESSOR, new_run(1))[0]
+        fill_parts(
+            Target(wanted, scene, problem, MU, fold_azimuths(np.array(PHI)), spreads), [], PROCESSOR, start_run(1)
+        )[0]
         for spreads in (np.zeros(MU.size, bool), np.ones(MU.size, bool))
     )
     np.testing.assert_allclose(spread, once, atol=1e-13 * np.abs(once).max())
@@ -226,7 +228,7 @@ def test_what_auto_takes() -> None:
     assert rule(8, resolved, mu=MU, tau=[0.0, 1.0]) == "none"
     assert rule(8, mu=MU[:12]) == rule(8, mu=MU) == rule(8, mu=MU[:12], tau=1.0) == "delta-m"
     assert rule(8, mu=MU, tau=[0.0, 1.0]) == "delta-m, small-angle for light going down"
-    haze = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 0.9, 1.0)])
+    haze = vrte.Scene([vrte.Layer(find_phase_matrix("haze-L"), 0.9, 1.0)])
     assert lit_by_q(haze, 1.0, mu=MU[:12], nodes=8).diagnostics["truncation"] == "delta-m"
     polarized = lit_by_q(peaked_over_rayleigh(), 1.0, mu=MU[:12], nodes=8).diagnostics["truncation"]
     assert polarized == "delta-m of polarizing layers"
@@ -241,7 +243,7 @@ def test_auto_takes_each_where_it_is_better() -> None:
     np.testing.assert_allclose(auto.stokes[:, MU < 0.0], spread.stokes[:, MU < 0.0], atol=1e-14)
     np.testing.assert_array_equal(auto.flux_down, once.flux_down)
     # one of the two for all incident Stokes vectors: reciprocal
-    haze = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 1.0, 3.0)], vrte.Lambertian(0.3))
+    haze = vrte.Scene([vrte.Layer(find_phase_matrix("haze-L"), 1.0, 3.0)], vrte.Lambertian(0.3))
     brdf = vrte.brdf(haze, MU[3:6], MU[3:6], [0.0, 120.0], nodes=6)
     forth, turned = brdf.mueller, brdf.mueller.transpose(1, 0, 2, 4, 3)
     minus = np.array([1.0, 1.0, 1.0, -1.0])
@@ -272,7 +274,7 @@ def test_polarized_light_through_scalar_layers() -> None:
 
 def lit_by_q(scene: vrte.Scene, part: float, mu: Any, phi: Any = 0.0, tau: Any = 0.0, nodes: int = 8) -> Solution:
     """What the Q of a beam does by itself, which is a part of a plan and no light."""
-    request = radiance_request(scene, 0.6, (1, part, 0, 0), mu, phi, tau, nodes)
+    request = make_radiance_request(scene, 0.6, (1, part, 0, 0), mu, phi, tau, nodes)
     return solve_request(replace(request, columns=np.array([[0.0, part, 0.0, 0.0]])), Run(1))[1]
 
 
@@ -296,7 +298,7 @@ def test_two_solutions_make_one_field() -> None:
 
 def test_a_beam_without_intensity() -> None:
     """What Q alone does is what Q does beside I: no order is left out for want of an I to compare it with."""
-    scene = vrte.Scene([vrte.Layer(phase_matrix("haze-L"), 0.99, 3.0)])
+    scene = vrte.Scene([vrte.Layer(find_phase_matrix("haze-L"), 0.99, 3.0)])
     asked = {"mu": [0.3, 0.7, -0.5], "phi": [0.0, 40.0, 90.0], "tau": [0.0, 1.0], "nodes": 12}
     whole, light = (vrte.radiance(scene, 0.6, beam, **asked).stokes for beam in ((1, 0.4, 0, 0), (1, 0, 0, 0)))
     alone = lit_by_q(scene, 0.4, **asked).parts[0][:, 0, ..., 0]
@@ -309,7 +311,7 @@ def test_the_check_of_the_nodes_is_of_truncated_layers() -> None:
     mu, depths, light = np.array([0.3, 0.9, -0.5, -0.9]), np.array([0.0, 20.0]), np.array([0.6])
     order, none, errors = np.zeros(1, np.int32), np.zeros(node_choice.MOST), {}
     for peaks in ("none", "all"):
-        found = node_choice.indicator(scene, light, mu, np.zeros(1), depths, new_run(1), peaks, order)
+        found = node_choice.make_indicator(scene, light, mu, np.zeros(1), depths, start_run(1), peaks, order)
         search = node_choice.Search(found, scene, order, none, none)
         errors[peaks] = [search.error(nodes) / (node_choice.OF_MEAN + 0.97) for nodes in (48, 16, 32)][1:]
     assert errors["none"][0] == np.inf
@@ -328,7 +330,7 @@ def test_light_fades_over_truncated_depths() -> None:
 def test_the_report(tmp_path: Path) -> None:
     case = truncation.Case("g = 0.5", "HG 0.5, thickness 1", (2, 4), (18, 20), resolved=True)
     said: list[str] = []
-    errors, reference = truncation.measure(case, said.append)
+    errors, reference = truncation.measure_case_errors(case, said.append)
     truncation.write_report(errors, reference, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"truncation.csv", "truncation.md", "truncation.png"}
     assert len(said) == 7
@@ -351,4 +353,4 @@ def test_names_are_checked() -> None:
         vrte.SceneError, match="truncation must be 'auto', 'none', 'delta-m', 'small-angle', not 'sharp'"
     ):
         vrte.radiance(two_layers(), 0.6, truncation="sharp")
-    assert truncated("none", HG, 1.0, 2.0, 10).coefficients.shape == (10, 6)
+    assert truncate_layer("none", HG, 1.0, 2.0, 10).coefficients.shape == (10, 6)

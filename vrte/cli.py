@@ -33,12 +33,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Traceback (most recent call last):
     SystemExit: 2
     """
-    with _signals_unwind() as came:
+    with _catch_signals() as came:
         try:
             if sys.stdout is None:
                 return _complain("standard output is closed, and nobody would see what was found", 1)
-            options = _parser().parse_args(arguments)
-            with _warnings_in_one_line():
+            options = _make_parser().parse_args(arguments)
+            with _shorten_warnings():
                 options.run(options)
                 sys.stdout.flush()
         except BaseException as error:
@@ -91,7 +91,7 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"vrte: error: {message} (see `{self.prog} --help`)\n")
 
 
-def _parser() -> argparse.ArgumentParser:
+def _make_parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="vrte", description="Polarized subsurface reflectance of particulate layers.")
     parser.add_argument("--version", action="version", version=f"vrte {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
@@ -101,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 @contextmanager
-def _signals_unwind() -> Iterator[list[signal.Signals]]:
+def _catch_signals() -> Iterator[list[signal.Signals]]:
     """Lets the first SIGINT or SIGTERM unwind the stack, so that half-written files go; yields those that came.
 
     From then on what libraries say of being stopped is no news. A second signal, a while later, ends the process at
@@ -140,7 +140,7 @@ def _signals_unwind() -> Iterator[list[signal.Signals]]:
 
 
 @contextmanager
-def _warnings_in_one_line() -> Iterator[None]:
+def _shorten_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("default", UserWarning)
         warnings.showwarning = lambda message, *_, **__: print(f"vrte: warning: {message}", file=sys.stderr)

@@ -19,14 +19,14 @@ EXACT = 2**53  # whole numbers below are doubles
 SHOWN = 80  # characters of a value in an error message
 
 
-def frozen(values: Any) -> Array:
+def freeze_copy(values: Any) -> Array:
     """A read-only float64 copy, contiguous."""
     array = np.array(values, dtype=np.float64, order="C")
     array.setflags(write=False)
     return array
 
 
-def settled(array: Array) -> Array:
+def settle_array(array: Array) -> Array:
     """The array itself, from now on read-only."""
     array.setflags(write=False)
     return array
@@ -36,7 +36,7 @@ def is_settled(values: Any) -> bool:
     """Whether this is a contiguous float64 array that nothing can be written into, nor into what it is a view of.
 
     >>> table = np.zeros((2, 3))
-    >>> is_settled(table), is_settled(settled(table)), is_settled(table[0])
+    >>> is_settled(table), is_settled(settle_array(table)), is_settled(table[0])
     (False, True, True)
     """
     if type(values) is not np.ndarray or values.dtype != np.float64 or not values.flags.c_contiguous:
@@ -48,20 +48,20 @@ def is_settled(values: Any) -> bool:
     return values is None
 
 
-def numbers(name: str, values: Any) -> Array:
+def check_numbers(name: str, values: Any) -> Array:
     """Real numbers of any shape as float64; text, dates, complex numbers and truth values are none."""
-    count = values.size if isinstance(values, np.ndarray) else length(values)
+    count = values.size if isinstance(values, np.ndarray) else count_items(values)
     if count > MOST_NUMBERS:
         raise SceneError.of(name, f"must be at most {MOST_NUMBERS} numbers, not {count}")
     try:
-        return _real(values)
+        return _read_real_array(values)
     except Exception:  # whatever a foreign object raises when it is asked for numbers
-        raise SceneError.of(name, f"must be real numbers, not {shown(values)}") from None
+        raise SceneError.of(name, f"must be real numbers, not {show_value(values)}") from None
 
 
-def vector(name: str, values: Any) -> Array:
+def check_vector(name: str, values: Any) -> Array:
     """A read-only, finite 1-D array; a scalar becomes one of length 1."""
-    array = frozen([values] if type(values) is float else np.atleast_1d(numbers(name, values)))
+    array = freeze_copy([values] if type(values) is float else np.atleast_1d(check_numbers(name, values)))
     if array.ndim != 1 or array.size == 0:
         raise SceneError.of(name, f"must be a number or a non-empty 1-D list, not of shape {array.shape}")
     if not np.all(np.isfinite(array)):
@@ -69,52 +69,52 @@ def vector(name: str, values: Any) -> Array:
     return array
 
 
-def number(name: str, value: Any, low: float, high: float, allowed: str) -> float:
+def check_number(name: str, value: Any, low: float, high: float, allowed: str) -> float:
     """A float within [low, high]; `allowed` says in words what the range is."""
     try:
-        result = real(value)
+        result = read_real(value)
     except Exception:  # whatever a foreign object raises when it is asked for a number
-        raise SceneError.of(name, f"must be a number ({allowed}), not {shown(value)}") from None
+        raise SceneError.of(name, f"must be a number ({allowed}), not {show_value(value)}") from None
     if not low <= result <= high:  # also refuses NaN
-        raise SceneError.of(name, f"must be {allowed}, not {shown(value)}")
+        raise SceneError.of(name, f"must be {allowed}, not {show_value(value)}")
     return result
 
 
-def whole(name: str, value: Any, low: int, high: int) -> int:
+def check_whole(name: str, value: Any, low: int, high: int) -> int:
     """An integer within [low, high]."""
     try:
-        result = real(value)
+        result = read_real(value)
     except Exception:
         result = math.nan
     if not (low <= result <= high and result.is_integer()):
-        raise SceneError.of(name, f"must be a whole number from {low} to {high}, not {shown(value)}")
+        raise SceneError.of(name, f"must be a whole number from {low} to {high}, not {show_value(value)}")
     return int(result)
 
 
-def flag(name: str, value: Any) -> bool:
+def check_flag(name: str, value: Any) -> bool:
     """True or False, and nothing that merely counts as such."""
     if not isinstance(value, (bool, np.bool_)):
-        raise SceneError.of(name, f"must be True or False, not {shown(value)}")
+        raise SceneError.of(name, f"must be True or False, not {show_value(value)}")
     return bool(value)
 
 
-def listed(name: str, values: Iterable[Any], most: int) -> list[Any]:
+def check_list(name: str, values: Iterable[Any], most: int) -> list[Any]:
     """The items of whatever can be iterated, at most ``most``: an iterator may have no end."""
     try:
         found = list(itertools.islice(values, most + 1))
     except Exception:
-        raise SceneError.of(name, f"must be a list, not {shown(values)}") from None
+        raise SceneError.of(name, f"must be a list, not {show_value(values)}") from None
     if len(found) > most:
         raise SceneError.of(name, f"must be a list of at most {most}, not of more")
     return found
 
 
-def real(value: Any) -> float:
+def read_real(value: Any) -> float:
     """One real number as a float, NaN for a whole number that no float can hold; else raises, TypeError or another.
 
-    >>> real(np.float32(0.5)), real(10**400)
+    >>> read_real(np.float32(0.5)), read_real(10**400)
     (0.5, nan)
-    >>> real("0.5")
+    >>> read_real("0.5")
     Traceback (most recent call last):
     TypeError: not a real number
     """
@@ -122,28 +122,28 @@ def real(value: Any) -> float:
         return value
     if type(value) is int and abs(value) < EXACT:
         return float(value)
-    array = _real(value)
+    array = _read_real_array(value)
     if array.ndim:
         raise TypeError("not one number")
     result = float(array)
     return math.nan if math.isinf(result) and isinstance(value, int) else result
 
 
-def _real(values: Any) -> Array:
+def _read_real_array(values: Any) -> Array:
     """Conversion without a cast that loses something: numpy's own takes text and drops imaginary parts and masks."""
     given = np.asarray(values)
     if given.dtype.kind == "O":
-        return np.array([_real_object(item) for item in given.flat], dtype=np.float64).reshape(given.shape)
+        return np.array([_read_real_object(item) for item in given.flat], dtype=np.float64).reshape(given.shape)
     if given.dtype.kind not in "iuf" or np.ma.is_masked(values):
         raise TypeError("not a real number")
     with np.errstate(over="ignore"):  # a long double beyond the range becomes inf
         return given.astype(np.float64)
 
 
-def _real_object(value: Any) -> float:
+def _read_real_object(value: Any) -> float:
     """A number that numpy has no type for: a fraction, a decimal, a large integer."""
     if isinstance(value, np.generic):
-        return float(_real(value))
+        return float(_read_real_array(value))
     if isinstance(value, (str, bytes, bytearray, bool, complex, np.ndarray)):
         raise TypeError("not a real number")
     try:
@@ -152,7 +152,7 @@ def _real_object(value: Any) -> float:
         return math.inf if value > 0 else -math.inf
 
 
-def length(value: Any) -> int:
+def count_items(value: Any) -> int:
     """Number of items, 1 for what has none or does not tell."""
     try:
         return len(value) if isinstance(value, Sized) else 1
@@ -160,18 +160,18 @@ def length(value: Any) -> int:
         return 1
 
 
-def shown(value: Any) -> str:
+def show_value(value: Any) -> str:
     """A value in an error message: one line, not too long, whatever it is."""
     try:
-        return in_one_line(repr(value))
+        return put_in_one_line(repr(value))
     except Exception:
         return f"an object of type {type(value).__name__}"
 
 
-def in_one_line(text: str, most: int = SHOWN) -> str:
+def put_in_one_line(text: str, most: int = SHOWN) -> str:
     """A text without line breaks and control characters, cut after ``most`` characters.
 
-    >>> in_one_line("two\\n lines\\x1b[2J"), in_one_line(100 * "x", 10)
+    >>> put_in_one_line("two\\n lines\\x1b[2J"), put_in_one_line(100 * "x", 10)
     ('two lines?[2J', 'xxxxxxx...')
     """
     line = "".join(sign if sign.isprintable() else "?" for sign in " ".join(text.split()))

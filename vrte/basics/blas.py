@@ -12,12 +12,12 @@ SETTERS = [f"{one}openblas_set_num_threads{end}" for one in ("scipy_", "") for e
 
 
 @contextmanager
-def single_threaded() -> Iterator[None]:
+def keep_to_one_thread() -> Iterator[None]:
     """Limits every BLAS of this process to one thread; the last to leave restores what the first one found."""
     with _lock:
         if _state["libraries"] is None:
-            libraries = blas_libraries()
-            _state.update(libraries=libraries, setters=[setter_of(library) for library in libraries])
+            libraries = find_blas_libraries()
+            _state.update(libraries=libraries, setters=[find_setter(library) for library in libraries])
         if _state["inside"] == 0:
             _state["before"] = [library.get_num_threads() for library in _state["libraries"]]
             for set_threads, threads in zip(_state["setters"], _state["before"], strict=True):
@@ -35,7 +35,7 @@ def single_threaded() -> Iterator[None]:
                         set_threads(threads)
 
 
-def setter_of(library: Any) -> Callable[[int], Any]:
+def find_setter(library: Any) -> Callable[[int], Any]:
     """What sets the number of threads of a BLAS, whichever thread calls it.
 
     threadpoolctl from 3.6 on leaves OpenBLAS to the first thread that has set it, for as long as that one lives, and
@@ -51,7 +51,7 @@ def setter_of(library: Any) -> Callable[[int], Any]:
     return found
 
 
-def blas_libraries() -> list[Any]:
+def find_blas_libraries() -> list[Any]:
     """threadpoolctl's handles of every BLAS of this process, SciPy's own included."""
     import scipy.linalg.cython_lapack  # noqa: F401  the controller must see SciPy's own OpenBLAS
     from threadpoolctl import ThreadpoolController

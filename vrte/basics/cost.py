@@ -67,17 +67,17 @@ def foretell(seconds: float, limit: float, why: str, change: str, told: bool = F
     """Says what will take long, unless that was ``told``. Raises SceneError beyond the limit in seconds."""
     if seconds <= min(LONG, limit):
         return
-    said = f"this will take about {in_words(seconds)}{why}; {change}"
+    said = f"this will take about {say_time(seconds)}{why}; {change}"
     if seconds > limit:
-        raise SceneError(f"{said}, or go on with time_limit_s above its {in_words(limit)} (math.inf for no limit)")
+        raise SceneError(f"{said}, or go on with time_limit_s above its {say_time(limit)} (math.inf for no limit)")
     if not told:
         warnings.warn(said, LongSolveWarning, stacklevel=2)
 
 
-def in_words(seconds: float) -> str:
+def say_time(seconds: float) -> str:
     """A time that is only roughly known.
 
-    >>> in_words(24.0), in_words(200.0), in_words(7200.0), in_words(1e6)
+    >>> say_time(24.0), say_time(200.0), say_time(7200.0), say_time(1e6)
     ('24 s', '3 min', '2.0 h', '11.6 days')
     """
     if seconds < 100.0 or not math.isfinite(seconds):

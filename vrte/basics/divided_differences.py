@@ -20,12 +20,12 @@ SMALL = 1e-5  # gaps that the series of exp[a, b] is for
 TERMS = 21  # of the series of exp[a, b, c], for gaps below 1
 
 
-def first(function: Function, a: Array | ComplexArray, b: Array | ComplexArray) -> ComplexArray:
+def divide_once(function: Function, a: Array | ComplexArray, b: Array | ComplexArray) -> ComplexArray:
     """f[a, b] = (f(a) - f(b))/(a - b), f'(a) where they are the same; a and b broadcast.
 
     The function is analytic off the negative real axis, on which no points lie that are near each other.
 
-    >>> round(float(first(np.sqrt, np.array([4.0]), np.array([4.0]))[0].real), 12)
+    >>> round(float(divide_once(np.sqrt, np.array([4.0]), np.array([4.0]))[0].real), 12)
     0.25
     """
     x, y = np.asarray(a, complex), np.asarray(b, complex)
@@ -34,14 +34,14 @@ def first(function: Function, a: Array | ComplexArray, b: Array | ComplexArray) 
     found = np.asarray((function(x) - function(y)) / np.where(near, 1.0, gap))
     if near.any():
         shape = gap.shape
-        found[near] = around(function, [np.broadcast_to(points, shape)[near] for points in (x, y)])
+        found[near] = integrate_around(function, [np.broadcast_to(points, shape)[near] for points in (x, y)])
     return found
 
 
-def second(function: Function, a: Array, b: ComplexArray, c: Array) -> ComplexArray:
+def divide_twice(function: Function, a: Array, b: ComplexArray, c: Array) -> ComplexArray:
     """f[a, b, c]; a, b and c broadcast. From the two points that are farthest apart, so that no digits are lost."""
     x, y, z = (np.asarray(points, complex) for points in (a, b, c))
-    xy, yz, xz = first(function, x, y), first(function, y, z), first(function, x, z)
+    xy, yz, xz = divide_once(function, x, y), divide_once(function, y, z), divide_once(function, x, z)
     gaps = np.stack(np.broadcast_arrays(x - z, y - z, x - y))
     steps = np.stack(np.broadcast_arrays(xy - yz, xy - xz, xz - yz))
     farthest = np.abs(gaps).argmax(axis=0)[None]
@@ -50,11 +50,11 @@ def second(function: Function, a: Array, b: ComplexArray, c: Array) -> ComplexAr
     found = np.asarray(step / np.where(near, 1.0, gap))
     if near.any():
         shape = gap.shape
-        found[near] = around(function, [np.broadcast_to(points, shape)[near] for points in (x, y, z)])
+        found[near] = integrate_around(function, [np.broadcast_to(points, shape)[near] for points in (x, y, z)])
     return found
 
 
-def around(function: Function, points: list[ComplexArray]) -> ComplexArray:
+def integrate_around(function: Function, points: list[ComplexArray]) -> ComplexArray:
     """The divided difference at points (n,) near each other: 1/(2 pi i) times the integral of f(z)/prod(z - point)."""
     centre = np.mean(points, axis=0)
     ring = RADIUS * centre[:, None] * np.exp(2j * np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES)
@@ -63,7 +63,7 @@ def around(function: Function, points: list[ComplexArray]) -> ComplexArray:
     return np.asarray((function(z) * share).mean(axis=1))
 
 
-def exp_difference(a: Any, b: Any) -> Any:
+def divide_exp_once(a: Any, b: Any) -> Any:
     """exp[a, b] = (e^a - e^b)/(a - b) for complex a, e^b where they meet, of any shapes; real parts <= 0."""
     gap = a - b
     small = np.abs(gap) < SMALL
@@ -74,21 +74,21 @@ def exp_difference(a: Any, b: Any) -> Any:
     return np.exp(ahead) * slope
 
 
-def exp_difference_2(*points: Any) -> Array:
+def divide_exp_twice(*points: Any) -> Array:
     """exp[a, b, c] at three real points <= 0, any shapes that broadcast.
 
-    >>> exp_difference_2(0.0, 0.0, 0.0).item()
+    >>> divide_exp_twice(0.0, 0.0, 0.0).item()
     0.5
     """
     high, middle, low = -np.sort(-np.stack(np.broadcast_arrays(*points)), axis=0)
     x, y = high - middle, high - low
     near = y < 1.0
     apart = np.where(near, 1.0, y)
-    by_quotient = (exp_difference(np.zeros(1), -x) - exp_difference(-x, -y)) / apart
-    return np.exp(high) * np.where(near, _series(np.where(near, x, 0.0), np.where(near, y, 0.0)), by_quotient)
+    by_quotient = (divide_exp_once(np.zeros(1), -x) - divide_exp_once(-x, -y)) / apart
+    return np.exp(high) * np.where(near, _sum_series(np.where(near, x, 0.0), np.where(near, y, 0.0)), by_quotient)
 
 
-def _series(x: Array, y: Array) -> Array:
+def _sum_series(x: Array, y: Array) -> Array:
     """The second divided difference of exp at 0, -x, -y: sum over n of (-1)^n h_n(x, y)/(n + 2)!, h_n complete and
     homogeneous; 0 <= x <= y < 1."""
     power, h = np.ones_like(x), np.ones_like(x)

@@ -15,14 +15,14 @@ FILES = (  # what a control group may use, and what it uses: version 2, version 
 )
 
 
-def orders_at_once(per_order: float, threads: int) -> int:
+def count_orders_at_once(per_order: float, threads: int) -> int:
     """Orders whose matrices fit the memory meant for them, at least one a thread."""
     return max(threads, int(CHUNK_BYTES / (BYTES * per_order)))
 
 
-def available_bytes() -> float:
+def find_available_bytes() -> float:
     """What this process may still take: of the machine's free memory, of its control group's, and of its own limit."""
-    free = [machine_bytes(), address_bytes()]
+    free = [find_machine_bytes(), find_address_bytes()]
     for limit, used in FILES:
         try:
             free.append(float(Path(limit).read_text()) - float(Path(used).read_text()))
@@ -31,12 +31,12 @@ def available_bytes() -> float:
     return max(0.0, min(free))
 
 
-def in_gigabytes(size: float) -> str:
-    """Three digits."""
+def write_gigabytes(size: float) -> str:
+    """A number of bytes in gigabytes, to three digits."""
     return f"{size / 1e9:.3g} GB"
 
 
-def address_bytes() -> float:
+def find_address_bytes() -> float:
     """What `ulimit -v` leaves, infinite without it."""
     try:
         import resource  # on Unix only
@@ -49,7 +49,7 @@ def address_bytes() -> float:
         return float("inf")
 
 
-def machine_bytes() -> float:
+def find_machine_bytes() -> float:
     """Memory of the machine that can be had, infinite where it does not tell."""
     try:
         lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())

@@ -11,42 +11,42 @@ import numpy as np
 from vrte.basics.arrays import Array
 
 
-def degree_of_polarization(stokes: Any) -> Array:
+def find_degree_of_polarization(stokes: Any) -> Array:
     """sqrt(Q^2 + U^2 + V^2)/I of Stokes vectors (..., 4); NaN where there is no light: (...).
 
-    >>> degree_of_polarization([[2.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]).tolist()
+    >>> find_degree_of_polarization([[2.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]).tolist()
     [0.5, nan]
     """
     values = np.asarray(stokes, float)
-    return _of_intensity(np.sqrt((values[..., 1:] ** 2).sum(axis=-1)), values)
+    return _divide_by_intensity(np.sqrt((values[..., 1:] ** 2).sum(axis=-1)), values)
 
 
-def degree_of_linear_polarization(stokes: Any) -> Array:
+def find_degree_of_linear_polarization(stokes: Any) -> Array:
     """sqrt(Q^2 + U^2)/I of Stokes vectors (..., 4); NaN where there is no light: (...).
 
-    >>> degree_of_linear_polarization([2.0, 0.0, 1.0, 1.0]).item()
+    >>> find_degree_of_linear_polarization([2.0, 0.0, 1.0, 1.0]).item()
     0.5
     """
     values = np.asarray(stokes, float)
-    return _of_intensity(np.hypot(values[..., 1], values[..., 2]), values)
+    return _divide_by_intensity(np.hypot(values[..., 1], values[..., 2]), values)
 
 
-def degree_of_circular_polarization(stokes: Any) -> Array:
+def find_degree_of_circular_polarization(stokes: Any) -> Array:
     """V/I of Stokes vectors (..., 4), from -1 to 1; NaN where there is no light: (...).
 
-    >>> degree_of_circular_polarization([2.0, 0.0, 0.0, -1.0]).item()
+    >>> find_degree_of_circular_polarization([2.0, 0.0, 0.0, -1.0]).item()
     -0.5
     """
     values = np.asarray(stokes, float)
-    return _of_intensity(values[..., 3], values)
+    return _divide_by_intensity(values[..., 3], values)
 
 
-def angle_of_linear_polarization(stokes: Any) -> Array:
+def find_angle_of_linear_polarization(stokes: Any) -> Array:
     """Half the argument of Q + iU, in degrees from 0 to below 180; NaN where nothing is linearly polarized: (...).
 
     0 is within the meridian plane, 90 across it.
 
-    >>> angle_of_linear_polarization([[1.0, -0.5, 0.0, 0.0], [1.0, 0.0, 0.0, 0.5]]).tolist()
+    >>> find_angle_of_linear_polarization([[1.0, -0.5, 0.0, 0.0], [1.0, 0.0, 0.0, 0.5]]).tolist()
     [90.0, nan]
     """
     values = np.asarray(stokes, float)
@@ -55,7 +55,7 @@ def angle_of_linear_polarization(stokes: Any) -> Array:
     return np.where((q != 0.0) | (u != 0.0), np.where(angle < 180.0, angle, 0.0), np.nan)
 
 
-def _of_intensity(part: Array, stokes: Array) -> Array:
+def _divide_by_intensity(part: Array, stokes: Array) -> Array:
     lit = stokes[..., 0] > 0.0
     return np.where(lit, part / np.where(lit, stokes[..., 0], 1.0), np.nan)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics import cost
-from vrte.basics.arrays import Array, IntArray, whole
+from vrte.basics.arrays import Array, IntArray, check_whole
 
 Progress = Callable[[int, int], None]
 Result = TypeVar("Result")
@@ -69,21 +69,21 @@ class Run:
             raise KeyboardInterrupt
 
 
-def usable_cpus() -> int:
+def count_usable_cpus() -> int:
     """The CPUs this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
-def new_run(threads: int | None, operations: float = math.inf) -> Run:
+def start_run(threads: int | None, operations: float = math.inf) -> Run:
     """A run on `threads` threads, all usable CPUs for None; a brief one has no thread but the one it is called in."""
-    count = usable_cpus() if threads is None else whole("threads", threads, 1, 4096)
+    count = count_usable_cpus() if threads is None else check_whole("threads", threads, 1, 4096)
     brief = operations < (cost.BRIEF if count > 1 else cost.BRIEF_ALONE)
     return Run(1 if brief else count, brief=brief)
 
 
-def interruptible(run: Run, call: Callable[[], Result]) -> Result:
+def run_interruptible(run: Run, call: Callable[[], Result]) -> Result:
     """call() in a thread of its own while this one waits, so that Ctrl-C reaches the compiled loops.
 
     The OpenMP threads then belong to that short-lived thread, and a child forked later starts its own. A brief call
@@ -129,10 +129,10 @@ def wait_for(done: threading.Event, seconds: float) -> bool:
     return done.is_set()
 
 
-def portion(progress: Progress | None, place: int, count: int, steps: int = 100) -> Progress | None:
+def share_progress(progress: Progress | None, place: int, count: int, steps: int = 100) -> Progress | None:
     """Progress of one of ``count`` equal parts of the work, told in ``steps`` of each, whatever the part itself counts.
 
-    >>> portion(lambda done, total: print(done, total), 1, 2)(3, 4)
+    >>> share_progress(lambda done, total: print(done, total), 1, 2)(3, 4)
     175 200
     """
     if progress is None:

@@ -15,17 +15,19 @@ from vrte.basics.arrays import Array
 DEGREES_AT_ONCE = 256  # bounds the memory, whatever the number of terms
 
 
-def wigner_functions(pairs: Sequence[tuple[int, int]], terms: int, cosine: Array) -> Iterator[tuple[int, Array]]:
+def compute_wigner_functions(
+    pairs: Sequence[tuple[int, int]], terms: int, cosine: Array
+) -> Iterator[tuple[int, Array]]:
     """d^l_mn at ``cosine`` (n,), ascending, for each (m, n) of ``pairs``, l < ``terms``, by blocks of degrees.
 
     Yields (first l, (l, pair, n)). A pair is (0, n), or (m, m) and (m, -m) next to each other.
     Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983).
 
-    >>> [(first, block.shape) for first, block in wigner_functions([(0, 0)], 300, np.array([0.5]))]
+    >>> [(first, block.shape) for first, block in compute_wigner_functions([(0, 0)], 300, np.array([0.5]))]
     [(0, (256, 1, 1)), (256, (44, 1, 1))]
     """
     gap, behind = 1.0 - np.abs(cosine), int(np.searchsorted(cosine, 0.0))
-    gain, shift, memory = _recurrence(pairs, terms)
+    gain, shift, memory = _find_recurrence(pairs, terms)
     step, change = np.zeros((2, len(pairs), cosine.size))
     now = np.zeros_like(step)
     for first in range(0, terms, DEGREES_AT_ONCE):
@@ -40,13 +42,13 @@ def wigner_functions(pairs: Sequence[tuple[int, int]], terms: int, cosine: Array
             now = np.add(now, step, out=block[row])
             for place, (m, n) in enumerate(pairs if degree <= 2 else ()):
                 if degree == max(m, abs(n)):
-                    now[place] = _lowest_degree(m, n, gap)
+                    now[place] = _find_lowest_degree(m, n, gap)
         now = now.copy()
         _turn_back(block[:, :, :behind], pairs, degrees)
         yield first, block
 
 
-def _recurrence(pairs: Sequence[tuple[int, int]], terms: int) -> tuple[Array, Array, Array]:
+def _find_recurrence(pairs: Sequence[tuple[int, int]], terms: int) -> tuple[Array, Array, Array]:
     """Factors of the step to degree l, zero up to the lowest degree: each (terms, pair, 1).
 
     With x = 1 - gap: d^l - d^(l-1) = memory (d^(l-1) - d^(l-2)) + (shift - gain gap) d^(l-1). ``shift`` is
@@ -70,7 +72,7 @@ def _recurrence(pairs: Sequence[tuple[int, int]], terms: int) -> tuple[Array, Ar
     return gain * under_way, shift * under_way, memory * under_way
 
 
-def _lowest_degree(m: int, n: int, gap: Array) -> Array:
+def _find_lowest_degree(m: int, n: int, gap: Array) -> Array:
     """d^l_mn at x = 1 - gap for l = max(m, |n|)."""
     minus, plus = abs(m - n), abs(m + n)
     count = math.factorial(minus + plus) / (math.factorial(minus) * math.factorial(plus))
@@ -84,13 +86,13 @@ def _turn_back(block: Array, pairs: Sequence[tuple[int, int]], degrees: NDArray[
     np.multiply(sign, block[:, partners], out=block)
 
 
-def gauss_legendre(count: int) -> tuple[Array, Array]:
+def find_gauss_legendre(count: int) -> tuple[Array, Array]:
     """Nodes in (-1, 1), ascending, and weights, both (count,), each to a few units of its last digit.
 
     Newton's method in the angle, from Tricomi's estimate; general-purpose routines lose up to 1e-9 of the outermost
     weights, where a forward peak sits. Source: Abramowitz and Stegun (1964), 22.7.10, 22.16.6 and 25.4.29.
 
-    >>> gauss_legendre(1)
+    >>> find_gauss_legendre(1)
     (array([0.]), array([2.]))
     """
     half = (count + 1) // 2
@@ -99,10 +101,10 @@ def gauss_legendre(count: int) -> tuple[Array, Array]:
     if count % 2:
         angle[-1] = 0.5 * math.pi
     for _ in range(3):
-        last, before = _legendre(count, angle)
+        last, before = _evaluate_legendre(count, angle)
         slope = count * (np.cos(angle) * last - before) / np.sin(angle)  # dP/d(angle)
         angle = angle - last / slope
-    last, before = _legendre(count, angle)
+    last, before = _evaluate_legendre(count, angle)
     slope = count * (np.cos(angle) * last - before)
     nodes, weights = np.cos(angle), 2.0 * (np.sin(angle) / slope) ** 2
     if count % 2:
@@ -111,7 +113,7 @@ def gauss_legendre(count: int) -> tuple[Array, Array]:
     return np.concatenate([0.0 - nodes, nodes[:inner][::-1]]), np.concatenate([weights, weights[:inner][::-1]])
 
 
-def _legendre(degree: int, angle: Array) -> tuple[Array, Array]:
+def _evaluate_legendre(degree: int, angle: Array) -> tuple[Array, Array]:
     """P_l and P_(l-1) of cos(angle), angle up to 90 degrees."""
     gap = 2.0 * np.sin(0.5 * angle) ** 2
     now, step, before = np.ones_like(gap), np.zeros_like(gap), np.zeros_like(gap)

@@ -5,22 +5,22 @@ from typing import Any
 
 # (class, verb): "module:function", called with the object and the verb's own arguments
 VIEWS: dict[tuple[str, str], str] = {
-    ("Brdf", "_repr_html_"): "vrte.pictures.notebook:brdf_html",
-    ("Brdf", "plot"): "vrte.pictures.lobes:brdf_figure",
-    ("Field", "_repr_html_"): "vrte.pictures.notebook:field_html",
-    ("Field", "plot"): "vrte.pictures.lobes:field_figure",
-    ("Layer", "_repr_html_"): "vrte.pictures.notebook:layer_html",
-    ("Particles", "_repr_html_"): "vrte.pictures.notebook:particles_html",
-    ("PhaseMatrix", "_repr_html_"): "vrte.pictures.notebook:phase_matrix_html",
-    ("PhaseMatrix", "plot"): "vrte.pictures.phase_pictures:phase_matrix_figure",
-    ("Plan", "_repr_html_"): "vrte.pictures.notebook:plan_html",
-    ("Plan", "plot"): "vrte.pictures.plan_picture:plan_figure",
+    ("Brdf", "_repr_html_"): "vrte.pictures.notebook:show_brdf",
+    ("Brdf", "plot"): "vrte.pictures.lobes:draw_brdf",
+    ("Field", "_repr_html_"): "vrte.pictures.notebook:show_field",
+    ("Field", "plot"): "vrte.pictures.lobes:draw_field",
+    ("Layer", "_repr_html_"): "vrte.pictures.notebook:show_layer",
+    ("Particles", "_repr_html_"): "vrte.pictures.notebook:show_particles",
+    ("PhaseMatrix", "_repr_html_"): "vrte.pictures.notebook:show_phase_matrix",
+    ("PhaseMatrix", "plot"): "vrte.pictures.phase_pictures:draw_phase_matrix",
+    ("Plan", "_repr_html_"): "vrte.pictures.notebook:show_plan",
+    ("Plan", "plot"): "vrte.pictures.plan_picture:draw_plan",
     ("Result", "save"): "vrte.formats:save",
     ("Result", "to_xarray"): "vrte.formats.netcdf:to_xarray",
-    ("Scene", "_repr_html_"): "vrte.pictures.notebook:scene_html",
-    ("Spectrum", "_repr_html_"): "vrte.pictures.notebook:spectrum_html",
-    ("Spectrum", "plot"): "vrte.pictures.lobes:spectrum_figure",
-    ("Views", "to_xarray"): "vrte.formats.netcdf:views_to_xarray",
+    ("Scene", "_repr_html_"): "vrte.pictures.notebook:show_scene",
+    ("Spectrum", "_repr_html_"): "vrte.pictures.notebook:show_spectrum",
+    ("Spectrum", "plot"): "vrte.pictures.lobes:draw_spectrum",
+    ("Views", "to_xarray"): "vrte.formats.netcdf:convert_views",
 }
 
 

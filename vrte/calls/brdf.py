@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import frozen, settled
-from vrte.basics.running import Progress, interruptible
-from vrte.methods import choose_method, run_of, solve_request
+from vrte.basics.arrays import freeze_copy, settle_array
+from vrte.basics.running import Progress, run_interruptible
+from vrte.methods import choose_method, make_run, solve_request
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
-from vrte.request.request import Request, brdf_request
+from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.results.solution import Solution
-from vrte.scene.illumination import mirrored_mueller
+from vrte.scene.illumination import mirror_mueller
 from vrte.scene.scene import Scene
 
 
@@ -74,32 +74,32 @@ def brdf(
     >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
-    return brdf_of(choose_method(brdf_request(**locals())), progress)
+    return solve_brdf(choose_method(make_brdf_request(**locals())), progress)
 
 
-def brdf_of(request: Request, progress: Progress | None = None, told: bool = False) -> Brdf:
+def solve_brdf(request: Request, progress: Progress | None = None, told: bool = False) -> Brdf:
     """Of a request with its method named; ``told``: what it takes was said."""
-    run = run_of(request)
+    run = make_run(request)
     run.told = told
-    _, solution = interruptible(run, lambda: solve_request(request, run, progress))
-    return as_brdf(request, solution)
+    _, solution = run_interruptible(run, lambda: solve_request(request, run, progress))
+    return make_brdf(request, solution)
 
 
-def as_brdf(request: Request, solution: Solution) -> Brdf:
+def make_brdf(request: Request, solution: Solution) -> Brdf:
     """What was found, as a result."""
     into, directions = request.mu0, request.mu
     assert directions is not None
     # (1, n_in, n_mu, n_phi, 4, column), of light going up at the top and down at the bottom
-    matrices = [settled(values)[0] for values in solution.parts]
+    matrices = [settle_array(values)[0] for values in solution.parts]
     if request.illuminate == "bottom":
-        matrices = [mirrored_mueller(values) for values in matrices]
+        matrices = [mirror_mueller(values) for values in matrices]
     for values in matrices:
         warn_of_negative(request, values[..., 0, 0], solution.diagnostics)
     return Brdf(
         mueller=matrices[0],
-        reflectance=frozen(solution.flux_up[0, :, 0] / into),
+        reflectance=freeze_copy(solution.flux_up[0, :, 0] / into),
         transmission=matrices[1] if len(matrices) > 1 else None,
-        direct_transmittance=frozen(np.exp(-request.scene.thickness / into)),
+        direct_transmittance=freeze_copy(np.exp(-request.scene.thickness / into)),
         mu_i=into,
         mu_o=directions[directions > 0.0],
         phi=request.phi,

@@ -4,15 +4,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress, Run, interruptible, portion
-from vrte.calls.brdf import as_brdf, brdf_of
+from vrte.basics.running import Progress, Run, run_interruptible, share_progress
+from vrte.calls.brdf import make_brdf, solve_brdf
 from vrte.calls.forecast import foretell_all
-from vrte.discrete_ordinates.execution.engines import engine_of
-from vrte.discrete_ordinates.planning.plan import plan_of
-from vrte.methods import choose_method, run_of
-from vrte.methods.discrete_ordinates import solved_plans
+from vrte.discrete_ordinates.execution.engines import choose_engine
+from vrte.discrete_ordinates.planning.plan import plan_request
+from vrte.methods import choose_method, make_run
+from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.how import EXACT, describe_options
-from vrte.request.request import Request, brdf_request
+from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.scene.scene import Scene
 
@@ -75,13 +75,15 @@ def brdfs(
     requests = []
     for place, scene in enumerate(given, 1):
         try:
-            requests.append(choose_method(brdf_request(scene, **asked)))
+            requests.append(choose_method(make_brdf_request(scene, **asked)))
         except SceneError as error:
             raise error.behind(f"scene {place} of {len(given)}") from error
-    return brdfs_of(requests, progress, "scenes")
+    return solve_brdfs(requests, progress, "scenes")
 
 
-def brdfs_of(requests: Sequence[Request], progress: Progress | None, what: str, told: bool | None = None) -> list[Brdf]:
+def solve_brdfs(
+    requests: Sequence[Request], progress: Progress | None, what: str, told: bool | None = None
+) -> list[Brdf]:
     """Of requests with their methods named; ``told``: whether it was said that they take long, None where nobody
     looked."""
     count = len(requests)
@@ -90,20 +92,20 @@ def brdfs_of(requests: Sequence[Request], progress: Progress | None, what: str, 
     if told is None:
         told = foretell_all(count, lambda place: (requests[place], 0.0), f"{count} {what}")
     exact = all(request.method == EXACT and not request.verify for request in requests)
-    if exact and engine_of(requests[0].backend).takes_many:
-        run = run_of(requests[0])
+    if exact and choose_engine(requests[0].backend).takes_many:
+        run = make_run(requests[0])
         run.told = told
-        return interruptible(run, lambda: solved_together(requests, run, progress))
+        return run_interruptible(run, lambda: solve_together(requests, run, progress))
     found = []
     for place, request in enumerate(requests):
-        part = portion(progress, place, count)
-        found.append(brdf_of(request, part, told))
+        part = share_progress(progress, place, count)
+        found.append(solve_brdf(request, part, told))
         if part is not None:
             part(1, 1)
     return found
 
 
-def solved_together(requests: Sequence[Request], run: Run, progress: Progress | None) -> list[Brdf]:
+def solve_together(requests: Sequence[Request], run: Run, progress: Progress | None) -> list[Brdf]:
     """All of them at once, by an engine that takes many."""
-    solutions = solved_plans([plan_of(request, run) for request in requests], run, progress)
-    return [as_brdf(request, found) for request, found in zip(requests, solutions, strict=True)]
+    solutions = solve_plans([plan_request(request, run) for request in requests], run, progress)
+    return [make_brdf(request, found) for request, found in zip(requests, solutions, strict=True)]

@@ -9,7 +9,7 @@ from vrte import methods
 from vrte.basics import cost
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.planning.forecast import seconds_of_all, seconds_of_planning
+from vrte.discrete_ordinates.planning.forecast import predict_planning_seconds, predict_total_seconds
 from vrte.request.backends import Backend
 from vrte.request.how import EXACT
 from vrte.request.request import Request
@@ -38,7 +38,7 @@ def foretell_all(
         try:
             request, made = asked_at(place)
             start = time.perf_counter()
-            seconds, planned = predicted(request)
+            seconds, planned = predict_seconds(request)
         except SceneError:
             continue
         looked.append(made + time.perf_counter() - start + planned + cost.A_CALL)
@@ -56,18 +56,18 @@ def foretell_all(
     return total > cost.LONG
 
 
-def predicted(request: Request) -> tuple[float, float]:
+def predict_seconds(request: Request) -> tuple[float, float]:
     """Seconds of a solve, and of its plan where that is too long to be made here; nothing of a device."""
-    from vrte.discrete_ordinates.planning.plan import plan_of
+    from vrte.discrete_ordinates.planning.plan import plan_request
 
     if request.backend is Backend.OPENCL:
         return 0.0, 0.0
     run = Run(1)  # no threads of OpenMP in the caller's own: a child forked later would wait for them
     if request.method != EXACT:
-        return methods.predicted(request, run), 0.0
-    threads = methods.run_of(request).threads
-    planning = seconds_of_planning(request, run)
+        return methods.predict_seconds(request, run), 0.0
+    threads = methods.make_run(request).threads
+    planning = predict_planning_seconds(request, run)
     if planning > cost.LOOKING:
         return 0.0, planning / threads
-    plan = plan_of(request, run)
-    return seconds_of_all(plan) / threads, 0.0
+    plan = plan_request(request, run)
+    return predict_total_seconds(plan) / threads, 0.0

@@ -4,16 +4,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from vrte.basics.arrays import shown
+from vrte.basics.arrays import show_value
 from vrte.basics.errors import SceneError
-from vrte.basics.running import interruptible, new_run
-from vrte.discrete_ordinates.planning.plan import Plan, plan_of
+from vrte.basics.running import run_interruptible, start_run
+from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods import choose_method
 from vrte.request.how import AUTO, EXACT
-from vrte.request.request import Request, brdf_request, radiance_request
+from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.scene.scene import Scene
 
-REQUESTS: dict[str, Callable[..., Request]] = {"brdf": brdf_request, "radiance": radiance_request}
+REQUESTS: dict[str, Callable[..., Request]] = {"brdf": make_brdf_request, "radiance": make_radiance_request}
 
 
 def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
@@ -47,18 +47,18 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     >>> plan("radiance", scene, mu0=0.6, nodes=8)
     Plan(radiance, 1 orders at most, 1 blocks)
     """
-    request = request_of(kind, scene, *arguments, **keywords)
+    request = make_request(kind, scene, *arguments, **keywords)
     if request.method != EXACT and not request.method_rule:
         words = f"has no plan: there are plans of {EXACT!r} and {AUTO!r}"
         raise SceneError(f"method {request.method!r} {words}", "method")
-    run = new_run(request.threads)
-    found = interruptible(run, lambda: plan_of(request, run))
+    run = start_run(request.threads)
+    found = run_interruptible(run, lambda: plan_request(request, run))
     # what the rules gave to another method has no Fourier order to solve
     return replace(found, blocks=(), orders=0) if request.method_rule and request.method != EXACT else found
 
 
-def request_of(kind: Any, scene: Any, *arguments: Any, **keywords: Any) -> Request:
+def make_request(kind: Any, scene: Any, *arguments: Any, **keywords: Any) -> Request:
     """The request that `vrte.brdf` or `vrte.radiance` would make of its arguments, its method named."""
     if not (isinstance(kind, str) and kind in REQUESTS):
-        raise SceneError.of("kind", f"must be 'brdf' or 'radiance', not {shown(kind)}")
+        raise SceneError.of("kind", f"must be 'brdf' or 'radiance', not {show_value(kind)}")
     return choose_method(REQUESTS[kind](scene, *arguments, **keywords))

@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, frozen, settled
-from vrte.basics.running import Progress, interruptible
-from vrte.methods import choose_method, run_of, solve_request
+from vrte.basics.arrays import Array, freeze_copy, settle_array
+from vrte.basics.running import Progress, run_interruptible
+from vrte.methods import choose_method, make_run, solve_request
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
-from vrte.request.request import Request, radiance_request
+from vrte.request.request import Request, make_radiance_request
 from vrte.results.field import Field
 from vrte.results.solution import Solution
-from vrte.scene.illumination import mirrored_stokes
+from vrte.scene.illumination import mirror_stokes
 from vrte.scene.scene import Scene
 
 
@@ -80,10 +80,10 @@ def radiance(
     >>> radiance(scene, mu0=0.6, mu=[0.5, -0.5], nodes=8).stokes.shape
     (1, 2, 1, 4)
     """
-    request = choose_method(radiance_request(**locals()))
-    run = run_of(request)
-    directions, solution = interruptible(run, lambda: solve_request(request, run, progress))
-    found = field_of(request, directions, solution)
+    request = choose_method(make_radiance_request(**locals()))
+    run = make_run(request)
+    directions, solution = run_interruptible(run, lambda: solve_request(request, run, progress))
+    found = make_field(request, directions, solution)
     return found.beam(0) if is_one_number(mu0) else found
 
 
@@ -92,18 +92,18 @@ def is_one_number(value: Any) -> bool:
     return type(value) is float or np.ndim(value) == 0
 
 
-def field_of(request: Request, directions: Array, solution: Solution) -> Field:
+def make_field(request: Request, directions: Array, solution: Solution) -> Field:
     """What was found, as a result of as many beams as were asked for."""
     tau, incident = request.asked_tau, request.incident
     assert tau is not None
     assert incident is not None
-    seen = np.moveaxis(settled(solution.parts[0])[..., 0], 1, 0)  # (n_in, n_tau, n_mu, n_phi, 4)
+    seen = np.moveaxis(settle_array(solution.parts[0])[..., 0], 1, 0)  # (n_in, n_tau, n_mu, n_phi, 4)
     warn_of_negative(request, seen[..., 0], solution.diagnostics)
     beams = request.mu0[:, None]
     direct = beams * incident[0] * np.exp(-request.tau / beams)
     fluxes = [np.moveaxis(flux, 1, 0).sum(axis=-1) for flux in (solution.flux_up, solution.flux_down)]
     if request.illuminate == "bottom":
-        seen, fluxes = mirrored_stokes(seen), fluxes[::-1]
+        seen, fluxes = mirror_stokes(seen), fluxes[::-1]
         if request.mu is None:  # the nodes, up and down, the other way round
             seen = np.roll(seen, directions.size // 2, axis=2)
         else:
@@ -112,9 +112,9 @@ def field_of(request: Request, directions: Array, solution: Solution) -> Field:
         directions = directions[:0]
     return Field(
         stokes=seen[:, :, : directions.size],
-        flux_up=frozen(fluxes[0]),
-        flux_down=frozen(fluxes[1]),
-        direct=frozen(direct),
+        flux_up=freeze_copy(fluxes[0]),
+        flux_down=freeze_copy(fluxes[1]),
+        direct=freeze_copy(direct),
         tau=tau,
         mu=directions,
         phi=request.phi,

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress, portion
-from vrte.calls.brdfs import brdfs_of
+from vrte.basics.running import Progress, share_progress
+from vrte.calls.brdfs import solve_brdfs
 from vrte.calls.forecast import foretell_all
-from vrte.calls.plan import request_of
+from vrte.calls.plan import make_request
 from vrte.request.request import Request
-from vrte.results.spectrum import Spectrum, ascending, with_scene
+from vrte.results.spectrum import Spectrum, add_scene_text, check_ascending
 
 if TYPE_CHECKING:
     from vrte.formats.scene_file import SceneFile
@@ -67,23 +67,23 @@ def spectrum(
     >>> spectrum(content, [0.45, 0.65])
     Spectrum(2 wavelengths from 0.45 to 0.65 um, Brdf(1 mu_i, 1 mu_o, 1 phi) at each)
     """
-    wavelengths = ascending(listed(scene) if wavelengths_um is None else wavelengths_um)
-    first, second = (portion(progress, half, 2, 100 * wavelengths.size) for half in (0, 1))
-    files, told = scenes_at(scene, wavelengths, folder, first, asked)
-    return solved_at(files, wavelengths, second, told, **asked)
+    wavelengths = check_ascending(list_wavelengths(scene) if wavelengths_um is None else wavelengths_um)
+    first, second = (share_progress(progress, half, 2, 100 * wavelengths.size) for half in (0, 1))
+    files, told = prepare_scenes(scene, wavelengths, folder, first, asked)
+    return solve_spectrum(files, wavelengths, second, told, **asked)
 
 
-def listed(scene: Source) -> list[float]:
+def list_wavelengths(scene: Source) -> list[float]:
     """The wavelengths that a scene file lists. Raises SceneError where it lists none."""
-    from vrte.formats.scene_file import listed_wavelengths, read_content
+    from vrte.formats.scene_file import read_content, read_listed_wavelengths
 
-    found = listed_wavelengths(dict(scene) if isinstance(scene, Mapping) else read_content(scene))
+    found = read_listed_wavelengths(dict(scene) if isinstance(scene, Mapping) else read_content(scene))
     if found is None:
         raise SceneError("wavelengths_um are missing: say which, or list them as wavelength_um in the scene")
     return found
 
 
-def scenes_at(
+def prepare_scenes(
     scene: Source,
     wavelengths: Array,
     folder: str | os.PathLike[str] = ".",
@@ -96,41 +96,41 @@ def scenes_at(
 
     def asked_at(place: int) -> tuple[Request, float]:
         begin = time.perf_counter()
-        made[place] = scene_at(scene, float(wavelengths[place]), folder)
+        made[place] = prepare_scene(scene, float(wavelengths[place]), folder)
         seconds = time.perf_counter() - begin
-        return request_of("brdf", made[place].scene, **made[place].keywords(asked or {})), seconds
+        return make_request("brdf", made[place].scene, **made[place].keywords(asked or {})), seconds
 
     count = wavelengths.size
     told = None if asked is None else foretell_all(count, asked_at, f"{count} wavelengths")
     for place, wavelength in enumerate(wavelengths.tolist()):
-        made[place] = made.get(place) or scene_at(scene, wavelength, folder)
+        made[place] = made.get(place) or prepare_scene(scene, wavelength, folder)
         if progress is not None:
             progress(place + 1, count)
     return [made[place] for place in range(count)], told
 
 
-def scene_at(scene: Source, wavelength: float, folder: str | os.PathLike[str]) -> "SceneFile":
+def prepare_scene(scene: Source, wavelength: float, folder: str | os.PathLike[str]) -> "SceneFile":
     """The scene at one wavelength. Raises SceneError, which names it."""
-    from vrte.formats.scene_file import read_scene, scene_of
+    from vrte.formats.scene_file import make_scene_file, read_scene
 
     try:
         if isinstance(scene, Mapping):
-            return scene_of({**scene, "wavelength_um": wavelength}, "brdf", Path(folder))
+            return make_scene_file({**scene, "wavelength_um": wavelength}, "brdf", Path(folder))
         return read_scene(scene, "brdf", wavelength)
     except SceneError as error:
         raise error.behind(f"at {wavelength:g} um") from error
 
 
-def solved_at(
+def solve_spectrum(
     files: Sequence["SceneFile"],
     wavelengths: Array,
     progress: Progress | None = None,
     told: bool | None = None,
     **asked: Any,
 ) -> Spectrum:
-    """The spectrum of what `scenes_at` made; ``asked`` as for `spectrum`; ``told``: whether it was said that all takes
-    long, None where nobody looked."""
+    """The spectrum of what `prepare_scenes` made; ``asked`` as for `spectrum`; ``told``: whether it was said that all
+    takes long, None where nobody looked."""
     with files[0].located():
-        requests = [request_of("brdf", file.scene, **file.keywords(asked)) for file in files]
-        found = brdfs_of(requests, progress, "wavelengths", told)
-    return Spectrum(wavelengths, tuple(with_scene(one, files[0].text) for one in found))
+        requests = [make_request("brdf", file.scene, **file.keywords(asked)) for file in files]
+        found = solve_brdfs(requests, progress, "wavelengths", told)
+    return Spectrum(wavelengths, tuple(add_scene_text(one, files[0].text) for one in found))

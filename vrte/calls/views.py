@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, number, vector
+from vrte.basics.arrays import Array, check_number, check_vector
 from vrte.basics.errors import SceneError
 from vrte.calls.radiance import radiance
 from vrte.results.views import Views
@@ -27,18 +27,36 @@ def views(
 ) -> Views:
     """The diffuse radiance of many beams, each in one direction of its own.
 
-    Parameters: ``mu0``, ``mu``, ``phi``, numbers or lists that broadcast to one length n, a geometry each; ``stokes``
-    of all beams; ``tau``, one depth, by default the top; all else as for `vrte.radiance`. Geometries are solved for
-    together, few or many as their distinct values allow. Raises SceneError for bad input, and what `vrte.radiance`
-    raises.
+    Parameters
+    ----------
+    scene : Scene
+    mu0, mu, phi : array_like
+        Cosines of the beams, signed cosines and azimuths [degrees] of the directions: numbers or lists that broadcast
+        to one length n, a geometry each.
+    stokes : array_like (4,)
+        Of all beams.
+    tau : float
+        One optical depth, by default the top.
+    how
+        All else as for `vrte.radiance`.
+
+    Returns
+    -------
+    Views
+        A row a geometry; they are solved for together, few or many as their distinct values allow.
+
+    Raises
+    ------
+    SceneError
+        For bad input, and what else `vrte.radiance` raises.
 
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
     >>> views(scene, mu0=[0.6, 0.61, 0.62], mu=[0.9, 0.8, 0.7], phi=30.0, nodes=8).stokes.shape
     (3, 4)
     """
-    given = [vector(name, values) for name, values in (("mu0", mu0), ("mu", mu), ("phi", phi))]
-    depth = number("tau", tau, 0.0, float("inf"), "one optical depth >= 0")
+    given = [check_vector(name, values) for name, values in (("mu0", mu0), ("mu", mu), ("phi", phi))]
+    depth = check_number("tau", tau, 0.0, float("inf"), "one optical depth >= 0")
     try:
         beams, sights, azimuths = np.broadcast_arrays(*given)
     except ValueError:
@@ -49,7 +67,7 @@ def views(
     seen = np.empty((beams.size, 4))
     solves: list[dict[str, Any]] = []
     incident = np.zeros(4)
-    for rows in solved_together(beams, sights, azimuths):
+    for rows in group_geometries(beams, sights, azimuths):
         axes = [np.unique(each[rows], return_inverse=True) for each in (beams, sights, azimuths)]
         (of_beam, i), (of_sight, o), (of_azimuth, p) = axes
         found = radiance(scene, of_beam, stokes, of_sight, of_azimuth, depth, **how)
@@ -59,18 +77,18 @@ def views(
     return Views(seen, beams, sights, azimuths, depth, incident, {"solves": solves})
 
 
-def solved_together(*geometries: Array) -> Iterator[NDArray[np.intp]]:
+def group_geometries(*geometries: Array) -> Iterator[NDArray[np.intp]]:
     """Rows whose distinct values span no too large a grid, alike ones next to each other."""
     order = np.lexsort(geometries[::-1])
     first = 0
     while first < order.size:
         last = order.size
-        while last - first > 1 and grid_of(order[first:last], geometries) > LARGEST_GRID:
+        while last - first > 1 and measure_grid(order[first:last], geometries) > LARGEST_GRID:
             last = first + (last - first + 1) // 2
         yield order[first:last]
         first = last
 
 
-def grid_of(rows: NDArray[np.intp], geometries: tuple[Array, ...]) -> float:
+def measure_grid(rows: NDArray[np.intp], geometries: tuple[Array, ...]) -> float:
     """How many directions the distinct values of some rows span."""
     return float(np.prod([float(np.unique(each[rows]).size) for each in geometries]))

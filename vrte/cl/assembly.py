@@ -13,9 +13,9 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.running import Crew
-from vrte.cl.matrices import STRIP, Stack, download_stack, new_stack, padded, product
+from vrte.cl.matrices import STRIP, Stack, download_stack, make_stack, multiply_stacks, pad_to_strips
 from vrte.cl.session import Placed, Session
-from vrte.cl.stages import stands_for
+from vrte.cl.stages import stand_in_for
 
 DIRECTIONS_A_PIECE = 10  # on a processor, where a piece of work must last some microseconds; 1 elsewhere
 STRIPS_A_PIECE = 8
@@ -99,44 +99,44 @@ def launch_pieces(
     session.launch(name, whole, *filled, items, group=(group, *(1 for _ in whole[1:])))
 
 
-def most_columns(members: Sequence[int], n_term: int) -> int:
+def count_most_columns(members: Sequence[int], n_term: int) -> int:
     """Columns that E and F of any order have together, at most.
 
-    >>> most_columns((0, 1, 2, 3), 80)
+    >>> count_most_columns((0, 1, 2, 3), 80)
     320
     """
     alone, polar = len({0, 3} & set(members)), len({1, 2} & set(members))
     return max(n_term * (alone + polar), (n_term - 1) * (alone + 2 * min(polar, 1)))
 
 
-def wigner_factors(session: Session, items: Any, order: Any, n_term: int) -> Any:
+def compute_wigner_factors(session: Session, items: Any, order: Any, n_term: int) -> Any:
     """What the recurrence over degrees needs of an order, (item, n_term + 1, 4)."""
     factors = session.empty((order.size, n_term + 1, 4))
     session.launch("wigner_factors", (items.size,), n_term, order, factors, items)
     return factors
 
 
-def parity_columns(session: Session, what: Scattering, directions: Any, weights: Any, n_out: int) -> Columns:
+def compute_parity_columns(session: Session, what: Scattering, directions: Any, weights: Any, n_out: int) -> Columns:
     """The columns of P_l^m on the nodes (as many as weights), the next ``n_out`` directions, and the rest."""
     n_node, n_all = weights.size, directions.size
-    second = padded(what.stokes * n_node)
-    third = second + padded(what.stokes * n_out)
-    rows = third + padded(what.stokes * (n_all - n_node - n_out))
-    phi = new_stack(session, what.room, rows, most_columns(what.members, what.n_term), bare=True)
+    second = pad_to_strips(what.stokes * n_node)
+    third = second + pad_to_strips(what.stokes * n_out)
+    rows = third + pad_to_strips(what.stokes * (n_all - n_node - n_out))
+    phi = make_stack(session, what.room, rows, count_most_columns(what.members, what.n_term), bare=True)
     counts, factors = (
         session.empty((what.room, 2), np.int32),
-        wigner_factors(session, what.items, what.order, what.n_term),
+        compute_wigner_factors(session, what.items, what.order, what.n_term),
     )
     arguments = what, n_all, n_node, n_out, ..., directions, weights, factors, phi, counts
     launch_pieces(session, "parity_columns", n_all, DIRECTIONS_A_PIECE, what.items, *arguments)
     return Columns(phi, counts, (0, second, third))
 
 
-def times_coefficients(
+def multiply_by_coefficients(
     session: Session, what: Scattering, counts: Any, phi: Stack, psi: Stack, v_sign: float = 1.0, odd_sign: float = 1.0
 ) -> None:
     """psi = albedo phi B^T; V's column of phi counts v_sign times, F's columns odd_sign times."""
-    strips = padded(phi.rows) // STRIP
+    strips = pad_to_strips(phi.rows) // STRIP
     arguments = what, strips, ..., v_sign, odd_sign, counts, phi, psi
     launch_pieces(session, "times_coefficients", strips, STRIPS_A_PIECE, what.items, *arguments)
 
@@ -160,14 +160,14 @@ def assemble(
     what = Scattering(items, order, material, tuple(members), coefficients, terms, albedo)
     n_in = directions.size - weights.size - n_out
     n, out, into = (what.stokes * number for number in (weights.size, n_out, n_in))
-    columns = parity_columns(session, what, directions, weights, n_out)
+    columns = compute_parity_columns(session, what, directions, weights, n_out)
     phi, phi_out, phi_in = (columns.rows(part, rows) for part, rows in enumerate((n, out, into)))
-    psi, psi_in = (new_stack(session, what.room, rows, phi.columns, bare=True) for rows in (n, into))
+    psi, psi_in = (make_stack(session, what.room, rows, phi.columns, bare=True) for rows in (n, into))
     for whole, product_of in ((phi, psi), (phi_in, psi_in)):
         if whole.rows:
-            times_coefficients(session, what, columns.counts, whole, product_of)
+            multiply_by_coefficients(session, what, columns.counts, whole, product_of)
     shapes = [(n, n), (n, n), (out, n), (out, n), (n, into), (n, into)]
-    E, F, G_E, G_F, source_s, source_d = (new_stack(session, what.room, *shape, bare=True) for shape in shapes)
+    E, F, G_E, G_F, source_s, source_d = (make_stack(session, what.room, *shape, bare=True) for shape in shapes)
     for part, matrix, leading_out, source in ((0, E, G_E, source_d), (1, F, G_F, source_s)):
         for left, right, made, sign in (
             (phi, psi, matrix, -1.0),
@@ -175,19 +175,19 @@ def assemble(
             (phi, psi_in, source, 1.0),
         ):
             if made.rows and made.columns:
-                product_over_columns(session, items, columns.counts, part, left, right, made, sign)
+                multiply_over_columns(session, items, columns.counts, part, left, right, made, sign)
     session.launch("add_rates", (items.size,), n, what.stokes, directions, E, F, items)
     return Assembled(E, F, G_E, G_F, source_s, source_d)
 
 
-def product_over_columns(
+def multiply_over_columns(
     session: Session, items: Any, counts: Any, part: int, a: Stack, b: Stack, c: Stack, alpha: float, beta: float = 0.0
 ) -> None:
     """c = alpha a b^T + beta c over the columns of a and b that are E's (part 0), F's (1) or either's (2)."""
-    product(session, items, a, b, c, alpha, beta, True, part, counts, STRIPS_TOGETHER)
+    multiply_stacks(session, items, a, b, c, alpha, beta, True, part, counts, STRIPS_TOGETHER)
 
 
-@stands_for(_core.assemble)
+@stand_in_for(_core.assemble)
 def assemble_arrays(session: Session, crew: Crew, given: Any) -> None:
     """Fills E, F, G_E, G_F, source_s and source_d."""
     order, material = np.meshgrid(given.orders, np.arange(given.terms.size, dtype=np.int32), indexing="ij")

@@ -18,11 +18,12 @@ COMPLAINT = re.compile(r"\berror\b")
 LONGEST = 300  # characters of a compiler's log in a message
 
 
-def argument_types(text: str) -> dict[str, list[Any]]:
+def parse_argument_types(text: str) -> dict[str, list[Any]]:
     """The kernels that a source defines, and the types of their arguments, None for memory; macros that stand for
     several arguments are written out.
 
-    >>> argument_types("#define STACK(x) __global double* x, long x##_first\\n__kernel void fill(int n, STACK(a)) { }")
+    >>> source = "#define STACK(x) __global double* x, long x##_first\\n__kernel void fill(int n, STACK(a)) { }"
+    >>> parse_argument_types(source)
     {'fill': [<class 'numpy.int32'>, None, <class 'numpy.int64'>]}
     """
     text = text.replace("\\\n", " ")
@@ -44,7 +45,7 @@ class Kernels(dict[str, Any]):
 
     def __init__(self, program: Any, text: str) -> None:
         super().__init__()
-        self.program, self.types = program, argument_types(text)
+        self.program, self.types = program, parse_argument_types(text)
 
     def __missing__(self, name: str) -> Any:
         import pyopencl
@@ -54,7 +55,7 @@ class Kernels(dict[str, Any]):
         return self[name]
 
 
-def built(context: Any, text: str, options: Sequence[str]) -> Kernels:
+def build_kernels(context: Any, text: str, options: Sequence[str]) -> Kernels:
     """The kernels of a source, compiled.
 
     Raises DeviceError with the compiler's first complaint.

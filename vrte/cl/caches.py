@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import DeviceError
-from vrte.cl.drivers import variable
+from vrte.cl.drivers import set_variable
 
 try:
     import fcntl
@@ -34,7 +34,7 @@ _lock = threading.Lock()
 _own: dict[str, Any] = {}
 
 
-def kept_folder() -> Path:
+def find_kept_folder() -> Path:
     """Where archives lie: below POCL_CACHE_DIR where that is set, else in the account's folder of caches."""
     import platformdirs
 
@@ -43,12 +43,12 @@ def kept_folder() -> Path:
 
 
 @contextmanager
-def all_private() -> Iterator[None]:
+def keep_files_private() -> Iterator[None]:
     """While pyopencl and its drivers are first asked for anything: they are told to keep their files here."""
     folder = own_folder()
-    with variable("XDG_CACHE_HOME", str(folder / WRAPPERS)):
+    with set_variable("XDG_CACHE_HOME", str(folder / WRAPPERS)):
         import pyopencl.invoker  # noqa: F401  where Python wrappers of kernels are kept is settled by its import
-    with variable(VARIABLE, str(folder / POCL)):  # children choose for themselves
+    with set_variable(VARIABLE, str(folder / POCL)):  # children choose for themselves
         yield
 
 
@@ -59,13 +59,13 @@ def own_folder() -> Path:
     """
     with _lock:
         if not _own:
-            _own["folder"] = _prepare(kept_folder())
+            _own["folder"] = _prepare(find_kept_folder())
         found: Path = _own["folder"]
         return found
 
 
 def _prepare(kept: Path) -> Path:
-    archive = kept / f"kernels-{_sources_checksum()}.zip"
+    archive = kept / f"kernels-{_hash_sources()}.zip"
     try:
         kept.mkdir(parents=True, exist_ok=True, mode=0o700)
         remove_abandoned(kept)
@@ -79,7 +79,7 @@ def _prepare(kept: Path) -> Path:
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
             (folder / path).write_bytes(data)
     except OSError as error:
-        folder = _temporary_folder(kept, error)
+        folder = _make_temporary_folder(kept, error)
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
     else:
         atexit.register(keep_new, archive, folder, set(content), os.getpid())
@@ -87,12 +87,12 @@ def _prepare(kept: Path) -> Path:
     return folder
 
 
-def _sources_checksum() -> str:
+def _hash_sources() -> str:
     texts = sorted(file.read_bytes() for file in files("vrte.cl").iterdir() if file.name.endswith(".cl"))
     return hashlib.sha256(b"".join(texts)).hexdigest()[:16]
 
 
-def _temporary_folder(unusable: Path, error: OSError) -> Path:
+def _make_temporary_folder(unusable: Path, error: OSError) -> Path:
     try:
         folder = tempfile.mkdtemp(prefix="vrte-opencl-")
     except OSError as second:

@@ -53,31 +53,33 @@ def devices() -> tuple[Device, ...]:
         raise DeviceError(FORKED)
     with _lock:
         if _state["devices"] is None:
-            _state["devices"] = _listed()
+            _state["devices"] = _find_devices()
         found: tuple[Device, ...] = _state["devices"]
         return found
 
 
-def _listed() -> tuple[Device, ...]:
+def _find_devices() -> tuple[Device, ...]:
     try:
         import pyopencl
     except ImportError as error:
         raise MissingExtraError("OpenCL", "opencl") from error
     _state["process"] = os.getpid()
-    with caches.all_private(), device_errors():
+    with caches.keep_files_private(), raise_device_errors():
         try:
-            with drivers.all_visible():
+            with drivers.make_drivers_visible():
                 platforms = pyopencl.get_platforms()
         except pyopencl.Error as error:
             raise DeviceError(f"there is no OpenCL platform: {INSTALL} ({faults.name_of(error)})") from error
-        found = tuple(_described(platform, handle) for platform in platforms for handle in _devices_of(platform))
+        found = tuple(
+            _describe_device(platform, handle) for platform in platforms for handle in _list_available(platform)
+        )
     if not found:
         names = ", ".join(platform.name.strip() for platform in platforms)
         raise DeviceError(f"no OpenCL platform has a device (platforms: {names or 'none'})")
     return found
 
 
-def _devices_of(platform: Any) -> Sequence[Any]:
+def _list_available(platform: Any) -> Sequence[Any]:
     import pyopencl
 
     try:
@@ -87,7 +89,7 @@ def _devices_of(platform: Any) -> Sequence[Any]:
     return [device for device in listed if device.available]
 
 
-def _described(platform: Any, handle: Any) -> Device:
+def _describe_device(platform: Any, handle: Any) -> Device:
     import pyopencl
 
     kinds = pyopencl.device_type
@@ -105,14 +107,14 @@ def _described(platform: Any, handle: Any) -> Device:
     )
 
 
-def complaint_of(index: int) -> str:
+def find_complaint(index: int) -> str:
     """Why a device of `devices` does not compute, in one line; empty where it does. Tried once a process."""
     device = devices()[index]
     with _lock:
         complaints: dict[tuple[int, str, str], str] = _state["complaints"]
         key = index, device.platform, device.name
         if key not in complaints:
-            complaints[key] = trial.complaint(index, device.platform, device.handle)
+            complaints[key] = trial.try_device(index, device.platform, device.handle)
         return complaints[key]
 
 
@@ -134,7 +136,7 @@ def choose(
     (0, 'the only CPU (passed over: 1)')
     """
     if asked_for:
-        index = _named(found, asked_for)
+        index = _find_wanted(found, asked_for)
         if complaint := complaint_of(index):
             raise DeviceError(f"{VARIABLE}={asked_for} names a device that does not compute: {complaint}")
         return index, f"{VARIABLE}={asked_for}"
@@ -142,11 +144,11 @@ def choose(
         (index for index, device in enumerate(found) if device.double_precision), key=lambda i: _rank(found[i])
     )
     if not able:
-        raise DeviceError(f"no OpenCL device computes in double precision: {all_names(found)}")
+        raise DeviceError(f"no OpenCL device computes in double precision: {list_names(found)}")
     complaints: dict[int, str] = {}
     for index in able:
         if not (complaint := complaint_of(index)):
-            reason = _reason(found, index, [i for i in able if i not in complaints])
+            reason = _explain_choice(found, index, [i for i in able if i not in complaints])
             passed = ", ".join(map(str, sorted(complaints)))
             return index, f"{reason} (passed over: {passed})" if passed else reason
         complaints[index] = complaint
@@ -159,7 +161,7 @@ def _rank(device: Device) -> tuple[int, bool, int]:
     return PREFERENCE.index(device.kind), device.kind == "cpu" and device.platform != trial.POCL, -device.memory
 
 
-def _reason(found: Sequence[Device], best: int, left: Sequence[int]) -> str:
+def _explain_choice(found: Sequence[Device], best: int, left: Sequence[int]) -> str:
     """Why the best of those left is taken."""
     kind = found[best].kind
     among = [found[index] for index in left if found[index].kind == kind]
@@ -171,7 +173,7 @@ def _reason(found: Sequence[Device], best: int, left: Sequence[int]) -> str:
     return f"the first {WORDS[kind]}" if equal else f"the {WORDS[kind]} with the most memory"
 
 
-def _named(found: Sequence[Device], asked_for: str) -> int:
+def _find_wanted(found: Sequence[Device], asked_for: str) -> int:
     if asked_for.isdecimal():
         matches = [int(asked_for)] if int(asked_for) < len(found) else []
     else:
@@ -179,13 +181,13 @@ def _named(found: Sequence[Device], asked_for: str) -> int:
         matches = [i for i, device in enumerate(found) if part in f"{device.platform}\n{device.name}".casefold()]
     if len(matches) != 1:
         problem = "fits no OpenCL device" if not matches else "fits more than one OpenCL device"
-        raise DeviceError(f"{VARIABLE}={asked_for} {problem}: {all_names(found)}")
+        raise DeviceError(f"{VARIABLE}={asked_for} {problem}: {list_names(found)}")
     if not found[matches[0]].double_precision:
-        raise DeviceError(f"{VARIABLE}={asked_for} names a device without double precision: {all_names(found)}")
+        raise DeviceError(f"{VARIABLE}={asked_for} names a device without double precision: {list_names(found)}")
     return matches[0]
 
 
-def all_names(found: Sequence[Device]) -> str:
+def list_names(found: Sequence[Device]) -> str:
     """All devices in one line, with their indices."""
     return ", ".join(
         f"{index} = {device.name} ({device.platform}{'' if device.double_precision else ', no fp64'})"
@@ -193,16 +195,16 @@ def all_names(found: Sequence[Device]) -> str:
     )
 
 
-def chosen() -> Device:
+def find_chosen_device() -> Device:
     """The device that `session` opens.
 
     Raises as `devices` and `choose` do.
     """
     found = devices()
-    return found[choose(found, wanted(), complaint_of)[0]]
+    return found[choose(found, read_wanted_device(), find_complaint)[0]]
 
 
-def wanted() -> str:
+def read_wanted_device() -> str:
     """What VRTE_OPENCL_DEVICE says, empty where it is not set."""
     return os.environ.get(VARIABLE, "").strip()
 
@@ -212,11 +214,11 @@ def session() -> Session:
 
     Raises as `devices` and `choose` do, and DeviceError where the kernels cannot be built.
     """
-    device = chosen()
+    device = find_chosen_device()
     with _lock:
         opened: dict[int, Session] = _state["sessions"]
         if id(device) not in opened:
-            with device_errors():
+            with raise_device_errors():
                 opened[id(device)] = open_session(device.handle)
         return opened[id(device)]
 
@@ -229,13 +231,13 @@ def forget() -> None:
 
 
 @contextmanager
-def device_errors() -> Iterator[None]:
+def raise_device_errors() -> Iterator[None]:
     """Around a solve: what OpenCL raises inside becomes a DeviceError, and the session is forgotten, because queue and
     memory may be lost with it."""
     try:
         yield
     except Exception as error:
-        found = faults.translated(error)
+        found = faults.make_device_error(error)
         if found is None:
             raise
         forget()

@@ -10,10 +10,21 @@ from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Crew
 from vrte.cl.assembly import Assembled
-from vrte.cl.extended import COMPLEMENT, FADE, NOTHING, TANH, Algebra, BoolArray, Extended, Sizes, row_in, row_of
+from vrte.cl.extended import (
+    COMPLEMENT,
+    FADE,
+    NOTHING,
+    TANH,
+    Algebra,
+    BoolArray,
+    Extended,
+    Sizes,
+    make_row_stack,
+    take_row,
+)
 from vrte.cl.matrices import STRIP, upload_stack
 from vrte.cl.session import Session
-from vrte.cl.stages import stands_for
+from vrte.cl.stages import stand_in_for
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +82,7 @@ class Slabs:
     doublings: NDArray[np.int32]
 
 
-def turning(frame: Frame) -> tuple[Array, Array]:
+def compute_householder_vector(frame: Frame) -> tuple[Array, Array]:
     """The Householder vector that turns sqrt(weight mu) on I to the flux's axis, and the turned row of M^-1 there,
     (n,) each."""
     s, flux = frame.sizes, frame.flux
@@ -95,7 +106,7 @@ class Doubling:
         upload, new = session.constant, self.algebra.new
         self.rate_OO = upload(np.repeat(1.0 / frame.mu_out, stokes) if self.sizes.o else np.zeros(1))
         self.rate_II = upload(np.repeat(1.0 / frame.mu0, n_col) if self.sizes.r else np.zeros(1))
-        self.columns, self.v = upload(frame.columns), upload(turning(frame)[0])
+        self.columns, self.v = upload(frame.columns), upload(compute_householder_vector(frame)[0])
         self.e, self.f = (self.with_rates(new()) for _ in range(2))
         self.Ze, self.Zo, self.C, self.a, self.b, self.spare = (new() for _ in range(6))
         self.doublings = np.zeros(self.count, np.int32)
@@ -125,7 +136,9 @@ class Doubling:
         for matrix in (self.e, self.f):
             self.turn_both(chosen, matrix)
         size = float(np.sqrt((self.frame.flux**2).sum()))
-        clear_row, albedo = (self.session.constant(values) for values in (turning(self.frame)[1], self.items.albedo))
+        clear_row, albedo = (
+            self.session.constant(values) for values in (compute_householder_vector(self.frame)[1], self.items.albedo)
+        )
         known = clear_row, self.columns, self.rate_OO, albedo, self.e.data
         self.algebra.launch("conserve", chosen, s, s.stokes, self.columns.shape[0], s.axis, size, *known)
 
@@ -285,8 +298,8 @@ class Doubling:
         thin: BoolArray = finite & ~thick
         for chosen, twice in ((endless, 2.0), (finite, 1.0)):
             algebra.product(chosen, -twice, self.Ze, self.a, R)
-            flux_row = row_of(R.N, self.sizes.axis)
-            algebra.blend(chosen & self.items.turned, -2.0 / twice, flux_row, row_in(lost))
+            flux_row = take_row(R.N, self.sizes.axis)
+            algebra.blend(chosen & self.items.turned, -2.0 / twice, flux_row, make_row_stack(lost))
         algebra.combine(endless, 1.0, R, R, gamma=1.0)
         algebra.product(finite, 1.0, self.C, self.a, self.b)
         algebra.combine(finite, 1.0, self.Zo, self.a, gamma=1.0)
@@ -308,7 +321,7 @@ class Doubling:
         turned = chosen & self.items.turned
         if turned.any():
             self.turn_both(turned, T)
-            v, _ = turning(frame)
+            v, _ = compute_householder_vector(frame)
             rows = self.session.download(lost)
             for item in np.flatnonzero(turned):  # the axis is minus the unit null vector
                 row = np.zeros(s.n)
@@ -376,7 +389,7 @@ class Doubling:
         return residual
 
 
-@stands_for(_core.double_slabs)
+@stand_in_for(_core.double_slabs)
 def double_slabs(session: Session, crew: Crew, given: Any) -> None:
     """Fills R, T, lost, residual, doublings and info; settled plays no part."""
     frame = Frame(given.nodes, given.weights, given.mu0, given.columns, given.mu_out)
@@ -392,33 +405,33 @@ def double_slabs(session: Session, crew: Crew, given: Any) -> None:
     matrices = given.E, given.F, given.G_E, given.G_F, given.source_s, given.source_d
     stacks = (upload_stack(session, a.reshape(-1, *a.shape[2:])) for a in matrices)
     found = Doubling(session, frame, items, Assembled(*stacks)).run(crew.stop)
-    given.R[:], given.T[:] = (blocks(session, matrix).reshape(*shape, -1) for matrix in (found.R, found.T))
+    given.R[:], given.T[:] = (download_blocks(session, matrix).reshape(*shape, -1) for matrix in (found.R, found.T))
     given.lost[:] = session.download(found.lost).reshape(given.lost.shape)
     given.info[:] = session.download(found.info).reshape(shape)
     given.residual[:], given.doublings[:] = found.residual.reshape(*shape, 2), found.doublings.reshape(shape)
 
 
-def blocks(session: Session, matrix: Extended) -> Array:
+def download_blocks(session: Session, matrix: Extended) -> Array:
     """(item, extended size): N, NI, ON, OI, OO, II one behind the other, as `_core` has them."""
     s, whole = matrix.sizes, session.download(matrix.data)
-    parts = [whole[:, columns, rows].reshape(len(whole), -1) for columns, rows in places_of_blocks(s)]
+    parts = [whole[:, columns, rows].reshape(len(whole), -1) for columns, rows in list_block_places(s)]
     return np.concatenate(
         [*parts, session.download(matrix.OO)[:, : s.o], session.download(matrix.II)[:, : s.r]], axis=1
     )
 
 
-def extended_of(session: Session, s: Sizes, rows: Array) -> Extended:
+def upload_blocks(session: Session, s: Sizes, rows: Array) -> Extended:
     """Extended matrices from what `blocks` makes of them."""
     counts = s.n * s.n, s.r * s.n, s.n * s.o, s.r * s.o, s.o, s.r
     *parts, OO, II = np.split(rows, np.cumsum(counts)[:-1], axis=1)
     whole = np.zeros((rows.shape[0], s.columns, s.ld))
-    for part, (columns, among) in zip(parts, places_of_blocks(s), strict=True):
+    for part, (columns, among) in zip(parts, list_block_places(s), strict=True):
         here = whole[:, columns, among]
         here[:] = part.reshape(here.shape)
     return Extended(s, session.upload(whole), session.upload(OO), session.upload(II))
 
 
-def places_of_blocks(s: Sizes) -> list[tuple[slice, slice]]:
+def list_block_places(s: Sizes) -> list[tuple[slice, slice]]:
     """Columns and rows of N, NI, ON and OI."""
     nodes, incident, outgoing = slice(0, s.n), slice(s.n, s.columns), slice(s.p, s.p + s.o)
     return [(nodes, nodes), (incident, nodes), (nodes, outgoing), (incident, outgoing)]

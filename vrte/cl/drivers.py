@@ -18,7 +18,7 @@ WINDOWS = os.name == "nt"
 INTEL = ("libintelocl.so", "intelocl64.dll")
 
 
-def intel_runtime() -> Path | None:
+def find_intel_runtime() -> Path | None:
     """The library of Intel's runtime for processors, where pip installed it."""
     with suppress(metadata.PackageNotFoundError):
         for file in metadata.files("intel-opencl-rt") or ():
@@ -28,7 +28,7 @@ def intel_runtime() -> Path | None:
     return None
 
 
-def system_drivers() -> list[str]:
+def list_system_drivers() -> list[str]:
     """What the loader would read if nobody told it otherwise: libraries by name, or by a path that is there."""
     folder = Path(os.environ.get("OPENCL_VENDOR_PATH") or SYSTEM)
     lines: list[str] = []
@@ -40,15 +40,15 @@ def system_drivers() -> list[str]:
 
 
 @contextmanager
-def all_visible() -> Iterator[None]:
+def make_drivers_visible() -> Iterator[None]:
     """While platforms are listed for the first time: Intel's runtime is found beside all others. A folder that
     OCL_ICD_VENDORS names already stands, and so does the system's own Intel runtime."""
-    library = intel_runtime()
-    beside = system_drivers()
+    library = find_intel_runtime()
+    beside = list_system_drivers()
     if library is None or os.environ.get(FOLDER) or any(Path(name).name in INTEL for name in beside):
         yield
     elif WINDOWS:
-        with variable(FILES, os.pathsep.join(filter(None, (os.environ.get(FILES), str(library))))):
+        with set_variable(FILES, os.pathsep.join(filter(None, (os.environ.get(FILES), str(library))))):
             yield
     else:
         with ExitStack() as stack:
@@ -56,12 +56,12 @@ def all_visible() -> Iterator[None]:
                 folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="vrte-opencl-"))
                 for number, name in enumerate([*beside, str(library)]):
                     Path(folder, f"{number:03}.icd").write_text(f"{name}\n", encoding="utf-8")
-                stack.enter_context(variable(FOLDER, folder))
+                stack.enter_context(set_variable(FOLDER, folder))
             yield
 
 
 @contextmanager
-def variable(name: str, value: str) -> Iterator[None]:
+def set_variable(name: str, value: str) -> Iterator[None]:
     """A variable of the environment for a while."""
     before = os.environ.get(name)
     os.environ[name] = value

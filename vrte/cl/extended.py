@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.cl.matrices import PANEL, Stack, invert, padded, product, stack_in
+from vrte.cl.matrices import PANEL, Stack, invert, multiply_stacks, pad_to_strips, stack_in
 from vrte.cl.session import Placed, Session
 
 BoolArray = NDArray[np.bool_]
@@ -25,12 +25,12 @@ class Sizes(Placed):
     @property
     def p(self) -> int:
         """Where the rows of the outgoing directions begin."""
-        return padded(self.n)
+        return pad_to_strips(self.n)
 
     @property
     def ld(self) -> int:
         """Distance of two columns."""
-        return padded(self.p + self.o)
+        return pad_to_strips(self.p + self.o)
 
     @property
     def columns(self) -> int:
@@ -116,7 +116,7 @@ class Algebra:
 
     def multiply(self, chosen: BoolArray, a: Stack, b: Stack, c: Stack, alpha: float = 1.0, beta: float = 0.0) -> None:
         """c = alpha a b + beta c, stacks; c is neither a nor b."""
-        product(self.session, self.where(chosen), a, b, c, alpha, beta)
+        multiply_stacks(self.session, self.where(chosen), a, b, c, alpha, beta)
 
     def blend(
         self,
@@ -191,12 +191,12 @@ class Algebra:
         return old, new
 
 
-def row_in(data: Any) -> Stack:
+def make_row_stack(data: Any) -> Stack:
     """Rows (item, n) on the device as a stack of matrices of one row."""
     n = data.shape[1]
     return Stack(data, 1, n, 1, n)
 
 
-def row_of(a: Stack, row: int) -> Stack:
+def take_row(a: Stack, row: int) -> Stack:
     """A row of every matrix, as the same."""
     return Stack(a.data, 1, a.columns, a.ld, a.stride, a.first + row)

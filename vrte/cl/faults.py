@@ -5,6 +5,7 @@ import sys
 from typing import Any
 
 from vrte.basics.errors import DeviceError
+from vrte.basics.memory import write_gigabytes
 from vrte.cl.session import Session
 
 SHARE = 0.9  # of what there is
@@ -31,7 +32,7 @@ def name_of(error: Any) -> str:
     return name
 
 
-def translated(error: BaseException) -> DeviceError | None:
+def make_device_error(error: BaseException) -> DeviceError | None:
     """What to tell of an error of pyopencl, None for any other."""
     module = sys.modules.get("pyopencl")
     if module is None or not isinstance(error, module.Error):
@@ -60,20 +61,12 @@ def check_room(session: Session, needed: float, largest: float = 0.0, host: floa
     room = SHARE * min(device.global_mem_size, host if session.on_host else math.inf)
     if needed > room:
         raise DeviceError(
-            f"this needs about {in_gigabytes(needed)} on the OpenCL device {device.name.strip()}, which has "
-            f"{in_gigabytes(room / SHARE)}: ask for fewer nodes or directions, or for another device"
+            f"this needs about {write_gigabytes(needed)} on the OpenCL device {device.name.strip()}, which has "
+            f"{write_gigabytes(room / SHARE)}: ask for fewer nodes or directions, or for another device"
         )
     if largest > device.max_mem_alloc_size:
         raise DeviceError(
-            f"this needs an array of {in_gigabytes(largest)} on the OpenCL device {device.name.strip()}, which allows "
-            f"{in_gigabytes(device.max_mem_alloc_size)}: ask for fewer nodes or directions, or for another device"
+            f"this needs an array of {write_gigabytes(largest)} on the OpenCL device {device.name.strip()}, which "
+            f"allows "
+            f"{write_gigabytes(device.max_mem_alloc_size)}: ask for fewer nodes or directions, or for another device"
         )
-
-
-def in_gigabytes(size: float) -> str:
-    """Three digits.
-
-    >>> in_gigabytes(1.5e9)
-    '1.5 GB'
-    """
-    return f"{size / 1e9:.3g} GB"

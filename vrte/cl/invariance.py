@@ -15,14 +15,14 @@ from vrte.basics.running import Crew
 from vrte.cl.assembly import (
     Columns,
     Scattering,
+    compute_parity_columns,
     launch_pieces,
-    parity_columns,
-    product_over_columns,
-    times_coefficients,
+    multiply_by_coefficients,
+    multiply_over_columns,
 )
-from vrte.cl.matrices import GROUP, STRIP, Stack, new_stack, padded, tiles_of
+from vrte.cl.matrices import GROUP, STRIP, Stack, count_work_items, make_stack, pad_to_strips
 from vrte.cl.session import Placed, Session
-from vrte.cl.stages import stands_for
+from vrte.cl.stages import stand_in_for
 
 STEPS_A_LOOK = 4  # fixed points between two looks at what has settled, each of which waits
 MIXED = 64  # work-items of a work-group that makes R on a GPU
@@ -89,9 +89,9 @@ def reflect_endless(
     A GPU is waited for at every few steps, and ``stop[0]`` looked at, then nothing that comes out counts."""
     what = Scattering(items, order, material, tuple(members), coefficients, terms, albedo)
     n_off = directions.size - weights.size
-    phi = parity_columns(session, what, directions, weights, n_off)
-    nodes = sheet_of(session, what, phi, 0, directions, 0, weights.size)
-    off = sheet_of(session, what, phi, 1, directions, weights.size, n_off)
+    phi = compute_parity_columns(session, what, directions, weights, n_off)
+    nodes = make_sheet(session, what, phi, 0, directions, 0, weights.size)
+    off = make_sheet(session, what, phi, 1, directions, weights.size, n_off)
     rate, residual, steps = (
         session.empty((what.room,)),
         session.zeros((what.room,)),
@@ -105,7 +105,7 @@ def reflect_endless(
         points = FixedPoints(session, what, phi.counts, rows, nodes, judged, R, room[:3], room[3:])
         if stop is None or not stop[0]:
             points.settle_each() if session.form == "cpu" else points.settle_together(stop)
-    up, on_nodes = results(session, what, phi.counts, off, R, nodes.phi.rows, out, into, columns)
+    up, on_nodes = compute_off_node_results(session, what, phi.counts, off, R, nodes.phi.rows, out, into, columns)
     return Endless(up, on_nodes, residual, steps)
 
 
@@ -114,14 +114,14 @@ def place_of_v(what: Scattering) -> int:
     return what.members.index(V) if V in what.members else -1
 
 
-def sheet_of(
+def make_sheet(
     session: Session, what: Scattering, columns: Columns, part: int, directions: Any, first: int, n_mu: int
 ) -> Sheet:
     """Of some directions, the part of phi's rows that is theirs."""
     rows = what.stokes * n_mu
-    signed_mu = session.empty((padded(rows),))
+    signed_mu = session.empty((pad_to_strips(rows),))
     session.launch("cosines_of_rows", (1,), n_mu, what.stokes, place_of_v(what), directions, first, signed_mu)
-    H, HC = (new_stack(session, what.room, rows, columns.phi.columns, bare=True) for _ in range(2))
+    H, HC = (make_stack(session, what.room, rows, columns.phi.columns, bare=True) for _ in range(2))
     return Sheet(columns.rows(part, rows), H, HC, signed_mu)
 
 
@@ -164,7 +164,7 @@ class FixedPoints:
     def settle_together(self, stop: IntArray | None) -> None:
         """A step of all items, and another, without those that have settled."""
         session, what, items = self.session, self.what, self.what.items
-        across, along = tiles_of(self.rows.H.ld, self.n)
+        across, along = count_work_items(self.rows.H.ld, self.n)
         tiles = across // GROUP * along // GROUP
         found, state = session.empty((what.room, tiles, 5)), session.zeros((what.room,), np.int32)
         settling = session.zeros((what.room, 7))
@@ -176,7 +176,7 @@ class FixedPoints:
             self.renew(items, settling, state)
             self.led, self.moved = self.led[2:] + self.led[:2], self.moved[2:] + self.moved[:2]
             if step % STEPS_A_LOOK == STEPS_A_LOOK - 1:
-                items = unsettled(session, items, state)
+                items = list_unsettled(session, items, state)
                 if not items.size or (stop is not None and stop[0]):
                     return
 
@@ -184,7 +184,7 @@ class FixedPoints:
         """Where R leads, and what that moves; found (item, tile, 5)."""
         H, ld = self.nodes.H, self.rows.H.ld
         arguments = ld, self.n, *self.cosines, self.rows.HC.data, H, H.columns, self.R, *self.led, *self.moved
-        size = *tiles_of(ld, self.n), items.size
+        size = *count_work_items(ld, self.n), items.size
         self.session.launch("invariance_step_gpu", size, *arguments, found, state, items, group=(GROUP, GROUP, 1))
 
     def renew(self, items: Any, settling: Any, state: Any, starting: bool = False) -> None:
@@ -193,27 +193,29 @@ class FixedPoints:
         mixed = starting, size, self.R, *self.led, *self.moved, settling, state, items
         launch("invariance_mix", (-(-size // MIXED) * MIXED, items.size), *mixed, group=(MIXED, 1))
         renewed = starting, self.n, self.counts, self.rows.phi, self.R, H, state, items
-        launch("invariance_renew_gpu", (*tiles_of(H.ld, H.columns), items.size), *renewed, group=(GROUP, GROUP, 1))
+        launch(
+            "invariance_renew_gpu", (*count_work_items(H.ld, H.columns), items.size), *renewed, group=(GROUP, GROUP, 1)
+        )
         listed = replace(self.what, items=items)
-        times_coefficients(self.session, listed, self.counts, H, self.rows.HC, v_sign=-1.0, odd_sign=-1.0)
+        multiply_by_coefficients(self.session, listed, self.counts, H, self.rows.HC, v_sign=-1.0, odd_sign=-1.0)
 
 
-def unsettled(session: Session, items: Any, state: Any) -> Any:
+def list_unsettled(session: Session, items: Any, state: Any) -> Any:
     """The listed items that go on; waits."""
     listed = session.download(items)
     going_on = listed[session.download(state)[listed] == 0]
     return items if going_on.size == listed.size else session.constant(going_on)
 
 
-def results(
+def compute_off_node_results(
     session: Session, what: Scattering, counts: Any, off: Sheet, Ru: Any, n: int, out: Any, into: Any, columns: Any
 ) -> tuple[Any, Any]:
     """From off the nodes to off the nodes, less what is scattered once, and to the nodes."""
     u, n_in, n_col = off.phi.rows, into.size, columns.shape[0]
-    Ruu, psi = (new_stack(session, what.room, u, size, bare=True) for size in (u, off.phi.columns))
+    Ruu, psi = (make_stack(session, what.room, u, size, bare=True) for size in (u, off.phi.columns))
     for columns_of, alpha, beta in [(off.H, 1.0, 0.0), (off.phi, -1.0, 1.0)]:
-        times_coefficients(session, what, counts, columns_of, psi, v_sign=-1.0, odd_sign=-1.0)
-        product_over_columns(session, what.items, counts, 2, psi, columns_of, Ruu, alpha, beta)
+        multiply_by_coefficients(session, what, counts, columns_of, psi, v_sign=-1.0, odd_sign=-1.0)
+        multiply_over_columns(session, what.items, counts, 2, psi, columns_of, Ruu, alpha, beta)
     up = session.empty((what.room, n_in, n_col, what.stokes * out.size))
     on_nodes = session.empty((what.room, n_in * n_col, n))
     ld, size = off.H.ld, what.stokes * out.size + n
@@ -224,7 +226,7 @@ def results(
     return up, on_nodes
 
 
-@stands_for(_core.reflect_endless)
+@stand_in_for(_core.reflect_endless)
 def reflect_endless_arrays(session: Session, crew: Crew, given: Any) -> None:
     """Fills up, on_nodes, residual and steps; halves plays no part: R on the nodes is made up to its diagonal on a CPU,
     wholly on a GPU."""

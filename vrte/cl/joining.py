@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Crew
-from vrte.cl.doubling import Frame, extended_of, turning
-from vrte.cl.extended import Algebra, Extended, row_in, row_of
-from vrte.cl.matrices import Stack, new_stack, upload_stack
+from vrte.cl.doubling import Frame, compute_householder_vector, upload_blocks
+from vrte.cl.extended import Algebra, Extended, make_row_stack, take_row
+from vrte.cl.matrices import Stack, make_stack, upload_stack
 from vrte.cl.session import Session
-from vrte.cl.stages import stands_for
+from vrte.cl.stages import stand_in_for
 
 MOST_KEPT = 1 << 23  # doubles of what was brought from the slabs of every place
 IntArray = NDArray[np.int32]
@@ -53,11 +53,11 @@ class Joined:
     residual: Array
 
 
-def ground_of(
+def turn_ground(
     frame: Frame, turned: NDArray[np.bool_], row: IntArray, matrix: Array, source: Array, out: Array
 ) -> Ground:
     """The base of each item: row (item,) of the arrays, -1 for none; order 0 turned like its slabs."""
-    s, (v, _) = frame.sizes, turning(frame)
+    s, (v, _) = frame.sizes, compute_householder_vector(frame)
     seen = row >= 0
     below, up, leaving = (np.where(seen.reshape(-1, 1, 1), a[np.maximum(row, 0)], 0.0) for a in (matrix, source, out))
     absorbed = np.zeros((row.size, s.n))
@@ -99,11 +99,11 @@ class Joining:
 
     def square(self) -> Stack:
         """Zeros (n, n)."""
-        return new_stack(self.session, self.count, self.sizes.n, self.sizes.n)
+        return make_stack(self.session, self.count, self.sizes.n, self.sizes.n)
 
     def beams(self) -> Stack:
         """Zeros (n, r)."""
-        return new_stack(self.session, self.count, self.sizes.n, self.sizes.r)
+        return make_stack(self.session, self.count, self.sizes.n, self.sizes.r)
 
     def copy(self, a: Stack, out: Stack) -> None:
         """out = a."""
@@ -131,7 +131,7 @@ class Joining:
             for source, target in ((self.R, self.r), (self.T, self.t)):
                 self.algebra.combine(self.all, 1.0, source, target, places=of)
         if self.piles.turned.any():
-            self.algebra.blend(self.all, 1.0, row_in(self.lost), row_in(self.lost_here), places=of)
+            self.algebra.blend(self.all, 1.0, make_row_stack(self.lost), make_row_stack(self.lost_here), places=of)
 
     def run(self, stop: IntArray) -> Joined:
         """From the base up, then from the top down, then out of the nodes."""
@@ -225,14 +225,14 @@ class Joining:
 
     def flux_row_of(self, a: Any, out: Any) -> None:
         """out = a + T's row of the flux, rows of order 0."""
-        flux_row = row_of(self.t.N, self.sizes.axis)
-        self.algebra.blend(self.piles.turned, 1.0, row_in(a), row_in(out), 1.0, flux_row)
+        flux_row = take_row(self.t.N, self.sizes.axis)
+        self.algebra.blend(self.piles.turned, 1.0, make_row_stack(a), make_row_stack(out), 1.0, flux_row)
 
     def add_lost_and_absorbed(self) -> None:
         """row = lost + absorbed R, rows of order 0."""
         self.row_times(self.absorbed, self.r.N, self.row)
-        row = row_in(self.row)
-        self.algebra.blend(self.piles.turned, 1.0, row_in(self.lost_here), row, 1.0, row)
+        row = make_row_stack(self.row)
+        self.algebra.blend(self.piles.turned, 1.0, make_row_stack(self.lost_here), row, 1.0, row)
 
     def absorb(self, GT: Stack) -> None:
         """absorbed <- lost + (lost + absorbed R) G T + absorbed T."""
@@ -240,7 +240,7 @@ class Joining:
             return
         new = self.session.zeros((self.count, self.sizes.n))
         self.add_lost_and_absorbed()
-        self.algebra.blend(self.piles.turned, 1.0, row_in(self.lost_here), row_in(new))
+        self.algebra.blend(self.piles.turned, 1.0, make_row_stack(self.lost_here), make_row_stack(new))
         self.row_times(self.row, GT, new, beta=1.0)
         self.row_times(self.absorbed, self.t.N, new, beta=1.0)
         self.absorbed = new
@@ -265,7 +265,7 @@ class Joining:
         upward, downward, flux = zeros(shape), zeros(shape), zeros((*shape[:2], 2, s.r))
         running, falling = None, down[self.places]
         if self.out is not None and falling is not None:
-            running = new_stack(self.session, self.count, s.o, s.r)
+            running = make_stack(self.session, self.count, s.o, s.r)
             self.multiply(self.out, falling, running)
         for place in range(self.places, -1, -1):
             self.put(place, running, upward)
@@ -291,7 +291,7 @@ class Joining:
         self, place: int, OI: Stack, running: Stack | None, through: Stack | None, turned: Stack | None
     ) -> Stack:
         """direct running + T_ON through + R_ON turned + OI of the attenuated beam."""
-        out = new_stack(self.session, self.count, self.sizes.o, self.sizes.r)
+        out = make_stack(self.session, self.count, self.sizes.o, self.sizes.r)
         self.fade(place, OI, out, None if running is None else self.t.OO, running)
         if through is not None:
             self.multiply(self.t.ON, through, out, beta=1.0)
@@ -314,10 +314,10 @@ class Joining:
             for way, light in enumerate(going):
                 if light is not None:
                     to = Stack(out, 1, r, 1, self.piles.interface.size * 2 * r, (2 * level + way) * r)
-                    self.algebra.blend(self.piles.turned, -size, row_of(light, self.sizes.axis), to)
+                    self.algebra.blend(self.piles.turned, -size, take_row(light, self.sizes.axis), to)
 
 
-@stands_for(_core.join_slabs)
+@stand_in_for(_core.join_slabs)
 def join_slabs(session: Session, crew: Crew, given: Any) -> None:
     """Fills up, down, flux, residual and info."""
     orders, up, n_out, row = given.orders, given.up, given.n_out, given.base_row
@@ -326,10 +326,10 @@ def join_slabs(session: Session, crew: Crew, given: Any) -> None:
     turned = (orders == 0) & given.conserving
     base = given.base, given.base_source, given.base_out
     dark = not (row >= 0).any() or not any(a.any() for a in base)
-    ground = None if dark else ground_of(frame, turned, row, *base)
+    ground = None if dark else turn_ground(frame, turned, row, *base)
     slab = (np.arange(orders.size)[:, None] * given.R.shape[1] + given.slabs).astype(np.int32)
     depths = np.broadcast_to(given.above, (orders.size, given.above.size))
-    R, T = (extended_of(session, frame.sizes, a.reshape(-1, a.shape[2])) for a in (given.R, given.T))
+    R, T = (upload_blocks(session, frame.sizes, a.reshape(-1, a.shape[2])) for a in (given.R, given.T))
     lost = session.upload(given.lost.reshape(-1, given.lost.shape[2]))
     found = Joining(session, frame, Piles(slab, depths, turned, given.interface, ground), R, T, lost).run(crew.stop)
     given.info[:] = session.download(found.info)

@@ -16,10 +16,10 @@ CREW = 256  # work-items that invert a matrix together in `invert_gpu`
 LOCAL_BESIDE = 16 * 8 + CREW * (8 + 4) + 256  # bytes of local memory that it has other uses for, and some to spare
 
 
-def padded(rows: int) -> int:
+def pad_to_strips(rows: int) -> int:
     """The next multiple of a strip.
 
-    >>> padded(81)
+    >>> pad_to_strips(81)
     88
     """
     return -(-rows // STRIP) * STRIP
@@ -54,16 +54,16 @@ def stack_in(data: Any, rows: int, columns: int) -> Stack:
     return Stack(data, rows, columns, ld, data.shape[1] * ld)
 
 
-def new_stack(session: Session, items: int, rows: int, columns: int, bare: bool = False) -> Stack:
+def make_stack(session: Session, items: int, rows: int, columns: int, bare: bool = False) -> Stack:
     """Matrices of zeros, or ``bare``, yet to be written, the rows up to the next multiple of 8 too."""
     make = session.empty if bare else session.zeros
-    return stack_in(make((items, max(columns, 1), padded(max(rows, 1)))), rows, columns)
+    return stack_in(make((items, max(columns, 1), pad_to_strips(max(rows, 1)))), rows, columns)
 
 
 def upload_stack(session: Session, matrices: Array) -> Stack:
     """Matrices (item, column, row) as `_core` has them."""
     items, columns, rows = matrices.shape
-    room = np.zeros((items, max(columns, 1), padded(max(rows, 1))))
+    room = np.zeros((items, max(columns, 1), pad_to_strips(max(rows, 1))))
     room[:, :columns, :rows] = matrices
     return stack_in(session.upload(room), rows, columns)
 
@@ -74,7 +74,7 @@ def download_stack(session: Session, stack: Stack) -> Array:
     return np.ascontiguousarray(room.reshape(-1, stack.stride // stack.ld, stack.ld)[:, : stack.columns, : stack.rows])
 
 
-def product(
+def multiply_stacks(
     session: Session,
     items: Any,
     a: Stack,
@@ -94,19 +94,21 @@ def product(
     """
     data, first, ld, stride = b.place
     steps = (ld, 1) if transposed else (1, ld)
-    rows = padded(c.rows)
+    rows = pad_to_strips(c.rows)
     sums = rows, each, c.columns, a.columns, alpha, beta, part, counts
     arguments = *sums, a, data, first, *steps, stride, c, items
     if session.form == "cpu":
         session.launch("product", (-(-rows // (STRIP * each)), 1, items.size), *arguments)
     else:
-        session.launch("product_gpu", (*tiles_of(rows, c.columns), items.size), *arguments, group=(GROUP, GROUP, 1))
+        session.launch(
+            "product_gpu", (*count_work_items(rows, c.columns), items.size), *arguments, group=(GROUP, GROUP, 1)
+        )
 
 
-def tiles_of(rows: int, columns: int) -> tuple[int, int]:
+def count_work_items(rows: int, columns: int) -> tuple[int, int]:
     """Work-items for the tiles of a matrix.
 
-    >>> tiles_of(160, 80)
+    >>> count_work_items(160, 80)
     (48, 32)
     """
     return -(-rows // TILE) * GROUP, -(-columns // TILE) * GROUP
@@ -122,15 +124,15 @@ def invert(session: Session, items: Any, m: Stack, rest: Any, pivots: Any, info:
     if session.form == "cpu":
         session.launch("invert", (items.size,), *arguments)
     elif m.rows:
-        width = panel_width(m.rows, session.device.local_mem_size)
+        width = choose_panel_width(m.rows, session.device.local_mem_size)
         panel = session.local_memory(8 * m.rows * width)
         session.launch("invert_gpu", (CREW * items.size,), *arguments, width, panel, group=(CREW,))
 
 
-def panel_width(rows: int, local_bytes: int) -> int:
+def choose_panel_width(rows: int, local_bytes: int) -> int:
     """Columns of ``rows`` doubles that local memory holds beside what else `invert_gpu` keeps there.
 
-    >>> panel_width(160, 48 << 10), panel_width(640, 48 << 10), panel_width(3000, 48 << 10)
+    >>> choose_panel_width(160, 48 << 10), choose_panel_width(640, 48 << 10), choose_panel_width(3000, 48 << 10)
     (16, 8, 1)
     """
     columns = (local_bytes - LOCAL_BESIDE) // (8 * rows)

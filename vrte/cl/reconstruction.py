@@ -7,9 +7,9 @@ from typing import Any
 
 from vrte import _core
 from vrte.basics.running import Crew
-from vrte.cl.matrices import STRIP, padded
+from vrte.cl.matrices import STRIP, pad_to_strips
 from vrte.cl.session import Placed, Session
-from vrte.cl.stages import stands_for
+from vrte.cl.stages import stand_in_for
 
 MOST_DOUBLES = 1 << 26  # of what a group of orders takes besides the caller's arrays
 OF_ORDERS = ("G_E", "G_F", "lam_re", "lam_im", "X", "Y", "c", "zeta", "even", "odd", "base_down", "fading", "base_row")
@@ -44,7 +44,7 @@ class Sizes(Placed):
     @property
     def doubles(self) -> tuple[int, int, int]:
         """Of an order's scratch memory: modes seen from outgoing directions, beams in modes, light at faces."""
-        lit = 2 * self.layers * self.n * padded(self.rows)
+        lit = 2 * self.layers * self.n * pad_to_strips(self.rows)
         return lit, self.stops * self.n_rhs * self.n, self.layers * self.n_rhs * self.rows
 
     @property
@@ -56,7 +56,7 @@ class Sizes(Placed):
 def reconstruct_orders(session: Session, sizes: Sizes, of: Any, out: Any, has_base: bool) -> None:
     """Fills out (order, n_level, n_rhs, rows): radiance times 2 pi for a unit beam, without singly scattered light;
     rows of light going up come first, flipped by D. of: what `_core.reconstruct` takes, on the device."""
-    orders, layers, ld, launch = sizes.orders, sizes.layers, padded(sizes.rows), session.launch
+    orders, layers, ld, launch = sizes.orders, sizes.layers, pad_to_strips(sizes.rows), session.launch
     lit, fed, part = (session.empty((orders * count,)) for count in sizes.doubles)
     places = of.thickness, of.above, of.mu0, of.mu_out, of.level, of.level_layer
     lighting = sizes, sizes.rows, ld, of.G_E, of.G_F, of.X, of.Y, lit
@@ -70,7 +70,7 @@ def reconstruct_orders(session: Session, sizes: Sizes, of: Any, out: Any, has_ba
         launch("pass_layers", (sizes.n_out, sizes.n_rhs, orders), sizes, *base, *places, out, part)
 
 
-@stands_for(_core.reconstruct)
+@stand_in_for(_core.reconstruct)
 def reconstruct(session: Session, crew: Crew, given: Any) -> None:
     """Fills out (order, n_tau, n_rhs, S n_out). As many orders are done at once as scratch memory is meant for, and
     none once the crew is stopped."""

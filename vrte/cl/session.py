@@ -13,7 +13,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import DeviceError
-from vrte.cl.building import Kernels, built
+from vrte.cl.building import Kernels, build_kernels
 
 SOURCES = (
     "common",
@@ -170,7 +170,7 @@ class Session:
         if 0 in size:
             return
         self._check_process()
-        self.kernels[name](self.queue, size, group or (1,) * len(size), *plain(arguments))
+        self.kernels[name](self.queue, size, group or (1,) * len(size), *flatten_arguments(arguments))
 
     def local_memory(self, size: int) -> Any:
         """An argument of a kernel: so many bytes of local memory for each work-group."""
@@ -204,18 +204,18 @@ class Session:
             raise DeviceError(FORKED)
 
 
-def plain(arguments: Iterable[Any]) -> list[Any]:
+def flatten_arguments(arguments: Iterable[Any]) -> list[Any]:
     """Memory and numbers alone."""
     found: list[Any] = []
     for argument in arguments:
         if isinstance(argument, Placed):
-            found += plain(argument.place)
+            found += flatten_arguments(argument.place)
         else:
             found.append(argument)
     return found
 
 
-def sources() -> str:
+def read_sources() -> str:
     """The numbers that they share with the core, and all kernels, one file behind the other."""
     names = ["core/constants.h", *(f"cl/{name}.cl" for name in SOURCES)]
     return "\n".join(files("vrte").joinpath(name).read_text(encoding="utf-8") for name in names)
@@ -231,15 +231,15 @@ def open_session(device: Any, form: str | None = None) -> Session:
 
     assert form in (None, *FORMS)
     context = pyopencl.Context([device])
-    kernels = built(context, sources(), OPTIONS)
+    kernels = build_kernels(context, read_sources(), OPTIONS)
     queue = pyopencl.CommandQueue(context)
     if form is None:
         groups = device.max_work_group_size >= WORK_GROUP
         form = "gpu" if groups and not device.type & pyopencl.device_type.CPU else "cpu"
-    return Session(context, queue, kernels, _memory(queue), form)
+    return Session(context, queue, kernels, _make_memory_pool(queue), form)
 
 
-def _memory(queue: Any) -> Any:
+def _make_memory_pool(queue: Any) -> Any:
     """Where arrays come from. On the processor, memory of the host: PoCL takes it at once and says where there is none;
     other memory it takes when a kernel first uses it, and ends the process where there is none."""
     import pyopencl

@@ -13,7 +13,7 @@ from vrte.cl.session import Session
 Stage = Callable[[Session, Crew, Any], None]
 
 
-def stands_for(core: Callable[..., Any]) -> Callable[[Stage], Callable[..., None]]:
+def stand_in_for(core: Callable[..., Any]) -> Callable[[Stage], Callable[..., None]]:
     """Makes of a function of a session, a crew and the arguments of a stage of `_core` a stage that is called as that
     one behind the session; its time is the first thread's."""
     signature = inspect.signature(core)

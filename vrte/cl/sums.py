@@ -9,9 +9,9 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.running import Crew
-from vrte.cl.matrices import padded
+from vrte.cl.matrices import pad_to_strips
 from vrte.cl.session import Placed, Session
-from vrte.cl.stages import stands_for
+from vrte.cl.stages import stand_in_for
 
 TILE_OF_ORDERS, TILE_OF_SCATTERING = 12, 4  # azimuths that are done at once
 PIECES = 64  # of a launch on a processor, so that its cores end together
@@ -70,7 +70,7 @@ class Kernels(Placed):
         return self.data, self.first, *self.strides
 
 
-def dense(data: Any, shape: Sequence[int], first: int = 0) -> Kernels:
+def make_dense_kernels(data: Any, shape: Sequence[int], first: int = 0) -> Kernels:
     """Kernels of one scene (order, n_tau, n_in, n_col, n_out, S), or of some (scene, order, ...)."""
     strides = np.cumprod([1, *shape[:0:-1]])[::-1]
     full = [0] * (7 - len(shape)) + strides.tolist()
@@ -214,7 +214,7 @@ def upload_directions(
     session: Session, mu0: Array, mu: Array, cosine: Array, sine: Array, columns: Array, kind: Array, place: Array
 ) -> Directions:
     """Arguments as those of `add_single_scattering`."""
-    waves = np.zeros((2, padded(cosine.size)))
+    waves = np.zeros((2, pad_to_strips(cosine.size)))
     waves[:, : cosine.size] = cosine, sine
     return Directions(*(session.constant(values) for values in (mu0, mu, *waves, columns, kind, place)))
 
@@ -236,7 +236,7 @@ def add_scattering(
     launch_into(session, "add_scattering", TILE_OF_SCATTERING, others, azimuths, incident, table, *arguments)
 
 
-@stands_for(_core.azimuthal_sum)
+@stand_in_for(_core.azimuthal_sum)
 def azimuthal_sum(session: Session, crew: Crew, given: Any) -> None:
     """Adds to out (n_level, n_in, n_mu, n_phi, 4, n_place) what Fourier orders hold."""
     upload, out = session.constant, given.out
@@ -247,7 +247,7 @@ def azimuthal_sum(session: Session, crew: Crew, given: Any) -> None:
     with session.lent(kernels, False) as light, session.lent(out) as result:
         add_orders(
             session,
-            dense(light, kernels.shape),
+            make_dense_kernels(light, kernels.shape),
             upload(np.array([kernels.shape[0]], np.int32)),
             upload_entries(session, *kinds, out.shape[5], given.cosine, given.sine),
             upload_azimuths(session, given.angle, given.sign, n_angle),
@@ -260,7 +260,7 @@ def azimuthal_sum(session: Session, crew: Crew, given: Any) -> None:
         )
 
 
-@stands_for(_core.add_single_scattering)
+@stand_in_for(_core.add_single_scattering)
 def add_single_scattering(session: Session, crew: Crew, given: Any) -> None:
     """Adds path times the phase matrix times columns to out (n_level, n_in, n_mu, n_phi, 4, n_place). ``wide`` is not
     used. Raises ValueError for too many columns or a table that is not of `series_table`."""

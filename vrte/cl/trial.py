@@ -16,21 +16,21 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import DeviceError
-from vrte.cl.building import LONGEST, built
+from vrte.cl.building import LONGEST, build_kernels
 from vrte.cl.faults import name_of
 from vrte.cl.session import OPTIONS
 
 POCL, INTEL = "Portable Computing Language", "Intel(R) OpenCL"
 LONGEST_WAIT = 120  # seconds for another process
-TRY_ONE = "import sys; from vrte.cl import device, trial; print(trial.complaint_here(device.devices()[{}].handle))"
+TRY_ONE = "import sys; from vrte.cl import device, trial; print(trial.try_here(device.devices()[{}].handle))"
 
 
-def complaint(index: int, platform: str, handle: Any) -> str:
+def try_device(index: int, platform: str, handle: Any) -> str:
     """Why the device of that index in `vrte.cl.device.devices` does not compute, in one line; empty where it does."""
-    return complaint_here(handle) if leaves_the_process_alone(platform) else complaint_elsewhere(index)
+    return try_here(handle) if is_safe_in_process(platform) else try_elsewhere(index)
 
 
-def leaves_the_process_alone(platform: str) -> bool:
+def is_safe_in_process(platform: str) -> bool:
     """Whether a failure of the platform's driver is an error: PoCL ends the process where it finds no linker, and of
     drivers that were not tried nothing is known."""
     return platform == INTEL or (platform == POCL and has_linker()) or not sys.executable
@@ -41,7 +41,7 @@ def has_linker() -> bool:
     return shutil.which("ld") is not None
 
 
-def complaint_here(handle: Any) -> str:
+def try_here(handle: Any) -> str:
     """The trial, in this process."""
     import pyopencl
 
@@ -53,7 +53,7 @@ def complaint_here(handle: Any) -> str:
         if handle.platform.name == POCL and not has_linker():
             # what was compiled before would still run: tried is whether it compiles
             text += f"__constant int compiled_anew_{uuid.uuid4().hex} = 0;\n"
-        kernels = built(context, text, OPTIONS)
+        kernels = build_kernels(context, text, OPTIONS)
         queue = pyopencl.CommandQueue(context)
         buffer = pyopencl.Buffer(context, flags, hostbuf=numbers)
         kernels["trial"](queue, (1,), (1,), buffer)
@@ -65,7 +65,7 @@ def complaint_here(handle: Any) -> str:
     return "" if numbers[0] == 7.0 else f"it finds 2 x 3 + 1 = {numbers[0]}"
 
 
-def complaint_elsewhere(index: int) -> str:
+def try_elsewhere(index: int) -> str:
     """The trial, in a process of its own."""
     command = [sys.executable, "-P", "-c", TRY_ONE.format(index)]
     path = os.pathsep.join([str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])])

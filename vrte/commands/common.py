@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vrte.basics.cost import in_words
+from vrte.basics.cost import say_time
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.zarr_folder import METADATA
 from vrte.request.how import OPTIONS
-from vrte.results.spectrum import Spectrum, ascending
+from vrte.results.spectrum import Spectrum, check_ascending
 
 Tick = Callable[[int, int], None]
 METAVARS = {int: "N", float: "X"}
 
 
-def new_command(commands: Any, name: str, run: Callable[[argparse.Namespace], None], told: str) -> Any:
+def add_command(commands: Any, name: str, run: Callable[[argparse.Namespace], None], told: str) -> Any:
     """The parser of a command; ``told`` says in one line what comes of it."""
     command = commands.add_parser(name, help=told, description=f"{told[0].upper()}{told[1:]}.")
     command.set_defaults(run=run)
@@ -38,13 +38,13 @@ def add_options(command: argparse.ArgumentParser, *names: str) -> None:
         elif option.choices:
             command.add_argument(flag, choices=option.choices, help=option.short)
         else:
-            command.add_argument(flag, metavar=METAVARS[option.of], type=value_of(name), help=option.short)
+            command.add_argument(flag, metavar=METAVARS[option.of], type=make_option_reader(name), help=option.short)
 
 
-def value_of(name: str) -> Callable[[str], Any]:
+def make_option_reader(name: str) -> Callable[[str], Any]:
     """What reads the number of an option of a call.
 
-    >>> value_of("nodes")("8"), value_of("time_limit_s")("inf")
+    >>> make_option_reader("nodes")("8"), make_option_reader("time_limit_s")("inf")
     (8, inf)
     """
     option = OPTIONS[name]
@@ -58,7 +58,7 @@ def value_of(name: str) -> Callable[[str], Any]:
     return read
 
 
-def whole_number(low: int, high: int) -> Callable[[str], int]:
+def make_whole_number_reader(low: int, high: int) -> Callable[[str], int]:
     """What reads another whole number."""
 
     def read(text: str) -> int:
@@ -78,16 +78,16 @@ def add_study(command: argparse.ArgumentParser, quick: str, fresh: bool = True) 
         command.add_argument("--fresh", action="store_true", help="forget what an earlier run has finished")
 
 
-def wavelengths(text: str) -> list[float]:
+def read_wavelengths(text: str) -> list[float]:
     """What reads ascending wavelengths, with commas between them."""
     try:
-        found: list[float] = ascending([float(item) for item in text.split(",")]).tolist()
+        found: list[float] = check_ascending([float(item) for item in text.split(",")]).tolist()
     except ValueError:  # a SceneError is one
         raise argparse.ArgumentTypeError(f"must be ascending wavelengths such as 0.45,0.55, not {text!r}") from None
     return found
 
 
-def made_folder(folder: Path) -> Path:
+def make_folder(folder: Path) -> Path:
     """A folder to write in, made if absent."""
     if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
         raise SceneError(f"the output {folder} must be a folder that can be written in")
@@ -120,9 +120,9 @@ def say_written(path: Path) -> None:
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[None]:
+def label_reading_errors(path: Path) -> Iterator[None]:
     """Complaints about a scene file, or that it cannot be read, with its name in front."""
-    with named_by(path):
+    with label_errors(path):
         try:
             yield
         except OSError as error:
@@ -130,7 +130,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def named_by(path: Path) -> Iterator[None]:
+def label_errors(path: Path) -> Iterator[None]:
     """Complaints about what a scene file asks for, with its name in front."""
     try:
         yield
@@ -160,7 +160,7 @@ class Found:
 
 
 @contextmanager
-def progress() -> Iterator[tuple[Callable[[str], None], Tick]]:
+def show_progress() -> Iterator[tuple[Callable[[str], None], Tick]]:
     """Two calls, one names what begins and one ticks: a bar with the time left on a terminal, nothing in a pipe."""
     if not sys.stderr.isatty():
         yield lambda _: None, lambda done, total: None
@@ -200,10 +200,10 @@ class TimeLeft:
         self.last = done
         if done == self.before or done == total:
             return ""
-        return f"about {in_words((now - self.start) * (total - done) / (done - self.before))} left"
+        return f"about {say_time((now - self.start) * (total - done) / (done - self.before))} left"
 
 
-def told_as_one(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:
+def join_progress(phase: Callable[[str], None], tick: Tick) -> Callable[[int, int, str], None]:
     """One call for both: what begins, and how much is done."""
 
     def told(done: int, total: int, name: str) -> None:

@@ -4,36 +4,36 @@ import argparse
 from typing import Any
 
 from vrte.basics.errors import DeviceError
-from vrte.commands.common import new_command, progress
+from vrte.commands.common import add_command, show_progress
 
 
 def add(commands: Any) -> None:
-    """`vrte devices`."""
+    """Adds `vrte devices`, which lists OpenCL devices, to the commands."""
     told = "a list of OpenCL platforms and devices, and which one is taken"
-    devices = new_command(commands, "devices", run, told)
+    devices = add_command(commands, "devices", run, told)
     devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
 
 
 def run(options: argparse.Namespace) -> None:
-    from vrte.basics.running import usable_cpus
+    from vrte.basics.running import count_usable_cpus
     from vrte.cl import device
     from vrte.studies import devices
 
     found = device.devices()
-    with progress() as (phase, tick):
+    with show_progress() as (phase, tick):
         phase("trying each device")
         complaints = {}
         for index, each in enumerate(found):
             tick(index, len(found))
-            complaints[index] = device.complaint_of(index) if each.double_precision else ""
+            complaints[index] = device.find_complaint(index) if each.double_precision else ""
     try:
-        taken, reason = device.choose(found, device.wanted(), device.complaint_of)
+        taken, reason = device.choose(found, device.read_wanted_device(), device.find_complaint)
     except DeviceError:
-        print(devices.as_text(found, None, "for the reason below", complaints), flush=True)
+        print(devices.describe_devices(found, None, "for the reason below", complaints), flush=True)
         raise
-    print(devices.as_text(found, taken, reason, complaints))
+    print(devices.describe_devices(found, taken, reason, complaints))
     if options.measure:
-        with device.device_errors(), progress() as (phase, tick):
+        with device.raise_device_errors(), show_progress() as (phase, tick):
             phase("products")
-            rates = devices.measure(device.session(), usable_cpus(), tick)
-        print(f"\n{devices.rates_as_text(rates, usable_cpus())}")
+            rates = devices.measure_rates(device.session(), count_usable_cpus(), tick)
+        print(f"\n{devices.describe_rates(rates, count_usable_cpus())}")

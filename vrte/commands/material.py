@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import check_extra, check_output, new_command, progress, say_written, wavelengths
-from vrte.formats.atomic import atomic_write
+from vrte.commands.common import add_command, check_extra, check_output, read_wavelengths, say_written, show_progress
+from vrte.formats.atomic import write_atomically
 from vrte.formats.index_table import read_index
 from vrte.optics.refractive_index import MATERIALS, Material, refractive_index
 from vrte.optics.spheres import spheres
 from vrte.pictures.figures import SUFFIXES, save_figure
-from vrte.results.spectrum import MOST_WAVELENGTHS, ascending
+from vrte.results.spectrum import MOST_WAVELENGTHS, check_ascending
 
 INDEX = ("n", "k")
 SCATTERING = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "absorption_um2")
@@ -23,7 +23,7 @@ Columns = dict[str, list[float]]
 def add(commands: Any) -> None:
     """`vrte material [NAME]`."""
     told = "the refractive index of a material, and how its spheres scatter; without a name, a list of all names"
-    material = new_command(commands, "material", run, told)
+    material = add_command(commands, "material", run, told)
     material.add_argument(
         "name",
         nargs="?",
@@ -31,9 +31,9 @@ def add(commands: Any) -> None:
     )
     where = material.add_mutually_exclusive_group()
     where.add_argument("--wavelength-um", type=float, metavar="UM", help="wavelength in vacuum [micrometres]")
-    where.add_argument("--wavelengths-um", metavar="UM,UM,...", type=wavelengths, help="ascending: a table")
+    where.add_argument("--wavelengths-um", metavar="UM,UM,...", type=read_wavelengths, help="ascending: a table")
     where.add_argument(
-        "--range-um", metavar="LOW:HIGH:COUNT", type=a_range, help="so many, evenly from LOW to HIGH: a table"
+        "--range-um", metavar="LOW:HIGH:COUNT", type=read_range, help="so many, evenly from LOW to HIGH: a table"
     )
     material.add_argument("--radius-um", type=float, metavar="UM", help="of spheres: albedo, g, cross sections too")
     material.add_argument("--host-index", type=float, metavar="N", help="around the spheres; default: 1")
@@ -41,17 +41,17 @@ def add(commands: Any) -> None:
     material.add_argument("--plot", type=Path, metavar="OUT.png", help="a picture; .svg and .pdf too")
 
 
-def a_range(text: str) -> list[float]:
+def read_range(text: str) -> list[float]:
     """What reads LOW:HIGH:COUNT.
 
-    >>> a_range("0.4:0.7:4")
+    >>> read_range("0.4:0.7:4")
     [0.4, 0.5, 0.6, 0.7]
     """
     try:
         low, high, count = text.split(":")
         if not (count.isdecimal() and 2 <= int(count) <= MOST_WAVELENGTHS):
             raise ValueError
-        found: list[float] = ascending(np.linspace(float(low), float(high), int(count)).round(12)).tolist()
+        found: list[float] = check_ascending(np.linspace(float(low), float(high), int(count)).round(12)).tolist()
     except ValueError:  # a SceneError is one
         raise argparse.ArgumentTypeError(
             f"must be LOW:HIGH:COUNT, ascending and 2 to {MOST_WAVELENGTHS} of them, such as 0.4:0.7:31, not {text!r}"
@@ -70,9 +70,9 @@ def run(options: argparse.Namespace) -> None:
         return
     material = read_index(options.name) if options.name.endswith(".csv") else options.name
     index = refractive_index(material, at[0])
-    with progress() as (phase, tick):
+    with show_progress() as (phase, tick):
         phase(options.name)
-        columns = columns_of(material, at, options.radius_um, options.host_index, tick)
+        columns = compute_columns(material, at, options.radius_um, options.host_index, tick)
     if len(at) == 1 and options.radius_um is None:
         print(f"{options.name} at {at[0]:g} um: n = {index.n:.6g}, k = {index.k:.6g}")
     else:
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> None:
         write_table(columns, options.output)
         say_written(options.output)
     if options.plot:
-        save_figure(picture_of(columns, options.name, options.radius_um), options.plot)
+        save_figure(draw_columns(columns, options.name, options.radius_um), options.plot)
         say_written(options.plot)
 
 
@@ -108,7 +108,7 @@ def check_options(options: argparse.Namespace, at: list[float]) -> None:
             raise SceneError("--plot draws over wavelengths: it needs --wavelengths-um or --range-um")
 
 
-def columns_of(
+def compute_columns(
     material: Material, at: list[float], radius_um: float | None, host_index: float | None, tick: Any
 ) -> Columns:
     """Wavelength, n and k, and of spheres of a radius albedo, asymmetry and cross sections [um2]."""
@@ -136,19 +136,19 @@ def print_table(columns: Columns) -> None:
 
 def write_table(columns: Columns, path: Path) -> None:
     """CSV, every digit, all of it or nothing."""
-    with atomic_write(path) as part, open(part, "w", encoding="ascii", newline="") as file:
+    with write_atomically(path) as part, open(part, "w", encoding="ascii", newline="") as file:
         file.write(",".join(columns) + "\n")
         file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*columns.values(), strict=True))
 
 
-def picture_of(columns: Columns, name: str, radius_um: float | None) -> Any:
+def draw_columns(columns: Columns, name: str, radius_um: float | None) -> Any:
     """n and k, albedo and g, cross sections, over the wavelength."""
-    from vrte.pictures.figures import finish, new_figure
+    from vrte.pictures.figures import finish, make_figure
 
     groups: list[tuple[str, tuple[str, ...]]] = [("refractive index", INDEX)]
     if radius_um is not None:
         groups += [(f"spheres of radius {radius_um:g} µm", SCATTERING[:2]), ("cross sections [µm²]", SCATTERING[2:])]
-    figure = new_figure(4.8 * len(groups), 4.0)
+    figure = make_figure(4.8 * len(groups), 4.0)
     panels = figure.subplots(1, len(groups), squeeze=False)[0]
     for panel, (title, names) in zip(panels, groups, strict=True):
         for column, colour in zip(names, ("#1f4e79", "#d98200", "#2a8f5b"), strict=False):

@@ -15,14 +15,14 @@ from vrte.commands.common import (
     Found,
     Seconds,
     Tick,
+    add_command,
     add_options,
     check_extra,
     check_output,
-    named_by,
-    new_command,
-    progress,
-    reading,
+    label_errors,
+    label_reading_errors,
     say_written,
+    show_progress,
 )
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import write_csv
@@ -32,7 +32,7 @@ from vrte.pictures.figures import SUFFIXES as PICTURES
 from vrte.request.how import EXACT, OPTIONS
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.results.spectrum import with_scene
+from vrte.results.spectrum import add_scene_text
 
 HOW = tuple(name for name in OPTIONS if name != "settings")  # options that win over the scene file
 OUTPUTS = {"output": tuple(FORMATS), "csv": (".csv",), "plot": tuple(PICTURES)}
@@ -51,7 +51,7 @@ def add(commands: Any) -> None:
 
 
 def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser:
-    command: argparse.ArgumentParser = new_command(commands, kind, run, help_text)
+    command: argparse.ArgumentParser = add_command(commands, kind, run, help_text)
     command.epilog = "What is said here wins over the scene file."
     command.set_defaults(kind=kind, wavelengths_um=None, mitsuba=None)
     command.add_argument("scene", metavar="SCENE.toml", type=Path)
@@ -61,14 +61,14 @@ def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser
     command.add_argument("--plot", metavar="OUT.png", type=Path, help="a picture; .svg and .pdf too")
     add_options(command, *HOW)
     told = "a setting of the method, any number of times"
-    command.add_argument("--set", metavar="NAME=VALUE", type=a_setting, action="append", default=[], help=told)
+    command.add_argument("--set", metavar="NAME=VALUE", type=read_setting, action="append", default=[], help=told)
     return command
 
 
-def a_setting(text: str) -> tuple[str, Any]:
+def read_setting(text: str) -> tuple[str, Any]:
     """Name and value of a method's setting: a number where it is one, otherwise a word.
 
-    >>> a_setting("orders=3"), a_setting("boundary=mark")
+    >>> read_setting("orders=3"), read_setting("boundary=mark")
     (('orders', 3), ('boundary', 'mark'))
     """
     name, sign, value = text.partition("=")
@@ -83,13 +83,13 @@ def a_setting(text: str) -> tuple[str, Any]:
 def run(options: argparse.Namespace) -> None:
     check_outputs(options)
     several, seconds = bool(options.wavelengths_um), Seconds()
-    with progress() as (phase, tick):
-        found = (spectrum.solve if several else solve)(options, how(options), seconds, phase, tick)
+    with show_progress() as (phase, tick):
+        found = (spectrum.solve if several else solve)(options, collect_keywords(options), seconds, phase, tick)
     (spectrum.describe if several else describe)(options.scene, found)
-    paths = [written(found.result, options, name, seconds) for name in OUTPUTS if getattr(options, name)]
+    paths = [write_result(found.result, options, name, seconds) for name in OUTPUTS if getattr(options, name)]
     if found.table:
         paths.append(spectrum.write_table(found.table, options, seconds))
-    print_times(seconds, spectrum.stages(found.result))
+    print_times(seconds, spectrum.sum_stages(found.result))
     for path in paths:
         say_written(path)
 
@@ -99,14 +99,14 @@ def solve(
 ) -> Found:
     """At the wavelength of the scene file."""
     phase("particles")
-    with seconds.of("particles"), reading(options.scene):
+    with seconds.of("particles"), label_reading_errors(options.scene):
         file = read_scene(options.scene, options.kind)
     check_picture(options, file)
     phase("Fourier orders, then directions")
     call: Callable[..., Brdf | Field] = brdf if file.kind == "brdf" else radiance
-    with seconds.of("solver"), named_by(options.scene), file.located():
+    with seconds.of("solver"), label_errors(options.scene), file.located():
         result = call(file.scene, progress=tick, **file.keywords(asked))
-    return Found([file], with_scene(result, file.text))
+    return Found([file], add_scene_text(result, file.text))
 
 
 def check_outputs(options: argparse.Namespace) -> None:
@@ -117,7 +117,7 @@ def check_outputs(options: argparse.Namespace) -> None:
     for name, path in asked.items():
         check_output(path, *OUTPUTS[name])
     if options.kind == "brdf":
-        options.wavelengths_um = options.wavelengths_um or spectrum.wavelengths_of_file(options.scene)
+        options.wavelengths_um = options.wavelengths_um or spectrum.read_file_wavelengths(options.scene)
         spectrum.check_options(options)
     for path in asked.values():
         if path.suffix.lower() in EXTRAS:
@@ -131,13 +131,13 @@ def check_picture(options: argparse.Namespace, file: SceneFile) -> None:
         check_directions(file.request["mu_o"], file.request.get("phi", 0.0))
 
 
-def how(options: argparse.Namespace) -> dict[str, Any]:
+def collect_keywords(options: argparse.Namespace) -> dict[str, Any]:
     """The keywords that the command line wins with over the scene file."""
     found = {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
     return found | ({"settings": dict(options.set)} if options.set else {})
 
 
-def written(result: Result, options: argparse.Namespace, name: str, seconds: Seconds) -> Path:
+def write_result(result: Result, options: argparse.Namespace, name: str, seconds: Seconds) -> Path:
     path: Path = getattr(options, name)
     with seconds.of(f"writing {path.suffix}"):
         if name == "output":
@@ -175,7 +175,7 @@ def describe(path: Path, found: Found) -> None:
     if made["method"] == EXACT:
         describe_plan(made)
     if "agreement" in made:
-        print(f"  {agreement(made['agreement'])}")
+        print(f"  {describe_agreement(made['agreement'])}")
     if isinstance(result, Brdf):
         shown = ", ".join(
             f"{r:.4f} at mu_i {mu:g}" for r, mu in zip(result.reflectance[:6], result.mu_i[:6], strict=True)
@@ -191,7 +191,7 @@ def describe_plan(made: dict[str, Any]) -> None:
         print(f"  {len(made['orders_repeated']['orders'])} orders repeated by {made['orders_repeated']['by']}")
 
 
-def agreement(found: dict[str, Any]) -> str:
+def describe_agreement(found: dict[str, Any]) -> str:
     """What `verify` found, in words."""
     if not found["orders_compared"]:
         return f"{found['with']} cannot vouch for any order: nothing to compare"

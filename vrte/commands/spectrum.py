@@ -9,13 +9,21 @@ import numpy as np
 
 from vrte import __version__
 from vrte.basics.errors import SceneError
-from vrte.calls.mitsuba import solved_for_table
-from vrte.calls.spectrum import scenes_at, solved_at
-from vrte.commands.common import Found, Seconds, Tick, check_output, named_by, reading, wavelengths
+from vrte.calls.mitsuba import solve_for_table
+from vrte.calls.spectrum import prepare_scenes, solve_spectrum
+from vrte.commands.common import (
+    Found,
+    Seconds,
+    Tick,
+    check_output,
+    label_errors,
+    label_reading_errors,
+    read_wavelengths,
+)
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats.contents import Result
-from vrte.formats.scene_file import listed_wavelengths, read_content
-from vrte.results.spectrum import Spectrum, ascending
+from vrte.formats.scene_file import read_content, read_listed_wavelengths
+from vrte.results.spectrum import Spectrum, check_ascending
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -23,7 +31,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--wavelengths-um",
         metavar="UM,UM,...",
-        type=wavelengths,
+        type=read_wavelengths,
         help="ascending; they win over the scene file, and particles are worked out anew at each",
     )
     command.add_argument(
@@ -41,18 +49,18 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
 
 
-def wavelengths_of_file(path: Path) -> list[float] | None:
+def read_file_wavelengths(path: Path) -> list[float] | None:
     """The scene file's wavelengths, ascending, where it lists several. Raises SceneError, OSError."""
-    with reading(path):
-        listed = listed_wavelengths(read_content(path))
-        return listed and ascending(listed).tolist()
+    with label_reading_errors(path):
+        listed = read_listed_wavelengths(read_content(path))
+        return listed and check_ascending(listed).tolist()
 
 
 def check_options(options: argparse.Namespace) -> None:
     """Whether they go together, before the work is done. Raises SceneError."""
     if options.mitsuba:
         check_output(options.mitsuba, ".bsdf")
-        mitsuba.angles_of(options.mitsuba_step_deg)
+        mitsuba.make_angles(options.mitsuba_step_deg)
         if not options.wavelengths_um:
             raise SceneError(
                 f"--mitsuba needs {mitsuba.WAVELENGTHS} wavelengths, by --wavelengths-um or in the scene file"
@@ -66,16 +74,16 @@ def solve(
     """All that was asked for at the wavelengths."""
     at = np.array(options.wavelengths_um)
     phase("particles")
-    with seconds.of("particles"), reading(options.scene):
-        files, told = scenes_at(options.scene, at, progress=tick, asked=asked)
+    with seconds.of("particles"), label_reading_errors(options.scene):
+        files, told = prepare_scenes(options.scene, at, progress=tick, asked=asked)
     phase("wavelengths")
-    with seconds.of("solver"), named_by(options.scene):
-        result = solved_at(files, at, tick, told, **asked)
+    with seconds.of("solver"), label_errors(options.scene):
+        result = solve_spectrum(files, at, tick, told, **asked)
     if not options.mitsuba:
         return Found(files, result)
     phase("directions of the table")
-    with seconds.of("solver for Mitsuba"), named_by(options.scene):
-        return Found(files, result, solved_for_table(files, at, tick, **asked))
+    with seconds.of("solver for Mitsuba"), label_errors(options.scene):
+        return Found(files, result, solve_for_table(files, at, tick, **asked))
 
 
 def write_table(table: tuple[Spectrum, Spectrum], options: argparse.Namespace, seconds: Seconds) -> Path:
@@ -87,7 +95,7 @@ def write_table(table: tuple[Spectrum, Spectrum], options: argparse.Namespace, s
     return path
 
 
-def stages(result: Result) -> dict[str, dict[str, float]]:
+def sum_stages(result: Result) -> dict[str, dict[str, float]]:
     """Seconds of each stage, those of all wavelengths added up."""
     found: dict[str, dict[str, float]] = {}
     for one in result if isinstance(result, Spectrum) else [result]:

@@ -11,13 +11,13 @@ from vrte import __version__
 from vrte.basics.errors import SceneError, SweepError
 from vrte.commands.common import (
     Tick,
+    add_command,
     check_extra,
     check_output,
-    named_by,
-    new_command,
-    progress,
-    value_of,
-    whole_number,
+    label_errors,
+    make_option_reader,
+    make_whole_number_reader,
+    show_progress,
 )
 from vrte.sweep import sweep
 from vrte.sweep.engines import ENGINES
@@ -31,9 +31,9 @@ MOST_NAMED = 3  # failures that --strict names
 
 
 def add(commands: Any) -> None:
-    """`vrte sweep`."""
+    """Adds `vrte sweep`, which solves many scenes into one table, to the commands."""
     told = "the Mueller BRDFs, or Stokes fields, of many scenes, as one table (docs/sweeps.md)"
-    command = new_command(commands, "sweep", run, told)
+    command = add_command(commands, "sweep", run, told)
     command.add_argument("file", metavar="SWEEP.toml", type=Path, help="a scene file with a table [axes]")
     command.add_argument(
         "-o", "--output", metavar="TABLE.zarr", type=Path, required=True, help=".zarr for large tables, or .nc"
@@ -43,14 +43,17 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--workers",
         metavar="N",
-        type=whole_number(1, MOST_WORKERS),
+        type=make_whole_number_reader(1, MOST_WORKERS),
         help="cores, or Dask worker processes; default: all that may be used",
     )
     command.add_argument(
-        "--chunk", metavar="N", type=whole_number(1, 10**6), help="scenes that are computed and written together"
+        "--chunk",
+        metavar="N",
+        type=make_whole_number_reader(1, 10**6),
+        help="scenes that are computed and written together",
     )
     told = "refuse what is predicted to take longer in all; default: none"
-    command.add_argument("--time-limit-s", metavar="X", type=value_of("time_limit_s"), help=told)
+    command.add_argument("--time-limit-s", metavar="X", type=make_option_reader("time_limit_s"), help=told)
     command.add_argument("--strict", action="store_true", help="a failure (exit code 1) where any scene has no result")
 
 
@@ -59,16 +62,16 @@ def run(options: argparse.Namespace) -> None:
     if not (options.output.suffix == ".zarr" and options.output.is_dir()):
         check_output(options.output, *SUFFIXES)
     start = time.monotonic()
-    with progress() as (phase, tick):
+    with show_progress() as (phase, tick):
         phase("scenes")
-        table = made(options, tick)
+        table = compute_table(options, tick)
     describe(options, table, time.monotonic() - start)
 
 
-def made(options: argparse.Namespace, tick: Tick) -> "xarray.Dataset":
+def compute_table(options: argparse.Namespace, tick: Tick) -> "xarray.Dataset":
     """The table; complaints about the sweep file begin with its name."""
     how = {name: getattr(options, name) for name in ("engine", "scheduler", "workers", "chunk", "time_limit_s")}
-    with named_by(options.file):
+    with label_errors(options.file):
         return sweep(options.file, options.output, **how, progress=tick)
 
 
@@ -79,15 +82,17 @@ def describe(options: argparse.Namespace, table: "xarray.Dataset", seconds: floa
     lengths = " x ".join(f"{length} {name}" for name, length in errors.sizes.items())
     print(f"vrte {__version__}: sweep of {options.file}")
     print(f"  {errors.size} scenes ({lengths}){f', {failed} without result' if failed else ''}, {seconds:.1f} s")
-    print(f"wrote {options.output} ({size_of(options.output) / 1e3:,.0f} kB)")
+    print(f"wrote {options.output} ({count_bytes(options.output) / 1e3:,.0f} kB)")
     table.close()
     if failed == errors.size:
         raise SceneError(f"{options.file}: all scenes failed; the first: {errors.values.flat[0]}")
     if failed and options.strict:
-        raise SweepError(f"{options.file}: {failed} of {errors.size} scenes failed: {'; '.join(failures(errors))}")
+        raise SweepError(
+            f"{options.file}: {failed} of {errors.size} scenes failed: {'; '.join(describe_failures(errors))}"
+        )
 
 
-def failures(errors: "xarray.DataArray") -> list[str]:
+def describe_failures(errors: "xarray.DataArray") -> list[str]:
     """Where the first scenes without result are, and what they said."""
     found = []
     for place in np.argwhere(errors.values != "")[:MOST_NAMED]:
@@ -97,6 +102,6 @@ def failures(errors: "xarray.DataArray") -> list[str]:
     return found
 
 
-def size_of(path: Path) -> int:
+def count_bytes(path: Path) -> int:
     """Bytes of a file, or of all in a folder."""
     return sum(file.stat().st_size for file in ([path] if path.is_file() else path.rglob("*")) if file.is_file())

@@ -7,7 +7,7 @@ from signal import SIGTERM
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import check_extra, whole_number
+from vrte.commands.common import check_extra, make_whole_number_reader
 
 PORT = 8765
 OPEN = "--open-to-network"
@@ -18,7 +18,7 @@ MEANING = (
 
 
 def add(commands: Any) -> None:
-    """`vrte view`."""
+    """Adds `vrte view`, which serves a local web page, to the commands."""
     command = commands.add_parser(
         "view",
         help="a local web page: describe a scene, solve it, look at it",
@@ -29,7 +29,9 @@ def add(commands: Any) -> None:
     command.add_argument(
         OPEN, action="store_true", help="with a --host that other machines reach: whoever has the address may come in"
     )
-    command.add_argument("--port", type=whole_number(0, 65535), default=PORT, help=f"0: a free one; default: {PORT}")
+    command.add_argument(
+        "--port", type=make_whole_number_reader(0, 65535), default=PORT, help=f"0: a free one; default: {PORT}"
+    )
     command.add_argument("--no-browser", action="store_true", help="opens none, only prints the address")
     command.set_defaults(run=run)
 
@@ -43,30 +45,30 @@ def run(options: argparse.Namespace) -> None:
         if not options.open_to_network:
             raise SceneError(f"--host {options.host} lets other machines reach the viewer: say that too, {OPEN}")
         print(MEANING, flush=True)
-    benches = first_benches(options.file)
+    benches = make_first_benches(options.file)
     signal = serve(benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
     if signal == SIGTERM:
         sys.exit(128 + SIGTERM)
 
 
-def first_benches(path: Path | None) -> Any:
+def make_first_benches(path: Path | None) -> Any:
     """What a page begins with: the start scene, a scene file or a result."""
-    from vrte.app.form.files import adopted_and_told
+    from vrte.app.form.files import adopt_and_tell
     from vrte.app.solving.bench import Benches
-    from vrte.app.solving.worker import outcome_of
+    from vrte.app.solving.worker import make_outcome
     from vrte.formats import load
-    from vrte.formats.scene_file import read_content, tables_named
+    from vrte.formats.scene_file import find_named_tables, read_content
 
     if path is None:
         return Benches()
     try:
         if path.suffix.lower() == ".toml":
             content = read_content(path)
-            content, told = adopted_and_told(content, path.parent, frozenset(tables_named(content).values()))
+            content, told = adopt_and_tell(content, path.parent, frozenset(find_named_tables(content).values()))
             for text in told:
                 print(f"vrte view: {text}", file=sys.stderr)
             return Benches(content, path.parent)
-        outcome = outcome_of(load(path))
+        outcome = make_outcome(load(path))
         return Benches(outcome.content, outcome=outcome)
     except SceneError as error:
         message = str(error)

@@ -8,25 +8,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from vrte.formats.text_file import file_name
+from vrte.formats.text_file import check_file_name
 
 
 @contextmanager
-def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
+def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A path beside ``path`` to write to; it takes the place of ``path`` when the block ends well.
 
     Any exception, an interrupt included, removes what was written and leaves a file that was at ``path``
     before as it was. Raises SceneError for a path that no file can have, OSError where the folder is not there,
     cannot be written to, or has another folder at that place.
 
-    >>> with atomic_write("result.csv") as part:
+    >>> with write_atomically("result.csv") as part:
     ...     part.write_text("mu_i,mu_o")
     9
     """
-    target = Path(os.path.realpath(file_name(path)))  # through a symbolic link, so that the link survives
+    target = Path(os.path.realpath(check_file_name(path)))  # through a symbolic link, so that the link survives
     if target.is_dir():
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), os.fsdecode(path))
-    part = _beside(target)
+    part = _choose_name_beside(target)
     try:
         yield part
         os.replace(part, target)
@@ -35,17 +35,17 @@ def atomic_write(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(path: str | os.PathLike[str], mark: str) -> Iterator[Path]:
+def write_folder_atomically(path: str | os.PathLike[str], mark: str) -> Iterator[Path]:
     """The like for a folder of files; one at ``path`` that holds the file ``mark`` is replaced, nothing else is.
 
-    >>> with atomic_folder("result.zarr", "zarr.json") as part:
+    >>> with write_folder_atomically("result.zarr", "zarr.json") as part:
     ...     part.mkdir()
     """
-    target = Path(os.path.realpath(file_name(path)))
+    target = Path(os.path.realpath(check_file_name(path)))
     if target.exists() and not (target / mark).is_file():
         code = errno.EEXIST if target.is_dir() else errno.ENOTDIR
         raise OSError(code, os.strerror(code), os.fsdecode(path))
-    part, before = _beside(target), _beside(target)
+    part, before = _choose_name_beside(target), _choose_name_beside(target)
     try:
         yield part
         if target.exists():
@@ -58,7 +58,7 @@ def atomic_folder(path: str | os.PathLike[str], mark: str) -> Iterator[Path]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _beside(target: Path) -> Path:
+def _choose_name_beside(target: Path) -> Path:
     """A name of its own in the same folder: with more added to it, one as long as may be would be too long."""
     if not target.parent.is_dir():
         code = errno.ENOTDIR if target.parent.exists() else errno.ENOENT

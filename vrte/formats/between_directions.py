@@ -7,10 +7,10 @@ horizon, where f (mu_i + mu_o) is an even function of 1 - s.
 
 import numpy as np
 
-from vrte.basics.arrays import Array, whole
+from vrte.basics.arrays import Array, check_whole
 from vrte.request.request import SMALLEST_COSINE
 from vrte.results.brdf import Brdf
-from vrte.results.splines import MIRROR, around, coefficients, over_pole, rows
+from vrte.results.splines import MIRROR, compute_coefficients, extend_azimuths, extend_over_pole, make_spline_matrix
 
 COSINES, AZIMUTHS = 48, 73  # to solve for, by default
 FEWEST, MOST = 8, 1024
@@ -27,26 +27,28 @@ def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Ar
     >>> {name: values.size for name, values in directions().items()}
     {'mu_i': 48, 'mu_o': 48, 'phi': 73}
     """
-    middles = (np.arange(whole("cosines", cosines, FEWEST, MOST)) + 0.5) / cosines
+    middles = (np.arange(check_whole("cosines", cosines, FEWEST, MOST)) + 0.5) / cosines
     mu = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * middles))
-    return {"mu_i": mu, "mu_o": mu, "phi": np.linspace(0.0, 180.0, whole("azimuths", azimuths, FEWEST, MOST))}
+    return {"mu_i": mu, "mu_o": mu, "phi": np.linspace(0.0, 180.0, check_whole("azimuths", azimuths, FEWEST, MOST))}
 
 
 class Splines:
     """A BRDF at any pair of directions, from one at `directions`."""
 
     def __init__(self, one: Brdf) -> None:
-        s, weighted = stretched(one.mu_o), one.mueller * (one.mu_i[:, None] + one.mu_o)[:, :, None, None, None]
+        s, weighted = stretch_cosines(one.mu_o), one.mueller * (one.mu_i[:, None] + one.mu_o)[:, :, None, None, None]
         for axis in (0, 1):
-            polar, weighted = over_pole(s, weighted, np.flip(weighted, 2) * MIRROR, axis, MARGIN)
+            polar, weighted = extend_over_pole(s, weighted, np.flip(weighted, 2) * MIRROR, axis, MARGIN)
             horizon = np.flip(weighted.take(range(-min(MARGIN, s.size), 0), axis), axis)
             weighted = np.concatenate([weighted, horizon], axis)
-        azimuths, weighted = around(one.phi, weighted, 0.0, 180.0, MARGIN)
+        azimuths, weighted = extend_azimuths(one.phi, weighted, 0.0, 180.0, MARGIN)
         polar = np.concatenate([polar, 2.0 - s[: -MARGIN - 1 : -1]])
         self.grids = polar, polar, azimuths
         self.there = weighted.any(axis=(0, 1, 2))  # elements that are not zero throughout
         # one after another: all at once would take five times the memory
-        each = (coefficients(self.grids, weighted[..., *element]).ravel() for element in np.argwhere(self.there))
+        each = (
+            compute_coefficients(self.grids, weighted[..., *element]).ravel() for element in np.argwhere(self.there)
+        )
         self.coefficients = np.stack(list(each), axis=1)
 
     def __call__(self, into: Array, out: Array, lowest: float = SMALLEST_COSINE) -> Array:
@@ -57,13 +59,16 @@ class Splines:
         turned = np.arctan2(out[:, 1], out[:, 0]) - np.arctan2(into[:, 1], into[:, 0]) - np.pi
         phi = (np.degrees(turned) + 180.0) % 360.0 - 180.0
         matrices = np.zeros((len(into), 4, 4))
-        matrices[:, self.there] = rows(self.grids, (stretched(mu_i), stretched(mu_o), np.abs(phi))) @ self.coefficients
+        matrices[:, self.there] = (
+            make_spline_matrix(self.grids, (stretch_cosines(mu_i), stretch_cosines(mu_o), np.abs(phi)))
+            @ self.coefficients
+        )
         matrices /= (mu_i + mu_o)[:, None, None]
         matrices[phi < 0.0] *= MIRROR
         return matrices
 
 
-def stretched(mu: Array) -> Array:
+def stretch_cosines(mu: Array) -> Array:
     """s from 0 at the pole to 1 at the horizon."""
     found: Array = np.arcsin(np.minimum(np.arccos(mu) / (0.5 * np.pi), 1.0)) / (0.5 * np.pi)
     return found

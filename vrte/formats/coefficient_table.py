@@ -26,11 +26,11 @@ def read_coefficients(path: str | os.PathLike[str], tolerance: float = 0.0) -> P
         raise SceneError(f"the first line must be {','.join(COLUMNS)}")
     if not rows:
         raise SceneError("the table has no rows")
-    columns = np.array([_coefficients(degree, *row) for degree, row in enumerate(rows)]).T
+    columns = np.array([_check_coefficients(degree, *row) for degree, row in enumerate(rows)]).T
     return PhaseMatrix(*columns, tolerance=tolerance)
 
 
-def _coefficients(degree: int, line: int, values: list[float]) -> list[float]:
+def _check_coefficients(degree: int, line: int, values: list[float]) -> list[float]:
     """The six coefficients of one line, which must be of the given degree."""
     if len(values) != len(COLUMNS):
         raise SceneError(f"line {line}: {len(COLUMNS)} numbers are needed, not {len(values)}")

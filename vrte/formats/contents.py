@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vrte.basics.arrays import Array, in_one_line
+from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
@@ -118,7 +118,7 @@ KINDS = {kind.name: kind for kind in (BRDF, FIELD, FIELDS, SPECTRUM)}
 CLASSES: dict[type, Kind] = {Brdf: BRDF, Field: FIELD, Spectrum: SPECTRUM}
 
 
-def kind_of(result: Result) -> Kind:
+def find_kind(result: Result) -> Kind:
     """The kind of a result."""
     if isinstance(result, Field) and not isinstance(result.mu0, float):
         return FIELDS
@@ -128,14 +128,14 @@ def kind_of(result: Result) -> Kind:
         raise SceneError(f"a result must be a Brdf, a Field or a Spectrum, not {type(result).__name__}") from None
 
 
-def arrays_of(result: Result) -> dict[str, Any]:
+def collect_arrays(result: Result) -> dict[str, Any]:
     """All coordinates and variables that a result has, by their names in files."""
-    kind = kind_of(result)
+    kind = find_kind(result)
     found = {name: getattr(result, name.removesuffix("_deg")) for name in (*kind.coordinates, *kind.variables)}
     return {name: values for name, values in found.items() if values is not None}
 
 
-def restored(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, scene: str | None) -> Result:
+def restore_result(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, scene: str | None) -> Result:
     """The result that has these arrays, and what `described` said of it. Raises SceneError where they do not fit
     together, another of MEANINGLESS where something is missing or not what it should be."""
     named = {name.removesuffix("_deg"): values for name, values in arrays.items()}
@@ -156,7 +156,7 @@ def restored(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, scene: s
     return Field(diagnostics=diagnostics | also, mu0=float(mu0.item()) if kind is FIELD else mu0, **named)
 
 
-def described(result: Result) -> dict[str, str]:
+def describe_result(result: Result) -> dict[str, str]:
     """What else a file says: title, source, comment, ``diagnostics`` as JSON, and the scene file where it is known."""
     from vrte import __version__
 
@@ -164,25 +164,25 @@ def described(result: Result) -> dict[str, str]:
     every = diagnostics if isinstance(diagnostics, list) else [diagnostics]
     scene = every[0].get(SCENE)
     told = {
-        "title": f"Polarized {kind_of(result).title}",
+        "title": f"Polarized {find_kind(result).title}",
         "source": f"vrte {__version__}, vector radiative transfer",
         "comment": CONVENTIONS,
-        "kind": kind_of(result).name,
+        "kind": find_kind(result).name,
     }
     if isinstance(scene, str) and all(one.get(SCENE) == scene for one in every):
         told[SCENE] = scene
         every = [{name: value for name, value in one.items() if name != SCENE} for one in every]
-    return told | {"diagnostics": as_json(every if isinstance(diagnostics, list) else every[0])}
+    return told | {"diagnostics": convert_to_json(every if isinstance(diagnostics, list) else every[0])}
 
 
-def as_json(value: Any) -> str:
+def convert_to_json(value: Any) -> str:
     """JSON in one line of ASCII, every digit of every number. Raises SceneError for what has no place in it."""
     try:
         return json.dumps(value)
     except (TypeError, ValueError, RecursionError) as error:
-        raise SceneError(f"diagnostics must be what JSON can hold: {reason(error)}") from error
+        raise SceneError(f"diagnostics must be what JSON can hold: {explain_error(error)}") from error
 
 
-def reason(error: Exception) -> str:
+def explain_error(error: Exception) -> str:
     """What another library says, in one line and not too long."""
-    return in_one_line(f"{type(error).__name__}: {error}", 200)
+    return put_in_one_line(f"{type(error).__name__}: {error}", 200)

@@ -10,23 +10,23 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from vrte.basics.arrays import Array, in_one_line
+from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 from vrte.formats.contents import (
     KINDS,
     MEANINGLESS,
     Kind,
     Result,
-    arrays_of,
-    as_json,
-    described,
-    kind_of,
-    reason,
-    restored,
+    collect_arrays,
+    convert_to_json,
+    describe_result,
+    explain_error,
+    find_kind,
+    restore_result,
 )
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
-from vrte.formats.text_file import file_name
+from vrte.formats.text_file import check_file_name
 from vrte.results.quantities import MUELLER, STOKES
 from vrte.results.spectrum import SCENE
 
@@ -51,15 +51,15 @@ def write_csv(result: Result, path: str | os.PathLike[str]) -> None:
 
     >>> write_csv(brdf, "result.csv")
     """
-    kind, arrays = kind_of(result), arrays_of(result)
-    header = _header(kind, arrays, described(result))
-    with atomic_write(path) as part, open(part, "w", encoding="ascii", newline="") as file:
+    kind, arrays = find_kind(result), collect_arrays(result)
+    header = _format_header(kind, arrays, describe_result(result))
+    with write_atomically(path) as part, open(part, "w", encoding="ascii", newline="") as file:
         file.writelines(f"{line}\n" for line in header)
-        file.write(",".join(_columns(kind, arrays)) + "\n")
-        file.writelines(_lines(kind, arrays))
+        file.write(",".join(_list_columns(kind, arrays)) + "\n")
+        file.writelines(_format_lines(kind, arrays))
 
 
-def _header(kind: Kind, arrays: dict[str, Any], told: dict[str, str]) -> Iterator[str]:
+def _format_header(kind: Kind, arrays: dict[str, Any], told: dict[str, str]) -> Iterator[str]:
     """What people want to know, then every array that is no table and every text, each as JSON."""
     about = kind.coordinates | kind.variables
     yield FIRST
@@ -69,24 +69,24 @@ def _header(kind: Kind, arrays: dict[str, Any], told: dict[str, str]) -> Iterato
         size = " x ".join(map(str, np.shape(values))) or "1"
         yield f"#   {name} ({size}) [{about[name].units}]: {about[name].long_name}{columns}"
     for name, text in told.items():
-        yield f"# {name} = {text if name == 'diagnostics' else as_json(text)}"
+        yield f"# {name} = {text if name == 'diagnostics' else convert_to_json(text)}"
     for name, values in arrays.items():
         if name not in TABLES:
-            yield f"# {name} = {as_json(np.asarray(values).tolist())}"
+            yield f"# {name} = {convert_to_json(np.asarray(values).tolist())}"
 
 
-def _columns(kind: Kind, arrays: dict[str, Any]) -> list[str]:
+def _list_columns(kind: Kind, arrays: dict[str, Any]) -> list[str]:
     return [*kind.coordinates, *(column for name in TABLES if name in arrays for column in TABLES[name])]
 
 
-def _lines(kind: Kind, arrays: dict[str, Any]) -> Iterator[str]:
+def _format_lines(kind: Kind, arrays: dict[str, Any]) -> Iterator[str]:
     tables = [arrays[name].reshape(-1, len(TABLES[name])) for name in TABLES if name in arrays]
-    for place, directions in enumerate(_directions(kind, arrays)):
+    for place, directions in enumerate(_list_directions(kind, arrays)):
         numbers = np.concatenate([directions, *(table[place] for table in tables)])
         yield ",".join(map(repr, numbers.tolist())) + "\n"
 
 
-def _directions(kind: Kind, arrays: dict[str, Any]) -> Array:
+def _list_directions(kind: Kind, arrays: dict[str, Any]) -> Array:
     """Every combination of the coordinates, the last one fastest: (rows, coordinates)."""
     grids = np.meshgrid(*(arrays[name] for name in kind.coordinates), indexing="ij")
     return np.stack([grid.ravel() for grid in grids], axis=1)
@@ -102,12 +102,12 @@ def load_csv(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) -
     >>> load_csv("result.csv").mueller.shape
     (2, 20, 37, 4, 4)
     """
-    name = file_name(path)
+    name = check_file_name(path)
     if not Path(name).is_file():
         raise FileNotFoundError(f"no such file: {name}")
     try:
         with open(name, "rb") as file:
-            return _restored(Lines(file), most_bytes)
+            return _read_result(Lines(file), most_bytes)
     except SceneError as error:
         raise SceneError(f"{name}: {error}") from error
 
@@ -147,20 +147,20 @@ class Lines:
             raise SceneError(f"line {self.place}: not a text file in UTF-8 (byte {error.start} of the line)") from error
 
 
-def _restored(lines: Lines, most_bytes: float) -> Result:
+def _read_result(lines: Lines, most_bytes: float) -> Result:
     header, columns = _read_header(lines)
     kind = KINDS.get(str(header.get("kind")))
     if kind is None:
         raise SceneError(f"the header must say its kind, one of {', '.join(KINDS)}")
     names = [name for name in (*kind.coordinates, *kind.variables) if name in header]
-    arrays = {name: _array(name, header[name]) for name in names}
-    arrays |= _tables(kind, arrays, columns, lines, most_bytes)
+    arrays = {name: _convert_to_array(name, header[name]) for name in names}
+    arrays |= _read_tables(kind, arrays, columns, lines, most_bytes)
     try:
-        return restored(kind, arrays, header["diagnostics"], header.get(SCENE))
+        return restore_result(kind, arrays, header["diagnostics"], header.get(SCENE))
     except KeyError as error:
         raise SceneError(f"the header has no line for {error}") from error
     except MEANINGLESS as error:
-        raise SceneError(f"the header does not fit the rows: {reason(error)}") from error
+        raise SceneError(f"the header does not fit the rows: {explain_error(error)}") from error
 
 
 def _read_header(lines: Lines) -> tuple[dict[str, Any], list[str]]:
@@ -179,11 +179,11 @@ def _read_header(lines: Lines) -> tuple[dict[str, Any], list[str]]:
         left -= len(line)
         if left < 0:
             raise SceneError(f"the header is longer than {LARGEST_HEADER} bytes")
-        found |= _value(lines.place, line)
+        found |= _read_value(lines.place, line)
     return found, line.split(",")
 
 
-def _value(place: int, line: str) -> dict[str, Any]:
+def _read_value(place: int, line: str) -> dict[str, Any]:
     """What a line of the form "# name = JSON" says; nothing, where it has another."""
     match = VALUE.fullmatch(line)
     if not match:
@@ -191,17 +191,17 @@ def _value(place: int, line: str) -> dict[str, Any]:
     try:
         return {match[1]: json.loads(match[2])}
     except (ValueError, RecursionError) as error:
-        raise SceneError(f"line {place}: {match[1]} is not valid JSON ({reason(error)})") from error
+        raise SceneError(f"line {place}: {match[1]} is not valid JSON ({explain_error(error)})") from error
 
 
-def _array(name: str, value: Any) -> Array:
+def _convert_to_array(name: str, value: Any) -> Array:
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise SceneError(f"the header's {name} must be numbers: {reason(error)}") from error
+        raise SceneError(f"the header's {name} must be numbers: {explain_error(error)}") from error
 
 
-def _tables(
+def _read_tables(
     kind: Kind, arrays: dict[str, Array], given: list[str], lines: Lines, most_bytes: float
 ) -> dict[str, Array]:
     """The tables below the header, whose last line names the columns ``given``."""
@@ -211,7 +211,7 @@ def _tables(
     shape = tuple(arrays[name].size for name in kind.coordinates)
     count, first = math.prod(shape), lines.place + 1
     tables = [name for name in TABLES if name in kind.variables and TABLES[name][0] in given]
-    wanted = _columns(kind, dict.fromkeys(tables))
+    wanted = _list_columns(kind, dict.fromkeys(tables))
     if not tables or given != wanted:
         raise SceneError(f"line {first - 1}: the columns must be {','.join(wanted)}")
     check_size(8.0 * count * (len(wanted) - len(shape)), most_bytes)
@@ -221,7 +221,7 @@ def _tables(
     found = {name: np.empty((count, len(TABLES[name]))) for name in tables}
     for start in range(0, count, BLOCK):
         end = min(start + BLOCK, count)
-        rows = np.array([_row(lines, len(wanted)) for _ in range(start, end)])
+        rows = np.array([_read_row(lines, len(wanted)) for _ in range(start, end)])
         places = np.unravel_index(np.arange(start, end), shape)
         directions = [arrays[name][place] for name, place in zip(kind.coordinates, places, strict=True)]
         _check_directions(rows[:, : len(shape)], np.stack(directions, axis=1), first + start)
@@ -231,13 +231,13 @@ def _tables(
     return {name: table.reshape(*shape, *((4,) if name == "stokes" else (4, 4))) for name, table in found.items()}
 
 
-def _row(lines: Lines, count: int) -> list[float]:
+def _read_row(lines: Lines, count: int) -> list[float]:
     """The numbers in the next line."""
     line, place = lines.next(), lines.place
     try:
         values = [float(item) for item in line.split(",")]
     except ValueError:
-        given = in_one_line(repr(line), 60)
+        given = put_in_one_line(repr(line), 60)
         raise SceneError(f"line {place}: {given} holds something that is not a number") from None
     if len(values) != count:
         raise SceneError(f"line {place}: {count} numbers are needed, not {len(values)}")

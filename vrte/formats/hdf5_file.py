@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, in_one_line
+from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import SceneError
 
 LARGEST_RESULT = 2e9  # bytes of values in memory, unless a caller allows more
@@ -46,7 +46,7 @@ def has_array(file: Any, name: str) -> bool:
     return bool(file.id.links.exists(name.encode()))
 
 
-def named(file: Any, name: str) -> str:
+def find_stored_name(file: Any, name: str) -> str:
     """What HDF5 calls a variable of NetCDF."""
     return BESIDE + name if has_array(file, BESIDE + name) else name
 
@@ -64,7 +64,7 @@ def read_arrays(file: Any, names: list[str], most_bytes: float) -> dict[str, Arr
     ...     read_arrays(file, ["mu"], 1e9)["mu"].tolist()
     [0.5, 1.0]
     """
-    found = {name: check_array(file, named(file, name)) for name in names}
+    found = {name: check_array(file, find_stored_name(file, name)) for name in names}
     check_size(8.0 * sum(dataset.size for dataset in found.values()), most_bytes)
     return {name: np.asarray(dataset[()]) for name, dataset in found.items()}
 
@@ -78,7 +78,7 @@ def check_size(size: float, most_bytes: float) -> None:
         )
 
 
-def linked(file: Any, name: str) -> Any:
+def open_dataset(file: Any, name: str) -> Any:
     """The dataset of that name, if it lies in the open file itself."""
     import h5py
 
@@ -92,7 +92,7 @@ def linked(file: Any, name: str) -> Any:
 
 def check_array(file: Any, name: str) -> Any:
     """The dataset of that name, unread, if its values are numbers that lie in the open file itself."""
-    dataset = linked(file, name)
+    dataset = open_dataset(file, name)
     if dataset.shape is None or dataset.dtype.kind not in "fiu":
         raise SceneError(f"its {name} must be an array of numbers")
     check_storage(dataset, name)
@@ -117,5 +117,5 @@ def check_storage(dataset: Any, name: str) -> None:
     for place in range(made.get_nfilters()):
         code, _, _, words = made.get_filter(place)
         if code not in known:
-            shown = in_one_line(words.decode(errors="replace") or str(code), 40)
+            shown = put_in_one_line(words.decode(errors="replace") or str(code), 40)
             raise SceneError(f"its {name} is packed by the filter {shown!r}: only {', '.join(FILTERS)} are known here")

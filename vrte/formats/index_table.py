@@ -3,7 +3,7 @@
 import os
 
 from vrte.basics.errors import SceneError
-from vrte.formats.text_file import file_name, read_rows
+from vrte.formats.text_file import check_file_name, read_rows
 from vrte.optics.refractive_index import IndexTable
 
 MOST_ROWS = 100_000
@@ -15,10 +15,23 @@ IN_WORDS = "wavelength_um,n,k (or wavelength_nm in front; without k nothing is a
 def read_index(path: str | os.PathLike[str]) -> IndexTable:
     """The refractive index n + i k over wavelength in a CSV file, for `vrte.spheres` and scene files.
 
-    Parameters: ``path``, a text file whose header is wavelength_um,n,k or wavelength_nm,n,k (k may be left out: no
-    absorption), with one row a wavelength in vacuum, ascending; lines that start with # are comments. Between rows n
-    and k are linear in the wavelength; outside, an error gives the table's range. Raises SceneError naming the line,
-    OSError where the file cannot be read.
+    Parameters
+    ----------
+    path : path
+        A text file whose header is wavelength_um,n,k or wavelength_nm,n,k (k may be left out: no absorption), with one
+        row a wavelength in vacuum, ascending; lines that start with # are comments.
+
+    Returns
+    -------
+    IndexTable
+        Between rows n and k are linear in the wavelength; outside, an error gives the table's range.
+
+    Raises
+    ------
+    SceneError
+        Naming the line.
+    OSError
+        Where the file cannot be read.
 
     >>> with open("pigment.csv", "w") as file:
     ...     _ = file.write("wavelength_nm,n,k\\n400,2.0,0.25\\n800,1.5,0.0\\n")
@@ -35,4 +48,4 @@ def read_index(path: str | os.PathLike[str]) -> IndexTable:
         name: tuple(row[place] for _, row in rows) for place, name in enumerate(header)
     }
     wavelengths = tuple(value / IN_A_UM[header[0]] for value in columns[header[0]])  # 700 nm are 0.7 to the last bit
-    return IndexTable(wavelengths, columns["n"], columns["k"], f"the table {os.path.basename(file_name(path))}")
+    return IndexTable(wavelengths, columns["n"], columns["k"], f"the table {os.path.basename(check_file_name(path))}")

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, number
+from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import SceneError
 from vrte.formats.between_directions import FEWEST, MOST, Splines, directions
-from vrte.formats.contents import described
+from vrte.formats.contents import describe_result
 from vrte.formats.mitsuba_tensor import write_tensors
 from vrte.results.spectrum import Spectrum
 from vrte.results.splines import MIRROR
@@ -73,11 +73,11 @@ def write_mitsuba(
     >>> five = vrte.spectrum(content, [0.45, 0.5, 0.55, 0.6, 0.65], **directions(8, 9))
     >>> write_mitsuba(five, "rayleigh.bsdf", step_deg=15)
     """
-    angles, nanometres = angles_of(step_deg), check_wavelengths(spectrum.wavelength_um)
+    angles, nanometres = make_angles(step_deg), check_wavelengths(spectrum.wavelength_um)
     check_directions(spectrum)
-    table = tabulated(spectrum, angles)
-    errors = None if exact is None else errors_of(table, angles, exact)
-    told = described(spectrum) | {"note": NOTE} | ({} if errors is None else {"interpolation": str(errors)})
+    table = tabulate_spectrum(spectrum, angles)
+    errors = None if exact is None else measure_errors(table, angles, exact)
+    told = describe_result(spectrum) | {"note": NOTE} | ({} if errors is None else {"interpolation": str(errors)})
     text = "\n".join(f"{name}: {value}" for name, value in told.items())
     fields: dict[str, NDArray[Any]] = {
         name: getattr(angles, name)[None].astype(np.float32) for name in ("phi_d", "theta_d", "theta_h")
@@ -101,9 +101,9 @@ class Angles:
         return self.phi_d.size, self.theta_d.size, self.theta_h.size
 
 
-def angles_of(step_deg: float) -> Angles:
+def make_angles(step_deg: float) -> Angles:
     """Axes with that step in theta, or the next smaller one that divides 90 degrees."""
-    step = number("step_deg", step_deg, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g} degrees")
+    step = check_number("step_deg", step_deg, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g} degrees")
     count = math.ceil(90.0 / step - 1e-9)
     theta = np.linspace(0.0, 0.5 * np.pi, count + 1)
     return Angles(np.linspace(-np.pi, np.pi, 2 * count + 1), theta, theta)
@@ -137,21 +137,21 @@ def check_directions(spectrum: Spectrum) -> None:
     )
 
 
-def tabulated(spectrum: Spectrum, angles: Angles) -> NDArray[np.float32]:
+def tabulate_spectrum(spectrum: Spectrum, angles: Angles) -> NDArray[np.float32]:
     """The field M (phi_d, theta_d, theta_h, wavelength, 4, 4) [sr-1]: mirror symmetry gives the half with phi_d < 0."""
     half = angles.phi_d.size // 2
     positive = Angles(angles.phi_d[half:], angles.theta_d, angles.theta_h)
-    into, out, across = pairs_of(positive)
+    into, out, across = make_direction_pairs(positive)
     lowest = FLOOR * math.sin(angles.theta_h[1])
     found = np.empty((angles.phi_d.size, *angles.shape[1:], len(spectrum), 4, 4), np.float32)
     for place, one in enumerate(spectrum):
-        matrices = in_scattering_plane(Splines(one), into, out, across, lowest).reshape(*positive.shape, 4, 4)
+        matrices = sample_in_scattering_plane(Splines(one), into, out, across, lowest).reshape(*positive.shape, 4, 4)
         found[half:, :, :, place] = matrices
         found[:half, :, :, place] = (matrices * MIRROR)[:0:-1]
     return found
 
 
-def pairs_of(angles: Angles) -> tuple[Array, Array, Array]:
+def make_direction_pairs(angles: Angles) -> tuple[Array, Array, Array]:
     """The light's and the view's directions, both away from the surface, and the normal of the plane of both, each
     (pairs, 3), z upward. The half vector lies in the plane y = 0; across is half vector x difference vector, which
     stays what it is where both directions are one."""
@@ -165,24 +165,24 @@ def pairs_of(angles: Angles) -> tuple[Array, Array, Array]:
     return along + sideways, along - sideways, np.cross(middle, aside)
 
 
-def errors_of(table: NDArray[np.float32], angles: Angles, exact: Spectrum) -> Errors:
+def measure_errors(table: NDArray[np.float32], angles: Angles, exact: Spectrum) -> Errors:
     """How far the table is off at the directions of another spectrum."""
     mu_i, mu_o, phi = (axis.ravel() for axis in np.meshgrid(exact.mu_i, exact.mu_o, exact.phi, indexing="ij"))
-    into = direction(mu_i, np.full_like(mu_i, np.pi))  # light that travels along the azimuth 0
-    out = direction(mu_o, np.radians(phi))
-    found = to_meridian_planes(interpolated(table, angles, into, out), into, out)
+    into = make_unit_vectors(mu_i, np.full_like(mu_i, np.pi))  # light that travels along the azimuth 0
+    out = make_unit_vectors(mu_o, np.radians(phi))
+    found = turn_to_meridian_planes(interpolate_table(table, angles, into, out), into, out)
     wanted = exact.mueller.reshape(len(exact), -1, 4, 4).swapaxes(0, 1)
     off = np.abs(found - wanted).max(axis=(2, 3)) / wanted[:, :, 0, 0]
     return Errors(float(np.median(off)), float(np.quantile(off, 0.95)), len(off))
 
 
-def direction(mu: Array, azimuth: Array) -> Array:
+def make_unit_vectors(mu: Array, azimuth: Array) -> Array:
     """Unit vectors (n, 3)."""
     across = np.sqrt(1.0 - mu**2)
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), mu], axis=1)
 
 
-def interpolated(table: NDArray[np.float32], angles: Angles, into: Array, out: Array) -> Array:
+def interpolate_table(table: NDArray[np.float32], angles: Angles, into: Array, out: Array) -> Array:
     """What Mitsuba makes of the table M at pairs of directions (n, 3), in the table's axes: (n, wavelength, 4, 4)."""
     from scipy.interpolate import RegularGridInterpolator
 
@@ -198,7 +198,7 @@ def interpolated(table: NDArray[np.float32], angles: Angles, into: Array, out: A
     return found
 
 
-def to_meridian_planes(matrices: Array, into: Array, out: Array) -> Array:
+def turn_to_meridian_planes(matrices: Array, into: Array, out: Array) -> Array:
     """Matrices (n, wavelength, 4, 4) in the table's axes as the package has them."""
     across = np.cross(into, out)
     across /= np.linalg.norm(across, axis=1)[:, None]
@@ -207,7 +207,7 @@ def to_meridian_planes(matrices: Array, into: Array, out: Array) -> Array:
     return found
 
 
-def in_scattering_plane(splines: Splines, into: Array, out: Array, across: Array, lowest: float) -> Array:
+def sample_in_scattering_plane(splines: Splines, into: Array, out: Array, across: Array, lowest: float) -> Array:
     """The BRDF (pairs, 4, 4) in Mitsuba's axes: one is ``across``, perpendicular to the plane of both directions."""
     found = np.empty((len(into), 4, 4))
     for start in range(0, len(into), CHUNK):

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.errors import SceneError
-from vrte.formats.atomic import atomic_write
-from vrte.formats.text_file import file_name
+from vrte.formats.atomic import write_atomically
+from vrte.formats.text_file import check_file_name
 
 MAGIC, VERSION = b"tensor_file\0", (1, 0)
 TYPES = dict(
@@ -44,7 +44,7 @@ def write_tensors(fields: Mapping[str, NDArray[Any]], path: str | os.PathLike[st
         head.append(struct.pack(f"<HBQ{array.ndim}Q", array.ndim, _number(name, array), place, *array.shape))
         starts.append(place)
         place += array.nbytes
-    with atomic_write(path) as part, open(part, "wb") as file:
+    with write_atomically(path) as part, open(part, "wb") as file:
         file.write(b"".join(head))
         for start, array in zip(starts, arrays.values(), strict=True):
             file.write(b"\0" * (start - file.tell()))
@@ -65,18 +65,18 @@ def read_tensors(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
     >>> read_tensors("nm.bsdf")["wvls"].tolist()
     [450, 650]
     """
-    name = file_name(path)
+    name = check_file_name(path)
     with open(name, "rb") as file:
         content = file.read()
     try:
-        return _fields(content)
+        return _read_fields(content)
     except (struct.error, UnicodeDecodeError) as error:
         raise SceneError(f"{name} is no tensor file, or it is cut off") from error
     except SceneError as error:
         raise SceneError(f"{name}: {error}") from error
 
 
-def _fields(content: bytes) -> dict[str, NDArray[Any]]:
+def _read_fields(content: bytes) -> dict[str, NDArray[Any]]:
     if not content.startswith(MAGIC):
         raise SceneError("not a tensor file")
     major, minor, count = struct.unpack_from("<BBI", content, len(MAGIC))
@@ -91,11 +91,11 @@ def _fields(content: bytes) -> dict[str, NDArray[Any]]:
             raise SceneError(f"a field has {dimensions} dimensions and is of type {number}, which is no tensor")
         shape = struct.unpack_from(f"<{dimensions}Q", content, place + 13 + length)
         place += 13 + length + 8 * dimensions
-        found[label.decode("utf-8")] = _array(content, f"<{TYPES[number]}", start, shape)
+        found[label.decode("utf-8")] = _read_array(content, f"<{TYPES[number]}", start, shape)
     return found
 
 
-def _array(content: bytes, kind: str, start: int, shape: tuple[int, ...]) -> NDArray[Any]:
+def _read_array(content: bytes, kind: str, start: int, shape: tuple[int, ...]) -> NDArray[Any]:
     size = math.prod(shape)
     if start + size * np.dtype(kind).itemsize > len(content):
         raise SceneError("the file is cut off: it ends before its fields do")

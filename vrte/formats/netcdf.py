@@ -13,7 +13,7 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.basics.limits import limit_memory, limit_time
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 from vrte.formats.contents import (
     BRDF,
     FIELD,
@@ -21,15 +21,15 @@ from vrte.formats.contents import (
     MEANINGLESS,
     STOKES_AXIS,
     Result,
-    arrays_of,
-    described,
-    kind_of,
-    reason,
-    restored,
+    collect_arrays,
+    describe_result,
+    explain_error,
+    find_kind,
+    restore_result,
 )
-from vrte.formats.hdf5_file import LARGEST_RESULT, check_storage, has_array, linked, read_arrays, read_text
+from vrte.formats.hdf5_file import LARGEST_RESULT, check_storage, has_array, open_dataset, read_arrays, read_text
 from vrte.formats.seal import is_sealed, seal_of
-from vrte.formats.text_file import file_name
+from vrte.formats.text_file import check_file_name
 from vrte.results.quantities import STOKES
 from vrte.results.spectrum import SCENE
 from vrte.results.views import Views
@@ -58,7 +58,7 @@ def to_xarray(result: Result) -> "xarray.Dataset":
     ('mu_i', 'mu_o', 'phi_deg')
     """
     xarray = import_extra("xarray", LABELLED, "files")
-    kind, arrays = kind_of(result), arrays_of(result)
+    kind, arrays = find_kind(result), collect_arrays(result)
     labels = (STOKES_AXIS,) if "stokes" in kind.variables else ("stokes_out", "stokes_in")
     data = {
         name: (about.dims, arrays[name], about.attributes) for name, about in kind.variables.items() if name in arrays
@@ -67,10 +67,12 @@ def to_xarray(result: Result) -> "xarray.Dataset":
         name: (about.dims, arrays[name], about.attributes) for name, about in kind.coordinates.items()
     }
     coords |= {axis: (axis, list(STOKES), {"long_name": "Stokes parameter"}) for axis in labels}
-    return xarray.Dataset(data, coords, _conventions(arrays, kind.coordinates) | described(result)).copy(deep=True)
+    return xarray.Dataset(data, coords, _name_conventions(arrays, kind.coordinates) | describe_result(result)).copy(
+        deep=True
+    )
 
 
-def views_to_xarray(views: Views) -> "xarray.Dataset":
+def convert_views(views: Views) -> "xarray.Dataset":
     """A labelled copy of the Stokes vectors of single geometries, ``stokes`` (geometry, stokes_parameter)."""
     about = {name: FIELD.variables.get(name) or FIELD.coordinates[name] for name in ("stokes", "mu0", "mu", "phi_deg")}
     rows = {"mu0": views.mu0, "mu": views.mu, "phi_deg": views.phi}
@@ -80,7 +82,7 @@ def views_to_xarray(views: Views) -> "xarray.Dataset":
     return import_extra("xarray", LABELLED, "files").Dataset(data, coords | labels).copy(deep=True)
 
 
-def _conventions(arrays: dict[str, Any], coordinates: Any) -> dict[str, str]:
+def _name_conventions(arrays: dict[str, Any], coordinates: Any) -> dict[str, str]:
     """The name of the conventions, where they hold: their coordinates must be strictly monotonic."""
     steps = [np.diff(arrays[name]) for name in coordinates]
     return {"Conventions": CF} if all(np.all(step > 0.0) or np.all(step < 0.0) for step in steps) else {}
@@ -103,16 +105,16 @@ def save_netcdf(result: Result, path: str | os.PathLike[str]) -> None:
     made = io.BytesIO()
     with h5netcdf.File(made, "w") as file:
         dataset.dump_to_store(H5NetCDFStore(file))
-    with atomic_write(path) as part, open(part, "wb") as written, made.getbuffer() as content:
+    with write_atomically(path) as part, open(part, "wb") as written, made.getbuffer() as content:
         written.write(content)
         written.write(seal_of(content))
 
 
 @contextmanager
-def new_netcdf(path: str | os.PathLike[str]) -> Iterator[Any]:
+def create_netcdf(path: str | os.PathLike[str]) -> Iterator[Any]:
     """An `h5netcdf.File` at ``path`` to write to piece by piece. Raises OSError at its end where the disk was full.
 
-    >>> with new_netcdf("table.nc") as file:
+    >>> with create_netcdf("table.nc") as file:
     ...     file.attrs["title"] = "empty"
     """
     h5netcdf = import_extra("h5netcdf", NETCDF, "files")
@@ -177,18 +179,18 @@ def load_netcdf(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT
     (2, 20, 37, 4, 4)
     """
     import_extra("h5netcdf", NETCDF, "files")
-    name = file_name(path)
+    name = check_file_name(path)
     if not os.path.isfile(name):
         raise FileNotFoundError(f"no such file: {name}")
     try:
         check_signature(name)
-        told, arrays = (stored_in if is_sealed(name) else stored_in_foreign)(name, most_bytes)
+        told, arrays = (read_stored if is_sealed(name) else read_foreign)(name, most_bytes)
     except SceneError as error:
         raise SceneError(f"{name} {error}") from error
     try:
-        return restored(KINDS[told["kind"]], arrays, json.loads(told["diagnostics"]), told.get(SCENE))
+        return restore_result(KINDS[told["kind"]], arrays, json.loads(told["diagnostics"]), told.get(SCENE))
     except MEANINGLESS as error:
-        raise SceneError(f"{name} holds no BRDF, field or spectrum written by vrte: {reason(error)}") from error
+        raise SceneError(f"{name} holds no BRDF, field or spectrum written by vrte: {explain_error(error)}") from error
 
 
 def check_signature(name: str) -> None:
@@ -206,12 +208,12 @@ def check_netcdf(path: str | os.PathLike[str]) -> None:
     """
     import h5py
 
-    with h5py.File(file_name(path), "r") as file:
+    with h5py.File(check_file_name(path), "r") as file:
         for name in file.id:
-            check_storage(linked(file, name.decode()), name.decode())
+            check_storage(open_dataset(file, name.decode()), name.decode())
 
 
-def stored_in(name: str, most_bytes: float) -> Stored:
+def read_stored(name: str, most_bytes: float) -> Stored:
     """The texts and the arrays of a result in a NetCDF file. Raises SceneError."""
     import h5py
 
@@ -228,11 +230,11 @@ def stored_in(name: str, most_bytes: float) -> Stored:
     except SceneError as error:
         raise SceneError(f"is refused: {error}") from error
     except Exception as error:  # whatever two libraries below make of bytes that mean nothing
-        raise SceneError(f"is not a NetCDF file: {reason(error)}") from error
+        raise SceneError(f"is not a NetCDF file: {explain_error(error)}") from error
 
 
-def stored_in_foreign(name: str, most_bytes: float) -> Stored:
-    """As `stored_in`, read by a process of its own, which has as much time and memory as such a file can take."""
+def read_foreign(name: str, most_bytes: float) -> Stored:
+    """As `read_stored`, read by a process of its own, which has as much time and memory as such a file can take."""
     seconds = PATIENCE + os.path.getsize(name) / SLOWEST
     asked = json.dumps([os.path.abspath(name), most_bytes, seconds])
     command = [sys.executable, "-c", START.format(path=sys.path)]
@@ -257,7 +259,7 @@ def answer() -> None:
     limit_time(seconds)
     limit_memory(4 * most_bytes + SMALL)
     try:
-        told, arrays = stored_in(name, most_bytes)
+        told, arrays = read_stored(name, most_bytes)
     except (SceneError, MemoryError) as error:
         output.write((str(error) or "takes more memory than there is").encode(errors="replace"))
         output.flush()

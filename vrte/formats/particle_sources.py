@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from vrte.basics.errors import SceneError
 from vrte.formats.index_table import read_index
-from vrte.formats.toml_table import Table, is_number, located
+from vrte.formats.toml_table import Table, is_number, locate_errors
 from vrte.optics.refractive_index import Material
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles
@@ -58,7 +58,7 @@ def check_spheres_table(file: Table, table: Table, spheres_of: Callable[..., Par
     """Homogeneous spheres: an index, and a radius or a size distribution."""
     table.required("index", INDEX)
     table.exactly_one(*SOURCES[SPHERES].keys[1:])
-    index, size = _index(table), _size(table)
+    index, size = _read_index(table), _read_size(table)
 
     def made() -> Particles:
         light = {"wavelength_um": file.number("wavelength_um", ONE_WAVELENGTH)}
@@ -66,13 +66,13 @@ def check_spheres_table(file: Table, table: Table, spheres_of: Callable[..., Par
             light["host_index"] = file.number("host_index")
         own = isinstance(index, str) and index.endswith(TABLE)
         material: Material = read_beside(table, "index", read_index, folder) if own else index
-        with located(table.place, table.allowed, WAVE_KEYS, HALVED if "diameter_um" in table else {}):
+        with locate_errors(table.place, table.allowed, WAVE_KEYS, HALVED if "diameter_um" in table else {}):
             return spheres_of(material, **light, **size)
 
     return made
 
 
-def _index(table: Table) -> str | tuple[float, float]:
+def _read_index(table: Table) -> str | tuple[float, float]:
     value = table.content["index"]
     if isinstance(value, str):
         return value
@@ -92,7 +92,7 @@ def read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Pa
         raise table.wrong(key, f"the file cannot be read: {error.strerror}") from error
 
 
-def _size(table: Table) -> dict[str, Any]:
+def _read_size(table: Table) -> dict[str, Any]:
     """The keyword of ``spheres`` that says how large the particles are."""
     for key, factor in (("radius_um", 1.0), ("diameter_um", 0.5)):
         if key in table:
@@ -108,7 +108,7 @@ def _size(table: Table) -> dict[str, Any]:
     values = {key: numbers.number(key) for key in keys if key != radius or diameter not in numbers}
     if diameter in numbers:
         values[radius] = 0.5 * numbers.number(diameter)
-    with located(numbers.place, numbers.allowed, said=HALVED if diameter in numbers else {}):
+    with locate_errors(numbers.place, numbers.allowed, said=HALVED if diameter in numbers else {}):
         return {"size": distribution(**values)}
 
 

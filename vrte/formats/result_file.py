@@ -5,13 +5,13 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from vrte.basics.arrays import number
+from vrte.basics.arrays import check_number
 from vrte.basics.errors import SceneError
 from vrte.formats.contents import Result
 from vrte.formats.csv_table import load_csv, write_csv
 from vrte.formats.hdf5_file import LARGEST_RESULT
 from vrte.formats.netcdf import load_netcdf, save_netcdf
-from vrte.formats.text_file import file_name
+from vrte.formats.text_file import check_file_name
 from vrte.formats.zarr_folder import load_zarr, save_zarr
 
 PathName = str | os.PathLike[str]
@@ -32,25 +32,39 @@ def save(result: Result, path: str | os.PathLike[str]) -> None:
 
     >>> save(brdf, "result.csv")
     """
-    suffix = Path(file_name(path)).suffix.lower()
+    suffix = Path(check_file_name(path)).suffix.lower()
     if suffix not in FORMATS:
-        raise SceneError(f"the name of a result must end in {', '.join(FORMATS)}, not {file_name(path)!r}")
+        raise SceneError(f"the name of a result must end in {', '.join(FORMATS)}, not {check_file_name(path)!r}")
     FORMATS[suffix][0](result, path)
 
 
 def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) -> Result:
-    """The BRDF, field or spectrum in the file ``path``, every digit as it was saved.
+    """The BRDF, field or spectrum in a file, every digit as it was saved.
 
-    A name that ends in .csv is a table, in .zarr a folder of Zarr, any other a NetCDF file. Nothing but numbers and
-    texts is read, and nothing from another file (docs/security.md); a result whose values take more than
-    ``most_bytes`` in memory is refused before it takes them: allow more for a file that you trust. Raises
-    FileNotFoundError, SceneError for a file that holds no result of this package, for NetCDF and Zarr
-    MissingExtraError without the extra "files".
+    Parameters
+    ----------
+    path : path
+        Its name ends in .csv for a table, in .zarr for a folder of Zarr, otherwise it is NetCDF.
+    most_bytes : float
+        A result whose values take more than this in memory is refused before it takes them: allow more for a file that
+        you trust. Nothing but numbers and texts is read, and nothing from another file (docs/security.md).
+
+    Returns
+    -------
+    Brdf, Field or Spectrum
+
+    Raises
+    ------
+    FileNotFoundError
+    SceneError
+        For a file that holds no result of this package.
+    MissingExtraError
+        For NetCDF and Zarr without the extra "files".
 
     >>> save(brdf, "result.nc")
     >>> load("result.nc").mueller.shape
     (2, 20, 37, 4, 4)
     """
-    most_bytes = number("most_bytes", most_bytes, 0.0, math.inf, "a number of bytes >= 0")
-    _, read = FORMATS.get(Path(file_name(path)).suffix.lower(), FORMATS[".nc"])
+    most_bytes = check_number("most_bytes", most_bytes, 0.0, math.inf, "a number of bytes >= 0")
+    _, read = FORMATS.get(Path(check_file_name(path)).suffix.lower(), FORMATS[".nc"])
     return read(path, most_bytes)

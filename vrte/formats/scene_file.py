@@ -16,22 +16,30 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vrte.basics.arrays import in_one_line
+from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.index_table import read_index
 from vrte.formats.particle_sources import TABLE, WAVE_KEYS, check_source, read_beside
 from vrte.formats.text_file import read_text
-from vrte.formats.toml_table import Table, error_at, located, nearest, shortened, shown, shown_key
+from vrte.formats.toml_table import (
+    Table,
+    locate_errors,
+    shorten_text,
+    show_key,
+    show_toml,
+    suggest_nearest,
+    translate_error,
+)
 from vrte.optics.phase_matrix import (
     MOST_TERMS,
     PhaseMatrix,
+    count_henyey_greenstein_terms,
     henyey_greenstein,
-    henyey_greenstein_terms,
     isotropic,
     rayleigh,
 )
-from vrte.optics.refractive_index import wavelength_range
+from vrte.optics.refractive_index import find_wavelength_range
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.request.how import AUTO, OPTIONS
 from vrte.scene.boundary import Lambertian
@@ -61,7 +69,7 @@ ALBEDO = 'a number between 0 and 1, or per cent in quotes, "30 %"'
 ANGLE = "degrees from the normal, from 0 to below 90"
 
 
-def _cosines(table: Table, name: str) -> list[float]:
+def _read_cosines(table: Table, name: str) -> list[float]:
     """The numbers at ``name``, or the cosines of those at its key for degrees."""
     key = ANGLES[name]
     if key not in table:
@@ -73,21 +81,21 @@ def _cosines(table: Table, name: str) -> list[float]:
     return [math.cos(math.radians(angle)) for angle in degrees]
 
 
-def _beams(table: Table, name: str) -> list[float] | float:
+def _read_beams(table: Table, name: str) -> list[float] | float:
     """The cosine of one beam, or a list of them."""
     key = ANGLES[name] if ANGLES[name] in table else name
     if isinstance(table.content.get(key), (list, dict)):
-        return _cosines(table, name)
+        return _read_cosines(table, name)
     table.number(key, "a cosine above 0, up to 1, or a list of them" if key == name else ANGLE)
-    return _cosines(table, name)[0]
+    return _read_cosines(table, name)[0]
 
 
-def _directions(table: Table, key: str) -> list[float]:
+def _read_directions(table: Table, key: str) -> list[float]:
     """Signed cosines; an empty list asks for fluxes alone."""
     return [] if table.content[key] == [] else table.numbers(key)
 
 
-def _stokes(table: Table, key: str) -> list[float]:
+def _read_stokes(table: Table, key: str) -> list[float]:
     """I, Q, U, V."""
     found = table.numbers(key)
     if len(found) != 4:
@@ -97,8 +105,14 @@ def _stokes(table: Table, key: str) -> list[float]:
 
 # what is asked for: the keys of [brdf] and [field], what reads each, and the keywords of the calls where they differ
 REQUESTS: dict[str, dict[str, Callable[[Table, str], Any]]] = {
-    "brdf": {"mu_i": _cosines, "mu_o": _cosines, "phi_deg": Table.numbers, "transmission": Table.flag},
-    "field": {"mu0": _beams, "stokes": _stokes, "mu": _directions, "phi_deg": Table.numbers, "tau": Table.numbers},
+    "brdf": {"mu_i": _read_cosines, "mu_o": _read_cosines, "phi_deg": Table.numbers, "transmission": Table.flag},
+    "field": {
+        "mu0": _read_beams,
+        "stokes": _read_stokes,
+        "mu": _read_directions,
+        "phi_deg": Table.numbers,
+        "tau": Table.numbers,
+    },
 }
 KEYWORDS = {"phi_deg": "phi"}
 REQUEST_KEYS = {
@@ -155,7 +169,7 @@ class SceneFile:
         try:
             yield
         except SceneError as error:
-            found = error_at(error, (self.kind,), REQUEST_KEYS[self.kind], said)
+            found = translate_error(error, (self.kind,), REQUEST_KEYS[self.kind], said)
             if found is None:
                 raise
             raise found from error
@@ -172,20 +186,20 @@ def read_scene(path: str | os.PathLike[str], kind: str | None = None, wavelength
     """
     text = read_text(path, LARGEST_FILE)
     changed = {} if wavelength_um is None else {"wavelength_um": wavelength_um}
-    return replace(scene_of(toml_content(text) | changed, kind, Path(path).parent), text=text)
+    return replace(make_scene_file(parse_toml(text) | changed, kind, Path(path).parent), text=text)
 
 
 def read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The keys and tables of a file in TOML, as they are. Raises SceneError where it is none, OSError."""
-    return toml_content(read_text(path, LARGEST_FILE))
+    return parse_toml(read_text(path, LARGEST_FILE))
 
 
-def listed_wavelengths(content: dict[str, Any]) -> list[float] | None:
+def read_listed_wavelengths(content: dict[str, Any]) -> list[float] | None:
     """``wavelength_um`` where it is a list or a range, for a spectrum; None where it is one number, or not there.
 
     Raises SceneError.
 
-    >>> listed_wavelengths({"wavelength_um": {"start": 0.4, "stop": 0.5, "count": 2}})
+    >>> read_listed_wavelengths({"wavelength_um": {"start": 0.4, "stop": 0.5, "count": 2}})
     [0.4, 0.5]
     """
     if not isinstance(content.get("wavelength_um"), (list, dict)):
@@ -193,7 +207,7 @@ def listed_wavelengths(content: dict[str, Any]) -> list[float] | None:
     return Table((), content, FILE_KEYS).numbers("wavelength_um")
 
 
-def scene_of(
+def make_scene_file(
     content: dict[str, Any],
     kind: str | None = None,
     folder: Path = Path(),
@@ -205,31 +219,31 @@ def scene_of(
     answers, and who only checks one can do without them (`check_spheres`).
 
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
-    >>> scene_of({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness
+    >>> make_scene_file({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness
     0.5
     """
     file = Table((), content, FILE_KEYS)
-    kind = _kind(file, kind)
+    kind = _choose_kind(file, kind)
     request = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
     asked = {
         KEYWORDS.get(key, key): read(request, key)
         for key, read in REQUESTS[kind].items()
         if key in request or key in ANGLES  # these must be there, in one of two ways
     }
-    options = {name: _option(file, name) for name in OPTION_KEYS if name in file}
+    options = {name: _read_option(file, name) for name in OPTION_KEYS if name in file}
     particles = _Particles(file, spheres_of, folder)
-    layers, base = _layer_tables(file), _base(file)
-    makers = [_maker_of_layer(layer, particles, folder) for layer in layers]  # all are checked before one is made
+    layers, base = _read_layer_tables(file), _read_base(file)
+    makers = [_prepare_layer(layer, particles, folder) for layer in layers]  # all are checked before one is made
     scene = Scene([made() for made in makers], base)
     angles = frozenset(name for name, key in ANGLES.items() if key in request)
     return SceneFile(scene, kind, asked, options, particles.computed, angles=angles)
 
 
-def tables_named(content: Mapping[str, Any]) -> dict[Place, str]:
+def find_named_tables(content: Mapping[str, Any]) -> dict[Place, str]:
     """The tables of one's own (.csv) that a scene file names, by the place that does, whatever else is in it.
 
     >>> layers = [{"phase": "fog.csv"}, {"phase": "rayleigh"}]
-    >>> tables_named({"particles": {"clay": {"index": "clay.csv"}}, "layer": layers})
+    >>> find_named_tables({"particles": {"clay": {"index": "clay.csv"}}, "layer": layers})
     {('layer', 0, 'phase'): 'fog.csv', ('particles', 'clay', 'index'): 'clay.csv'}
     """
     layers, kinds = content.get("layer"), content.get("particles")
@@ -241,7 +255,7 @@ def tables_named(content: Mapping[str, Any]) -> dict[Place, str]:
     return {place: name for place, name in found.items() if isinstance(name, str) and name.endswith(TABLE)}
 
 
-def wavelengths_known(content: Mapping[str, Any], folder: Path = Path()) -> tuple[float, float, str]:
+def find_known_wavelengths(content: Mapping[str, Any], folder: Path = Path()) -> tuple[float, float, str]:
     """The wavelengths [um] from and to which the indices of all particles of a scene file are known, and the last
     substance that ends them; (0, inf, "") where none does. Indices that are wrong count as known. Raises OSError."""
     found = (0.0, math.inf, "")
@@ -250,28 +264,28 @@ def wavelengths_known(content: Mapping[str, Any], folder: Path = Path()) -> tupl
         index = kind.get("index") if isinstance(kind, dict) else None
         if isinstance(index, str):
             with suppress(SceneError):
-                low, high = wavelength_range(read_index(folder / index) if index.endswith(TABLE) else index)
+                low, high = find_wavelength_range(read_index(folder / index) if index.endswith(TABLE) else index)
                 if low > found[0] or high < found[1]:
                     found = max(low, found[0]), min(high, found[1]), index
     return found
 
 
-def toml_content(text: str) -> dict[str, Any]:
+def parse_toml(text: str) -> dict[str, Any]:
     """TOML, parsed; what would keep the parser busy for minutes is refused first. Raises SceneError."""
     long_key = LONG_KEY.search(text)
     if long_key:
-        raise SceneError(f"not a scene: a key of more than 30 parts, {shown(long_key[0])}")
+        raise SceneError(f"not a scene: a key of more than 30 parts, {show_toml(long_key[0])}")
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"not valid TOML: {in_one_line(str(error), 200)}") from error
+        raise SceneError(f"not valid TOML: {put_in_one_line(str(error), 200)}") from error
     except ValueError as error:
         raise SceneError("not valid TOML: a whole number of more than 4000 digits") from error
     except RecursionError as error:
         raise SceneError("not a scene: tables or lists nested too deeply") from error
 
 
-def _kind(file: Table, kind: str | None) -> str:
+def _choose_kind(file: Table, kind: str | None) -> str:
     """The command whose table is there."""
     there = [name for name in REQUESTS if name in file]
     if kind is not None and kind not in there:
@@ -282,7 +296,7 @@ def _kind(file: Table, kind: str | None) -> str:
     return kind or there[0]
 
 
-def _option(file: Table, name: str) -> Any:
+def _read_option(file: Table, name: str) -> Any:
     """How to solve, checked as the calls check it."""
     known, value = OPTIONS[name], file.content[name]
     if known.choices:
@@ -293,7 +307,7 @@ def _option(file: Table, name: str) -> Any:
     raise file.wrong(name, f"must be {known.allowed}")
 
 
-def _layer_tables(file: Table) -> list[Table]:
+def _read_layer_tables(file: Table) -> list[Table]:
     layers = file.required("layer", "at least one table [[layer]], top first")
     if not isinstance(layers, list) or not layers or not all(isinstance(layer, dict) for layer in layers):
         raise file.wrong("layer", "must be tables headed [[layer]], top first")
@@ -302,7 +316,7 @@ def _layer_tables(file: Table) -> list[Table]:
     return [Table(("layer", place), layer, LAYER_KEYS) for place, layer in enumerate(layers)]
 
 
-def _maker_of_layer(layer: Table, particles: "_Particles", folder: Path) -> Callable[[], Layer]:
+def _prepare_layer(layer: Table, particles: "_Particles", folder: Path) -> Callable[[], Layer]:
     """What makes a layer, all its keys checked, nothing computed."""
     layer.exactly_one(*FILLINGS)
     if "tolerance" in layer and not str(layer.content.get("phase")).endswith(TABLE):
@@ -315,15 +329,15 @@ def _maker_of_layer(layer: Table, particles: "_Particles", folder: Path) -> Call
         thickness = layer.number("thickness", "an optical thickness >= 0 (inf is allowed)")
 
         def of_phase() -> Layer:
-            matrix = _phase(layer, folder)
-            with located(layer.place, LAYER_KEYS):
+            matrix = _read_phase(layer, folder)
+            with locate_errors(layer.place, LAYER_KEYS):
                 return Layer(matrix, albedo, thickness)
 
         return of_phase
     if "albedo" in layer:
         raise layer.wrong("albedo", "goes with phase only; particles bring their own")
     key = "volume_fractions" if "volume_fractions" in layer else "particles"
-    shares, lengths = _fractions(layer, key, particles.makers), _lengths(layer)
+    shares, lengths = _read_fractions(layer, key, particles.makers), _read_lengths(layer)
     if key == "volume_fractions" and "thickness_um" in layer:
         lengths["volume_fraction"] = math.fsum(shares.values())
 
@@ -331,13 +345,13 @@ def _maker_of_layer(layer: Table, particles: "_Particles", folder: Path) -> Call
         parts = [(particles.kind(name), share) for name, share in shares.items()]
         if key == "volume_fractions":  # how many of them make such a part of the volume
             parts = [(kind, share / kind.volume_um3) for kind, share in parts]
-        with located(layer.place, LAYER_KEYS):
+        with locate_errors(layer.place, LAYER_KEYS):
             return Layer.of(mixture(parts) if len(parts) > 1 else parts[0][0], **lengths)
 
     return of_particles
 
 
-def _lengths(layer: Table) -> dict[str, float]:
+def _read_lengths(layer: Table) -> dict[str, float]:
     """How thick a layer of particles is, and how densely they lie."""
     optical, geometrical, by_volume = "thickness" in layer, "thickness_um" in layer, "volume_fractions" in layer
     if by_volume and "volume_fraction" in layer:
@@ -349,18 +363,18 @@ def _lengths(layer: Table) -> dict[str, float]:
     return found | {key: layer.share(key, PART) for key in THICKNESS_KEYS[2:] if key in layer}
 
 
-def _fractions(layer: Table, key: str, kinds: Mapping[str, Any]) -> dict[str, float]:
+def _read_fractions(layer: Table, key: str, kinds: Mapping[str, Any]) -> dict[str, float]:
     """The kinds of particles in a layer, with their fractions: of the number, or of the layer's volume."""
     by_volume = key == "volume_fractions"
     allowed, word = (PART, "fraction") if by_volume else (SHARE, "number fraction")
     value = layer.content[key]
     if isinstance(value, str) and not by_volume:
-        _known(layer, key, value, kinds)
+        _check_known(layer, key, value, kinds)
         return {value: 1.0}
     if not isinstance(value, dict) or not value:
         raise layer.wrong(key, f"must be {'' if by_volume else 'a name, or '}a table {{ name = {word}, ... }}")
     for name in value:
-        _known(layer, key, name, kinds)
+        _check_known(layer, key, name, kinds)
     fractions = layer.table(key, tuple(kinds))
     shares = {name: fractions.share(name, allowed) for name in value}
     for name, share in shares.items():
@@ -373,11 +387,11 @@ def _fractions(layer: Table, key: str, kinds: Mapping[str, Any]) -> dict[str, fl
     return shares
 
 
-def _known(layer: Table, key: str, name: str, kinds: Mapping[str, Any]) -> None:
+def _check_known(layer: Table, key: str, name: str, kinds: Mapping[str, Any]) -> None:
     if name not in kinds:
-        defined = shortened(", ".join(map(shown_key, kinds)) or "none", 200)
-        hint = nearest(name, kinds) or "."
-        raise layer.wrong(key, f"no table [particles.{shown_key(name)}]{hint} Defined: {defined}")
+        defined = shorten_text(", ".join(map(show_key, kinds)) or "none", 200)
+        hint = suggest_nearest(name, kinds) or "."
+        raise layer.wrong(key, f"no table [particles.{show_key(name)}]{hint} Defined: {defined}")
 
 
 class _Particles:
@@ -396,34 +410,34 @@ class _Particles:
         return self.computed[name]
 
 
-def _phase(layer: Table, folder: Path) -> PhaseMatrix:
+def _read_phase(layer: Table, folder: Path) -> PhaseMatrix:
     value = layer.content["phase"]
     if isinstance(value, dict):
-        return _parametric_phase(layer)
+        return _read_parametric_phase(layer)
     if not isinstance(value, str):
         raise layer.wrong("phase", f"must be {PHASES}")
     if value in NAMED_PHASES:
         return NAMED_PHASES[value]()
     if not value.endswith(TABLE):
-        raise layer.wrong("phase", f"must be {PHASES}{nearest(value, NAMED_PHASES)}")
+        raise layer.wrong("phase", f"must be {PHASES}{suggest_nearest(value, NAMED_PHASES)}")
     tolerance = layer.number("tolerance") if "tolerance" in layer else 0.0
     return read_beside(layer, "phase", partial(read_coefficients, tolerance=tolerance), folder)
 
 
-def _parametric_phase(layer: Table) -> PhaseMatrix:
+def _read_parametric_phase(layer: Table) -> PhaseMatrix:
     table = layer.table("phase", PHASE_KEYS)
     names = [name for name in PHASE_KEYS[:2] if name in table]
     if len(names) != 1 or ("terms" in table and "rayleigh" in table):
         raise layer.wrong("phase", f"must be {PHASES}")
     value = table.number(names[0])
-    terms = table.whole("terms", 1, MOST_TERMS) if "terms" in table else henyey_greenstein_terms(value)
+    terms = table.whole("terms", 1, MOST_TERMS) if "terms" in table else count_henyey_greenstein_terms(value)
     if abs(value) < 1.0 and terms > MOST_TERMS:
         raise table.wrong(names[0], f"it takes {terms} terms, and at most {MOST_TERMS} are allowed")
-    with located((*table.place, names[0])):
+    with locate_errors((*table.place, names[0])):
         return rayleigh(value) if "rayleigh" in table else henyey_greenstein(value, terms)
 
 
-def _base(file: Table) -> Lambertian | None:
+def _read_base(file: Table) -> Lambertian | None:
     if "base" not in file:
         return None
     base = file.table("base", BASE_KEYS)
@@ -432,5 +446,5 @@ def _base(file: Table) -> Lambertian | None:
             raise base.wrong("albedo", 'goes with kind = "lambertian" only')
         return None
     albedo = base.share("albedo", ALBEDO)
-    with located(base.place, BASE_KEYS):
+    with locate_errors(base.place, BASE_KEYS):
         return Lambertian(albedo)

@@ -2,14 +2,14 @@
 
 import os
 
-from vrte.basics.arrays import in_one_line
+from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import SceneError
 
 
-def file_name(path: str | bytes | os.PathLike[str]) -> str:
+def check_file_name(path: str | bytes | os.PathLike[str]) -> str:
     """A name that a file can have, or a SceneError.
 
-    >>> file_name("scene.toml")
+    >>> check_file_name("scene.toml")
     'scene.toml'
     """
     try:
@@ -29,7 +29,7 @@ def read_text(path: str | os.PathLike[str], most: int) -> str:
     >>> read_text("gold_powder.toml", 1_000_000).count("[[layer]]")
     1
     """
-    with open(file_name(path), "rb") as file:
+    with open(check_file_name(path), "rb") as file:
         content = file.read(most + 1)
     if len(content) > most:
         raise SceneError(f"the file is longer than {most} bytes")
@@ -49,7 +49,7 @@ def read_rows(
     >>> read_rows("rayleigh.csv", 1_000_000, 10)[1][0]
     (2, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     """
-    if os.path.exists(file_name(path)) and not os.path.isfile(file_name(path)):
+    if os.path.exists(check_file_name(path)) and not os.path.isfile(check_file_name(path)):
         raise SceneError("it is no file")  # a device or a pipe may have no end
     text = read_text(path, most_bytes)
     lines = [
@@ -58,12 +58,12 @@ def read_rows(
     header = [name.strip() for name in lines[0][1].split(",")] if lines else []
     if len(lines) > most_rows + 1:
         raise SceneError(f"the table must have at most {most_rows} rows, not {len(lines) - 1}")
-    return header, [(place, _numbers(place, line)) for place, line in lines[1:]]
+    return header, [(place, _read_numbers(place, line)) for place, line in lines[1:]]
 
 
-def _numbers(place: int, line: str) -> list[float]:
+def _read_numbers(place: int, line: str) -> list[float]:
     try:
         return [float(item) for item in line.split(",")]
     except ValueError:
-        given = in_one_line(repr(line.strip()), 60)
+        given = put_in_one_line(repr(line.strip()), 60)
         raise SceneError(f"line {place}: {given} holds something that is not a number") from None

@@ -22,60 +22,60 @@ PER_CENT = re.compile(r"\s*([0-9]{1,12}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})\s*%\s*"
 NUMBERS = "a number, a list of numbers or { start, stop, count }"
 
 
-def nearest(word: str, choices: Iterable[str]) -> str:
+def suggest_nearest(word: str, choices: Iterable[str]) -> str:
     """A question that offers the choice spelled most like ``word``, or nothing.
 
-    >>> nearest("thicknes", ["thickness", "albedo"])
+    >>> suggest_nearest("thicknes", ["thickness", "albedo"])
     "; did you mean 'thickness'?"
     """
     found = difflib.get_close_matches(word[:SHOWN], list(choices), n=1)
-    return f"; did you mean {shortened(found[0], SHOWN)!r}?" if found else ""
+    return f"; did you mean {shorten_text(found[0], SHOWN)!r}?" if found else ""
 
 
-def shortened(text: str, most: int) -> str:
+def shorten_text(text: str, most: int) -> str:
     """The text, or its beginning and three dots.
 
-    >>> shortened("thickness", 8)
+    >>> shorten_text("thickness", 8)
     'thick...'
     """
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def shown(value: Any) -> str:
+def show_toml(value: Any) -> str:
     """A value of the file as TOML writes it, in one short piece.
 
-    >>> print(shown("gold"), shown([1, True]), shown({"gold": 0.5}))
+    >>> print(show_toml("gold"), show_toml([1, True]), show_toml({"gold": 0.5}))
     "gold" [1, true] { gold = 0.5 }
     """
-    return shortened(_toml_text(value, SHOWN_DEPTH), SHOWN)
+    return shorten_text(_show_part(value, SHOWN_DEPTH), SHOWN)
 
 
-def shown_key(key: str) -> str:
+def show_key(key: str) -> str:
     """A key as TOML writes it, in one short piece.
 
-    >>> print(shown_key("gold"), shown_key("fool's gold"))
+    >>> print(show_key("gold"), show_key("fool's gold"))
     gold "fool's gold"
     """
-    return shortened(key if re.fullmatch("[A-Za-z0-9_-]+", key) else _quoted(key), SHOWN_KEY)
+    return shorten_text(key if re.fullmatch("[A-Za-z0-9_-]+", key) else _quote_briefly(key), SHOWN_KEY)
 
 
-def _toml_text(value: Any, depth: int) -> str:
+def _show_part(value: Any, depth: int) -> str:
     """No more of the value than can be shown, and no deeper than ``depth``."""
     if isinstance(value, (dict, list)) and not depth:
         return "..."
     if isinstance(value, dict):
         pairs = itertools.islice(value.items(), SHOWN)
-        return f"{{ {', '.join(f'{shown_key(key)} = {_toml_text(item, depth - 1)}' for key, item in pairs)} }}"
+        return f"{{ {', '.join(f'{show_key(key)} = {_show_part(item, depth - 1)}' for key, item in pairs)} }}"
     if isinstance(value, list):
-        return f"[{', '.join(_toml_text(item, depth - 1) for item in value[:SHOWN])}]"
+        return f"[{', '.join(_show_part(item, depth - 1) for item in value[:SHOWN])}]"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int) and value.bit_length() > 10_000:
         return hex(value)  # Python refuses to write thousands of decimals
-    return _quoted(value) if isinstance(value, str) else f"{value}"
+    return _quote_briefly(value) if isinstance(value, str) else f"{value}"
 
 
-def _quoted(text: str) -> str:
+def _quote_briefly(text: str) -> str:
     """A string between quotes, line breaks and control characters escaped."""
     start = json.dumps(text[: SHOWN + 1], ensure_ascii=False)
     return "".join(sign if sign.isprintable() else f"\\u{ord(sign):04x}" for sign in start)
@@ -99,7 +99,7 @@ class Table:
     def __post_init__(self) -> None:
         for key in self.content:
             if key not in self.allowed:
-                hint = nearest(key, self.allowed) or "."
+                hint = suggest_nearest(key, self.allowed) or "."
                 raise self.wrong(key, f"unknown key{hint} Allowed: {', '.join(self.allowed)}")
 
     def __contains__(self, key: str) -> bool:
@@ -108,12 +108,12 @@ class Table:
     def wrong(self, key: str, complaint: str) -> SceneError:
         """The error to raise: dotted key, value given, complaint."""
         place = (*self.place, key)
-        given = f" = {shown(self.content[key])}" if key in self.content else ""
-        return SceneError(f"{dotted(place)}{given}: {complaint}", *place)
+        given = f" = {show_toml(self.content[key])}" if key in self.content else ""
+        return SceneError(f"{show_place(place)}{given}: {complaint}", *place)
 
     def unfit(self, complaint: str) -> SceneError:
         """The error to raise about the table: its keys do not go together."""
-        return SceneError(f"{dotted(self.place)}: {complaint}", *self.place)
+        return SceneError(f"{show_place(self.place)}: {complaint}", *self.place)
 
     def required(self, key: str, allowed: str) -> Any:
         """The value of a key that must be there; ``allowed`` says in words what it may be."""
@@ -168,7 +168,7 @@ class Table:
     def choice(self, key: str, choices: tuple[str, ...]) -> str:
         """The word at ``key``, one of ``choices``."""
         value = self.content.get(key)
-        hint = nearest(value, choices) if isinstance(value, str) else ""
+        hint = suggest_nearest(value, choices) if isinstance(value, str) else ""
         allowed = " or ".join(f'"{word}"' for word in choices) + hint
         return str(self.right(key, allowed, lambda value: isinstance(value, str) and value in choices))
 
@@ -193,17 +193,17 @@ class Table:
         return np.linspace(start, stop, count).tolist()
 
 
-def dotted(place: Place) -> str:
+def show_place(place: Place) -> str:
     """A place as complaints name it, layers counted from 1.
 
-    >>> dotted(("layer", 0, "particles", "gold"))
+    >>> show_place(("layer", 0, "particles", "gold"))
     'layer[1].particles.gold'
     """
-    steps = (f"[{step + 1}]" if isinstance(step, int) else f".{shown_key(step)}" for step in place)
+    steps = (f"[{step + 1}]" if isinstance(step, int) else f".{show_key(step)}" for step in place)
     return "".join(steps).removeprefix(".")
 
 
-def error_at(
+def translate_error(
     error: SceneError, place: Place, keys: Iterable[str], said: Mapping[str, tuple[str, str | None]]
 ) -> SceneError | None:
     """The library's error about an argument, as one about the key of a table that gave it; None where no key did.
@@ -212,35 +212,36 @@ def error_at(
     None where the key stands in place of the argument's name.
 
     >>> error = SceneError.of("radius_um", "must be a length, not -0.5")
-    >>> str(error_at(error, ("particles", "gold"), ["diameter_um"], {"radius_um": ("diameter_um", "half of it, ")}))
+    >>> said = {"radius_um": ("diameter_um", "half of it, ")}
+    >>> str(translate_error(error, ("particles", "gold"), ["diameter_um"], said))
     'particles.gold.diameter_um: half of it, radius_um must be a length, not -0.5'
     """
     name = str(error.place[0]) if error.place else ""
     key, words = said.get(name, (name, None))
     if key not in {*keys}:
         return None
-    message = without_owner(error, place)
+    message = drop_owner(error, place)
     message = message.removeprefix(name) if words is None else f": {words}{message}"
-    return SceneError(f"{dotted((*place, key))}{message}", *place, key)
+    return SceneError(f"{show_place((*place, key))}{message}", *place, key)
 
 
-def without_owner(error: SceneError, place: Place) -> str:
+def drop_owner(error: SceneError, place: Place) -> str:
     """The sentence of an error without whose argument it is about where the place says so: "layer: " of a layer."""
     owner = next(step for step in reversed(place) if isinstance(step, str))
     return str(error).removeprefix(f"{owner}: ")
 
 
 @contextmanager
-def located(
+def locate_errors(
     place: Place,
     keys: Iterable[str] = (),
     outside: Iterable[str] = (),
     said: Mapping[str, tuple[str, str | None]] = MappingProxyType({}),
 ) -> Iterator[None]:
-    """Puts the dotted key of a table, or of one of its ``keys`` as `error_at` finds it, in front of a SceneError of the
-    library; one of the names ``outside`` stays the place of the error.
+    """Puts the dotted key of a table, or of one of its ``keys`` as `translate_error` finds it, in front of a SceneError
+    of the library; one of the names ``outside`` stays the place of the error.
 
-    >>> with located(("layer", 0), ["albedo"]):
+    >>> with locate_errors(("layer", 0), ["albedo"]):
     ...     raise SceneError.of("layer: albedo", "must be between 0 and 1, not 2")
     Traceback (most recent call last):
     vrte.SceneError: layer[1].albedo must be between 0 and 1, not 2
@@ -249,8 +250,8 @@ def located(
         yield
     except SceneError as error:
         elsewhere = error.place if error.place[:1] in {(name,) for name in outside} else place
-        whole = SceneError(f"{dotted(place)}: {without_owner(error, place)}", *elsewhere)
-        raise error_at(error, place, keys, said) or whole from error
+        whole = SceneError(f"{show_place(place)}: {drop_owner(error, place)}", *elsewhere)
+        raise translate_error(error, place, keys, said) or whole from error
 
 
 def is_number(value: Any) -> bool:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
-from vrte.formats.atomic import atomic_folder
-from vrte.formats.contents import KINDS, MEANINGLESS, Result, reason, restored
+from vrte.formats.atomic import write_folder_atomically
+from vrte.formats.contents import KINDS, MEANINGLESS, Result, explain_error, restore_result
 from vrte.formats.hdf5_file import LARGEST_RESULT, check_size
 from vrte.formats.netcdf import to_xarray
-from vrte.formats.text_file import file_name
+from vrte.formats.text_file import check_file_name
 from vrte.results.spectrum import SCENE
 
 PURPOSE = "reading or writing Zarr"
@@ -36,7 +36,7 @@ def save_zarr(result: Result, path: str | os.PathLike[str]) -> None:
     unpacked: dict[str, dict[str, list[str]]] = {
         str(name): {"compressors": []} for name, array in dataset.variables.items() if array.dtype.kind == "f"
     }
-    with atomic_folder(path, METADATA) as part, warnings.catch_warnings():
+    with write_folder_atomically(path, METADATA) as part, warnings.catch_warnings():
         # words are not part of Zarr's specification yet; they only label the Stokes parameters
         warnings.filterwarnings("ignore", "The data type")
         dataset.to_zarr(part, mode="w", zarr_format=FORMAT, consolidated=False, encoding=unpacked)
@@ -53,26 +53,26 @@ def load_zarr(path: str | os.PathLike[str], most_bytes: float = LARGEST_RESULT) 
     (2, 20, 37, 4, 4)
     """
     zarr = import_extra("zarr", PURPOSE, "files")
-    folder = Path(file_name(path))
+    folder = Path(check_file_name(path))
     if not folder.is_dir():
         raise FileNotFoundError(f"no such folder: {folder}")
     try:
         if any(file.is_symlink() for file in folder.rglob("*")):
             raise SceneError("something in it is a link: only what lies in the folder itself is read")
-        attributes = _metadata(folder).get("attributes", {})
+        attributes = _read_metadata(folder).get("attributes", {})
         kind = KINDS[attributes["kind"]]
         names = [name for name in (*kind.coordinates, *kind.variables) if (folder / name).is_dir()]
-        check_size(sum(_declared(folder, name) for name in names), most_bytes)
+        check_size(sum(_count_declared_bytes(folder, name) for name in names), most_bytes)
         group = zarr.open_group(folder, mode="r", zarr_format=FORMAT)
         arrays = {name: np.asarray(group[name][...]) for name in names}
-        return restored(kind, arrays, json.loads(attributes["diagnostics"]), attributes.get(SCENE))
+        return restore_result(kind, arrays, json.loads(attributes["diagnostics"]), attributes.get(SCENE))
     except SceneError as error:
         raise SceneError(f"{folder}: {error}") from error
     except (*MEANINGLESS, OSError) as error:
-        raise SceneError(f"{folder} holds no result written by vrte: {reason(error)}") from error
+        raise SceneError(f"{folder} holds no result written by vrte: {explain_error(error)}") from error
 
 
-def _metadata(folder: Path) -> Any:
+def _read_metadata(folder: Path) -> Any:
     """What a folder says of itself."""
     with open(folder / METADATA, "rb") as file:
         text = file.read(LARGEST_METADATA + 1)
@@ -84,9 +84,9 @@ def _metadata(folder: Path) -> Any:
     return found
 
 
-def _declared(folder: Path, name: str) -> float:
+def _count_declared_bytes(folder: Path, name: str) -> float:
     """Bytes of an array, if it is of plain numbers that are all there. Raises SceneError."""
-    about = _metadata(folder / name)
+    about = _read_metadata(folder / name)
     shape, codecs = [int(length) for length in about["shape"]], [codec["name"] for codec in about["codecs"]]
     if about["data_type"] != "float64" or codecs != ["bytes"] or about.get("storage_transformers"):
         raise SceneError(f"its {name} must be plain numbers of 8 bytes, not {about['data_type']} by {codecs}")

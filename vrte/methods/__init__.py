@@ -6,21 +6,21 @@ from importlib import import_module
 from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress, Run, new_run
-from vrte.discrete_ordinates.execution.engines import engine_of
+from vrte.basics.running import Progress, Run, start_run
+from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.node_choice import NodeChoice, choose_nodes
-from vrte.methods.auto import by_rule
+from vrte.methods.auto import choose_by_rule
 from vrte.methods.parts.method import Method
 from vrte.methods.parts.task import NODES, Task
 from vrte.request.how import AUTO, EXACT, METHODS
-from vrte.request.request import Request, operations_of
+from vrte.request.request import Request, estimate_operations
 from vrte.results.solution import Solution
 
 
-def method_of(name: str) -> Method:
+def find_method(name: str) -> Method:
     """What a method's file says of it.
 
-    >>> method_of("single-scattering").polarization
+    >>> find_method("single-scattering").polarization
     True
     """
     assert name in METHODS
@@ -32,12 +32,12 @@ def choose_method(request: Request) -> Request:
     """The request with its method named: for "auto", the one that the rules take. Raises SceneError where the method
     does not take the request."""
     if request.method == AUTO:
-        return by_rule(request)
-    method_of(request.method).checked(request)
+        return choose_by_rule(request)
+    find_method(request.method).checked(request)
     return request
 
 
-def run_of(request: Request) -> Run:
+def make_run(request: Request) -> Run:
     """The run of a request: its threads, one of a sequential backend, and its engine's stages."""
     backend, threads = request.backend, request.threads
     if backend.kernels == "sequential":
@@ -46,22 +46,22 @@ def run_of(request: Request) -> Run:
                 f"backend {backend.label!r} has one thread: leave threads out, or ask for 'openmp'", "backend"
             )
         threads = 1
-    run = new_run(threads, operations_of(request))
-    run.kernels = engine_of(backend).stages
+    run = start_run(threads, estimate_operations(request))
+    run.kernels = choose_engine(backend).stages
     return run
 
 
 def solve_request(request: Request, run: Run, progress: Progress | None = None) -> tuple[Array, Solution]:
     """The signed cosines of the result and the solution by the request's method, incident columns added up as wanted.
     Raises SceneError, which names the method, where it does not take the scene or what is asked for."""
-    method = method_of(request.method)
+    method = find_method(request.method)
     settings = method.checked(request)
     if request.method == EXACT:
         return method.solve(Task(request, settings, run, progress))
-    request, choice = with_nodes(request, run)
+    request, choice = fix_nodes(request, run)
     why = f", most of it for method {request.method!r} on {request.nodes or NODES} nodes"
     change = f"fewer nodes take less, as does {EXACT!r}"
-    cost.foretell(predicted(request, run), request.time_limit_s, why, change, run.told)
+    cost.foretell(predict_seconds(request, run), request.time_limit_s, why, change, run.told)
     mu, found = method.solve(Task(request, settings, run, progress, choice))
     if request.method_rule:
         promised = {"promised": True, "notes": []} | found.diagnostics
@@ -70,7 +70,7 @@ def solve_request(request: Request, run: Run, progress: Progress | None = None) 
     return mu, found
 
 
-def with_nodes(request: Request, run: Run) -> tuple[Request, NodeChoice | None]:
+def fix_nodes(request: Request, run: Run) -> tuple[Request, NodeChoice | None]:
     """The request with the nodes that its accuracy takes, where it asks for one by a method that keeps it."""
     if request.nodes is not None or "accuracy" not in request.given:
         return request, None
@@ -79,11 +79,11 @@ def with_nodes(request: Request, run: Run) -> tuple[Request, NodeChoice | None]:
     return replace(request, nodes=choice.nodes), choice
 
 
-def predicted(request: Request, run: Run) -> float:
+def predict_seconds(request: Request, run: Run) -> float:
     """Seconds of the request's method beside the exact one. Raises SceneError where it does not take the request."""
-    method = method_of(request.method)
+    method = find_method(request.method)
     settings = method.checked(request)
     if method.operations is None:
         return 0.0
-    task = Task(with_nodes(request, run)[0], settings, run)
+    task = Task(fix_nodes(request, run)[0], settings, run)
     return method.operations(task) / cost.RATE.get(request.method, cost.RATE[EXACT])

@@ -5,15 +5,15 @@ import math
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, number, whole
-from vrte.basics.blas import single_threaded
-from vrte.discrete_ordinates.orders.slabs import Pile, cut
-from vrte.methods.parts.adding import Slab, doubled, ground, homogeneous, inside
+from vrte.basics.arrays import Array, check_number, check_whole
+from vrte.basics.blas import keep_to_one_thread
+from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers
+from vrte.methods.parts.adding import Slab, double_slab, find_light_inside, make_ground_slab, make_homogeneous_slab
 from vrte.methods.parts.in_depth import POINTS
 from vrte.methods.parts.method import Answer, Method, Setting, Settings
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, solve_in_turn
 from vrte.methods.parts.task import Task
-from vrte.methods.parts.thin_layer import thin_slab
+from vrte.methods.parts.thin_layer import make_thin_slab
 
 THICKEST, THINNEST = 8.0, 1e-6
 LOWEST = 1e-4  # below, starting layers are so thin that rounding is seen
@@ -27,68 +27,70 @@ NEARLY_DARK = (
 
 def solve_by_adding_doubling(task: Task) -> Answer:
     """Every Fourier order of the truncated phase matrices in turn."""
-    pile = cut(task.problem)
+    pile = cut_layers(task.problem)
     on_nodes = OnNodes(pile.problem, task.request.scene.below)
     doublings: list[int] = []
 
     def field(order: int, base: Array) -> tuple[Array, Array]:
-        up, down, most = field_of(pile, on_nodes, order, base, task.settings)
+        up, down, most = solve_order(pile, on_nodes, order, base, task.settings)
         doublings.append(most)
         return up, down
 
-    with single_threaded():
+    with keep_to_one_thread():
         kernels, fluxes = solve_in_turn(task, on_nodes, pile.out, field)
     return task.answer_on_nodes(kernels, fluxes, doublings=max(doublings))
 
 
-def field_of(pile: Pile, on_nodes: OnNodes, order: int, base: Array, settings: Settings) -> tuple[Array, Array, int]:
+def solve_order(pile: Pile, on_nodes: OnNodes, order: int, base: Array, settings: Settings) -> tuple[Array, Array, int]:
     """Light up and down at the wanted depths of an order, each (n_tau, r, n_rhs), and most doublings of a slab."""
     scattered = [on_nodes.scattered(order, material) for material in range(pile.problem.albedo.size)]
     white = (order == 0) & (pile.problem.albedo == 1.0)
     slabs = [
-        slab_of(on_nodes, scattered[material], float(tau), settings, bool(white[material]))
+        build_slab(on_nodes, scattered[material], float(tau), settings, bool(white[material]))
         for material, tau in zip(pile.material, pile.thickness, strict=True)
     ]
-    below = [] if np.isinf(pile.above[-1]) else [ground(base, on_nodes.n)]
-    up, down = inside([slabs[k][0] for k in pile.slabs] + below)
+    below = [] if np.isinf(pile.above[-1]) else [make_ground_slab(base, on_nodes.n)]
+    up, down = find_light_inside([slabs[k][0] for k in pile.slabs] + below)
     most = max((doublings for _, doublings in slabs), default=0)
     return up[pile.interface, :, on_nodes.n :], down[pile.interface, :, on_nodes.n :], most
 
 
-def thinnest(on_nodes: OnNodes, thin: float) -> float:
+def limit_starting_thickness(on_nodes: OnNodes, thin: float) -> float:
     """Optical thickness of the starting layer, at most: ``thin`` along the lowest cosine that light comes from."""
     return thin * max(LOWEST, float(on_nodes.columns.min()))
 
 
-def doublings_of(tau: float, thin: float) -> int:
+def count_doublings(tau: float, thin: float) -> int:
     """How often a starting layer of an optical thickness of at most ``thin`` is doubled."""
     if np.isinf(tau):
         return MOST_DOUBLINGS
     return max(0, math.ceil(math.log2(tau / thin))) if tau > 0.0 else 0
 
 
-def slab_of(
+def build_slab(
     on_nodes: OnNodes, scattered: Scattered, tau: float, settings: Settings, is_white: bool
 ) -> tuple[Slab, int]:
     """A homogeneous slab and its doublings; one without end is doubled until nothing comes through, one ``is_white``
     (order 0 at albedo 1) until what comes through is what R still lacks."""
-    thin = thinnest(on_nodes, settings["thin"])
-    most = doublings_of(tau, thin)
+    thin = limit_starting_thickness(on_nodes, settings["thin"])
+    most = count_doublings(tau, thin)
     now = thin if np.isinf(tau) else tau / 2.0**most
-    slab = thin_slab(scattered, now, on_nodes.rows, on_nodes.columns, on_nodes.n, settings["start"])
-    slab = conserving(on_nodes, slab, now) if is_white else slab
+    slab = make_thin_slab(scattered, now, on_nodes.rows, on_nodes.columns, on_nodes.n, settings["start"])
+    slab = balance_flux(on_nodes, slab, now) if is_white else slab
     for done in range(most):
         if np.isinf(tau) and is_white and np.abs(slab.T).max() < NEARLY_DARK:
             nothing = np.zeros_like(slab.T)
-            return homogeneous(slab.R + slab.T, nothing, tau, on_nodes.rows, on_nodes.columns, on_nodes.n), done
+            return make_homogeneous_slab(
+                slab.R + slab.T, nothing, tau, on_nodes.rows, on_nodes.columns, on_nodes.n
+            ), done
         if np.isinf(tau) and max(np.abs(slab.T).max(), slab.passed[: on_nodes.n].max()) < DARK:
             return slab, done
-        slab, now = doubled(slab), 2.0 * now
-        slab = conserving(on_nodes, slab, now) if is_white else slab
+        slab, now = double_slab(slab), 2.0 * now
+        slab = balance_flux(on_nodes, slab, now) if is_white else slab
     return slab, most
 
 
-def conserving(on_nodes: OnNodes, slab: Slab, tau: float) -> Slab:
+def balance_flux(on_nodes: OnNodes, slab: Slab, tau: float) -> Slab:
     """A white slab of optical thickness tau whose flux out is the flux in, exactly: what doubling misses by the error
     of its starting layer and by rounding comes through, evenly.
 
@@ -100,18 +102,20 @@ def conserving(on_nodes: OnNodes, slab: Slab, tau: float) -> Slab:
     missing = into * -np.expm1(-tau / on_nodes.columns) - row @ (slab.R + slab.T)[: on_nodes.n]
     evenly = np.zeros(on_nodes.rows.size)
     evenly[::stokes] = 1.0 / row.sum()
-    return homogeneous(slab.R, slab.T + np.outer(evenly, missing), tau, on_nodes.rows, on_nodes.columns, on_nodes.n)
+    return make_homogeneous_slab(
+        slab.R, slab.T + np.outer(evenly, missing), tau, on_nodes.rows, on_nodes.columns, on_nodes.n
+    )
 
 
 def predict_operations(task: Task) -> float:
     """Doublings of each distinct slab, starting layers, joints."""
     problem, settings = task.problem, task.settings
-    pile = cut(problem)
+    pile = cut_layers(problem)
     on_nodes = OnNodes(pile.problem, task.request.scene.below)
     n, r, c = on_nodes.sizes
-    thin = thinnest(on_nodes, settings["thin"])
+    thin = limit_starting_thickness(on_nodes, settings["thin"])
     doublings = sum(
-        cost.SLAB_STEPS_ENDLESS if math.isinf(tau) else doublings_of(tau, thin)
+        cost.SLAB_STEPS_ENDLESS if math.isinf(tau) else count_doublings(tau, thin)
         for tau in np.unique(pile.thickness).tolist()
     )
     start = (2.0 * settings["start"] * n) ** 2 * (settings["start"] * n + 2.0 * c)
@@ -132,13 +136,13 @@ METHOD = Method(
     settings={
         "thin": Setting(
             0.25,
-            lambda value: number("thin", value, THINNEST, THICKEST, f"between {THINNEST:g} and {THICKEST:g}"),
+            lambda value: check_number("thin", value, THINNEST, THICKEST, f"between {THINNEST:g} and {THICKEST:g}"),
             "largest optical thickness of the layer that doubling starts from, along the lowest cosine of nodes and "
             "beams, or 1e-4",
         ),
         "start": Setting(
             3,
-            lambda value: whole("start", value, 0, POINTS),
+            lambda value: check_whole("start", value, 0, POINTS),
             "depths at which the starting layer's source function is solved for: error of order thin^(2 start); 0: "
             "single scattering, error of order thin",
             for_accuracy=lambda accuracy: 1 + sum(accuracy < limit for limit in ENOUGH),

@@ -14,7 +14,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.single_scattering import paths_in_layers
+from vrte.discrete_ordinates.orders.single_scattering import integrate_paths
 from vrte.discrete_ordinates.orders.small_angle import Ray
 from vrte.methods.parts.method import Answer, Method, Setting
 from vrte.methods.parts.task import Task
@@ -22,16 +22,16 @@ from vrte.methods.parts.two_fluxes import (
     Pile,
     Slab,
     answer_two_fluxes,
-    asymmetry,
-    base_albedo_of,
-    collected,
+    compute_base_light,
+    compute_direct_beam,
+    compute_level_fluxes,
     cut_to_two,
-    direct_beam,
-    from_base,
-    levels_of,
-    piled,
+    find_base_albedo,
+    list_asymmetries,
+    stack_slabs,
+    sum_over_rays,
 )
-from vrte.request.how import one_of
+from vrte.request.how import check_choice
 
 # c of E_0 = c times the net flux out: no flux comes in; no light along P1's node; the exact extrapolation length of a
 # half space that conserves energy and scatters evenly, 0.71045 mean free paths
@@ -41,35 +41,38 @@ BOUNDARIES = {"marshak": 2.0, "mark": float(np.sqrt(3.0)), "milne": 3.0 * 0.7104
 def solve_by_diffusion(task: Task) -> Answer:
     """Orders 0 and 1. Half fluxes are (E_0/c +- E_z)/2, so that they vanish where the boundary says so."""
     c = BOUNDARIES[task.settings["boundary"]]
-    problem, base_albedo = cut_to_two(task.request), base_albedo_of(task.request)
-    pile = pile_of(problem, base_albedo, c)
-    orders = field_of(problem, pile, base_albedo, c)
-    return answer_two_fluxes(task, problem, orders, fluxes_of(problem, pile, c))
+    problem, base_albedo = cut_to_two(task.request), find_base_albedo(task.request)
+    pile = build_pile(problem, base_albedo, c)
+    orders = compute_orders(problem, pile, base_albedo, c)
+    return answer_two_fluxes(task, problem, orders, compute_fluxes(problem, pile, c))
 
 
-def pile_of(problem: Problem, base_albedo: float, c: float) -> Pile:
+def build_pile(problem: Problem, base_albedo: float, c: float) -> Pile:
     """Half fluxes times c."""
-    slabs = [slab_of(problem, layer, c) for layer in range(problem.albedo.size)]
-    return piled(slabs, base_albedo, c * direct_beam(problem, base_albedo))
+    slabs = [build_slab(problem, layer, c) for layer in range(problem.albedo.size)]
+    return stack_slabs(slabs, base_albedo, c * compute_direct_beam(problem, base_albedo))
 
 
-def fluxes_of(problem: Problem, pile: Pile, c: float) -> tuple[Array, Array]:
+def compute_fluxes(problem: Problem, pile: Pile, c: float) -> tuple[Array, Array]:
     """Half fluxes down and up at every depth, (n_tau, n_in), of the layers as they were cut."""
-    down, up = levels_of(problem, pile)
+    down, up = compute_level_fluxes(problem, pile)
     return down / c, up / c
 
 
-def field_of(problem: Problem, pile: Pile, base_albedo: float, c: float) -> list[Array]:
+def compute_orders(problem: Problem, pile: Pile, base_albedo: float, c: float) -> list[Array]:
     """Multiply scattered light of each order, (n_tau, n_in, n_out), from (2:16)-(2:18)."""
-    orders = [scattered(problem, pile, c) + from_base(problem, base_albedo / (np.pi * c) * pile.x_base)]
-    if asymmetry(problem).any():
-        orders.append(scattered_across(problem))
+    orders = [
+        integrate_scattered_light(problem, pile, c)
+        + compute_base_light(problem, base_albedo / (np.pi * c) * pile.x_base)
+    ]
+    if list_asymmetries(problem).any():
+        orders.append(integrate_scattered_across(problem))
     return orders
 
 
-def slab_of(problem: Problem, layer: int, c: float) -> Slab:
+def build_slab(problem: Problem, layer: int, c: float) -> Slab:
     """A layer for x, y = (E_0 +- c E_z)/2: (2:19), which is (2:20)."""
-    albedo, g = float(problem.albedo[layer]), float(asymmetry(problem)[layer])
+    albedo, g = float(problem.albedo[layer]), float(list_asymmetries(problem)[layer])
     reaching = albedo * np.exp(-problem.above[layer] / problem.mu0)
     source, vector = c * reaching, 3.0 * g * problem.mu0 * reaching
     loss, hindrance = c * (1.0 - albedo), 3.0 * (1.0 - albedo * g) / c
@@ -77,23 +80,23 @@ def slab_of(problem: Problem, layer: int, c: float) -> Slab:
     return Slab(thickness, loss, hindrance, 1.0 / problem.mu0, 0.5 * (source + vector), 0.5 * (source - vector))
 
 
-def scattered(problem: Problem, pile: Pile, c: float) -> Array:
+def integrate_scattered_light(problem: Problem, pile: Pile, c: float) -> Array:
     """omega/(4 pi) (E_0 + 3 g mu E_z) integrated along the wanted directions, (n_tau, n_in, n_out)."""
 
     def along(ray: Ray, mu: Array) -> Array:
         x, y = pile.slabs[ray.layer].seen(ray, mu)
-        vector = 3.0 * float(asymmetry(problem)[ray.layer]) / c * (-mu if ray.up else mu)
+        vector = 3.0 * float(list_asymmetries(problem)[ray.layer]) / c * (-mu if ray.up else mu)
         found: Array = problem.albedo[ray.layer] / (4.0 * np.pi) * ((1.0 + vector) * x + (1.0 - vector) * y)
         return found
 
-    return collected(problem, along)
+    return sum_over_rays(problem, along)
 
 
-def scattered_across(problem: Problem) -> Array:
+def integrate_scattered_across(problem: Problem) -> Array:
     """Order 1: omega/(4 pi) 3 g sqrt(1 - mu^2) E_x/2 integrated along them, (n_tau, n_in, n_out)."""
     mu = np.concatenate([problem.mu_out[: problem.n_up], -problem.mu_out[problem.n_up :]])
-    paths = paths_in_layers(problem, np.arange(problem.level.size, dtype=np.int32), mu)
-    share = problem.albedo * asymmetry(problem)  # of the light that goes on across
+    paths = integrate_paths(problem, np.arange(problem.level.size, dtype=np.int32), mu)
+    share = problem.albedo * list_asymmetries(problem)  # of the light that goes on across
     strength = 3.0 / (8.0 * np.pi) * share**2 / (1.0 - share)
     sines = np.sqrt((1.0 - problem.mu0[:, None] ** 2) * (1.0 - mu**2))
     found: Array = np.einsum("k,ktio->tio", strength, paths) * sines
@@ -113,7 +116,7 @@ METHOD = Method(
     settings={
         "boundary": Setting(
             "marshak",
-            lambda value: one_of("setting 'boundary' of method 'diffusion'", value, tuple(BOUNDARIES)),
+            lambda value: check_choice("setting 'boundary' of method 'diffusion'", value, tuple(BOUNDARIES)),
             "'marshak' (no flux comes in), 'mark' (no light along the cosine 1/sqrt 3) or 'milne' (the exact "
             "extrapolation length of a conservative half space)",
         )

@@ -11,10 +11,10 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import AccuracyWarning
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.carry_out import carry_out
-from vrte.discrete_ordinates.execution.engines import engine_of
+from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.forecast import foretell_plan, foretell_planning
-from vrte.discrete_ordinates.planning.node_choice import CAREFUL, OF_NODES, estimated_nodes
-from vrte.discrete_ordinates.planning.plan import Plan, plan_of
+from vrte.discrete_ordinates.planning.node_choice import CAREFUL, OF_NODES, estimate_nodes
+from vrte.discrete_ordinates.planning.plan import Plan, plan_request
 from vrte.methods.parts.method import Answer, Method
 from vrte.methods.parts.task import Task
 from vrte.request.backends import Backend
@@ -29,34 +29,34 @@ def solve_by_discrete_ordinates(task: Task) -> Answer:
     """The plan of the request, carried out; on a device checked against the processor where that is asked for."""
     request, run = task.request, task.run
     if request.verify and request.backend is Backend.OPENCL:
-        return verified(task)
+        return verify_solution(task)
     foretell_planning(request, run)
-    plan = plan_of(request, run)
+    plan = plan_request(request, run)
     foretell_plan(plan, run)
-    (solution,) = solved_plans([plan], run, task.progress)
+    (solution,) = solve_plans([plan], run, task.progress)
     return plan.mu, solution
 
 
-def solved_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = None) -> list[Solution]:
+def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = None) -> list[Solution]:
     """The solutions of plans for one backend, together where its engine takes many; a plan's two parts joined."""
     flat = [part for plan in plans for part in plan.parts or (plan,)]
-    found = iter(carry_out(flat, engine_of(plans[0].request.backend), run, progress))
-    return [joined(next(found), next(found)) if plan.parts else next(found) for plan in plans]
+    found = iter(carry_out(flat, choose_engine(plans[0].request.backend), run, progress))
+    return [join_solutions(next(found), next(found)) if plan.parts else next(found) for plan in plans]
 
 
-def verified(task: Task) -> Answer:
+def verify_solution(task: Task) -> Answer:
     """The device's solution, and what it differs by from that of the processor's eigensolver."""
     plain = replace(task.request, verify=False)
     mu, found = solve_by_discrete_ordinates(replace(task, request=plain))
     other = replace(plain, backend=Backend.OPENMP, algorithm="modes")
     again = solve_by_discrete_ordinates(Task(other, {}, Run(task.run.threads, stop=task.run.stop)))[1]
-    radiance = [gaps_of(*pair) for pair in zip(found.parts, again.parts, strict=True)]
+    radiance = [measure_largest_gap(*pair) for pair in zip(found.parts, again.parts, strict=True)]
     fluxes = [np.stack([each.flux_up, each.flux_down], axis=1) for each in (found, again)]
     agreement = {
         "with": "openmp: modes",
         "orders_compared": again.diagnostics["orders"],
         "radiance": max(radiance),
-        "flux": gaps_of(*fluxes),
+        "flux": measure_largest_gap(*fluxes),
     }
     return mu, replace(found, diagnostics=found.diagnostics | {"agreement": agreement})
 
@@ -70,7 +70,7 @@ def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[st
     least = (each.min(axis=1) / np.maximum(np.abs(each).max(axis=1), NO_LIGHT)).min()
     if least < -request.accuracy:
         mu = np.concatenate([OF_NODES, -OF_NODES]) if request.mu is None else request.mu
-        enough = estimated_nodes(request.scene, request.mu0, mu, request.tau, CAREFUL * GOOD)
+        enough = estimate_nodes(request.scene, request.mu0, mu, request.tau, CAREFUL * GOOD)
         warnings.warn(
             f"{diagnostics['nodes']} nodes are too few for the phase matrix: light comes out negative, {least:.1g} of "
             f"the largest; {enough} nodes do by an estimate for an accuracy of {GOOD:g}, or leave nodes out",
@@ -79,13 +79,13 @@ def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[st
         )
 
 
-def gaps_of(found: Array, expected: Array) -> float:
+def measure_largest_gap(found: Array, expected: Array) -> float:
     """The largest difference at each depth, axis 0, over the largest there."""
     size, gap = (np.abs(values).reshape(values.shape[0], -1).max(axis=1) for values in (expected, found - expected))
     return float((gap / np.maximum(size, NO_LIGHT)).max())
 
 
-def joined(one: Solution, other: Solution) -> Solution:
+def join_solutions(one: Solution, other: Solution) -> Solution:
     """Both together: radiances added place by place, fluxes side by side."""
     for values, more in zip(other.parts, one.parts, strict=True):
         values[..., : more.shape[-1]] += more

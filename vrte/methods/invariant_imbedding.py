@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, number
-from vrte.basics.blas import single_threaded
-from vrte.discrete_ordinates.planning.needs import needs_of
-from vrte.methods.parts.endless import reflection
+from vrte.basics.arrays import Array, check_number
+from vrte.basics.blas import keep_to_one_thread
+from vrte.discrete_ordinates.planning.needs import find_needs
+from vrte.methods.parts.endless import compute_endless_reflection
 from vrte.methods.parts.imbedding import POINTS, Count, State, grow
 from vrte.methods.parts.method import Answer, Method, Setting
-from vrte.methods.parts.on_nodes import OnNodes, distinct_directions, solve_in_turn
+from vrte.methods.parts.on_nodes import OnNodes, find_distinct_directions, solve_in_turn
 from vrte.methods.parts.task import Task
 
 FINEST_RTOL = 1e-13
@@ -29,16 +29,16 @@ class Work:
 
 def solve_by_invariant_imbedding(task: Task) -> Answer:
     """Every Fourier order of the truncated phase matrices in turn."""
-    distinct, out = distinct_directions(task.problem)
+    distinct, out = find_distinct_directions(task.problem)
     on_nodes = OnNodes(distinct, task.request.scene.below)
     work, at_bottom = Work(), task.request.tau > 0.0
 
     def field_of(order: int, base: Array) -> tuple[Array, Array]:
-        light = faces(on_nodes, order, base, bool(at_bottom.any()), task.settings["rtol"], work)
+        light = solve_faces(on_nodes, order, base, bool(at_bottom.any()), task.settings["rtol"], work)
         up, down = (pair[at_bottom.astype(int), :, on_nodes.n :] for pair in light)
         return up, down
 
-    with single_threaded():
+    with keep_to_one_thread():
         kernels, fluxes = solve_in_turn(task, on_nodes, out, field_of)
     more = {
         "steps": work.riccati.steps,
@@ -49,14 +49,18 @@ def solve_by_invariant_imbedding(task: Task) -> Answer:
     return task.answer_on_nodes(kernels, fluxes, **more)
 
 
-def faces(on_nodes: OnNodes, order: int, base: Array, through: bool, rtol: float, work: Work) -> tuple[Array, Array]:
+def solve_faces(
+    on_nodes: OnNodes, order: int, base: Array, through: bool, rtol: float, work: Work
+) -> tuple[Array, Array]:
     """Light up and down at the top and the bottom of an order, each (2, r, c); ``through``: the bottom is wanted."""
     problem = on_nodes.problem
     scattered = [on_nodes.scattered(order, layer) for layer in range(problem.albedo.size)]
     layers = list(zip(scattered, problem.thickness.tolist(), strict=True))
     ground = base
     if np.isinf(layers[-1][1]):
-        ground, doublings = reflection(on_nodes, layers.pop()[0], order == 0 and problem.albedo[-1] == 1.0)
+        ground, doublings = compute_endless_reflection(
+            on_nodes, layers.pop()[0], order == 0 and problem.albedo[-1] == 1.0
+        )
         work.doublings = max(work.doublings, doublings)
     nothing = np.zeros_like(ground)
     state = State(np.stack([ground, nothing] if through else [ground]), np.ones(on_nodes.rows.size))
@@ -73,9 +77,9 @@ def faces(on_nodes: OnNodes, order: int, base: Array, through: bool, rtol: float
 def predict_operations(task: Task) -> float:
     """Sweeps of all steps: their number grows with what an order scatters on its way."""
     problem = task.problem
-    n, r, c = OnNodes(distinct_directions(problem)[0], task.request.scene.below).sizes
+    n, r, c = OnNodes(find_distinct_directions(problem)[0], task.request.scene.below).sizes
     finite = np.where(np.isfinite(problem.thickness), problem.thickness, 0.0)
-    strength = np.minimum(needs_of(problem, task.run).by_layer, 1.0)  # (layer, order)
+    strength = np.minimum(find_needs(problem, task.run).by_layer, 1.0)  # (layer, order)
     steps = cost.LEAST_STEPS * problem.albedo.size + cost.STEPS_A_DEPTH * (finite @ strength)
     parts = 2.0 if (task.request.tau > 0.0).any() else 1.0
     sweep = POINTS * ((2.0 * n * n + 4.0 * parts * r * n) * c + 20.0 * parts * POINTS * r * c)
@@ -95,7 +99,7 @@ METHOD = Method(
     settings={
         "rtol": Setting(
             1e-8,
-            lambda value: number("rtol", value, FINEST_RTOL, 0.1, f"between {FINEST_RTOL:g} and 0.1"),
+            lambda value: check_number("rtol", value, FINEST_RTOL, 0.1, f"between {FINEST_RTOL:g} and 0.1"),
             "estimated error of a step in thickness, relative to the largest entry of R and of T",
             for_accuracy=lambda accuracy: max(accuracy / STEPS_TOGETHER, FINEST_RTOL),
         ),

@@ -15,20 +15,20 @@ import numpy as np
 import scipy.linalg
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, IntArray, whole
-from vrte.basics.blas import single_threaded
+from vrte.basics.arrays import Array, IntArray, check_whole
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.divided_differences import ComplexArray
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import Base, expand_base
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.slabs import distinct_materials, only
+from vrte.discrete_ordinates.orders.slabs import find_materials, select_materials
 from vrte.methods.parts.method import Answer, Method
-from vrte.methods.parts.on_nodes import OnNodes, distinct_directions
-from vrte.methods.parts.operators import Modes, Operator, empty
+from vrte.methods.parts.on_nodes import OnNodes, find_distinct_directions
+from vrte.methods.parts.operators import Modes, Operator, make_empty_operator
 from vrte.methods.parts.task import NODES, Task
 from vrte.request.how import MOST_NODES
 from vrte.request.request import check_scene
@@ -160,46 +160,46 @@ class Fading:
         return np.asarray(4.0 * whole / (1.0 + whole) ** 2)
 
 
-def matter_of(problem: Problem, matrices: Assembled, place: int, order: int, material: int) -> Matter:
+def build_matter(problem: Problem, matrices: Assembled, place: int, order: int, material: int) -> Matter:
     """E and F of one order and material of the problem, and their modes; ``place``: of the order in the matrices."""
     at = place, material
-    E = extended(problem, matrices.E[at], matrices.G_E[at], matrices.source_d[at])
-    F = extended(problem, matrices.F[at], matrices.G_F[at], matrices.source_s[at])
-    return Matter(F, modes_of(problem, E, F, order, float(problem.albedo[material])))
+    E = extend_matrix(problem, matrices.E[at], matrices.G_E[at], matrices.source_d[at])
+    F = extend_matrix(problem, matrices.F[at], matrices.G_F[at], matrices.source_s[at])
+    return Matter(F, find_modes(problem, E, F, order, float(problem.albedo[material])))
 
 
-def extended(problem: Problem, square: Array, rows: Array, sources: Array) -> Operator:
+def extend_matrix(problem: Problem, square: Array, rows: Array, sources: Array) -> Operator:
     """E or F with its rows out of the nodes and its beams; light scattered once goes straight, in closed form, and is
     left out here."""
     stokes, n_out = len(problem.stokes), problem.mu_out.size
     out = np.repeat(1.0 / problem.mu_out, stokes)
     beam = np.repeat(1.0 / problem.mu0, problem.columns.shape[0])
-    nothing = empty(beam.size, problem.size, stokes * n_out)
+    nothing = make_empty_operator(beam.size, problem.size, stokes * n_out)
     leaving = -out[:, None] * rows.T
     return replace(
         nothing,
         beam=beam,
         nodes=square.T,
-        into=-lit(problem, sources),
+        into=-combine_stokes_sources(problem, sources),
         out=out,
         leaving=leaving,
     )
 
 
-def lit(problem: Problem, sources: Array) -> Array:
+def combine_stokes_sources(problem: Problem, sources: Array) -> Array:
     """From sources (S n_in, n) of single Stokes parameters to (n, n_in n_col), of the incident Stokes columns."""
     each = sources.reshape(problem.mu0.size, len(problem.stokes), problem.size)
     beams: Array = np.einsum("isn,cs->nic", each, problem.columns)
     return beams.reshape(problem.size, problem.n_rhs)
 
 
-def modes_of(problem: Problem, E: Operator, F: Operator, order: int, albedo: float) -> Modes:
+def find_modes(problem: Problem, E: Operator, F: Operator, order: int, albedo: float) -> Modes:
     """Eigenvectors of F E, (1:43), for those of the layer matrix in (2:5)-(2:8). Raises AccuracyError if they fail."""
     product = F @ E
     lam, right = (np.asarray(values, complex) for values in scipy.linalg.eig(product.nodes))
     left = np.linalg.inv(right)
     if order == 0 and problem.conserves:
-        lam, right, left = slowest_corrected(problem, E.nodes, F.nodes, albedo, lam, right, left)
+        lam, right, left = refine_slowest_mode(problem, E.nodes, F.nodes, albedo, lam, right, left)
     if lam.real.min() < -ROUNDING * np.abs(lam).max():
         raise AccuracyError(
             f"method {METHOD.name!r}: light of order {order} would swing instead of fading: ask for more nodes"
@@ -215,7 +215,7 @@ def modes_of(problem: Problem, E: Operator, F: Operator, order: int, albedo: flo
     return Modes(product, lam, right, left, len(problem.stokes))
 
 
-def slowest_corrected(
+def refine_slowest_mode(
     problem: Problem, E: Array, F: Array, albedo: float, lam: ComplexArray, right: ComplexArray, left: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Modes of order 0 with the slowest put right, whose lambda is known to 1e-16 of the largest only.
@@ -238,22 +238,22 @@ def slowest_corrected(
     return lam, right, left
 
 
-def ground_of(problem: Problem, base: Base, order: int) -> Operator:
+def make_ground_operator(problem: Problem, base: Base, order: int) -> Operator:
     """What the base sends up again; the beam that it reflects is left to its closed form."""
-    nothing = empty(problem.n_rhs, problem.size, problem.rows_out)
+    nothing = make_empty_operator(problem.n_rhs, problem.size, problem.rows_out)
     row = int(base.row[order])
     if row < 0:
         return nothing
     return replace(nothing, nodes=base.matrix[row].T, into=base.source[row].T, leaving=base.out[row].T)
 
 
-def fields_of(problem: Problem, matters: list[Matter], kinds: IntArray, ground: Operator) -> list[Field]:
+def compute_fields(problem: Problem, matters: list[Matter], kinds: IntArray, ground: Operator) -> list[Field]:
     """Light going up and down at every level, for each beam: F+ and F- of (2:8) are its columns."""
     slabs = [matters[kind].slab(float(h)) for kind, h in zip(kinds, problem.thickness, strict=True)]
     reflection = [ground]
     for slab in reversed(slabs):
         reflection.insert(0, slab.over(reflection[0]))
-    falling, above = incident(problem), slabs[0]
+    falling, above = make_beam_operator(problem), slabs[0]
     faces = [(reflection[0] @ falling, falling)]
     for place, beneath in enumerate(reflection[1:], 1):
         down = above.sends_down(beneath, above.T_plus @ falling)
@@ -271,21 +271,21 @@ def fields_of(problem: Problem, matters: list[Matter], kinds: IntArray, ground: 
     return found
 
 
-def incident(problem: Problem) -> Operator:
+def make_beam_operator(problem: Problem) -> Operator:
     """The beams alone: no columns for light that falls in along the nodes."""
-    one = empty(problem.n_rhs, problem.size, problem.rows_out).plus_one()
+    one = make_empty_operator(problem.n_rhs, problem.size, problem.rows_out).plus_one()
     return replace(one, nodes=one.nodes[:, :0], leaving=one.leaving[:, :0])
 
 
-def at_work(problem: Problem, polarizing_base: bool) -> tuple[Problem, IntArray]:
+def select_working_stokes(problem: Problem, polarizing_base: bool) -> tuple[Problem, IntArray]:
     """The problem for the Stokes parameters at work and each outgoing cosine once, and where each of them went."""
     stokes = (0,) if problem.is_scalar and not polarizing_base else ALL
-    distinct, out = distinct_directions(problem)
+    distinct, out = find_distinct_directions(problem)
     columns = np.ascontiguousarray(problem.columns[:, list(stokes)])
     return replace(distinct, columns=columns, stokes=stokes), out
 
 
-def public(problem: Problem, n_up: int, out: IntArray, fields: list[Field]) -> Array:
+def convert_to_public_frame(problem: Problem, n_up: int, out: IntArray, fields: list[Field]) -> Array:
     """Kernels of an order, (n_tau, n_in, n_col, n_out, 4), radiance for a unit beam in the public frame."""
     beams = problem.mu0.size, problem.columns.shape[0]
     stokes = list(problem.stokes)
@@ -297,7 +297,7 @@ def public(problem: Problem, n_up: int, out: IntArray, fields: list[Field]) -> A
     return kernels / (2.0 * np.pi)
 
 
-def fluxes_of(problem: Problem, fields: list[Field]) -> tuple[Array, Array]:
+def compute_fluxes(problem: Problem, fields: list[Field]) -> tuple[Array, Array]:
     """Diffuse flux up and down (n_tau, n_in, n_col) from order 0 on the nodes."""
     weights = np.sqrt(problem.weights * problem.nodes)
     shape = (problem.mu0.size, problem.columns.shape[0])
@@ -311,33 +311,33 @@ def fluxes_of(problem: Problem, fields: list[Field]) -> tuple[Array, Array]:
 def solve_by_matrix_operators(task: Task) -> Answer:
     """Every Fourier order that the nodes carry, one after another."""
     below, full, run = task.request.scene.below, task.problem, task.run
-    problem, out = at_work(full, below.mixes_stokes)
-    materials, kinds = distinct_materials(problem)
+    problem, out = select_working_stokes(full, below.mixes_stokes)
+    materials, kinds = find_materials(problem)
     orders = np.arange(int(problem.terms.max()), dtype=np.int32)
-    with single_threaded():
+    with keep_to_one_thread():
         base = expand_base(below, problem, orders.size)
-        distinct = only(problem, materials)
+        distinct = select_materials(problem, materials)
         matrices = assemble(distinct, orders, run)
         kernels = []
         for order in orders.tolist():
             begin = time.perf_counter()
-            fields = fields_of_order(problem, distinct, matrices, kinds, base, order)
-            kernels.append(public(problem, full.n_up, out, fields))
+            fields = solve_order(problem, distinct, matrices, kinds, base, order)
+            kernels.append(convert_to_public_frame(problem, full.n_up, out, fields))
             if order == 0:
-                fluxes = fluxes_of(problem, fields)
+                fluxes = compute_fluxes(problem, fields)
             run.book("matrix operators", time.perf_counter() - begin)
             task.tell(order + 1, orders.size)
     return task.answer_on_nodes(np.array(kernels), fluxes)
 
 
-def fields_of_order(
+def solve_order(
     problem: Problem, materials: Problem, matrices: Assembled, kinds: IntArray, base: Base, order: int
 ) -> list[Field]:
     """Light at every level; raises AccuracyError where a joint or a slab is singular. ``materials``: the problem with
     those as its layers, whose kinds (layer,) the layers are."""
     try:
-        matters = [matter_of(materials, matrices, order, order, kind) for kind in range(materials.albedo.size)]
-        return fields_of(problem, matters, kinds, ground_of(problem, base, order))
+        matters = [build_matter(materials, matrices, order, order, kind) for kind in range(materials.albedo.size)]
+        return compute_fields(problem, matters, kinds, make_ground_operator(problem, base, order))
     except np.linalg.LinAlgError as reason:
         raise AccuracyError(f"method {METHOD.name!r}: a matrix of order {order} has no inverse: {reason}") from None
 
@@ -355,11 +355,11 @@ def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
     (2, 2, 4, 2, 2, 4)
     """
     scene = check_scene(scene)
-    order, nodes = whole("order", order, 0, 2 * MOST_NODES), whole("nodes", nodes, 1, MOST_NODES)
+    order, nodes = check_whole("order", order, 0, 2 * MOST_NODES), check_whole("nodes", nodes, 1, MOST_NODES)
     if scene.base is not None or np.isinf(scene.thickness):
         raise SceneError("the propagator (2:9) is that of layers which end, without a base")
-    problem = discretise(scene, np.ones(1), np.eye(4), np.ones(1), np.zeros(1), nodes)
-    slab = pile_of(problem, order)
+    problem = discretise_scene(scene, np.ones(1), np.eye(4), np.ones(1), np.zeros(1), nodes)
+    slab = join_layers(problem, order)
     R_minus, T_minus, R_plus, T_plus = (part.nodes for part in (slab.R_minus, slab.T_minus, slab.R_plus, slab.T_plus))
     condition = np.linalg.cond(T_minus)
     if not condition <= LARGEST_CONDITION:
@@ -376,11 +376,11 @@ def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
     return whole_matrix.reshape(2, nodes, 4, 2, nodes, 4)
 
 
-def pile_of(problem: Problem, order: int) -> Slab:
+def join_layers(problem: Problem, order: int) -> Slab:
     """All layers of one order as one slab."""
     matrices = assemble(problem, np.array([order], np.int32), Run(1))
     slabs = [
-        matter_of(problem, matrices, 0, order, layer).slab(float(thickness))
+        build_matter(problem, matrices, 0, order, layer).slab(float(thickness))
         for layer, thickness in enumerate(problem.thickness)
     ]
     return reduce(Slab.star, slabs)
@@ -388,7 +388,7 @@ def pile_of(problem: Problem, order: int) -> Slab:
 
 def predict_operations(task: Task) -> float:
     """Modes of each layer, functions of them, and what goes from beams by way of modes into directions."""
-    on_nodes = OnNodes(distinct_directions(task.problem)[0], task.request.scene.below)
+    on_nodes = OnNodes(find_distinct_directions(task.problem)[0], task.request.scene.below)
     n, r, c = on_nodes.sizes
     differences = cost.A_DIFFERENCE * n * (c - n) * max(1.0, (r - n) / 4.0)
     each = cost.COMPLEX_MODES * n**3 + differences + cost.A_LAYER_OF_MODES

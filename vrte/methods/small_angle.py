@@ -11,7 +11,7 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics.arrays import Array
-from vrte.basics.divided_differences import exp_difference
+from vrte.basics.divided_differences import divide_exp_once
 from vrte.discrete_ordinates.execution.sums import Part, make_parts, prepare_closed_form
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic, AnySpreading, Beam
@@ -27,7 +27,7 @@ def solve_by_small_angles(task: Task) -> Answer:
     """The exact sum (2:29), which solves (2:28); flux down by quadrature without error, flux up zero."""
     mu, problem = task.mu, task.problem
     target = task.target_of(problem)
-    tables, parts = expansions(task.request.scene, problem), make_parts(target)
+    tables, parts = expand_diffuse_part(task.request.scene, problem), make_parts(target)
     scatter = prepare_closed_form(target, task.run)
 
     def spread(part: Part, t: int, i: int) -> None:
@@ -39,48 +39,48 @@ def solve_by_small_angles(task: Task) -> Answer:
     for part in parts:
         for t, i in np.ndindex(part.levels.size, problem.mu0.size):
             spread(part, t, i)
-    down = fluxes_down(problem, tables)
+    down = compute_flux_down(problem, tables)
     more = {"notes": [NOTE]} if (mu > 0.0).any() else {}
     return task.answer([part.values for part in parts], (np.zeros_like(down), down), problem, **more)
 
 
-def expansions(scene: Scene, problem: Problem) -> Array:
+def expand_diffuse_part(scene: Scene, problem: Problem) -> Array:
     """Coefficients of the diffuse part about the beam at every depth, columns a1 .. b2, for a unit beam at the top:
     (n_tau, n_in, terms, 6). The problem has the layers as they are."""
     anisotropic = Anisotropic(scene, problem)
     tables = np.empty((problem.level.size, problem.mu0.size, anisotropic.terms, 6))
     for i, mu0 in enumerate(problem.mu0.tolist()):
-        beams = diffuse_beams(anisotropic, mu0)
+        beams = find_diffuse_beams(anisotropic, mu0)
         for t, (layer, level) in enumerate(zip(problem.level_layer.tolist(), problem.level.tolist(), strict=True)):
             spreading = anisotropic.spreadings[layer]
-            passed = through(spreading, scene.layers[layer].albedo, level / mu0, beams[layer])
+            passed = spread_beam(spreading, scene.layers[layer].albedo, level / mu0, beams[layer])
             tables[t, i] = spreading.coefficients(passed.degrees, 0)
     tables[..., :2, NO_TENSOR] = 0.0
     return tables
 
 
-def diffuse_beams(anisotropic: Anisotropic, mu0: float) -> list[Beam]:
+def find_diffuse_beams(anisotropic: Anisotropic, mu0: float) -> list[Beam]:
     """The beam at the top of every layer; ``degrees`` without the light never scattered."""
     beams = [Beam(1.0, 0.0 * anisotropic.spreadings[0].identity(anisotropic.terms))]
     for layer, spreading in zip(anisotropic.scene.layers[:-1], anisotropic.spreadings[:-1], strict=True):
-        beams.append(through(spreading, layer.albedo, layer.thickness / mu0, beams[-1]))
+        beams.append(spread_beam(spreading, layer.albedo, layer.thickness / mu0, beams[-1]))
     return beams
 
 
-def through(spreading: AnySpreading, albedo: float, path: float, beam: Beam) -> Beam:
+def spread_beam(spreading: AnySpreading, albedo: float, path: float, beam: Beam) -> Beam:
     """The diffuse beam after a path: what it was spreads on, and scattered light of the direct one joins it."""
     if path == 0.0:
         return beam
     kept = spreading.function(lambda s: np.exp((albedo * s - 1.0) * path))
     gained = spreading.function(
-        lambda s: albedo * s * path * exp_difference((albedo * s - 1.0) * path, -path * np.ones_like(s))
+        lambda s: albedo * s * path * divide_exp_once((albedo * s - 1.0) * path, -path * np.ones_like(s))
     )
     return Beam(beam.direct * float(np.exp(-path)), spreading.product(kept, beam.degrees) + beam.direct * gained)
 
 
-def fluxes_down(problem: Problem, tables: Array) -> Array:
+def compute_flux_down(problem: Problem, tables: Array) -> Array:
     """Of the light going down, (n_tau, n_in, n_col): order 0, whose degrees are P_l(mu), times mu over a hemisphere."""
-    share = hemispheres(tables.shape[2])
+    share = integrate_legendre(tables.shape[2])
     functions = _core.generalized_spherical_functions(0, tables.shape[2], problem.mu0.copy())  # (term, n_in, P -R T)
     of_I = np.einsum("l,til,li->ti", share, tables[..., 0], functions[..., 0])
     of_Q = -np.einsum("l,til,li->ti", share, tables[..., 4], functions[..., 1])
@@ -88,10 +88,10 @@ def fluxes_down(problem: Problem, tables: Array) -> Array:
     return found
 
 
-def hemispheres(terms: int) -> Array:
+def integrate_legendre(terms: int) -> Array:
     """The integral of mu P_l(mu) from 0 to 1, (terms,).
 
-    >>> hemispheres(5)[[0, 1, 2, 4]] * [2, 3, 8, -48]
+    >>> integrate_legendre(5)[[0, 1, 2, 4]] * [2, 3, 8, -48]
     array([1., 1., 1., 1.])
     """
     found = np.zeros(max(terms, 2))

@@ -10,14 +10,14 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics import cost
-from vrte.basics.arrays import Array, IntArray, number, whole
-from vrte.basics.blas import single_threaded
+from vrte.basics.arrays import Array, IntArray, check_number, check_whole
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyWarning
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.planning.needs import needs_of
-from vrte.methods.parts.in_depth import downward, gauss_depths, upward
+from vrte.discrete_ordinates.planning.needs import find_needs
+from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
 from vrte.methods.parts.method import Answer, Method, Setting, Settings
-from vrte.methods.parts.on_nodes import OnNodes, Scattered, distinct_directions, solve_in_turn
+from vrte.methods.parts.on_nodes import OnNodes, Scattered, find_distinct_directions, solve_in_turn
 from vrte.methods.parts.task import Task
 from vrte.request.how import EXACT
 
@@ -46,11 +46,11 @@ class Depths:
     @cached_property
     def at(self) -> tuple[Array, IntArray]:
         """Depths below the layers' tops, and layers, of the Gauss points of every panel, each (panel * POINTS,)."""
-        depth = self.top[:, None] + self.size[:, None] * gauss_depths(POINTS)
+        depth = self.top[:, None] + self.size[:, None] * find_gauss_depths(POINTS)
         return depth.ravel(), np.repeat(self.layer, POINTS)
 
 
-def depths_of(problem: Problem, levels: int | None) -> Depths:
+def choose_depths(problem: Problem, levels: int | None) -> Depths:
     """At least ``levels`` Gauss depths in every layer; None: as many as its thickness asks for."""
     scale = max(FINEST_SCALE, min(problem.nodes.min(), problem.mu0.min()))
     layer: list[int] = []
@@ -59,7 +59,7 @@ def depths_of(problem: Problem, levels: int | None) -> Depths:
     place = np.zeros(problem.level.size, np.int32)
     for k, thickness in enumerate(problem.thickness.tolist()):
         here = problem.level_layer == k
-        edges = np.unique(np.concatenate([graded(thickness, scale, levels), problem.level[here]]))
+        edges = np.unique(np.concatenate([divide_into_panels(thickness, scale, levels), problem.level[here]]))
         place[here] = len(layer) + np.searchsorted(edges, problem.level[here])
         layer += [k] * (edges.size - 1)
         top += edges[:-1].tolist()
@@ -67,7 +67,7 @@ def depths_of(problem: Problem, levels: int | None) -> Depths:
     return Depths(np.array(layer, np.int32), np.array(top), np.array(size), place)
 
 
-def graded(thickness: float, scale: float, levels: int | None) -> Array:
+def divide_into_panels(thickness: float, scale: float, levels: int | None) -> Array:
     """Edges of panels from 0 to the thickness: about as thick as the distance to the nearer face, not below ``scale``,
     nor above 1 where ``levels`` is None."""
     if thickness == 0.0:
@@ -101,8 +101,8 @@ class Way:
     def along(cosines: Array, size: Array) -> "Way":
         """For rows (r,) and panels (panel,)."""
         z = size[:, None] / cosines
-        x = gauss_depths(POINTS)[:, None]
-        falls, rises = (np.moveaxis(weights(z, POINTS), 2, 0) for weights in (downward, upward))
+        x = find_gauss_depths(POINTS)[:, None]
+        falls, rises = (np.moveaxis(weights(z, POINTS), 2, 0) for weights in (weigh_downward, weigh_upward))
         thickness = size[:, None, None, None]
         near, far = np.exp(-x * z[:, None]), np.exp(-(1.0 - x) * z[:, None])
         return Way(thickness * falls, thickness * rises, near, far, np.exp(-z))
@@ -164,7 +164,7 @@ class Convergence:
     def remainder_of(self, added: list[float], total: Light, order: int) -> float:
         """What the orders that follow would add, relative to the largest light of Fourier order 0."""
         largest = total.largest if order == 0 else self.largest
-        return left_out(added) / largest if largest > 0.0 else 0.0
+        return estimate_remainder(added) / largest if largest > 0.0 else 0.0
 
     def note(self, added: list[float], total: Light, order: int, tolerance: float) -> None:
         """One Fourier order is done."""
@@ -199,7 +199,7 @@ class Convergence:
         )
 
 
-def left_out(added: list[float]) -> float:
+def estimate_remainder(added: list[float]) -> float:
     """What the orders that follow would add as a geometric series, and no less than what the last one added."""
     before, last = added[-2] if len(added) > 1 else added[-1], added[-1]
     if last == 0.0:
@@ -223,7 +223,7 @@ class Orders:
         """All that Fourier orders share; paths (layer, panel * POINTS + panel + 1, r = n, b) of light scattered once,
         per optical depth."""
         problem, n = on_nodes.problem, on_nodes.n
-        depths = depths_of(problem, levels)
+        depths = choose_depths(problem, levels)
         level, layer = depths.at
         level = np.concatenate([level, depths.top, problem.thickness[-1:]])
         layer = np.concatenate([layer, depths.layer, [problem.albedo.size - 1]]).astype(np.int32)
@@ -311,7 +311,7 @@ def solve_by_successive_orders(task: Task) -> Answer:
     Diagnostics: "scattering_orders", "last_ratio", "remainder", "converged" and "notes" speak of the orders left out,
     not of the error in depth, which more "levels" make smaller.
     """
-    distinct, out = distinct_directions(task.problem)
+    distinct, out = find_distinct_directions(task.problem)
     on_nodes, settings = OnNodes(distinct, task.request.scene.below), task.settings
     convergence = Convergence()
 
@@ -319,7 +319,7 @@ def solve_by_successive_orders(task: Task) -> Answer:
         down, up = scene.field(order, base, settings, convergence)
         return up, down
 
-    with single_threaded():
+    with keep_to_one_thread():
         scene = Orders.of(on_nodes, settings["levels"])
         kernels, fluxes = solve_in_turn(task, on_nodes, out, field_of)
     more = {"levels": int(scene.depths.layer.size * POINTS), **convergence.diagnostics(settings)}
@@ -332,10 +332,10 @@ def predict_operations(task: Task) -> float:
     """As many orders as it takes, by how strongly a Fourier order scatters and how much leaves through the faces."""
     problem, settings = task.problem, task.settings
     n, _, c = OnNodes(problem, task.request.scene.below).sizes
-    levels = depths_of(problem, settings["levels"]).layer.size * POINTS
+    levels = choose_depths(problem, settings["levels"]).layer.size * POINTS
     depth = float(problem.thickness.sum())
     kept = 1.0 - min(0.5, math.pi**2 / (3.0 * (depth + 1.42) ** 2))
-    ratio = np.clip(needs_of(problem, task.run).strength * kept, 1e-6, 1.0 - 1e-9)
+    ratio = np.clip(find_needs(problem, task.run).strength * kept, 1e-6, 1.0 - 1e-9)
     scatterings = np.minimum(settings["orders"], 1.0 + math.log(settings["tolerance"]) / np.log(ratio)).sum()
     a_row = levels * (8.0 * n + 4.0 * (POINTS + 1)) * (c - n)
     return float(scatterings) * (n * a_row * 2.0 + levels / POINTS * cost.OVERHEAD / 30.0)
@@ -354,19 +354,19 @@ METHOD = Method(
     settings={
         "orders": Setting(
             1000,
-            lambda value: whole("orders", value, 1, MOST_ORDERS),
+            lambda value: check_whole("orders", value, 1, MOST_ORDERS),
             "most orders of scattering; 1: light scattered once, and the beam that the base reflects",
         ),
         "tolerance": Setting(
             1e-8,
-            lambda value: number("tolerance", value, 1e-15, 1.0, "between 1e-15 and 1"),
+            lambda value: check_number("tolerance", value, 1e-15, 1.0, "between 1e-15 and 1"),
             "orders end where neither the last one nor those left out, as a geometric series, add more, relative to "
             "the largest radiance of azimuthal order 0",
             for_accuracy=lambda accuracy: accuracy / LEFT_OUT,
         ),
         "levels": Setting(
             None,
-            lambda value: None if value is None else whole("levels", value, 1, MOST_LEVELS),
+            lambda value: None if value is None else check_whole("levels", value, 1, MOST_LEVELS),
             "depths in every layer at which the source function is held, at least, in panels of four Gauss points: "
             "error of their 8th order; None: by the thickness, for about 1e-8",
         ),

@@ -12,20 +12,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vrte import _core
-from vrte.basics.arrays import Array, whole
-from vrte.basics.blas import single_threaded
+from vrte.basics.arrays import Array, check_whole
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.truncating import flux_of_the_peak
+from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.methods import diffusion, solve_request, two_stream
 from vrte.methods.parts.method import Answer, Method, Setting
-from vrte.methods.parts.task import Task, discrete
-from vrte.methods.parts.two_fluxes import base_albedo_of, cut_to_two, kernels_of
-from vrte.methods.small_angle import expansions
+from vrte.methods.parts.task import Task, discretise_request
+from vrte.methods.parts.two_fluxes import convert_to_kernels, cut_to_two, find_base_albedo
+from vrte.methods.small_angle import expand_diffuse_part
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.request.how import EXACT, METHODS, one_of
+from vrte.request.how import EXACT, METHODS, check_choice
 from vrte.request.request import Request
 from vrte.scene.scene import Scene
 
@@ -45,47 +45,47 @@ def solve_by_synthetic_iteration(task: Task) -> Answer:
     regular, iterations = settings["regular"], settings["iterations"]
     request = replace(request, truncation="delta-m")
     two = problem = cut_to_two(request)
-    down, up = fluxes_of(regular, request, request.tau, task.run)
+    down, up = compute_regular_fluxes(regular, request, request.tau, task.run)
     if iterations == 1 and regular in CLOSED:
-        kernels = kernels_of(problem, closed_form(problem, regular, base_albedo_of(request)))
+        kernels = convert_to_kernels(problem, compute_closed_form(problem, regular, find_base_albedo(request)))
     else:
         if iterations > 1:
-            problem = discrete(request, request.nodes or NODES, "all")
-        with single_threaded():
-            kernels = iterated(task, request, problem)
+            problem = discretise_request(request, request.nodes or NODES, "all")
+        with keep_to_one_thread():
+            kernels = iterate_field(task, request, problem)
     parts = task.sum_orders(problem, kernels, bool(problem.fraction.any()))
     I = request.columns[:, 0]
-    fluxes = up[..., None] * I, down[..., None] * I + flux_of_the_peak(two, request.tau)
+    fluxes = up[..., None] * I, down[..., None] * I + find_peak_flux(two, request.tau)
     return task.answer(parts, fluxes, problem, orders=len(kernels), regular=regular, iterations=iterations)
 
 
-def closed_form(problem: Problem, regular: str, base_albedo: float) -> list[Array]:
+def compute_closed_form(problem: Problem, regular: str, base_albedo: float) -> list[Array]:
     """Orders of the regular part, scattered once more: (n_tau, n_in, n_out) each."""
     if regular == "two-stream":
-        return two_stream.field_of(problem, two_stream.pile_of(problem, base_albedo), base_albedo)
-    pile = diffusion.pile_of(problem, base_albedo, MARSHAK)
-    return diffusion.field_of(problem, pile, base_albedo, MARSHAK)
+        return two_stream.compute_orders(problem, two_stream.build_pile(problem, base_albedo), base_albedo)
+    pile = diffusion.build_pile(problem, base_albedo, MARSHAK)
+    return diffusion.compute_orders(problem, pile, base_albedo, MARSHAK)
 
 
-def fluxes_of(regular: str, request: Request, tau: Array, run: Run) -> tuple[Array, Array]:
+def compute_regular_fluxes(regular: str, request: Request, tau: Array, run: Run) -> tuple[Array, Array]:
     """Diffuse fluxes down and up by the method named, without polarization, for unit beams, (n_tau, n_in), less those
     of the peaks that delta-M takes off for two terms."""
     unit = np.array([[1.0, 0.0, 0.0, 0.0]])
     request = replace(request, tau=tau, mu=np.ones(1), columns=unit)
-    problem, base_albedo = cut_to_two(request), base_albedo_of(request)
+    problem, base_albedo = cut_to_two(request), find_base_albedo(request)
     if regular == "two-stream":
-        return two_stream.fluxes_of(problem, two_stream.pile_of(problem, base_albedo))
+        return two_stream.compute_fluxes(problem, two_stream.build_pile(problem, base_albedo))
     if regular == "diffusion":
-        return diffusion.fluxes_of(problem, diffusion.pile_of(problem, base_albedo, MARSHAK), MARSHAK)
-    down, up = fluxes_by(regular, request, run)
-    return down - flux_of_the_peak(problem, tau)[..., 0], up
+        return diffusion.compute_fluxes(problem, diffusion.build_pile(problem, base_albedo, MARSHAK), MARSHAK)
+    down, up = solve_for_fluxes(regular, request, run)
+    return down - find_peak_flux(problem, tau)[..., 0], up
 
 
-def fluxes_by(regular: str, request: Request, run: Run) -> tuple[Array, Array]:
+def solve_for_fluxes(regular: str, request: Request, run: Run) -> tuple[Array, Array]:
     """The same by any method, the peaks' with them."""
     asked = replace(
         request,
-        scene=without_polarization(request.scene),
+        scene=remove_polarization(request.scene),
         phi=np.zeros(1),
         wanted=None,
         method=regular,
@@ -99,7 +99,7 @@ def fluxes_by(regular: str, request: Request, run: Run) -> tuple[Array, Array]:
     return solution.flux_down[..., 0], solution.flux_up[..., 0]
 
 
-def without_polarization(scene: Scene) -> Scene:
+def remove_polarization(scene: Scene) -> Scene:
     """The scene with a1 alone."""
     if all(layer.phase_matrix.is_scalar for layer in scene.layers):
         return scene
@@ -120,7 +120,7 @@ class Grid:
     asked: Array
 
 
-def grid_of(request: Request, problem: Problem, depths: int) -> Grid:
+def make_depth_grid(request: Request, problem: Problem, depths: int) -> Grid:
     """Close together near the faces, where light changes by steps of their distance."""
     layers, taus = [], []
     top = 0.0
@@ -145,7 +145,7 @@ def grid_of(request: Request, problem: Problem, depths: int) -> Grid:
     return Grid(layer, tau, depth, np.array(asked))
 
 
-def iterated(task: Task, request: Request, problem: Problem) -> Array:
+def iterate_field(task: Task, request: Request, problem: Problem) -> Array:
     """Multiply scattered light of the problem's orders, (order, n_tau, n_in, n_col, n_out, 4)."""
     regular, iterations, depths = (task.settings[name] for name in ("regular", "iterations", "depths"))
     if not np.isfinite(request.scene.thickness):
@@ -153,49 +153,51 @@ def iterated(task: Task, request: Request, problem: Problem) -> Array:
             f"method {NAME!r} needs layers that end, but for one iteration with regular 'two-stream' or 'diffusion'"
         )
     members = [0] if problem.is_scalar else [0, 1, 2, 3]
-    grid, albedo = grid_of(request, problem, depths), base_albedo_of(request)
+    grid, albedo = make_depth_grid(request, problem, depths), find_base_albedo(request)
     out = np.concatenate([-problem.mu_out[: problem.n_up], problem.mu_out[problem.n_up :]])  # > 0 down, as inside
     nodes = np.concatenate([problem.nodes, -problem.nodes])
-    moments = regular_moments(request, grid, regular, task.run)
+    moments = compute_regular_moments(request, grid, regular, task.run)
     downward = 0.5 * moments[0] + moments[1], moments[1]  # of light even over each hemisphere
     base_light = albedo / np.pi * 0.5 * downward[0][-1][:, None] * problem.columns[:, 0]
     direct = albedo / np.pi * (problem.mu0 * np.exp(-grid.depth[-1] / problem.mu0))[:, None] * problem.columns[:, 0]
-    tables = anisotropic_tables(request, problem, grid)
+    tables = compute_anisotropic_tables(request, problem, grid)
     orders = range(problem.coefficients.shape[1])
-    on_nodes, towards = (operators(problem, orders, to, nodes, members) for to in (nodes, out))
+    on_nodes, towards = (build_operators(problem, orders, to, nodes, members) for to in (nodes, out))
     first = out if iterations == 1 else nodes
     source = np.array([guess(problem, grid, moments, tables, m, first, members) for m in orders])
-    beam = np.array([once(problem, grid, m, nodes, members) for m in orders]) if iterations > 1 else source
+    beam = (
+        np.array([compute_beam_source(problem, grid, m, nodes, members) for m in orders]) if iterations > 1 else source
+    )
     for step in range(iterations - 1):
         task.tell(step, iterations)
-        field = swept(grid, nodes, source + beam, base_light + direct)
-        source = scattered(grid, towards if step == iterations - 2 else on_nodes, field)
+        field = sweep_light(grid, nodes, source + beam, base_light + direct)
+        source = scatter_field(grid, towards if step == iterations - 2 else on_nodes, field)
         flux = field[0, :, :, -1, : problem.nodes.size, 0] @ (problem.weights * problem.nodes)
         base_light = 2.0 * albedo * flux
     task.tell(iterations, iterations)
-    found = swept(grid, out, source, base_light)[:, :, :, grid.asked]
+    found = sweep_light(grid, out, source, base_light)[:, :, :, grid.asked]
     kernels = np.zeros((*found.shape[:-1], 4))
     kernels[..., members] = found
     return kernels.transpose(0, 3, 1, 2, 4, 5)
 
 
-def regular_moments(request: Request, grid: Grid, regular: str, run: Run) -> tuple[Array, Array]:
+def compute_regular_moments(request: Request, grid: Grid, regular: str, run: Run) -> tuple[Array, Array]:
     """E_0 and E_z of the regular part at the grid's depths, (D, n_in), of light even over each hemisphere."""
     levels, at = np.unique(grid.tau, return_inverse=True)
-    down, up = (flux[at] for flux in fluxes_of(regular, request, levels, run))
+    down, up = (flux[at] for flux in compute_regular_fluxes(regular, request, levels, run))
     return 2.0 * (down + up), down - up
 
 
-def anisotropic_tables(request: Request, problem: Problem, grid: Grid) -> Array:
+def compute_anisotropic_tables(request: Request, problem: Problem, grid: Grid) -> Array:
     """Coefficients of the source of the anisotropic part about the beam, (D, n_in, terms, 6): what is spread, less the
     truncated layers' direct beam; of degrees 0 and 1 only what delta-M takes off the beam for two terms, but not here,
     for the rest of them is regular."""
     terms, layers = problem.coefficients.shape[1], request.scene.layers
     tau, mu0 = grid.tau[:, None], problem.mu0
     whole_scene = replace(request, tau=grid.tau)
-    plain = discretise(request.scene, mu0, request.columns, np.ones(1), whole_scene.tau, 1)
+    plain = discretise_scene(request.scene, mu0, request.columns, np.ones(1), whole_scene.tau, 1)
     plain = replace(plain, level_layer=grid.layer.astype(np.int32), level=grid.tau - plain.above[grid.layer])
-    spread = expansions(request.scene, plain)[:, :, :terms]
+    spread = expand_diffuse_part(request.scene, plain)[:, :, :terms]
     spread = np.pad(spread, ((0, 0), (0, 0), (0, terms - spread.shape[2]), (0, 0)))
     faded = np.exp(-tau / mu0) - np.exp(-grid.depth[:, None] / mu0)
     degrees = 2.0 * np.arange(terms) + 1.0
@@ -215,7 +217,7 @@ def anisotropic_tables(request: Request, problem: Problem, grid: Grid) -> Array:
     return np.stack([*found, *crossed], axis=-1)
 
 
-def operators(problem: Problem, orders: range, to: Array, nodes: Array, members: list[int]) -> list[Array]:
+def build_operators(problem: Problem, orders: range, to: Array, nodes: Array, members: list[int]) -> list[Array]:
     """albedo/2 times weights times A^m from the nodes, one a layer, (order, S n_from, S n_to)."""
     weights = np.concatenate([problem.weights, problem.weights])[:, None, None]
     found = []
@@ -252,7 +254,7 @@ def guess(
     return found
 
 
-def once(problem: Problem, grid: Grid, order: int, to: Array, members: list[int]) -> Array:
+def compute_beam_source(problem: Problem, grid: Grid, order: int, to: Array, members: list[int]) -> Array:
     """The direct beam's source, (n_in, n_col, D, n_to, S)."""
     fade = problem.albedo[grid.layer] / (4.0 * np.pi) * np.exp(-grid.depth / problem.mu0[:, None])  # (n_in, D)
     matrices = [
@@ -263,7 +265,7 @@ def once(problem: Problem, grid: Grid, order: int, to: Array, members: list[int]
     return found
 
 
-def scattered(grid: Grid, by_layer: list[Array], field: Array) -> Array:
+def scatter_field(grid: Grid, by_layer: list[Array], field: Array) -> Array:
     """The source of a field (order, n_in, n_col, D, n_node, S), by `operators`."""
     flat, size = field.reshape(*field.shape[:4], -1), field.shape[-1]
     found = [flat[:, :, :, grid.layer == k] @ operator[:, None, None] for k, operator in enumerate(by_layer)]
@@ -271,7 +273,7 @@ def scattered(grid: Grid, by_layer: list[Array], field: Array) -> Array:
     return joined.reshape(*joined.shape[:4], -1, size)
 
 
-def swept(grid: Grid, mu: Array, source: Array, base_light: Array) -> Array:
+def sweep_light(grid: Grid, mu: Array, source: Array, base_light: Array) -> Array:
     """Light along mu (n_mu,), positive down, of a source (order, n_in, n_col, D, n_mu, S), linear between depths;
     ``base_light`` (n_in, n_col): I of order 0 that the base sends up. (2:25)-(2:26)."""
     step = np.maximum(np.diff(grid.depth), 0.0)[:, None] / np.abs(mu)
@@ -306,17 +308,17 @@ METHOD = Method(
     settings={
         "regular": Setting(
             "two-stream",
-            lambda value: one_of(f"setting 'regular' of method {NAME!r}", value, REGULAR),
+            lambda value: check_choice(f"setting 'regular' of method {NAME!r}", value, REGULAR),
             "the method that finds the regular part",
         ),
         "iterations": Setting(
             1,
-            lambda value: whole(f"setting 'iterations' of method {NAME!r}", value, 1, 1000),
+            lambda value: check_whole(f"setting 'iterations' of method {NAME!r}", value, 1, 1000),
             "of the source function; each beyond the first along nodes",
         ),
         "depths": Setting(
             32,
-            lambda value: whole(f"setting 'depths' of method {NAME!r}", value, 2, 1000),
+            lambda value: check_whole(f"setting 'depths' of method {NAME!r}", value, 2, 1000),
             "of the grid towards each face of a layer, where there is a grid",
         ),
     },

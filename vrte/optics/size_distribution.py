@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from vrte.basics.arrays import Array, frozen, number, vector
+from vrte.basics.arrays import Array, check_number, check_vector, freeze_copy
 from vrte.basics.errors import SceneError
 
 TAIL = 1e-10
@@ -45,7 +45,7 @@ class Monodisperse:
     radius_um: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius_um", _length("radius_um", self.radius_um))
+        object.__setattr__(self, "radius_um", _check_length("radius_um", self.radius_um))
 
     def quadrature(self, count: int = 1, moment: int = 6) -> tuple[Array, Array]:
         """The one radius, with the weight 1."""
@@ -74,16 +74,16 @@ class Lognormal:
     sigma: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "median_um", _length("lognormal: median_um", self.median_um))
+        object.__setattr__(self, "median_um", _check_length("lognormal: median_um", self.median_um))
         allowed = "a geometric standard deviation above 1 (and at most 10)"
-        object.__setattr__(self, "sigma", number("lognormal: sigma", self.sigma, 1.0 + 1e-9, 10.0, allowed))
+        object.__setattr__(self, "sigma", check_number("lognormal: sigma", self.sigma, 1.0 + 1e-9, 10.0, allowed))
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
         """Equal steps in the logarithm of the radius: exponentially accurate for a smooth f."""
         width = math.log(self.sigma)
         steps = np.linspace(2.0 * width - DEVIATIONS, moment * width + DEVIATIONS, max(2, count))
         density = np.exp(-0.5 * steps**2) / math.sqrt(2.0 * math.pi)
-        return self.median_um * np.exp(width * steps), density * (steps[1] - steps[0]) * _ends_halved(steps.size)
+        return self.median_um * np.exp(width * steps), density * (steps[1] - steps[0]) * _halve_ends(steps.size)
 
 
 @dataclass(frozen=True)
@@ -108,9 +108,9 @@ class Gamma:
     v_eff: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "r_eff_um", _length("gamma: r_eff_um", self.r_eff_um))
+        object.__setattr__(self, "r_eff_um", _check_length("gamma: r_eff_um", self.r_eff_um))
         allowed = "an effective variance of at least 1e-6 and below 0.5"
-        object.__setattr__(self, "v_eff", number("gamma: v_eff", self.v_eff, 1e-6, 0.5 - 1e-6, allowed))
+        object.__setattr__(self, "v_eff", check_number("gamma: v_eff", self.v_eff, 1e-6, 0.5 - 1e-6, allowed))
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
         """Equal steps in the logarithm of the radius: exponentially accurate for a smooth f."""
@@ -121,7 +121,7 @@ class Gamma:
         high = math.log(gammainccinv(shape + moment, TAIL))
         steps = np.linspace(low, high, max(2, count))
         density = np.exp(shape * steps - np.exp(steps) - gammaln(shape))
-        return scale * np.exp(steps), density * (steps[1] - steps[0]) * _ends_halved(steps.size)
+        return scale * np.exp(steps), density * (steps[1] - steps[0]) * _halve_ends(steps.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,7 @@ class Tabulated:
     number: Sequence[float] | Array
 
     def __post_init__(self) -> None:
-        radii, density = vector("radius_um", self.radius_um), vector("number", self.number)
+        radii, density = check_vector("radius_um", self.radius_um), check_vector("number", self.number)
         if radii.size < 2 or radii.size != density.size:
             raise SceneError(
                 f"tabulated: radius_um and number must be equally long, at least 2, not {radii.size} and {density.size}"
@@ -148,7 +148,7 @@ class Tabulated:
         if not np.all(np.diff(radii) > 0.0):
             raise SceneError("tabulated: radius_um must increase from each to the next")
         for end in (radii[0], radii[-1]):
-            _length("tabulated: radius_um", float(end))
+            _check_length("tabulated: radius_um", float(end))
         if (density < 0.0).any() or not density.any():
             raise SceneError("tabulated: number must be >= 0 everywhere and not zero everywhere")
         object.__setattr__(self, "radius_um", radii)
@@ -171,14 +171,14 @@ class Tabulated:
 
     def __setstate__(self, state: dict[str, Array]) -> None:
         for name, values in state.items():
-            object.__setattr__(self, name, frozen(values))  # pickle forgets that an array is read-only
+            object.__setattr__(self, name, freeze_copy(values))  # pickle forgets that an array is read-only
 
 
-def _length(name: str, value: object) -> float:
-    return number(name, value, SMALLEST_UM, LARGEST_UM, f"a length from {SMALLEST_UM:g} to {LARGEST_UM:g} um")
+def _check_length(name: str, value: object) -> float:
+    return check_number(name, value, SMALLEST_UM, LARGEST_UM, f"a length from {SMALLEST_UM:g} to {LARGEST_UM:g} um")
 
 
-def _ends_halved(size: int) -> Array:
+def _halve_ends(size: int) -> Array:
     """The trapezoidal rule's factors."""
     factors = np.ones(size)
     factors[0] = factors[-1] = 0.5

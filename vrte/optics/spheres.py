@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from vrte._core import sphere_coefficients
 from vrte.basics import cost
-from vrte.basics.arrays import Array, in_one_line, number, vector
+from vrte.basics.arrays import Array, check_number, check_vector, put_in_one_line
 from vrte.basics.errors import LongSolveWarning, SceneError
-from vrte.basics.spherical_functions import gauss_legendre, wigner_functions
+from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
 from vrte.basics.views import view
-from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, mix, pairs_of_mixture, rayleigh
+from vrte.optics.phase_matrix import PAIRS, PhaseMatrix, check_mixture, mix, rayleigh
 from vrte.optics.refractive_index import Material, RefractiveIndex, refractive_index
 from vrte.optics.size_distribution import Monodisperse, SizeDistribution
 
@@ -88,11 +88,11 @@ class Particles:
             "volume_um3": (1.0 / LARGEST_AREA, LARGEST_AREA, above_zero),
         }
         for name, (low, high, allowed) in ranges.items():
-            object.__setattr__(self, name, number(f"particles: {name}", getattr(self, name), low, high, allowed))
+            object.__setattr__(self, name, check_number(f"particles: {name}", getattr(self, name), low, high, allowed))
 
     def __repr__(self) -> str:
         return (
-            f"Particles: {in_one_line(str(self.description), 300) or 'given by their phase matrix'}\n"
+            f"Particles: {put_in_one_line(str(self.description), 300) or 'given by their phase matrix'}\n"
             f"  albedo {self.albedo:.6g}, {self.phase_matrix.in_words}\n"
             f"  extinction {self.extinction_um2:.5g} um2, scattering {self.scattering_um2:.5g} um2, "
             f"volume {self.volume_um3:.5g} um3"
@@ -155,14 +155,14 @@ def spheres(
     >>> glass.albedo, glass.phase_matrix.a1[0]
     (1.0, np.float64(1.0))
     """
-    index, host, wavelength = _light(material, wavelength_um, host_index)
-    relative, distribution = _relative(index, host), _distribution(radius_um, size)
+    index, host, wavelength = _check_light(material, wavelength_um, host_index)
+    relative, distribution = _find_relative_index(index, host), _choose_distribution(radius_um, size)
     wavenumber = 2.0 * math.pi * host / wavelength
-    population, changes = _settled(relative, wavenumber, distribution)
-    description = _describe(index, distribution, population, changes, wavelength, host)
+    population, changes = _settle_population(relative, wavenumber, distribution)
+    description = _describe_spheres(index, distribution, population, changes, wavelength, host)
     if changes[:2].max() > DOUBTFUL:
         warnings.warn(f"spheres: not settled; {description}", SizeAverageWarning, stacklevel=2)
-    return _average(population, wavenumber, absorbing=relative.imag > 0.0, description=description)
+    return _average_population(population, wavenumber, absorbing=relative.imag > 0.0, description=description)
 
 
 def check_spheres(
@@ -181,21 +181,21 @@ def check_spheres(
     Traceback (most recent call last):
     vrte.SceneError: radius_um must be a length from 1e-06 to 1e+06 um, not -1.0
     """
-    index, host, wavelength = _light(material, wavelength_um, host_index)
-    relative, distribution = _relative(index, host), _distribution(radius_um, size)
-    radii, _ = _quadrature(distribution, FEWEST_RADII, 6)
+    index, host, wavelength = _check_light(material, wavelength_um, host_index)
+    relative, distribution = _find_relative_index(index, host), _choose_distribution(radius_um, size)
+    radii, _ = _check_quadrature(distribution, FEWEST_RADII, 6)
     _check_sizes(relative, 2.0 * math.pi * host / wavelength, radii)
     return Particles(rayleigh(), 1.0, 0.0, extinction_um2=1.0, scattering_um2=1.0, volume_um3=1.0)
 
 
-def _light(material: Material, wavelength_um: Any, host_index: Any) -> tuple[RefractiveIndex, float, float]:
+def _check_light(material: Material, wavelength_um: Any, host_index: Any) -> tuple[RefractiveIndex, float, float]:
     """The index of the particles and of the host, and the wavelength in vacuum."""
     index = refractive_index(material, wavelength_um)
-    host = number("host_index", host_index, 1e-3, 1e3, "a real refractive index from 0.001 to 1000")
-    return index, host, number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
+    host = check_number("host_index", host_index, 1e-3, 1e3, "a real refractive index from 0.001 to 1000")
+    return index, host, check_number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
 
 
-def _relative(index: RefractiveIndex, host: float) -> complex:
+def _find_relative_index(index: RefractiveIndex, host: float) -> complex:
     """The index relative to the host's, which it must not equal."""
     relative = index.value / host
     if abs(relative - 1.0) < SAME_INDEX:
@@ -227,11 +227,11 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
     >>> mixture([(small, 0.5), (large, 0.5)]).volume_um3 == (small.volume_um3 + large.volume_um3) / 2
     True
     """
-    pairs: list[tuple[Particles, float]] = pairs_of_mixture(parts, "particles, number fraction")
+    pairs: list[tuple[Particles, float]] = check_mixture(parts, "particles, number fraction")
     for kind, _ in pairs:
         if not isinstance(kind, Particles):
             raise SceneError(f"a mixture needs pairs (particles, number fraction), not {type(kind).__name__}")
-    shares = [number("number fraction", share, 0.0, sys.float_info.max, "a number >= 0") for _, share in pairs]
+    shares = [check_number("number fraction", share, 0.0, sys.float_info.max, "a number >= 0") for _, share in pairs]
     largest = max(shares)
     if largest == 0.0:
         raise SceneError("number fraction: at least one kind of particle in a mixture needs more than 0")
@@ -255,13 +255,13 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
     )
 
 
-def mie_coefficients(relative_index: complex, size: float) -> tuple[Complex, Complex]:
+def compute_mie_coefficients(relative_index: complex, size: float) -> tuple[Complex, Complex]:
     """a_n and b_n from n = 1 of a sphere with the size parameter ``size``, index relative to the host.
 
     Wiscombe's number of orders leaves out some 1e-8 of an amplitude, so more are asked for and those that
     hold nothing are dropped. Source: Bohren and Huffman (1983), (4.53).
 
-    >>> a, b = mie_coefficients(1.5 + 1.0j, 1e-3)
+    >>> a, b = compute_mie_coefficients(1.5 + 1.0j, 1e-3)
     >>> f"{1.5j * a[0] / 1e-9:.5f}"  # (m^2 - 1)/(m^2 + 2) of the dipole
     '0.50160+0.46006j'
     """
@@ -271,7 +271,7 @@ def mie_coefficients(relative_index: complex, size: float) -> tuple[Complex, Com
     return a[:orders], b[:orders]
 
 
-def _distribution(radius_um: float | None, size: SizeDistribution | None) -> SizeDistribution:
+def _choose_distribution(radius_um: float | None, size: SizeDistribution | None) -> SizeDistribution:
     if (radius_um is None) == (size is None):
         raise SceneError("spheres: give either radius_um or size")
     if size is None:
@@ -283,34 +283,39 @@ def _distribution(radius_um: float | None, size: SizeDistribution | None) -> Siz
     return size
 
 
-def _settled(relative_index: complex, wavenumber: float, distribution: SizeDistribution) -> tuple[_Population, Array]:
+def _settle_population(
+    relative_index: complex, wavenumber: float, distribution: SizeDistribution
+) -> tuple[_Population, Array]:
     """As many radii as it takes, and the relative change of (extinction, scattering, g, back) by the last step."""
-    coarsest = _quadrature(distribution, 2, 6)[0]
+    coarsest = _check_quadrature(distribution, 2, 6)[0]
     moment = 6 if wavenumber * coarsest[-1] <= ALL_SIZES_UP_TO else 4
     known: dict[float, tuple[Complex, Complex]] = {}
     count = max(FEWEST_RADII, coarsest.size)
     most = max(MOST_RADII, 2 * count - 1)
-    population = _population(relative_index, wavenumber, _quadrature(distribution, count, moment), known)
+    population = _make_population(relative_index, wavenumber, _check_quadrature(distribution, count, moment), known)
     changes = np.zeros(4)
-    sums = _bulk_sums(population)
+    sums = _sum_bulk(population)
     while population.sizes.size > 1 and count < most:
         count = 2 * count - 1
-        population = _population(relative_index, wavenumber, _quadrature(distribution, count, moment), known)
-        before, sums = sums, _bulk_sums(population)
+        population = _make_population(relative_index, wavenumber, _check_quadrature(distribution, count, moment), known)
+        before, sums = sums, _sum_bulk(population)
         changes = np.abs(sums - before) / sums[[0, 1, 1, 3]]
         if np.all(changes <= SETTLED):
             break
     return population, changes
 
 
-def _quadrature(distribution: SizeDistribution, count: int, moment: int) -> tuple[Array, Array]:
+def _check_quadrature(distribution: SizeDistribution, count: int, moment: int) -> tuple[Array, Array]:
     """Radii and weights, checked: a distribution may be anybody's."""
     try:
         radii, weights = distribution.quadrature(count, moment)
     except Exception as reason:
         name = type(distribution).__name__
         raise SceneError(f"spheres: size: {name}.quadrature failed with {type(reason).__name__}") from reason
-    radii, weights = vector("spheres: size: the radii", radii), vector("spheres: size: the weights", weights)
+    radii, weights = (
+        check_vector("spheres: size: the radii", radii),
+        check_vector("spheres: size: the weights", weights),
+    )
     if radii.size != weights.size or radii[0] <= 0.0 or (np.diff(radii) < 0.0).any():
         raise SceneError("spheres: size: the radii must increase from above 0, with one weight for each")
     if (weights < 0.0).any() or not weights.any():
@@ -318,7 +323,7 @@ def _quadrature(distribution: SizeDistribution, count: int, moment: int) -> tupl
     return radii, weights
 
 
-def _population(
+def _make_population(
     relative_index: complex,
     wavenumber: float,
     quadrature: tuple[Array, Array],
@@ -329,7 +334,7 @@ def _population(
     sizes = _check_sizes(relative_index, wavenumber, radii)
     for size in sizes:
         if size not in known:
-            known[size] = mie_coefficients(relative_index, size)
+            known[size] = compute_mie_coefficients(relative_index, size)
     orders = max(known[size][0].size for size in sizes)
     a, b = np.zeros((2, sizes.size, orders), dtype=np.complex128)
     for row, size in enumerate(sizes):
@@ -354,7 +359,7 @@ def _check_sizes(relative_index: complex, wavenumber: float, radii: Array) -> Ar
     return sizes
 
 
-def _bulk_sums(population: _Population) -> Array:
+def _sum_bulk(population: _Population) -> Array:
     """Extinction, scattering, asymmetry x scattering and backscattering, averaged; cross sections k^2/(2 pi).
 
     Source: Bohren and Huffman (1983), (4.61), (4.62), section 4.5 (asymmetry and backscattering).
@@ -371,11 +376,11 @@ def _bulk_sums(population: _Population) -> Array:
     return population.weights @ np.stack([extinction, scattering, 2.0 * asymmetry, 0.5 * back], axis=1)
 
 
-def _average(population: _Population, wavenumber: float, *, absorbing: bool, description: str) -> Particles:
-    extinction, scattering, _, _ = _bulk_sums(population) * (2.0 * math.pi / wavenumber**2)
+def _average_population(population: _Population, wavenumber: float, *, absorbing: bool, description: str) -> Particles:
+    extinction, scattering, _, _ = _sum_bulk(population) * (2.0 * math.pi / wavenumber**2)
     if not absorbing:
         extinction = scattering  # the two sums differ by rounding, and an albedo of 1 should be exactly that
-    phase_matrix = _expansion(population)
+    phase_matrix = _expand_population(population)
     volumes = 4.0 / 3.0 * math.pi * (population.sizes / wavenumber) ** 3
     return Particles(
         phase_matrix=phase_matrix,
@@ -388,7 +393,7 @@ def _average(population: _Population, wavenumber: float, *, absorbing: bool, des
     )
 
 
-def _expansion(population: _Population) -> PhaseMatrix:
+def _expand_population(population: _Population) -> PhaseMatrix:
     """The six sequences, by Gauss-Legendre quadrature over the cosine of the scattering angle.
 
     The elements of F are polynomials of degree 2 n in the cosine (n orders), so 2 n + 1 nodes and as many terms
@@ -399,13 +404,13 @@ def _expansion(population: _Population) -> PhaseMatrix:
     if seconds > cost.LONG:
         told = f"this will take about {seconds:.0f} s, most of it for a phase matrix of {terms} terms"
         warnings.warn(f"{told}; smaller particles, or a smaller host_index, take less", LongSolveWarning, stacklevel=3)
-    cosine, weights = gauss_legendre(terms)
+    cosine, weights = find_gauss_legendre(terms)
     pieces = range(0, terms, ANGLES_AT_ONCE)
-    elements = [_scattering_elements(population, cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]
+    elements = [_compute_scattering_elements(population, cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]
     plus, minus, f12, f34 = weights * np.concatenate(elements, axis=1)
     plain, crossed = 0.5 * np.stack([plus + minus, plus - minus], axis=1), -np.stack([f12, f34], axis=1)
     sums = np.empty((terms, 6))
-    for first, block in wigner_functions(PAIRS, terms, cosine):
+    for first, block in compute_wigner_functions(PAIRS, terms, cosine):
         rows = slice(first, first + len(block))
         sums[rows, :2], sums[rows, 2:4] = block[:, 0] @ plain, block[:, 1] @ crossed
         sums[rows, 4], sums[rows, 5] = block[:, 2] @ plus, block[:, 3] @ minus
@@ -415,20 +420,20 @@ def _expansion(population: _Population) -> PhaseMatrix:
     return PhaseMatrix(a1, 0.5 * (total + difference), 0.5 * (total - difference), a4, b1, b2)
 
 
-def _scattering_elements(population: _Population, cosine: Array) -> Array:
+def _compute_scattering_elements(population: _Population, cosine: Array) -> Array:
     """F11 + F33, F11 - F33, F12 and F34 at ``cosine`` (angles,), ascending, averaged over sizes: (4, angles).
 
     Times k^2. With S1 + S2 = sum (2n+1)(a_n + b_n) d^n_11 and S1 - S2 = sum (2n+1)(a_n - b_n) d^n_1,-1, which are
     Bohren and Huffman (1983), (4.74), with pi_n +- tau_n = n(n+1) d^n_1,+-1; the elements are their (4.77).
     """
     orders = population.a.shape[1]
-    blocks = [block for _, block in wigner_functions(((1, 1), (1, -1)), orders + 1, cosine)]
+    blocks = [block for _, block in compute_wigner_functions(((1, 1), (1, -1)), orders + 1, cosine)]
     functions = np.concatenate(blocks)[1:] * (2.0 * np.arange(1, orders + 1)[:, None, None] + 1.0)
     elements = np.zeros((4, cosine.size))
     for start in range(0, population.sizes.size, SIZES_AT_ONCE):
         rows = slice(start, start + SIZES_AT_ONCE)
         a, b, weights = population.a[rows], population.b[rows], population.weights[rows]
-        total, difference = _product(a + b, functions[:, 0]), _product(a - b, functions[:, 1])
+        total, difference = _multiply_real(a + b, functions[:, 0]), _multiply_real(a - b, functions[:, 1])
         cross = weights @ (total * difference.conj())
         elements[0] += 0.5 * (weights @ np.abs(total) ** 2)
         elements[1] += 0.5 * (weights @ np.abs(difference) ** 2)
@@ -436,7 +441,7 @@ def _scattering_elements(population: _Population, cosine: Array) -> Array:
     return elements
 
 
-def _product(coefficients: Complex, functions: Array) -> Complex:
+def _multiply_real(coefficients: Complex, functions: Array) -> Complex:
     """(sizes, orders) complex times (orders, angles) real, as one product of real matrices."""
     both = np.concatenate([coefficients.real, coefficients.imag]) @ functions
     result = np.empty((len(coefficients), functions.shape[1]), dtype=np.complex128)
@@ -444,7 +449,7 @@ def _product(coefficients: Complex, functions: Array) -> Complex:
     return result
 
 
-def _describe(
+def _describe_spheres(
     index: RefractiveIndex,
     distribution: SizeDistribution,
     population: _Population,

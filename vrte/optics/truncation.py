@@ -37,38 +37,40 @@ class Truncated:
     gain: float
 
 
-def truncated(
+def truncate_layer(
     name: str, phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False
 ) -> Truncated:
     """The layer with ``terms`` coefficients at most: cut for "none", by delta-M for "delta-m" and "small-angle".
 
     >>> from vrte.optics.phase_matrix import henyey_greenstein
-    >>> truncated("none", henyey_greenstein(0.9, 200), 1.0, 5.0, 16).thickness
+    >>> truncate_layer("none", henyey_greenstein(0.9, 200), 1.0, 5.0, 16).thickness
     5.0
     """
     if name == "none" or albedo == 0.0:
         return Truncated(phase_matrix.coefficients[:terms], albedo, thickness, fraction=0.0, stretch=1.0, gain=albedo)
-    return delta_m(phase_matrix, albedo, thickness, terms, scalar)
+    return remove_forward_peak(phase_matrix, albedo, thickness, terms, scalar)
 
 
-def delta_m(phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False) -> Truncated:
+def remove_forward_peak(
+    phase_matrix: PhaseMatrix, albedo: float, thickness: float, terms: int, scalar: bool = False
+) -> Truncated:
     """The layer without its forward peak, ``terms`` >= 1 coefficients at most; ``scalar``: the peak has an a1 only.
 
     With no more coefficients than ``terms`` it stays as it is, to the last bit; an albedo of 1 stays exactly 1.
 
     >>> from vrte.optics.phase_matrix import henyey_greenstein
-    >>> round(delta_m(henyey_greenstein(0.5, 60), 1.0, 8.0, 2).thickness, 12)  # f = 0.5**2
+    >>> round(remove_forward_peak(henyey_greenstein(0.5, 60), 1.0, 8.0, 2).thickness, 12)  # f = 0.5**2
     6.0
     """
-    f = peak_fraction(phase_matrix, terms)
+    f = find_peak_fraction(phase_matrix, terms)
     if f == 0.0:
-        return truncated("none", phase_matrix, albedo, thickness, terms)
+        return truncate_layer("none", phase_matrix, albedo, thickness, terms)
     stretch = 1.0 - albedo * f
-    rest = (phase_matrix.coefficients[:terms] - f * peak(terms, scalar)) / (1.0 - f)
+    rest = (phase_matrix.coefficients[:terms] - f * expand_peak(terms, scalar)) / (1.0 - f)
     return Truncated(rest, albedo * (1.0 - f) / stretch, thickness * stretch, f, stretch, albedo / stretch)
 
 
-def peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
+def find_peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
     """f, the first a1 left out over its 2 l + 1; 0 where none is left out or there is no forward peak.
 
     The coefficients of a peak straight back change their sign from one to the next: that is no light unscattered.
@@ -79,7 +81,7 @@ def peak_fraction(phase_matrix: PhaseMatrix, terms: int) -> float:
     return float(left_out[0]) / (2 * terms + 1)
 
 
-def peak(terms: int, scalar: bool = False) -> Array:
+def expand_peak(terms: int, scalar: bool = False) -> Array:
     """The coefficients of diag(1, 1, 1, 1) delta(1 - cos): 2 l + 1, and none of a2 and a3 below l = 2; (terms, 6)."""
     coefficients = np.zeros((terms, 6))
     coefficients[:, : 1 if scalar else 4] = (2.0 * np.arange(terms) + 1.0)[:, None]

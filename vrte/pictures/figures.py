@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vrte.basics.errors import MissingExtraError, SceneError
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +33,7 @@ def require_pictures() -> None:
         raise MissingExtraError("a picture", "plot") from error
 
 
-def new_figure(width: float, height: float) -> "Figure":
+def make_figure(width: float, height: float) -> "Figure":
     """An empty white figure [inches] that a notebook shows by itself. Raises MissingExtraError without matplotlib."""
     require_pictures()
     from vrte.pictures.shown_figure import ShownFigure
@@ -49,7 +49,7 @@ def save_figure(figure: "Figure", path: str | os.PathLike[str]) -> None:
     from matplotlib import rc_context
 
     suffix = plot_suffix(path)
-    with atomic_write(path) as part, rc_context({"svg.hashsalt": "vrte"}):
+    with write_atomically(path) as part, rc_context({"svg.hashsalt": "vrte"}):
         figure.savefig(part, format=suffix[1:], dpi=SHARP_DPI, metadata=SUFFIXES[suffix])
 
 
@@ -71,13 +71,13 @@ def save(figure: "Figure", path: str | os.PathLike[str]) -> None:
 
     drawn = BytesIO()
     figure.savefig(drawn, format="png", dpi=DPI)
-    with atomic_write(path) as part, Image.open(drawn) as image:
+    with write_atomically(path) as part, Image.open(drawn) as image:
         # an octree keeps the colours of thin lines; median cut makes them those of others
         few = image.convert("RGB").quantize(COLOURS_KEPT, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
         few.save(part, format="PNG", optimize=True)
 
 
-def few_ticks(count: int = 4) -> Any:
+def limit_ticks(count: int = 4) -> Any:
     """At most so many ticks and one, at round numbers."""
     from matplotlib.ticker import MaxNLocator
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.basics.polarization import degree_of_linear_polarization, degree_of_polarization
-from vrte.pictures.figures import few_ticks, finish, new_figure, plot_suffix, save_figure
+from vrte.basics.polarization import find_degree_of_linear_polarization, find_degree_of_polarization
+from vrte.pictures.figures import finish, limit_ticks, make_figure, plot_suffix, save_figure
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.over_hemisphere import between_angles, check_directions, light_in_plane, light_on_mesh
@@ -69,24 +69,24 @@ class Lobe:
         return float(self.polarized[self.theta <= COLOURED_TO].max())
 
 
-def lobe_of(brdf: Brdf, place: int) -> Lobe:
+def compute_lobe(brdf: Brdf, place: int) -> Lobe:
     """The lobe for light from ``mu_i[place]``. Raises SceneError for too few directions, or what is not finite."""
     theta, phi, light = light_on_mesh(brdf, place)
-    polarized = np.clip(np.nan_to_num(degree_of_linear_polarization(light)), 0.0, 1.0)
+    polarized = np.clip(np.nan_to_num(find_degree_of_linear_polarization(light)), 0.0, 1.0)
     return Lobe(float(brdf.mu_i[place]), theta, phi, np.maximum(light[..., 0], 0.0), polarized)
 
 
-def brdf_figure(brdf: Brdf) -> "Figure":
+def draw_brdf(brdf: Brdf) -> "Figure":
     """The lobes of a BRDF, all on one scale, and its polar cuts.
 
     Raises SceneError where there are too few directions, MissingExtraError without matplotlib.
     """
     check_directions(brdf.mu_o, brdf.phi)
     chosen = spread(brdf.mu_i.size, MOST_LOBES)
-    figure = new_figure(width=max(4.6 * len(chosen), 8.0), height=8.2)
-    lobes = [lobe_of(brdf, place) for place in chosen]
+    figure = make_figure(width=max(4.6 * len(chosen), 8.0), height=8.2)
+    lobes = [compute_lobe(brdf, place) for place in chosen]
     scale = max(float(lobe.radius.max()) for lobe in lobes) or 1.0  # a dark scene is drawn as a point
-    colours = lobe_colours(max(lobe.most_polarized for lobe in lobes))
+    colours = make_lobe_colours(max(lobe.most_polarized for lobe in lobes))
     for column, (place, lobe) in enumerate(zip(chosen, lobes, strict=True)):
         width = 0.88 / len(chosen)  # the colour bar keeps the right edge
         left = 0.01 + width * column
@@ -99,7 +99,7 @@ def brdf_figure(brdf: Brdf) -> "Figure":
         _draw_cuts(below, brdf, place, scale, legend=column == 0)
     bar = figure.colorbar(colours, cax=figure.add_axes((0.918, 0.44, 0.014, 0.38)), extend="max")
     bar.set_label("degree of linear polarization, unpolarized incidence", fontsize=10)
-    bar.ax.yaxis.set_major_locator(few_ticks())
+    bar.ax.yaxis.set_major_locator(limit_ticks())
     bar.ax.tick_params(labelsize=9)
     figure.suptitle("Subsurface BRDF: radius $f_{00}$, colour degree of linear polarization", y=0.965, fontsize=14)
     return figure
@@ -114,7 +114,7 @@ def spread(size: int, most: int) -> list[int]:
     return sorted({round(place) for place in np.linspace(0, size - 1, min(size, most)).tolist()})
 
 
-def lobe_colours(largest: float) -> Any:
+def make_lobe_colours(largest: float) -> Any:
     """The colours of degrees of polarization from 0 to ``largest``."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -131,12 +131,12 @@ def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any) -> None:
     from matplotlib.collections import TriMesh
     from matplotlib.tri import Triangulation
 
-    points = factor * lobe.radius[..., None] * along(lobe.theta, lobe.phi)
-    corners = triangles(np.arange(lobe.radius.size).reshape(lobe.radius.shape))
+    points = factor * lobe.radius[..., None] * make_unit_vector_grid(lobe.theta, lobe.phi)
+    corners = make_triangles(np.arange(lobe.radius.size).reshape(lobe.radius.shape))
     nearness = (points @ TOWARD).ravel()[corners].sum(axis=1)
-    x, y = _seen(points.reshape(-1, 3))
+    x, y = _project_points(points.reshape(-1, 3))
     mesh = TriMesh(Triangulation(x, y, corners[np.argsort(nearness, kind="stable")]), rasterized=True, zorder=2)
-    shaded: Any = _shaded(colours.to_rgba(lobe.polarized), points).reshape(-1, 4)
+    shaded: Any = _shade_colours(colours.to_rgba(lobe.polarized), points).reshape(-1, 4)
     mesh.set_facecolor(shaded)
     _draw_ground(axes)
     mesh.set_in_layout(False)
@@ -148,22 +148,22 @@ def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any) -> None:
     axes.set_axis_off()
 
 
-def _seen(points: Array) -> tuple[Array, Array]:
+def _project_points(points: Array) -> tuple[Array, Array]:
     """Where points (n, 3) are in the picture, to the right and up."""
     return points @ RIGHT, points @ UPRIGHT
 
 
-def along(theta: Array, phi: Array) -> Array:
+def make_unit_vector_grid(theta: Array, phi: Array) -> Array:
     """Unit vectors (theta, phi, 3) at polar angles and azimuths [degrees]: x along phi = 0, z up."""
     polar, azimuth = np.meshgrid(np.radians(theta), np.radians(phi), indexing="ij")
     sine = np.sin(polar)
     return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=-1)
 
 
-def triangles(corner: Any) -> Any:
+def make_triangles(corner: Any) -> Any:
     """Corners (n, 3) of the triangles of a mesh, two between neighbours; ``corner`` (rings, spokes) numbers its points.
 
-    >>> triangles(np.arange(4).reshape(2, 2)).tolist()
+    >>> make_triangles(np.arange(4).reshape(2, 2)).tolist()
     [[0, 2, 3], [0, 3, 1]]
     """
     here, below, beside, across = corner[:-1, :-1], corner[1:, :-1], corner[:-1, 1:], corner[1:, 1:]
@@ -172,7 +172,7 @@ def triangles(corner: Any) -> Any:
     )
 
 
-def _shaded(colours: Array, points: Array) -> Array:
+def _shade_colours(colours: Array, points: Array) -> Array:
     """The colours (theta, phi, 4), a little darker where the body turns away from the lamp."""
     normal = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
     size = np.linalg.norm(normal, axis=-1)
@@ -185,21 +185,21 @@ def _shaded(colours: Array, points: Array) -> Array:
 
 def _draw_ground(axes: Any) -> None:
     """The surface as a disc, with its azimuths."""
-    rim = along(np.array([90.0]), np.linspace(0.0, 360.0, 181))[0]
+    rim = make_unit_vector_grid(np.array([90.0]), np.linspace(0.0, 360.0, 181))[0]
     style = {"color": FAINT, "linewidth": 0.8, "zorder": 1}
     for radius in (0.5, 1.0):
-        axes.plot(*_seen(radius * rim), **style)
+        axes.plot(*_project_points(radius * rim), **style)
     for degrees in range(0, 360, 90):
         end = rim[degrees // 2]
-        axes.plot(*_seen(np.stack([0.0 * end, end])), **style)
-        x, y = _seen(1.13 * end)
+        axes.plot(*_project_points(np.stack([0.0 * end, end])), **style)
+        x, y = _project_points(1.13 * end)
         axes.text(x, y, f"{degrees}°", color=INK, fontsize=9, ha="center", va="center", zorder=1)
 
 
 def _draw_ray(axes: Any, mu_i: float, inside: float) -> None:
     """The incident ray, travelling down along phi = 0; it ends where it meets the lobe, at the radius ``inside``."""
     toward = np.array([-np.sqrt(1.0 - mu_i**2), 0.0, mu_i])
-    tip, far = (_seen(radius * toward) for radius in (inside + 0.02, 1.2))
+    tip, far = (_project_points(radius * toward) for radius in (inside + 0.02, 1.2))
     arrow = {"arrowstyle": "-|>,head_length=0.7,head_width=0.3", "color": INCIDENT, "linewidth": 2.2}
     axes.annotate("", tip, far, arrowprops=arrow | {"shrinkA": 0.0, "shrinkB": 0.0, "zorder": 20})
 
@@ -217,27 +217,27 @@ def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) ->
     axes.set_thetalim(-np.pi / 2.0, np.pi / 2.0), axes.set_ylim(0.0, 1.05 * scale)
     axes.set_thetagrids(range(-90, 91, 30), fontsize=8)
     axes.set_rlabel_position(90.0), axes.tick_params(axis="y", labelsize=8)
-    axes.yaxis.set_major_locator(few_ticks())
+    axes.yaxis.set_major_locator(limit_ticks())
     axes.grid(color=FAINT, linewidth=0.6)
     axes.text(0.75, 0.11, "$f_{00}$  [sr$^{-1}$]", transform=axes.transAxes, fontsize=9, ha="center")
     if legend:
         axes.figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=3, fontsize=9, frameon=False)
 
 
-def field_figure(field: Field) -> "Figure":
+def draw_field(field: Field) -> "Figure":
     """I and the degree of polarization against mu: a column an azimuth, or a beam of several, a line a depth.
 
     Raises SceneError for a field of fluxes alone, MissingExtraError without matplotlib.
     """
     if not field.mu.size:
         raise SceneError("a picture of a field needs directions mu: this one holds fluxes alone")
-    columns = field_columns(field)
+    columns = choose_field_columns(field)
     depths = spread(field.tau.size, MOST_DEPTHS)
-    figure = new_figure(width=max(4.4 * len(columns), 6.4), height=6.6)
+    figure = make_figure(width=max(4.4 * len(columns), 6.4), height=6.6)
     panels: Any = figure.subplots(2, len(columns), sharex=True, sharey="row", squeeze=False)
     for column, (beam, azimuth, title) in zip(panels.T, columns, strict=True):
         for order, depth in enumerate(depths):
-            draw_depth(column, beam, depth, azimuth, depth_colour(order, len(depths)))
+            draw_depth(column, beam, depth, azimuth, choose_depth_colour(order, len(depths)))
         column[0].set_title(title, fontsize=11)
         column[1].set_xlabel("$\\mu$  (< 0 down, > 0 up)", fontsize=10)
     panels[0, 0].set_ylabel("I  [W m$^{-2}$ sr$^{-1}$]", fontsize=10)
@@ -253,7 +253,7 @@ def field_figure(field: Field) -> "Figure":
     return figure
 
 
-def field_columns(field: Field) -> list[tuple[Field, int, str]]:
+def choose_field_columns(field: Field) -> list[tuple[Field, int, str]]:
     """What is drawn beside each other: fields of one beam, azimuths, and titles."""
     if isinstance(field.mu0, float):
         chosen = spread(field.phi.size, MOST_AZIMUTHS)
@@ -262,7 +262,7 @@ def field_columns(field: Field) -> list[tuple[Field, int, str]]:
     return [(beam, 0, f"$\\mu_0$ = {beam.mu0:g}") for beam in beams]
 
 
-def depth_colour(order: int, count: int) -> Any:
+def choose_depth_colour(order: int, count: int) -> Any:
     from matplotlib import colormaps
 
     return colormaps[COLOURS](0.9 * order / max(count - 1, 1))
@@ -280,7 +280,7 @@ def draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any)
         mu, first = np.unique(field.mu[side], return_index=True)
         given = field.stokes[depth, side, azimuth][first]
         angle, light = between_angles(np.arccos(mu), given)
-        for panel, quantity in zip(panels, (intensity, degree_of_polarization), strict=True):
+        for panel, quantity in zip(panels, (find_intensity, find_degree_of_polarization), strict=True):
             panel.plot(np.cos(angle), quantity(light), color=colour, linewidth=1.7, label=label)
             if mu.size < FEW:
                 panel.plot(mu, quantity(given), color=colour, linestyle="none", marker="o", markersize=4)
@@ -288,16 +288,16 @@ def draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any)
         label = None
 
 
-def intensity(stokes: Array) -> Array:
+def find_intensity(stokes: Array) -> Array:
     """I of Stokes vectors (..., 4)."""
     return stokes[..., 0]
 
 
-def spectrum_figure(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -> "Figure":
+def draw_spectrum(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -> "Figure":
     """Reflectance against wavelength, a line an incident direction, and beside it f00 in the plane of incidence of the
     first of them, a line a wavelength, where there are enough directions. Raises MissingExtraError without matplotlib.
     """
-    figure = new_figure(width, height)
+    figure = make_figure(width, height)
     first, panels = spectrum[0], 2
     try:
         check_directions(first.mu_o, first.phi)
@@ -307,7 +307,7 @@ def spectrum_figure(spectrum: Spectrum, width: float = 9.6, height: float = 4.2)
     places = spread(first.mu_i.size, MOST_LOBES)
     marker = "o" if len(spectrum) < FEW else None
     for order, place in enumerate(places):
-        style = {"color": depth_colour(order, len(places)), "marker": marker, "markersize": 3}
+        style = {"color": choose_depth_colour(order, len(places)), "marker": marker, "markersize": 3}
         label = f"μ incident = {first.mu_i[place]:.4g}"
         left.plot(spectrum.wavelength_um, spectrum.reflectance[:, place], label=label, **style)
     finish([left], ("reflectance",), "wavelength [µm]")
@@ -315,7 +315,7 @@ def spectrum_figure(spectrum: Spectrum, width: float = 9.6, height: float = 4.2)
         shown = spread(len(spectrum), MOST_DEPTHS)
         for order, place in enumerate(shown):
             angle, light = light_in_plane(spectrum[place], 0)
-            label, colour = f"{spectrum.wavelength_um[place]:.4g} µm", depth_colour(order, len(shown))
+            label, colour = f"{spectrum.wavelength_um[place]:.4g} µm", choose_depth_colour(order, len(shown))
             right[0].plot(angle, light[:, 0], label=label, color=colour, linewidth=1.5)
         finish(right, (f"f00 [sr⁻¹], μ incident = {first.mu_i[0]:.4g}",), "angle of exit [°], forward > 0")
     figure.subplots_adjust(left=0.09, right=0.98, bottom=0.2 if height < 4.0 else 0.13, top=0.89, wspace=0.2)

@@ -6,7 +6,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.pictures.figures import FAINT, new_figure
+from vrte.pictures.figures import FAINT, make_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,10 +22,10 @@ RATIOS = (  # an element of F, its sign, over F11
 )
 
 
-def f11_and_ratios(phase_matrix: PhaseMatrix) -> tuple[Array, dict[str, Array]]:
+def compute_f11_and_ratios(phase_matrix: PhaseMatrix) -> tuple[Array, dict[str, Array]]:
     """F11 and the ratios of RATIOS at ANGLES_DEG, NaN where F11 is not above 0, as rounded tables have it.
 
-    >>> f11, ratios = f11_and_ratios(PhaseMatrix([1.0]))
+    >>> f11, ratios = compute_f11_and_ratios(PhaseMatrix([1.0]))
     >>> float(f11[0]), ratios["F22/F11"].any().item()
     (1.0, False)
     """
@@ -34,10 +34,10 @@ def f11_and_ratios(phase_matrix: PhaseMatrix) -> tuple[Array, dict[str, Array]]:
     return f11, {name: sign * matrix[:, row, column] / f11 for name, (row, column), sign in RATIOS}
 
 
-def phase_matrix_figure(phase_matrix: PhaseMatrix, width: float = 9.6, height: float = 4.0) -> "Figure":
+def draw_phase_matrix(phase_matrix: PhaseMatrix, width: float = 9.6, height: float = 4.0) -> "Figure":
     """F11 on a logarithmic scale, and the other elements over it. Raises MissingExtraError without matplotlib."""
-    f11, ratios = f11_and_ratios(phase_matrix)
-    figure = new_figure(width, height)
+    f11, ratios = compute_f11_and_ratios(phase_matrix)
+    figure = make_figure(width, height)
     panels: Any = figure.subplots(1, 2)
     panels[0].semilogy(ANGLES_DEG, f11, color="#222222", linewidth=1.7)
     panels[0].set_title(f"F11, asymmetry {phase_matrix.asymmetry:.4g}", fontsize=10)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.discrete_ordinates.planning.plan import Plan
-from vrte.pictures.figures import FAINT, new_figure
+from vrte.pictures.figures import FAINT, make_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 COLOURS = {"modes": "#1f4e79", "doubling": "#d98200", "invariance": "#2a8f5b"}
 
 
-def plan_figure(plan: Plan, width: float = 9.6, height: float = 3.2) -> "Figure":
+def draw_plan(plan: Plan, width: float = 9.6, height: float = 3.2) -> "Figure":
     """Predicted operations of each Fourier order, by algorithm, and the orders of multiple scattering left out.
 
     A panel for each part of the plan, where light that comes in polarized has one of its own. Raises MissingExtraError
     without matplotlib.
     """
     parts = plan.parts or (plan,)
-    figure = new_figure(width, height * len(parts))
+    figure = make_figure(width, height * len(parts))
     panels: Any = figure.subplots(len(parts), 1, squeeze=False)
     names = ("unpolarized light", "polarized light") if plan.parts else ("",)
     for panel, part, name in zip(panels[:, 0], parts, names, strict=True):
@@ -35,7 +35,7 @@ def plan_figure(plan: Plan, width: float = 9.6, height: float = 3.2) -> "Figure"
 def draw_orders(panel: Any, plan: Plan) -> None:
     """A step an order, blocks of the same order on top of each other; what is left out is hatched."""
     edges = np.arange(plan.orders + 1) - 0.5
-    costs = operations_by_order(plan.as_dict())
+    costs = sum_operations_by_order(plan.as_dict())
     base = np.zeros(plan.orders)
     for algorithm, values in costs.items():
         heights = np.array([values.get(order, 0.0) for order in range(plan.orders)])
@@ -53,10 +53,10 @@ def draw_orders(panel: Any, plan: Plan) -> None:
     panel.legend(fontsize=8, frameon=False)
 
 
-def operations_by_order(facts: Mapping[str, Any]) -> dict[str, dict[int, float]]:
+def sum_operations_by_order(facts: Mapping[str, Any]) -> dict[str, dict[int, float]]:
     """Operations by algorithm and order, from `Plan.as_dict`; a block's are shared out evenly over its orders.
 
-    >>> operations_by_order({"blocks": [{"algorithm": "modes", "orders": [0, 1], "operations": 6.0}]})
+    >>> sum_operations_by_order({"blocks": [{"algorithm": "modes", "orders": [0, 1], "operations": 6.0}]})
     {'modes': {0: 3.0, 1: 3.0}}
     """
     found: dict[str, dict[int, float]] = {}

@@ -17,17 +17,17 @@ FROM_UM, TO_UM = 0.40, 0.70
 OBSERVER = "CIE 1931 2 Degree Standard Observer"
 
 
-def wavelengths(count: int, low: float = FROM_UM, high: float = TO_UM) -> Array:
+def choose_wavelengths(count: int, low: float = FROM_UM, high: float = TO_UM) -> Array:
     """``count`` wavelengths [um] in equal steps over what of 0.40 to 0.70 lies between ``low`` and ``high``.
 
-    >>> wavelengths(31)[:3].round(4).tolist(), wavelengths(10, low=0.43)[:3].round(4).tolist()
+    >>> choose_wavelengths(31)[:3].round(4).tolist(), choose_wavelengths(10, low=0.43)[:3].round(4).tolist()
     ([0.4, 0.41, 0.42], [0.43, 0.46, 0.49])
     """
     low, high = max(low, FROM_UM), min(high, TO_UM)
     return np.linspace(low, high, count).round(6).clip(low, high)
 
 
-def science() -> Any:
+def import_colour_science() -> Any:
     """The package colour-science. Raises MissingExtraError."""
     try:
         with np.printoptions():  # its import changes how all arrays are printed
@@ -37,7 +37,7 @@ def science() -> Any:
     return colour
 
 
-def weights(wavelengths_um: Array) -> Array:
+def weigh_wavelengths(wavelengths_um: Array) -> Array:
     """(3, wavelength): what X, Y and Z take of each wavelength's radiance; Y of 1 at all wavelengths is 1.
 
     Between wavelengths the spectrum is a cubic spline (straight lines through fewer than four); beyond the first and
@@ -45,10 +45,10 @@ def weights(wavelengths_um: Array) -> Array:
     """
     from scipy.interpolate import make_interp_spline
 
-    colour = science()
+    colour = import_colour_science()
     observer = colour.MSDS_CMFS[OBSERVER]
     fine = observer.wavelengths * 1e-3
-    weighed = observer.values * sunlight(fine)[:, None]
+    weighed = observer.values * load_sunlight_spectrum(fine)[:, None]
     order = 3 if wavelengths_um.size > 3 else min(1, wavelengths_um.size - 1)
     within = np.clip(fine, wavelengths_um[0], wavelengths_um[-1])
     cardinal = make_interp_spline(wavelengths_um, np.eye(wavelengths_um.size), k=order)(within)
@@ -56,9 +56,9 @@ def weights(wavelengths_um: Array) -> Array:
     return found
 
 
-def sunlight(wavelengths_um: Array) -> Array:
+def load_sunlight_spectrum(wavelengths_um: Array) -> Array:
     """Spectral irradiance of the sun outside the atmosphere [W m-2 nm-1], of ASTM G173."""
-    science()
+    import_colour_science()
     from colour.plotting.datasets import SD_ASTMG173_ETR
 
     return np.interp(wavelengths_um * 1e3, SD_ASTMG173_ETR.wavelengths, SD_ASTMG173_ETR.values)
@@ -74,24 +74,26 @@ class Film:
 
     def linear(self, xyz: Array) -> Array:
         """Linear sRGB (..., 3), where 1 is the brightest that a screen shows; not cut off."""
-        found: Array = xyz @ (self.gain * science().RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ self.balance).T
+        found: Array = (
+            xyz @ (self.gain * import_colour_science().RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ self.balance).T
+        )
         return found
 
     def __call__(self, xyz: Array) -> Array:
         """sRGB (..., 3) from 0 to 1; what is out of reach is cut off."""
-        return encoded(self.linear(xyz))
+        return encode_srgb(self.linear(xyz))
 
 
-def encoded(linear: Array) -> Array:
+def encode_srgb(linear: Array) -> Array:
     """sRGB (..., 3) from linear values, cut to 0 .. 1."""
-    found: Array = science().RGB_COLOURSPACES["sRGB"].cctf_encoding(np.clip(linear, 0.0, 1.0))
+    found: Array = import_colour_science().RGB_COLOURSPACES["sRGB"].cctf_encoding(np.clip(linear, 0.0, 1.0))
     return found
 
 
-def film(white_xyz: Array, stops: float = 0.0) -> Film:
+def make_film(white_xyz: Array, stops: float = 0.0) -> Film:
     """Film for light whose white is ``white_xyz`` (3,): Y = 1 becomes the largest that a screen shows, each of
     ``stops`` doubles that."""
-    colour = science()
+    colour = import_colour_science()
     from colour.adaptation import matrix_chromatic_adaptation_VonKries
 
     target = colour.xy_to_XYZ(colour.RGB_COLOURSPACES["sRGB"].whitepoint)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 from vrte.pictures.figures import require_pictures
-from vrte.pictures.lobes import draw_lobe, lobe_colours, lobe_of
-from vrte.render.picture import DPI, Sheet, light_in_words, over_grey
+from vrte.pictures.lobes import compute_lobe, draw_lobe, make_lobe_colours
+from vrte.render.picture import DPI, Sheet, put_over_grey, say_light
 from vrte.render.rendering import Sphere
 from vrte.render.setting import Setting
 
@@ -38,29 +38,29 @@ def save(
     from PIL import Image
 
     drawn = BytesIO()
-    sheet(spheres, setting, progress).savefig(drawn, format="png", dpi=DPI)
-    with atomic_write(path) as part, Image.open(drawn) as image:
+    draw_sheet(spheres, setting, progress).savefig(drawn, format="png", dpi=DPI)
+    with write_atomically(path) as part, Image.open(drawn) as image:
         image.convert("RGB").save(part, format="PNG", optimize=True)
 
 
-def sheet(
+def draw_sheet(
     spheres: Sequence[Sphere], setting: Setting, progress: Callable[[int, int, str], None] | None = None
 ) -> "Figure":
     """The sheet as a figure; ``progress`` is called with (rows done, rows, title)."""
     require_pictures()
     blocks = 2 if len(spheres) > TALLEST else 1
     circles = f"Lobes: unpolarized light, outer circles $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
-    note = f"{circles}. Spheres: {light_in_words(setting, spheres)}"
+    note = f"{circles}. Spheres: {say_light(setting, spheres)}"
     drawing = Sheet(setting.size_px, -(-len(spheres) // blocks), COLUMNS * blocks, foot=0.30, note=note)
     lobes = [
         [
-            lobe_of(sphere.material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI), place)
+            compute_lobe(sphere.material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI), place)
             for place in range(LOBE_MU_I.size)
         ]
         for sphere in spheres
     ]
     most = max(lobe.most_polarized for both in lobes for lobe in both)
-    colours = lobe_colours(most)
+    colours = make_lobe_colours(most)
     for place, (sphere, both) in enumerate(zip(spheres, lobes, strict=True)):
         row, block = divmod(place, blocks)
         left, top = drawing.corner(row, COLUMNS * block)
@@ -71,7 +71,7 @@ def sheet(
             axes = drawing.axes(left, top - 0.04 * drawing.size, drawing.size, drawing.size)
             draw_lobe(axes, lobe, factor / CIRCLE, colours)
             drawing.text(left + 0.5 * drawing.size, top + 0.94 * drawing.size, f"scale {factor:g}")
-        drawing.show(row, COLUMNS * block + LOBE_MU_I.size, over_grey(sphere.rgba))
+        drawing.show(row, COLUMNS * block + LOBE_MU_I.size, put_over_grey(sphere.rgba))
         if progress is not None:
             progress(place + 1, len(spheres), sphere.material.title)
     for block in range(blocks):

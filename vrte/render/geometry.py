@@ -23,10 +23,10 @@ class Camera:
     toward: Array
 
 
-def camera_at(elevation_deg: float, azimuth_deg: float) -> Camera:
+def place_camera(elevation_deg: float, azimuth_deg: float) -> Camera:
     """The camera that stands in this direction, seen from the scene.
 
-    >>> camera = camera_at(0.0, 0.0)
+    >>> camera = place_camera(0.0, 0.0)
     >>> camera.toward.tolist(), camera.right.tolist(), camera.up.tolist()
     ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
     """
@@ -37,7 +37,7 @@ def camera_at(elevation_deg: float, azimuth_deg: float) -> Camera:
     return Camera(right, np.cross(toward, right), toward)
 
 
-def normals(camera: Camera, theta: Array, psi: Array) -> tuple[Array, Array]:
+def compute_normals(camera: Camera, theta: Array, psi: Array) -> tuple[Array, Array]:
     """Surface normals seen at the angle theta from the line of sight, psi from right to up; and the facet's axis x'.
 
     theta, psi of one shape (...) [rad] -> two arrays (..., 3). x' lies in the surface and heads for the camera; in the
@@ -48,7 +48,7 @@ def normals(camera: Camera, theta: Array, psi: Array) -> tuple[Array, Array]:
     return cosine * camera.toward + sine * radial, sine * camera.toward - cosine * radial
 
 
-def polar(travel: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+def convert_to_polar(travel: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
     """Signed cosine, azimuth [rad] and axis l (..., 3) of directions of travel (..., 3) in the frame x, y, z.
 
     At the poles the azimuth is 0 by choice, and l the one that belongs to it.
@@ -60,15 +60,15 @@ def polar(travel: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Ar
     return cosine, azimuth, cosine[..., None] * heading - sine[..., None] * z
 
 
-def turn(travel: Array, old: Array, new: Array) -> Array:
+def find_turn(travel: Array, old: Array, new: Array) -> Array:
     """The angle (...) [rad] by which the axis l has to turn, toward r = l x k, from ``old`` to ``new`` (..., 3)."""
     return np.arctan2((new * np.cross(old, travel)).sum(axis=-1), (new * old).sum(axis=-1))
 
 
-def turned(stokes: Array, angle: Array) -> Array:
+def turn_stokes(stokes: Array, angle: Array) -> Array:
     """Stokes vectors (..., 4) on axes turned by ``angle`` (...) [rad] from l toward r.
 
-    >>> turned(np.array([1.0, 1.0, 0.0, 0.5]), np.array(np.pi / 4)).round(12).tolist()
+    >>> turn_stokes(np.array([1.0, 1.0, 0.0, 0.5]), np.array(np.pi / 4)).round(12).tolist()
     [1.0, 0.0, -1.0, 0.5]
     """
     cosine, sine = np.cos(2.0 * angle), np.sin(2.0 * angle)

@@ -9,12 +9,12 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.polarization import (
-    angle_of_linear_polarization,
-    degree_of_circular_polarization,
-    degree_of_linear_polarization,
+    find_angle_of_linear_polarization,
+    find_degree_of_circular_polarization,
+    find_degree_of_linear_polarization,
 )
-from vrte.formats.atomic import atomic_write
-from vrte.pictures.figures import few_ticks, new_figure, require_pictures
+from vrte.formats.atomic import write_atomically
+from vrte.pictures.figures import limit_ticks, make_figure, require_pictures
 from vrte.pictures.lobes import INK
 from vrte.render.rendering import Sphere
 from vrte.render.setting import Setting
@@ -36,8 +36,8 @@ HEADINGS = ("colour", *POLARIZATION)
 
 def save(spheres: Sequence[Sphere], setting: Setting, path: str | os.PathLike[str]) -> None:
     """Writes the PNG, all of it or nothing. Raises MissingExtraError without matplotlib, OSError."""
-    drawn = figure(spheres, setting)
-    with atomic_write(path) as part:
+    drawn = draw_figure(spheres, setting)
+    with write_atomically(path) as part:
         drawn.savefig(part, format="png", dpi=DPI)
 
 
@@ -48,23 +48,23 @@ def save_colours(spheres: Sequence[Sphere], path: str | os.PathLike[str]) -> Non
 
     pixels = np.concatenate([sphere.rgba for sphere in spheres], axis=1)
     drawn = Image.fromarray((255.0 * pixels + 0.5).astype(np.uint8), "RGBA")
-    with atomic_write(path) as part:
+    with write_atomically(path) as part:
         drawn.save(part, format="PNG", optimize=True)
 
 
-def figure(spheres: Sequence[Sphere], setting: Setting) -> "Figure":
+def draw_figure(spheres: Sequence[Sphere], setting: Setting) -> "Figure":
     """A row a sphere, a column each for colour, degree and angle of linear and degree of circular polarization."""
     require_pictures()
-    sheet = Sheet(setting.size_px, len(spheres), len(HEADINGS), foot=0.44, note=light_in_words(setting, spheres))
-    linear = [degree_of_linear_polarization(sphere.stokes) for sphere in spheres]
-    circular = [degree_of_circular_polarization(sphere.stokes) for sphere in spheres]
-    most_linear, most_circular = _largest(linear), _largest(circular)
+    sheet = Sheet(setting.size_px, len(spheres), len(HEADINGS), foot=0.44, note=say_light(setting, spheres))
+    linear = [find_degree_of_linear_polarization(sphere.stokes) for sphere in spheres]
+    circular = [find_degree_of_circular_polarization(sphere.stokes) for sphere in spheres]
+    most_linear, most_circular = _find_largest(linear), _find_largest(circular)
     for row, sphere in enumerate(spheres):
         sheet.title(row, sphere.material.title)
-        sheet.show(row, 0, over_grey(sphere.rgba))
-        sheet.show(row, 1, coloured(linear[row], DEGREE_COLOURS, 0.0, most_linear, sphere.cover))
-        sheet.show(row, 2, angle_colours(sphere.stokes, sphere.cover))
-        sheet.show(row, 3, coloured(circular[row], CIRCULAR_COLOURS, -most_circular, most_circular, sphere.cover))
+        sheet.show(row, 0, put_over_grey(sphere.rgba))
+        sheet.show(row, 1, colour_values(linear[row], DEGREE_COLOURS, 0.0, most_linear, sphere.cover))
+        sheet.show(row, 2, colour_angles(sphere.stokes, sphere.cover))
+        sheet.show(row, 3, colour_values(circular[row], CIRCULAR_COLOURS, -most_circular, most_circular, sphere.cover))
     for column, heading in enumerate(HEADINGS):
         sheet.heading(column, heading)
     sheet.bar(1, DEGREE_COLOURS, 0.0, most_linear)
@@ -73,7 +73,7 @@ def figure(spheres: Sequence[Sphere], setting: Setting) -> "Figure":
     return sheet.figure
 
 
-def light_in_words(setting: Setting, spheres: Sequence[Sphere]) -> str:
+def say_light(setting: Setting, spheres: Sequence[Sphere]) -> str:
     """Under which light a picture was made, and at which wavelengths."""
     sun = f"sun {setting.sun_elevation_deg:g}° high"
     light = {
@@ -83,27 +83,27 @@ def light_in_words(setting: Setting, spheres: Sequence[Sphere]) -> str:
     }[setting.sky]
     sets: dict[str, list[str]] = {}  # of wavelengths; in brackets who has others than the first
     for sphere in spheres:
-        words = wavelengths_in_words(sphere.material.wavelengths_um.tolist())
+        words = say_wavelengths(sphere.material.wavelengths_um.tolist())
         sets.setdefault(words, []).append(sphere.material.title)
     first, *others = sets
     return "; ".join([light, first, *(f"{words} ({', '.join(sets[words])})" for words in others)])
 
 
-def wavelengths_in_words(chosen: Sequence[float]) -> str:
+def say_wavelengths(chosen: Sequence[float]) -> str:
     """
-    >>> wavelengths_in_words([0.4, 0.55, 0.7]), wavelengths_in_words([0.64])
+    >>> say_wavelengths([0.4, 0.55, 0.7]), say_wavelengths([0.64])
     ('3 wavelengths, 0.4 to 0.7 µm', '0.64 µm')
     """
     return f"{chosen[0]:g} µm" if len(chosen) == 1 else f"{len(chosen)} wavelengths, {chosen[0]:g} to {chosen[-1]:g} µm"
 
 
-def over_grey(rgba: Array) -> Array:
+def put_over_grey(rgba: Array) -> Array:
     """A picture (..., 4) over the grey background, (..., 3)."""
     found: Array = rgba[..., 3:] * rgba[..., :3] + (1.0 - rgba[..., 3:]) * BEHIND
     return found
 
 
-def coloured(values: Array, colours: str, low: float, high: float, cover: Array) -> Array:
+def colour_values(values: Array, colours: str, low: float, high: float, cover: Array) -> Array:
     """Colours (size, size, 4) of values (size, size), transparent around the sphere."""
     from matplotlib import colormaps
 
@@ -112,19 +112,19 @@ def coloured(values: Array, colours: str, low: float, high: float, cover: Array)
     return np.asarray(found)
 
 
-def angle_colours(stokes: Array, cover: Array) -> Array:
+def colour_angles(stokes: Array, cover: Array) -> Array:
     """Hues (size, size, 4) of the angle of polarization, grey where hardly anything is polarized."""
     from matplotlib import colormaps
 
-    hues = colormaps[ANGLE_COLOURS](np.nan_to_num(angle_of_linear_polarization(stokes)) / 180.0)
-    degree = np.nan_to_num(degree_of_linear_polarization(stokes))
+    hues = colormaps[ANGLE_COLOURS](np.nan_to_num(find_angle_of_linear_polarization(stokes)) / 180.0)
+    degree = np.nan_to_num(find_degree_of_linear_polarization(stokes))
     share = np.clip(degree / FAINT_DEGREE, 0.0, 1.0)[..., None]
     hues[..., :3] = share * hues[..., :3] + (1.0 - share) * 0.6
     hues[..., 3] = cover
     return np.asarray(hues)
 
 
-def _largest(pictures: Sequence[Array]) -> float:
+def _find_largest(pictures: Sequence[Array]) -> float:
     """The largest size of all but the outermost few pixels, of all spheres, rounded up."""
     return _round_up(max(float(np.nanpercentile(np.abs(picture), 99.0)) for picture in pictures))
 
@@ -154,7 +154,7 @@ class Sheet:
         self.foot = round((foot + LINE * (len(lines) - 1)) * size)
         self.height = self.head + rows * (size + self.gap) + self.foot
         # a hair more: matplotlib before 3.11 cuts the 204.99 pixels that rounding leaves of 205
-        self.figure = new_figure((self.width + 1e-6) / DPI, (self.height + 1e-6) / DPI)
+        self.figure = make_figure((self.width + 1e-6) / DPI, (self.height + 1e-6) / DPI)
         self.letters = 0.034 * size * 72.0 / DPI  # [points]
         below = self.height - 0.6 * self.gap
         self.text(self.left, below, "\n".join(lines), 0.95, ha="left", va="bottom", linespacing=1.3)
@@ -198,7 +198,7 @@ class Sheet:
         shown = ScalarMappable(Normalize(low, high), colours)
         bar = self.figure.colorbar(shown, cax=axes, orientation="horizontal")
         bar.ax.tick_params(labelsize=0.95 * self.letters, length=0.2 * self.letters, colors=INK)
-        bar.ax.xaxis.set_major_locator(few_ticks(5))
+        bar.ax.xaxis.set_major_locator(limit_ticks(5))
         bar.set_label(label, size=self.letters, color=INK)
 
     def wheel(self, column: int) -> None:
@@ -213,7 +213,7 @@ class Sheet:
         left, top = self.corner(self.rows, column)
         top += round(0.03 * self.size)
         axes = self.axes(left + 0.5 * (self.size - side), top, side, side)
-        axes.imshow(angle_colours(stokes, ring), interpolation="none", extent=(-1.0, 1.0, -1.0, 1.0))
+        axes.imshow(colour_angles(stokes, ring), interpolation="none", extent=(-1.0, 1.0, -1.0, 1.0))
         for degrees in range(0, 180, 45):
             sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
             axes.plot(0.42 * sine * ENDS, 0.42 * cosine * ENDS, color=INK, linewidth=0.08 * self.letters)

@@ -8,10 +8,10 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.render import colour
-from vrte.render.geometry import UP, camera_at
+from vrte.render.geometry import UP, place_camera
 from vrte.render.setting import Material, Setting
-from vrte.render.sky import sky_of
-from vrte.render.spheres import Resolution, Table, View, irradiance, table_of
+from vrte.render.sky import make_sky
+from vrte.render.spheres import Resolution, Table, View, compute_irradiance, tabulate_brdf
 
 RESOLUTIONS = (Resolution(), Resolution(48, 180), Resolution(64, 240))
 FINE_ENOUGH = 3e-3  # error of a BRDF between the directions of its table
@@ -25,7 +25,7 @@ class Sphere:
     Lambertian surface that faces the sun in the same light. NaN around the sphere. Stokes axes: l upright, r to the
     right, so that angles of polarization run clockwise from the upright. ``film`` makes colours of ``xyz``, and
     ``cover`` (size, size) is the sphere's share of each pixel. ``error`` is that of the BRDF between the directions of
-    its table, as `interpolation_error` found it.
+    its table, as `measure_interpolation_error` found it.
     """
 
     material: Material
@@ -41,7 +41,7 @@ class Sphere:
         return np.concatenate([self.film(np.nan_to_num(self.xyz)), self.cover[..., None]], axis=-1)
 
 
-def rendered(
+def compute_spheres(
     materials: Sequence[Material],
     setting: Setting,
     progress: Callable[[int, int, str], None] | None = None,
@@ -52,45 +52,45 @@ def rendered(
     The first of ``resolutions`` that is fine enough is taken, or the last. Raises MissingExtraError without
     colour-science, SceneError, and what `vrte.brdf` raises.
     """
-    colour.science()
+    colour.import_colour_science()
     tell = progress or (lambda *_: None)
     views: dict[tuple[Any, ...], View] = {}  # the last one: a view takes some hundred megabytes
     steps, done = sum(material.wavelengths_um.size for material in materials), 0
     spheres = []
     for material in materials:
         tell(done, steps, material.title)
-        table, error = first_table(material, resolutions)
+        table, error = find_fine_table(material, resolutions)
         key = (table.resolution, *material.wavelengths_um.tolist())
         if key not in views:
             views.clear()
-            views[key] = view_of(setting, material.wavelengths_um, table.resolution)
+            views[key] = make_view(setting, material.wavelengths_um, table.resolution)
         seen = []
         for place, wavelength in enumerate(material.wavelengths_um.tolist()):
             if place and material.coloured:
-                table = _table(material, wavelength, table.resolution)
+                table = _tabulate_material(material, wavelength, table.resolution)
             seen.append(views[key].stokes(table, place).astype(np.float32))
             done += 1
             tell(done, steps, material.title)
-        spheres.append(_developed(material, views[key], np.stack(seen), setting.exposure, error))
+        spheres.append(_develop_sphere(material, views[key], np.stack(seen), setting.exposure, error))
     return spheres
 
 
-def first_table(material: Material, resolutions: Sequence[Resolution]) -> tuple[Table, float]:
+def find_fine_table(material: Material, resolutions: Sequence[Resolution]) -> tuple[Table, float]:
     """The table at the first, shortest wavelength, where BRDFs vary most, fine enough; and its error."""
     wavelength = float(material.wavelengths_um[0])
     for resolution in resolutions:
-        table = _table(material, wavelength, resolution)
-        error = interpolation_error(material, wavelength, table)
+        table = _tabulate_material(material, wavelength, resolution)
+        error = measure_interpolation_error(material, wavelength, table)
         if error <= FINE_ENOUGH:
             break
     return table, error
 
 
-def _table(material: Material, wavelength_um: float, resolution: Resolution) -> Table:
-    return table_of(material.brdf(wavelength_um, resolution.mu, resolution.mu, resolution.phi), resolution)
+def _tabulate_material(material: Material, wavelength_um: float, resolution: Resolution) -> Table:
+    return tabulate_brdf(material.brdf(wavelength_um, resolution.mu, resolution.mu, resolution.phi), resolution)
 
 
-def interpolation_error(material: Material, wavelength_um: float, table: Table) -> float:
+def measure_interpolation_error(material: Material, wavelength_um: float, table: Table) -> float:
     """The largest error of any element of the BRDF times mu_i in 512 directions off the table's grid, all cosines above
     0.05, over the largest such value."""
     draw = np.random.default_rng(0)
@@ -103,30 +103,30 @@ def interpolation_error(material: Material, wavelength_um: float, table: Table) 
     return float(np.abs(found - exact).max()) / largest if largest else 0.0
 
 
-def view_of(setting: Setting, wavelengths_um: Array, resolution: Resolution) -> View:
+def make_view(setting: Setting, wavelengths_um: Array, resolution: Resolution) -> View:
     """Camera and light of a setting; the sun stands at azimuth 0."""
-    sky = sky_of(setting.sky, wavelengths_um.tolist(), setting.sun_elevation_deg, setting.ground_albedo)
+    sky = make_sky(setting.sky, wavelengths_um.tolist(), setting.sun_elevation_deg, setting.ground_albedo)
     # the sun is to the right of a camera that stands clockwise of it
-    camera = camera_at(setting.camera_elevation_deg, -setting.sun_azimuth_deg)
+    camera = place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)
     return View(camera, sky, setting.size_px, resolution)
 
 
-def _developed(material: Material, view: View, stokes: Array, stops: float, error: float) -> Sphere:
+def _develop_sphere(material: Material, view: View, stokes: Array, stops: float, error: float) -> Sphere:
     """Colours and luminance-weighted Stokes vectors, from Stokes vectors (wavelength, pixel, 4)."""
-    observer = colour.weights(material.wavelengths_um)
-    light = observer @ irradiance(view.sky, np.stack([-view.sky.beam, UP])) / np.pi
+    observer = colour.weigh_wavelengths(material.wavelengths_um)
+    light = observer @ compute_irradiance(view.sky, np.stack([-view.sky.beam, UP])) / np.pi
     unit, level = light[1, 0], light[:, 1]
     return Sphere(
         material,
-        _in_picture(view, np.einsum("cw,wp->pc", observer, stokes[..., 0]) / unit),
-        _in_picture(view, np.einsum("w,wps->ps", observer[1], stokes) / unit),
+        _place_in_picture(view, np.einsum("cw,wp->pc", observer, stokes[..., 0]) / unit),
+        _place_in_picture(view, np.einsum("w,wps->ps", observer[1], stokes) / unit),
         view.cover,
-        colour.film(level, stops),
+        colour.make_film(level, stops),
         error,
     )
 
 
-def _in_picture(view: View, values: Array) -> Array:
+def _place_in_picture(view: View, values: Array) -> Array:
     """Values (pixel, c) where they belong, (size, size, c); NaN elsewhere."""
     flat = np.full((view.size**2, values.shape[1]), np.nan)
     flat[view.pixels[0]] = values

@@ -10,12 +10,12 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.spectrum import spectrum
-from vrte.formats.scene_file import FILE_KEYS, listed_wavelengths, read_content, wavelengths_known
+from vrte.formats.scene_file import FILE_KEYS, find_known_wavelengths, read_content, read_listed_wavelengths
 from vrte.formats.toml_table import Table
-from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, wavelengths
+from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, choose_wavelengths
 from vrte.render.sky import KINDS
 from vrte.results.brdf import Brdf
-from vrte.results.spectrum import ascending
+from vrte.results.spectrum import check_ascending
 
 ACCURACY = 1e-4  # of a BRDF, where the file asks for none
 SMALLEST_SIZE, LARGEST_SIZE = 16, 1024
@@ -85,9 +85,9 @@ def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material
     for path in paths:
         try:
             content = read_content(path)
-            table = _table(content)
-            ours = _common(table)
-            materials.append(_material(path, content, table, count))
+            table = _read_render_table(content)
+            ours = _read_common_keys(table)
+            materials.append(_make_material(path, content, table, count))
         except SceneError as error:
             raise error.behind(path) from error
         except OSError as error:
@@ -101,13 +101,13 @@ def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material
     return materials, replace(Setting(), **{key: value for key, (value, _) in given.items()})
 
 
-def _table(content: dict[str, Any]) -> Table:
+def _read_render_table(content: dict[str, Any]) -> Table:
     file = Table((), content, FILE_KEYS)
     keys = (*OWN, *(field.name for field in fields(Setting)))
     return file.table("render", keys) if "render" in file else Table(("render",), {}, keys)
 
 
-def _common(table: Table) -> dict[str, Any]:
+def _read_common_keys(table: Table) -> dict[str, Any]:
     """The setting's keys that are there."""
     found: dict[str, Any] = {}
     if "sky" in table:
@@ -122,20 +122,20 @@ def _common(table: Table) -> dict[str, Any]:
     return found
 
 
-def _material(path: Path, content: dict[str, Any], table: Table, count: int | None) -> Material:
+def _make_material(path: Path, content: dict[str, Any], table: Table, count: int | None) -> Material:
     title = table.content.get("title", path.stem.replace("_", " "))
     if not isinstance(title, str) or not title.isprintable() or not 0 < len(title) <= LONGEST_TITLE:
         raise table.wrong("title", f"must be a text of 1 to {LONGEST_TITLE} characters in one line")
-    chosen = _own_wavelengths(content, table) if count is None else None
+    chosen = _read_own_wavelengths(content, table) if count is None else None
     note = ""
     if chosen is None:
         few = table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
-        chosen, note = _equal_steps(path, content, count or few)
+        chosen, note = _choose_equal_steps(path, content, count or few)
     without = {key: value for key, value in content.items() if key != "render"}
     return Material(path, title, without, chosen, note)
 
 
-def _own_wavelengths(content: dict[str, Any], table: Table) -> Array | None:
+def _read_own_wavelengths(content: dict[str, Any], table: Table) -> Array | None:
     """Those that [render] lists; without a word there, those of a scene file for a spectrum."""
     if "wavelengths" in table and "wavelengths_um" in table:
         raise table.unfit("at most one of wavelengths and wavelengths_um")
@@ -144,17 +144,17 @@ def _own_wavelengths(content: dict[str, Any], table: Table) -> Array | None:
         if not (0 < found.size <= MOST and found[0] > 0.0 and (np.diff(found) > 0.0).all()):
             raise table.wrong("wavelengths_um", f"must be 1 to {MOST} ascending wavelengths in micrometres")
         return found
-    listed = None if "wavelengths" in table else listed_wavelengths(content)
-    return ascending(listed) if listed and len(listed) <= MOST else None
+    listed = None if "wavelengths" in table else read_listed_wavelengths(content)
+    return check_ascending(listed) if listed and len(listed) <= MOST else None
 
 
-def _equal_steps(path: Path, content: dict[str, Any], count: int) -> tuple[Array, str]:
+def _choose_equal_steps(path: Path, content: dict[str, Any], count: int) -> tuple[Array, str]:
     """Over the light that is seen, as far as the substances' tables go, and what to say where that is not all of it."""
-    low, high, substance = wavelengths_known(content, path.parent)
+    low, high, substance = find_known_wavelengths(content, path.parent)
     if low >= TO_UM or high <= FROM_UM:
         raise SceneError(
             f"the table of {substance} goes from {low:g} to {high:g} um: nothing of {FROM_UM:g} to {TO_UM:g} um"
         )
     ends = [f"{end} {edge:g} um" for end, edge in (("begins at", low), ("ends at", high)) if FROM_UM < edge < TO_UM]
     note = f"the table of {substance} {' and '.join(ends)}: beyond, the spectrum stays as it is there" if ends else ""
-    return wavelengths(count, low, high), note
+    return choose_wavelengths(count, low, high), note

@@ -13,7 +13,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.calls.radiance import radiance
 from vrte.optics.phase_matrix import rayleigh
-from vrte.results.splines import coefficients
+from vrte.results.splines import compute_coefficients
 from vrte.scene.boundary import Lambertian
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
@@ -52,13 +52,13 @@ class Sky:
         return np.einsum("nms,nms->ns", np.stack([even, even, odd, odd], axis=-1), orders)
 
 
-def optical_thickness(wavelength_um: Any) -> Array:
+def compute_optical_thickness(wavelength_um: Any) -> Array:
     """Of the molecules above sea level, 1013.25 hPa, 45 degrees latitude.
 
     Bodhaine, Wood, Dutton and Slusser, Journal of Atmospheric and Oceanic Technology 16, 1854 (1999), equation 30:
     within 0.01 % of their own tables from 0.25 to 0.85 um.
 
-    >>> optical_thickness(0.55).round(4).item()
+    >>> compute_optical_thickness(0.55).round(4).item()
     0.0971
     """
     square = np.asarray(wavelength_um, dtype=float) ** 2
@@ -70,20 +70,20 @@ def optical_thickness(wavelength_um: Any) -> Array:
     return found
 
 
-def sky_of(
+def make_sky(
     kind: str, wavelengths_um: Sequence[float], elevation_deg: float, ground_albedo: float, azimuth_deg: float = 0.0
 ) -> Sky:
     """The light of ``kind``: "rayleigh", "sun" (no atmosphere, a black sky) or "uniform" (radiance 1 from all sides).
 
     The sun stands at this elevation and azimuth. Raises whatever `vrte.radiance` does.
 
-    >>> sky_of("sun", [0.5], 30.0, 0.0).beam.round(3).tolist()
+    >>> make_sky("sun", [0.5], 30.0, 0.0).beam.round(3).tolist()
     [-0.866, -0.0, -0.5]
     """
     count = len(wavelengths_um)
     elevation, azimuth = np.radians([elevation_deg, azimuth_deg])
     beam = -np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    theta = angles_to_the_horizon(ANGLES, STEEPEST)
+    theta = make_horizon_angles(ANGLES, STEEPEST)
     splines, ground, sun = np.zeros((count, theta.size, 3, 4)), np.zeros(count), np.zeros(count)
     if kind == "uniform":
         splines[:, :, 0, 0], ground[:] = 1.0, 1.0
@@ -91,15 +91,17 @@ def sky_of(
         sun[:] = 1.0
     else:
         for place, wavelength in enumerate(wavelengths_um):
-            parts = _rayleigh_sky(float(optical_thickness(wavelength)), float(np.sin(elevation)), ground_albedo, theta)
+            parts = _solve_rayleigh_sky(
+                float(compute_optical_thickness(wavelength)), float(np.sin(elevation)), ground_albedo, theta
+            )
             splines[place], ground[place], sun[place] = parts
     return Sky(sun, beam, theta, splines, ground)
 
 
-def angles_to_the_horizon(count: int, steepest: float) -> Array:
+def make_horizon_angles(count: int, steepest: float) -> Array:
     """Angles (count,) [rad] from 0 to arccos(steepest), closer to each other toward the horizon.
 
-    >>> angles_to_the_horizon(3, 1e-4).round(3).tolist()
+    >>> make_horizon_angles(3, 1e-4).round(3).tolist()
     [0.0, 1.003, 1.571]
     """
     steps = np.linspace(0.0, 1.0, count)
@@ -107,7 +109,7 @@ def angles_to_the_horizon(count: int, steepest: float) -> Array:
     return found
 
 
-def _rayleigh_sky(thickness: float, mu0: float, albedo: float, theta: Array) -> tuple[Array, float, float]:
+def _solve_rayleigh_sky(thickness: float, mu0: float, albedo: float, theta: Array) -> tuple[Array, float, float]:
     """Spline coefficients (theta, order, 4) of the sky seen from the ground, the ground's radiance, the beam's."""
     scene = Scene([Layer(rayleigh(DEPOLARIZATION), 1.0, thickness)], Lambertian(albedo))
     steps = np.arange(AZIMUTHS) * (360.0 / AZIMUTHS)
@@ -116,4 +118,4 @@ def _rayleigh_sky(thickness: float, mu0: float, albedo: float, theta: Array) -> 
     spectrum[:, 0] *= 0.5
     orders = np.concatenate([spectrum[..., :2].real, -spectrum[..., 2:].imag], axis=-1)
     ground = albedo * float(field.flux_down[0] + field.direct[0]) / np.pi
-    return coefficients((theta,), orders), ground, float(np.exp(-thickness / mu0))
+    return compute_coefficients((theta,), orders), ground, float(np.exp(-thickness / mu0))

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.render.geometry import UP, Camera, normals, polar, turn, turned
-from vrte.render.sky import Sky, angles_to_the_horizon
+from vrte.render.geometry import UP, Camera, compute_normals, convert_to_polar, find_turn, turn_stokes
+from vrte.render.sky import Sky, make_horizon_angles
 from vrte.results.brdf import Brdf
-from vrte.results.splines import around, coefficients, repeated, rows
+from vrte.results.splines import compute_coefficients, extend_azimuths, make_spline_matrix, repeat_grid
 
 STEEPEST = 1e-3  # smallest cosine of a BRDF's table; light that grazes even more is given the value there
 MARGIN = 0.94  # of a square picture's half side: the sphere's radius
@@ -42,7 +42,7 @@ class Resolution:
     @property
     def theta(self) -> Array:
         """Angles [rad] from the normal of the BRDF's table, incoming and outgoing."""
-        return angles_to_the_horizon(self.angles, STEEPEST)
+        return make_horizon_angles(self.angles, STEEPEST)
 
     @property
     def mu(self) -> Array:
@@ -57,7 +57,7 @@ class Resolution:
     @property
     def turn(self) -> Array:
         """The table's azimuths [rad] once around, and beyond both ends."""
-        return steps_around(self.azimuths)[0]
+        return make_steps_around(self.azimuths)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class Table:
     def rows(self, mu_i: Array, mu_o: Array, phi: Array) -> Any:
         """The matrix from the flat splines to directions (n,), phi in radians."""
         grids = self.resolution.theta, self.resolution.theta, self.resolution.turn
-        return rows(grids, (np.arccos(mu_i), np.arccos(mu_o), phi % (2.0 * np.pi)))
+        return make_spline_matrix(grids, (np.arccos(mu_i), np.arccos(mu_o), phi % (2.0 * np.pi)))
 
     def mueller(self, mu_i: Array, mu_o: Array, phi: Array) -> Array:
         """f (n, 4, 4) [1/sr] in directions (n,), phi in radians."""
@@ -88,20 +88,20 @@ class Table:
         return (found * self.slab(mu_i, mu_o)[:, None]).reshape(-1, 4, 4)
 
 
-def table_of(brdf: Brdf, resolution: Resolution) -> Table:
+def tabulate_brdf(brdf: Brdf, resolution: Resolution) -> Table:
     """The table of a BRDF for the directions of ``resolution``."""
     assert brdf.direct_transmittance is not None
     thickness = float(-np.log(brdf.direct_transmittance[0])) if brdf.direct_transmittance[0] else np.inf
     plain = Table(np.empty(0), thickness, resolution)
     half = brdf.mueller / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
-    _, full = around(brdf.phi, half)
+    _, full = extend_azimuths(brdf.phi, half)
     grids = resolution.theta, resolution.theta, resolution.turn
-    return replace(plain, splines=coefficients(grids, full.reshape(*full.shape[:3], 16)))
+    return replace(plain, splines=compute_coefficients(grids, full.reshape(*full.shape[:3], 16)))
 
 
-def steps_around(count: int) -> tuple[Array, Any]:
+def make_steps_around(count: int) -> tuple[Array, Any]:
     """Equal steps of one turn [rad] and beyond both ends, and which of ``count`` each is."""
-    return repeated(np.arange(count, dtype=np.float64) * (2.0 * np.pi / count))
+    return repeat_grid(np.arange(count, dtype=np.float64) * (2.0 * np.pi / count))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,12 +138,12 @@ class View:
     def lit(self) -> tuple[Any, Any, Array, Array]:
         """Of the pixels that the sun reaches: which they are, the matrix to the BRDF's table, mu_i and mu_o."""
         _, theta, psi = self.pixels
-        normal, x = normals(self.camera, theta, psi)
+        normal, x = compute_normals(self.camera, theta, psi)
         mu_i = -(normal @ self.sky.beam)
         lit = np.flatnonzero(mu_i > 0.0)
-        cosine, azimuth, _ = polar(self.sky.beam, x[lit], np.cross(normal[lit], x[lit]), normal[lit])
+        cosine, azimuth, _ = convert_to_polar(self.sky.beam, x[lit], np.cross(normal[lit], x[lit]), normal[lit])
         points = np.arccos(-cosine), theta[lit], -azimuth % (2.0 * np.pi)
-        matrix = rows((self.resolution.theta, self.resolution.theta, self.resolution.turn), points)
+        matrix = make_spline_matrix((self.resolution.theta, self.resolution.theta, self.resolution.turn), points)
         return lit, matrix, mu_i[lit], np.cos(theta[lit])
 
     @cached_property
@@ -155,7 +155,9 @@ class View:
     def to_pixels(self) -> Any:
         """The matrix from spline coefficients on all rings to the pixels."""
         _, theta, psi = self.pixels
-        return rows((self.resolution.theta, steps_around(self.resolution.around)[0]), (theta, psi % (2.0 * np.pi)))
+        return make_spline_matrix(
+            (self.resolution.theta, make_steps_around(self.resolution.around)[0]), (theta, psi % (2.0 * np.pi))
+        )
 
     def stokes(self, table: Table, place: int) -> Array:
         """Stokes radiance (pixel, 4) to the camera at the wavelength ``place``, of a material with this table."""
@@ -165,27 +167,27 @@ class View:
         column = np.ascontiguousarray(table.splines.reshape(-1, 4, 4)[:, :, 0])
         strength = self.sky.sun[place] * mu_i * table.slab(np.maximum(mu_i, STEEPEST), mu_o)
         sunlight = (matrix @ column) * strength[:, None]
-        found[lit] += turned(sunlight, psi[lit] - 0.5 * np.pi)
+        found[lit] += turn_stokes(sunlight, psi[lit] - 0.5 * np.pi)
         return found
 
     def from_the_sky(self, table: Table, place: int) -> Array:
         """The sky's part of it: (pixel, 4)."""
         values = np.zeros((len(self.rings), self.resolution.around, 4))
         if self.sky.splines[place].any() or self.sky.ground[place]:
-            on_rings = splines_on_rings(table)
+            on_rings = compute_ring_splines(table)
             for ring, here in enumerate(self.rings):
                 slab = table.slab(here.mu_i, self.resolution.mu[ring])
                 values[ring] = here.stokes(on_rings[ring], slab, self.sky, place)
-        grid, places = steps_around(self.resolution.around)
-        smooth = coefficients((self.resolution.theta, grid), values[:, places])
+        grid, places = make_steps_around(self.resolution.around)
+        smooth = compute_coefficients((self.resolution.theta, grid), values[:, places])
         found: Array = self.to_pixels @ smooth.reshape(-1, 4)
         return found
 
 
-def splines_on_rings(table: Table) -> Array:
+def compute_ring_splines(table: Table) -> Array:
     """The splines at their own outgoing angles, where the rings are: (theta_o, theta_i, phi, 16)."""
     theta = table.resolution.theta
-    back = rows((theta,), (theta,)).toarray()
+    back = make_spline_matrix((theta,), (theta,)).toarray()
     return np.ascontiguousarray(np.einsum("no,iopc->nipc", back, table.splines, optimize=True))
 
 
@@ -212,20 +214,20 @@ class Ring:
     def at(cls, view: View, theta: float) -> "Ring":
         resolution = view.resolution
         psi = np.linspace(0.0, 2.0 * np.pi, resolution.around, endpoint=False)
-        normal, x = normals(view.camera, np.full(psi.shape, theta), psi)
-        travel, weights, from_sky = incoming(normal, resolution, ground=bool(view.sky.ground.any()))
+        normal, x = compute_normals(view.camera, np.full(psi.shape, theta), psi)
+        travel, weights, from_sky = find_incoming_directions(normal, resolution, ground=bool(view.sky.ground.any()))
         n_each = travel.shape[1]
         normal, x = (np.repeat(part, n_each, axis=0) for part in (normal, x))
         travel, weights, from_sky = travel.reshape(-1, 3), weights.ravel(), from_sky.ravel()
-        cosine, azimuth, on_facet = polar(travel, x, np.cross(normal, x), normal)
-        height, heading, in_world = polar(travel, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), UP)
+        cosine, azimuth, on_facet = convert_to_polar(travel, x, np.cross(normal, x), normal)
+        height, heading, in_world = convert_to_polar(travel, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), UP)
         points = np.arccos(-cosine), -azimuth % (2.0 * np.pi)
         return cls(
             psi,
-            rows((resolution.theta, resolution.turn), points),
-            rows((view.sky.theta,), (np.arccos(-height[from_sky]),)),
+            make_spline_matrix((resolution.theta, resolution.turn), points),
+            make_spline_matrix((view.sky.theta,), (np.arccos(-height[from_sky]),)),
             heading,
-            turn(travel, in_world, on_facet),
+            find_turn(travel, in_world, on_facet),
             weights * -cosine,
             np.maximum(-cosine, STEEPEST),
             from_sky,
@@ -237,28 +239,28 @@ class Ring:
         falls_in = np.zeros((self.azimuth.size, 4))
         falls_in[self.from_sky] = sky.stokes(place, self.above, self.azimuth[self.from_sky])
         falls_in[~self.from_sky, 0] = sky.ground[place]
-        falls_in = turned(falls_in, self.facet) * (self.weights * slab)[:, None]
+        falls_in = turn_stokes(falls_in, self.facet) * (self.weights * slab)[:, None]
         matrices = (self.to_table @ splines.reshape(-1, 16)).reshape(-1, 4, 4)
         leaves = (matrices @ falls_in[:, :, None]).reshape(self.psi.size, -1, 4).sum(axis=1)
-        return turned(leaves, self.psi - 0.5 * np.pi)
+        return turn_stokes(leaves, self.psi - 0.5 * np.pi)
 
 
-def incoming(normal: Array, resolution: Resolution, ground: bool) -> tuple[Array, Array, Any]:
+def find_incoming_directions(normal: Array, resolution: Resolution, ground: bool) -> tuple[Array, Array, Any]:
     """Directions of travel (normal, n, 3) of light from above the tangent planes, weights (normal, n) [sr], and which
     come from the sky, not from the ground.
 
     Tangent plane and horizon cut the sphere of directions into lunes, which share the axis where both planes meet.
     Gauss quadrature takes each lune by itself, from pole to pole and across: no edge of the sky lies within one.
     """
-    axis, across, tilt = _lune_frame(normal)
+    axis, across, tilt = _find_lune_frame(normal)
     quarter = 0.5 * np.pi
     lunes = [(tilt - quarter, np.full_like(tilt, quarter), True)]
     if ground:
         lunes.append((np.full_like(tilt, -quarter), tilt - quarter, False))
-    pole, pole_weights = _gauss(np.zeros(1), np.full(1, np.pi), resolution.along)
+    pole, pole_weights = _find_gauss_nodes(np.zeros(1), np.full(1, np.pi), resolution.along)
     parts = []
     for low, high, from_sky in lunes:
-        around, around_weights = _gauss(low, high, resolution.across)  # (normal, across)
+        around, around_weights = _find_gauss_nodes(low, high, resolution.across)  # (normal, across)
         equator = np.cos(around)[..., None] * normal[:, None] + np.sin(around)[..., None] * across[:, None]
         toward = (
             np.sin(pole[0])[:, None, None] * equator[:, None] + np.cos(pole[0])[:, None, None] * axis[:, None, None]
@@ -270,7 +272,7 @@ def incoming(normal: Array, resolution: Resolution, ground: bool) -> tuple[Array
     return travel, weights, above
 
 
-def _lune_frame(normal: Array) -> tuple[Array, Array, Array]:
+def _find_lune_frame(normal: Array) -> tuple[Array, Array, Array]:
     """The line (normal, 3) where tangent plane and horizon meet, the direction across it in the tangent plane that
     leads to the zenith, and the angle (normal,) from the normal to the zenith; any line where they coincide."""
     axis = np.cross(normal, UP)
@@ -281,23 +283,23 @@ def _lune_frame(normal: Array) -> tuple[Array, Array, Array]:
     return axis, across, np.arctan2(across @ UP, normal @ UP)
 
 
-def _gauss(low: Array, high: Array, count: int) -> tuple[Array, Array]:
+def _find_gauss_nodes(low: Array, high: Array, count: int) -> tuple[Array, Array]:
     """Gauss nodes and weights (n, count) between low and high (n,)."""
     points, weights = np.polynomial.legendre.leggauss(count)
     half = 0.5 * (high - low)[:, None]
     return (0.5 * (high + low))[:, None] + half * points, half * weights
 
 
-def irradiance(sky: Sky, normal: Array, resolution: Resolution = Resolution()) -> Array:
+def compute_irradiance(sky: Sky, normal: Array, resolution: Resolution = Resolution()) -> Array:
     """Irradiance (wavelength, n) [W m-2] on surfaces with these normals (n, 3), sun included.
 
-    >>> from vrte.render.sky import sky_of
-    >>> irradiance(sky_of("uniform", [0.5], 30.0, 0.0), np.array([[0.0, 0.6, 0.8]])).round(6).tolist()
+    >>> from vrte.render.sky import make_sky
+    >>> compute_irradiance(make_sky("uniform", [0.5], 30.0, 0.0), np.array([[0.0, 0.6, 0.8]])).round(6).tolist()
     [[3.141593]]
     """
-    travel, weights, from_sky = incoming(normal, resolution, ground=True)
+    travel, weights, from_sky = find_incoming_directions(normal, resolution, ground=True)
     heading = np.arctan2(travel[..., 1], travel[..., 0])[from_sky]
-    above = rows((sky.theta,), (np.arccos(-travel[..., 2][from_sky]),))
+    above = make_spline_matrix((sky.theta,), (np.arccos(-travel[..., 2][from_sky]),))
     weights = weights * -np.einsum("nkc,nc->nk", travel, normal)
     found = np.zeros((sky.sun.size, len(normal)))
     for place in range(sky.sun.size):

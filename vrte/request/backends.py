@@ -23,10 +23,10 @@ _BY_LABEL = {backend.label: backend for backend in Backend}
 BACKENDS = tuple(_BY_LABEL)
 
 
-def backend_of(label: str) -> Backend:
+def find_backend(label: str) -> Backend:
     """The backend of that label.
 
-    >>> backend_of("opencl").linear_algebra
+    >>> find_backend("opencl").linear_algebra
     'device'
     """
     return _BY_LABEL[label]

@@ -11,10 +11,10 @@ from textwrap import fill, indent
 from typing import Any, TypeVar
 
 from vrte.basics import cost
-from vrte.basics.arrays import flag, number, shown, whole
+from vrte.basics.arrays import check_flag, check_number, check_whole, show_value
 from vrte.basics.errors import SceneError
 from vrte.optics.truncation import CHOICES
-from vrte.request.backends import BACKENDS, Backend, backend_of
+from vrte.request.backends import BACKENDS, Backend, find_backend
 from vrte.scene.illumination import SIDES
 
 EXACT = "discrete-ordinates"
@@ -53,35 +53,37 @@ class Option:
         return f"{name} : {kind}, optional\n{indent(fill(told, 108), '    ')}"
 
 
-def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> str:
+def check_choice(name: str, value: Any, allowed: tuple[str, ...]) -> str:
     """One of the names allowed."""
     if not (isinstance(value, str) and value in allowed):
-        raise SceneError.of(name, f"must be {', '.join(map(repr, allowed))}, not {shown(value)}")
+        raise SceneError.of(name, f"must be {', '.join(map(repr, allowed))}, not {show_value(value)}")
     return value
 
 
-def settings_of(name: str, value: Any) -> dict[str, Any]:
+def check_settings(name: str, value: Any) -> dict[str, Any]:
     """The settings of a method, by name."""
     if not (isinstance(value, Mapping) and all(isinstance(key, str) for key in value)):
-        raise SceneError.of(name, f"must be a dictionary by names of settings, not {shown(value)}")
+        raise SceneError.of(name, f"must be a dictionary by names of settings, not {show_value(value)}")
     return dict(value)
 
 
-def option(default: Any, *told: Any) -> Any:
+def make_option(default: Any, *told: Any) -> Any:
     """A field of `How` with its `Option`."""
     return field(default=None, metadata={"option": Option(default, *told)})
 
 
-def choice(default: str, choices: tuple[str, ...], short: str, more: str = "") -> Any:
+def make_choice_option(default: str, choices: tuple[str, ...], short: str, more: str = "") -> Any:
     """The same for one of some names."""
     allowed = " or ".join(f'"{name}"' for name in choices)
-    return option(default, str, lambda name, value: one_of(name, value, choices), allowed, short, more, choices)
+    return make_option(
+        default, str, lambda name, value: check_choice(name, value, choices), allowed, short, more, choices
+    )
 
 
-def whole_number(most: int, short: str, more: str = "") -> Any:
+def make_number_option(most: int, short: str, more: str = "") -> Any:
     """The same for a whole number from 1 on, None where vrte finds it."""
     allowed = f"a whole number from 1 to {most}"
-    return option(None, int, lambda name, value: whole(name, value, 1, most), allowed, short, more)
+    return make_option(None, int, lambda name, value: check_whole(name, value, 1, most), allowed, short, more)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ class How:
     (1e-08, frozenset({'backend'}))
     """
 
-    algorithm: str = choice(
+    algorithm: str = make_choice_option(
         "auto",
         ALGORITHMS,
         "algorithm of discrete ordinates; default: auto",
@@ -104,75 +106,75 @@ class How:
         '"invariance": layers without end by the invariance of their reflection; "direct": the rule without what '
         "iterates to a tolerance",
     )
-    verify: bool = option(
+    verify: bool = make_option(
         False,
         bool,
-        flag,
+        check_flag,
         "true or false",
         "solve by both algorithms and report their agreement",
         ', in ``diagnostics["agreement"]``',
     )
-    accuracy: float = option(
+    accuracy: float = make_option(
         None,
         float,
-        lambda name, value: number(name, value, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
+        lambda name, value: check_number(name, value, FINEST, COARSEST, f"between {FINEST:g} and {COARSEST:g}"),
         f"a number between {FINEST:g} and {COARSEST:g}",
         "relative to the largest I at each depth",
         f": of the discrete problem where nodes are given (default {WITH_NODES:g}), of the continuous one where they "
         f'are found by it (default {WITHOUT_NODES:g}; ``diagnostics["promised"]`` and ``["notes"]`` say where it '
         "cannot be promised)",
     )
-    truncation: str = choice(
+    truncation: str = make_choice_option(
         "auto",
         CHOICES,
         "what becomes of phase matrices with more than 2 N terms; default: auto",
         ', which takes one by rule; "none" cuts them, "delta-m" counts their forward peak as light that was not '
         'scattered, "small-angle" does so too and spreads that light (docs/truncation.md)',
     )
-    backend: Backend = option(  # noqa: RUF009
+    backend: Backend = make_option(  # noqa: RUF009
         "openmp",
         str,
-        lambda name, value: value if isinstance(value, Backend) else backend_of(one_of(name, value, BACKENDS)),
+        lambda name, value: value if isinstance(value, Backend) else find_backend(check_choice(name, value, BACKENDS)),
         "",
         "what computes; default: openmp",
         ', the compiled core on ``threads``; "sequential": the same on one; "opencl": an OpenCL device; the others are '
         "mixtures (docs/opencl.md)",
         BACKENDS,
     )
-    method: str = choice(
+    method: str = make_choice_option(
         EXACT,
         METHOD_NAMES,
         f"default: {EXACT}, exact; {AUTO}: by rule, for the accuracy; others: docs/methods.md",
         '. With "auto" there are no nodes and settings, and ``diagnostics["method_rule"]`` says which method it took',
     )
-    settings: Mapping[str, Any] = option(
+    settings: Mapping[str, Any] = make_option(
         {},
         dict,
-        settings_of,
+        check_settings,
         "a table of the method's settings by name",
         "settings of the method, by name (docs/methods.md)",
     )
-    illuminate: str = choice(
+    illuminate: str = make_choice_option(
         "top",
         SIDES,
         "where the light comes from; default: top",
         "; from the bottom for scenes without a base and with a finite thickness",
     )
-    time_limit_s: float = option(
+    time_limit_s: float = make_option(
         cost.TIME_LIMIT_S,
         float,
-        lambda name, value: number(name, value, 0.0, math.inf, "seconds"),
+        lambda name, value: check_number(name, value, 0.0, math.inf, "seconds"),
         "seconds above 0, inf for no limit",
         f"what is predicted to take longer is refused; default: {cost.TIME_LIMIT_S:g}, inf for none",
         ". The prediction is good to a factor of about 3; above 20 s it is told at once in a LongSolveWarning",
     )
-    nodes: int | None = whole_number(
+    nodes: int | None = make_number_option(
         MOST_NODES,
         "nodes in each hemisphere",
         ": 2 x nodes terms of the phase matrix are used for multiple scattering, all of them for single scattering; "
         "default: as many as the accuracy takes",
     )
-    threads: int | None = whole_number(MOST_THREADS, "how many; default: all CPUs that may be used")
+    threads: int | None = make_number_option(MOST_THREADS, "how many; default: all CPUs that may be used")
     given: Any = None  # frozenset of names
 
     def __post_init__(self) -> None:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, flag, numbers, settled, vector
+from vrte.basics.arrays import Array, check_flag, check_numbers, check_vector, settle_array
 from vrte.basics.errors import SceneError
 from vrte.request.how import BY_RULE, How
 from vrte.request.wanted import Wanted
-from vrte.scene.illumination import check_physical, lit_from, mirrored_stokes
+from vrte.scene.illumination import check_physical, mirror_stokes, turn_to_light
 from vrte.scene.scene import Scene
 
 SMALLEST_COSINE = 1e-8
@@ -41,7 +41,7 @@ class Request(How):
     nodes_rule: str = "as asked for"
 
 
-def operations_of(request: Request) -> float:
+def estimate_operations(request: Request) -> float:
     """Predicted of a request, roughly, whichever way it is solved; infinite where that takes a plan to say."""
     scene, mu = request.scene, request.mu
     if scene.below.mixes_stokes or request.nodes is None or mu is None:
@@ -66,9 +66,9 @@ def check_scene(scene: Any) -> Scene:
     return scene
 
 
-def cosines(name: str, values: Any, signed: bool = False) -> Array:
+def check_cosines(name: str, values: Any, signed: bool = False) -> Array:
     """Cosines with 1e-8 <= |mu| <= 1, positive unless `signed`."""
-    array = vector(name, values)
+    array = check_vector(name, values)
     size = np.abs(array) if signed else array
     bad = ~((size >= SMALLEST_COSINE) & (size <= 1.0))
     if bad.any():
@@ -77,21 +77,21 @@ def cosines(name: str, values: Any, signed: bool = False) -> Array:
     return array
 
 
-def stokes_vector(values: Any) -> Array:
+def check_stokes_vector(values: Any) -> Array:
     """Four numbers of any sensible unit that are light. Raises SceneError."""
-    array = vector("stokes", values)
+    array = check_vector("stokes", values)
     if array.shape != (4,):
         raise SceneError.of("stokes", f"must be four numbers I, Q, U, V, not {array.size}")
     check_physical("stokes", array)
     return array
 
 
-def depths(values: Any, scene: Scene) -> Array:
+def check_depths(values: Any, scene: Scene) -> Array:
     """Optical depths from 0 to the scene's total; what is beyond by rounding alone counts as the face."""
-    given = values if type(values) is float else numbers("tau", values)
+    given = values if type(values) is float else check_numbers("tau", values)
     if np.isinf(given).any():
         raise SceneError.of("tau", "must be finite, also inside a layer without end")
-    array = vector("tau", given)
+    array = check_vector("tau", given)
     total = scene.thickness
     within = np.clip(array, 0.0, total)
     rounding = len(scene.layers) * np.finfo(float).eps * total if math.isfinite(total) else 0.0  # of any sum of layers
@@ -100,10 +100,10 @@ def depths(values: Any, scene: Scene) -> Array:
         raise SceneError.of(
             "tau", f"must lie between 0 and the total optical thickness {total:g}, not at {array[bad][0]}"
         )
-    return settled(np.where(total - within <= rounding, total, within)) if rounding else array
+    return settle_array(np.where(total - within <= rounding, total, within)) if rounding else array
 
 
-def brdf_request(
+def make_brdf_request(
     scene: Any,
     mu_i: Any,
     mu_o: Any,
@@ -117,10 +117,10 @@ def brdf_request(
 ) -> Request:
     """What `vrte.brdf` asks with these arguments, which are its own. Raises SceneError, TypeError."""
     how = How(*options, nodes=nodes, threads=threads, **more)  # type: ignore[misc]  # options end before nodes
-    scene = lit_from(how.illuminate, check_scene(scene))
-    into, out = cosines("mu_i", mu_i), cosines("mu_o", mu_o)
-    azimuths = vector("phi", phi)
-    if flag("transmission", transmission) and not np.isfinite(scene.thickness):
+    scene = turn_to_light(how.illuminate, check_scene(scene))
+    into, out = check_cosines("mu_i", mu_i), check_cosines("mu_o", mu_o)
+    azimuths = check_vector("phi", phi)
+    if check_flag("transmission", transmission) and not np.isfinite(scene.thickness):
         raise SceneError.of("transmission", "needs a finite thickness: nothing comes out below a layer without end")
     levels = np.array([0.0, scene.thickness] if transmission else [0.0])
     directions = np.concatenate([out, -out]) if transmission else out
@@ -142,7 +142,7 @@ def brdf_request(
     )
 
 
-def radiance_request(
+def make_radiance_request(
     scene: Any,
     mu0: Any,
     stokes: Any = (1.0, 0.0, 0.0, 0.0),
@@ -157,14 +157,14 @@ def radiance_request(
 ) -> Request:
     """What `vrte.radiance` asks with these arguments, which are its own. Raises SceneError, TypeError."""
     how = How(*options, nodes=nodes, threads=threads, **more)  # type: ignore[misc]  # options end before nodes
-    scene = lit_from(how.illuminate, check_scene(scene))
-    beam = cosines("mu0", mu0)
+    scene = turn_to_light(how.illuminate, check_scene(scene))
+    beam = check_cosines("mu0", mu0)
     fluxes_only = isinstance(mu, (list, tuple)) and not mu
-    directions = np.ones(1) if fluxes_only else None if mu is None else cosines("mu", mu, signed=True)
-    incident, azimuths, asked_tau = stokes_vector(stokes), vector("phi", phi), depths(tau, scene)
+    directions = np.ones(1) if fluxes_only else None if mu is None else check_cosines("mu", mu, signed=True)
+    incident, azimuths, asked_tau = check_stokes_vector(stokes), check_vector("phi", phi), check_depths(tau, scene)
     arriving, levels = incident, asked_tau
     if how.illuminate == "bottom":
-        arriving, levels = mirrored_stokes(incident), scene.thickness - asked_tau
+        arriving, levels = mirror_stokes(incident), scene.thickness - asked_tau
         directions = None if directions is None else -directions
     parts = [arriving * [1, 1, 0, 0], arriving * [0, 0, 1, 1]]
     return Request(

@@ -6,7 +6,7 @@ from typing import Any
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.results.result import Result
-from vrte.scene.illumination import check_azimuths, incident_light, outgoing, weights_of
+from vrte.scene.illumination import check_azimuths, choose_weights, sample_incident_light, sum_outgoing_light
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,8 +63,8 @@ class Brdf(Result):
         if matrices is None:
             raise SceneError("no transmission here: ask vrte.brdf for it with transmission=True")
         check_azimuths(self.phi)
-        falls_in = incident_light(light, self.mu_i, self.phi)
-        return outgoing(matrices, falls_in, self.mu_i, weights_of(self.mu_i, weights))
+        falls_in = sample_incident_light(light, self.mu_i, self.phi)
+        return sum_outgoing_light(matrices, falls_in, self.mu_i, choose_weights(self.mu_i, weights))
 
     def diffuse_reflectance(self, weights: Any = None) -> Array:
         """The radiance factor (mu_o,) under an evenly white, unpolarized sky: radiance out over that of a white
@@ -74,4 +74,4 @@ class Brdf(Result):
     def bihemispherical_reflectance(self, weights: Any = None) -> float:
         """Flux out over flux in under such a sky, from ``reflectance``; any ``phi`` will do. ``weights`` as for
         `under`."""
-        return float(2.0 * (weights_of(self.mu_i, weights) * self.mu_i) @ self.reflectance)
+        return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.reflectance)

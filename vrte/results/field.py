@@ -64,7 +64,7 @@ class Field(Result):
         return replace(self, mu0=float(self.mu0[place]), **shares)
 
 
-def one_beam(field: Field) -> float:
+def require_one_beam(field: Field) -> float:
     """The cosine mu0 of a field of one beam, which is what a picture shows; SceneError for a field of several."""
     if isinstance(field.mu0, float):
         return field.mu0

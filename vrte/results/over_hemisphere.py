@@ -11,7 +11,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.results.brdf import Brdf
-from vrte.results.splines import around, mirrored, over_pole, weights
+from vrte.results.splines import compute_weights, extend_azimuths, extend_over_pole, mirror_azimuths
 
 EDGE = 1e-9  # [degrees] beyond the last mu_o: rounding
 HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to it: a spline across would be invention
@@ -32,22 +32,22 @@ def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, inc
     >>> (stokes_over_hemisphere(f, 0, np.array([10.0]), np.array([33.0]))[0, 0] * np.pi).round(12).tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
-    azimuths, matrices = around(brdf.phi, brdf.mueller[place])
+    azimuths, matrices = extend_azimuths(brdf.phi, brdf.mueller[place])
     if not np.isfinite(matrices).all():
         raise SceneError("a picture of the lobes needs finite Mueller matrices; NaN or inf was found")
     # Q and U of axes that do not turn with the azimuth: smooth at the pole, where meridian planes are not
-    smooth = _turned(matrices @ np.asarray(incident, float), -azimuths)
+    smooth = _turn_axes(matrices @ np.asarray(incident, float), -azimuths)
     given, places = np.unique(np.degrees(np.arccos(brdf.mu_o)), return_index=True)
-    here, opposite = (weights(azimuths, turned % 360.0) @ smooth[places] for turned in (phi, phi + 180.0))
-    circle, light = over_pole(given, here, opposite)
-    found = np.einsum("tc,cps->tps", weights(circle, theta), light)
+    here, opposite = (compute_weights(azimuths, turned % 360.0) @ smooth[places] for turned in (phi, phi + 180.0))
+    circle, light = extend_over_pole(given, here, opposite)
+    found = np.einsum("tc,cps->tps", compute_weights(circle, theta), light)
     found[theta > given[-1] + EDGE] = np.nan
     if given[0] > HOLE:
         found[theta < given[0] - EDGE] = np.nan
-    return _turned(found, phi)
+    return _turn_axes(found, phi)
 
 
-def _turned(light: Array, degrees: Array) -> Array:
+def _turn_axes(light: Array, degrees: Array) -> Array:
     """Stokes vectors (..., n, 4) in axes turned by angles (n,)."""
     linear = (light[..., 1] + 1j * light[..., 2]) * np.exp(2j * np.radians(degrees))
     return np.stack([light[..., 0], linear.real, linear.imag, light[..., 3]], axis=-1)
@@ -68,8 +68,8 @@ def light_on_mesh(
     >>> theta.round(9).tolist(), phi.size, light.shape
     ([0.0, 30.0, 60.0], 13, (3, 13, 4))
     """
-    theta = _to_the_edge(brdf, step_deg)
-    phi = np.linspace(0.0, 360.0, 1 + _steps(360.0, step_deg))
+    theta = _list_polar_angles(brdf, step_deg)
+    phi = np.linspace(0.0, 360.0, 1 + _count_steps(360.0, step_deg))
     return theta, phi, stokes_over_hemisphere(brdf, place, theta, phi, incident)
 
 
@@ -86,7 +86,7 @@ def light_in_plane(
     >>> light_in_plane(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)[0].round(9).tolist()
     [-60.0, -30.0, 0.0, 30.0, 60.0]
     """
-    theta = _to_the_edge(brdf, step_deg)
+    theta = _list_polar_angles(brdf, step_deg)
     there, opposite = stokes_over_hemisphere(
         brdf, place, theta, np.array([phi_deg, phi_deg + 180.0]), incident
     ).swapaxes(0, 1)
@@ -97,16 +97,16 @@ def light_in_plane(
     return np.concatenate([-theta[:0:-1], theta]), np.concatenate([opposite[:0:-1], there])
 
 
-def _to_the_edge(brdf: Brdf, step_deg: float) -> Array:
+def _list_polar_angles(brdf: Brdf, step_deg: float) -> Array:
     """Angles [degrees] from the normal, or the first mu_o far from it, to the last. Raises SceneError for too few
     directions."""
     check_directions(brdf.mu_o, brdf.phi)
     first, last = np.degrees(np.arccos([brdf.mu_o.max(), brdf.mu_o.min()])).tolist()
     first = first if first > HOLE else 0.0
-    return np.linspace(first, last, 1 + _steps(last - first, step_deg))
+    return np.linspace(first, last, 1 + _count_steps(last - first, step_deg))
 
 
-def _steps(length: float, most: float) -> int:
+def _count_steps(length: float, most: float) -> int:
     """So many steps of at most ``most``, whatever the rounding."""
     return max(1, int(np.ceil(length / most - 1e-9)))
 
@@ -137,7 +137,7 @@ def check_directions(mu_o: Any, phi: Any) -> None:
 
     >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
     """
-    if mirrored(np.atleast_1d(phi))[0].size < 4 or np.unique(mu_o).size < 2:
+    if mirror_azimuths(np.atleast_1d(phi))[0].size < 4 or np.unique(mu_o).size < 2:
         raise SceneError(
             "a picture of the lobes needs at least 2 different mu_o and 3 different phi_deg from 0 to 180 (of the "
             "others, the mirror images are taken)"

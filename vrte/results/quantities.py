@@ -4,15 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, numbers, shown
+from vrte.basics.arrays import Array, check_numbers, show_value
 from vrte.basics.errors import SceneError
 from vrte.basics.polarization import (
-    angle_of_linear_polarization,
-    degree_of_circular_polarization,
-    degree_of_linear_polarization,
-    degree_of_polarization,
+    find_angle_of_linear_polarization,
+    find_degree_of_circular_polarization,
+    find_degree_of_linear_polarization,
+    find_degree_of_polarization,
 )
-from vrte.request.request import stokes_vector
+from vrte.request.request import check_stokes_vector
 from vrte.results.brdf import Brdf
 
 MUELLER = tuple(f"f{row}{column}" for row in range(4) for column in range(4))
@@ -26,10 +26,10 @@ ANGLES = frozenset({ANGLE_LINEAR})  # 0 and 180 are the same
 SIGNED = frozenset({*MUELLER[1:], *STOKES[1:], DEGREE_CIRCULAR})  # may be negative
 SHARES = frozenset({DEGREE, DEGREE_LINEAR, DEGREE_CIRCULAR, REFLECTANCE_FACTOR})  # without a unit
 OF_STOKES = {
-    DEGREE: degree_of_polarization,
-    DEGREE_LINEAR: degree_of_linear_polarization,
-    ANGLE_LINEAR: angle_of_linear_polarization,
-    DEGREE_CIRCULAR: degree_of_circular_polarization,
+    DEGREE: find_degree_of_polarization,
+    DEGREE_LINEAR: find_degree_of_linear_polarization,
+    ANGLE_LINEAR: find_angle_of_linear_polarization,
+    DEGREE_CIRCULAR: find_degree_of_circular_polarization,
 }
 
 
@@ -56,7 +56,7 @@ def of_stokes(stokes: Any, name: str) -> Array:
     0.5
     """
     check_name(name, (*FIELD_QUANTITIES, REFLECTANCE_FACTOR))
-    values = numbers("stokes", stokes)
+    values = check_numbers("stokes", stokes)
     if values.shape[-1:] != (4,):
         raise SceneError(f"stokes must be I, Q, U, V along its last axis, not of shape {values.shape}")
     if name == REFLECTANCE_FACTOR:
@@ -93,7 +93,7 @@ def incident_for(name: str, stokes: Any) -> Array:
     ([0.0, 0.0, 1.0, 0.0], [1.0, 0.5, 0.0, 0.0])
     """
     check_name(name, QUANTITIES)
-    given = stokes_vector(stokes)
+    given = check_stokes_vector(stokes)
     if not given[0] > 0.0:
         raise SceneError(f"stokes must have an intensity I above 0, not {given[0]:g}")
     unit: Array = np.eye(4)[int(name[2])] if name in MUELLER else given / given[0]
@@ -108,4 +108,4 @@ def of_light(light: Array, name: str) -> Array:
 def check_name(name: Any, allowed: tuple[str, ...]) -> None:
     """Raises SceneError unless ``name`` is one of those."""
     if not isinstance(name, str) or name not in allowed:
-        raise SceneError(f"a quantity must be one of {', '.join(dict.fromkeys(allowed))}, not {shown(name)}")
+        raise SceneError(f"a quantity must be one of {', '.join(dict.fromkeys(allowed))}, not {show_value(name)}")

@@ -4,7 +4,7 @@ import os
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
-from vrte.basics.arrays import frozen, is_settled
+from vrte.basics.arrays import freeze_copy, is_settled
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 
@@ -28,7 +28,7 @@ class Labelled:
         """
         for name, shape in shapes.items():
             given = getattr(self, name)
-            array = given if is_settled(given) else frozen(given)
+            array = given if is_settled(given) else freeze_copy(given)
             if array.shape != shape:
                 raise SceneError(f"{name} must have the shape {shape} to fit its directions, not {array.shape}", name)
             object.__setattr__(self, name, array)

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vrte.basics.arrays import Array, in_one_line, settled, vector
+from vrte.basics.arrays import Array, check_vector, put_in_one_line, settle_array
 from vrte.basics.errors import SceneError
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
@@ -34,7 +34,7 @@ class Spectrum(Result):
     brdfs: tuple[Brdf, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wavelength_um", ascending(self.wavelength_um))
+        object.__setattr__(self, "wavelength_um", check_ascending(self.wavelength_um))
         object.__setattr__(self, "brdfs", tuple(self.brdfs))
         if not all(isinstance(one, Brdf) for one in self.brdfs):
             raise SceneError("brdfs must be vrte.Brdf")
@@ -95,11 +95,11 @@ class Spectrum(Result):
         """An array of all BRDFs as one, read-only; None where they have none."""
         if getattr(self.brdfs[0], name) is None:
             return None
-        return settled(np.stack([getattr(one, name) for one in self.brdfs]))
+        return settle_array(np.stack([getattr(one, name) for one in self.brdfs]))
 
     def at(self, wavelengths_um: Any) -> "Spectrum":
         """The spectrum at some of its own wavelengths, to 1e-9 um. Raises SceneError for one that it has not."""
-        wanted = ascending(wavelengths_um)
+        wanted = check_ascending(wavelengths_um)
         places = [int(np.argmin(np.abs(self.wavelength_um - one))) for one in wanted]
         for one, place in zip(wanted, places, strict=True):
             if abs(self.wavelength_um[place] - one) > 1e-9:
@@ -109,13 +109,13 @@ class Spectrum(Result):
         return Spectrum(self.wavelength_um[places], tuple(self.brdfs[place] for place in places))
 
 
-def ascending(wavelengths_um: Any) -> Array:
+def check_ascending(wavelengths_um: Any) -> Array:
     """Wavelengths above 0, each above the one before."""
-    found = vector("wavelength_um", wavelengths_um)
+    found = check_vector("wavelength_um", wavelengths_um)
     if found.size > MOST_WAVELENGTHS:
         raise SceneError(f"wavelength_um must be at most {MOST_WAVELENGTHS} wavelengths, not {found.size}")
     if found[0] <= 0.0 or np.any(np.diff(found) <= 0.0):
-        raise SceneError(f"wavelength_um must be positive and ascending, not {in_one_line(str(found.tolist()))}")
+        raise SceneError(f"wavelength_um must be positive and ascending, not {put_in_one_line(str(found.tolist()))}")
     return found
 
 
@@ -131,6 +131,6 @@ def check_alike(first: Brdf, other: Brdf) -> None:
         raise SceneError("brdfs must all be lit from the same side")
 
 
-def with_scene(found: Found, text: str) -> Found:
+def add_scene_text(found: Found, text: str) -> Found:
     """The same with the text of its scene file in its diagnostics, where there is one."""
     return replace(found, diagnostics=found.diagnostics | {SCENE: text}) if text else found

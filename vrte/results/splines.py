@@ -2,7 +2,7 @@
 
 Directions do not depend on the wavelength, values do: a spline is its `coefficients`, and a sparse matrix, `rows`, that
 takes them to directions; `weights` is both in one, for few points. Grids go on beyond the data: `around` periodically
-in azimuth, `over_pole` along great circles.
+in azimuth, `extend_over_pole` along great circles.
 """
 
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.polarization import FLIP
 
 MARGIN = 16  # points repeated beyond each end: what the ends spoil has faded to 1e-9 there
@@ -18,16 +19,18 @@ MIRROR = np.outer(FLIP, FLIP)  # f(-phi) = f(phi) times this
 POLE = 1e-6  # of the unit of a grid: nearer to the normal is on it
 
 
-def coefficients(grids: tuple[Array, ...], values: Array) -> Array:
+def compute_coefficients(grids: tuple[Array, ...], values: Array) -> Array:
     """B-spline coefficients of ``values`` (n_1, n_2, ..., more) on ascending grids (n_1,), (n_2,), ...: as many."""
     from scipy.interpolate import make_interp_spline
 
-    for axis, grid in enumerate(grids):
-        values = np.moveaxis(make_interp_spline(grid, np.moveaxis(values, axis, 0), k=degree(grid)).c, 0, axis)
+    with keep_to_one_thread():  # of BLAS: its threads wait for each other longer than banded systems take
+        for axis, grid in enumerate(grids):
+            spline = make_interp_spline(grid, np.moveaxis(values, axis, 0), k=choose_degree(grid))
+            values = np.moveaxis(spline.c, 0, axis)
     return values
 
 
-def rows(grids: tuple[Array, ...], points: tuple[Array, ...]) -> Any:
+def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...]) -> Any:
     """The sparse matrix (n, n_1 n_2 ...) that takes flattened coefficients to the points, one coordinate (n,) a grid.
 
     Points beyond a grid are taken at its end.
@@ -37,8 +40,8 @@ def rows(grids: tuple[Array, ...], points: tuple[Array, ...]) -> Any:
 
     columns, shares = np.zeros((points[0].size, 1), dtype=np.int32), np.ones((points[0].size, 1))
     for grid, point in zip(grids, points, strict=True):
-        knots = make_interp_spline(grid, np.zeros(grid.size), k=degree(grid)).t
-        one = BSpline.design_matrix(np.clip(point, grid[0], grid[-1]), knots, degree(grid))
+        knots = make_interp_spline(grid, np.zeros(grid.size), k=choose_degree(grid)).t
+        one = BSpline.design_matrix(np.clip(point, grid[0], grid[-1]), knots, choose_degree(grid))
         place, share = (part.reshape(len(point), -1) for part in (one.indices.astype(np.int32), one.data))
         columns = (columns[:, :, None] * np.int32(grid.size) + place[:, None, :]).reshape(len(point), -1)
         shares = (shares[:, :, None] * share[:, None, :]).reshape(len(point), -1)
@@ -48,28 +51,28 @@ def rows(grids: tuple[Array, ...], points: tuple[Array, ...]) -> Any:
     return csr_array((shares.ravel(), columns.ravel(), starts), shape=shape)
 
 
-def weights(grid: Array, points: Array) -> Array:
+def compute_weights(grid: Array, points: Array) -> Array:
     """The weight (points, n) of each value on a grid (n,) at the points; polynomials through all of up to four values.
 
-    >>> weights(np.array([0.0, 1.0, 2.0]), np.array([0.5])).tolist()
+    >>> compute_weights(np.array([0.0, 1.0, 2.0]), np.array([0.5])).tolist()
     [[0.375, 0.75, -0.125]]
     """
-    found: Array = rows((grid,), (points,)) @ coefficients((grid,), np.eye(grid.size))
+    found: Array = make_spline_matrix((grid,), (points,)) @ compute_coefficients((grid,), np.eye(grid.size))
     return found
 
 
-def degree(grid: Array) -> int:
+def choose_degree(grid: Array) -> int:
     """Of the polynomials: 3 where there are enough points."""
     return min(3, grid.size - 1)
 
 
-def repeated(
+def repeat_grid(
     grid: Array, period: float = 2.0 * np.pi, low: float = 0.0, high: float = np.inf, margin: int = MARGIN
 ) -> tuple[Array, NDArray[np.intp]]:
     """The points of one period, ascending from 0 on, between ``low`` and ``high``, by default once around, and
     ``margin`` more at each end; and which of ``grid`` (n,) each is.
 
-    >>> [part.size for part in repeated(np.arange(36) * (np.pi / 18))]
+    >>> [part.size for part in repeat_grid(np.arange(36) * (np.pi / 18))]
     [69, 69]
     """
     turns = -(-margin // grid.size) + 1
@@ -80,31 +83,33 @@ def repeated(
     return going_on[there], count[there] % grid.size
 
 
-def mirrored(phi: Array) -> tuple[Array, NDArray[np.intp]]:
+def mirror_azimuths(phi: Array) -> tuple[Array, NDArray[np.intp]]:
     """Ascending azimuths [degrees] of ``phi`` (n,) and its mirror images, from 0 to below 360, and where each is in the
     two one after the other.
 
-    >>> mirrored(np.array([0.0, 90.0]))[0].tolist()
+    >>> mirror_azimuths(np.array([0.0, 90.0]))[0].tolist()
     [0.0, 90.0, 270.0]
     """
     found, places = np.unique(np.round(np.concatenate([phi, -phi]) % 360.0, 9) % 360.0, return_index=True)
     return found, places
 
 
-def around(
+def extend_azimuths(
     phi: Array, matrices: Array, low: float = 0.0, high: float = 360.0, margin: int = MARGIN
 ) -> tuple[Array, Array]:
     """Azimuths (m,) [degrees] from ``low`` to ``high`` and beyond, and the Mueller matrices (..., m, 4, 4) there.
 
     ``matrices`` (..., n, 4, 4) are those at ``phi`` (n,) [degrees]; missing azimuths are mirror images.
     """
-    azimuths, places = mirrored(phi)
-    grid, turn = repeated(azimuths, 360.0, low, high, margin)
+    azimuths, places = mirror_azimuths(phi)
+    grid, turn = repeat_grid(azimuths, 360.0, low, high, margin)
     sign = np.where((places[turn] >= phi.size)[:, None, None], MIRROR, 1.0)
     return grid, matrices[..., places[turn] % phi.size, :, :] * sign
 
 
-def over_pole(theta: Array, here: Array, opposite: Array, axis: int = 0, margin: int = MARGIN) -> tuple[Array, Array]:
+def extend_over_pole(
+    theta: Array, here: Array, opposite: Array, axis: int = 0, margin: int = MARGIN
+) -> tuple[Array, Array]:
     """Angles from the normal (m,) and values along great circles: half a turn away the angle is negative.
 
     ``theta`` (n,) ascends from 0 or above; ``here`` and ``opposite``, half a turn away, have it as their ``axis``.

@@ -13,12 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, BoolArray, in_one_line, number, numbers, settled, vector
+from vrte.basics.arrays import (
+    Array,
+    BoolArray,
+    check_number,
+    check_numbers,
+    check_vector,
+    put_in_one_line,
+    settle_array,
+)
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.optics.phase_matrix import NEGATIVE_ALLOWED
 
 LARGEST_BASE = 1e100  # of an element of a base's Mueller matrix [1/sr]
-CHECKED_COSINES = settled(np.array([0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0]))  # mu_i of a base's energy
+CHECKED_COSINES = settle_array(np.array([0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0]))  # mu_i of a base's energy
 GRAZING = 0.05  # mu_i below which a base may give back more than it gets
 ENERGY_ALLOWED = 1e-3  # relative: what quadratures of coarse functions leave
 COARSE = 24  # points of a first look at a base's energy
@@ -108,7 +116,7 @@ class Lambertian(Boundary):
     orders_reflected = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "albedo", number("base: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
+        object.__setattr__(self, "albedo", check_number("base: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
 
     @property
     def even_albedo(self) -> float:
@@ -173,7 +181,7 @@ class MuellerBase(Boundary):
 
     def _check_physical(self, f: Array, mu_i: Array, mu_o: Array, phi: Array) -> None:
         """Sums of what single reflections do to the field have coherency matrices without negative eigenvalues."""
-        lowest, intensity = np.linalg.eigvalsh(coherency(f))[..., 0], f[..., 0, 0]
+        lowest, intensity = np.linalg.eigvalsh(find_coherency(f))[..., 0], f[..., 0, 0]
         floor = -NEGATIVE_ALLOWED * intensity - 1e-12 * np.abs(f).max()
         worst = np.unravel_index(np.argmin(lowest - floor), lowest.shape)
         if lowest[worst] < floor[worst]:
@@ -213,8 +221,8 @@ class MuellerBase(Boundary):
         """
         root, weight = np.polynomial.legendre.leggauss(points)
         mu_o = (0.5 * (root + 1.0)) ** 2  # dense at the horizon, where lobes of grazing light are
-        phi, share = azimuth_rule(np.arange(1, points), points)
-        found = self(vector("mu_i", mu_i)[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]
+        phi, share = make_azimuth_rule(np.arange(1, points), points)
+        found = self(check_vector("mu_i", mu_i)[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]
         total: Array = 2.0 * (found @ share) @ (weight * np.sqrt(mu_o) * mu_o)
         return total
 
@@ -260,7 +268,7 @@ class MuellerBase(Boundary):
         cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V), as in (1:6); azimuths
         beyond 180 degrees are the mirror image.
         """
-        phi, weight = azimuth_rule(steps, azimuths)
+        phi, weight = make_azimuth_rule(steps, azimuths)
         angle = np.arange(n_order)[:, None] * phi
         cosine, sine = 2.0 * weight * np.cos(angle), 2.0 * weight * np.sin(angle)
         sums = np.empty((n_order, mu_i.size, 4, 4))
@@ -276,13 +284,13 @@ class MuellerBase(Boundary):
     def __call__(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """f on the broadcast shape of the arguments, checked: (..., 4, 4), 1/sr."""
         named = {"mu_i": mu_i, "mu_o": mu_o, "phi_deg": phi_deg}
-        directions = [numbers(f"base: {name}", values) for name, values in named.items()]
+        directions = [check_numbers(f"base: {name}", values) for name, values in named.items()]
         try:
             shape = np.broadcast_shapes(*(values.shape for values in directions))
         except ValueError:
             shapes = ", ".join(str(values.shape) for values in directions)
             raise SceneError(f"base: mu_i, mu_o and phi_deg must broadcast, not be of the shapes {shapes}") from None
-        values = numbers("base: what the function returns", self._called(directions, shape))
+        values = check_numbers("base: what the function returns", self._called(directions, shape))
         try:
             values = np.broadcast_to(values, (*shape, 4, 4))
         except ValueError:
@@ -305,7 +313,7 @@ class MuellerBase(Boundary):
         except Exception as reason:
             raise SceneError(
                 f"base: the function, called with arrays that broadcast to {shape}, failed with "
-                f"{in_one_line(f'{type(reason).__name__}: {reason}', 200)}"
+                f"{put_in_one_line(f'{type(reason).__name__}: {reason}', 200)}"
             ) from reason
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -314,17 +322,17 @@ class MuellerBase(Boundary):
         except Exception as reason:
             name = getattr(self.function, "__qualname__", repr(self.function))
             raise SceneError(
-                f"base: the MuellerBase function {name} cannot be pickled: {in_one_line(str(reason), 200)}"
+                f"base: the MuellerBase function {name} cannot be pickled: {put_in_one_line(str(reason), 200)}"
             ) from reason
         return (MuellerBase, (self.function,))
 
 
-def coherency(mueller: Array) -> NDArray[np.complex128]:
+def find_coherency(mueller: Array) -> NDArray[np.complex128]:
     """H = sum_ij f_ij (sigma_i x sigma_j^*)/4 of Mueller matrices (..., 4, 4), Hermitian, of trace f_00: (..., 4, 4).
 
     What a mixture of Jones matrices does has eigenvalues >= 0. Source: Cloude, Optik 75, 26 (1986).
 
-    >>> np.linalg.eigvalsh(coherency(np.eye(4))).round(12).tolist()  # one Jones matrix, that changes nothing
+    >>> np.linalg.eigvalsh(find_coherency(np.eye(4))).round(12).tolist()  # one Jones matrix, that changes nothing
     [0.0, 0.0, 0.0, 1.0]
     """
     products = 0.25 * np.einsum("iab,jcd->ijacbd", PAULI, PAULI.conj()).reshape(4, 4, 4, 4)
@@ -332,13 +340,13 @@ def coherency(mueller: Array) -> NDArray[np.complex128]:
     return found
 
 
-def azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
+def make_azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
     """Azimuths from 0 to pi [rad] and weights of the trapezoidal rule in t, phi = t - sin(2 t)/2, t = pi steps/count.
 
     Dense at both ends, where surfaces have their lobes, narrow at grazing angles, and their cusps, of which t leaves
     little. The ends themselves, steps 0 and ``count``, weigh nothing.
 
-    >>> round(float(azimuth_rule(np.arange(1, 4), 4)[1].sum()), 12)
+    >>> round(float(make_azimuth_rule(np.arange(1, 4), 4)[1].sum()), 12)
     3.14159265359
     """
     t = np.pi * steps / count

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, frozen, numbers, vector, whole
+from vrte.basics.arrays import Array, check_numbers, check_vector, check_whole, freeze_copy
 from vrte.basics.errors import SceneError
 from vrte.basics.polarization import FLIP
-from vrte.basics.quadrature import double_gauss
+from vrte.basics.quadrature import make_double_gauss
 from vrte.scene.scene import Scene
 
 SIDES = ("top", "bottom")
@@ -18,7 +18,7 @@ LARGEST_STOKES = 1e100  # sums over nodes and orders stay far below overflow
 OVERPOLARIZED = 1e-6  # by how much of I polarization may exceed it: the rounding of single precision
 
 
-def lit_from(side: str, scene: Scene) -> Scene:
+def turn_to_light(side: str, scene: Scene) -> Scene:
     """The scene as light from that side meets it, upside down for "bottom". Raises SceneError where it has a base or no
     end: no light comes from there."""
     if side == "top":
@@ -34,13 +34,13 @@ def lit_from(side: str, scene: Scene) -> Scene:
     return Scene(tuple(reversed(scene.layers)))
 
 
-def mirrored_stokes(stokes: Array) -> Array:
+def mirror_stokes(stokes: Array) -> Array:
     """Stokes vectors (..., 4) in a horizontal mirror: U and V change sign."""
     found: Array = stokes * FLIP
     return found
 
 
-def mirrored_mueller(matrices: Array) -> Array:
+def mirror_mueller(matrices: Array) -> Array:
     """Mueller matrices (..., 4, 4) in a horizontal mirror, D f D."""
     found: Array = matrices * np.outer(FLIP, FLIP)
     return found
@@ -79,18 +79,18 @@ def hemisphere(n: int) -> tuple[Array, Array]:
     >>> round(float(weights @ mu**3), 12)
     0.25
     """
-    points, weights = double_gauss(whole("n", n, 1, MOST_COSINES))
-    return frozen(points), frozen(weights)
+    points, weights = make_double_gauss(check_whole("n", n, 1, MOST_COSINES))
+    return freeze_copy(points), freeze_copy(weights)
 
 
-def weights_of(mu_i: Array, weights: Any) -> Array:
+def choose_weights(mu_i: Array, weights: Any) -> Array:
     """The weights (mu_i,) given, or those of `hemisphere` where mu_i are its cosines."""
     if weights is None:
         points, found = hemisphere(mu_i.size)
         if np.abs(points - mu_i).max() > SAME:
             raise SceneError.of("weights", "are missing: mu_i are not the cosines of vrte.hemisphere")
         return found
-    given = vector("weights", weights)
+    given = check_vector("weights", weights)
     if given.shape != mu_i.shape:
         raise SceneError.of("weights", f"must be {mu_i.size} numbers, one for each mu_i, not {given.size}")
     return given
@@ -105,11 +105,11 @@ def check_azimuths(phi: Array) -> None:
         )
 
 
-def incident_light(light: Callable[[Any, Any], Any] | Any, mu_i: Array, phi: Array) -> Array:
+def sample_incident_light(light: Callable[[Any, Any], Any] | Any, mu_i: Array, phi: Array) -> Array:
     """Stokes radiance (mu_i, phi, 4) that falls in, from a function of broadcastable (mu_i, phi_deg), or numbers."""
     shape = (mu_i.size, phi.size, 4)
     given = light(mu_i[:, None].copy(), phi[None, :].copy()) if callable(light) else light
-    values = numbers("the incident light", given)
+    values = check_numbers("the incident light", given)
     try:
         values = np.broadcast_to(values, shape)
     except ValueError:
@@ -120,7 +120,7 @@ def incident_light(light: Callable[[Any, Any], Any] | Any, mu_i: Array, phi: Arr
     return values
 
 
-def outgoing(mueller: Array, light: Array, mu_i: Array, weights: Array) -> Array:
+def sum_outgoing_light(mueller: Array, light: Array, mu_i: Array, weights: Array) -> Array:
     """(2:1)-(2:2), (mu_o, phi, 4): the integral of f(mu_i, mu_o, phi - phi_i) L(mu_i, phi_i) mu_i over mu_i and phi_i.
 
     mueller (mu_i, mu_o, phi, 4, 4); light (mu_i, phi, 4). The integral over azimuth is a circular convolution.

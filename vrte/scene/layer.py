@@ -5,7 +5,7 @@ import warnings
 from dataclasses import dataclass
 from typing import Any
 
-from vrte.basics.arrays import number
+from vrte.basics.arrays import check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -48,9 +48,9 @@ class Layer:
     def __post_init__(self) -> None:
         if not isinstance(self.phase_matrix, PhaseMatrix):
             raise SceneError(f"layer: phase_matrix must be a vrte.PhaseMatrix, not {type(self.phase_matrix).__name__}")
-        object.__setattr__(self, "albedo", number("layer: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
+        object.__setattr__(self, "albedo", check_number("layer: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
         allowed = f"an optical thickness >= 0, at most {LARGEST_THICKNESS:g} or inf"
-        object.__setattr__(self, "thickness", _extent("layer: thickness", self.thickness, allowed))
+        object.__setattr__(self, "thickness", _check_extent("layer: thickness", self.thickness, allowed))
 
     def __repr__(self) -> str:
         return f"Layer({self.in_words})"
@@ -92,21 +92,21 @@ class Layer:
         if (thickness is not None) == geometric or (geometric and (thickness_um is None or volume_fraction is None)):
             raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
         if thickness is None:
-            thickness = _optical_thickness(particles, thickness_um, volume_fraction)
+            thickness = _find_optical_thickness(particles, thickness_um, volume_fraction)
         return Layer(particles.phase_matrix, particles.albedo, thickness)
 
 
-def _extent(name: str, value: Any, allowed: str) -> float:
+def _check_extent(name: str, value: Any, allowed: str) -> float:
     """From 0 to LARGEST_THICKNESS, or infinite."""
-    extent = number(name, value, 0.0, math.inf, allowed)
-    return extent if math.isinf(extent) else number(name, value, 0.0, LARGEST_THICKNESS, allowed)
+    extent = check_number(name, value, 0.0, math.inf, allowed)
+    return extent if math.isinf(extent) else check_number(name, value, 0.0, LARGEST_THICKNESS, allowed)
 
 
-def _optical_thickness(particles: Particles, thickness_um: Any, volume_fraction: Any) -> float:
+def _find_optical_thickness(particles: Particles, thickness_um: Any, volume_fraction: Any) -> float:
     """Extinction cross section times number density (volume fraction over particle volume) times length."""
     allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
-    length = _extent("layer: thickness_um", thickness_um, allowed)
-    fraction = number("layer: volume_fraction", volume_fraction, 5e-324, 1.0 - 2.0**-53, "above 0 and below 1")
+    length = _check_extent("layer: thickness_um", thickness_um, allowed)
+    fraction = check_number("layer: volume_fraction", volume_fraction, 5e-324, 1.0 - 2.0**-53, "above 0 and below 1")
     if fraction > INDEPENDENT_UP_TO:
         warnings.warn(
             f"layer: a volume_fraction of {fraction:g} is above {INDEPENDENT_UP_TO}: independent scattering, "

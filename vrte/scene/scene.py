@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vrte.basics.arrays import in_one_line, listed
+from vrte.basics.arrays import check_list, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.scene.boundary import BLACK, TRANSPARENT, Boundary
@@ -39,7 +39,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         given = (self.layers,) if isinstance(self.layers, Layer) else self.layers
-        layers = tuple(listed("layers", given, MOST_LAYERS))
+        layers = tuple(check_list("layers", given, MOST_LAYERS))
         object.__setattr__(self, "layers", layers)
         if not layers:
             raise SceneError("a scene needs at least one layer, not an empty list")
@@ -90,7 +90,7 @@ class Scene:
         >>> Scene([Layer(isotropic(), albedo=0.9, thickness=2.0)]).base_in_words
         'black'
         """
-        base = "black" if self.base is None else in_one_line(str(self.base), 80)
+        base = "black" if self.base is None else put_in_one_line(str(self.base), 80)
         return base if self.base_is_reached else f"{base}, which no light reaches"
 
     def _repr_html_(self) -> str:

@@ -42,12 +42,12 @@ LOBE_AMPLITUDE = 6.0  # reflects 0.28 of what comes straight down
 LOBE_MATRIX = np.array([[1.0, 0.3, 0.0, 0.0], [0.3, 1.0, 0.0, 0.0], [0.0, 0.0, 0.8, 0.4], [0.0, 0.0, -0.4, 0.8]])
 
 
-def haze_l() -> PhaseMatrix:
+def make_haze_l() -> PhaseMatrix:
     """Deirmendjian's haze L, water spheres at 0.7 um: number density r^2 exp(-15.1186 sqrt(r)), r in um, tabulated.
 
     Source: Garcia and Siewert, JQSRT 36, 401 (1986).
 
-    >>> round(haze_l().asymmetry, 3)
+    >>> round(make_haze_l().asymmetry, 3)
     0.804
     """
     radii = np.linspace(1e-3, 4.0, 401)
@@ -55,7 +55,7 @@ def haze_l() -> PhaseMatrix:
     return spheres(1.33, size=Tabulated(radii, density), wavelength_um=0.7).phase_matrix
 
 
-def cloud_c1() -> Particles:
+def make_cloud_c1() -> Particles:
     """Deirmendjian's cloud C1, water spheres at 0.7 um: number density r^6 exp(-1.5 r), r in um, mode at 4 um.
 
     Source: D. Deirmendjian, Electromagnetic Scattering on Spherical Polydispersions (1969).
@@ -63,12 +63,12 @@ def cloud_c1() -> Particles:
     return spheres(1.33, size=Gamma(r_eff_um=6.0, v_eff=1.0 / 9.0), wavelength_um=0.7)
 
 
-def rounded_henyey_greenstein(g: float, terms: int, width: float) -> PhaseMatrix:
+def make_rounded_henyey_greenstein(g: float, terms: int, width: float) -> PhaseMatrix:
     """a1[l] = (2l+1) g^l exp(-width^2 l (l+1)/2): the function's peak rounded by a Gaussian of ``width`` [rad].
 
     So it ends with fewer terms than it would otherwise take, and stays positive.
 
-    >>> round(rounded_henyey_greenstein(0.5, 60, 0.01).asymmetry, 6)
+    >>> round(make_rounded_henyey_greenstein(0.5, 60, 0.01).asymmetry, 6)
     0.49995
     """
     degrees = np.arange(terms, dtype=float)
@@ -79,9 +79,9 @@ MATTER: dict[str, Callable[[], Particles | PhaseMatrix]] = {
     "isotropic": isotropic,
     "rayleigh": rayleigh,
     "spheroids": lambda: PhaseMatrix(*np.array(SPHEROIDS).T),
-    "haze-L": haze_l,
-    "cloud C1": cloud_c1,
-    "HG 0.9999, rounded": lambda: rounded_henyey_greenstein(0.9999, 100_000, 8e-5),
+    "haze-L": make_haze_l,
+    "cloud C1": make_cloud_c1,
+    "HG 0.9999, rounded": lambda: make_rounded_henyey_greenstein(0.9999, 100_000, 8e-5),
     "clear spheres": lambda: spheres(1.5, size=Gamma(0.3, 0.1), wavelength_um=0.55),
     "gold powder": lambda: spheres((1.658, 1.956), radius_um=0.6, wavelength_um=0.4),
     "red gold powder": lambda: spheres("gold", radius_um=0.3, wavelength_um=0.64),
@@ -96,13 +96,13 @@ MATTER: dict[str, Callable[[], Particles | PhaseMatrix]] = {
 
 
 @cache
-def matter(name: str) -> Particles | PhaseMatrix:
+def find_matter(name: str) -> Particles | PhaseMatrix:
     """What scatters, by its name in MATTER, or made of the numbers in it; the same object every time.
 
     "HG 0.9" is Henyey and Greenstein's with all terms above 1e-10, "HG 0.9 264" with so many; "gold 0.6" are spheres of
     gold of that radius [um] at 0.4 um; "metal-x30" and "glass-x30" spheres of that size parameter.
 
-    >>> matter("HG 0.5").terms, matter("HG 0.5 12").terms
+    >>> find_matter("HG 0.5").terms, find_matter("HG 0.5 12").terms
     (34, 12)
     """
     if name in MATTER:
@@ -121,13 +121,13 @@ def matter(name: str) -> Particles | PhaseMatrix:
     return spheres({"metal": METAL, "glass": GLASS}[kind], radius_um=radius, wavelength_um=wavelength)
 
 
-def phase_matrix(name: str) -> PhaseMatrix:
+def find_phase_matrix(name: str) -> PhaseMatrix:
     """The phase matrix of what scatters.
 
-    >>> phase_matrix("metal-x1e-3").asymmetry < 1e-5
+    >>> find_phase_matrix("metal-x1e-3").asymmetry < 1e-5
     True
     """
-    found = matter(name)
+    found = find_matter(name)
     return found if isinstance(found, PhaseMatrix) else found.phase_matrix
 
 
@@ -145,21 +145,21 @@ class Slab:
     @property
     def layer(self) -> Layer:
         """As a `vrte.Layer`; slabs of one name share one phase matrix."""
-        found = matter(self.phase)
+        found = find_matter(self.phase)
         if math.isnan(self.albedo) and isinstance(found, Particles):
             return Layer.of(found, thickness=self.thickness)
-        return Layer(phase_matrix(self.phase), self.albedo, self.thickness)
+        return Layer(find_phase_matrix(self.phase), self.albedo, self.thickness)
 
 
 Base = float | str | None  # nothing, the albedo of a Lambertian base, or "lobe"
 
 
-def mueller_lobe(mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
+def evaluate_mueller_lobe(mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
     """A lobe LOBE_WIDTH_DEG wide about the mirror direction: (..., 4, 4) [1/sr].
 
     A exp(-(1 - c)/width^2) M, with c the cosine of the angle between the outgoing and the mirror direction.
 
-    >>> mueller_lobe(1.0, 1.0, 0.0)[0].tolist()
+    >>> evaluate_mueller_lobe(1.0, 1.0, 0.0)[0].tolist()
     [6.0, 1.7999999999999998, 0.0, 0.0]
     """
     mu_i, mu_o, phi = (np.asarray(values, dtype=np.float64) for values in (mu_i, mu_o, phi_deg))
@@ -169,17 +169,17 @@ def mueller_lobe(mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
     return LOBE_AMPLITUDE * np.exp(-away / math.radians(LOBE_WIDTH_DEG) ** 2)[..., None, None] * LOBE_MATRIX
 
 
-def scene_of(slabs: tuple[Slab, ...], base: Base = None) -> Scene:
+def make_scene(slabs: tuple[Slab, ...], base: Base = None) -> Scene:
     """The slabs, top first, over a base.
 
-    >>> scene_of((Slab("rayleigh", 0.9, 1.0),), 1.0).base
+    >>> make_scene((Slab("rayleigh", 0.9, 1.0),), 1.0).base
     Lambertian(albedo=1.0)
     """
-    below = MuellerBase(mueller_lobe) if base == "lobe" else None if base is None else Lambertian(float(base))
+    below = MuellerBase(evaluate_mueller_lobe) if base == "lobe" else None if base is None else Lambertian(float(base))
     return Scene([slab.layer for slab in slabs], below)
 
 
-def one(phase: str, albedo: float, thickness: float, base: Base = None) -> tuple[tuple[Slab, ...], Base]:
+def make_one_slab(phase: str, albedo: float, thickness: float, base: Base = None) -> tuple[tuple[Slab, ...], Base]:
     """One layer over a base."""
     return (Slab(phase, albedo, thickness),), base
 
@@ -188,69 +188,71 @@ INF = math.inf
 FORWARD_PEAK = "HG 0.9 264"  # terms down to 1e-12 of 2 l + 1
 COATS = (Slab("gold 0.6", OWN, 0.5), Slab("fine droplets", OWN, 0.5))
 SCENES: dict[str, tuple[tuple[Slab, ...], Base]] = {
-    "gold": one("gold 0.6", OWN, 100.0),  # the GPU paper's, Table 3
-    "gold, tau 1 on Lambertian": one("gold 0.6", OWN, 1.0, 0.5),
+    "gold": make_one_slab("gold 0.6", OWN, 100.0),  # the GPU paper's, Table 3
+    "gold, tau 1 on Lambertian": make_one_slab("gold 0.6", OWN, 1.0, 0.5),
     "gold, gap, droplets": (
         (Slab("gold 0.6", OWN, 1.0), Slab("isotropic", 0.0, 0.5), Slab("fine droplets", OWN, 3.0)),
         0.2,
     ),
     "gold on droplets": ((Slab("gold 0.6", OWN, 30.0), Slab("fine droplets", OWN, 5.0)), None),
     "six coats of two paints": (3 * COATS, 0.2),
-    "gold powder, thickness 100": one("gold powder", 0.607, 100.0),
-    "gold powder, without end": one("gold powder", 0.607, INF),
-    "red gold powder": one("red gold powder", OWN, 100.0),
-    "rutile powder": one("rutile", OWN, 20.0),
-    "spheroids": one("spheroids", 0.973527, 1.0),  # Siewert's problem IIA
-    "absorbing spheroids, thickness 5": one("spheroids", 0.2, 5.0),
-    "Rayleigh, thickness 0.01": one("rayleigh", 1.0, 0.01),
-    "Rayleigh, thickness 0.02": one("rayleigh", 1.0, 0.02),
-    "Rayleigh, thickness 0.5": one("rayleigh", 1.0, 0.5),
-    "Rayleigh, tau 0.5": one("rayleigh", 1.0, 0.5, 0.2),
-    "Rayleigh, thickness 10": one("rayleigh", 1.0, 10.0),
-    "Rayleigh, thickness 50": one("rayleigh", 1.0, 50.0),
-    "isotropic": one("isotropic", 0.9, 1.0),
-    "HG 0.5, thickness 1": one("HG 0.5", 0.95, 1.0),
-    "HG 0.5, thickness 5": one("HG 0.5", 0.2, 5.0),
-    "HG 0.5, without end": one("HG 0.5 12", 0.9, INF),
-    "scalar, tau 2": one("HG 0.7 40", 0.95, 2.0, 0.2),
-    "HG 0.75, thickness 0.1": one("HG 0.75", 0.9, 0.1),
-    "HG 0.75, thickness 0.1, clearer": one("HG 0.75", 0.95, 0.1),
-    "HG 0.75, thickness 5": one("HG 0.75", 0.99, 5.0),
-    "HG 0.75, white, without end": one("HG 0.75", 1.0, INF),
-    "HG 0.85, without end": one("HG 0.85", 0.99, INF),
-    "HG 0.75, 128 terms": one("HG 0.75 128", 0.99, 1.0),
-    "HG 0.9, 384 terms": one("HG 0.9 384", 0.99, 100.0),
-    "forward peak": one(FORWARD_PEAK, 0.99, 2.0),
+    "gold powder, thickness 100": make_one_slab("gold powder", 0.607, 100.0),
+    "gold powder, without end": make_one_slab("gold powder", 0.607, INF),
+    "red gold powder": make_one_slab("red gold powder", OWN, 100.0),
+    "rutile powder": make_one_slab("rutile", OWN, 20.0),
+    "spheroids": make_one_slab("spheroids", 0.973527, 1.0),  # Siewert's problem IIA
+    "absorbing spheroids, thickness 5": make_one_slab("spheroids", 0.2, 5.0),
+    "Rayleigh, thickness 0.01": make_one_slab("rayleigh", 1.0, 0.01),
+    "Rayleigh, thickness 0.02": make_one_slab("rayleigh", 1.0, 0.02),
+    "Rayleigh, thickness 0.5": make_one_slab("rayleigh", 1.0, 0.5),
+    "Rayleigh, tau 0.5": make_one_slab("rayleigh", 1.0, 0.5, 0.2),
+    "Rayleigh, thickness 10": make_one_slab("rayleigh", 1.0, 10.0),
+    "Rayleigh, thickness 50": make_one_slab("rayleigh", 1.0, 50.0),
+    "isotropic": make_one_slab("isotropic", 0.9, 1.0),
+    "HG 0.5, thickness 1": make_one_slab("HG 0.5", 0.95, 1.0),
+    "HG 0.5, thickness 5": make_one_slab("HG 0.5", 0.2, 5.0),
+    "HG 0.5, without end": make_one_slab("HG 0.5 12", 0.9, INF),
+    "scalar, tau 2": make_one_slab("HG 0.7 40", 0.95, 2.0, 0.2),
+    "HG 0.75, thickness 0.1": make_one_slab("HG 0.75", 0.9, 0.1),
+    "HG 0.75, thickness 0.1, clearer": make_one_slab("HG 0.75", 0.95, 0.1),
+    "HG 0.75, thickness 5": make_one_slab("HG 0.75", 0.99, 5.0),
+    "HG 0.75, white, without end": make_one_slab("HG 0.75", 1.0, INF),
+    "HG 0.85, without end": make_one_slab("HG 0.85", 0.99, INF),
+    "HG 0.75, 128 terms": make_one_slab("HG 0.75 128", 0.99, 1.0),
+    "HG 0.9, 384 terms": make_one_slab("HG 0.9 384", 0.99, 100.0),
+    "forward peak": make_one_slab(FORWARD_PEAK, 0.99, 2.0),
     "peak below Rayleigh": ((Slab("rayleigh", 1.0, 0.2), Slab("HG 0.9", 0.95, 3.0)), None),
-    "haze L, thickness 1": one("haze-L", 0.9, 1.0),
-    "haze L, thickness 2.5": one("haze-L", 1.0, 2.5),
-    "haze L, thickness 10": one("haze-L", 1.0, 10.0),
-    "cloud C1": one("cloud C1", 1.0, 3.3),
-    "g = 0.9": one("HG 0.9 200", 1.0, 5.0),
-    "g = 0.99": one("HG 0.99 2000", 1.0, 50.0),
-    "g = 0.9999": one("HG 0.9999, rounded", 1.0, 5e3),
-    "cloud": one("droplets, scalar", 1.0, 16.0),
-    "water cloud, thickness 5": one("droplets", 1.0, 5.0),
-    "absorbing droplets, tau 1000": one("fine droplets", 0.9, 1000.0),  # what comes out below is 1e-100, and right
-    "coarse pigment, thickness 10": one("coarse pigment", 0.999, 10.0),
-    "clear spheres, thickness 2": one("clear spheres", 0.99, 2.0),
-    "clear spheres, thickness 2, over a base": one("clear spheres", 0.99, 2.0, 0.1),
-    "clear spheres, thickness 8": one("clear spheres", 1.0, 8.0),
+    "haze L, thickness 1": make_one_slab("haze-L", 0.9, 1.0),
+    "haze L, thickness 2.5": make_one_slab("haze-L", 1.0, 2.5),
+    "haze L, thickness 10": make_one_slab("haze-L", 1.0, 10.0),
+    "cloud C1": make_one_slab("cloud C1", 1.0, 3.3),
+    "g = 0.9": make_one_slab("HG 0.9 200", 1.0, 5.0),
+    "g = 0.99": make_one_slab("HG 0.99 2000", 1.0, 50.0),
+    "g = 0.9999": make_one_slab("HG 0.9999, rounded", 1.0, 5e3),
+    "cloud": make_one_slab("droplets, scalar", 1.0, 16.0),
+    "water cloud, thickness 5": make_one_slab("droplets", 1.0, 5.0),
+    "absorbing droplets, tau 1000": make_one_slab(
+        "fine droplets", 0.9, 1000.0
+    ),  # what comes out below is 1e-100, and right
+    "coarse pigment, thickness 10": make_one_slab("coarse pigment", 0.999, 10.0),
+    "clear spheres, thickness 2": make_one_slab("clear spheres", 0.99, 2.0),
+    "clear spheres, thickness 2, over a base": make_one_slab("clear spheres", 0.99, 2.0, 0.1),
+    "clear spheres, thickness 8": make_one_slab("clear spheres", 1.0, 8.0),
     "Henyey-Greenstein over Rayleigh": ((Slab("HG 0.5 12", 0.9, 0.5), Slab("rayleigh", 0.8, 1.0)), 0.3),
     "two layers over a base": ((Slab("rayleigh", 1.0, 0.3), Slab("clear spheres", 0.9, 2.0)), 0.3),
 }
 
 
 @cache
-def scene(name: str) -> Scene:
+def find_scene(name: str) -> Scene:
     """The scene of that name in SCENES.
 
-    >>> scene("spheroids").thickness
+    >>> find_scene("spheroids").thickness
     1.0
     """
-    return scene_of(*SCENES[name])
+    return make_scene(*SCENES[name])
 
 
-def gold_layer(radius_um: float, thickness: float = 100.0) -> Scene:
+def make_gold_scene(radius_um: float, thickness: float = 100.0) -> Scene:
     """The GPU paper's layer, of spheres of gold of one radius at 400 nm."""
-    return scene_of((Slab(f"gold {radius_um}", OWN, thickness),))
+    return make_scene((Slab(f"gold {radius_um}", OWN, thickness),))

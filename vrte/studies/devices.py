@@ -9,9 +9,9 @@ from types import MappingProxyType
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.blas import single_threaded
+from vrte.basics.blas import keep_to_one_thread
 from vrte.cl.device import Device
-from vrte.cl.matrices import new_stack, product, upload_stack
+from vrte.cl.matrices import make_stack, multiply_stacks, upload_stack
 from vrte.cl.session import Session
 
 SIZES = ((40, 512), (80, 256), (160, 64), (240, 32))  # rows and columns, matrices in one call
@@ -31,11 +31,13 @@ class Rate:
     blas: float
 
 
-def as_text(found: Sequence[Device], taken: int | None, reason: str, complaints: Mapping[int, str] = NONE) -> str:
+def describe_devices(
+    found: Sequence[Device], taken: int | None, reason: str, complaints: Mapping[int, str] = NONE
+) -> str:
     """A line a device, and which one is taken and why; complaints: of those that do not compute, by index.
 
     >>> cpu = Device("PoCL", "a processor", "cpu", True, 16 << 30, 4 << 30, 8, "3.0")
-    >>> print(as_text([cpu], 0, "the only device"))
+    >>> print(describe_devices([cpu], 0, "the only device"))
          device                                      kind         fp64    memory   largest  units  driver
      * 0 a processor                                 cpu          yes    17.2 GB    4.3 GB      8  3.0
          on PoCL
@@ -56,45 +58,47 @@ def as_text(found: Sequence[Device], taken: int | None, reason: str, complaints:
     return "\n".join([*lines, "", f"  taken: {'none' if taken is None else taken}, {reason}"])
 
 
-def measure(session: Session, threads: int, told: Callable[[int, int], None] = lambda done, total: None) -> list[Rate]:
+def measure_rates(
+    session: Session, threads: int, told: Callable[[int, int], None] = lambda done, total: None
+) -> list[Rate]:
     """Rates of products in double precision, the device and BLAS in turn.
 
     Raises DeviceError as whatever runs on a device does.
     """
     rates = []
-    with ThreadPoolExecutor(threads) as pool, single_threaded(), session.lock:
+    with ThreadPoolExecutor(threads) as pool, keep_to_one_thread(), session.lock:
         for done, (rows, count) in enumerate(SIZES):
             told(done, len(SIZES))
-            rates.append(_rate(session, pool, threads, rows, count))
+            rates.append(_measure_rate(session, pool, threads, rows, count))
     return rates
 
 
-def _rate(session: Session, pool: ThreadPoolExecutor, threads: int, rows: int, count: int) -> Rate:
+def _measure_rate(session: Session, pool: ThreadPoolExecutor, threads: int, rows: int, count: int) -> Rate:
     a, b = np.random.default_rng(0).random((2, count, rows, rows))
     c = np.empty_like(a)
-    first, second, made = upload_stack(session, a), upload_stack(session, b), new_stack(session, count, rows, rows)
+    first, second, made = upload_stack(session, a), upload_stack(session, b), make_stack(session, count, rows, rows)
     items = session.upload(np.arange(count, dtype=np.int32))
     shares = [part for part in np.array_split(np.arange(count), threads) if part.size]
 
     def on_device() -> None:
-        product(session, items, first, second, made)
+        multiply_stacks(session, items, first, second, made)
         session.finish()
 
     def by_blas() -> None:
-        list(pool.map(lambda part: _multiply(a, b, c, part[0], part[-1] + 1), shares))
+        list(pool.map(lambda part: _multiply_share(a, b, c, part[0], part[-1] + 1), shares))
 
     operations = 2.0 * rows**3 * count
-    best = fastest((on_device, by_blas))
+    best = time_calls((on_device, by_blas))
     return Rate(rows, count, *(operations / 1e9 / seconds for seconds in best))
 
 
-def _multiply(a: Array, b: Array, c: Array, first: int, last: int) -> None:
+def _multiply_share(a: Array, b: Array, c: Array, first: int, last: int) -> None:
     """A thread's share, a matrix at a time."""
     for item in range(first, last):
         np.matmul(a[item], b[item], out=c[item])
 
 
-def fastest(calls: Sequence[Callable[[], None]]) -> list[float]:
+def time_calls(calls: Sequence[Callable[[], None]]) -> list[float]:
     """Seconds of each call, the fastest of some rounds, all of them in turn; the first round warms up."""
     times: list[list[float]] = [[] for _ in calls]
     for round_ in range(ROUNDS):
@@ -107,10 +111,10 @@ def fastest(calls: Sequence[Callable[[], None]]) -> list[float]:
     return [min(seconds[1:]) for seconds in times]
 
 
-def rates_as_text(rates: Sequence[Rate], threads: int) -> str:
+def describe_rates(rates: Sequence[Rate], threads: int) -> str:
     """A line a size.
 
-    >>> print(rates_as_text([Rate(160, 64, 90.0, 100.0)], 2))
+    >>> print(describe_rates([Rate(160, 64, 90.0, 100.0)], 2))
       products in double precision, 1e9 operations a second
       size        matrices    device   BLAS, 2 threads   ratio
       160 x 160         64      90.0             100.0    0.90

@@ -9,17 +9,17 @@ from datetime import UTC, datetime
 from typing import Any
 
 import vrte
-from vrte.basics.running import usable_cpus
-from vrte.formats.atomic import atomic_write
+from vrte.basics.running import count_usable_cpus
+from vrte.formats.atomic import write_atomically
 from vrte.pictures.figures import FAINT
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")  # of lines, in turn
 
 
-def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def make_markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """With every row's cells between bars.
 
-    >>> print(markdown_table(["a", "b"], [["1", "x|y"]]), end="")
+    >>> print(make_markdown_table(["a", "b"], [["1", "x|y"]]), end="")
     | a | b |
     |---|---|
     | 1 | x\\|y |
@@ -28,26 +28,26 @@ def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([texts[0], "|" + "---|" * len(header), *texts[1:]]) + "\n"
 
 
-def html_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def make_html_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Of cells that are HTML.
 
-    >>> html_table(["a"], [["1"]])
+    >>> make_html_table(["a"], [["1"]])
     '<table><tr><th>a</th></tr><tr><td>1</td></tr></table>'
     """
     lines = [f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows]
     return f"<table><tr>{''.join(f'<th>{name}</th>' for name in header)}</tr>{''.join(lines)}</table>"
 
 
-def markdown_list(facts: Iterable[str]) -> str:
+def make_markdown_list(facts: Iterable[str]) -> str:
     """One item a line.
 
-    >>> markdown_list(["two cores"])
+    >>> make_markdown_list(["two cores"])
     '- two cores\\n'
     """
     return "".join(f"- {fact}\n" for fact in facts)
 
 
-def made_with(settings: str) -> list[str]:
+def list_run_facts(settings: str) -> list[str]:
     """Date and settings, machine, versions: a sentence each."""
     import numpy
     import scipy
@@ -55,12 +55,12 @@ def made_with(settings: str) -> list[str]:
     versions = f"vrte {vrte.__version__}, numpy {numpy.__version__}, scipy {scipy.__version__}"
     return [
         f"{datetime.now(UTC):%Y-%m-%d}, {settings}",
-        f"{processor()}, {usable_cpus()} cores",
+        f"{find_processor_name()}, {count_usable_cpus()} cores",
         f"{versions}, Python {platform.python_version()}, {platform.system()}",
     ]
 
 
-def processor() -> str:
+def find_processor_name() -> str:
     """The processor's name, as the system tells it."""
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:
@@ -70,10 +70,10 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def two_digits(value: float | None) -> str:
+def show_two_digits(value: float | None) -> str:
     """Two digits, or a dash for what is not there or not a number.
 
-    >>> two_digits(3.14e-12), two_digits(0.0), two_digits(None), two_digits(math.nan)
+    >>> show_two_digits(3.14e-12), show_two_digits(0.0), show_two_digits(None), show_two_digits(math.nan)
     ('3.1e-12', '0', '-', '-')
     """
     if value is None or math.isnan(value):
@@ -83,13 +83,13 @@ def two_digits(value: float | None) -> str:
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """A text file, all of it or nothing. Raises OSError."""
-    with atomic_write(path) as part:
+    with write_atomically(path) as part:
         part.write_text(text, encoding="utf-8")
 
 
 def write_rows(path: str | os.PathLike[str], header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """A CSV file, all of it or nothing. Raises OSError."""
-    with atomic_write(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
+    with write_atomically(path) as part, open(part, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)

@@ -18,7 +18,7 @@ from vrte.request.how import EXACT, METHODS
 from vrte.results.field import Field
 from vrte.scene.scene import Scene
 from vrte.studies import cases
-from vrte.studies.cases import FORWARD_PEAK, Slab, scene_of
+from vrte.studies.cases import FORWARD_PEAK, Slab, make_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,44 +40,44 @@ class Lobe:
     radiance: Array
 
 
-def half_circle() -> Array:
+def list_travel_angles() -> Array:
     """Angles of travel from straight down on the beam's side, without the horizontal: (n,) [degrees].
 
-    >>> bool(np.any(half_circle() == 90.0))
+    >>> bool(np.any(list_travel_angles() == 90.0))
     False
     """
     return np.arange(0.5 * STEP, 180.0, STEP)
 
 
-def whole_circle(light: Array, angle: Array) -> Lobe:
+def join_half_circles(light: Array, angle: Array) -> Lobe:
     """Of light (n, 2) at phi 0 and 180: the second is the other side."""
     return Lobe(np.concatenate([-angle[::-1], angle]), np.concatenate([light[::-1, 1], light[:, 0]]))
 
 
-def inside() -> list[Lobe]:
+def solve_inside() -> list[Lobe]:
     """Figure 1: the diffuse radiance at each of SHARES of the depth, for a beam of flux 1 across it."""
-    angle = half_circle()
-    scene = cases.scene(INSIDE)
-    field = in_plane(scene, angle, [share * scene.thickness for share in SHARES], accuracy=1e-4)
-    return [whole_circle(light, angle) for light in field.stokes[..., 0]]
+    angle = list_travel_angles()
+    scene = cases.find_scene(INSIDE)
+    field = solve_in_plane(scene, angle, [share * scene.thickness for share in SHARES], accuracy=1e-4)
+    return [join_half_circles(light, angle) for light in field.stokes[..., 0]]
 
 
-def below(thickness: float) -> dict[str, Lobe]:
+def solve_below(thickness: float) -> dict[str, Lobe]:
     """Figure 2: the diffuse radiance that leaves the bottom, by each method of COMPARED that is there."""
-    scene = scene_of((Slab(FORWARD_PEAK, ALBEDO, thickness),))
-    angle = half_circle()
+    scene = make_scene((Slab(FORWARD_PEAK, ALBEDO, thickness),))
+    angle = list_travel_angles()
     angle = angle[angle < 90.0]
-    fields = {name: in_plane(scene, angle, [thickness], method=name) for name in COMPARED if name in METHODS}
-    return {name: whole_circle(field.stokes[0, ..., 0], angle) for name, field in fields.items()}
+    fields = {name: solve_in_plane(scene, angle, [thickness], method=name) for name in COMPARED if name in METHODS}
+    return {name: join_half_circles(field.stokes[0, ..., 0], angle) for name, field in fields.items()}
 
 
-def in_plane(scene: Scene, angle: Array, tau: list[float], **how: Any) -> Field:
+def solve_in_plane(scene: Scene, angle: Array, tau: list[float], **how: Any) -> Field:
     """The field of the beam at some depths, along angles of travel, on its side (phi 0) and on the other."""
     mu0, mu = np.cos(np.radians(BEAM)), -np.cos(np.radians(angle))
     return radiance(scene, mu0, mu=mu, phi=(0.0, 180.0), tau=tau, **how)
 
 
-def figure_1() -> "Figure":
+def draw_figure_1() -> "Figure":
     """Polar diagrams, each over its largest radiance."""
     from matplotlib.figure import Figure
 
@@ -87,7 +87,7 @@ def figure_1() -> "Figure":
     marks = range(0, 360, 45)
     panel.set_thetagrids(marks, [f"{angle if angle <= 180 else angle - 360}°" for angle in marks])
     panel.set_rlabel_position(157.5)  # where little light goes
-    for lobe, share, colour in zip(inside(), SHARES, LINES, strict=True):
+    for lobe, share, colour in zip(solve_inside(), SHARES, LINES, strict=True):
         closed = [*range(lobe.angle.size), 0]
         size = lobe.radiance[closed] / lobe.radiance.max()
         panel.plot(np.radians(lobe.angle[closed]), size, color=colour, linewidth=1.3, label=f"{share:.0%} of the depth")
@@ -97,15 +97,17 @@ def figure_1() -> "Figure":
     return figure
 
 
-def figure_2() -> "Figure":
+def draw_figure_2() -> "Figure":
     """Radiance below, over the angle from straight down; a panel a thickness."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 4.4), layout="constrained")
     panels: Any = figure.subplots(1, 2, sharey=True)
     for panel, thickness in zip(panels, THIN_AND_THICK, strict=True):
-        for method, lobe in below(thickness).items():
-            panel.semilogy(lobe.angle, positive(lobe.radiance), color=COMPARED[method], linewidth=1.2, label=method)
+        for method, lobe in solve_below(thickness).items():
+            panel.semilogy(
+                lobe.angle, mask_negative_values(lobe.radiance), color=COMPARED[method], linewidth=1.2, label=method
+            )
         panel.set_title(f"g = 0.9, albedo {ALBEDO:g}, thickness {thickness:g}", fontsize=10)
         panel.set_xlabel("angle from straight down [degrees]")
         panel.set_xticks(range(-90, 91, 30))
@@ -115,7 +117,7 @@ def figure_2() -> "Figure":
     return figure
 
 
-def positive(values: Array) -> Array:
+def mask_negative_values(values: Array) -> Array:
     """Gaps where an approximation is negative: a logarithmic axis has no place for that."""
     return np.where(values > 0.0, values, np.nan)
 
@@ -124,6 +126,6 @@ def write_figures(folder: str | os.PathLike[str]) -> list[Path]:
     """Writes radiance_factor_1.png and radiance_factor_2.png; their paths. Raises MissingExtraError, OSError."""
     require_pictures()
     paths = [Path(folder) / f"radiance_factor_{number}.png" for number in (1, 2)]
-    for path, drawn in zip(paths, (figure_1, figure_2), strict=True):
+    for path, drawn in zip(paths, (draw_figure_1, draw_figure_2), strict=True):
         save(drawn(), path)
     return paths

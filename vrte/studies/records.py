@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 import vrte
-from vrte.studies.pages import processor, write_rows
+from vrte.studies.pages import find_processor_name, write_rows
 
 Row = TypeVar("Row")
 PLAIN = {str: str, int: int, float: float}  # what is written as it is; all else is JSON
@@ -39,7 +39,7 @@ class Records(Generic[Row]):
 
     def row_of(self, texts: list[str]) -> Row | None:
         """A row of its cells, None where they are no row."""
-        if len(texts) != len(self.readers) or len(texts[-1]) != len(fingerprint("")):
+        if len(texts) != len(self.readers) or len(texts[-1]) != len(make_fingerprint("")):
             return None
         try:
             return self.kind(
@@ -69,24 +69,24 @@ class Records(Generic[Row]):
         write_rows(self.path, list(self.readers), [self.cells(row) for row in rows])
 
 
-def fingerprint(*parts: str) -> str:
+def make_fingerprint(*parts: str) -> str:
     """Of what was solved, and with what: another version, source file or machine gives another.
 
-    >>> fingerprint("a") == fingerprint("b")
+    >>> make_fingerprint("a") == make_fingerprint("b")
     False
     """
-    return hashlib.sha256("\n".join([*parts, made_by()]).encode()).hexdigest()[:16]
+    return hashlib.sha256("\n".join([*parts, identify_setup()]).encode()).hexdigest()[:16]
 
 
 @cache
-def made_by() -> str:
+def identify_setup() -> str:
     """The package's version and sources (the studies aside), NumPy's and SciPy's versions, the processor."""
     folder = Path(vrte.__file__).parent
     paths = [path for path in folder.rglob("*") if path.suffix in SOURCES and folder / "studies" not in path.parents]
-    return f"{vrte.__version__} {digest_of(paths)} {np.__version__} {scipy.__version__} {processor()}"
+    return f"{vrte.__version__} {hash_files(paths)} {np.__version__} {scipy.__version__} {find_processor_name()}"
 
 
-def digest_of(paths: Iterable[Path]) -> str:
+def hash_files(paths: Iterable[Path]) -> str:
     """Of the bytes of some files."""
     found = hashlib.sha256()
     for path in sorted(paths):

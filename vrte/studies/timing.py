@@ -11,10 +11,10 @@ BUSY_FIELDS = (0, 1, 2, 5, 6, 7)  # of /proc/stat: user, nice, system, two kinds
 Tick = Callable[[int, int, str], None]  # what is done, of how much, and what comes now
 
 
-def rounds_that_fit(first: float, available: float, fewest: int, most: int) -> int:
+def count_fitting_rounds(first: float, available: float, fewest: int, most: int) -> int:
     """How many rounds fit into the ``available`` seconds if the first is typical, from ``fewest`` to ``most``.
 
-    >>> [rounds_that_fit(first, 1.5, 3, 15) for first in (0.3, 2.0, 1e-6)]
+    >>> [count_fitting_rounds(first, 1.5, 3, 15) for first in (0.3, 2.0, 1e-6)]
     [5, 3, 15]
     """
     return int(min(max(available / first, fewest), most))
@@ -46,11 +46,11 @@ class OthersClock:
     def __init__(self, helpers: Callable[[], float] = lambda: 0.0) -> None:
         """``helpers``: CPU seconds so far of other processes that measure, too."""
         self._own = lambda: time.process_time() + helpers()
-        self._wall, self._all_before, self._own_before = time.perf_counter(), machine_seconds(), self._own()
+        self._wall, self._all_before, self._own_before = time.perf_counter(), read_machine_seconds(), self._own()
 
     def cores(self) -> float | None:
         """On average; None where the system does not tell."""
-        now, wall = machine_seconds(), time.perf_counter() - self._wall
+        now, wall = read_machine_seconds(), time.perf_counter() - self._wall
         if now is None or self._all_before is None:
             return None
         return max(0.0, (now - self._all_before) - (self._own() - self._own_before)) / wall
@@ -63,7 +63,7 @@ class OthersClock:
         )
 
 
-def machine_seconds() -> float | None:
+def read_machine_seconds() -> float | None:
     """CPU seconds that all processors were busy since the system started; None where it does not tell."""
     try:
         with open("/proc/stat", encoding="ascii") as file:

@@ -22,7 +22,7 @@ from vrte.optics.truncation import TRUNCATIONS
 from vrte.pictures.figures import require_pictures, save
 from vrte.scene.scene import Scene
 from vrte.studies import cases
-from vrte.studies.pages import markdown_table, write_rows, write_text
+from vrte.studies.pages import make_markdown_table, write_rows, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,31 +70,31 @@ CASES = (
 )
 
 
-def measure(case: Case, progress: Callable[[str], Any] = print) -> tuple[list[Row], list[Row]]:
+def measure_case_errors(case: Case, progress: Callable[[str], Any] = print) -> tuple[list[Row], list[Row]]:
     """The errors of every truncation and number of nodes; and what the reference differs by from the same with fewer
     nodes and, where it does not carry all terms, from delta-M with as many nodes."""
-    scene = cases.scene(case.scene)
+    scene = cases.find_scene(case.scene)
     coarse, fine = case.reference
     name = "none" if case.resolved else "small-angle"
-    exact, _ = intensity(scene, fine, name)
+    exact, _ = solve_intensity(scene, fine, name)
     doubt = [(name, coarse)] if case.resolved else [(name, coarse), ("delta-m", fine)]
 
     def errors(tried: list[tuple[str, int]]) -> list[Row]:
         rows: list[Row] = []
         for truncation, nodes in tried:
             try:
-                values, seconds = intensity(scene, nodes, truncation)
+                values, seconds = solve_intensity(scene, nodes, truncation)
             except AccuracyError:
                 progress(f"{case.name}, {truncation}, {nodes} nodes: refused, neither algorithm vouches for it")
                 continue
             progress(f"{case.name}, {truncation}, {nodes} nodes: {seconds:.2f} s")
-            rows += compared(case.name, truncation, nodes, values, exact, seconds)
+            rows += compare_parts(case.name, truncation, nodes, values, exact, seconds)
         return rows
 
     return errors([(name, nodes) for nodes in case.nodes for name in TRUNCATIONS]), errors(doubt)
 
 
-def intensity(scene: Scene, nodes: int, truncation: str) -> tuple[Array, float]:
+def solve_intensity(scene: Scene, nodes: int, truncation: str) -> tuple[Array, float]:
     """Diffuse I, up at the top and down at the bottom: (2, mu, phi); and the seconds it took."""
     start, bottom = time.perf_counter(), scene.thickness
     field = radiance(
@@ -104,7 +104,7 @@ def intensity(scene: Scene, nodes: int, truncation: str) -> tuple[Array, float]:
     return np.stack([field.stokes[0, : MU.size, :, 0], field.stokes[1, MU.size :, :, 0]]), seconds
 
 
-def compared(case: str, truncation: str, nodes: int, values: Array, exact: Array, seconds: float) -> list[Row]:
+def compare_parts(case: str, truncation: str, nodes: int, values: Array, exact: Array, seconds: float) -> list[Row]:
     """One row for each of PARTS."""
     cosine = MU0 * MU[:, None] + np.sqrt((1.0 - MU0**2) * (1.0 - MU[:, None] ** 2)) * np.cos(np.radians(PHI))
     near = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))) < NEAR_DEG
@@ -119,31 +119,31 @@ def compared(case: str, truncation: str, nodes: int, values: Array, exact: Array
 def write_report(errors: Sequence[Row], reference: Sequence[Row], folder: Path) -> None:
     """truncation.csv, truncation.md and truncation.png. Raises MissingExtraError without matplotlib, or OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_rows(folder / "truncation.csv", HEADER, map(cells, errors))
-    write_text(folder / "truncation.md", f"{table(errors)}\nReferences:\n\n{table(reference)}")
-    save(figure(errors, reference), folder / "truncation.png")
+    write_rows(folder / "truncation.csv", HEADER, map(list_row_cells, errors))
+    write_text(folder / "truncation.md", f"{make_error_table(errors)}\nReferences:\n\n{make_error_table(reference)}")
+    save(draw_figure(errors, reference), folder / "truncation.png")
 
 
-def cells(row: Row) -> list[object]:
+def list_row_cells(row: Row) -> list[object]:
     """In the order of HEADER.
 
-    >>> cells(Row("haze L", "none", 8, "reflected", 0.5, 0.25, 1.0))
+    >>> list_row_cells(Row("haze L", "none", 8, "reflected", 0.5, 0.25, 1.0))
     ['haze L', 'none', 8, 'reflected', '0.5', '0.25', '1.000']
     """
     return [row.case, row.truncation, row.nodes, row.part, f"{row.largest:.3g}", f"{row.rms:.3g}", f"{row.seconds:.3f}"]
 
 
-def table(rows: Sequence[Row]) -> str:
+def make_error_table(rows: Sequence[Row]) -> str:
     """A line for each solve, a column for each part, largest and rms error in it.
 
-    >>> print(table([Row("haze L", "none", 8, part, 0.5, 0.25, 1.0) for part in PARTS]).splitlines()[2])
+    >>> print(make_error_table([Row("haze L", "none", 8, part, 0.5, 0.25, 1.0) for part in PARTS]).splitlines()[2])
     | haze L | 8 | none | 5e-01, 2e-01 | 5e-01, 2e-01 | 5e-01, 2e-01 | 1.00 |
     """
     solves: dict[tuple[str, int, str], list[Row]] = {}
     for row in rows:
         solves.setdefault((row.case, row.nodes, row.truncation), []).append(row)
     header = ["phase function", "nodes", "truncation", *PARTS, "seconds"]
-    return markdown_table(
+    return make_markdown_table(
         header,
         [
             [*map(str, key), *(f"{row.largest:.0e}, {row.rms:.0e}" for row in found), f"{found[0].seconds:.2f}"]
@@ -152,7 +152,7 @@ def table(rows: Sequence[Row]) -> str:
     )
 
 
-def figure(errors: Sequence[Row], reference: Sequence[Row]) -> "Figure":
+def draw_figure(errors: Sequence[Row], reference: Sequence[Row]) -> "Figure":
     """A line of panels for each case, a column for each part. Raises MissingExtraError without matplotlib."""
     require_pictures()
     from matplotlib.figure import Figure
@@ -162,7 +162,7 @@ def figure(errors: Sequence[Row], reference: Sequence[Row]) -> "Figure":
     panels: Any = drawing.subplots(len(names), len(PARTS), sharex=True, sharey=True, squeeze=False)
     for line, case in zip(panels, names, strict=True):
         for panel, part in zip(line, PARTS, strict=True):
-            draw(panel, [row for row in errors if (row.case, row.part) == (case, part)])
+            draw_error_lines(panel, [row for row in errors if (row.case, row.part) == (case, part)])
             doubt = max((row.largest for row in reference if (row.case, row.part) == (case, part)), default=0.0)
             panel.axhspan(1e-9, max(doubt, 1e-9), color="#e8e8e8", zorder=0)
         line[0].set_ylabel(f"{case}\nerror of I / largest I")
@@ -176,7 +176,7 @@ def figure(errors: Sequence[Row], reference: Sequence[Row]) -> "Figure":
     return drawing
 
 
-def draw(panel: Any, rows: Sequence[Row]) -> None:
+def draw_error_lines(panel: Any, rows: Sequence[Row]) -> None:
     """Largest and rms error of each truncation against the nodes, both axes logarithmic."""
     for name, (colour, marker) in STYLES.items():
         chosen = [row for row in rows if row.truncation == name]
@@ -197,7 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--case", choices=[case.name for case in CASES], help="this one only")
     options = parser.parse_args(arguments)
     chosen = [case for case in CASES if options.case in (None, case.name)]
-    errors, reference = zip(*map(measure, chosen), strict=True)
+    errors, reference = zip(*map(measure_case_errors, chosen), strict=True)
     write_report([*chain(*errors)], [*chain(*reference)], options.output)
     return 0
 

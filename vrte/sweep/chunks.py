@@ -12,19 +12,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from vrte.basics.arrays import in_one_line
-from vrte.basics.blas import single_threaded
+from vrte.basics.arrays import put_in_one_line
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import DeviceError, LongSolveWarning, MissingExtraError, SceneError, SweepError
-from vrte.basics.running import Run, interruptible
-from vrte.calls.brdfs import solved_together
-from vrte.formats.scene_file import scene_of
-from vrte.methods import run_of, solve_request
+from vrte.basics.running import Run, run_interruptible
+from vrte.calls.brdfs import solve_together
+from vrte.formats.scene_file import make_scene_file
+from vrte.methods import make_run, solve_request
 from vrte.request.request import Request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.sweep.results import answer_of, question_of
-from vrte.sweep.store import Work, work_in
-from vrte.sweep.template import scene_at
+from vrte.sweep.results import make_result, make_scene_request
+from vrte.sweep.store import Work, read_work
+from vrte.sweep.template import make_scene_at
 
 FATAL = (DeviceError, MissingExtraError, OSError, SweepError)  # not one scene's fault: the sweep ends
 LONGEST_MESSAGE = 500
@@ -45,7 +45,7 @@ class Task:
 
 def perform(work: Work, task: Task, solve: Solve, backend: str = "openmp") -> int:
     """Does a task; how many scenes it was."""
-    with single_threaded():
+    with keep_to_one_thread():
         if task.particles:
             prepare(work, task)
             return 0
@@ -53,9 +53,9 @@ def perform(work: Work, task: Task, solve: Solve, backend: str = "openmp") -> in
 
 
 @lru_cache(maxsize=4)
-def work_of_folder(folder: str, stamp: str) -> Work:
+def open_work(folder: str, stamp: str) -> Work:
     """A worker process's view of a sweep; ``stamp`` tells it from another that was begun in the same folder."""
-    work = work_in(Path(folder))
+    work = read_work(Path(folder))
     if work.stamp != stamp:
         raise SweepError(f"{folder} has been begun anew")
     return work
@@ -69,8 +69,8 @@ def prepare(work: Work, task: Task) -> None:
     }
     alone["particles"] = {task.particles: content["particles"][task.particles]}
     alone["layer"] = [{"particles": task.particles, "thickness": 1.0}]
-    with suppress(SceneError), collected({}):
-        scene_of(alone, work.sweep.kind, work.sweep.folder, work.optics.keep)
+    with suppress(SceneError), collect_warnings({}):
+        make_scene_file(alone, work.sweep.kind, work.sweep.folder, work.optics.keep)
 
 
 def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
@@ -81,13 +81,13 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
     work.log("begin", chunk)
     start = time.perf_counter()
     told: dict[str, Any] = {}
-    with collected(told):
-        outcomes = results(work, places, solve, backend)
+    with collect_warnings(told):
+        outcomes = compute_results(work, places, solve, backend)
     arrays = work.empty(chunk)
     failed = {}
     for row, outcome in enumerate(outcomes):
         if isinstance(outcome, Exception):
-            failed[str(row)] = message_of(outcome)
+            failed[str(row)] = describe_failure(outcome)
             continue
         for name, values in arrays.items():
             values[row] = getattr(outcome, name)
@@ -96,19 +96,19 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
     return len(places)
 
 
-def results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
+def compute_results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
     """The result of each scene, or why there is none."""
 
     def asked_at(place: tuple[int, ...]) -> Request:
-        return question_of(scene_at(work.sweep, place, work.optics), backend)
+        return make_scene_request(make_scene_at(work.sweep, place, work.optics), backend)
 
-    asked = [attempted(partial(asked_at, place)) for place in places]
+    asked = [try_call(partial(asked_at, place)) for place in places]
     questions = [one for one in asked if isinstance(one, Request)]
     answers = iter(solve(questions) if questions else ())
     return [next(answers) if isinstance(one, Request) else one for one in asked]
 
 
-def attempted(attempt: Callable[[], Found]) -> Found | Exception:
+def try_call(attempt: Callable[[], Found]) -> Found | Exception:
     """What it returns, or the error that it ends in, unless that ends the sweep."""
     try:
         return attempt()
@@ -118,38 +118,40 @@ def attempted(attempt: Callable[[], Found]) -> Found | Exception:
         return error
 
 
-def message_of(error: Exception) -> str:
+def describe_failure(error: Exception) -> str:
     """What is recorded of a failure."""
     kind = "" if isinstance(error, SceneError) else f"{type(error).__name__}: "
-    return kind + in_one_line(str(error), LONGEST_MESSAGE)
+    return kind + put_in_one_line(str(error), LONGEST_MESSAGE)
 
 
-def in_turn(threads: Callable[[], int], stop: Any) -> Solve:
+def make_processor_solver(threads: Callable[[], int], stop: Any) -> Solve:
     """Scenes one after another on the processor, each on as many threads as there are to spare then."""
 
     def one(request: Request) -> Brdf | Field:
-        run = run_of(replace(request, threads=threads()))
+        run = make_run(replace(request, threads=threads()))
         run.stop = stop
-        return answer_of(request, *solve_request(request, run))
+        return make_result(request, *solve_request(request, run))
 
-    return lambda requests: [attempted(partial(one, request)) for request in requests]
+    return lambda requests: [try_call(partial(one, request)) for request in requests]
 
 
-def together(requests: Sequence[Request]) -> list[Outcome]:
+def solve_on_device(requests: Sequence[Request]) -> list[Outcome]:
     """All scenes of a chunk at once on a device; one by one where one of them fails, and where fields are asked for."""
     if len(requests) > 1 and requests[0].kind != "brdf":
-        return [outcome for request in requests for outcome in together([request])]
+        return [outcome for request in requests for outcome in solve_on_device([request])]
     run = Run(1)
 
     def all_at_once() -> list[Outcome]:
         if requests[0].kind != "brdf":
-            return [answer_of(requests[0], *interruptible(run, lambda: solve_request(requests[0], run)))]
-        return list(interruptible(run, lambda: solved_together(requests, run, None)))
+            return [make_result(requests[0], *run_interruptible(run, lambda: solve_request(requests[0], run)))]
+        return list(run_interruptible(run, lambda: solve_together(requests, run, None)))
 
-    found = attempted(all_at_once)
+    found = try_call(all_at_once)
     if not isinstance(found, Exception):
         return found
-    return [found] if len(requests) == 1 else [outcome for request in requests for outcome in together([request])]
+    return (
+        [found] if len(requests) == 1 else [outcome for request in requests for outcome in solve_on_device([request])]
+    )
 
 
 _lock = threading.Lock()
@@ -158,7 +160,7 @@ _outside: list[Any] = []
 
 
 @contextmanager
-def collected(told: dict[str, Any]) -> Iterator[None]:
+def collect_warnings(told: dict[str, Any]) -> Iterator[None]:
     """Puts this thread's warnings into ``told``: for each kind how often, and what the first one said.
 
     Python has one way of showing warnings for all threads: the first to enter changes it, the last to leave restores.
@@ -184,10 +186,10 @@ def collected(told: dict[str, Any]) -> Iterator[None]:
 def _note(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
     told = _listening.get(threading.get_ident())
     if told is not None:
-        entry = told.setdefault(category.__name__, [0, in_one_line(str(message), LONGEST_MESSAGE)])
+        entry = told.setdefault(category.__name__, [0, put_in_one_line(str(message), LONGEST_MESSAGE)])
         entry[0] += 1
 
 
-def never_stopped() -> Any:
+def make_stop_flag() -> Any:
     """The flag of a worker that ends with its process."""
     return np.zeros(1, np.int32)

@@ -47,10 +47,10 @@ class Grid:
         return itertools.product(*(range(part.start, part.stop) for part in self.slices(chunk)))
 
 
-def grid_of(shape: tuple[int, ...], most: int) -> Grid:
+def cut_grid(shape: tuple[int, ...], most: int) -> Grid:
     """Boxes of at most ``most`` scenes, whole along the last dimensions, evenly cut along the one before.
 
-    >>> grid_of((3, 10), 4).box, grid_of((3, 10), 20).box
+    >>> cut_grid((3, 10), 4).box, cut_grid((3, 10), 20).box
     ((1, 4), (2, 10))
     """
     box = [1] * len(shape)
@@ -62,10 +62,10 @@ def grid_of(shape: tuple[int, ...], most: int) -> Grid:
     return Grid(shape, tuple(box))
 
 
-def scenes_of_a_chunk(count: int, bytes_of_a_scene: int) -> int:
+def choose_chunk_size(count: int, bytes_of_a_scene: int) -> int:
     """How many are good: enough chunks to share, none too large, and not a file for each of very many scenes.
 
-    >>> scenes_of_a_chunk(200, 1000), scenes_of_a_chunk(1_000_000, 1000), scenes_of_a_chunk(1_000_000, 20_000_000)
+    >>> choose_chunk_size(200, 1000), choose_chunk_size(1_000_000, 1000), choose_chunk_size(1_000_000, 20_000_000)
     (7, 64, 1)
     """
     by_memory = int(LARGEST_CHUNK // bytes_of_a_scene)

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.basics.arrays import Array, number, whole
+from vrte.basics.arrays import Array, check_number, check_whole
 from vrte.basics.errors import SceneError
-from vrte.formats.scene_file import scene_of
-from vrte.results.splines import weights
-from vrte.sweep.chunks import in_turn, never_stopped
-from vrte.sweep.results import question_of
-from vrte.sweep.template import Sweep, places_of, plain, put, sweep_of
+from vrte.formats.scene_file import make_scene_file
+from vrte.results.splines import compute_weights
+from vrte.sweep.chunks import make_processor_solver, make_stop_flag
+from vrte.sweep.results import make_scene_request
+from vrte.sweep.template import Sweep, convert_to_plain_number, put, read_sweep, split_key
 
 if TYPE_CHECKING:
     import xarray
@@ -54,12 +54,25 @@ class HeldOut:
 def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.Dataset":
     """The BRDF at a point between the scenes of a table of `vrte.sweep`.
 
-    ``point`` holds a value for any of the axes, and of mu_i, mu_o and phi_deg; dimensions that it leaves out stay as
-    they are. Piecewise polynomials, cubic where an axis has four values or more: along a decade or more in the axis's
-    logarithm, along a cosine in its angle; of f_00 as its logarithm, of other Mueller elements over f_00. Only the
-    scenes around the point are read. How far it is wrong, `held_out` of vrte.sweep.interpolation measures
-    (docs/sweeps.md). Raises SceneError for a point outside, an unknown axis, axes that are no grid, and where a scene
-    nearby has no result.
+    Parameters
+    ----------
+    table : xarray.Dataset
+        Of a sweep whose axes make a grid.
+    point : mapping of str to float
+        A value for any of the axes, and of mu_i, mu_o and phi_deg; dimensions that it leaves out stay as they are.
+
+    Returns
+    -------
+    xarray.Dataset
+        By piecewise polynomials, cubic where an axis has four values or more: along a decade or more in the axis's
+        logarithm, along a cosine in its angle; of f_00 as its logarithm, of other Mueller elements over f_00. Only the
+        scenes around the point are read. How far it is wrong, `held_out` of vrte.sweep.interpolation measures
+        (docs/sweeps.md).
+
+    Raises
+    ------
+    SceneError
+        For a point outside, an unknown axis, axes that are no grid, and where a scene nearby has no result.
 
     >>> from vrte.sweep import sweep
     >>> layer = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
@@ -75,16 +88,16 @@ def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.
         raise SceneError(f"point must be a dictionary of values by axis, not {type(point).__name__}")
     near, shares = table, {}
     for name, value in point.items():
-        places, shares[str(name)] = around(table, str(name), value)
+        places, shares[str(name)] = find_neighbours(table, str(name), value)
         near = near.isel({name: places})
     check_results(near)
-    found = {name: between(near[name].load(), shares) for name in table.data_vars if name != "error"}
+    found = {name: interpolate_variable(near[name].load(), shares) for name in table.data_vars if name != "error"}
     here = {name: float(value) for name, value in point.items()}
     kept = {name: table[name] for name in table.coords if not set(table[name].dims) & set(point)}
     return xarray.Dataset(found, kept | here, table.attrs)
 
 
-def around(table: "xarray.Dataset", name: str, value: float) -> tuple[list[int], Array]:
+def find_neighbours(table: "xarray.Dataset", name: str, value: float) -> tuple[list[int], Array]:
     """Places of the values next to a point along an axis, and the weight of each."""
     if name not in table.dims or name not in table.coords:
         kind = "is one of several along a list, not a grid" if name in table.coords else "is no axis of the table"
@@ -93,7 +106,7 @@ def around(table: "xarray.Dataset", name: str, value: float) -> tuple[list[int],
         axes = [str(dim) for dim in dims if dim in table.coords and dim not in STOKES]
         raise SceneError(f"point: {name!r} {kind}; there are {', '.join(axes)}")
     values = np.asarray(table[name].values, np.float64)
-    wanted = number(f"point: {name}", value, -math.inf, math.inf, "a number")
+    wanted = check_number(f"point: {name}", value, -math.inf, math.inf, "a number")
     if (values == wanted).any():
         return [int(np.flatnonzero(values == wanted)[0])], np.ones(1)
     finite = np.flatnonzero(np.isfinite(values))
@@ -107,7 +120,7 @@ def around(table: "xarray.Dataset", name: str, value: float) -> tuple[list[int],
     start = max(0, min(first, ascending.size - (DEGREE + 1)))
     here = slice(start, start + DEGREE + 1)
     scale = np.arcsin if name in COSINES else np.log if is_logarithmic(ascending) else np.positive
-    return order[here].tolist(), weights(scale(ascending[here]), scale(np.array([wanted])))[0]
+    return order[here].tolist(), compute_weights(scale(ascending[here]), scale(np.array([wanted])))[0]
 
 
 def is_logarithmic(values: Array) -> bool:
@@ -126,7 +139,7 @@ def check_results(near: "xarray.Dataset") -> None:
         raise SceneError(f"a scene near the point has no result: {errors[errors != ''][0]}")
 
 
-def between(near: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
+def interpolate_variable(near: "xarray.DataArray", weights: dict[str, Array]) -> "xarray.DataArray":
     """One variable, summed over the scenes nearby in variables in which it is smooth."""
     import xarray
 
@@ -152,20 +165,20 @@ def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: P
 
     ``folder``: where the sweep file's tables of coefficients are. Raises SceneError, AccuracyError.
     """
-    sweep = sweep_of(json.loads(table.attrs["sweep"]), folder)
+    sweep = read_sweep(json.loads(table.attrs["sweep"]), folder)
     if sweep.kind != "brdf":
         raise SceneError("held_out measures BRDFs, and this is a table of fields")
-    whole("points", points, 1, 10**6)
+    check_whole("points", points, 1, 10**6)
     chance = np.random.default_rng(seed)
-    drawn = {axis.name: between_values(axis.values, points, chance) for axis in sweep.axes}
+    drawn = {axis.name: sample_axis(axis.values, points, chance) for axis in sweep.axes}
     errors = [
-        error_at(table, sweep, {name: float(values[place]) for name, values in drawn.items()})
+        measure_error(table, sweep, {name: float(values[place]) for name, values in drawn.items()})
         for place in range(points)
     ]
     return HeldOut(drawn, np.array(errors))
 
 
-def between_values(values: Array, count: int, chance: np.random.Generator) -> Array:
+def sample_axis(values: Array, count: int, chance: np.random.Generator) -> Array:
     """Random places in the range of an axis, even in its own variable."""
     finite = np.sort(values[np.isfinite(values)])
     if is_logarithmic(finite):
@@ -173,19 +186,21 @@ def between_values(values: Array, count: int, chance: np.random.Generator) -> Ar
     return chance.uniform(finite[0], finite[-1], count)
 
 
-def error_at(table: "xarray.Dataset", sweep: Sweep, point: dict[str, float]) -> float:
+def measure_error(table: "xarray.Dataset", sweep: Sweep, point: dict[str, float]) -> float:
     """The largest difference of a Mueller element, of the scene's largest."""
-    solved = solved_at(sweep, point)
+    solved = solve_point(sweep, point)
     found = interpolate(table, point).mueller.values
     return float(np.abs(found - solved.mueller).max() / np.abs(solved.mueller).max())
 
 
-def solved_at(sweep: Sweep, point: dict[str, float]) -> Any:
+def solve_point(sweep: Sweep, point: dict[str, float]) -> Any:
     """The BRDF of the scene at a point."""
     content = sweep.content((0,) * len(sweep.shape))
     for axis in sweep.axes:
-        put(content, places_of(axis.key), plain(point[axis.name]))
-    (found,) = in_turn(lambda: 1, never_stopped())([question_of(scene_of(content, sweep.kind, sweep.folder))])
+        put(content, split_key(axis.key), convert_to_plain_number(point[axis.name]))
+    (found,) = make_processor_solver(lambda: 1, make_stop_flag())(
+        [make_scene_request(make_scene_file(content, sweep.kind, sweep.folder))]
+    )
     if isinstance(found, Exception):
         raise found
     return found

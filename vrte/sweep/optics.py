@@ -36,7 +36,7 @@ class Optics:
         """The same, put on disk where it was not; of several that ask at once, one computes."""
         path = self._path(material, how)
         if not path.is_file():
-            with alone(path.with_suffix(".lock")):
+            with lock_file(path.with_suffix(".lock")):
                 if not path.is_file():
                     write(spheres(material, **how), path)
         return self(material, **how)
@@ -49,10 +49,10 @@ class Optics:
         return len(damaged)
 
     def _path(self, material: Any, how: dict[str, Any]) -> Path:
-        return self.folder / name_of(material, how)
+        return self.folder / make_file_name(material, how)
 
 
-def name_of(material: Any, how: dict[str, Any]) -> str:
+def make_file_name(material: Any, how: dict[str, Any]) -> str:
     """A file's name that stands for the values, all digits of them."""
     size = how.get("size")
     given = [material, how["wavelength_um"], how.get("host_index", 1.0), how.get("radius_um")]
@@ -79,7 +79,7 @@ def read(path: Path) -> Particles:
 
 
 @contextmanager
-def alone(path: Path) -> Iterator[None]:
+def lock_file(path: Path) -> Iterator[None]:
     """Waits until no other thread or process is in here with the same file; a killed one leaves."""
     import fcntl
 

@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array, vector
+from vrte.basics.arrays import Array, check_vector
 from vrte.basics.errors import SceneError
-from vrte.calls.brdf import as_brdf
-from vrte.calls.radiance import field_of
+from vrte.calls.brdf import make_brdf
+from vrte.calls.radiance import make_field
 from vrte.formats.contents import BRDF, FIELDS, STOKES_AXIS, Kind
 from vrte.formats.scene_file import SceneFile
-from vrte.formats.toml_table import shown
+from vrte.formats.toml_table import show_toml
 from vrte.request.how import EXACT
-from vrte.request.request import Request, brdf_request, radiance_request
+from vrte.request.request import Request, make_brdf_request, make_radiance_request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.solution import Solution
@@ -37,48 +37,48 @@ class Results:
         return sum(8 * math.prod(shape) for _, shape in self.variables.values())
 
 
-def question_of(file: SceneFile, backend: str = "openmp") -> Request:
+def make_scene_request(file: SceneFile, backend: str = "openmp") -> Request:
     """What is asked of a scene. Raises SceneError."""
     how = {"algorithm": ALGORITHM, "backend": backend} | file.options
     if how.get("method", EXACT) != EXACT:
-        raise SceneError(f"method = {shown(how['method'])}: a sweep is made by {EXACT!r} alone", "method")
+        raise SceneError(f"method = {show_toml(how['method'])}: a sweep is made by {EXACT!r} alone", "method")
     with file.located():
         if file.kind == "brdf":
-            return brdf_request(file.scene, **file.request, **how, time_limit_s=math.inf)
+            return make_brdf_request(file.scene, **file.request, **how, time_limit_s=math.inf)
         if "mu" not in file.request:
             raise SceneError.of(
                 "mu", "is missing: all scenes of a table share their directions; mu = [] asks for fluxes alone"
             )
-        return radiance_request(file.scene, **file.request, **how, time_limit_s=math.inf)
+        return make_radiance_request(file.scene, **file.request, **how, time_limit_s=math.inf)
 
 
-def answer_of(request: Request, directions: Array, solution: Solution) -> Brdf | Field:
+def make_result(request: Request, directions: Array, solution: Solution) -> Brdf | Field:
     """The result that the solution of a request is."""
-    return as_brdf(request, solution) if request.kind == "brdf" else field_of(request, directions, solution)
+    return make_brdf(request, solution) if request.kind == "brdf" else make_field(request, directions, solution)
 
 
-def results_of(file: SceneFile) -> Results:
+def describe_results(file: SceneFile) -> Results:
     """What the scenes of a sweep bring, by the first of them, whose particles nobody needs to know yet."""
     if file.kind == "brdf":
-        request = question_of(file)
+        request = make_scene_request(file)
         assert request.mu is not None
         coordinates = {"mu_i": request.mu0, "mu_o": request.mu[request.mu > 0.0], "phi_deg": request.phi}
         left_out = () if request.tau.size > 1 else ("transmission",)  # the bottom, too
-        return laid_out(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"), {})
+        return lay_out_results(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"), {})
     # how deep the scene is, its particles say: each scene will check its own
-    request = question_of(replace(file, request=file.request | {"tau": 0.0}))
+    request = make_scene_request(replace(file, request=file.request | {"tau": 0.0}))
     incident = np.asarray(file.request.get("stokes", (1.0, 0.0, 0.0, 0.0)), np.float64)
-    coordinates = {"mu0": request.mu0, "tau": vector("tau", file.request.get("tau", 0.0))}
+    coordinates = {"mu0": request.mu0, "tau": check_vector("tau", file.request.get("tau", 0.0))}
     left_out = ("incident_stokes", *(("stokes",) if request.fluxes_only else ()))
     if not request.fluxes_only:
         assert request.mu is not None
         up = -1.0 if request.illuminate == "bottom" else 1.0  # such a request is that of the scene upside down
         coordinates |= {"mu": up * request.mu, "phi_deg": request.phi}
     constants: dict[str, tuple[tuple[str, ...], Array]] = {"incident_stokes": ((STOKES_AXIS,), incident)}
-    return laid_out(FIELDS, coordinates, left_out, (STOKES_AXIS,), constants)
+    return lay_out_results(FIELDS, coordinates, left_out, (STOKES_AXIS,), constants)
 
 
-def laid_out(
+def lay_out_results(
     kind: Kind,
     coordinates: dict[str, Array],
     left_out: tuple[str, ...],

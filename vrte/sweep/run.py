@@ -13,22 +13,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vrte.basics import cost
-from vrte.basics.arrays import number, whole
-from vrte.basics.blas import single_threaded
+from vrte.basics.arrays import check_number, check_whole
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress, usable_cpus
+from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.forecast import foretell_all
-from vrte.formats.text_file import file_name
-from vrte.request.how import one_of
+from vrte.formats.text_file import check_file_name
+from vrte.request.how import check_choice
 from vrte.request.request import Request
 from vrte.sweep import store
-from vrte.sweep.chunks import Task, collected, prepare
+from vrte.sweep.chunks import Task, collect_warnings, prepare
 from vrte.sweep.engines import ENGINES
-from vrte.sweep.grid import Grid, grid_of, scenes_of_a_chunk
-from vrte.sweep.results import question_of
+from vrte.sweep.grid import Grid, choose_chunk_size, cut_grid
+from vrte.sweep.results import make_scene_request
 from vrte.sweep.store import Work
-from vrte.sweep.table import SUFFIXES, open_table, zarr
-from vrte.sweep.template import Sweep, particle_places, scene_at, shared_particles, sweep_of
+from vrte.sweep.table import SUFFIXES, import_zarr, open_table
+from vrte.sweep.template import Sweep, list_particle_places, list_shared_particles, make_scene_at, read_sweep
 
 if TYPE_CHECKING:
     import xarray
@@ -53,23 +53,42 @@ def sweep(
 ) -> "xarray.Dataset":
     """The Mueller BRDFs, or the Stokes fields, of many scenes, as one labelled table.
 
-    Parameters: ``source``, a sweep file or its content as a dictionary: a scene for `vrte brdf` or `vrte field` with a
-    table [axes] (docs/sweeps.md); ``output``, a path that ends in .zarr (for large tables) or .nc, without it the table
-    is made in memory; ``engine`` "threads", "dask" (on the cluster at the address ``scheduler``, or one of its own on
-    this machine) or "opencl"; ``workers``, cores or worker processes, all there are by default; ``chunk``, how many
-    scenes are computed, written and kept in memory together; ``progress``, called with (scenes done, scenes);
-    ``time_limit_s``: a sweep whose scenes that are left are predicted to take longer is refused, without it none is.
-    Above 20 seconds what they take is said at once in a LongSolveWarning.
+    Parameters
+    ----------
+    source : path or mapping
+        A sweep file or its content: a scene for `vrte brdf` or `vrte field` with a table [axes] (docs/sweeps.md).
+    output : path, optional
+        Ends in .zarr (for large tables) or .nc; without it the table is made in memory.
+    engine : str
+        "threads", "dask" or "opencl".
+    scheduler : str, optional
+        Address of a Dask cluster; without it "dask" has one of its own on this machine.
+    workers : int, optional
+        Cores or worker processes, all there are by default.
+    chunk : int, optional
+        How many scenes are computed, written and kept in memory together.
+    progress : callable, optional
+        Called with (scenes done, scenes).
+    time_limit_s : float, optional
+        A sweep whose scenes that are left are predicted to take longer is refused; without it none is. Above 20 seconds
+        what they take is said at once in a LongSolveWarning.
 
-    Returns an xarray.Dataset with the axes as coordinates and the variables of `vrte.Brdf.to_xarray`, or of
-    `vrte.Field.to_xarray` with mu0 as a dimension and stokes_parameter as the last; ``error`` says of a scene without
-    result, whose numbers are NaN, what was wrong with it. With ``output`` the data are read from there when they are
-    asked for. Called again after whatever stopped it, it goes on with the chunks that are left; a complete table is
-    looked over and opened, and what is damaged is made again. Warns (SweepWarning) where scenes failed or warned, and
-    of damage.
+    Returns
+    -------
+    xarray.Dataset
+        With the axes as coordinates and the variables of `vrte.Brdf.to_xarray`, or of `vrte.Field.to_xarray` with mu0
+        as a dimension and stokes_parameter as the last; ``error`` says of a scene without result, whose numbers are
+        NaN, what was wrong with it. With ``output`` the data are read from there when they are asked for. Called again
+        after whatever stopped it, it goes on with the chunks that are left; a complete table is looked over and opened,
+        and what is damaged is made again. Warns (SweepWarning) where scenes failed or warned, and of damage.
 
-    Raises SceneError for bad input, or another sweep than the output was begun with; SweepError where another process
-    is at the same output, or the cluster is lost; DeviceError, MissingExtraError, OSError.
+    Raises
+    ------
+    SceneError
+        For bad input, or another sweep than the output was begun with.
+    SweepError
+        Where another process is at the same output, or the cluster is lost.
+    DeviceError, MissingExtraError, OSError
 
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 1.0}
     >>> axes = {"depth": {"key": "layer[1].thickness", "values": [0.1, 1.0]}, "base.albedo": [0.0, 1.0]}
@@ -79,24 +98,24 @@ def sweep(
     >>> dict(table.reflectance.sizes), bool(abs(table.reflectance.sel({"base.albedo": 1.0}) - 1.0).max() < 1e-12)
     ({'depth': 2, 'base.albedo': 2, 'mu_i': 1}, True)
     """
-    one_of("engine", engine, ENGINES)
+    check_choice("engine", engine, ENGINES)
     if scheduler is not None and engine != "dask":
         raise SceneError("scheduler goes with engine 'dask' only")
     if scheduler is not None and workers is not None:
         raise SceneError("workers are those of the scheduler: leave one of the two out")
-    limit = math.inf if time_limit_s is None else number("time_limit_s", time_limit_s, 0.0, math.inf, "seconds")
-    count = usable_cpus() if workers is None else whole("workers", workers, 1, MOST_WORKERS)
-    given = sweep_of(source)
+    limit = math.inf if time_limit_s is None else check_number("time_limit_s", time_limit_s, 0.0, math.inf, "seconds")
+    count = count_usable_cpus() if workers is None else check_whole("workers", workers, 1, MOST_WORKERS)
+    given = read_sweep(source)
     if output is not None:
-        return made(given, output_path(output), engine, scheduler, count, chunk, progress, limit)
+        return make_table(given, check_output_path(output), engine, scheduler, count, chunk, progress, limit)
     with tempfile.TemporaryDirectory(prefix="vrte-sweep-") as folder:
-        table = made(given, Path(folder) / "table.zarr", engine, scheduler, count, chunk, progress, limit, False)
+        table = make_table(given, Path(folder) / "table.zarr", engine, scheduler, count, chunk, progress, limit, False)
         return table.load()
 
 
-def output_path(output: str | os.PathLike[str]) -> Path:
+def check_output_path(output: str | os.PathLike[str]) -> Path:
     """Where the table goes. Raises SceneError."""
-    path = Path(file_name(output)).absolute()
+    path = Path(check_file_name(output)).absolute()
     if path.suffix not in SUFFIXES:
         raise SceneError(f"the output {path.name} must end in {' or '.join(SUFFIXES)}")
     if not path.parent.is_dir():
@@ -104,7 +123,7 @@ def output_path(output: str | os.PathLike[str]) -> Path:
     return path
 
 
-def made(
+def make_table(
     given: Sweep,
     output: Path,
     engine: str,
@@ -116,8 +135,8 @@ def made(
     on_disk: bool = True,
 ) -> "xarray.Dataset":
     """The table at ``output``, computed as far as it is not there; ``on_disk``, so that a power cut cannot harm it."""
-    zarr()
-    with store.alone_at(output) as folder:
+    import_zarr()
+    with store.lock_output(output) as folder:
         damage: list[str] = []
         try:
             if os.path.lexists(output) and not store.adopt(output, folder):
@@ -125,8 +144,8 @@ def made(
                 if not damage:
                     store.clear(folder)
                     return open_table(output)
-            grid = grid_for(given, output, chunk)
-            work, more = store.begun(folder, given, grid, output)
+            grid = choose_grid(given, output, chunk)
+            work, more = store.resume_work(folder, given, grid, output)
             check_chunk(work, grid, chunk)
         except BaseException:
             if not (folder / store.BEGUN).is_file():
@@ -136,7 +155,7 @@ def made(
             message = f"{output} was damaged; made again: {', '.join(damage + more)}"
             warnings.warn(message, SweepWarning, stacklevel=3)
         if engine != "opencl":  # a device's speed is not known
-            with single_threaded():
+            with keep_to_one_thread():
                 foretell_sweep(work, workers, limit)
         compute(work, engine, scheduler, workers, progress)
         tell(work)
@@ -144,10 +163,10 @@ def made(
     return open_table(output)
 
 
-def grid_for(given: Sweep, output: Path, chunk: int | None) -> Grid:
+def choose_grid(given: Sweep, output: Path, chunk: int | None) -> Grid:
     """How the sweep is cut. Raises SceneError where a chunk or the whole is too large."""
-    size = store.results_of_sweep(given).bytes_of_a_scene
-    scenes = scenes_of_a_chunk(given.count, size) if chunk is None else whole("chunk", chunk, 1, given.count)
+    size = store.describe_sweep_results(given).bytes_of_a_scene
+    scenes = choose_chunk_size(given.count, size) if chunk is None else check_whole("chunk", chunk, 1, given.count)
     if scenes * size > LARGEST_ZARR_CHUNK:
         raise SceneError(f"a chunk of {scenes} scenes holds {scenes * size / 1e9:.1f} GB, at most 2 GB are allowed")
     free = shutil.disk_usage(output.parent).free
@@ -156,7 +175,7 @@ def grid_for(given: Sweep, output: Path, chunk: int | None) -> Grid:
             f"{given.count} scenes of {size / 1e6:.3g} MB make a table of {given.count * size / 1e9:.3g} GB, "
             f"and {output.parent} has room for {free / 1e9:.3g} GB"
         )
-    return grid_of(given.shape, scenes)
+    return cut_grid(given.shape, scenes)
 
 
 def check_chunk(work: Work, grid: Grid, chunk: int | None) -> None:
@@ -173,7 +192,7 @@ def foretell_sweep(work: Work, workers: int, limit: float) -> None:
     if not left:
         return
     scenes = sum(math.prod(grid.extent(chunk)) for chunk in left)
-    shared = list(shared_particles(work.sweep))
+    shared = list(list_shared_particles(work.sweep))
     own = len(shared) < len(work.sweep.template.get("particles", {}))  # particles that no other scene has
 
     def asked_at(place: int) -> tuple[Request, float]:
@@ -181,11 +200,11 @@ def foretell_sweep(work: Work, workers: int, limit: float) -> None:
         there = list(grid.places(chunk))
         where = there[-1 if place == scenes - 1 else place % len(there)]
         begin = time.perf_counter()
-        with collected({}):
-            request = question_of(scene_at(work.sweep, where, work.optics.keep))
+        with collect_warnings({}):
+            request = make_scene_request(make_scene_at(work.sweep, where, work.optics.keep))
         return replace(request, threads=1), time.perf_counter() - begin if own else 0.0
 
-    beside = 0.0 if done else seconds_of_particles(work, shared)
+    beside = 0.0 if done else measure_particle_seconds(work, shared)
     what = f"{scenes} scenes on {workers} worker{'s'[: workers > 1]}"
     try:
         foretell_all(scenes, asked_at, what, limit, beside, workers)
@@ -195,7 +214,7 @@ def foretell_sweep(work: Work, workers: int, limit: float) -> None:
         raise
 
 
-def seconds_of_particles(work: Work, shared: list[tuple[str, tuple[int, ...]]]) -> float:
+def measure_particle_seconds(work: Work, shared: list[tuple[str, tuple[int, ...]]]) -> float:
     """Of all that scenes share, by the last of each name, which is kept."""
     seconds, begin = 0.0, time.perf_counter()
     for name, lengths in shared:
@@ -216,30 +235,32 @@ def compute(work: Work, engine: str, scheduler: str | None, workers: int, progre
     tell_progress = progress or (lambda done, total: None)
     tell_progress(scenes, work.sweep.count)
     # once for all chunks: BLAS threads that come and go between them keep the cores busy with waiting
-    with single_threaded(), closing(labour(work, engine, scheduler, workers, done)) as finished:
+    with keep_to_one_thread(), closing(run_engine(work, engine, scheduler, workers, done)) as finished:
         for count in finished:
             scenes += count
             if count:
                 tell_progress(scenes, work.sweep.count)
 
 
-def labour(work: Work, engine: str, scheduler: str | None, workers: int, done: set[int]) -> Generator[int, None, None]:
+def run_engine(
+    work: Work, engine: str, scheduler: str | None, workers: int, done: set[int]
+) -> Generator[int, None, None]:
     """How many scenes each task was, as they are finished."""
     chunks = (Task(chunk=chunk) for chunk in range(work.grid.chunks) if chunk not in done)
     left = work.grid.chunks - len(done)
-    particles = (Task(particles=name, place=place) for name, place in particle_places(work.sweep))
+    particles = (Task(particles=name, place=place) for name, place in list_particle_places(work.sweep))
     if engine == "dask":
         from vrte.sweep.engines import dask
 
-        yield from dask.each(work, (particles, chunks), scheduler, workers)
+        yield from dask.perform_tasks(work, (particles, chunks), scheduler, workers)
         return
     from vrte.sweep.engines import opencl, threads
 
-    yield from threads.each(work, particles, workers, workers)
+    yield from threads.perform_tasks(work, particles, workers, workers)
     if engine == "opencl":
-        yield from opencl.each(work, chunks)
+        yield from opencl.perform_tasks(work, chunks)
     else:
-        yield from threads.each(work, chunks, left, workers)
+        yield from threads.perform_tasks(work, chunks, left, workers)
 
 
 def tell(work: Work) -> None:

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 from vrte.formats.seal import LENGTH, seal_of
 
 
@@ -15,7 +15,7 @@ class DamagedError(ValueError):
 
 def write_sealed(path: Path, content: bytes, on_disk: bool = False) -> None:
     """All of it or nothing; ``on_disk``: also after a power cut."""
-    with atomic_write(path) as part, open(part, "wb") as file:
+    with write_atomically(path) as part, open(part, "wb") as file:
         file.write(content + seal_of(content))
         if on_disk:
             file.flush()

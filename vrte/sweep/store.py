@@ -32,20 +32,20 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SweepError
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 from vrte.sweep.grid import Grid
 from vrte.sweep.optics import Optics
-from vrte.sweep.results import Results, results_of
+from vrte.sweep.results import Results, describe_results
 from vrte.sweep.sealed import DamagedError, flush, read_json, write_json
-from vrte.sweep.table import as_netcdf, box_of, check_same, create_table, look_over_netcdf, open_group
-from vrte.sweep.template import Sweep, scene_at, sweep_of, unseen
+from vrte.sweep.table import check_same, convert_to_netcdf, create_table, look_over_netcdf, open_group, read_box
+from vrte.sweep.template import Sweep, make_scene_at, make_unseen_particles, read_sweep
 
 BEGUN = "sweep"
 
 
-def results_of_sweep(sweep: Sweep) -> Results:
+def describe_sweep_results(sweep: Sweep) -> Results:
     """What each of its scenes brings."""
-    return results_of(scene_at(sweep, (0,) * len(sweep.shape), unseen))
+    return describe_results(make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles))
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class Work:
 
     @cached_property
     def results(self) -> Results:
-        return results_of_sweep(self.sweep)
+        return describe_sweep_results(self.sweep)
 
     @property
     def data(self) -> tuple[str, ...]:
@@ -105,7 +105,7 @@ class Work:
         where, extent = self.grid.slices(chunk), self.grid.extent(chunk)
         for name, values in arrays.items():
             self.arrays[name][where] = values.reshape(*extent, *values.shape[1:])
-        self.mark(chunk, said | {"checksum": checksum(arrays, said["failed"])})
+        self.mark(chunk, said | {"checksum": compute_checksum(arrays, said["failed"])})
 
     def mark(self, chunk: int, said: dict[str, Any]) -> None:
         """From now on the chunk is done."""
@@ -132,7 +132,7 @@ class Work:
         try:
             said, where = tell(chunk), self.grid.slices(chunk)
             found = {name: np.asarray(self.arrays[name][where]) for name in self.results.variables}
-            return said if said["checksum"] == checksum(found, said["failed"]) else {}
+            return said if said["checksum"] == compute_checksum(found, said["failed"]) else {}
         except Exception:  # whatever three libraries below make of damaged bytes
             return {}
 
@@ -149,10 +149,10 @@ class Work:
         return self.folder / "done" / f"{chunk:09d}"
 
 
-def checksum(arrays: Mapping[str, Array], failed: Mapping[str, str]) -> str:
+def compute_checksum(arrays: Mapping[str, Array], failed: Mapping[str, str]) -> str:
     """Of a chunk's results and of what its scenes without result said.
 
-    >>> checksum({"a": np.zeros(2)}, {}) == checksum({"a": np.array([0.0, -0.0])}, {})
+    >>> compute_checksum({"a": np.zeros(2)}, {}) == compute_checksum({"a": np.array([0.0, -0.0])}, {})
     False
     """
     made = hashlib.sha256(json.dumps(failed, sort_keys=True).encode())
@@ -161,7 +161,7 @@ def checksum(arrays: Mapping[str, Array], failed: Mapping[str, str]) -> str:
     return made.hexdigest()
 
 
-def work_in(folder: Path) -> Work:
+def read_work(folder: Path) -> Work:
     """The work that was begun in a folder. Raises SweepError."""
     if not (folder / BEGUN).is_file():
         host = socket.gethostname()
@@ -170,20 +170,20 @@ def work_in(folder: Path) -> Work:
         said = read_json(folder / BEGUN)
     except DamagedError as error:
         raise SweepError(str(error)) from error
-    return Work(folder, sweep_of(said["content"], Path(said["folder"])), tuple(said["box"]), said["stamp"])
+    return Work(folder, read_sweep(said["content"], Path(said["folder"])), tuple(said["box"]), said["stamp"])
 
 
-def partial_of(output: Path) -> Path:
+def name_partial_folder(output: Path) -> Path:
     """The folder beside an output where it grows."""
     return output.with_name(output.name + ".partial")
 
 
 @contextmanager
-def alone_at(output: Path) -> Iterator[Path]:
+def lock_output(output: Path) -> Iterator[Path]:
     """The folder where the output grows, while no other process is at it. Raises SweepError."""
     import fcntl
 
-    folder = partial_of(output)
+    folder = name_partial_folder(output)
     while True:
         folder.mkdir(exist_ok=True)
         with open(folder / "lock", "a") as lock:
@@ -201,7 +201,7 @@ def alone_at(output: Path) -> Iterator[Path]:
         # whoever held it has finished and taken the folder away
 
 
-def begun(folder: Path, sweep: Sweep, grid: Grid, output: Path) -> tuple[Work, list[str]]:
+def resume_work(folder: Path, sweep: Sweep, grid: Grid, output: Path) -> tuple[Work, list[str]]:
     """The work in a folder, taken up where it was left, or begun; and what was damaged in it, in words.
 
     Raises SceneError for another sweep's folder.
@@ -215,13 +215,13 @@ def begun(folder: Path, sweep: Sweep, grid: Grid, output: Path) -> tuple[Work, l
         else:
             check_same(sweep, said, f"{output} was begun")
             work = Work(folder, sweep, tuple(said["box"]), said["stamp"])
-            return work, mended(work)
-    work = fresh_work(folder, sweep, grid.box)
+            return work, repair_work(work)
+    work = make_fresh_work(folder, sweep, grid.box)
     begin(work)
     return work, damage
 
 
-def fresh_work(folder: Path, sweep: Sweep, box: tuple[int, ...]) -> Work:
+def make_fresh_work(folder: Path, sweep: Sweep, box: tuple[int, ...]) -> Work:
     """Work in a folder where whatever was there is gone; not begun yet."""
     (folder / BEGUN).unlink(missing_ok=True)
     work = Work(folder, sweep, box, uuid.uuid4().hex)
@@ -241,36 +241,36 @@ def begin(work: Work, **more: bool) -> None:
     write_json(work.folder / BEGUN, said | more, on_disk=True)
 
 
-def mended(work: Work) -> list[str]:
+def repair_work(work: Work) -> list[str]:
     """Takes away what is damaged in a folder that was begun, so that it is made again; says in words what it was."""
     for name in ("table", "done", "optics"):
         (work.folder / name).mkdir(exist_ok=True)
     fresh = work.folder / "fresh"
     remove(fresh)
     create_table(fresh, work.sweep, work.grid, work.results)
-    descriptions = changed_files(fresh, work.table)
+    descriptions = list_changed_files(fresh, work.table)
     for place in descriptions:
         (work.table / place).parent.mkdir(parents=True, exist_ok=True)
         os.replace(fresh / place, work.table / place)
     remove(fresh)
     particles = work.optics.forget_damaged()
-    damage = in_words(work, descriptions, work.forget_damaged())
+    damage = describe_damage(work, descriptions, work.forget_damaged())
     return damage + ([f"the optics of {particles} kinds of particle"] if particles else [])
 
 
-def in_words(work: Work, descriptions: list[Path], chunks: int) -> list[str]:
+def describe_damage(work: Work, descriptions: list[Path], chunks: int) -> list[str]:
     """What is damaged."""
     found = ["descriptions in the table"] if descriptions else []
     return found + ([f"{chunks} of {work.grid.chunks} chunks"] if chunks else [])
 
 
-def changed_files(fresh: Path, table: Path) -> list[Path]:
+def list_changed_files(fresh: Path, table: Path) -> list[Path]:
     """Names of those in a table as it should be that are not so in another."""
     names = [path.relative_to(fresh) for path in sorted(fresh.rglob("*")) if path.is_file()]
-    return [name for name in names if not same_bytes(fresh / name, table / name)]
+    return [name for name in names if not has_same_bytes(fresh / name, table / name)]
 
 
-def same_bytes(one: Path, other: Path) -> bool:
+def has_same_bytes(one: Path, other: Path) -> bool:
     try:
         return one.read_bytes() == other.read_bytes()
     except OSError:
@@ -285,8 +285,8 @@ def look_over(sweep: Sweep, output: Path, folder: Path) -> list[str]:
     if output.suffix != ".zarr":
         look_over_netcdf(sweep, output)
         return []
-    work = fresh_work(folder, sweep, box_of(sweep, output))
-    descriptions = changed_files(work.table, output)
+    work = make_fresh_work(folder, sweep, read_box(sweep, output))
+    descriptions = list_changed_files(work.table, output)
     # its data, read by the descriptions that were written just now
     for name in work.data:
         (work.table / name / "c").symlink_to(output / name / "c")
@@ -306,7 +306,7 @@ def look_over(sweep: Sweep, output: Path, folder: Path) -> list[str]:
             work.mark(chunk, said)
         else:
             damaged += 1
-    found = in_words(work, descriptions, damaged)
+    found = describe_damage(work, descriptions, damaged)
     if found:
         begin(work, adopts=True)
         adopt(output, folder)
@@ -320,7 +320,7 @@ def adopt(output: Path, folder: Path) -> bool:
             return False
     except DamagedError:
         return False
-    work = work_in(folder)
+    work = read_work(folder)
     for name in work.data:
         data, place = output / name / "c", work.table / name / "c"
         if place.is_symlink():
@@ -349,8 +349,8 @@ def finish(work: Work, output: Path, on_disk: bool) -> None:
                 flush(path)
         os.rename(work.table, output)
     else:
-        with atomic_write(output) as part:
-            as_netcdf(work.table, work.grid, part)
+        with write_atomically(output) as part:
+            convert_to_netcdf(work.table, work.grid, part)
             if on_disk:
                 flush(part)
     if on_disk:

@@ -18,7 +18,7 @@ import numpy as np
 
 from vrte.basics.errors import SceneError, import_extra
 from vrte.formats.contents import CONVENTIONS, WAVELENGTH
-from vrte.formats.netcdf import check_netcdf, new_netcdf
+from vrte.formats.netcdf import check_netcdf, create_netcdf
 from vrte.formats.seal import is_sealed, seal_of
 from vrte.results.quantities import STOKES
 from vrte.sweep.grid import Grid
@@ -38,22 +38,22 @@ WORDS = {
 }
 
 
-def zarr() -> Any:
+def import_zarr() -> Any:
     """The library, or what to install."""
     return import_extra("zarr", "a sweep", "files")
 
 
 def open_group(path: Path, mode: str = "r") -> Any:
     """A Zarr group of the one format."""
-    return zarr().open_group(path, mode=mode, zarr_format=ZARR)
+    return import_zarr().open_group(path, mode=mode, zarr_format=ZARR)
 
 
 def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None:
     """The group with its coordinates, and arrays without data; always the same bytes."""
     group, about = open_group(path, "w"), {**results.kind.coordinates, **results.kind.variables}
-    group.attrs.update(attributes(sweep, grid.box))
+    group.attrs.update(describe_table(sweep, grid.box))
     known: list[tuple[str, tuple[str, ...], Any, dict[str, str]]] = [
-        *((axis.name, (axis.dimension,), axis.values, attributes_of(axis)) for axis in sweep.axes),
+        *((axis.name, (axis.dimension,), axis.values, describe_axis(axis)) for axis in sweep.axes),
         *((name, (name,), values, about[name].attributes) for name, values in results.coordinates.items()),
         *((name, (name,), np.array(STOKES, object), {"long_name": "Stokes parameter"}) for name in results.labels),
         *((name, dims, values, about[name].attributes) for name, (dims, values) in results.constants.items()),
@@ -64,7 +64,7 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
             name, shape=values.shape, dtype=dtype, dimension_names=dims, attributes=said, compressors=None
         )
         array[...] = values
-    packing = zarr().codecs.ZstdCodec(level=0, checksum=True)
+    packing = import_zarr().codecs.ZstdCodec(level=0, checksum=True)
     scenes = tuple(sweep.dimensions)
     for name, (dims, shape) in results.variables.items():
         group.create_array(
@@ -91,17 +91,17 @@ def create_table(path: Path, sweep: Sweep, grid: Grid, results: Results) -> None
         )
     with warnings.catch_warnings():  # all metadata in one place, where xarray looks for them first
         warnings.filterwarnings("ignore", "Consolidated metadata is currently not part")
-        zarr().consolidate_metadata(path)
+        import_zarr().consolidate_metadata(path)
 
 
-def attributes_of(axis: Axis) -> dict[str, str]:
+def describe_axis(axis: Axis) -> dict[str, str]:
     """What is said of the values of an axis."""
     if axis.key == "wavelength_um":
         return WAVELENGTH.attributes
     return {"units": "um" if axis.key.endswith("_um") else "1", "long_name": axis.key}
 
 
-def attributes(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
+def describe_table(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
     """Of the whole table: what sweep it is, the chunks' box, and a checksum over all."""
     from vrte import __version__
 
@@ -115,19 +115,19 @@ def attributes(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
     }
     listed = [axis.name for axis in sweep.axes if axis.name != axis.dimension]
     said |= ({"coordinates": " ".join(listed)} if listed else {}) | {"chunk": list(box)}
-    return said | {"sha256": checksum_of(said)}
+    return said | {"sha256": hash_attributes(said)}
 
 
-def checksum_of(said: dict[str, Any]) -> str:
+def hash_attributes(said: dict[str, Any]) -> str:
     """Of what a table says."""
     return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
 
 
-def box_of(sweep: Sweep, output: Path) -> tuple[int, ...]:
+def read_box(sweep: Sweep, output: Path) -> tuple[int, ...]:
     """The chunks' box of a finished Zarr table of this sweep, read without the library. Raises SceneError."""
     try:
         said: dict[str, Any] = json.loads((output / "zarr.json").read_bytes())["attributes"]
-        whole = said.pop("sha256") == checksum_of(said)
+        whole = said.pop("sha256") == hash_attributes(said)
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         whole = False
     if not whole:
@@ -152,22 +152,22 @@ def check_same(sweep: Sweep, said: dict[str, Any], what: str) -> None:
     """Whether this is the sweep that was begun."""
     if said["fingerprint"] == sweep.fingerprint():
         return
-    changed = changes(said["content"], json.loads(json.dumps(sweep.described())))
-    changed = changed or changes(said["tables"], sweep.tables(), "table ") or ["the version of vrte"]
+    changed = list_changes(said["content"], json.loads(json.dumps(sweep.described())))
+    changed = changed or list_changes(said["tables"], sweep.tables(), "table ") or ["the version of vrte"]
     raise SceneError(
         f"{what} with another sweep: {', '.join(changed[:5])} changed. Take another output, or remove the old one"
     )
 
 
-def changes(before: Any, now: Any, name: str = "") -> list[str]:
+def list_changes(before: Any, now: Any, name: str = "") -> list[str]:
     """Dotted keys where two contents differ."""
     if isinstance(before, dict) and isinstance(now, dict):
         keys = sorted({*before, *now})
         dotted = f"{name}." if name and not name.endswith(" ") else name
-        return [found for key in keys for found in changes(before.get(key), now.get(key), f"{dotted}{key}")]
+        return [found for key in keys for found in list_changes(before.get(key), now.get(key), f"{dotted}{key}")]
     if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         pairs = enumerate(zip(before, now, strict=True), 1)
-        return [found for place, pair in pairs for found in changes(*pair, f"{name}[{place}]")]
+        return [found for place, pair in pairs for found in list_changes(*pair, f"{name}[{place}]")]
     return [] if before == now else [name]
 
 
@@ -183,13 +183,13 @@ def look_over_netcdf(sweep: Sweep, output: Path) -> None:
         check_made(sweep, table.attrs, output)
 
 
-def as_netcdf(table: Path, grid: Grid, path: Path) -> None:
+def convert_to_netcdf(table: Path, grid: Grid, path: Path) -> None:
     """The Zarr table as NetCDF, one chunk of scenes after another, with a checksum at its end."""
     import h5py
 
     group = open_group(table)
     scenes = group["error"].metadata.dimension_names
-    with new_netcdf(path) as file:
+    with create_netcdf(path) as file:
         file.attrs.update(group.attrs.asdict())
         for name, array in sorted(group.arrays()):
             dims = array.metadata.dimension_names

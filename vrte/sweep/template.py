@@ -24,11 +24,11 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.formats.scene_file import SceneFile, read_content, scene_of, tables_named
-from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, shown
+from vrte.formats.scene_file import SceneFile, find_named_tables, make_scene_file, read_content
+from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
 from vrte.optics.phase_matrix import isotropic
 from vrte.optics.spheres import Particles
-from vrte.sweep.results import RESERVED, results_of
+from vrte.sweep.results import RESERVED, describe_results
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
 STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a key, and a place in its list
@@ -85,7 +85,7 @@ class Sweep:
         found = copy.deepcopy(self.template)
         where = dict(zip(self.dimensions, place, strict=True))
         for axis in self.axes:
-            put(found, axis.places, plain(axis.values[where[axis.dimension]]))
+            put(found, axis.places, convert_to_plain_number(axis.values[where[axis.dimension]]))
         return found
 
     def fingerprint(self) -> str:
@@ -102,20 +102,20 @@ class Sweep:
 
     def tables(self) -> dict[str, str]:
         """The tables of their own that layers and particles name, and what is in them."""
-        names = sorted(set(tables_named(self.template).values()))
+        names = sorted(set(find_named_tables(self.template).values()))
         return {name: hashlib.sha256((self.folder / name).read_bytes()).hexdigest() for name in names}
 
 
-def sweep_of(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path | None = None) -> Sweep:
+def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path | None = None) -> Sweep:
     """A sweep file, or its content, read and checked; nothing is computed. Raises SceneError, OSError.
 
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 1.0}
     >>> axes = {"layer[1].thickness": [0.1, 1.0, 10.0]}
-    >>> sweep_of({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}).dimensions
+    >>> read_sweep({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}).dimensions
     {'layer[1].thickness': 3}
     """
     if isinstance(source, Mapping):
-        content = plainly(source)
+        content = convert_to_plain_content(source)
     else:
         content, folder = read_content(source), folder or Path(source).parent
     table = content.pop("axes", None)
@@ -123,26 +123,26 @@ def sweep_of(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path | 
         raise SceneError("axes is missing: a sweep needs a table [axes] with at least one axis")
     if len(table) > MOST_AXES:
         raise SceneError(f"axes: there must be at most {MOST_AXES} of them, not {len(table)}")
-    axes = tuple(axis_of(name, value) for name, value in table.items())
+    axes = tuple(read_axis(name, value) for name, value in table.items())
     sweep = Sweep(content, axes, (folder or Path()).absolute())
     check(sweep)
     return sweep
 
 
-def plainly(value: Any) -> Any:
+def convert_to_plain_content(value: Any) -> Any:
     """Content as a file would give it: arrays and tuples are lists there.
 
-    >>> plainly({"values": np.array([1.0, 2.0]), "index": (1.5, 0.0)})
+    >>> convert_to_plain_content({"values": np.array([1.0, 2.0]), "index": (1.5, 0.0)})
     {'values': [1.0, 2.0], 'index': [1.5, 0.0]}
     """
     if isinstance(value, Mapping):
-        return {str(key): plainly(item) for key, item in value.items()}
+        return {str(key): convert_to_plain_content(item) for key, item in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
-    return [plainly(item) for item in value] if isinstance(value, (list, tuple)) else value
+    return [convert_to_plain_content(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
-def axis_of(name: str, value: Any) -> Axis:
+def read_axis(name: str, value: Any) -> Axis:
     """One entry of [axes]."""
     table = Table(("axes", name), value if isinstance(value, dict) else {"values": value}, AXIS_KEYS)
     key, dimension = table.content.get("key", name), table.content.get("along", name)
@@ -150,16 +150,16 @@ def axis_of(name: str, value: Any) -> Axis:
         if not isinstance(given, str) or not given:
             raise table.wrong(word, "must be a name")
     try:
-        places = places_of(key)
+        places = split_key(key)
     except SceneError as error:
         raise table.unfit(str(error)) from error
-    return Axis(name, key, places, values_of(table), dimension)
+    return Axis(name, key, places, read_values(table), dimension)
 
 
-def places_of(key: str) -> tuple[Place, ...]:
+def split_key(key: str) -> tuple[Place, ...]:
     """A dotted key as keys of tables (text) and places in lists (numbers from 0).
 
-    >>> places_of("layer[1].particles.gold")
+    >>> split_key("layer[1].particles.gold")
     ('layer', 0, 'particles', 'gold')
     """
     places: list[Place] = []
@@ -173,13 +173,15 @@ def places_of(key: str) -> tuple[Place, ...]:
             break
         position += 1
     if position != len(key) or not places or -1 in places:
-        raise SceneError(f"{shown(key)} is no key of a scene, such as layer[1].thickness or particles.gold.radius_um")
+        raise SceneError(
+            f"{show_toml(key)} is no key of a scene, such as layer[1].thickness or particles.gold.radius_um"
+        )
     if places[0] in FIXED:
-        raise SceneError(f"{shown(key)} is the same for all scenes of a table")
+        raise SceneError(f"{show_toml(key)} is the same for all scenes of a table")
     return tuple(places)
 
 
-def values_of(table: Table) -> Array:
+def read_values(table: Table) -> Array:
     """The values of an axis: a list, or a range in equal steps or equal ratios."""
     if ("values" in table) == any(key in table for key in RANGE_KEYS):
         raise table.unfit("needs either values or start, stop and count")
@@ -200,12 +202,12 @@ def values_of(table: Table) -> Array:
     return np.geomspace(found[0], found[-1], found.size)
 
 
-def plain(value: float) -> float | int:
+def convert_to_plain_number(value: float) -> float | int:
     """A number as a file would give it: what counts something is a whole one."""
     return int(value) if float(value).is_integer() else float(value)
 
 
-def parent_of(content: Any, places: tuple[Place, ...]) -> Any:
+def find_parent(content: Any, places: tuple[Place, ...]) -> Any:
     """The table or list that holds the last place; KeyError, IndexError or TypeError where there is none."""
     for place in places[:-1]:
         content = content[place]
@@ -214,7 +216,7 @@ def parent_of(content: Any, places: tuple[Place, ...]) -> Any:
 
 def put(content: dict[str, Any], places: tuple[Place, ...], value: float | int) -> None:
     """Sets one number."""
-    parent_of(content, places)[places[-1]] = value
+    find_parent(content, places)[places[-1]] = value
 
 
 def check(sweep: Sweep) -> None:
@@ -227,8 +229,8 @@ def check(sweep: Sweep) -> None:
         raise SceneError("axes: two of them change the same number")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # each scene will say it
-        first = scene_at(sweep, (0,) * len(sweep.shape), unseen)
-        results_of(first)
+        first = make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles)
+        describe_results(first)
         for axis in sweep.axes:
             check_values(sweep, axis)
 
@@ -240,10 +242,12 @@ def check_dimensions(sweep: Sweep) -> None:
             if name in RESERVED:
                 raise SceneError(f"axes.{name}: this name is taken by the table itself")
         if "/" in axis.name + axis.dimension or axis.name.startswith(".") or axis.dimension.startswith("."):
-            raise SceneError(f"axes: {shown(axis.name)} cannot be the name of a coordinate: no / and no leading dot")
+            raise SceneError(
+                f"axes: {show_toml(axis.name)} cannot be the name of a coordinate: no / and no leading dot"
+            )
         length = sweep.dimensions[axis.dimension]
         if axis.values.size != length:
-            raise SceneError(f"axes: those along {shown(axis.dimension)} must have the same number of values")
+            raise SceneError(f"axes: those along {show_toml(axis.dimension)} must have the same number of values")
     if sweep.count > MOST_SCENES:
         raise SceneError(f"axes: {sweep.count} scenes are too many, at most {MOST_SCENES} are allowed")
 
@@ -251,13 +255,13 @@ def check_dimensions(sweep: Sweep) -> None:
 def check_field(template: dict[str, Any], axis: Axis) -> None:
     """Whether the template has such a number, or a table where it may be put."""
     try:
-        parent: Any = parent_of(template, axis.places)
+        parent: Any = find_parent(template, axis.places)
         last = axis.places[-1]
         there = parent.get(last, 0.0) if isinstance(parent, dict) else parent[last]
     except (LookupError, TypeError, AttributeError):
         raise SceneError(f"axes.{axis.name}: the scene has no {axis.key}") from None
     if not is_number(there):
-        raise SceneError(f"axes.{axis.name}: {axis.key} is {shown(there)}, and only a number can be changed")
+        raise SceneError(f"axes.{axis.name}: {axis.key} is {show_toml(there)}, and only a number can be changed")
 
 
 def check_values(sweep: Sweep, axis: Axis) -> None:
@@ -270,29 +274,29 @@ def check_values(sweep: Sweep, axis: Axis) -> None:
         place = [0] * len(sweep.shape)
         place[dimension] = value
         try:
-            scene_at(sweep, tuple(place), unseen)
+            make_scene_at(sweep, tuple(place), make_unseen_particles)
         except SceneError as error:
             raise error.behind(f"axes.{axis.name}, value {value + 1}") from error
 
 
-def unseen(*_: Any, **__: Any) -> Particles:
+def make_unseen_particles(*_: Any, **__: Any) -> Particles:
     """What stands for particles while only the form of a file is looked at."""
     return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0)
 
 
-def scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile:
+def make_scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile:
     """The scene at a place of the grid. Raises SceneError."""
-    return scene_of(sweep.content(place), sweep.kind, sweep.folder, spheres_of)
+    return make_scene_file(sweep.content(place), sweep.kind, sweep.folder, spheres_of)
 
 
-def particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
+def list_particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Each kind of particle that several scenes share, at one place of the grid for each different one of it."""
-    for name, lengths in shared_particles(sweep):
+    for name, lengths in list_shared_particles(sweep):
         for place in np.ndindex(*lengths):
             yield name, place
 
 
-def shared_particles(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
+def list_shared_particles(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Names of particles that several scenes share, and how many different ones there are along each dimension."""
     for name in sweep.template.get("particles", {}):
         moved_by = {

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vrte.app.figures.style import ZERO, axis, curve, new_figure
+from vrte.app.figures.style import ZERO, make_axis, make_curve, make_plotly_figure
 from vrte.app.solving.reflectance import Reflectances
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.pictures.lobes import INK
-from vrte.pictures.phase_pictures import ANGLES_DEG, COLOURS, f11_and_ratios
+from vrte.pictures.phase_pictures import ANGLES_DEG, COLOURS, compute_f11_and_ratios
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -25,7 +25,7 @@ def coefficients(phase_matrix: PhaseMatrix) -> "Figure":
     """
     shown = min(phase_matrix.terms, MOST_DEGREES)
     traces = [
-        curve(
+        make_curve(
             np.arange(shown),
             values,
             name if values.any() else f"{name} = 0",
@@ -39,8 +39,8 @@ def coefficients(phase_matrix: PhaseMatrix) -> "Figure":
     ]
     some = "" if shown == phase_matrix.terms else f", the first {shown} of {phase_matrix.terms} degrees"
     under = f"g = {phase_matrix.asymmetry:.4g}, {phase_matrix.terms} terms{some}"
-    axes = {"xaxis": axis("degree l"), "yaxis": axis("coefficient", zerolinecolor=ZERO)}
-    return new_figure(traces, "Expansion coefficients", under, **axes)
+    axes = {"xaxis": make_axis("degree l"), "yaxis": make_axis("coefficient", zerolinecolor=ZERO)}
+    return make_plotly_figure(traces, "Expansion coefficients", under, **axes)
 
 
 def scattering_matrix(phase_matrix: PhaseMatrix) -> "Figure":
@@ -48,19 +48,19 @@ def scattering_matrix(phase_matrix: PhaseMatrix) -> "Figure":
 
     Where F11 is not above 0, as rounded tables have it, there is a gap. Raises MissingExtraError without Plotly.
     """
-    f11, ratios = f11_and_ratios(phase_matrix)
+    f11, ratios = compute_f11_and_ratios(phase_matrix)
     curves = [("F11", f11, INK, "y")]
     curves += [(name, values, colour, "y2") for (name, values), colour in zip(ratios.items(), COLOURS, strict=True)]
-    return new_figure(
+    return make_plotly_figure(
         [
-            curve(ANGLES_DEG, values, name, colour, f"{name} at %{{x:.1f}}°: %{{y:.4g}}", yaxis=where)
+            make_curve(ANGLES_DEG, values, name, colour, f"{name} at %{{x:.1f}}°: %{{y:.4g}}", yaxis=where)
             for name, values, colour, where in curves
         ],
         "Scattering matrix",
         "mean of F11 over the sphere 1; −F12/F11: polarization of unpolarized light",
-        xaxis=axis("scattering angle [°]", tickvals=list(range(0, 181, 30)), anchor="y2"),
-        yaxis=axis("F11", type="log", domain=[0.54, 1.0], exponentformat="power"),
-        yaxis2=axis("ratio to F11", domain=[0.0, 0.46], range=[-1.05, 1.05], zerolinecolor=ZERO),
+        xaxis=make_axis("scattering angle [°]", tickvals=list(range(0, 181, 30)), anchor="y2"),
+        yaxis=make_axis("F11", type="log", domain=[0.54, 1.0], exponentformat="power"),
+        yaxis2=make_axis("ratio to F11", domain=[0.0, 0.46], range=[-1.05, 1.05], zerolinecolor=ZERO),
     )
 
 
@@ -72,7 +72,7 @@ def reflectance(found: Reflectances, wavelength_um: Sequence[float], place: int)
     x = 1e3 * np.array(wavelength_um) if spectral else angle
     order, unit = np.argsort(x), "nm" if spectral else "°"
     traces = [
-        curve(
+        make_curve(
             x[order],
             (shares[:, place] if spectral else shares[0])[order],
             name,
@@ -84,11 +84,11 @@ def reflectance(found: Reflectances, wavelength_um: Sequence[float], place: int)
         )
         for (name, shares), (colour, dash) in zip(found.curves.items(), BASES, strict=False)
     ]
-    return new_figure(
+    return make_plotly_figure(
         traces,
         "Share of the light that comes back",
         f"{f'light from {angle[place]:.0f}° off the normal; ' if spectral else ''}unpolarized, all directions of exit",
-        xaxis=axis("wavelength in vacuum [nm]" if spectral else "angle of incidence [°]"),
-        yaxis=axis("reflectance", rangemode="tozero", tickformat=".0%"),
+        xaxis=make_axis("wavelength in vacuum [nm]" if spectral else "angle of incidence [°]"),
+        yaxis=make_axis("reflectance", rangemode="tozero", tickformat=".0%"),
         showlegend=True,
     )

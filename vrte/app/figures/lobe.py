@@ -4,9 +4,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.app.figures.style import FAINT, UNPOLARIZED, incidence, labelled, new_figure, plotly, span
-from vrte.basics.arrays import Array, whole
-from vrte.pictures.lobes import INCIDENT, INK, along, triangles
+from vrte.app.figures.style import (
+    FAINT,
+    UNPOLARIZED,
+    choose_range,
+    describe_incidence,
+    import_plotly,
+    label_quantity,
+    make_plotly_figure,
+)
+from vrte.basics.arrays import Array, check_whole
+from vrte.pictures.lobes import INCIDENT, INK, make_triangles, make_unit_vector_grid
 from vrte.results.brdf import Brdf
 from vrte.results.over_hemisphere import light_on_mesh
 from vrte.results.quantities import ANGLES, SIGNED, incident_for, of_light, unit_of
@@ -44,8 +52,8 @@ def lobe(
 
     >>> lobe(brdf, 0, height="f00", colour="f10").write_html("lobe.html")
     """
-    plotly()
-    whole("place", place, 0, brdf.mu_i.size - 1)
+    import_plotly()
+    check_whole("place", place, 0, brdf.mu_i.size - 1)
     meshes = [light_on_mesh(brdf, place, incident_for(name, stokes), STEP) for name in (height, colour)]
     theta, phi = meshes[0][0], meshes[0][1][:-1]  # the last spoke is the first
     heights, colours = (
@@ -53,14 +61,19 @@ def lobe(
     )
     size = np.nan_to_num(np.abs(heights))
     largest = float(size.max())
-    solid = body(theta, phi, size / (largest or 1.0), colours, colour)
-    solid |= hover(theta, phi, heights, colours, height, colour)
+    solid = make_body(theta, phi, size / (largest or 1.0), colours, colour)
+    solid |= make_hover_text(theta, phi, heights, colours, height, colour)
     unit = unit_of(height)
     scale_in_words = f"rim of the disc = {largest:.3g}{'' if unit == '°' else ' '}{unit}".rstrip()
-    return new_figure(
-        [*ground(), solid, *([bar_of_angles(colour)] if colour in ANGLES else []), *ray(float(brdf.mu_i[place]))],
+    return make_plotly_figure(
+        [
+            *make_ground_disc(),
+            solid,
+            *([make_angle_bar(colour)] if colour in ANGLES else []),
+            *make_incident_ray(float(brdf.mu_i[place])),
+        ],
         f"Subsurface BRDF: distance from the centre {f'|{height}|' if height in SIGNED else height}",
-        f"{incidence(brdf, place)}; {scale_in_words}",
+        f"{describe_incidence(brdf, place)}; {scale_in_words}",
         margin={"l": 0, "r": 0, "t": 84, "b": 0},
         scene=SPACE,
         showlegend=False,
@@ -68,21 +81,21 @@ def lobe(
     )
 
 
-def body(theta: Array, phi: Array, radius: Array, colours: Array, colour: str) -> dict[str, Any]:
+def make_body(theta: Array, phi: Array, radius: Array, colours: Array, colour: str) -> dict[str, Any]:
     """The surface of ``radius`` (theta, phi), a mesh closed around the normal.
 
     Corners have their colours, and between them those of the screen run. So angles are coloured beforehand: from 179
     degrees to 1 there must be no band of what lies between as numbers.
     """
     corner = np.arange(radius.size).reshape(radius.shape)
-    corners = triangles(np.append(corner, corner[:, :1], axis=1)).astype(np.int16)
-    points = (radius[..., None] * along(theta, phi)).reshape(-1, 3).astype(np.float32)
+    corners = make_triangles(np.append(corner, corner[:, :1], axis=1)).astype(np.int16)
+    points = (radius[..., None] * make_unit_vector_grid(theta, phi)).reshape(-1, 3).astype(np.float32)
     shown = np.nan_to_num(colours.ravel())
     cyclic = colour in ANGLES
     return {
         "type": "mesh3d",
         **dict(zip("xyzijk", (*points.T, *corners.T), strict=True)),
-        **({"vertexcolor": cyclic_colours(shown)} if cyclic else {"intensity": shown.astype(np.float32)}),
+        **({"vertexcolor": list_cyclic_colours(shown)} if cyclic else {"intensity": shown.astype(np.float32)}),
         **({} if cyclic else scale(shown, colour)),
         "uid": "angles" if cyclic else "numbers",  # a body that is kept would keep the other's colours beneath
         "lighting": FLAT if cyclic else LAMP,  # a hue in the shade is taken for another
@@ -92,25 +105,25 @@ def body(theta: Array, phi: Array, radius: Array, colours: Array, colour: str) -
 
 def scale(values: Array, colour: str) -> dict[str, Any]:
     """The colours of a quantity, and the bar that tells them."""
-    low, high = span(values, colour)
+    low, high = choose_range(values, colour)
     shares = np.linspace(0.0, 1.0, 13)
-    turn = [list(pair) for pair in zip(shares.tolist(), cyclic_colours(180.0 * shares), strict=True)]
+    turn = [list(pair) for pair in zip(shares.tolist(), list_cyclic_colours(180.0 * shares), strict=True)]
     return {
         "colorscale": turn if colour in ANGLES else DIVERGING if colour in SIGNED else SEQUENTIAL,
         "cmin": low,
         "cmax": high,
-        "colorbar": {"title": {"text": labelled(colour), "side": "top"}, **BAR},
+        "colorbar": {"title": {"text": label_quantity(colour), "side": "top"}, **BAR},
     }
 
 
-def cyclic_colours(angle: Array) -> list[str]:
+def list_cyclic_colours(angle: Array) -> list[str]:
     """Colours of angles [degrees], the same at 0 and 180, as "#rrggbb".
 
-    >>> first, last, between = cyclic_colours(np.array([0.0, 180.0, 90.0]))
+    >>> first, last, between = list_cyclic_colours(np.array([0.0, 180.0, 90.0]))
     >>> first == last, first == between
     (True, False)
     """
-    colours = plotly().colors
+    colours = import_plotly().colors
     circle = np.array(
         [colours.unlabel_rgb(colour) for colour in colours.cyclical.Phase], float
     )  # its last is its first
@@ -119,13 +132,15 @@ def cyclic_colours(angle: Array) -> list[str]:
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in zip(*levels, strict=True)]
 
 
-def bar_of_angles(colour: str) -> dict[str, Any]:
+def make_angle_bar(colour: str) -> dict[str, Any]:
     """Nothing but the bar of colours that the corners of a body have by themselves."""
     bar = scale(np.zeros(1), colour) | {"color": [0.0], "opacity": 0.0, "size": 1}
-    return in_space(np.zeros((1, 3)), "markers", marker=bar)
+    return make_space_trace(np.zeros((1, 3)), "markers", marker=bar)
 
 
-def hover(theta: Array, phi: Array, heights: Array, colours: Array, height: str, colour: str) -> dict[str, Any]:
+def make_hover_text(
+    theta: Array, phi: Array, heights: Array, colours: Array, height: str, colour: str
+) -> dict[str, Any]:
     """What a point tells: its direction, and the quantities with their signs."""
     cosine, azimuth = np.meshgrid(np.cos(np.radians(theta)), phi, indexing="ij")
     told = np.stack([cosine, azimuth, heights, colours], axis=-1).reshape(-1, 4).astype(np.float32)
@@ -139,14 +154,14 @@ def hover(theta: Array, phi: Array, heights: Array, colours: Array, height: str,
     return {"customdata": told, "hovertemplate": "<br>".join(dict.fromkeys(lines)) + "<extra></extra>"}
 
 
-def in_space(points: Array, mode: str, **more: Any) -> dict[str, Any]:
+def make_space_trace(points: Array, mode: str, **more: Any) -> dict[str, Any]:
     """Lines, marks or text at points (n, 3)."""
     return {"type": "scatter3d", **dict(zip("xyz", points.T, strict=True)), "mode": mode, "hoverinfo": "skip"} | more
 
 
-def ground() -> list[dict[str, Any]]:
+def make_ground_disc() -> list[dict[str, Any]]:
     """The surface as a disc of radius 1, with its azimuths."""
-    rim = along(np.array([90.0]), np.linspace(0.0, 360.0, 73))[0].astype(np.float32)
+    rim = make_unit_vector_grid(np.array([90.0]), np.linspace(0.0, 360.0, 73))[0].astype(np.float32)
     rim[:, 2] = 0.0
     places = np.arange(74, dtype=np.int16)
     disc = {
@@ -157,16 +172,16 @@ def ground() -> list[dict[str, Any]]:
         "opacity": 0.45,
         "hoverinfo": "skip",
     }
-    rims = [in_space(radius * rim, "lines", line={"color": FAINT, "width": 2}) for radius in (0.5, 1.0)]
+    rims = [make_space_trace(radius * rim, "lines", line={"color": FAINT, "width": 2}) for radius in (0.5, 1.0)]
     words = ["φ = 0°<br>forward", "90°", "180°<br>back", "270°"]
-    return [disc, *rims, in_space(1.16 * rim[:72:18], "text", text=words, textfont={"size": 12, "color": INK})]
+    return [disc, *rims, make_space_trace(1.16 * rim[:72:18], "text", text=words, textfont={"size": 12, "color": INK})]
 
 
-def ray(mu_i: float) -> list[dict[str, Any]]:
+def make_incident_ray(mu_i: float) -> list[dict[str, Any]]:
     """The incident light, travelling down along phi = 0 to the centre: a line whose arrow lies outside the body."""
     toward = np.array([-np.sqrt(1.0 - mu_i**2), 0.0, mu_i])
     told = {"hoverinfo": None, "hovertemplate": f"incident light, μ<sub>i</sub> = {mu_i:.4g}<extra></extra>"}
-    line = in_space(np.outer([1.45, 0.0], toward), "lines", line={"color": INCIDENT, "width": 6}, **told)
+    line = make_space_trace(np.outer([1.45, 0.0], toward), "lines", line={"color": INCIDENT, "width": 6}, **told)
     head = {
         "type": "cone",
         **{axis: [value] for axis, value in zip("xyzuvw", (*(1.08 * toward), *-toward), strict=True)},

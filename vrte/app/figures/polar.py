@@ -5,12 +5,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.app.figures.style import GRID, UNPOLARIZED, ZERO, curve, incidence, labelled, new_figure, plotly, span
-from vrte.basics.arrays import Array, whole
+from vrte.app.figures.style import (
+    GRID,
+    UNPOLARIZED,
+    ZERO,
+    choose_range,
+    describe_incidence,
+    import_plotly,
+    label_quantity,
+    make_curve,
+    make_plotly_figure,
+)
+from vrte.basics.arrays import Array, check_whole
 from vrte.basics.errors import SceneError
 from vrte.pictures.lobes import CUTS, INCIDENT, spread
 from vrte.results.brdf import Brdf
-from vrte.results.field import Field, one_beam
+from vrte.results.field import Field, require_one_beam
 from vrte.results.over_hemisphere import light_in_plane
 from vrte.results.quantities import ANGLES, FIELD_QUANTITIES, check_name, incident_for, of_light, of_stokes, unit_of
 
@@ -32,21 +42,21 @@ def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZE
     quantity may be negative, the centre is as far below 0 as the rim is above, and 0 is drawn as a half circle. Raises
     SceneError for an unknown quantity or place, or too few directions, MissingExtraError without Plotly.
     """
-    whole("place", place, 0, brdf.mu_i.size - 1)
+    check_whole("place", place, 0, brdf.mu_i.size - 1)
     incident = incident_for(quantity, stokes)
     planes = [light_in_plane(brdf, place, phi, incident, STEP) for phi, *_ in CUTS]
     found = [(angle, of_light(light, quantity)) for angle, light in planes]
-    low, high = span(np.stack([value for _, value in found]), quantity)
+    low, high = choose_range(np.stack([value for _, value in found]), quantity)
     curves = [
-        polar_curve(*one, quantity, name, colour, dash=DASHES[dash])
+        make_polar_curve(*one, quantity, name, colour, dash=DASHES[dash])
         for one, (_, name, colour, dash) in zip(found, CUTS, strict=True)
     ]
     beam = -float(np.degrees(np.arccos(brdf.mu_i[place])))
-    return new_figure(
-        [*zero_line(low, 90.0), *curves, arrow(beam, (high, low), "incident light")],
-        f"Subsurface BRDF: {labelled(quantity)}",
-        f"{incidence(brdf, place)}; {SIDES}",
-        polar=axes(low, high, [0.0, 180.0]),
+    return make_plotly_figure(
+        [*make_zero_line(low, 90.0), *curves, make_arrow(beam, (high, low), "incident light")],
+        f"Subsurface BRDF: {label_quantity(quantity)}",
+        f"{describe_incidence(brdf, place)}; {SIDES}",
+        polar=make_polar_axes(low, high, [0.0, 180.0]),
         legend=LEGEND,
     )
 
@@ -60,34 +70,34 @@ def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, d
     are no directions, MissingExtraError without Plotly.
     """
     check_name(quantity, FIELD_QUANTITIES)
-    mu0 = one_beam(field)
-    angle, values = in_the_plane(field, quantity)
+    mu0 = require_one_beam(field)
+    angle, values = select_in_plane(field, quantity)
     if over_largest:
         largest = np.nanmax(np.abs(values), axis=1, keepdims=True)
         values = values / np.where(largest > 0.0, largest, 1.0)
     depths = spread(field.tau.size, MOST_DEPTHS)
-    low, high = span(values[depths], quantity)
+    low, high = choose_range(values[depths], quantity)
     lightness = np.linspace(*((0.3, 1.0) if dark else (0.0, 0.85)), len(depths))  # none as the page is
     curves = [
-        polar_curve(angle, values[depth], quantity, f"τ = {field.tau[depth]:.4g}", colour)
+        make_polar_curve(angle, values[depth], quantity, f"τ = {field.tau[depth]:.4g}", colour)
         for depth, colour in zip(
-            depths, plotly().colors.sample_colorscale(DEPTH_COLOURS, lightness.tolist()), strict=True
+            depths, import_plotly().colors.sample_colorscale(DEPTH_COLOURS, lightness.tolist()), strict=True
         )
     ]
     beam = float(np.degrees(np.arccos(mu0)))  # from straight up, where it goes
     beam = beam if field.diagnostics.get("illuminate") == "bottom" else 180.0 - beam
     shown = "" if len(depths) == field.tau.size else f"; {len(depths)} of {field.tau.size} depths"
-    what = f"{quantity}, each depth over its largest" if over_largest else labelled(quantity)
-    return new_figure(
-        [*zero_line(low, 180.0), *curves, arrow(beam, (low, high), "the beam")],
+    what = f"{quantity}, each depth over its largest" if over_largest else label_quantity(quantity)
+    return make_plotly_figure(
+        [*make_zero_line(low, 180.0), *curves, make_arrow(beam, (low, high), "the beam")],
         f"Subsurface radiance, diffuse light: {what}",
         f"μ<sub>0</sub> = {mu0:.4g}; above: going up; {SIDES}{shown}",
-        polar=axes(low, high),
+        polar=make_polar_axes(low, high),
         legend=LEGEND,
     )
 
 
-def in_the_plane(field: Field, quantity: str) -> tuple[Array, Array]:
+def select_in_plane(field: Field, quantity: str) -> tuple[Array, Array]:
     """Angles (n,) [degrees] of travel from straight up, clockwise, and the quantity there (tau, n).
 
     NaN parts light that goes up from light that goes down: it may jump at the horizon.
@@ -109,30 +119,32 @@ def in_the_plane(field: Field, quantity: str) -> tuple[Array, Array]:
     return np.concatenate(angles), np.concatenate(values, axis=1)
 
 
-def polar_curve(angle: Array, value: Array, quantity: str, name: str, colour: str, **more: Any) -> dict[str, Any]:
+def make_polar_curve(angle: Array, value: Array, quantity: str, name: str, colour: str, **more: Any) -> dict[str, Any]:
     """A line in a polar diagram; of an angle, it is parted where that passes from 180 to 0."""
     if quantity in ANGLES:
         jumps = 1 + np.flatnonzero(np.abs(np.diff(value)) > 90.0)
         angle, value = np.insert(angle, jumps, np.nan), np.insert(value, jumps, np.nan)
     hover = f"{name}<br>%{{theta:.1f}}° from the upward normal<br>{quantity} = %{{r:.4g}} {unit_of(quantity)}"
-    return curve(angle, value, name, colour, hover, polar=True, **more)
+    return make_curve(angle, value, name, colour, hover, polar=True, **more)
 
 
-def zero_line(low: float, last: float) -> list[dict[str, Any]]:
+def make_zero_line(low: float, last: float) -> list[dict[str, Any]]:
     """Where a quantity that may be negative is 0, to ``last`` degrees on both sides."""
     angle = np.linspace(-last, last, 91)
     line = {"color": ZERO, "width": 1, "dash": "dot"}
-    return [curve(angle, 0.0 * angle, "0", ZERO, "0", polar=True, line=line, hoverinfo="skip")] if low < 0.0 else []
+    return (
+        [make_curve(angle, 0.0 * angle, "0", ZERO, "0", polar=True, line=line, hoverinfo="skip")] if low < 0.0 else []
+    )
 
 
-def arrow(angle: float, radii: Sequence[float], name: str) -> dict[str, Any]:
+def make_arrow(angle: float, radii: Sequence[float], name: str) -> dict[str, Any]:
     """A straight arrow along an angle, from the first radius to the second."""
     marker = {"symbol": "arrow", "size": [0, 15], "angleref": "previous", "color": INCIDENT, "opacity": 1}
     about = {"mode": "lines+markers", "marker": marker, "hoverinfo": "name"}
-    return curve(np.array([angle, angle]), np.array(radii), name, INCIDENT, name, polar=True, **about)
+    return make_curve(np.array([angle, angle]), np.array(radii), name, INCIDENT, name, polar=True, **about)
 
 
-def axes(low: float, high: float, sector: Sequence[float] = (0.0, 360.0)) -> dict[str, Any]:
+def make_polar_axes(low: float, high: float, sector: Sequence[float] = (0.0, 360.0)) -> dict[str, Any]:
     """Angles clockwise from straight up; the sector is Plotly's, counter-clockwise from the right."""
     marked = range(-90, 91, 30) if sector[1] == 180.0 else range(0, 360, 30)
     return {

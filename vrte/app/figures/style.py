@@ -40,7 +40,7 @@ TITLE = {"x": 0.02, "xanchor": "left", "y": 0.96, "yanchor": "top", "font": {"si
 GRID = {"gridcolor": FAINT, "linecolor": FAINT}
 
 
-def plotly() -> Any:
+def import_plotly() -> Any:
     """Plotly with its colours. Raises MissingExtraError."""
     try:
         import plotly.colors
@@ -50,18 +50,18 @@ def plotly() -> Any:
     return plotly
 
 
-def new_figure(traces: list[dict[str, Any]], title: str, under: str, **layout: Any) -> "Figure":
+def make_plotly_figure(traces: list[dict[str, Any]], title: str, under: str, **layout: Any) -> "Figure":
     """A light figure of these traces, with a title and a smaller line below it. Raises MissingExtraError."""
     text = {"text": f"{title}<br><sup>{under}</sup>", **TITLE}
-    return plotly().graph_objects.Figure(traces, {**LIGHT_LAYOUT, "title": text, **layout})
+    return import_plotly().graph_objects.Figure(traces, {**LIGHT_LAYOUT, "title": text, **layout})
 
 
-def axis(title: str, **more: Any) -> dict[str, Any]:
+def make_axis(title: str, **more: Any) -> dict[str, Any]:
     """A straight axis."""
     return {"title": {"text": title, "standoff": 8}, "automargin": True, "zerolinecolor": FAINT} | GRID | more
 
 
-def curve(x: Any, y: Any, name: str, colour: str, hover: str, polar: bool = False, **more: Any) -> dict[str, Any]:
+def make_curve(x: Any, y: Any, name: str, colour: str, hover: str, polar: bool = False, **more: Any) -> dict[str, Any]:
     """A line through points, or in a polar diagram through the radii ``y`` at the angles ``x``; ``hover`` is what a
     point tells. Short numbers: less to send."""
     kind, along, up = ("scatterpolar", "theta", "r") if polar else ("scatter", "x", "y")
@@ -76,11 +76,11 @@ def curve(x: Any, y: Any, name: str, colour: str, hover: str, polar: bool = Fals
     } | more
 
 
-def span(values: Array, quantity: str) -> tuple[float, float]:
+def choose_range(values: Array, quantity: str) -> tuple[float, float]:
     """From where to where an axis or a colour scale goes: 0 to 180 for angles, as far below 0 as above where a quantity
     may be negative, else from 0.
 
-    >>> span(np.array([-1.0, 0.5, np.nan]), "f01"), span(np.array([0.2, 0.5]), "f00")
+    >>> choose_range(np.array([-1.0, 0.5, np.nan]), "f01"), choose_range(np.array([0.2, 0.5]), "f00")
     ((-1.0, 1.0), (0.0, 0.5))
     """
     if quantity in ANGLES:
@@ -89,30 +89,30 @@ def span(values: Array, quantity: str) -> tuple[float, float]:
     return (-largest if quantity in SIGNED else 0.0), largest
 
 
-def labelled(quantity: str) -> str:
+def label_quantity(quantity: str) -> str:
     """With its unit.
 
-    >>> labelled("f00"), labelled("reflectance factor")
+    >>> label_quantity("f00"), label_quantity("reflectance factor")
     ('f00 [sr⁻¹]', 'reflectance factor')
     """
     unit = unit_of(quantity)
     return f"{quantity} [{unit}]" if unit else quantity
 
 
-def incidence(brdf: Brdf, place: int) -> str:
+def describe_incidence(brdf: Brdf, place: int) -> str:
     """Where the light comes from, in words."""
     mu = float(brdf.mu_i[place])
     return f"μ<sub>i</sub> = {mu:.4g}, {np.degrees(np.arccos(mu)):.0f}° from the normal"
 
 
-def in_the_dark(part: Any) -> Any:
+def convert_to_dark(part: Any) -> Any:
     """A figure's JSON, or a part of it, in the colours of a dark page.
 
-    >>> in_the_dark({"line": {"color": "#222222"}, "y": [1, 2]})
+    >>> convert_to_dark({"line": {"color": "#222222"}, "y": [1, 2]})
     {'line': {'color': '#e3e7ea'}, 'y': [1, 2]}
     """
     if isinstance(part, dict):
-        return {key: in_the_dark(value) for key, value in part.items()}
+        return {key: convert_to_dark(value) for key, value in part.items()}
     if isinstance(part, (list, tuple)):
-        return [in_the_dark(value) for value in part]
+        return [convert_to_dark(value) for value in part]
     return IN_THE_DARK.get(part, part) if isinstance(part, str) else part

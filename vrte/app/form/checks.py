@@ -9,19 +9,19 @@ from vrte.app.form.content import (
     MOST_KINDS,
     MOST_LAYERS,
     Content,
-    at,
+    choose_keywords,
     count_of,
     is_geometric,
-    keywords_of,
+    list_page_wavelengths,
     put,
-    wavelengths_of,
+    select_wavelength,
 )
-from vrte.app.form.fields import field_at
+from vrte.app.form.fields import find_field
 from vrte.basics.errors import Place, SceneError
-from vrte.calls.plan import request_of
-from vrte.formats.scene_file import ANGLES, scene_of, tables_named
-from vrte.formats.toml_table import dotted, is_number, shown
-from vrte.optics.phase_matrix import MOST_TERMS, henyey_greenstein_terms
+from vrte.calls.plan import make_request
+from vrte.formats.scene_file import ANGLES, find_named_tables, make_scene_file
+from vrte.formats.toml_table import is_number, show_place, show_toml
+from vrte.optics.phase_matrix import MOST_TERMS, count_henyey_greenstein_terms
 from vrte.optics.spheres import check_spheres
 
 MOST_DIRECTIONS = 10_000
@@ -31,13 +31,13 @@ DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi_deg"), "field": ("tau", "mu", "phi_d
 BYTES_EACH = {"brdf": 128.0, "field": 32.0}
 
 
-def problems(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> dict[Place, str]:
+def find_problems(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> dict[Place, str]:
     """Messages of the library by the place that they are about, () for none; empty where all is well.
 
     A field that is wrong is replaced in a copy by what is right, and the check goes on.
 
     >>> from vrte.app.form.content import START
-    >>> list(problems(START | {"nodes": 10**6, "wavelength_um": -1}))
+    >>> list(find_problems(START | {"nodes": 10**6, "wavelength_um": -1}))
     [('nodes',), ('wavelength_um',)]
     """
     found: dict[Place, str] = {}
@@ -48,24 +48,24 @@ def problems(content: Content, folder: Path = Path(), tables: frozenset[str] = f
             break
         except SceneError as error:
             place, message = error.place, str(error)
-        if place[:-1] and field_at(place[:-1]).label:  # start, stop or count of a range
+        if place[:-1] and find_field(place[:-1]).label:  # start, stop or count of a range
             place = place[:-1]
         if place in found:
             break
         found[place] = message
         if not place:
             break
-        mend(trial, place)
+        repair_field(trial, place)
     return found
 
 
-def mend(content: Content, place: Place) -> None:
+def repair_field(content: Content, place: Place) -> None:
     """Puts in something that is right, or nothing where that is."""
     kinds = content.get("particles")
     kind = next(iter(kinds), "") if isinstance(kinds, dict) else ""
     held = {"particles": kind, "volume_fractions": {kind: 0.01}}
     whole = held.get(str(place[2])) if place[0] == "layer" and len(place) == 3 else None
-    put(content, place, copy.deepcopy(field_at(place).right) if whole is None else whole)
+    put(content, place, copy.deepcopy(find_field(place).right) if whole is None else whole)
 
 
 def check(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> None:
@@ -74,33 +74,33 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
     ``tables`` in ``folder`` are the only files that a scene may name: who sits before a page must not read others.
     """
     check_amount(content)
-    wavelengths = wavelengths_of(content)
+    wavelengths = list_page_wavelengths(content)
     check_tables(content, tables)
     layers = content.get("layer")
     if isinstance(layers, list):
-        content = {**content, "layer": [with_one_term(layer) for layer in layers]}
+        content = {**content, "layer": [keep_one_term(layer) for layer in layers]}
     for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):  # tables are ranges: the ends will do
         for kind in ("brdf", "field") if "field" in content else ("brdf",):
-            file = scene_of(at(content, wavelength), kind, folder, check_spheres)
-            keywords = keywords_of(file)
+            file = make_scene_file(select_wavelength(content, wavelength), kind, folder, check_spheres)
+            keywords = choose_keywords(file)
             if any(is_geometric(layer) for layer in content["layer"]):
                 keywords.pop("tau", None)  # how deep that is optically is not known yet
             with file.located():
-                request_of("brdf" if kind == "brdf" else "radiance", file.scene, **keywords)
+                make_request("brdf" if kind == "brdf" else "radiance", file.scene, **keywords)
 
 
-def with_one_term(layer: Any) -> Any:
+def keep_one_term(layer: Any) -> Any:
     """The layer with one term of a Henyey-Greenstein phase function that may have all of its own: to add up 1e5 of
     them takes two seconds.
 
-    >>> with_one_term({"phase": {"henyey_greenstein": 0.9}})
+    >>> keep_one_term({"phase": {"henyey_greenstein": 0.9}})
     {'phase': {'henyey_greenstein': 0.9, 'terms': 1}}
     """
     phase = layer.get("phase") if isinstance(layer, dict) else None
     g: Any = phase.get("henyey_greenstein") if isinstance(phase, dict) else None
     if phase is None or not is_number(g):
         return layer
-    terms = phase.get("terms", henyey_greenstein_terms(g))
+    terms = phase.get("terms", count_henyey_greenstein_terms(g))
     fine = isinstance(terms, int) and not isinstance(terms, bool) and 1 <= terms <= MOST_TERMS
     return {**layer, "phase": {**phase, "terms": 1}} if fine else layer
 
@@ -134,10 +134,10 @@ def check_amount(content: Content) -> None:
 
 def check_tables(content: Content, tables: frozenset[str]) -> None:
     """Whether a scene names no file but those."""
-    for place, name in tables_named(content).items():
+    for place, name in find_named_tables(content).items():
         if name not in tables:
             raise SceneError(
-                f"{dotted(place)} = {shown(name)}: a page reads no files of the machine that it runs on; start "
+                f"{show_place(place)} = {show_toml(name)}: a page reads no files of the machine that it runs on; start "
                 "`vrte view` with this scene to see it",
                 *place,
             )

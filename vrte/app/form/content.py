@@ -5,14 +5,14 @@ import math
 import re
 from typing import Any
 
-from vrte.app.form.fields import leaves
+from vrte.app.form.fields import list_places
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.particle_sources import DIAMETERS
-from vrte.formats.scene_file import ANGLES, FILLINGS, REQUEST_KEYS, SceneFile, listed_wavelengths
-from vrte.formats.scene_writer import toml_text
-from vrte.formats.toml_table import is_number, shown_key
+from vrte.formats.scene_file import ANGLES, FILLINGS, REQUEST_KEYS, SceneFile, read_listed_wavelengths
+from vrte.formats.scene_writer import write_toml
+from vrte.formats.toml_table import is_number, show_key
 from vrte.optics.refractive_index import MATERIALS
-from vrte.results.spectrum import ascending
+from vrte.results.spectrum import check_ascending
 
 Content = dict[str, Any]
 
@@ -55,7 +55,7 @@ SIZES: dict[str, tuple[str, Content]] = {  # how a size is told: in words, and w
 }
 
 
-def got(content: Content, place: Place) -> Any:
+def get_value(content: Content, place: Place) -> Any:
     """What is there, or None."""
     found: Any = content
     for step in place:
@@ -68,7 +68,7 @@ def got(content: Content, place: Place) -> Any:
 
 def put(content: Content, place: Place, value: Any) -> None:
     """Sets what is at a place of a table, or of a list, that is there; None removes it."""
-    table: Any = got(content, place[:-1])
+    table: Any = get_value(content, place[:-1])
     step: Any = place[-1]
     if isinstance(table, dict) and value is None:
         table.pop(step, None)
@@ -102,10 +102,10 @@ def move_layer(content: Content, place: int, by: int) -> None:
         layers[place], layers[target] = layers[target], layers[place]
 
 
-def medium_of(layer: Content) -> str:
+def get_medium(layer: Content) -> str:
     """What fills a layer, one of MEDIA.
 
-    >>> medium_of({"phase": {"henyey_greenstein": 0.9}}), medium_of({"particles": {"gold": 1}})
+    >>> get_medium({"phase": {"henyey_greenstein": 0.9}}), get_medium({"particles": {"gold": 1}})
     ('henyey_greenstein', 'mixture')
     """
     if "phase" not in layer:
@@ -120,7 +120,7 @@ def medium_of(layer: Content) -> str:
 def set_medium(content: Content, place: int, medium: str) -> None:
     """Fills a layer with something else; its thickness stays where it can."""
     layer, kinds = content["layer"][place], list(content.get("particles", {}))
-    if medium == medium_of(layer):
+    if medium == get_medium(layer):
         return
     geometric, phase = is_geometric(layer), MEDIA[medium][1]
     for key in (*FILLINGS, "tolerance"):
@@ -175,9 +175,7 @@ def remove_kind(content: Content, name: str) -> None:
     for place, layer in enumerate(content["layer"], 1):
         held = layer.get("volume_fractions", layer.get("particles", ()))
         if name == held or (isinstance(held, dict) and name in held):
-            raise SceneError(
-                f"particles.{shown_key(name)}: layer {place} holds it; fill that with something else first"
-            )
+            raise SceneError(f"particles.{show_key(name)}: layer {place} holds it; fill that with something else first")
     content.get("particles", {}).pop(name, None)
 
 
@@ -188,9 +186,9 @@ def rename_kind(content: Content, old: str, new: str) -> None:
         return
     if not 0 < len(new) <= 60:
         raise SceneError(f"particles: a name must have 1 to 60 characters, not {len(new)}")
-    toml_text({new: 1})
+    write_toml({new: 1})
     if new in content["particles"]:
-        raise SceneError(f"particles.{shown_key(new)}: there is another kind of that name")
+        raise SceneError(f"particles.{show_key(new)}: there is another kind of that name")
 
     def renamed(held: Any) -> Any:
         if isinstance(held, dict):
@@ -226,19 +224,19 @@ def name_after(content: Content, name: str, before: Any) -> None:
     rename_kind(content, name, next(one for one in free if one not in others))
 
 
-def size_mode(kind: Content) -> str:
+def get_size_mode(kind: Content) -> str:
     """How a kind's size is told, one of SIZES."""
     size = kind.get("size")
     if not isinstance(size, dict):
         return "diameter" if "diameter_um" in kind else "radius"
     name = "gamma" if "gamma" in size else "lognormal"
-    by_diameter = any(place[-1] in DIAMETERS.values() for place in leaves(size.get(name), name))
+    by_diameter = any(place[-1] in DIAMETERS.values() for place in list_places(size.get(name), name))
     return f"{name}, diameters" if by_diameter else name
 
 
 def set_size_mode(kind: Content, mode: str) -> None:
     """Another way to tell the size; between radius and diameter it stays as it is."""
-    before = size_mode(kind)
+    before = get_size_mode(kind)
     if mode == before:
         return
     told = {key: kind.pop(key, None) for key in ("radius_um", "diameter_um", "size")}
@@ -256,7 +254,7 @@ def set_base(content: Content, kind: str) -> None:
     content["base"] = {"kind": kind} | ({"albedo": 0.5} if kind == "lambertian" else {})
 
 
-def in_degrees(content: Content) -> bool:
+def is_in_degrees(content: Content) -> bool:
     """Whether directions are told in degrees from the normal."""
     return any(key in content.get(kind, {}) for kind in REQUEST_KEYS for key in ANGLES.values())
 
@@ -267,21 +265,21 @@ def set_degrees(content: Content, degrees: bool) -> None:
     for kind in REQUEST_KEYS:
         if isinstance(content.get(kind), dict):
             content[kind] = {
-                new.get(key, key): turned(value, degrees) if key in new else value
+                new.get(key, key): convert_angles(value, degrees) if key in new else value
                 for key, value in content[kind].items()
             }
 
 
-def turned(value: Any, degrees: bool) -> Any:
+def convert_angles(value: Any, degrees: bool) -> Any:
     """Cosines as degrees, or degrees as cosines; what is neither stays.
 
-    >>> turned([0.5, 1.0], True), turned({"start": 60, "stop": 0, "count": 3}, False)
+    >>> convert_angles([0.5, 1.0], True), convert_angles({"start": 60, "stop": 0, "count": 3}, False)
     ([60.0, 0.0], {'start': 0.5, 'stop': 1.0, 'count': 3})
     """
     if isinstance(value, list):
-        return [turned(one, degrees) for one in value]
+        return [convert_angles(one, degrees) for one in value]
     if isinstance(value, dict):
-        return {key: one if key == "count" else turned(one, degrees) for key, one in value.items()}
+        return {key: one if key == "count" else convert_angles(one, degrees) for key, one in value.items()}
     if not is_number(value) or not (0.0 < value <= 1.0 if degrees else 0.0 <= value < 90.0):
         return value
     angle = math.degrees(math.acos(value)) if degrees else math.cos(math.radians(value))
@@ -299,7 +297,7 @@ def count_of(value: Any) -> int:
     return min(count, HUGE) if isinstance(count, int) and count > 0 else 1
 
 
-def wavelengths_of(content: Content) -> list[float]:
+def list_page_wavelengths(content: Content) -> list[float]:
     """The wavelengths [um], ascending; one where no particles need any. Raises SceneError for what are none."""
     value: Any = content.get("wavelength_um")
     if not isinstance(value, (list, dict)):
@@ -309,18 +307,21 @@ def wavelengths_of(content: Content) -> list[float]:
             raise SceneError(
                 f"wavelength_um: the page takes at most {MOST_WAVELENGTHS} wavelengths, not {count_of(value)}"
             )
-        return [float(one) for one in ascending(value if isinstance(value, list) else listed_wavelengths(content))]
+        return [
+            float(one)
+            for one in check_ascending(value if isinstance(value, list) else read_listed_wavelengths(content))
+        ]
     except SceneError as error:
         raise SceneError(str(error), "wavelength_um") from error
 
 
-def at(content: Content, wavelength: float) -> Content:
+def select_wavelength(content: Content, wavelength: float) -> Content:
     """The content of a scene file for one of the wavelengths."""
     several = isinstance(content.get("wavelength_um"), (list, dict))
     return {**content, "wavelength_um": wavelength} if several else content
 
 
-def keywords_of(file: SceneFile) -> Content:
+def choose_keywords(file: SceneFile) -> Content:
     """The keywords of `vrte.brdf` or `vrte.radiance`; the depths of a field where nothing is said: five, evenly."""
     found = file.keywords({})
     if file.kind == "field" and "tau" not in found:

@@ -68,10 +68,10 @@ FIELDS = {  # by place; * is any layer, any kind of particle
 }
 
 
-def field_at(place: Place) -> Field:
+def find_field(place: Place) -> Field:
     """What is declared of a place; nothing of one that has no field.
 
-    >>> field_at(("layer", 3, "particles", "gold")).label
+    >>> find_field(("layer", 3, "particles", "gold")).label
     '{}: number fraction'
     """
     steps = [str(step) for step in place]
@@ -82,25 +82,25 @@ def field_at(place: Place) -> Field:
     return FIELDS.get(".".join(steps), Field())
 
 
-def leaves(table: Any, *place: str) -> Iterator[Place]:
+def list_places(table: Any, *place: str) -> Iterator[Place]:
     """The places of all that is in a table and in the tables below it.
 
-    >>> list(leaves({"size": {"gamma": {"r_eff_um": 1.0, "v_eff": 0.1}}}))
+    >>> list(list_places({"size": {"gamma": {"r_eff_um": 1.0, "v_eff": 0.1}}}))
     [('size', 'gamma', 'r_eff_um'), ('size', 'gamma', 'v_eff')]
     """
     if not isinstance(table, dict):
         yield place
         return
     for key, value in table.items():
-        yield from leaves(value, *place, key)
+        yield from list_places(value, *place, key)
 
 
-def value_of(text: str) -> Any:
+def parse_field_text(text: str) -> Any:
     """What a field's text means: a number, numbers with commas, start:stop:count, otherwise itself; None if empty.
 
-    >>> value_of("0.64"), value_of("1.5, 0.01"), value_of("gold"), value_of(" ")
+    >>> parse_field_text("0.64"), parse_field_text("1.5, 0.01"), parse_field_text("gold"), parse_field_text(" ")
     (0.64, [1.5, 0.01], 'gold', None)
-    >>> value_of("0.05:1:20")
+    >>> parse_field_text("0.05:1:20")
     {'start': 0.05, 'stop': 1, 'count': 20}
     """
     text = text.strip()
@@ -113,16 +113,17 @@ def value_of(text: str) -> Any:
     return dict(zip(RANGE_KEYS, numbers, strict=True)) if len(numbers) == 3 and "," not in text else text
 
 
-def text_of(value: Any) -> str:
-    """A field's text, which `value_of` reads.
+def write_field_text(value: Any) -> str:
+    """A field's text, which `parse_field_text` reads.
 
-    >>> text_of({"start": 0.05, "stop": 1.0, "count": 20}), text_of([1.5, 0.01]), text_of(None)
+    >>> say = write_field_text
+    >>> say({"start": 0.05, "stop": 1.0, "count": 20}), say([1.5, 0.01]), say(None)
     ('0.05:1:20', '1.5, 0.01', '')
     """
     if value is None:
         return ""
     if isinstance(value, dict):
-        return ":".join(text_of(value.get(key)) for key in RANGE_KEYS)
+        return ":".join(write_field_text(value.get(key)) for key in RANGE_KEYS)
     if isinstance(value, list):
-        return ", ".join(map(text_of, value))
+        return ", ".join(map(write_field_text, value))
     return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)

@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vrte.app.form.checks import check
-from vrte.app.form.content import START, Content, count_of, wavelengths_of
-from vrte.app.form.fields import text_of
+from vrte.app.form.content import START, Content, count_of, list_page_wavelengths
+from vrte.app.form.fields import write_field_text
 from vrte.basics.errors import SceneError
-from vrte.formats.scene_file import toml_content
-from vrte.formats.scene_writer import toml_text
-from vrte.formats.toml_table import RANGE_KEYS, shown_key
+from vrte.formats.scene_file import parse_toml
+from vrte.formats.scene_writer import write_toml
+from vrte.formats.toml_table import RANGE_KEYS, show_key
 
 MOST_OF_AXIS = 10  # wavelengths that are taken of a sweep's
 VISIBLE: Content = {"start": 0.43, "stop": 0.7, "count": 7}  # um: makes a colour, within the tables of all pigments
@@ -23,17 +23,17 @@ LONGEST_LINK = 200_000  # signs; browsers take no more than some 100 000 to 2 mi
 LARGEST_SCENE = 1_000_000  # bytes of a scene in a link, or that is opened
 
 
-def adopted(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> Content:
+def adopt_content(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> Content:
     """The content of a file, checked, with what a form needs besides. Raises SceneError."""
-    return adopted_and_told(content, folder, tables)[0]
+    return adopt_and_tell(content, folder, tables)[0]
 
 
-def adopted_and_told(
+def adopt_and_tell(
     content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()
 ) -> tuple[Content, tuple[str, ...]]:
     """The same, and a sentence for each part that the file did not have, or that the page cannot show."""
     found = copy.deepcopy(content)
-    told = (*without_axes(found), *with_defaults(found))
+    told = (*remove_axes(found), *add_defaults(found))
     check(found, folder, tables)
     found.setdefault("base", {"kind": "black"})
     for layer in found["layer"]:
@@ -42,7 +42,7 @@ def adopted_and_told(
     return found, told
 
 
-def without_axes(content: Content) -> Iterator[str]:
+def remove_axes(content: Content) -> Iterator[str]:
     """A sweep's template is one scene; of its axes, the wavelengths can be shown."""
     axes = content.pop("axes", None)
     if axes is None:
@@ -58,12 +58,12 @@ def without_axes(content: Content) -> Iterator[str]:
         content["wavelength_um"] = values
         if count_of(values) < count_of(along):
             yield f"axes.wavelength_um: {count_of(values)} of its {count_of(along)} wavelengths are taken"
-    others = [shown_key(name) for name in table if name != "wavelength_um" or "wavelength_um" not in content]
+    others = [show_key(name) for name in table if name != "wavelength_um" or "wavelength_um" not in content]
     if others or not table:
         yield f"axes: {', '.join(others)} stay as the template has them; `vrte sweep` computes them all"
 
 
-def with_defaults(content: Content) -> Iterator[str]:
+def add_defaults(content: Content) -> Iterator[str]:
     """What a scene file for another command does not have."""
     if "brdf" not in content:
         content["brdf"] = copy.deepcopy(START["brdf"])
@@ -72,30 +72,30 @@ def with_defaults(content: Content) -> Iterator[str]:
         render = content.get("render")
         listed = render.get("wavelengths_um") if isinstance(render, dict) else None
         content["wavelength_um"] = copy.deepcopy(VISIBLE if listed is None else listed)
-        yield f"wavelength_um is missing: {text_of(content['wavelength_um'])} is taken"
+        yield f"wavelength_um is missing: {write_field_text(content['wavelength_um'])} is taken"
 
 
-def content_of_file(data: bytes) -> Content:
+def parse_content(data: bytes) -> Content:
     """The content of a scene file, its bytes. Raises SceneError."""
     try:
-        return toml_content(data.decode("utf-8-sig"))
+        return parse_toml(data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise SceneError(f"not a text file in UTF-8 (byte {error.start})") from error
 
 
-def scene_text(content: Content) -> str:
+def write_content(content: Content) -> str:
     """A scene file. Raises SceneError."""
-    wavelengths_of(content)
-    return toml_text(content)
+    list_page_wavelengths(content)
+    return write_toml(content)
 
 
-def link_of(content: Content) -> str:
+def write_link(content: Content) -> str:
     """A scene's content as the end of an address, behind "#scene=". Raises SceneError where it is too long.
 
-    >>> content_of_link(link_of({"nodes": 8}))
+    >>> read_link(write_link({"nodes": 8}))
     {'nodes': 8}
     """
-    packed = base64.urlsafe_b64encode(zlib.compress(toml_text(content).encode(), 9)).decode().rstrip("=")
+    packed = base64.urlsafe_b64encode(zlib.compress(write_toml(content).encode(), 9)).decode().rstrip("=")
     if len(packed) > LONGEST_LINK:
         raise SceneError(
             f"the scene makes a link of {len(packed)} signs, and at most {LONGEST_LINK} work: download it instead"
@@ -103,7 +103,7 @@ def link_of(content: Content) -> str:
     return packed
 
 
-def content_of_link(text: str) -> Content:
+def read_link(text: str) -> Content:
     """The content of a scene that a link carries. Raises SceneError for what is none, before it takes any memory."""
     if len(text) > LONGEST_LINK:
         raise SceneError(f"a link must have at most {LONGEST_LINK} signs, not {len(text)}")
@@ -114,7 +114,7 @@ def content_of_link(text: str) -> Content:
             raise SceneError(f"a scene in a link must have at most {LARGEST_SCENE} bytes")
         if not unpacker.eof:
             raise SceneError("the link is cut short")
-        return toml_content(data.decode())
+        return parse_toml(data.decode())
     except SceneError:
         raise
     except (zlib.error, ValueError) as error:

@@ -9,8 +9,8 @@ from typing import Any
 from nicegui import ui
 
 from vrte.app.form import content as form
-from vrte.app.form.checks import problems
-from vrte.app.form.fields import LONGEST_TEXT, field_at, leaves, text_of, value_of
+from vrte.app.form.checks import find_problems
+from vrte.app.form.fields import LONGEST_TEXT, find_field, list_places, parse_field_text, write_field_text
 from vrte.app.solving.bench import Bench
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.scene_file import ANGLES
@@ -47,7 +47,7 @@ class FormPanel:
         bench = self.bench
         at_fields: dict[Place, str] = {}
         rest = []
-        for place, message in problems(bench.content, bench.folder, bench.tables).items():
+        for place, message in find_problems(bench.content, bench.folder, bench.tables).items():
             around = [place[:end] for end in range(len(place), 0, -1) if place[:end] in self.fields]
             if around:
                 at_fields.setdefault(around[0], message)
@@ -100,11 +100,11 @@ class FormPanel:
     def _kind(self, name: str) -> None:
         content = self.bench.content
         kind = content["particles"][name]
-        with card_head():
+        with make_card_head():
             label = ui.input(value=name).props('dense borderless maxlength=60 aria-label="name of the kind"')
             label.classes("vrte-name grow").tooltip("the name of this kind")
             label.on("change", lambda: self.change(form.rename_kind, content, name, str(label.value)))
-            icon("close", "remove this kind", lambda: self.change(form.remove_kind, content, name))
+            make_icon("close", "remove this kind", lambda: self.change(form.remove_kind, content, name))
         index, before = self.field("particles", name, "index"), kind.get("index")
 
         def name_after() -> None:
@@ -118,14 +118,14 @@ class FormPanel:
             name_after()
 
         index.on("change", name_after)
-        with index.add_slot("append"), icon("arrow_drop_down", "known substances"), ui.menu().props("auto-close"):
+        with index.add_slot("append"), make_icon("arrow_drop_down", "known substances"), ui.menu().props("auto-close"):
             for material in MATERIALS:
                 ui.menu_item(material, partial(choose, material))
-        mode = form.size_mode(kind)
+        mode = form.get_size_mode(kind)
         names = {mode: words for mode, (words, _) in form.SIZES.items()}
         self.choice(names, mode, "size", partial(form.set_size_mode, kind))
-        with row():
-            for below in leaves(form.SIZES[mode][1]):
+        with make_row():
+            for below in list_places(form.SIZES[mode][1]):
                 self.field("particles", name, *below)
         self.complaint("particles", name)
 
@@ -139,15 +139,15 @@ class FormPanel:
     def _layer(self, place: int) -> None:
         content = self.bench.content
         layer, last = content["layer"][place], len(content["layer"]) - 1
-        with card_head():
+        with make_card_head():
             ui.label(f"Layer {place + 1}").classes("vrte-name grow")
             for symbol, tip, act, possible in (
                 ("arrow_upward", "up", partial(form.move_layer, content, place, -1), place > 0),
                 ("arrow_downward", "down", partial(form.move_layer, content, place, 1), place < last),
                 ("close", "remove this layer", partial(form.remove_layer, content, place), last > 0),
             ):
-                icon(symbol, tip, partial(self.change, act)).set_enabled(possible)
-        medium = form.medium_of(layer)
+                make_icon(symbol, tip, partial(self.change, act)).set_enabled(possible)
+        medium = form.get_medium(layer)
         names = {name: words for name, (words, _) in form.MEDIA.items() if name != "table" or medium == "table"}
         self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
         self._medium(place, layer, medium)
@@ -163,7 +163,7 @@ class FormPanel:
             return
         if medium == "table":
             ui.label(str(layer["phase"])).classes("vrte-note")
-        with row("" if medium in ("mixture", "volumes") else "no-wrap"):
+        with make_row("" if medium in ("mixture", "volumes") else "no-wrap"):
             if medium in ("mixture", "volumes"):
                 for name in kinds:
                     key = "particles" if medium == "mixture" else "volume_fractions"
@@ -175,7 +175,7 @@ class FormPanel:
 
     def _thickness(self, place: int, layer: form.Content, medium: str) -> None:
         geometric = form.is_geometric(layer)
-        with row():
+        with make_row():
             self.field("layer", place, "thickness_um" if geometric else "thickness")
             if geometric and medium != "volumes":
                 self.field("layer", place, "volume_fraction")
@@ -194,7 +194,7 @@ class FormPanel:
         content = self.bench.content
         with self.section("Directions of the BRDF", "explore", opened=False):
             ui.label(LIST_HINT).classes("vrte-note")
-            degrees = form.in_degrees(content)
+            degrees = form.is_in_degrees(content)
             self.switch("in degrees from the normal", degrees, partial(form.set_degrees, content))
             for key in ("mu_i", "mu_o"):
                 self.field("brdf", ANGLES[key] if degrees else key)
@@ -216,7 +216,7 @@ class FormPanel:
     def _accuracy(self) -> None:
         content = self.bench.content
         with self.section("Accuracy", "tune", opened=False):
-            with row():
+            with make_row():
                 self.field("accuracy")
                 self.field("nodes")
             value, names = content.get("truncation", "auto"), {name: name for name in CHOICES}
@@ -246,13 +246,15 @@ class FormPanel:
 
     def field(self, *place: str | int, classes: str = "") -> Any:
         """A text that is read, put in its place and checked while somebody types."""
-        about, content = field_at(place), self.bench.content
+        about, content = find_field(place), self.bench.content
 
         def typed(event: Any) -> None:
-            form.put(content, place, value_of(str(event.value or "")))
+            form.put(content, place, parse_field_text(str(event.value or "")))
             self.check()
 
-        found = ui.input(about.label.format(place[-1]), value=text_of(form.got(content, place)), on_change=typed)
+        found = ui.input(
+            about.label.format(place[-1]), value=write_field_text(form.get_value(content, place)), on_change=typed
+        )
         found.props("outlined dense stack-label hide-bottom-space debounce=120 autocomplete=off spellcheck=false")
         found.without_auto_validation()  # it would wipe out the message that `typed` has brought
         found.props(f"maxlength={LONGEST_TEXT}").classes(f"vrte-field {classes}")
@@ -293,16 +295,16 @@ class Complaint:
         self.label.set_visibility(bool(message))
 
 
-def row(wrap: str = "no-wrap") -> Any:
+def make_row(wrap: str = "no-wrap") -> Any:
     """Fields beside each other."""
     return ui.row().classes(f"w-full gap-2 {wrap}")
 
 
-def card_head() -> Any:
+def make_card_head() -> Any:
     """The name of a card, and its buttons."""
     return ui.row().classes("w-full items-center no-wrap gap-1")
 
 
-def icon(symbol: str, tip: str, act: Callable[[], Any] | None = None) -> Any:
+def make_icon(symbol: str, tip: str, act: Callable[[], Any] | None = None) -> Any:
     """A small round button."""
     return ui.button(icon=symbol, on_click=act).props(f'flat dense round size=sm aria-label="{tip}"').tooltip(tip)

@@ -19,7 +19,7 @@ from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import downloads
 from vrte.app.solving.bench import Bench
-from vrte.app.solving.job import memory_of_one
+from vrte.app.solving.job import find_memory_share
 from vrte.app.solving.messages import Outcome, Read, Tensor, Written
 from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.formats.toml_table import is_number
@@ -90,10 +90,10 @@ class Page:
             to_open = "a scene (.toml) or a result (.nc, .csv); or drop it here"
             opener = self._header_button("Open", "folder_open", to_open)
             opener.on("click", js_handler=f"() => vrte.pick({self.upload.id})")
-            with self._header_button("Download", "download", "results, figures, the scene"), menu():
+            with self._header_button("Download", "download", "results, figures, the scene"), make_menu():
                 self._downloads()
             self._header_button("Link", "link", "copies an address that carries the scene").on_click(self.make_link)
-            with self._header_button("Theme", "contrast", "light or dark"), menu():
+            with self._header_button("Theme", "contrast", "light or dark"), make_menu():
                 for theme, text in THEMES.items():
                     ui.menu_item(text).on("click", js_handler=f"() => vrte.set_theme('{theme}')")
             ui.label(__version__).classes("vrte-tagline")
@@ -105,13 +105,16 @@ class Page:
     def _downloads(self) -> None:
         bench, which = self.bench, lambda: self.bench.view["wavelength"]
         for text, act in (
-            ("BRDF, NetCDF", lambda: self.hand_out(downloads.brdf_file, bench.outcome, ".nc")),
-            ("BRDF, CSV", lambda: self.hand_out(downloads.brdf_file, bench.outcome, ".csv")),
-            ("field inside, NetCDF", lambda: self.hand_out(downloads.field_file, bench.outcome, which(), ".nc")),
-            ("field inside, CSV", lambda: self.hand_out(downloads.field_file, bench.outcome, which(), ".csv")),
+            ("BRDF, NetCDF", lambda: self.hand_out(downloads.make_brdf_download, bench.outcome, ".nc")),
+            ("BRDF, CSV", lambda: self.hand_out(downloads.make_brdf_download, bench.outcome, ".csv")),
+            (
+                "field inside, NetCDF",
+                lambda: self.hand_out(downloads.make_field_download, bench.outcome, which(), ".nc"),
+            ),
+            ("field inside, CSV", lambda: self.hand_out(downloads.make_field_download, bench.outcome, which(), ".csv")),
             ("picture of the figure, PNG", self.picture),
             ("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor),
-            ("scene, TOML", lambda: self.hand_out(downloads.scene_file, bench.content)),
+            ("scene, TOML", lambda: self.hand_out(downloads.make_scene_download, bench.content)),
         ):
             ui.menu_item(text, act)
 
@@ -184,7 +187,7 @@ class Page:
             self.bench.outcome = outcome
             self.tidy()
             if outcome.opened and outcome.content is not None:
-                self.bench.content = files.adopted(outcome.content)
+                self.bench.content = files.adopt_content(outcome.content)
                 self._draw_form()
             if not outcome.brdfs and self.bench.view["tab"] in ("lobe", "cuts", "reflectance"):
                 self.results.tabs.set_value("inside")
@@ -207,9 +210,9 @@ class Page:
             data = await event.file.read()
             if suffix == ".toml":
                 about = self.bench.folder, self.bench.tables
-                self.fill(*await asyncio.to_thread(lambda: files.adopted_and_told(files.content_of_file(data), *about)))
+                self.fill(*await asyncio.to_thread(lambda: files.adopt_and_tell(files.parse_content(data), *about)))
             elif suffix in SUFFIXES:
-                self.bench.start(Read(data, suffix, memory_of_one()))
+                self.bench.start(Read(data, suffix, find_memory_share()))
             else:
                 raise SceneError(f"the file must end in {', '.join(SUFFIXES)}, not {suffix[:20]!r}")
         except SceneError as error:
@@ -240,7 +243,7 @@ class Page:
 
         def choose(path: Path) -> None:
             dialog.close()
-            self.fill(files.adopted(files.content_of_file(path.read_bytes())))
+            self.fill(files.adopt_content(files.parse_content(path.read_bytes())))
             self.bench.cancel()
             self.bench.solve()
             self.follow()
@@ -249,7 +252,7 @@ class Page:
             ui.label("Scenes to begin with").classes("vrte-heading").props("role=heading aria-level=2")
             with ui.row().classes("justify-center gap-1"):
                 for path in sorted(GALLERY.glob("*.toml")):
-                    title = files.content_of_file(path.read_bytes())["render"]["title"]
+                    title = files.parse_content(path.read_bytes())["render"]["title"]
                     with ui.button(on_click=lambda path=path: choose(path)) as button:
                         button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
                         picture = ui.element("img").props('alt="" width=84 height=84')
@@ -279,7 +282,7 @@ class Page:
     def make_link(self) -> None:
         """The address with the scene in it, into the browser's address line and its clipboard."""
         try:
-            text = files.link_of(self.bench.content)
+            text = files.write_link(self.bench.content)
         except SceneError as error:
             self.complain(str(error))
             return
@@ -298,7 +301,7 @@ class Page:
             return
         self.bench.view["link"] = text
         try:
-            self.fill(*await asyncio.to_thread(lambda: files.adopted_and_told(files.content_of_link(text))))
+            self.fill(*await asyncio.to_thread(lambda: files.adopt_and_tell(files.read_link(text))))
         except SceneError as error:
             self.complain(f"the scene in this address: {error}")
 
@@ -320,9 +323,9 @@ class Page:
         except SceneError as error:
             self.complain(str(error))
             return
-        bench.start(Tensor(copy.deepcopy(bench.content), bench.folder, memory_of_one()))
+        bench.start(Tensor(copy.deepcopy(bench.content), bench.folder, find_memory_share()))
 
 
-def menu() -> Any:
+def make_menu() -> Any:
     """A menu that closes when something is chosen."""
     return ui.menu().props("auto-close")

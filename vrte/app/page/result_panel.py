@@ -9,8 +9,8 @@ import numpy as np
 from nicegui import ui
 
 from vrte.app import figures
-from vrte.app.figures.style import in_the_dark
-from vrte.app.form.fields import value_of
+from vrte.app.figures.style import convert_to_dark
+from vrte.app.form.fields import parse_field_text
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.messages import Outcome
 from vrte.app.solving.reflectance import Reflectances
@@ -211,7 +211,7 @@ class ResultPanel:
             self.stokes.error = str(error)
 
     def _stokes(self) -> Any:
-        found = value_of(self.view["stokes"])
+        found = parse_field_text(self.view["stokes"])
         if isinstance(found, str):
             raise SceneError("stokes must be four numbers I, Q, U, V")
         incident_for(REFLECTANCE_FACTOR, found)
@@ -304,7 +304,7 @@ class ResultPanel:
     def _draw(self, name: str, figure: "Figure") -> None:
         """A figure in its place, its title above it."""
         whole = figure.to_plotly_json()
-        text = plain_text(whole["layout"].pop("title")["text"])
+        text = remove_marks(whole["layout"].pop("title")["text"])
         for label, line in zip(self.captions[name], [*text.split("\n"), ""], strict=False):
             label.set_text(line)
         layout = whole["layout"]
@@ -315,7 +315,7 @@ class ResultPanel:
         if "camera" in self.view and "scene" in layout:
             layout["scene"] = {**layout["scene"], "camera": self.view["camera"]}
         config = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["sendDataToCloud"]}
-        dark = in_the_dark(whole) if self.view.get("dark") else whole
+        dark = convert_to_dark(whole) if self.view.get("dark") else whole
         self.plots[name].props["aria-label"] = text.replace("\n", "; ")
         self.plots[name].update_figure({**dark, "config": config})
 
@@ -344,10 +344,10 @@ class ResultPanel:
             ui.label(f"No colour: {found.why_none}" if found.why_none else UNDER_THE_SKY).classes("vrte-note")
             numbers = np.stack(list(found.curves.values()), axis=-1)
             with ui.element("table").classes("vrte-table"):
-                table_row("th", ["wavelength", *found.curves])
+                add_table_row("th", ["wavelength", *found.curves])
                 for which in range(outcome.count):
                     shares = [f"{100.0 * value:.4g} %" for value in numbers[which, place]]
-                    table_row("td", [self._nanometres(outcome, which), *shares])
+                    add_table_row("td", [self._nanometres(outcome, which), *shares])
 
     def _write_plan(self, outcome: Outcome) -> None:
         """What was left out, what was shared, the table, and how it was made."""
@@ -357,15 +357,15 @@ class ResultPanel:
             if outcome.plan is None:
                 ui.label(NO_PLAN)
             else:
-                bullets("Left out, and why", outcome.plan.left_out)
-                bullets("Done once for many", outcome.plan.shared)
-                heading("The plan in full")
+                add_bullets("Left out, and why", outcome.plan.left_out)
+                add_bullets("Done once for many", outcome.plan.shared)
+                add_heading("The plan in full")
                 ui.label(outcome.plan.text).classes("vrte-text")
-            heading("How it was made")
-            ui.label(made(result.diagnostics)).classes("vrte-text")
+            add_heading("How it was made")
+            ui.label(write_diagnostics(result.diagnostics)).classes("vrte-text")
 
 
-def made(diagnostics: dict[str, Any]) -> str:
+def write_diagnostics(diagnostics: dict[str, Any]) -> str:
     """The diagnostics that people read, a line each."""
     found = {
         name: value for name, value in diagnostics.items() if isinstance(value, (str, int, float)) and name != SCENE
@@ -375,21 +375,21 @@ def made(diagnostics: dict[str, Any]) -> str:
     return "\n".join(f"{name}: {value}" for name, value in found.items())
 
 
-def heading(text: str) -> None:
+def add_heading(text: str) -> None:
     ui.label(text).classes("vrte-heading").props("role=heading aria-level=3")
 
 
-def table_row(tag: str, cells: list[str]) -> None:
+def add_table_row(tag: str, cells: list[str]) -> None:
     with ui.element("tr"):
         for text in cells:
             with ui.element(tag):
                 ui.label(text)
 
 
-def bullets(title: str, lines: tuple[str, ...]) -> None:
+def add_bullets(title: str, lines: tuple[str, ...]) -> None:
     """A heading and its lines, nothing without any."""
     if lines:
-        heading(title)
+        add_heading(title)
         with ui.element("ul").classes("vrte-list"):
             for line in lines:
                 with ui.element("li"):
@@ -403,10 +403,10 @@ def select(options: Any, value: Any, label: str, act: Callable[[Any], None], wid
     return found.classes("vrte-field vrte-fixed")
 
 
-def plain_text(title: str) -> str:
+def remove_marks(title: str) -> str:
     """A figure's title without Plotly's marks, its second line parted by a line break.
 
-    >>> plain_text("Light<br><sup>μ<sub>i</sub> = 1</sup>")
+    >>> remove_marks("Light<br><sup>μ<sub>i</sub> = 1</sup>")
     'Light\\nμᵢ = 1'
     """
     for mark, sign in SYMBOLS.items():

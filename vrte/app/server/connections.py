@@ -11,7 +11,7 @@ from typing import Any
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from vrte.basics.arrays import in_one_line
+from vrte.basics.arrays import put_in_one_line
 
 PATIENCE = 10.0  # seconds for the head of a request, the first one or a later one
 MOST = 250  # connections; a browser holds ten
@@ -89,7 +89,7 @@ class Server(uvicorn.Server):
 
 
 @contextmanager
-def quiet_log(server: Server) -> Iterator[None]:
+def shorten_log(server: Server) -> Iterator[None]:
     """What libraries log goes to the terminal in one line each, without control characters: it may repeat what a
     request said. Nothing of what breaks off when the server ends."""
     shown = logging.StreamHandler()
@@ -114,12 +114,12 @@ class OneLine(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         error = record.exc_info[1] if record.exc_info else None
         why = f" ({type(error).__name__}: {error})" if error else ""
-        return f"vrte view: {in_one_line(record.getMessage() + why, 300)}"
+        return f"vrte view: {put_in_one_line(record.getMessage() + why, 300)}"
 
 
 def run(server: Server, listening: Any, ended: Callable[[], None]) -> None:
     """Until it is ended, and ``ended`` called: also then a signal more does nothing."""
     with server.until_signal():
-        with suppress(asyncio.CancelledError, KeyboardInterrupt), quiet_log(server):  # by a second Ctrl-C
+        with suppress(asyncio.CancelledError, KeyboardInterrupt), shorten_log(server):  # by a second Ctrl-C
             server.run(sockets=[listening])
         ended()

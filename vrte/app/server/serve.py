@@ -26,7 +26,7 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
 
     Raises SceneError where host and port cannot be listened on.
     """
-    with listener(host, port) as listening:
+    with bind_socket(host, port) as listening:
         from fastapi import FastAPI
         from nicegui import ui
 
@@ -51,7 +51,7 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
             show_welcome_message=False,
             language="en-US",
         )
-        with page_that_leads_to(address) as page:
+        with make_opening_page(address) as page:
 
             def begun() -> None:
                 say(f"vrte view: {address} (Ctrl-C ends it)")
@@ -68,7 +68,7 @@ def serve(benches: Benches, host: str, port: int, browser: bool, say: Callable[[
 
 
 @contextmanager
-def page_that_leads_to(address: str) -> Iterator[Path]:
+def make_opening_page(address: str) -> Iterator[Path]:
     """A file for the browser to open, which nobody else can read: others see what it was called with, and the address
     holds the token."""
     with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
@@ -91,11 +91,11 @@ async def build(benches: Benches) -> None:
         return
     bench = benches.of(tab)
     bench.pages += 1
-    client.on_delete(lambda: left(bench))
+    client.on_delete(lambda: leave_bench(bench))
     Page(bench, lambda: benches.of(tab))
 
 
-def left(bench: Bench) -> None:
+def leave_bench(bench: Bench) -> None:
     """A page has gone for good: nobody waits for what it solves, unless its tab has another."""
     bench.pages -= 1
     if bench.pages == 0:
@@ -103,7 +103,7 @@ def left(bench: Bench) -> None:
 
 
 @contextmanager
-def listener(host: str, port: int) -> Iterator[socket.socket]:
+def bind_socket(host: str, port: int) -> Iterator[socket.socket]:
     """A socket that is bound, to a free port for 0. Raises SceneError where it cannot be."""
     try:
         family, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]

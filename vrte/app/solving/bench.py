@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from vrte.app.form.content import START, Content
-from vrte.app.solving.job import Job, memory_of_one
+from vrte.app.solving.job import Job, find_memory_share
 from vrte.app.solving.messages import Outcome, Solve, Task
 from vrte.basics.errors import Place
-from vrte.formats.scene_file import tables_named
+from vrte.formats.scene_file import find_named_tables
 
 MOST_TABS = 100
 MOST_BYTES = 2e9  # of all results together; the tabs that were not used for longest lose theirs first
@@ -39,7 +39,7 @@ class Bench:
 
     def solve(self) -> None:
         """Starts to solve what the form says now."""
-        self.start(Solve(copy.deepcopy(self.content), self.folder, memory_of_one()))
+        self.start(Solve(copy.deepcopy(self.content), self.folder, find_memory_share()))
 
     def start(self, task: Task) -> None:
         """A task in place of the one that runs."""
@@ -57,7 +57,7 @@ class Benches:
     def __init__(self, content: Content | None = None, folder: Path = Path(), outcome: Outcome | None = None) -> None:
         self._first = content or START
         self._folder, self._outcome = folder, outcome
-        self._tables = frozenset(tables_named(self._first).values())
+        self._tables = frozenset(find_named_tables(self._first).values())
         self._benches: dict[str, Bench] = {}
         self._lock = threading.Lock()
 

@@ -5,15 +5,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from vrte.app.form.content import Content, wavelengths_of
-from vrte.app.form.files import scene_text
+from vrte.app.form.content import Content, list_page_wavelengths
+from vrte.app.form.files import write_content
 from vrte.app.solving.messages import Outcome
 from vrte.basics.errors import SceneError
 from vrte.formats import save
 from vrte.formats.measured_polarized import check_wavelengths
 
 
-def bytes_written(name: str, write: Callable[[Path], Any]) -> bytes:
+def collect_bytes(name: str, write: Callable[[Path], Any]) -> bytes:
     """What a call writes to a file of that name."""
     with tempfile.TemporaryDirectory(prefix="vrte-view-") as folder:
         path = Path(folder) / name
@@ -21,30 +21,30 @@ def bytes_written(name: str, write: Callable[[Path], Any]) -> bytes:
         return path.read_bytes()
 
 
-def brdf_file(outcome: Outcome | None, suffix: str) -> tuple[str, bytes]:
+def make_brdf_download(outcome: Outcome | None, suffix: str) -> tuple[str, bytes]:
     """Name and bytes of the BRDF at all wavelengths, ``suffix`` ".nc" or ".csv". Raises SceneError without one."""
     found = outcome.brdf_to_save() if outcome else None
     if found is None:
         raise SceneError("there is no BRDF to download: solve a scene, or open a file that holds one")
-    return f"brdf{suffix}", bytes_written(f"brdf{suffix}", lambda path: save(found, path))
+    return f"brdf{suffix}", collect_bytes(f"brdf{suffix}", lambda path: save(found, path))
 
 
-def field_file(outcome: Outcome | None, which: int, suffix: str) -> tuple[str, bytes]:
+def make_field_download(outcome: Outcome | None, which: int, suffix: str) -> tuple[str, bytes]:
     """Name and bytes of the field at one of the wavelengths. Raises SceneError without one."""
     if outcome is None or not outcome.fields:
         raise SceneError('there is no field to download: turn on "Inside the layers" and solve')
     field = outcome.fields[which]
-    return f"field{suffix}", bytes_written(f"field{suffix}", lambda path: save(field, path))
+    return f"field{suffix}", collect_bytes(f"field{suffix}", lambda path: save(field, path))
 
 
-def scene_file(content: Content) -> tuple[str, bytes]:
+def make_scene_download(content: Content) -> tuple[str, bytes]:
     """Name and bytes of the scene. Raises SceneError where the wavelengths are none."""
-    return "scene.toml", scene_text(content).encode()
+    return "scene.toml", write_content(content).encode()
 
 
 def check_tensor(content: Content) -> None:
     """Raises SceneError unless Mitsuba's tensor can be made of a scene."""
     try:
-        check_wavelengths(wavelengths_of(content))
+        check_wavelengths(list_page_wavelengths(content))
     except SceneError as error:
         raise SceneError(f"wavelength_um: {error}; for visible light take 0.45, 0.5, 0.55, 0.6, 0.65") from error

@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import IO
 
 from vrte.app.solving.messages import Outcome, Progress, Task, Written
-from vrte.basics.memory import available_bytes
+from vrte.basics.memory import find_available_bytes
 
 START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.worker import main; main()"
 AT_ONCE = 2  # solves; others wait
@@ -18,9 +18,9 @@ LARGEST_SHARE = 0.8  # of the memory that is free, for all solves together
 PATIENCE = 5.0  # seconds that a process gets to end
 
 
-def memory_of_one() -> float:
+def find_memory_share() -> float:
     """Bytes that a solve may take."""
-    return LARGEST_SHARE * available_bytes() / AT_ONCE
+    return LARGEST_SHARE * find_available_bytes() / AT_ONCE
 
 
 class Job:
@@ -97,10 +97,10 @@ class Job:
                 process.kill()  # nothing, where it has ended
                 process.wait()
             if self.outcome is None and not self.message:
-                self.message = last_words(process.returncode, said)
+                self.message = explain_end(process.returncode, said)
 
 
-def last_words(code: int, said: IO[bytes]) -> str:
+def explain_end(code: int, said: IO[bytes]) -> str:
     """Why a process went without an answer."""
     said.seek(0)
     lines = [line.strip() for line in said.read().decode(errors="replace").split("\n") if line.strip()]

@@ -30,11 +30,11 @@ class Reflectances:
     why_none: str = ""
 
 
-def other_base(scene: Scene) -> tuple[Scene | None, tuple[str, str]]:
+def replace_base(scene: Scene) -> tuple[Scene | None, tuple[str, str]]:
     """The scene over black, or over white where it lies on black, and both names; None where no base is reached.
 
     >>> from vrte import Layer, rayleigh
-    >>> other_base(Scene([Layer(rayleigh(), 1.0, 1.0)], Lambertian(0.3)))[1]
+    >>> replace_base(Scene([Layer(rayleigh(), 1.0, 1.0)], Lambertian(0.3)))[1]
     ('over the base (albedo 0.3)', 'over black')
     """
     if not scene.base_is_reached:
@@ -45,7 +45,7 @@ def other_base(scene: Scene) -> tuple[Scene | None, tuple[str, str]]:
     return replace(scene, base=None), (f"over the base{albedo}", "over black")
 
 
-def reflectances(
+def collect_reflectances(
     wavelength_um: Sequence[float], brdfs: Sequence[Brdf], others: Sequence[Any] = (), names: Sequence[str] = (IN_FILE,)
 ) -> Reflectances | None:
     """Those of ``brdfs``, one a wavelength, and ``others`` over another base, with ``names``; None without any."""
@@ -53,14 +53,14 @@ def reflectances(
         return None
     found = (brdfs, others) if len(others) == len(brdfs) else (brdfs,)
     curves = {name: np.array([one.reflectance for one in each]) for name, each in zip(names, found, strict=False)}
-    colours, why_none = colours_of(np.array(wavelength_um), curves)
+    colours, why_none = compute_colours(np.array(wavelength_um), curves)
     return Reflectances(brdfs[0].mu_i, curves, colours, why_none)
 
 
-def colours_of(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dict[str, tuple[str, ...]], str]:
+def compute_colours(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dict[str, tuple[str, ...]], str]:
     """Colours (mu_i,) of curves (wavelength, mu_i) in sunlight, white where all comes back; or why there are none.
 
-    >>> colours_of(np.array([0.64]), {})[1]
+    >>> compute_colours(np.array([0.64]), {})[1]
     'A colour needs at least 5 wavelengths, from 0.46 µm or less to 0.64 µm or more: type 0.43:0.7:7.'
     """
     if wavelength_um.size < FEWEST or wavelength_um[0] > FROM_UM or wavelength_um[-1] < TO_UM:
@@ -68,20 +68,20 @@ def colours_of(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dict[str
             f"A colour needs at least {FEWEST} wavelengths, from {FROM_UM:g} µm or less to {TO_UM:g} µm or more: "
             "type 0.43:0.7:7."
         )
-    from vrte.render.colour import film, weights
+    from vrte.render.colour import make_film, weigh_wavelengths
 
     try:
-        weighed = weights(wavelength_um)
+        weighed = weigh_wavelengths(wavelength_um)
     except MissingExtraError as error:
         return {}, str(error)
-    exposed = film(weighed.sum(axis=1))
-    return {name: tuple(map(in_hex, exposed((weighed @ curve).T))) for name, curve in curves.items()}, ""
+    exposed = make_film(weighed.sum(axis=1))
+    return {name: tuple(map(convert_to_hex, exposed((weighed @ curve).T))) for name, curve in curves.items()}, ""
 
 
-def in_hex(colour: Array) -> str:
+def convert_to_hex(colour: Array) -> str:
     """sRGB from 0 to 1 as a browser takes it.
 
-    >>> in_hex(np.array([1.0, 0.5, 0.0]))
+    >>> convert_to_hex(np.array([1.0, 0.5, 0.0]))
     '#ff8000'
     """
     return "#" + "".join(f"{round(255.0 * value):02x}" for value in np.clip(colour, 0.0, 1.0).tolist())

@@ -14,12 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vrte.app.form.content import Content, at, keywords_of, wavelengths_of
-from vrte.app.form.files import adopted
-from vrte.app.solving.downloads import bytes_written
+from vrte.app.form.content import Content, choose_keywords, list_page_wavelengths, select_wavelength
+from vrte.app.form.files import adopt_content
+from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.messages import Answer, Inside, Outcome, Planned, Progress, Read, Solve, Task, Tensor, Written
-from vrte.app.solving.reflectance import other_base, reflectances
-from vrte.basics.arrays import in_one_line
+from vrte.app.solving.reflectance import collect_reflectances, replace_base
+from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
 from vrte.basics.limits import limit_memory
 from vrte.calls.brdf import brdf
@@ -27,13 +27,13 @@ from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import spectrum
 from vrte.formats import load
-from vrte.formats.scene_file import FILLINGS, SceneFile, scene_of, toml_content
-from vrte.formats.scene_writer import toml_text
-from vrte.formats.toml_table import shown_key
+from vrte.formats.scene_file import FILLINGS, SceneFile, make_scene_file, parse_toml
+from vrte.formats.scene_writer import write_toml
+from vrte.formats.toml_table import show_key
 from vrte.request.how import AUTO, EXACT
 from vrte.results.brdf import Brdf
-from vrte.results.field import Field, one_beam
-from vrte.results.spectrum import SCENE, Spectrum, with_scene
+from vrte.results.field import Field, require_one_beam
+from vrte.results.spectrum import SCENE, Spectrum, add_scene_text
 
 Tell = Callable[[Progress], None]
 MOST_NAMED = 30  # warnings
@@ -72,11 +72,11 @@ def answer(task: Task, tell: Tell) -> Answer:
                 return write_tensor(task, tell)
             found = solve(task, tell) if isinstance(task, Solve) else read(task)
     except (SceneError, AccuracyError, DeviceError, MissingExtraError, OSError) as error:
-        return in_one_line(str(error), 1000)
+        return put_in_one_line(str(error), 1000)
     except MemoryError:
         return "not enough memory for this scene: fewer directions, nodes or wavelengths need less"
     except Exception as error:  # never seen; a page must not wait for ever
-        return in_one_line(f"{type(error).__name__}: {error}", 1000)
+        return put_in_one_line(f"{type(error).__name__}: {error}", 1000)
     notes = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, UserWarning))
     return replace(found, notes=tuple(notes)[:MOST_NAMED])
 
@@ -84,7 +84,7 @@ def answer(task: Task, tell: Tell) -> Answer:
 def solve(task: Solve, tell: Tell) -> Outcome:
     """The BRDF at every wavelength, and the field where it is asked for."""
     content = task.content
-    wavelengths, text = wavelengths_of(content), toml_text(content)
+    wavelengths, text = list_page_wavelengths(content), write_toml(content)
     with_field = "field" in content
     count = len(wavelengths) * (3 if with_field else 2)
     steps = iter(range(count))
@@ -104,49 +104,52 @@ def solve(task: Solve, tell: Tell) -> Outcome:
     names, planned = ("", ""), None
     for which, wavelength in enumerate(wavelengths):
         begin("particles", which)
-        file = scene_of(at(content, wavelength), "brdf", task.folder)
-        inside.append(Inside(names_of(content), tuple(layer.phase_matrix for layer in file.scene.layers)))
-        keywords = keywords_of(file)
+        file = make_scene_file(select_wavelength(content, wavelength), "brdf", task.folder)
+        inside.append(Inside(describe_layers(content), tuple(layer.phase_matrix for layer in file.scene.layers)))
+        keywords = choose_keywords(file)
         with file.located():
-            planned = planned or planned_of(file, keywords)
+            planned = planned or make_plan_message(file, keywords)
             brdfs.append(brdf(file.scene, **keywords, progress=begin("BRDF, Fourier orders", which)))
-        elsewhere, names = other_base(file.scene)
+        elsewhere, names = replace_base(file.scene)
         if elsewhere is not None:  # its reflectance is wanted alone
             others.append(brdf(elsewhere, **{**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}))
         if with_field:
             known = iter(file.particles.values())  # in place of `vrte.spheres`: what has been worked out, in that order
-            file = scene_of(at(content, wavelength), "field", task.folder, lambda *_, known=known, **__: next(known))
+            file = make_scene_file(
+                select_wavelength(content, wavelength), "field", task.folder, lambda *_, known=known, **__: next(known)
+            )
             with file.located():
-                fields.append(radiance(file.scene, **keywords_of(file), progress=begin("field inside", which)))
+                fields.append(radiance(file.scene, **choose_keywords(file), progress=begin("field inside", which)))
     return Outcome(
         content,
         tuple(wavelengths) if content.get("wavelength_um") is not None else (),
-        tuple(with_scene(one, text) for one in brdfs),
-        tuple(with_scene(one, text) for one in fields),
+        tuple(add_scene_text(one, text) for one in brdfs),
+        tuple(add_scene_text(one, text) for one in fields),
         tuple(inside),
         planned,
-        reflectances=reflectances(wavelengths, brdfs, others, names),
+        reflectances=collect_reflectances(wavelengths, brdfs, others, names),
     )
 
 
-def names_of(content: Content) -> tuple[str, ...]:
+def describe_layers(content: Content) -> tuple[str, ...]:
     """What the layers hold, in words."""
-    return tuple(f"layer {place}: {filling(layer)}" for place, layer in enumerate(content["layer"], 1))
+    return tuple(f"layer {place}: {describe_filling(layer)}" for place, layer in enumerate(content["layer"], 1))
 
 
-def filling(layer: Content) -> str:
+def describe_filling(layer: Content) -> str:
     """What a layer holds.
 
-    >>> filling({"particles": {"gold": 1, "rutile": 2}}), filling({"phase": {"henyey_greenstein": 0.9}})
+    >>> say = describe_filling
+    >>> say({"particles": {"gold": 1, "rutile": 2}}), say({"phase": {"henyey_greenstein": 0.9}})
     ('gold + rutile', 'henyey_greenstein 0.9')
     """
     held: Any = next(layer[key] for key in FILLINGS if key in layer)
     if "phase" not in layer:
-        return shown_key(held) if isinstance(held, str) else " + ".join(map(shown_key, held))
+        return show_key(held) if isinstance(held, str) else " + ".join(map(show_key, held))
     return str(held) if isinstance(held, str) else " ".join(f"{key} {value}" for key, value in held.items())
 
 
-def planned_of(file: SceneFile, keywords: dict[str, Any]) -> Planned | None:
+def make_plan_message(file: SceneFile, keywords: dict[str, Any]) -> Planned | None:
     """The plan of the BRDF; only discrete ordinates have one."""
     if keywords.get("method", EXACT) not in (EXACT, AUTO):
         return None
@@ -166,32 +169,32 @@ def read(task: Read) -> Outcome:
             found = load(path)
         except SceneError as error:
             raise SceneError(str(error).replace(str(path), "the file")) from error
-    return outcome_of(found)
+    return make_outcome(found)
 
 
-def outcome_of(found: Brdf | Field | Spectrum) -> Outcome:
+def make_outcome(found: Brdf | Field | Spectrum) -> Outcome:
     """A result as something to see."""
     if isinstance(found, Spectrum):
         wavelengths = found.wavelength_um.tolist()
-        content, shares = scene_in(found[0], wavelengths), reflectances(wavelengths, found.brdfs)
+        content, shares = recover_scene(found[0], wavelengths), collect_reflectances(wavelengths, found.brdfs)
         return Outcome(content, tuple(wavelengths), found.brdfs, opened=True, reflectances=shares)
-    content = scene_in(found)
+    content = recover_scene(found)
     if isinstance(found, Brdf):
-        return Outcome(content, brdfs=(found,), opened=True, reflectances=reflectances((), (found,)))
-    one_beam(found)
+        return Outcome(content, brdfs=(found,), opened=True, reflectances=collect_reflectances((), (found,)))
+    require_one_beam(found)
     return Outcome(content, fields=(found,), opened=True)
 
 
-def scene_in(result: Brdf | Field, wavelengths: list[float] | None = None) -> Content | None:
+def recover_scene(result: Brdf | Field, wavelengths: list[float] | None = None) -> Content | None:
     """The content of the scene file that a result tells of, where it does and the page can take it."""
     text = result.diagnostics.get(SCENE)
     if not isinstance(text, str):
         return None
     try:
-        content = toml_content(text)
+        content = parse_toml(text)
         if wavelengths:
             content["wavelength_um"] = wavelengths
-        return adopted(content)
+        return adopt_content(content)
     except SceneError:
         return None
 
@@ -203,10 +206,10 @@ def write_tensor(task: Tensor, tell: Tell) -> Written:
     stage = "BRDF at the directions of the tensor"
     found = spectrum(
         task.content,
-        wavelengths_of(task.content),
+        list_page_wavelengths(task.content),
         lambda done, total: tell(Progress(0.9 * done / max(total, 1), stage)),
         task.folder,
         **directions(),
     )
     tell(Progress(0.9, "writing the tensor"))
-    return Written("brdf.bsdf", bytes_written("brdf.bsdf", lambda path: write_mitsuba(found, path)))
+    return Written("brdf.bsdf", collect_bytes("brdf.bsdf", lambda path: write_mitsuba(found, path)))

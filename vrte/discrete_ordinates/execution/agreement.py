@@ -42,7 +42,7 @@ class Agreement:
         """The largest difference of the field and of the fluxes (2, n_tau, n_in, n_col), relative, depth by depth, to
         the largest there."""
         found: dict[str, Any] = {"with": " and ".join(sorted(self.by)), "orders_compared": self.compared}
-        brightest = largest_intensity(target, parts, flux.shape[1])
+        brightest = find_largest_intensity(target, parts, flux.shape[1])
         for name, gap, size in (
             ("radiance", self.gap, brightest),
             ("flux", self.flux_gap, np.abs(flux).max(axis=(0, 2, 3))),
@@ -51,7 +51,7 @@ class Agreement:
         return found
 
 
-def largest_intensity(target: Target, parts: list[Array], n_tau: int) -> Array:
+def find_largest_intensity(target: Target, parts: list[Array], n_tau: int) -> Array:
     """The largest intensity at each depth for a unit beam, (n_tau,); 0 where none was wanted."""
     size = np.zeros(n_tau)
     for values, (levels, _) in zip(parts, target.wanted.parts, strict=True):

@@ -12,11 +12,11 @@ from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.agreement import Agreement
 from vrte.discrete_ordinates.execution.engines.engine import Answer, Engine, Piece
-from vrte.discrete_ordinates.execution.sums import Light, Target, fill, number_of_pieces
+from vrte.discrete_ordinates.execution.sums import Light, Target, count_pieces, fill_parts
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.truncating import flux_of_the_peak, spread_towards
-from vrte.discrete_ordinates.planning.azimuths import fold
-from vrte.discrete_ordinates.planning.needs import calibrated, orders_that_matter
+from vrte.discrete_ordinates.orders.truncating import find_peak_flux, find_spread_directions
+from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
+from vrte.discrete_ordinates.planning.needs import calibrate_bounds, count_orders_that_matter
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.results.solution import Solution
 
@@ -68,7 +68,7 @@ class Task:
         """Blocks that come before the next look at how many orders are left, with their orders."""
         blocks = self.plan.blocks
         if self.blocks < len(blocks) and blocks[self.blocks].orders[0] > max(self.found, default=self.left):
-            self.left = orders_left(self.plan, self.brightest, self.found, self.left)
+            self.left = count_orders_left(self.plan, self.brightest, self.found, self.left)
         taken: list[Piece] = []
         last = -1
         while self.blocks < len(blocks) and (not taken or blocks[self.blocks].orders[0] <= last):
@@ -103,14 +103,14 @@ def carry_out(plans: Sequence[Plan], engine: Engine, run: Run, progress: Progres
     Raises AccuracyError where no algorithm can vouch for an order, SceneError or DeviceError where there is too little
     memory, DeviceError where a device fails.
     """
-    steps = Steps(progress, sum(steps_of(plan, engine) for plan in plans))
+    steps = Steps(progress, sum(count_steps(plan, engine) for plan in plans))
     batches = [plans] if engine.takes_many else [[plan] for plan in plans]
     return [solution for batch in batches for solution in carry_out_together(batch, engine, run, steps)]
 
 
-def steps_of(plan: Plan, engine: Engine) -> int:
+def count_steps(plan: Plan, engine: Engine) -> int:
     """What `progress` counts: orders, and pieces of the result."""
-    pieces = number_of_pieces(plan.wanted, plan.request.phi.size, engine.piece_bytes)
+    pieces = count_pieces(plan.wanted, plan.request.phi.size, engine.piece_bytes)
     return sum(block.orders.size for block in plan.blocks) + pieces
 
 
@@ -119,36 +119,36 @@ def carry_out_together(plans: Sequence[Plan], engine: Engine, run: Run, steps: S
     start, before = time.perf_counter(), steps.done
     with engine.at_work():
         engine.check_memory(plans, run)
-        tasks = [task_of(plan) for plan in plans]
+        tasks = [make_task(plan) for plan in plans]
         while pieces := [piece for place, task in enumerate(tasks) for piece in task.next_pieces(place)]:
             for group in engine.grouped(pieces):
                 solve_group(engine, tasks, group, run, steps.ahead)
                 steps.reach(steps.done + sum(piece.orders.size for piece in group))
             steps.reach(before + sum(task.steps for task in tasks))
-        return [finished(task, engine, run, steps, start) for task in tasks]
+        return [finish_task(task, engine, run, steps, start) for task in tasks]
 
 
-def task_of(plan: Plan) -> Task:
+def make_task(plan: Plan) -> Task:
     """A plan not begun."""
     request = plan.request
     flux = np.zeros((2, request.tau.size, request.mu0.size, request.columns.shape[0]))
     return Task(plan, plan.brightest, plan.orders, flux, agreement=Agreement() if request.verify else None)
 
 
-def target_of(plan: Plan) -> Target:
+def make_target(plan: Plan) -> Target:
     """What the light of a plan is added up into."""
     request, problem = plan.request, plan.problem
-    azimuths = fold(request.phi, problem.leave_out.azimuths)
-    spreads = spread_towards(plan.truncation, problem, plan.mu)
+    azimuths = fold_azimuths(request.phi, problem.leave_out.azimuths)
+    spreads = find_spread_directions(plan.truncation, problem, plan.mu)
     return Target(plan.wanted, request.scene, problem, plan.mu, azimuths, spreads)
 
 
-def orders_left(plan: Plan, brightest: Array, found: dict[int, Array], left: int) -> int:
+def count_orders_left(plan: Plan, brightest: Array, found: dict[int, Array], left: int) -> int:
     """How many orders matter, now that some are solved."""
     if not plan.counts_again:
         return left
-    bounds = calibrated(plan.needs, plan.bounds, found)
-    return min(left, orders_that_matter(bounds, brightest, plan.accuracy))
+    bounds = calibrate_bounds(plan.needs, plan.bounds, found)
+    return min(left, count_orders_that_matter(bounds, brightest, plan.accuracy))
 
 
 def solve_group(
@@ -163,7 +163,7 @@ def solve_group(
     for piece, answer in zip(group, engine.solve(group, run, told), strict=True):
         task = tasks[piece.place]
         if answer.doubts:
-            again.append(repeated(engine, piece, answer))
+            again.append(make_second_try(engine, piece, answer))
         if answer.light.orders.size:
             task.note(piece, answer)
         if task.agreement is not None and not piece.tried:
@@ -172,27 +172,27 @@ def solve_group(
         solve_group(engine, tasks, pieces, run)
 
 
-def repeated(engine: Engine, piece: Piece, answer: Answer) -> Piece:
+def make_second_try(engine: Engine, piece: Piece, answer: Answer) -> Piece:
     """The orders in doubt as a piece for another algorithm. Raises AccuracyError where there is none left."""
     order, reason = next(iter(answer.doubts.items()))
     if piece.tried or piece.name not in engine.others:
-        raise AccuracyError(engine.failure(piece, order, reason) + advice(piece.problem))
+        raise AccuracyError(engine.failure(piece, order, reason) + advise_user(piece.problem))
     tried = {order: (piece.name, reason) for order, reason in answer.doubts.items()}
     return replace(piece, orders=np.array(sorted(tried), np.int32), name=engine.others[piece.name], tried=tried)
 
 
-def advice(problem: Problem) -> str:
+def advise_user(problem: Problem) -> str:
     """What a user can do about a scene that no algorithm solves."""
     resolved = problem.terms_cut == 0
     return "" if resolved else f"; {problem.nodes.size} nodes do not resolve the phase matrix, use more"
 
 
-def finished(task: Task, engine: Engine, run: Run, steps: Steps, start: float) -> Solution:
+def finish_task(task: Task, engine: Engine, run: Run, steps: Steps, start: float) -> Solution:
     """All light of a plan added up, and how it was found."""
-    plan, target = task.plan, target_of(task.plan)
-    parts = fill(target, task.lights, engine, run, steps.ahead)
-    steps.done += steps_of(plan, engine) - task.steps
-    task.flux[1] += flux_of_the_peak(plan.problem, plan.request.tau)
+    plan, target = task.plan, make_target(task.plan)
+    parts = fill_parts(target, task.lights, engine, run, steps.ahead)
+    steps.done += count_steps(plan, engine) - task.steps
+    task.flux[1] += find_peak_flux(plan.problem, plan.request.tau)
     diagnostics = {
         **plan.diagnostics(),
         "threads": run.threads,
@@ -200,7 +200,7 @@ def finished(task: Task, engine: Engine, run: Run, steps: Steps, start: float) -
         "orders": len(task.found),
         "unknowns": task.unknowns,
         "orders_by": task.by,
-        "orders_repeated": statement_of(task.repeated),
+        "orders_repeated": describe_repeats(task.repeated),
         **dict(sorted(task.residuals.items())),
         **({"agreement": task.agreement.statement(target, parts, task.flux)} if task.agreement else {}),
         "stages": run.stages,
@@ -209,7 +209,7 @@ def finished(task: Task, engine: Engine, run: Run, steps: Steps, start: float) -
     return Solution(parts, task.flux[0], task.flux[1], diagnostics)
 
 
-def statement_of(repeated: dict[str, set[int]]) -> dict[str, Any] | None:
+def describe_repeats(repeated: dict[str, set[int]]) -> dict[str, Any] | None:
     """Which orders were solved again and by which algorithms, None without any."""
     if not repeated:
         return None

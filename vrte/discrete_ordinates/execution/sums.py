@@ -15,9 +15,9 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, scatter_by_orders, scatterers
+from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, find_scatterers, scatter_by_orders
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
-from vrte.discrete_ordinates.planning.azimuths import Azimuths, cos_sin_deg
+from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin
 from vrte.request.wanted import Wanted
 from vrte.scene.scene import Scene
 
@@ -56,7 +56,7 @@ class Target:
     @property
     def kind(self) -> IntArray:
         """1 for incident Stokes vectors within (U, V), 0 for those within (I, Q), (n_col,)."""
-        return column_kinds(self.problem.columns)
+        return find_column_kinds(self.problem.columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Adding(Protocol):
         """The share as the engine adds to it; at the end the result has it."""
 
 
-def fill(
+def fill_parts(
     target: Target, lights: Sequence[Light], engine: Adding, run: Run, told: Callable[[int], None] = lambda done: None
 ) -> list[Array]:
     """The radiance of every part that is wanted, (n_level, n_in, n_mu, n_phi, 4, n_place), piece by piece in place.
@@ -117,14 +117,16 @@ def fill(
         run = replace(run, threads=1)
     in_closed_form = problem.leave_out.single
     if not in_closed_form:
-        lights = [*lights, singly_scattered(target, run)]
+        lights = [*lights, find_single_scattering(target, run)]
     by_engine = [engine.prepare_orders(target, lights, run)]
     by_processor = [prepare_base(target, run)]
     if in_closed_form:
         by_engine.append(engine.prepare_scattering(target, parts, run))
         if target.spreads.any():
             by_processor.insert(0, prepare_spreading(target, run))
-    for k, (first, last) in enumerate(pieces(target.wanted, target.azimuths.phi.size, engine.piece_bytes), 1):
+    for k, (first, last) in enumerate(
+        split_into_pieces(target.wanted, target.azimuths.phi.size, engine.piece_bytes), 1
+    ):
         for part in parts:
             share = Share(part, first, last)
             with engine.opened(share, run) as open_share:
@@ -154,33 +156,33 @@ def make_parts(target: Target) -> list[Part]:
     ]
 
 
-def column_kinds(columns: Array) -> IntArray:
+def find_column_kinds(columns: Array) -> IntArray:
     """1 for incident Stokes vectors within (U, V), 0 for those within (I, Q), (n_col,)."""
     return np.where(columns[:, 2:].any(axis=1), 1, 0).astype(np.int32)
 
 
-def number_of_pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> int:
+def count_pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> int:
     """Pieces that the result is filled in, each some of the incident directions."""
     return max(1, min(wanted.scale.size, math.ceil(8.0 * wanted.doubles(n_phi) / piece_bytes)))
 
 
-def pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> Iterator[tuple[int, int]]:
+def split_into_pieces(wanted: Wanted, n_phi: int, piece_bytes: float) -> Iterator[tuple[int, int]]:
     """First and last + 1 incident direction of every piece."""
-    count = number_of_pieces(wanted, n_phi, piece_bytes)
+    count = count_pieces(wanted, n_phi, piece_bytes)
     return itertools.pairwise(k * wanted.scale.size // count for k in range(count + 1))
 
 
-def scattered_once(target: Target, part: Part) -> list[tuple[Array, Array]]:
+def weigh_scatterers(target: Target, part: Part) -> list[tuple[Array, Array]]:
     """The table of every phase matrix and what multiplies it, (n_level, n_in, n_mu): 0 where small angles are
     separated."""
     scale = target.wanted.scale[:, None]
     return [
         (table, np.where(part.spreads, 0.0, scale * path))
-        for table, path in scatterers(target.scene.layers, target.problem, part.levels, part.mu)
+        for table, path in find_scatterers(target.scene.layers, target.problem, part.levels, part.mu)
     ]
 
 
-def singly_scattered(target: Target, run: Run) -> Light:
+def find_single_scattering(target: Target, run: Run) -> Light:
     """Single scattering by Fourier orders, where its closed form shall not be used."""
     with run.booked("single scattering"):
         kernels = scatter_by_orders(target.scene.layers, target.problem)
@@ -190,7 +192,7 @@ def singly_scattered(target: Target, run: Run) -> Light:
 
 def prepare_closed_form(target: Target, run: Run) -> Callable[..., None]:
     """What adds a phase matrix times path (n_level, n_in, n_mu) to values, for the beams mu0 from first to last - 1."""
-    cosine, sine = cos_sin_deg(target.azimuths.distinct)
+    cosine, sine = compute_cos_sin(target.azimuths.distinct)
     columns, azimuths = target.problem.columns, target.azimuths
     kind, place = target.kind, target.wanted.place
 

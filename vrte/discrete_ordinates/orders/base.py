@@ -32,14 +32,14 @@ class Base:
     azimuths: int = 0
 
 
-def black(problem: Problem, n_order: int) -> Base:
+def make_black_base(problem: Problem, n_order: int) -> Base:
     """No reflection at any order."""
-    n, rows = problem.size, rows_beyond_flux(problem, n_order)
+    n, rows = problem.size, count_base_rows(problem, n_order)
     empty = np.zeros((rows, n, n)), np.zeros((rows, problem.n_rhs, n)), np.zeros((rows, n, problem.rows_out))
     return Base(np.arange(n_order, dtype=np.int32) if rows > 1 else np.full(n_order, -1, np.int32), *empty)
 
 
-def rows_beyond_flux(problem: Problem, n_order: int) -> int:
+def count_base_rows(problem: Problem, n_order: int) -> int:
     """Orders of a base that reflects order 0 at most: one, unless those that are zero shall not be left out."""
     return 1 if problem.leave_out.base or np.isinf(problem.thickness[-1]) else max(n_order, 2)
 
@@ -47,17 +47,17 @@ def rows_beyond_flux(problem: Problem, n_order: int) -> int:
 def expand_base(boundary: Boundary, problem: Problem, n_order: int, accuracy: float = UNTOLD) -> Base:
     """The base's operators for the orders 0 .. n_order - 1; ``accuracy``: relative, of the light they lead to."""
     if not boundary.orders_reflected or not (boundary.mixes_stokes or problem.conserves):
-        return black(problem, n_order)
-    orders, azimuths = reflected_orders(boundary, problem, n_order, accuracy)
-    if not boundary.mixes_stokes and (more := rows_beyond_flux(problem, n_order) - orders.shape[0]) > 0:
+        return make_black_base(problem, n_order)
+    orders, azimuths = find_reflected_orders(boundary, problem, n_order, accuracy)
+    if not boundary.mixes_stokes and (more := count_base_rows(problem, n_order) - orders.shape[0]) > 0:
         orders = np.concatenate([orders, np.zeros((more, *orders.shape[1:]))])
     row = np.where(np.arange(n_order) < orders.shape[0], np.arange(n_order), -1).astype(np.int32)
     members = list(problem.stokes)
     orders = (FLIP[:, None] * orders)[..., members, :][..., members]
-    return Base(row, *operators(problem, orders), azimuths)
+    return Base(row, *make_base_operators(problem, orders), azimuths)
 
 
-def operators(problem: Problem, orders: Array) -> tuple[Array, Array, Array]:
+def make_base_operators(problem: Problem, orders: Array) -> tuple[Array, Array, Array]:
     """Matrix, source and outgoing rows from R^m (order, in, out, S, S): weights and scaling put in."""
     n_node, n_order = problem.nodes.size, orders.shape[0]
     scale = np.sqrt(problem.weights * problem.nodes)
@@ -71,7 +71,9 @@ def operators(problem: Problem, orders: Array) -> tuple[Array, Array, Array]:
     return np.ascontiguousarray(matrix), np.ascontiguousarray(source), np.ascontiguousarray(leaving)
 
 
-def reflected_orders(boundary: Boundary, problem: Problem, n_order: int, accuracy: float = UNTOLD) -> tuple[Array, int]:
+def find_reflected_orders(
+    boundary: Boundary, problem: Problem, n_order: int, accuracy: float = UNTOLD
+) -> tuple[Array, int]:
     """R^m of (1:35), (order, in, out, 4, 4), and the most azimuths it took.
 
     In: nodes, then beams; out: nodes, then outgoing directions; nothing from beams to outgoing directions, which light
@@ -80,7 +82,7 @@ def reflected_orders(boundary: Boundary, problem: Problem, n_order: int, accurac
     n_node = problem.nodes.size
     into, out = np.concatenate([problem.nodes, problem.mu0]), np.concatenate([problem.nodes, problem.mu_out])
     pairs = (np.arange(into.size) < n_node)[:, None] | (np.arange(out.size) < n_node)
-    allowed = partial(allowed_errors, problem, accuracy)
+    allowed = partial(find_allowed_errors, problem, accuracy)
     try:
         return boundary.reflect_orders(into, out, pairs, n_order, allowed)
     except AccuracyError as error:
@@ -89,7 +91,7 @@ def reflected_orders(boundary: Boundary, problem: Problem, n_order: int, accurac
         ) from None
 
 
-def allowed_errors(problem: Problem, accuracy: float, size: Array) -> Array:
+def find_allowed_errors(problem: Problem, accuracy: float, size: Array) -> Array:
     """How far each R^m may be off, (in, out), where ``size`` (in, out) is its largest element.
 
     Weighted as the operators are, by sqrt(weight mu) of a node, the errors of all pairs together are a share of the

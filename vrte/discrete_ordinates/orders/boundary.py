@@ -25,7 +25,7 @@ class Amplitudes:
     residual: Array
 
 
-def boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base: Base, run: Run) -> Amplitudes:
+def solve_boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base: Base, run: Run) -> Amplitudes:
     """Solves the boundary systems of every order. Raises AccuracyError where one is singular."""
     n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
     shape = (orders.size, n_layer, n_rhs, n)

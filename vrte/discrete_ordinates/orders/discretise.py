@@ -3,15 +3,15 @@
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.quadrature import double_gauss
+from vrte.basics.quadrature import make_double_gauss
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.truncating import truncated_layers
+from vrte.discrete_ordinates.orders.truncating import truncate_layers
 from vrte.scene.scene import Scene
 
 LAST_PLACES = 4.0  # what sums of thicknesses may be off by
 
 
-def discretise(
+def discretise_scene(
     scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int, peaks: str = "none"
 ) -> Problem:
     """Nodes, truncated layers and the one every depth lies in; ``mu`` signed, light going up first.
@@ -19,14 +19,14 @@ def discretise(
     ``peaks``: which layers lose theirs, "none", "polarizing" or "all"; all depths of the problem are those of the
     truncated layers.
     """
-    points, weights = double_gauss(nodes)
-    layers = truncated_layers(scene, peaks, nodes)
+    points, weights = make_double_gauss(nodes)
+    layers = truncate_layers(scene, peaks, nodes)
     terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
     coefficients = np.zeros((len(scene.layers), int(terms.max()), 6))
     for k, layer in enumerate(layers):
         coefficients[k, : terms[k]] = layer.coefficients
     given = np.array([layer.thickness for layer in scene.layers])
-    level, at = place_levels(tau, tops(given), given, scene.thickness)
+    level, at = place_levels(tau, find_layer_tops(given), given, scene.thickness)
     level = level * np.array([layer.stretch for layer in layers])[at]
     thickness = np.array([layer.thickness for layer in layers])
     return Problem(
@@ -34,7 +34,7 @@ def discretise(
         terms=terms,
         albedo=np.array([layer.albedo for layer in layers]),
         thickness=thickness,
-        above=tops(thickness),
+        above=find_layer_tops(thickness),
         gain=np.array([layer.gain for layer in layers]),
         fraction=np.array([layer.fraction for layer in layers]),
         nodes=points,
@@ -49,7 +49,7 @@ def discretise(
     )
 
 
-def tops(thickness: Array) -> Array:
+def find_layer_tops(thickness: Array) -> Array:
     """Optical depth of the top of each layer."""
     return np.concatenate([[0.0], np.cumsum(thickness[:-1])])
 

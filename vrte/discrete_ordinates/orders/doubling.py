@@ -51,7 +51,7 @@ def double_slabs(
             material=material,
             thickness=thickness,
             albedo=problem.albedo,
-            asymmetry=asymmetry_of(problem),
+            asymmetry=find_asymmetry(problem),
             nodes=problem.nodes,
             weights=problem.weights,
             mu0=problem.mu0,
@@ -76,7 +76,7 @@ def double_slabs(
     return slabs
 
 
-def asymmetry_of(problem: Problem) -> Array:
+def find_asymmetry(problem: Problem) -> Array:
     """g of every material, (material,)."""
     several = problem.coefficients.shape[1] > 1
     return np.ascontiguousarray(problem.coefficients[:, 1, 0] / 3.0) if several else np.zeros_like(problem.albedo)

@@ -24,7 +24,7 @@ class Modes:
     residual: Array
 
 
-def homogeneous(problem: Problem, orders: IntArray, matrices: Assembled, run: Run, quick: bool = False) -> Modes:
+def find_modes(problem: Problem, orders: IntArray, matrices: Assembled, run: Run, quick: bool = False) -> Modes:
     """The modes of every order and layer, ``quick`` where E and F are symmetric. Raises AccuracyError without any."""
     shape, n = (orders.size, problem.albedo.size), problem.size
     modes = Modes(

@@ -57,7 +57,7 @@ def reflect_endless(problem: Problem, orders: IntArray, tolerance: float, run: R
     return found
 
 
-def flux_up(problem: Problem, on_nodes: Array) -> Array:
+def find_flux_up(problem: Problem, on_nodes: Array) -> Array:
     """Diffuse flux up through the top, from order 0's field on the nodes: (1, n_in, n_col)."""
     n_in, n_col = problem.mu0.size, problem.columns.shape[0]
     if not problem.conserves:

@@ -19,7 +19,7 @@ class Beam:
     zeta: Array
 
 
-def particular(problem: Problem, matrices: Assembled, modes: Modes, run: Run) -> Beam:
+def find_beam_field(problem: Problem, matrices: Assembled, modes: Modes, run: Run) -> Beam:
     """The beam's own field, every order, layer and right-hand side."""
     shape = (*modes.lam_re.shape[:2], problem.n_rhs, problem.size)
     beam = Beam(np.empty(shape), np.empty(shape))

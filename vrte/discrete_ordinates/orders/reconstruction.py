@@ -57,7 +57,7 @@ def reconstruct(
     return out / (2.0 * np.pi)
 
 
-def nodal_fluxes(
+def find_nodal_fluxes(
     problem: Problem, orders: IntArray, modes: Modes, beam: Beam, amplitudes: Amplitudes
 ) -> tuple[Array, Array]:
     """Diffuse flux up and down through a horizontal plane at every level, (n_tau, n_in, n_col); 0 without order 0."""
@@ -68,13 +68,13 @@ def nodal_fluxes(
     step = len(problem.stokes)
     total, difference = np.empty(shape), np.empty(shape)
     for t, (level, layer) in enumerate(zip(problem.level.tolist(), problem.level_layer.tolist(), strict=True)):
-        y, z = mode_coordinates(problem, layer, level, modes, beam, amplitudes)
+        y, z = find_mode_coordinates(problem, layer, level, modes, beam, amplitudes)
         total[t] = (y @ (modes.X[0, layer, :, ::step] @ weight)).reshape(shape[1:])
         difference[t] = (z @ (modes.Y[0, layer, :, ::step] @ weight)).reshape(shape[1:])
     return total - difference, total + difference
 
 
-def mode_coordinates(
+def find_mode_coordinates(
     problem: Problem, layer: int, depth: float, modes: Modes, beam: Beam, amplitudes: Amplitudes
 ) -> Array:
     """y, z of order 0 at a depth below a layer's top, (2, n_rhs, n); see `boundary` in core/boundary.pxi."""

@@ -6,20 +6,20 @@ from typing import ClassVar
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.memory import orders_at_once
+from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
-from vrte.discrete_ordinates.orders.boundary import boundary
+from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.doubling import double_slabs
 from vrte.discrete_ordinates.orders.homogeneous import Modes as Eigenmodes
-from vrte.discrete_ordinates.orders.homogeneous import homogeneous
-from vrte.discrete_ordinates.orders.invariance import flux_up, reflect_endless
-from vrte.discrete_ordinates.orders.particular import Beam, particular
+from vrte.discrete_ordinates.orders.homogeneous import find_modes
+from vrte.discrete_ordinates.orders.invariance import find_flux_up, reflect_endless
+from vrte.discrete_ordinates.orders.particular import Beam, find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.reconstruction import nodal_fluxes, reconstruct
-from vrte.discrete_ordinates.orders.slabs import cut, distinct_materials, join, materials_of
-from vrte.discrete_ordinates.orders.storage import doubles_of_doubling, doubles_of_modes
+from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
+from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials, join_pile, merge_materials
+from vrte.discrete_ordinates.orders.storage import count_doubles_of_doubling, count_doubles_of_modes
 from vrte.scene.boundary import Boundary
 
 QUICK = 3e-12  # accuracy that the symmetric eigensolver is good for on 16 nodes; ten times the largest error measured
@@ -55,30 +55,30 @@ class Modes:
 
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         self.problem, self.base = problem, expand_base(base, problem, n_order, accuracy)
-        self.distinct, self.kinds = materials_of(problem)
+        self.distinct, self.kinds = merge_materials(problem)
         self.quick = is_quick(problem, accuracy)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
-        return orders_at_once(doubles_of_modes(self.problem)[0], threads)
+        return count_orders_at_once(count_doubles_of_modes(self.problem)[0], threads)
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
         matrices = assemble(self.distinct, orders, run)
-        modes = homogeneous(self.distinct, orders, matrices, run, self.quick)
-        beam = particular(self.distinct, matrices, modes, run)
+        modes = find_modes(self.distinct, orders, matrices, run, self.quick)
+        beam = find_beam_field(self.distinct, matrices, modes, run)
         if self.kinds is not None:
-            matrices, modes, beam = in_layers(self.kinds, matrices, modes, beam)
-        amplitudes = boundary(self.problem, orders, modes, beam, self.base, run)
+            matrices, modes, beam = copy_to_layers(self.kinds, matrices, modes, beam)
+        amplitudes = solve_boundary(self.problem, orders, modes, beam, self.base, run)
         kernels = reconstruct(self.problem, orders, matrices, modes, beam, amplitudes, self.base, run)
         residuals = {
             "residual_of_modes": modes.residual.max(axis=1),
             "residual_of_boundary": amplitudes.residual.max(axis=1),
         }
-        return Orders(kernels, *nodal_fluxes(self.problem, orders, modes, beam, amplitudes), residuals)
+        return Orders(kernels, *find_nodal_fluxes(self.problem, orders, modes, beam, amplitudes), residuals)
 
 
-def in_layers(
+def copy_to_layers(
     kinds: IntArray, matrices: Assembled, modes: Eigenmodes, beam: Beam
 ) -> tuple[Assembled, Eigenmodes, Beam]:
     """What was found for each material, in the layers made of it, (order, layer, ...): what the next stages read."""
@@ -102,19 +102,19 @@ class Doubling:
     allowed: ClassVar = {"residual_of_reflection": 1e-9, "residual_of_transmission": 1e-6, "residual_of_joints": 1e-9}
 
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
-        self.pile = cut(problem)
+        self.pile = cut_layers(problem)
         self.base = expand_base(base, self.pile.problem, n_order, accuracy)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
-        return orders_at_once(doubles_of_doubling(self.pile)[0], threads)
+        return count_orders_at_once(count_doubles_of_doubling(self.pile)[0], threads)
 
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
         pile = self.pile
         matrices = assemble(pile.problem, orders, run)
         slabs = double_slabs(pile.problem, pile.material, pile.thickness, orders, matrices, run)
-        kernels, up, down, residual = join(pile, orders, slabs, self.base, run)
+        kernels, up, down, residual = join_pile(pile, orders, slabs, self.base, run)
         worst = slabs.residual.max(axis=1)
         residuals = {
             "residual_of_reflection": worst[:, 0],
@@ -124,7 +124,7 @@ class Doubling:
         return Orders(kernels, up, down, residuals)
 
 
-def allowed_of_invariance(accuracy: float) -> dict[str, float]:
+def find_allowed_residuals(accuracy: float) -> dict[str, float]:
     """Residuals up to which the answer of invariance counts."""
     return {"residual_of_invariance": max(1e-9, 2.0 * TIGHTER * accuracy)}
 
@@ -136,7 +136,7 @@ class Invariance:
 
     def __init__(self, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
         self.problem, self.tolerance = problem, TIGHTER * accuracy
-        self.allowed = allowed_of_invariance(accuracy)
+        self.allowed = find_allowed_residuals(accuracy)
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once: all, their matrices are scratch memory."""
@@ -145,7 +145,7 @@ class Invariance:
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
         found = reflect_endless(self.problem, orders, self.tolerance, run)
-        up = flux_up(self.problem, found.on_nodes[0])
+        up = find_flux_up(self.problem, found.on_nodes[0])
         up = np.broadcast_to(up, (self.problem.level.size, *up.shape[1:]))
         kernels = np.broadcast_to(found.kernels, (orders.size, self.problem.level.size, *found.kernels.shape[2:]))
         return Orders(kernels, up, np.zeros_like(up), {"residual_of_invariance": found.residual})
@@ -160,17 +160,17 @@ ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance]] = {
 SETTLES = 80.0  # optical thickness: half of it passes less than the rounding of 1
 
 
-def left_out_by(name: str, problem: Problem, accuracy: float) -> list[tuple[str, str]]:
+def list_left_out(name: str, problem: Problem, accuracy: float) -> list[tuple[str, str]]:
     """What a route leaves out of the orders of a problem: the name of a switch, and the reason with {orders} in it."""
     if name == "invariance":
         return [("halves", "the other is its mirror image")]
     if name == "doubling":
-        pile = cut(problem)
+        pile = cut_layers(problem)
         twice, kind = pile.slabs.size - pile.material.size, "slab"
         thick = (pile.thickness > SETTLES) & np.isfinite(pile.thickness)
         found = [("doublings", "its transmission alone is squared")] if thick.any() else []
     else:
-        materials, kinds = distinct_materials(problem)
+        materials, kinds = find_materials(problem)
         twice, kind = kinds.size - len(materials), "layer"
         quick = problem.is_symmetric and is_quick(problem, accuracy)
         found = [("symmetric", "{orders}")] if quick else []

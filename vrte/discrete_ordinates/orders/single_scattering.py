@@ -12,7 +12,7 @@ from vrte.scene.boundary import Boundary
 from vrte.scene.layer import Layer
 
 
-def scatterers(
+def find_scatterers(
     layers: Sequence[Layer], problem: Problem, levels: IntArray, mu: Array, whole: bool = True
 ) -> list[tuple[Array, Array]]:
     """What scatters once: the table of every phase matrix, as the kernel takes it, and what multiplies it.
@@ -21,7 +21,7 @@ def scatterers(
     ``whole``: phase matrices with all their terms, omega the gain of the truncated layers, as in the TMS method;
     otherwise both are those of the truncated layers. Source: Nakajima and Tanaka, JQSRT 40, 51 (1988).
     """
-    paths = paths_in_layers(problem, levels, mu)
+    paths = integrate_paths(problem, levels, mu)
     strength = problem.gain if whole else problem.albedo
     found: dict[int, tuple[Array, Array]] = {}
     for k, layer in enumerate(layers):
@@ -36,7 +36,7 @@ def scatterers(
     return list(found.values())
 
 
-def paths_in_layers(problem: Problem, levels: IntArray, mu: Array) -> Array:
+def integrate_paths(problem: Problem, levels: IntArray, mu: Array) -> Array:
     """Optical path integrals of one scattering in each layer, (layer, n_level, n_in, n_mu); mu signed, > 0 up."""
     return _core.path_integrals(
         above=problem.above,
@@ -53,7 +53,7 @@ def scatter_by_orders(layers: Sequence[Layer], problem: Problem) -> Array:
     """Singly scattered light order by order, (order, n_tau, n_in, n_col, n_out, 4), as the solver's own stages leave
     theirs: what the closed form stands for. No sum over a table of directions needs it."""
     mu = np.concatenate([problem.mu_out[: problem.n_up], -problem.mu_out[problem.n_up :]])
-    paths = paths_in_layers(problem, np.arange(problem.level.size, dtype=np.int32), mu)
+    paths = integrate_paths(problem, np.arange(problem.level.size, dtype=np.int32), mu)
     terms = max(layer.phase_matrix.terms for layer in layers)
     columns = problem.columns.shape[0]
     kernels = np.zeros((terms, problem.level.size, problem.mu0.size, columns, mu.size, 4))
@@ -66,7 +66,7 @@ def scatter_by_orders(layers: Sequence[Layer], problem: Problem) -> Array:
     return kernels
 
 
-def distance(problem: Problem, t: int, k: int) -> float:
+def measure_distance(problem: Problem, t: int, k: int) -> float:
     """Optical depth between level t and the nearer face of layer k (number of layers: of the base); 0 inside the layer.
 
     A sum of thicknesses, never a difference of depths: along a cosine of 1e-8 its last place would be seen.
@@ -102,7 +102,7 @@ def add_base_reflected(
         return
     mu0 = problem.mu0[first:last]
     strength = scale[first:last] * mu0 * np.exp(-total / mu0)
-    left = np.array([distance(problem, int(t), problem.albedo.size) for t in levels])
+    left = np.array([measure_distance(problem, int(t), problem.albedo.size) for t in levels])
     fade = np.where(up, strength[:, None] * np.exp(-left[:, None, None] / np.abs(mu)), 0.0)
     f = below.reflect(mu0[:, None, None], np.abs(mu)[None, :, None], phi)
     seen = f.shape[-1]

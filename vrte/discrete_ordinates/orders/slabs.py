@@ -30,9 +30,9 @@ class Pile:
     out: IntArray
 
 
-def cut(problem: Problem) -> Pile:
+def cut_layers(problem: Problem) -> Pile:
     """Cuts the layers at the wanted depths and finds what is equal."""
-    materials, kinds = distinct_materials(problem)
+    materials, kinds = find_materials(problem)
     found: dict[tuple[int, float, int], int] = {}
     slabs: list[int] = []
     above = [0.0]
@@ -47,7 +47,7 @@ def cut(problem: Problem) -> Pile:
         above += [problem.above[layer] + depth for depth in cuts[1:]]
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
     return Pile(
-        problem=replace(only(problem, materials), mu_out=cosines),
+        problem=replace(select_materials(problem, materials), mu_out=cosines),
         material=np.array([material for material, _, _ in found], np.int32),
         thickness=np.array([thickness for _, thickness, _ in found]),
         slabs=np.array(slabs, np.int32),
@@ -57,7 +57,7 @@ def cut(problem: Problem) -> Pile:
     )
 
 
-def distinct_materials(problem: Problem) -> tuple[list[int], IntArray]:
+def find_materials(problem: Problem) -> tuple[list[int], IntArray]:
     """The first layer of each material, and the material of each layer. What does not scatter is all one material."""
     if not problem.leave_out.repeats:
         return list(range(problem.albedo.size)), np.arange(problem.albedo.size, dtype=np.int32)
@@ -73,15 +73,15 @@ def distinct_materials(problem: Problem) -> tuple[list[int], IntArray]:
     return first, kinds
 
 
-def materials_of(problem: Problem) -> tuple[Problem, IntArray | None]:
+def merge_materials(problem: Problem) -> tuple[Problem, IntArray | None]:
     """The problem with its distinct materials as layers, and the material of each layer, None where all differ."""
     if problem.albedo.size == 1:
         return problem, None
-    materials, kinds = distinct_materials(problem)
-    return (only(problem, materials), kinds) if len(materials) < kinds.size else (problem, None)
+    materials, kinds = find_materials(problem)
+    return (select_materials(problem, materials), kinds) if len(materials) < kinds.size else (problem, None)
 
 
-def only(problem: Problem, layers: list[int]) -> Problem:
+def select_materials(problem: Problem, layers: list[int]) -> Problem:
     """The problem with the materials of some layers; thicknesses and depths stay those of all."""
     return replace(
         problem,
@@ -91,7 +91,7 @@ def only(problem: Problem, layers: list[int]) -> Problem:
     )
 
 
-def join(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tuple[Array, Array, Array, Array]:
+def join_pile(pile: Pile, orders: IntArray, slabs: Slabs, base: Base, run: Run) -> tuple[Array, Array, Array, Array]:
     """The field at the wanted depths: kernels (order, n_tau, n_in, n_col, n_out, S), flux up and down of order 0
     (n_tau, n_in, n_col), and the residual of each order. Raises AccuracyError where a joint is singular."""
     problem = pile.problem

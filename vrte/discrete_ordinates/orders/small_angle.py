@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.divided_differences import exp_difference
+from vrte.basics.divided_differences import divide_exp_once
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.single_scattering import distance
+from vrte.discrete_ordinates.orders.single_scattering import measure_distance
 from vrte.discrete_ordinates.orders.truncating import is_scalar
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.optics.truncation import peak
+from vrte.optics.truncation import expand_peak
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
 
@@ -83,7 +83,7 @@ class Spreading:
         columns = np.empty((*blocks.shape[:-3], 6))
         columns[..., :4] = diagonal.reshape(*diagonal.shape[:-2], 4)
         columns[..., 4], columns[..., 5] = 0.5 * plus[..., 0], 0.5 * minus[..., 1]
-        return degrees_from(first, columns.shape[-2])[:, None] * columns
+        return compute_degree_factors(first, columns.shape[-2])[:, None] * columns
 
     @staticmethod
     def product(one: Array, other: Array) -> Array:
@@ -105,7 +105,7 @@ class ScalarSpreading:
     @staticmethod
     def of(matrix: PhaseMatrix, terms: int) -> "ScalarSpreading":
         """Degrees 0 .. terms - 1, zero where the matrix has none."""
-        return ScalarSpreading(np.pad(matrix.a1, (0, terms - matrix.terms)) / degrees_from(0, terms))
+        return ScalarSpreading(np.pad(matrix.a1, (0, terms - matrix.terms)) / compute_degree_factors(0, terms))
 
     def beyond(self, first: int) -> "ScalarSpreading":
         """The degrees from ``first``."""
@@ -119,7 +119,7 @@ class ScalarSpreading:
     def coefficients(self, values: Array, first: int) -> Array:
         """Columns a1 .. b2 (..., l, 6), all but the first zero."""
         columns = np.zeros((*values.shape, 6))
-        columns[..., 0] = degrees_from(first, values.shape[-1]) * values
+        columns[..., 0] = compute_degree_factors(first, values.shape[-1]) * values
         return columns
 
     @staticmethod
@@ -136,7 +136,7 @@ class ScalarSpreading:
 AnySpreading = Spreading | ScalarSpreading
 
 
-def degrees_from(first: int, count: int) -> Array:
+def compute_degree_factors(first: int, count: int) -> Array:
     """2 l + 1."""
     return 2.0 * np.arange(first, first + count, dtype=float) + 1.0
 
@@ -179,7 +179,7 @@ class Anisotropic:
         """The beam at the top of every layer."""
         beams = [Beam(1.0, self.spreadings[0].identity(self.terms))]
         for layer, spreading in zip(self.scene.layers[:-1], self.spreadings[:-1], strict=True):
-            passed = spread_through(spreading, layer.albedo, layer.thickness / mu0)
+            passed = spread_through_layer(spreading, layer.albedo, layer.thickness / mu0)
             direct = beams[-1].direct * float(np.exp(-layer.thickness / mu0))
             beams.append(Beam(direct, spreading.product(passed, beams[-1].degrees)))
         return beams
@@ -203,7 +203,7 @@ class Anisotropic:
         per_depth = 1.0 / ((1.0 - layer.albedo * f) * mu0)
         never = f * beam.direct * ray.integral(np.array(per_depth), mu)
         fade = np.exp(-self.problem.above[ray.layer] / mu0) * ray.integral(np.array(1.0 / mu0), mu)
-        forward, residual = peak(self.terms, self.scalar), -f * peak(carried, self.scalar)
+        forward, residual = expand_peak(self.terms, self.scalar), -f * expand_peak(carried, self.scalar)
         known = min(carried, layer.phase_matrix.terms)
         residual[:known] += layer.phase_matrix.coefficients[:known]
         table: Array = never[:, None, None] * forward
@@ -221,12 +221,12 @@ class Anisotropic:
         return spreading.coefficients(spreading.product(found, beam.degrees[first:]), first)
 
 
-def spread_through(spreading: AnySpreading, albedo: float, path: float) -> Array:
+def spread_through_layer(spreading: AnySpreading, albedo: float, path: float) -> Array:
     """E_l of a layer, the exp(-d_l tau/mu0) of (2:14); ``path``: its optical thickness along the beam."""
     return spreading.function(lambda s: np.exp((albedo * s - 1.0) * path))
 
 
-def scratch_doubles(scene: Scene) -> float:
+def count_scratch_doubles(scene: Scene) -> float:
     """Doubles of an `Anisotropic` and of what it returns, at most."""
     terms = max(layer.phase_matrix.terms for layer in scene.layers)
     matrices = len({id(layer.phase_matrix) for layer in scene.layers})
@@ -269,8 +269,8 @@ class Ray:
         """
         length = self.length
         mu = mu.reshape(-1, *(1 for _ in rate.shape))
-        way = np.exp(-distance(self.problem, self.level, self.layer) / mu)
+        way = np.exp(-measure_distance(self.problem, self.level, self.layer) / mu)
         if not self.up:
-            return way * (length / mu) * exp_difference(-length * rate, -length / mu)
+            return way * (length / mu) * divide_exp_once(-length * rate, -length / mu)
         reach = -np.expm1(-length * (rate + 1.0 / mu)) if np.isfinite(length) else 1.0
         return way * np.exp(-self.top * rate) * reach / (1.0 + mu * rate)

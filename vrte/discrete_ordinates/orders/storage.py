@@ -4,28 +4,28 @@ import numpy as np
 
 from vrte import _core
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.slabs import Pile, cut, materials_of
+from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers, merge_materials
 
 
-def doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
+def count_doubles_of_route(name: str, problem: Problem) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory."""
     if name == "doubling":
-        return doubles_of_doubling(cut(problem))
-    return doubles_of_invariance(problem) if name == "invariance" else doubles_of_modes(problem)
+        return count_doubles_of_doubling(cut_layers(problem))
+    return count_doubles_of_invariance(problem) if name == "invariance" else count_doubles_of_modes(problem)
 
 
-def doubles_of_invariance(problem: Problem) -> tuple[float, float]:
+def count_doubles_of_invariance(problem: Problem) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by invariance."""
     directions = np.union1d(problem.mu_out, problem.mu0)
     work = _core.invariance_work(problem.nodes.size, directions.size, len(problem.stokes), int(problem.terms.max()))
     return float(problem.n_rhs * (problem.rows_out + problem.size)), float(work)
 
 
-def doubles_of_modes(problem: Problem) -> tuple[float, float]:
+def count_doubles_of_modes(problem: Problem) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by modes."""
     n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
     out, into = problem.rows_out, len(problem.stokes) * problem.mu0.size
-    materials, kinds = materials_of(problem)
+    materials, kinds = merge_materials(problem)
     per_order = float(materials.albedo.size) * n * (5 * n + 2 * out + 2 * into + 2 * n_rhs)
     per_order += n_layer * n * (2.0 * n_rhs if kinds is None else 2.0 * n + 2.0 * out + 4.0 * n_rhs)
     scratch = (
@@ -37,7 +37,7 @@ def doubles_of_modes(problem: Problem) -> tuple[float, float]:
     return per_order, float(max(scratch))
 
 
-def doubles_of_doubling(pile: Pile) -> tuple[float, float]:
+def count_doubles_of_doubling(pile: Pile) -> tuple[float, float]:
     """Doubles of an order's arrays, and of a thread's scratch memory, by impedance doubling."""
     problem = pile.problem
     n, n_rhs, out, into = problem.size, problem.n_rhs, problem.rows_out, len(problem.stokes) * problem.mu0.size

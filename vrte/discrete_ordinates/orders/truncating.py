@@ -6,7 +6,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.optics.truncation import Truncated, truncated
+from vrte.optics.truncation import Truncated, truncate_layer
 from vrte.scene.scene import Scene
 
 # which layers lose their forward peak, and towards which directions the beam spreads by small angles
@@ -42,13 +42,13 @@ def choose_truncation(
     if not columns[:, 0].any() and has_scalar_among_polarizing(scene):
         name, peaks = "delta-m of polarizing layers", "polarizing"
         reasons.append("the others cut, which scatter no Q, U and V but by their peak")
-    if (mu < 0.0).any() and beam_is_seen(scene, float(mu0.max()), tau, nodes, accuracy):
+    if (mu < 0.0).any() and is_beam_seen(scene, float(mu0.max()), tau, nodes, accuracy):
         name, spread = f"{name}, small-angle for light going down", "down"
         reasons.append("going up, delta-m is reciprocal and as good; near the beam it is not")
     return Truncation(name, "; ".join(reasons), peaks, spread)
 
 
-def beam_is_seen(scene: Scene, mu0: float, tau: Array, nodes: int, accuracy: float) -> bool:
+def is_beam_seen(scene: Scene, mu0: float, tau: Array, nodes: int, accuracy: float) -> bool:
     """Whether light that the peaks took out of the beam, and not far, matters at one of the depths below the top."""
     longest = 2 * nodes
     peak = max(
@@ -61,7 +61,7 @@ def beam_is_seen(scene: Scene, mu0: float, tau: Array, nodes: int, accuracy: flo
     return below.size > 0 and peak > accuracy and bool((np.exp(-(1.0 - peak) * below / mu0) > accuracy).any())
 
 
-def spread_towards(truncation: Truncation, problem: Problem, mu: Array) -> BoolArray:
+def find_spread_directions(truncation: Truncation, problem: Problem, mu: Array) -> BoolArray:
     """Whether the beam spreads by small angles before it scatters into the directions mu (n_mu,), signed."""
     if truncation.spread == "none" or not problem.fraction.any():
         return np.zeros(mu.size, bool)
@@ -69,14 +69,14 @@ def spread_towards(truncation: Truncation, problem: Problem, mu: Array) -> BoolA
     return towards
 
 
-def truncated_layers(scene: Scene, peaks: str, nodes: int) -> list[Truncated]:
+def truncate_layers(scene: Scene, peaks: str, nodes: int) -> list[Truncated]:
     """The layers as multiple scattering sees them; ``peaks`` as of a `Truncation`."""
     scalar = is_scalar(scene)
     found = []
     for layer in scene.layers:
         off = peaks == "all" or (peaks == "polarizing" and not layer.phase_matrix.is_scalar)
         name = "delta-m" if off else "none"
-        found.append(truncated(name, layer.phase_matrix, layer.albedo, layer.thickness, 2 * nodes, scalar))
+        found.append(truncate_layer(name, layer.phase_matrix, layer.albedo, layer.thickness, 2 * nodes, scalar))
     return found
 
 
@@ -91,7 +91,7 @@ def is_scalar(scene: Scene) -> bool:
     return not scene.below.mixes_stokes and all(layer.phase_matrix.is_scalar for layer in scene.layers)
 
 
-def flux_of_the_peak(problem: Problem, tau: Array) -> Array:
+def find_peak_flux(problem: Problem, tau: Array) -> Array:
     """Light scattered into the forward peaks alone, (n_tau, n_in, n_col): delta-M counts it as direct, it is diffuse.
 
     ``tau`` (n_tau,): the depths in the scene as it is.

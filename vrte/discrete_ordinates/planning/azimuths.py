@@ -23,14 +23,14 @@ class Azimuths:
     def cos_sin(self, orders: IntArray) -> tuple[Array, Array]:
         """cos and sin of m phi, (order, n_angle) each, twice for m > 0."""
         twice = np.where(orders == 0, 1.0, 2.0)[:, None]
-        cosine, sine = cos_sin_deg(orders[:, None] * self.distinct)
+        cosine, sine = compute_cos_sin(orders[:, None] * self.distinct)
         return twice * cosine, twice * sine
 
 
-def fold(phi: Array, mirror: bool = True) -> Azimuths:
+def fold_azimuths(phi: Array, mirror: bool = True) -> Azimuths:
     """The azimuths phi (n_phi,), degrees of any size, folded; without ``mirror`` all that differ are distinct.
 
-    >>> fold(np.array([10.0, 350.0, -10.0, 370.0])).sign.tolist()
+    >>> fold_azimuths(np.array([10.0, 350.0, -10.0, 370.0])).sign.tolist()
     [1.0, -1.0, -1.0, 1.0]
     """
     turn = np.remainder(phi, 360.0)
@@ -40,7 +40,7 @@ def fold(phi: Array, mirror: bool = True) -> Azimuths:
     return Azimuths(phi, distinct, angle.astype(np.int32), np.where(mirrored, -1.0, 1.0))
 
 
-def cos_sin_deg(angle_deg: Array) -> tuple[Array, Array]:
+def compute_cos_sin(angle_deg: Array) -> tuple[Array, Array]:
     """cos and sin, exact at multiples of 90 degrees."""
     turn = np.remainder(angle_deg, 360.0)
     cosine, sine = np.cos(np.radians(turn)), np.sin(np.radians(turn))

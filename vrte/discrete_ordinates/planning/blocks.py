@@ -8,8 +8,8 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.planning.choice import Choice, choose
-from vrte.discrete_ordinates.planning.needs import Needs, layers_reached, nodes_seen, stokes_sets
+from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms
+from vrte.discrete_ordinates.planning.needs import Needs, count_layers_reached, count_nodes_seen, list_stokes_sets
 from vrte.scene.boundary import BLACK, Boundary
 
 STEPS = 10  # numbers of nodes that orders are sorted into
@@ -56,38 +56,38 @@ def make_blocks(
     """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
     fed_back, leave_out = base.mixes_stokes, problem.leave_out
     everywhere = fed_back or not leave_out.nodes
-    sets = stokes_sets(problem) if leave_out.stokes and not fed_back else [(ALL,)] * problem.coefficients.shape[1]
+    sets = list_stokes_sets(problem) if leave_out.stokes and not fed_back else [(ALL,)] * problem.coefficients.shape[1]
     nodes = [problem.nodes.size] * len(sets)
     if not everywhere:
-        needed = nodes_seen(needs, brightest, accuracy)[: orders.size]
-        nodes = node_counts(
+        needed = count_nodes_seen(needs, brightest, accuracy)[: orders.size]
+        nodes = choose_node_counts(
             problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)
         )
-    layers, has_end = layers_reached(problem, needs.by_layer, accuracy)
+    layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy)
     along_normal = leave_out.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
     to_the_end = problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))
     parts: dict[Part, list[int]] = {}
     for order in orders.tolist():
         reached = (layers[order], has_end[order]) if leave_out.depth and not fed_back else to_the_end
-        stage, straight = sum(order >= first for first in stages), lit_by(order) if along_normal else ALL
+        stage, straight = sum(order >= first for first in stages), find_normal_stokes(order) if along_normal else ALL
         for stokes in sets[order]:
             parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)
     blocks = []
     for part, members in sorted(parts.items(), key=lambda item: (item[1][0], item[0].stokes)):
-        columns = columns_of(problem, part)
+        columns = find_lit_columns(problem, part)
         if not columns:
             continue
-        reduced = reduce(problem, part, columns)
+        reduced = reduce_problem(problem, part, columns)
         seen = fed_back or (members[0] == 0 and part.stokes[0] == 0) or not leave_out.base
         below = base if part.has_end and seen else BLACK
         chosen = np.array(members, np.int32)
-        left_out = reasons_of(problem, part, columns)
-        for places, choice in choose(algorithm, reduced, needs.strength[chosen], accuracy, eigensolver):
+        left_out = explain_part(problem, part, columns)
+        for places, choice in choose_algorithms(algorithm, reduced, needs.strength[chosen], accuracy, eigensolver):
             blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice, left_out))
     return blocks
 
 
-def reasons_of(problem: Problem, part: Part, columns: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
+def explain_part(problem: Problem, part: Part, columns: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
     """What a part leaves out of the problem, see `Block`."""
     nodes, layers, n_col = problem.nodes.size, problem.albedo.size, problem.columns.shape[0]
     ends_early = not part.has_end and (part.layers < layers or bool(np.isfinite(problem.thickness[-1])))
@@ -100,7 +100,7 @@ def reasons_of(problem: Problem, part: Part, columns: tuple[int, ...]) -> tuple[
     return tuple((name, reason) for holds, name, reason in reasons if holds)
 
 
-def node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
+def choose_node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
     """Nodes of each order of at most so many Stokes parameters: of few different numbers, alike for orders that threads
     do side by side, and fewer than before only where that saves more than one more block's calls take."""
     if seen.size * (float(stokes) * total) ** 3 <= cost.WORTH_A_BLOCK:
@@ -119,12 +119,12 @@ def node_counts(total: int, seen: IntArray, stokes: int) -> list[int]:
     return counts
 
 
-def lit_by(order: int) -> tuple[int, ...]:
+def find_normal_stokes(order: int) -> tuple[int, ...]:
     """At normal incidence I and V have order 0 alone, Q and U order 2; at normal exit those orders alone are left."""
     return {0: (0, 3), 2: (1, 2)}.get(order, ())
 
 
-def why_normal(problem: Problem) -> str:
+def explain_normal(problem: Problem) -> str:
     """Why orders that are zero along the normal are left out, "" where they are not."""
     for name, cosines in (("incidence", problem.mu0), ("exit", problem.mu_out)):
         if (cosines == 1.0).all():
@@ -132,7 +132,7 @@ def why_normal(problem: Problem) -> str:
     return ""
 
 
-def columns_of(problem: Problem, part: Part) -> tuple[int, ...]:
+def find_lit_columns(problem: Problem, part: Part) -> tuple[int, ...]:
     """Places of the incident Stokes columns that light the part."""
     if not problem.leave_out.columns:
         return tuple(range(problem.columns.shape[0]))
@@ -144,7 +144,7 @@ def columns_of(problem: Problem, part: Part) -> tuple[int, ...]:
     return tuple(place for place, column in enumerate(problem.columns) if column[lit].any())
 
 
-def reduce(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
+def reduce_problem(problem: Problem, part: Part, columns: tuple[int, ...]) -> Problem:
     """The problem on the part's nodes, layers and Stokes parameters."""
     terms = problem.terms[: part.layers]
     thickness = problem.thickness[: part.layers].copy()

@@ -8,7 +8,7 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.slabs import Pile, cut
+from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers
 from vrte.request.how import BY_RULE
 
 THIN = 1e-5  # fluxes by modes are right to 1e-16 over the optical thickness that scatters
@@ -25,7 +25,7 @@ class Choice:
     reason: str
 
 
-def choose(
+def choose_algorithms(
     algorithm: str, problem: Problem, strength: Array, accuracy: float, eigensolver: bool = True
 ) -> list[tuple[slice, Choice]]:
     """The route asked for, or for "auto" and "direct" those that the rule takes, each for some of the orders;
@@ -37,7 +37,7 @@ def choose(
     if not eigensolver:
         return choose_products(algorithm, problem, strength, accuracy)
     every = slice(0, strength.size)
-    if algorithm == "invariance" and not sees_top_only(problem):
+    if algorithm == "invariance" and not is_top_only(problem):
         reason = "invariance was asked for, and is for the top of what has no end to these orders"
         return [(every, Choice("modes", reason))]
     if algorithm == "invariance":
@@ -53,10 +53,10 @@ def choose(
         reason = f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
         return [(every, Choice("doubling", reason))]
     first = strength.size
-    if algorithm == "auto" and sees_top_only(problem) and accuracy >= FINEST:
-        share = operations_of_invariance(problem, strength, accuracy) / operations_of_modes(problem)
+    if algorithm == "auto" and is_top_only(problem) and accuracy >= FINEST:
+        share = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
         first = int(np.count_nonzero((share >= 1.0) | (strength > STRONGEST)))
-    parts = [(slice(0, first), modes_or_doubling(problem))] if first else []
+    parts = [(slice(0, first), choose_modes_or_doubling(problem))] if first else []
     if first < strength.size:
         reason = f"auto: only the top is seen; predicted to take {share[first]:.2g} of the time of modes and less"
         parts.append((slice(first, strength.size), Choice("invariance", reason)))
@@ -66,7 +66,7 @@ def choose(
 def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy: float) -> list[tuple[slice, Choice]]:
     """The same without modes: products and inverses alone."""
     first = strength.size
-    if algorithm in ("auto", "invariance") and sees_top_only(problem) and accuracy >= FINEST:
+    if algorithm in ("auto", "invariance") and is_top_only(problem) and accuracy >= FINEST:
         first = int(np.count_nonzero(strength > STRONGEST))
     reason = "asked for" if algorithm == "doubling" else "auto: no eigensolver here"
     parts = [(slice(0, first), Choice("doubling", reason))] if first else []
@@ -76,42 +76,42 @@ def choose_products(algorithm: str, problem: Problem, strength: Array, accuracy:
     return parts
 
 
-def modes_or_doubling(problem: Problem) -> Choice:
+def choose_modes_or_doubling(problem: Problem) -> Choice:
     """Which of the two is predicted to be faster."""
     if problem.albedo.size == 1 and problem.thickness[0] > ONE_LAYER * float(problem.nodes[0]):
         return Choice("modes", "auto: one layer, one eigenproblem")
-    ratio = time_of_doubling(cut(problem)) / problem.albedo.size
+    ratio = predict_doubling_time(cut_layers(problem)) / problem.albedo.size
     name = "doubling" if ratio < cost.WORTH_DOUBLING else "modes"
     return Choice(name, f"auto: doubling is predicted to take {ratio:.2g} times the time of modes")
 
 
-def sees_top_only(problem: Problem) -> bool:
+def is_top_only(problem: Problem) -> bool:
     """Whether nothing but the light reflected by one layer without end is asked for."""
     return problem.albedo.size == 1 and bool(np.isinf(problem.thickness[0])) and not problem.level.any()
 
 
-def operations_of_modes(problem: Problem) -> float:
+def count_operations_of_modes(problem: Problem) -> float:
     """Of an order, roughly."""
     n = problem.size
     solving = (cost.MODES_SYMMETRIC if problem.is_symmetric else cost.MODES_GENERAL) * n**3
     return problem.albedo.size * (solving + 4.0 * n * n * (problem.n_rhs + problem.rows_out))
 
 
-def operations_of_invariance(problem: Problem, strength: Array, accuracy: float) -> Array:
+def count_operations_of_invariance(problem: Problem, strength: Array, accuracy: float) -> Array:
     """Of each order, roughly."""
     rank = 2.0 * problem.terms[0]
     rows = problem.size + len(problem.stokes) * np.union1d(problem.mu_out, problem.mu0).size
-    return 4.0 * rows * problem.size * rank * iterations(strength, accuracy)
+    return 4.0 * rows * problem.size * rank * predict_iterations(strength, accuracy)
 
 
-def iterations(strength: Array, accuracy: float) -> Array:
+def predict_iterations(strength: Array, accuracy: float) -> Array:
     """What accelerated fixed points of the invariance equation need, like those of conjugate gradients."""
     root = np.sqrt(1.0 - np.clip(strength, 1e-3, 1.0 - 1e-6))
     steps: Array = 3.0 + math.log(accuracy) / np.log((1.0 - root) / (1.0 + root))
     return steps
 
 
-def time_of_doubling(pile: Pile) -> float:
+def predict_doubling_time(pile: Pile) -> float:
     """Predicted time of an order, in units of one layer's modes."""
     problem = pile.problem
     steepest = 1.0 / float(problem.directions.min())

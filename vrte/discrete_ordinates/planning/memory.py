@@ -9,51 +9,53 @@ from vrte.basics.memory import (
     LARGEST_SHARE,
     PIECE_BYTES,
     TILE_DOUBLES,
-    available_bytes,
-    in_gigabytes,
-    orders_at_once,
+    count_orders_at_once,
+    find_available_bytes,
+    write_gigabytes,
 )
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.storage import doubles_of_route
+from vrte.discrete_ordinates.orders.storage import count_doubles_of_route
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.discrete_ordinates.planning.blocks import Block
 
 
 def check_memory(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> None:
     """Raises SceneError where the request, with so many doubles of result, needs more memory than there is."""
-    needed = BYTES * doubles_needed(problem, blocks, result, azimuths, threads)
+    needed = BYTES * count_doubles_needed(problem, blocks, result, azimuths, threads)
     if needed < ALWAYS_THERE:  # asking the system takes as long as a small solve
         return
-    available = available_bytes()
+    available = find_available_bytes()
     if needed > LARGEST_SHARE * available:
         raise SceneError(
-            f"nodes, layers and directions together need about {in_gigabytes(needed)} of memory and "
-            f"{in_gigabytes(available)} are available: ask for fewer nodes, depths, mu or phi"
+            f"nodes, layers and directions together need about {write_gigabytes(needed)} of memory and "
+            f"{write_gigabytes(available)} are available: ask for fewer nodes, depths, mu or phi"
         )
 
 
-def doubles_needed(problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int) -> float:
+def count_doubles_needed(
+    problem: Problem, blocks: Sequence[Block], result: float, azimuths: Azimuths, threads: int
+) -> float:
     """Doubles at the peak: one block after another, beside what they add up to."""
     sums = threads * (TILE_DOUBLES + 8.0 * problem.columns.shape[0] * azimuths.distinct.size)
     base = 0.0
     if any(block.base.mixes_stokes for block in blocks):  # its samples for one piece of the result
         base = 4.0 * max(4.0 * result / problem.mu0.size, PIECE_BYTES / BYTES)
-    kernels = sum(doubles_of_kernels(block) for block in blocks)
-    matrices = max((doubles_of_block(block, threads) for block in blocks), default=0.0)
+    kernels = sum(count_doubles_of_kernels(block) for block in blocks)
+    matrices = max((count_doubles_of_block(block, threads) for block in blocks), default=0.0)
     return result + 8.0 * azimuths.angle.size + sums + base + kernels + matrices
 
 
-def doubles_of_kernels(block: Block) -> float:
+def count_doubles_of_kernels(block: Block) -> float:
     """Doubles of what a block finds, twice."""
     problem = block.problem
     return 2.0 * block.orders.size * problem.level.size * problem.n_rhs * problem.rows_out
 
 
-def doubles_of_block(block: Block, threads: int) -> float:
+def count_doubles_of_block(block: Block, threads: int) -> float:
     """Doubles of the matrices of the orders done at once."""
     problem, n_order = block.problem, float(block.orders.size)
-    per_order, per_thread = doubles_of_route(block.choice.name, problem)
+    per_order, per_thread = count_doubles_of_route(block.choice.name, problem)
     base = 0.0
     if block.base.mixes_stokes:
         base = n_order * 48.0 * (problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
-    return min(n_order, orders_at_once(per_order, threads)) * per_order + threads * per_thread + base
+    return min(n_order, count_orders_at_once(per_order, threads)) * per_order + threads * per_thread + base

@@ -11,7 +11,7 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.single_scattering import scatterers
+from vrte.discrete_ordinates.orders.single_scattering import find_scatterers
 from vrte.scene.scene import Scene
 
 ORDERS = 0.4  # of the accuracy asked for: orders left out
@@ -39,7 +39,7 @@ class Needs:
     effect: Array
 
 
-def needs_of(problem: Problem, run: Run) -> Needs:
+def find_needs(problem: Problem, run: Run) -> Needs:
     """Strength of each order, and bounds on what it adds and on what passes by way of each node."""
     n_order, directions = int(problem.terms.max()), problem.directions
     by_layer = np.empty((problem.albedo.size, n_order))
@@ -62,15 +62,15 @@ def needs_of(problem: Problem, run: Run) -> Needs:
     return Needs(by_layer, by_layer.max(axis=0), bounds, effect)
 
 
-def brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
+def find_brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) -> Array:
     """Singly scattered I per unit of incident light, seen along a few of the directions ``mu`` and azimuths ``phi``
     (degrees): the brightest at each depth for each beam, (n_tau, n_in). Never more than the light there is, so without
     forward peaks where they are taken off: their light goes on being scattered."""
-    out, into, angles = mu[spread(mu.size)], problem.mu0, np.radians(phi[spread(phi.size)])
+    out, into, angles = mu[spread_places(mu.size)], problem.mu0, np.radians(phi[spread_places(phi.size)])
     whole = not problem.fraction.any()
     levels = np.arange(problem.level.size, dtype=np.int32)
     light = np.zeros((levels.size, into.size, out.size, angles.size, 4, 1))
-    for coefficients, path in scatterers(scene.layers, problem, levels, out, whole):
+    for coefficients, path in find_scatterers(scene.layers, problem, levels, out, whole):
         with replace(run, threads=1).timed("planning") as crew:
             _core.add_single_scattering(
                 crew,
@@ -94,14 +94,14 @@ def brightness(scene: Scene, problem: Problem, mu: Array, phi: Array, run: Run) 
 
 
 @cache
-def spread(count: int) -> IntArray:
+def spread_places(count: int) -> IntArray:
     """A few places among ``count``, first and last included."""
     places: IntArray = np.unique(np.linspace(0, count - 1, min(count, SAMPLES)).round().astype(np.int32))
     places.setflags(write=False)  # shared by all who ask
     return places
 
 
-def orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> int:
+def count_orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> int:
     """So many orders that all others together add less, at every depth, than a share of the accuracy; at least 1.
 
     bounds (order, n_tau, n_in or 1), brightest (n_tau, n_in).
@@ -111,18 +111,18 @@ def orders_that_matter(bounds: Array, brightest: Array, accuracy: float) -> int:
     return max(1, int(np.count_nonzero(matters)))
 
 
-def stages_of(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ...]:
+def choose_stages(bounds: Array, brightest: Array, accuracy: float) -> tuple[int, ...]:
     """Orders before which the bounds are compared with what was found: those that would be the first to be left out, at
     the depth that needs fewest and at the one that needs most, were the bounds too careful by a factor."""
     depths = range(brightest.shape[0])
     found = set()
     for careful in CAREFUL:
-        counts = [orders_that_matter(bounds[:, [t]], brightest[[t]], careful * accuracy) for t in depths]
+        counts = [count_orders_that_matter(bounds[:, [t]], brightest[[t]], careful * accuracy) for t in depths]
         found |= {min(counts), max(counts)}
     return tuple(sorted({1 + -(-(first - 1) // TOGETHER) * TOGETHER for first in found}))
 
 
-def bounds_at(needs: Needs, depth: Array) -> Array:
+def find_bounds_at(needs: Needs, depth: Array) -> Array:
     """What multiple scattering of each order adds at most at each depth, for any beam, (order, n_tau, 1).
 
     An order fades with depth at least as fast as e^(-kappa tau), kappa < 1 - q: its bound there is
@@ -132,7 +132,7 @@ def bounds_at(needs: Needs, depth: Array) -> Array:
     return bounds[..., None]
 
 
-def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
+def calibrate_bounds(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
     """The bounds (order, n_tau, 1) for each beam, those of orders to come lowered to SAFETY times what the last orders
     showed of them, (order, n_tau, n_in).
 
@@ -155,13 +155,13 @@ def calibrated(needs: Needs, bounds: Array, found: dict[int, Array]) -> Array:
     return lowered
 
 
-def nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
+def count_nodes_seen(needs: Needs, brightest: float, accuracy: float) -> IntArray:
     """How many nodes, from the lowest mu, each order needs: what passes by way of the others is less than a share."""
     allowed = SHARE * accuracy * brightest / needs.strength.size
     return _core.nodes_seen(strength=needs.strength, effect=needs.effect, allowed=allowed, largest_gain=LARGEST_GAIN)
 
 
-def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:
+def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple[list[int], list[bool]]:
     """How many layers light of each order comes back from, and whether it comes back from the end of the last of them.
 
     On its way down from the lowest level asked for, and up again, it fades with kappa = 0.8 (1 - q) at least.
@@ -187,17 +187,17 @@ def layers_reached(problem: Problem, strengths: Array, accuracy: float) -> tuple
     return layers.tolist(), has_end.tolist()
 
 
-def stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
+def list_stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
     """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
     if problem.is_scalar:
         return [((0,),)] * problem.coefficients.shape[1]
     present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=0)
     present = np.logical_or.accumulate(present[::-1], axis=0)[::-1]  # in the degrees l >= m
-    return [sets_of(order > 0, *row) for order, row in enumerate(present[:, 1:].tolist())]
+    return [find_stokes_sets(order > 0, *row) for order, row in enumerate(present[:, 1:].tolist())]
 
 
 @cache
-def sets_of(turns: bool, a2: bool, a3: bool, a4: bool, b1: bool, b2: bool) -> tuple[tuple[int, ...], ...]:
+def find_stokes_sets(turns: bool, a2: bool, a3: bool, a4: bool, b1: bool, b2: bool) -> tuple[tuple[int, ...], ...]:
     """Which of I, Q, U, V mix, given which coefficients there are, and whether the order turns Q into U."""
     parent = list(ALL)
 
@@ -220,12 +220,12 @@ def sets_of(turns: bool, a2: bool, a3: bool, a4: bool, b1: bool, b2: bool) -> tu
     return tuple(members for members in sets if any(scatters[i] for i in members))
 
 
-def why_apart(problem: Problem, order_0: bool) -> str:
+def explain_stokes_sets(problem: Problem, order_0: bool) -> str:
     """Why Stokes parameters are solved apart, or not at all; ``order_0``: whether it is among the orders solved."""
     if problem.is_scalar:
         return "Q, U and V: the phase functions are scalar and scatter I alone"
     present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=(0, 1))[1:].tolist()
-    missing = set(ALL) - {place for members in sets_of(True, *present) for place in members}
+    missing = set(ALL) - {place for members in find_stokes_sets(True, *present) for place in members}
     letters = " ".join("IQUV"[place] for place in sorted(missing))
     reasons = (
         (order_0, "order 0 keeps I, Q and U, V apart"),

@@ -15,17 +15,17 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.blas import single_threaded
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.routes import Doubling, Modes
-from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, paths_in_layers
+from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, integrate_paths
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
-from vrte.discrete_ordinates.orders.truncating import flux_of_the_peak
+from vrte.discrete_ordinates.orders.truncating import find_peak_flux
 from vrte.discrete_ordinates.planning.choice import THIN
-from vrte.discrete_ordinates.planning.needs import brightness
+from vrte.discrete_ordinates.planning.needs import find_brightness
 from vrte.scene.scene import Scene
 
 FEWEST, MOST = 4, 256
@@ -69,23 +69,25 @@ def choose_nodes(
     which layers they are taken off."""
     directions = np.concatenate([OF_NODES, -OF_NODES]) if mu is None else mu
     aim = AIM * accuracy
-    cut = TERM * unresolved(scene, np.arange(FEWEST, MOST + 1.0))
-    smooth, estimate = (estimated_errors(scene, mu0, directions, tau, left) for left in (np.zeros_like(cut), cut))
+    cut = TERM * find_unresolved_terms(scene, np.arange(FEWEST, MOST + 1.0))
+    smooth, estimate = (estimate_errors(scene, mu0, directions, tau, left) for left in (np.zeros_like(cut), cut))
     # not where no term that is cut can matter at all: so many are seldom needed, and the way up is cheaper than down
-    nodes = round(fewest_within(smooth, aim) ** (1.0 - BELIEF) * fewest_within(estimate, aim) ** BELIEF)
-    if bytes_of_check(scene, nodes) > CHECKED_BYTES:
+    nodes = round(find_fewest_nodes(smooth, aim) ** (1.0 - BELIEF) * find_fewest_nodes(estimate, aim) ** BELIEF)
+    if count_check_bytes(scene, nodes) > CHECKED_BYTES:
         note = f"so many layers that the estimate of {nodes} nodes is not checked"
         return NodeChoice(nodes, f"estimate {nodes}, not checked", (note,))
     if max(layer.phase_matrix.terms for layer in scene.layers) <= 2 * FEWEST:
         peaks = "none"
-    orders = orders_looked_at(scene, nodes, float(cut[nodes - FEWEST]), aim)
-    with single_threaded():
-        search = Search(indicator(scene, mu0, directions, phi, tau, run, peaks, orders), scene, orders, estimate, cut)
+    orders = choose_check_orders(scene, nodes, float(cut[nodes - FEWEST]), aim)
+    with keep_to_one_thread():
+        search = Search(
+            make_indicator(scene, mu0, directions, phi, tau, run, peaks, orders), scene, orders, estimate, cut
+        )
         nodes, error = search.fewest(nodes, aim)
-    return NodeChoice(nodes, search.rule, tuple(reasons(scene, mu0, directions, nodes, error, accuracy)))
+    return NodeChoice(nodes, search.rule, tuple(list_notes(scene, mu0, directions, nodes, error, accuracy)))
 
 
-def given_nodes(scene: Scene, nodes: int, rule: str) -> NodeChoice:
+def take_given_nodes(scene: Scene, nodes: int, rule: str) -> NodeChoice:
     """Nodes as somebody gave them: what is solved is not the scene where its phase matrices have more terms."""
     terms = max((layer.phase_matrix.terms for layer in scene.layers if layer.albedo * layer.thickness > 0.0), default=0)
     note = (
@@ -94,23 +96,23 @@ def given_nodes(scene: Scene, nodes: int, rule: str) -> NodeChoice:
     return NodeChoice(nodes, rule, (note,) if terms > 2 * nodes else ())
 
 
-def orders_looked_at(scene: Scene, nodes: int, cut: float, aim: float) -> IntArray:
+def choose_check_orders(scene: Scene, nodes: int, cut: float, aim: float) -> IntArray:
     """0 alone, or with a geometric series of others where what is ``cut`` by so many nodes matters. What a Mueller base
     does to others takes too long to find, and of many layers they take too much memory."""
     others = STEP ** np.arange(math.ceil(math.log(2 * nodes, STEP)), dtype=np.int32)
-    too_much = scene.below.mixes_stokes or bytes_of_check(scene, nodes) * others.size > CHECKED_BYTES
+    too_much = scene.below.mixes_stokes or count_check_bytes(scene, nodes) * others.size > CHECKED_BYTES
     return np.concatenate([np.zeros(1, np.int32), others[: 0 if cut < SMALL * aim or too_much else None]])
 
 
-def bytes_of_check(scene: Scene, nodes: int) -> float:
+def count_check_bytes(scene: Scene, nodes: int) -> float:
     """Of memory that an order takes."""
     return BYTES_A_NODE * len(scene.layers) * (WIDER * nodes) ** 2
 
 
-def weights_of(orders: IntArray) -> Array:
+def weigh_orders(orders: IntArray) -> Array:
     """What sums over all Fourier orders, twice those but 0, a function that is a straight line between some of them.
 
-    >>> weights_of(np.array([0, 1, 3], np.int32))  # f0 + 2 f1 + (f1 + f3) + 2 f3
+    >>> weigh_orders(np.array([0, 1, 3], np.int32))  # f0 + 2 f1 + (f1 + f3) + 2 f3
     array([1., 3., 3.])
     """
     found = np.ones(orders.size)
@@ -169,14 +171,14 @@ class Search:
         else:
             at = high or low
             wrong = max(self.errors[at], NO_LIGHT) / self.estimate[at - FEWEST]
-            nodes = fewest_within(self.estimate, aim / wrong)
+            nodes = find_fewest_nodes(self.estimate, aim / wrong)
             if not high:
                 return min(max(nodes, math.ceil(low / CLOSE)), 2 * low, MOST)
             if self.orders.size > 1:  # the bound on what is cut falls more steeply than the error
                 nodes = min(nodes, math.ceil(LESS * high))
             nodes = max(nodes, (high + 1) // 2, FEWEST)
-        cubes = operations(self.scene, high)
-        saved = cubes - operations(self.scene, nodes)
+        cubes = count_cubes(self.scene, high)
+        saved = cubes - count_cubes(self.scene, nodes)
         far = nodes < FAR * high and cubes > cost.NOT_SMALLEST
         return nodes if far or (nodes < CLOSE * high and saved > cost.WORTH_LOOK) else 0
 
@@ -200,39 +202,39 @@ class Search:
         mean = (OF_MEAN + forward) * float(gap[0].max())
         if self.orders.size == 1:
             return mean + float(self.cut[nodes - FEWEST])
-        return max(mean, OF_SUM * float(np.tensordot(weights_of(self.orders), gap, axes=1).max()))
+        return max(mean, OF_SUM * float(np.tensordot(weigh_orders(self.orders), gap, axes=1).max()))
 
 
-def operations(scene: Scene, nodes: int) -> float:
+def count_cubes(scene: Scene, nodes: int) -> float:
     """Cubes of the unknowns of all Fourier orders and layers."""
     scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
     terms = max(layer.phase_matrix.terms for layer in scene.layers)
     return len(scene.layers) * min(terms, 2 * nodes) * float(nodes if scalar else 4 * nodes) ** 3
 
 
-def estimated_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, aim: float) -> int:
+def estimate_nodes(scene: Scene, mu0: Array, mu: Array, tau: Array, aim: float) -> int:
     """The fewest whose relative error, as estimated, is no more than this."""
-    cut = TERM * unresolved(scene, np.arange(FEWEST, MOST + 1.0))
-    return fewest_within(estimated_errors(scene, mu0, mu, tau, cut), aim)
+    cut = TERM * find_unresolved_terms(scene, np.arange(FEWEST, MOST + 1.0))
+    return find_fewest_nodes(estimate_errors(scene, mu0, mu, tau, cut), aim)
 
 
-def fewest_within(errors: Array, aim: float) -> int:
+def find_fewest_nodes(errors: Array, aim: float) -> int:
     """The fewest nodes with no larger error, of errors of FEWEST to MOST nodes; MOST where there are none."""
     enough = np.flatnonzero(errors <= aim)
     return FEWEST + int(enough[0]) if enough.size else MOST
 
 
-def estimated_errors(scene: Scene, mu0: Array, mu: Array, tau: Array, cut: Array) -> Array:
+def estimate_errors(scene: Scene, mu0: Array, mu: Array, tau: Array, cut: Array) -> Array:
     """Relative, of FEWEST to MOST nodes; ``cut``: by terms that they do not carry."""
     nodes = np.arange(FEWEST, MOST + 1.0)
     lowest = max(LOWEST, min(float(mu0.min()), float(np.abs(mu).min())))
-    error = grazing(nodes, lowest) + cut
-    for length in lengths(scene, tau):
-        error = np.maximum(error, thin(nodes, length, lowest))
+    error = estimate_grazing_error(nodes, lowest) + cut
+    for length in list_short_ways(scene, tau):
+        error = np.maximum(error, estimate_thin_error(nodes, length, lowest))
     return error
 
 
-def grazing(nodes: Array, lowest: float) -> Array:
+def estimate_grazing_error(nodes: Array, lowest: float) -> Array:
     """Error by directions of the lowest |mu|: as a function of mu' the light has a pole at -mu and a logarithm at 0."""
     pole = 0.1 * np.exp(-4.0 * nodes * math.asinh(math.sqrt(lowest)))
     logarithm = 20.0 * (LOWEST / lowest) ** 0.7 * nodes**-6.0
@@ -240,7 +242,7 @@ def grazing(nodes: Array, lowest: float) -> Array:
     return error
 
 
-def thin(nodes: Array, length: float, lowest: float) -> Array:
+def estimate_thin_error(nodes: Array, length: float, lowest: float) -> Array:
     """Error by e^(-length/mu), which falls between the lowest nodes where light has a short way to go."""
     way = nodes * math.sqrt(length)
     fall = 0.6 * np.exp(-way) if length >= 3.0 * lowest else 0.04 * np.exp(-1.15 * way)
@@ -248,7 +250,7 @@ def thin(nodes: Array, length: float, lowest: float) -> Array:
     return error
 
 
-def unresolved(scene: Scene, nodes: Array) -> Array:
+def find_unresolved_terms(scene: Scene, nodes: Array) -> Array:
     """The strongest term, omega |B_l|/(2 l + 1), of the degrees l >= 2 N: those that so many nodes do not carry."""
     albedo: dict[int, float] = {}
     matrices = {id(layer.phase_matrix): layer.phase_matrix for layer in scene.layers}
@@ -257,13 +259,13 @@ def unresolved(scene: Scene, nodes: Array) -> Array:
         albedo[key] = max(albedo.get(key, 0.0), layer.albedo if layer.thickness > 0.0 else 0.0)
     strength = np.zeros(1 + max(matrix.terms for matrix in matrices.values()))
     for key, matrix in matrices.items():
-        terms = strongest_terms(matrix.coefficients[None], np.array([albedo[key]]))[0]
+        terms = find_strongest_terms(matrix.coefficients[None], np.array([albedo[key]]))[0]
         strength[: terms.size] = np.maximum(strength[: terms.size], terms)
     left: Array = strength[np.minimum(2 * nodes, strength.size - 1).astype(int)]
     return left
 
 
-def strongest_terms(coefficients: Array, albedo: Array) -> Array:
+def find_strongest_terms(coefficients: Array, albedo: Array) -> Array:
     """The largest omega |B_l|/(2 l + 1) of the degrees l >= m, (layer, m); coefficients (layer, term, 6)."""
     a1, a2, a3, a4, b1, b2 = np.moveaxis(coefficients, -1, 0)
     first = 0.5 * np.abs(a1 + a2) + np.hypot(0.5 * (a1 - a2), b1)
@@ -274,14 +276,14 @@ def strongest_terms(coefficients: Array, albedo: Array) -> Array:
     return kept
 
 
-def lengths(scene: Scene, tau: Array) -> list[float]:
+def list_short_ways(scene: Scene, tau: Array) -> list[float]:
     """Short optical ways: the thickness of layers, the distance of depths from the nearest face of a layer."""
     faces = np.concatenate([[0.0], np.cumsum([layer.thickness for layer in scene.layers])])
     ways = np.concatenate([np.diff(faces), np.abs(tau[:, None] - faces).min(axis=1)])
     return sorted({float(way) for way in ways if 0.0 < way < 10.0})
 
 
-def indicator(
+def make_indicator(
     scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: Run, peaks: str, orders: IntArray
 ) -> Indicator:
     """What solves some Fourier orders of I, without polarization, for a few of the beams, directions and depths.
@@ -290,18 +292,20 @@ def indicator(
     there, or flux/pi where no light comes along the directions, (n_tau, n_in, 1). With a base that mixes Stokes
     parameters they are all kept. Where peaks are taken off, light scattered once differs with N as well.
     """
-    beams = few(mu0, BEAMS)
-    directions = np.concatenate([few(mu[mu > 0.0], DIRECTIONS), few(mu[mu < 0.0], DIRECTIONS)])
-    depths = few(tau, DEPTHS)
+    beams = pick_few(mu0, BEAMS)
+    directions = np.concatenate([pick_few(mu[mu > 0.0], DIRECTIONS), pick_few(mu[mu < 0.0], DIRECTIONS)])
+    depths = pick_few(tau, DEPTHS)
     base = scene.below
     stokes = ALL if base.mixes_stokes else (0,)
     light = np.array([[1.0, 0.0, 0.0, 0.0]])
-    single = brightness(scene, discretise(scene, beams, light, directions, depths, FEWEST), directions, phi, run)
-    weights, ahead = weights_of(orders), not (phi % 360.0).all()
+    single = find_brightness(
+        scene, discretise_scene(scene, beams, light, directions, depths, FEWEST), directions, phi, run
+    )
+    weights, ahead = weigh_orders(orders), not (phi % 360.0).all()
     once = None if peaks == "none" else ScatteredOnce(scene, beams, directions, depths, orders)
 
     def solve(nodes: int) -> tuple[Array, Array]:
-        whole = discretise(scene, beams, light, directions, depths, nodes, peaks)
+        whole = discretise_scene(scene, beams, light, directions, depths, nodes, peaks)
         problem = replace(whole, stokes=stokes, columns=np.ascontiguousarray(light[:, list(stokes)]))
         thickness = float(problem.thickness[problem.albedo > 0.0].sum())
         carried = orders[orders < problem.terms.max()]
@@ -318,7 +322,7 @@ def indicator(
         if ahead:  # at azimuth 0 the orders simply add up
             brightest = np.maximum(brightest, np.tensordot(weights, radiance, axes=1).max(axis=2, initial=0.0))
         flux = np.zeros((orders.size, depths.size, beams.size, 2))
-        down = result.flux_down + flux_of_the_peak(problem, depths)
+        down = result.flux_down + find_peak_flux(problem, depths)
         flux[0] = np.concatenate([result.flux_up, down], axis=2) / np.pi
         size = brightest[..., None]
         size = np.where(size > 0.0, size, np.abs(flux[0]).max(axis=2, keepdims=True))
@@ -362,7 +366,7 @@ class ScatteredOnce:
         light = np.zeros((self.orders.size, levels.size, self.mu0.size, self.mu.size))
         spread = (self.mu < 0.0) & problem.fraction.any()
         for layer, gain, path in zip(
-            self.scene.layers, problem.gain, paths_in_layers(problem, levels, self.mu), strict=True
+            self.scene.layers, problem.gain, integrate_paths(problem, levels, self.mu), strict=True
         ):
             light += gain / (4.0 * np.pi) * path * self.scattered[id(layer.phase_matrix)][:, None]
         light[..., spread] = 0.0
@@ -385,14 +389,14 @@ class ScatteredOnce:
                     light[:, t, i, down[places]] = np.einsum("ml,ol,mlo->mo", into, tables[..., 0], to) / (4.0 * np.pi)
 
 
-def few(values: Array, count: int) -> Array:
+def pick_few(values: Array, count: int) -> Array:
     """Some of the values, the lowest and the highest among them."""
     ordered = np.unique(values)
     places = np.unique(np.linspace(0, ordered.size - 1, min(count, ordered.size)).round().astype(int))
     return np.ascontiguousarray(ordered[places])
 
 
-def reasons(scene: Scene, mu0: Array, mu: Array, nodes: int, error: float, accuracy: float) -> Iterator[str]:
+def list_notes(scene: Scene, mu0: Array, mu: Array, nodes: int, error: float, accuracy: float) -> Iterator[str]:
     """Why the accuracy cannot be promised."""
     lowest = min(float(mu0.min()), float(np.abs(mu).min()))
     if lowest < LOWEST:

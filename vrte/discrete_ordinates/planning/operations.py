@@ -5,34 +5,38 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.slabs import cut, materials_of, only
+from vrte.discrete_ordinates.orders.slabs import cut_layers, merge_materials, select_materials
 from vrte.discrete_ordinates.planning.azimuths import Azimuths
 from vrte.discrete_ordinates.planning.blocks import Block
-from vrte.discrete_ordinates.planning.choice import operations_of_invariance, operations_of_modes
+from vrte.discrete_ordinates.planning.choice import count_operations_of_invariance, count_operations_of_modes
 from vrte.request.wanted import Wanted
 
 
-def operations_of_block(block: Block, strength: Array, accuracy: float) -> float:
+def count_operations_of_block(block: Block, strength: Array, accuracy: float) -> float:
     """Of all its orders; strength (order,): their q."""
     problem = block.problem
     if block.choice.name == "invariance":
-        return float(operations_of_invariance(problem, strength, accuracy).sum())
-    each = operations_of_doubling(problem) if block.choice.name == "doubling" else operations_of_layers(problem)
+        return float(count_operations_of_invariance(problem, strength, accuracy).sum())
+    each = (
+        count_operations_of_doubling(problem)
+        if block.choice.name == "doubling"
+        else count_operations_of_layers(problem)
+    )
     return each * block.orders.size
 
 
-def operations_of_layers(problem: Problem) -> float:
+def count_operations_of_layers(problem: Problem) -> float:
     """Of an order by modes: those of each material that scatters, and of layers that meet others."""
-    materials, _ = materials_of(problem)
+    materials, _ = merge_materials(problem)
     scatters = (problem.albedo > 0.0) | (not problem.leave_out.clear)
     solved = [k for k in range(materials.albedo.size) if materials.albedo[k] > 0.0 or not problem.leave_out.clear]
     joined = cost.BOUNDARY * float(problem.size) ** 3 * int(scatters.sum()) if scatters.size > 1 else 0.0
-    return joined + (operations_of_modes(only(materials, solved)) if solved else 0.0)
+    return joined + (count_operations_of_modes(select_materials(materials, solved)) if solved else 0.0)
 
 
-def operations_of_doubling(problem: Problem) -> float:
+def count_operations_of_doubling(problem: Problem) -> float:
     """Of an order by doubling: every distinct slab that scatters, and where two slabs meet."""
-    pile = cut(problem)
+    pile = cut_layers(problem)
     n, edges = float(pile.problem.size), float(pile.problem.n_rhs + pile.problem.rows_out)
     product = 2.0 * n * n * (n + edges) + 2.0 * n * pile.problem.n_rhs * pile.problem.rows_out
     with np.errstate(divide="ignore"):
@@ -43,7 +47,7 @@ def operations_of_doubling(problem: Problem) -> float:
     return product * (doubled + cost.PRODUCTS_A_JOINT * (pile.slabs.size - 1))
 
 
-def operations_of_sums(problem: Problem, blocks: tuple[Block, ...], wanted: Wanted, azimuths: Azimuths) -> float:
+def count_operations_of_sums(problem: Problem, blocks: tuple[Block, ...], wanted: Wanted, azimuths: Azimuths) -> float:
     """Of the sum over orders, and of single scattering in closed form."""
     rows = sum(float(levels.size) * directions.size for levels, directions in wanted.parts) * problem.mu0.size
     entries = sum(float(block.orders.size) * len(block.stokes) * len(block.columns) for block in blocks)

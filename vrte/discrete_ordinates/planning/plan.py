@@ -8,10 +8,10 @@ import numpy as np
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
-from vrte.basics.quadrature import double_gauss
+from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Run
 from vrte.basics.views import view
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import Truncation, choose_truncation, has_scalar_among_polarizing
@@ -19,14 +19,14 @@ from vrte.discrete_ordinates.planning.blocks import Block, make_blocks
 from vrte.discrete_ordinates.planning.needs import (
     ORDERS,
     Needs,
-    bounds_at,
-    brightness,
-    needs_of,
-    orders_that_matter,
-    stages_of,
+    choose_stages,
+    count_orders_that_matter,
+    find_bounds_at,
+    find_brightness,
+    find_needs,
 )
-from vrte.discrete_ordinates.planning.node_choice import DISCRETE, NodeChoice, choose_nodes, given_nodes
-from vrte.discrete_ordinates.planning.plan_table import facts_of, spelled, text_of
+from vrte.discrete_ordinates.planning.node_choice import DISCRETE, NodeChoice, choose_nodes, take_given_nodes
+from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_numbers, write_plan
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.request.wanted import Wanted
@@ -67,7 +67,7 @@ class Plan:
     parts: tuple["Plan", ...] = ()
 
     def __str__(self) -> str:
-        return text_of(self)
+        return write_plan(self)
 
     def __repr__(self) -> str:
         return f"Plan({self.request.kind}, {self.orders} orders at most, {len(self.blocks)} blocks)"
@@ -81,7 +81,7 @@ class Plan:
 
     def as_dict(self) -> dict[str, Any]:
         """The printed table as numbers and strings: blocks, what is left out and shared, operations, bytes."""
-        return facts_of(self)
+        return list_plan_facts(self)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -120,28 +120,28 @@ class Plan:
             "truncation": self.truncation.name,
             "truncation_rule": self.truncation.reason,
             "peak_fractions": self.problem.fraction.tolist(),
-            "base": base_statement(self.request.scene),
+            "base": describe_base(self.request.scene),
         }
 
 
-def base_statement(scene: Scene) -> str:
+def describe_base(scene: Scene) -> str:
     """What the base is, and whether light gets there."""
     if scene.base is None or scene.base_is_reached:
         return scene.below.name
     return f"{scene.base.name}, not reached below an infinite layer"
 
 
-def plan_of(request: Request, run: Run) -> Plan:
+def plan_request(request: Request, run: Run) -> Plan:
     """The plan of a request, with those of its parts where polarized incident light wants another truncation."""
     whole = make_plan(request, run)
-    if not wants_two(whole):
+    if not is_split_by_polarization(whole):
         return whole
     known = whole.choice, whole.accuracy
-    parts = (make_plan(lit_by(request, part), run, known=known) for part in (UNPOLARIZED, POLARIZED))
+    parts = (make_plan(select_incident_part(request, part), run, known=known) for part in (UNPOLARIZED, POLARIZED))
     return replace(whole, parts=tuple(parts))
 
 
-def wants_two(plan: Plan) -> bool:
+def is_split_by_polarization(plan: Plan) -> bool:
     """Whether the rule of `choose_truncation` has two answers: for light that arrives unpolarized, and for Q, U, V."""
     columns, scene = plan.request.columns, plan.request.scene
     if plan.request.truncation != "auto" or not (columns[:, 0].any() and columns[:, 1:].any()):
@@ -151,7 +151,7 @@ def wants_two(plan: Plan) -> bool:
     return peaked and has_scalar_among_polarizing(scene)
 
 
-def lit_by(request: Request, part: Array) -> Request:
+def select_incident_part(request: Request, part: Array) -> Request:
     """The request for a part (4, 4) of the incident Stokes vectors."""
     columns = request.columns @ part
     kept = columns.any(axis=1)
@@ -167,21 +167,25 @@ def make_plan(
     """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves; ``known``:
     the choice of nodes and the accuracy of another plan, where they are to be the same."""
     if not leave_out.columns:
-        request = every_column(request)
-    choice, accuracy = known or nodes_for(request, run)
+        request = split_incident_light(request)
+    choice, accuracy = known or settle_nodes(request, run)
     nodes = choice.nodes
-    mu = np.concatenate([double_gauss(nodes)[0], -double_gauss(nodes)[0]]) if request.mu is None else request.mu
+    mu = (
+        np.concatenate([make_double_gauss(nodes)[0], -make_double_gauss(nodes)[0]])
+        if request.mu is None
+        else request.mu
+    )
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
     truncation = choose_truncation(
         request.truncation, scene, request.mu0, request.columns, mu, request.tau, nodes, accuracy
     )
-    problem = discretise(scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks)
+    problem = discretise_scene(scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks)
     if leave_out != EVERYTHING:
         problem = replace(problem, leave_out=leave_out)
-    needs = needs_of(problem, run)
-    brightest = brightness(scene, problem, mu, request.phi, run)
-    bounds = bounds_at(needs, problem.depth)
+    needs = find_needs(problem, run)
+    brightest = find_brightness(scene, problem, mu, request.phi, run)
+    bounds = find_bounds_at(needs, problem.depth)
     base = scene.below
     stages: tuple[int, ...] = ()
     last, left_out = int(problem.terms.max()) - 1, {}
@@ -190,18 +194,18 @@ def make_plan(
     elif base.mixes_stokes or not leave_out.orders:
         count = last + 1
     else:
-        count = orders_that_matter(bounds, brightest, accuracy)
-        stages = stages_of(bounds, brightest, accuracy) if worth_stages(problem, count) else ()
+        count = count_orders_that_matter(bounds, brightest, accuracy)
+        stages = choose_stages(bounds, brightest, accuracy) if is_worth_stages(problem, count) else ()
         if count <= last:
             left_out["orders"] = (
-                f"multiple scattering of {spelled(range(count, last + 1), 'order')}: together they add less than "
+                f"multiple scattering of {write_numbers(range(count, last + 1), 'order')}: together they add less than "
                 f"{ORDERS:g} of the accuracy"
             )
     orders = np.arange(count, dtype=np.int32)
     faintest = float(brightest.min())
     eigensolver = request.backend.linear_algebra == "lapack"
     blocks = make_blocks(problem, base, orders, stages, needs, faintest, accuracy, request.algorithm, eigensolver)
-    wanted = request.wanted or everything(request, mu)
+    wanted = request.wanted or want_everything(request, mu)
     return Plan(
         request,
         problem,
@@ -220,18 +224,18 @@ def make_plan(
     )
 
 
-def worth_stages(problem: Problem, orders: int) -> bool:
+def is_worth_stages(problem: Problem, orders: int) -> bool:
     """Whether it pays to look again, between orders, at how many are left: a block more takes as long as small ones."""
     unknowns = problem.nodes.size if problem.is_scalar else problem.size
     return orders * float(unknowns) ** 3 > cost.WORTH_STAGES
 
 
-def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
+def settle_nodes(request: Request, run: Run) -> tuple[NodeChoice, float]:
     """The nodes, as given or chosen, and the accuracy that the discrete problem is solved to."""
     if request.nodes is not None:
         if request.method_rule:  # estimated, with what stays cut
             return NodeChoice(request.nodes, request.nodes_rule, ()), DISCRETE * request.accuracy
-        return given_nodes(request.scene, request.nodes, request.nodes_rule), request.accuracy
+        return take_given_nodes(request.scene, request.nodes, request.nodes_rule), request.accuracy
     asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
     peaks = "none" if request.truncation == "none" else "all"
@@ -240,14 +244,14 @@ def nodes_for(request: Request, run: Run) -> tuple[NodeChoice, float]:
     return choice, DISCRETE * request.accuracy
 
 
-def everything(request: Request, mu: Array) -> Wanted:
+def want_everything(request: Request, mu: Array) -> Wanted:
     """All depths and directions ``mu`` of every beam, its columns added up."""
     n_tau, n_mu, n_col = request.tau.size, mu.size, request.columns.shape[0]
     part = np.arange(n_tau, dtype=np.int32), np.arange(n_mu, dtype=np.int32)
     return Wanted([part], np.zeros(n_col, np.int32), np.ones(request.mu0.size))
 
 
-def every_column(request: Request) -> Request:
+def split_incident_light(request: Request) -> Request:
     """The request with its incident light in (I, Q) and in (U, V), one of which may be dark."""
     if request.columns.shape[0] != 1:
         return request

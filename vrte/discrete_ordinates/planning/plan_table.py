@@ -11,12 +11,12 @@ import numpy as np
 from vrte.basics.memory import BYTES
 from vrte.discrete_ordinates.orders.leave_out import LeaveOut
 from vrte.discrete_ordinates.orders.problem import ALL
-from vrte.discrete_ordinates.orders.routes import OTHER, left_out_by
-from vrte.discrete_ordinates.planning.azimuths import fold
-from vrte.discrete_ordinates.planning.blocks import Block, why_normal
-from vrte.discrete_ordinates.planning.memory import doubles_needed
-from vrte.discrete_ordinates.planning.needs import why_apart
-from vrte.discrete_ordinates.planning.operations import operations_of_block, operations_of_sums
+from vrte.discrete_ordinates.orders.routes import OTHER, list_left_out
+from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
+from vrte.discrete_ordinates.planning.blocks import Block, explain_normal
+from vrte.discrete_ordinates.planning.memory import count_doubles_needed
+from vrte.discrete_ordinates.planning.needs import explain_stokes_sets
+from vrte.discrete_ordinates.planning.operations import count_operations_of_block, count_operations_of_sums
 from vrte.request.how import EXACT
 from vrte.scene.scene import Scene
 
@@ -38,37 +38,44 @@ OF_BLOCKS = {  # what blocks and their algorithms give reasons for
 WIDTH = 120
 
 
-def text_of(plan: "Plan") -> str:
+def write_plan(plan: "Plan") -> str:
     """The whole, lines of at most 120 characters."""
     if plan.parts:
-        texts = (f"Light that comes in {kind}, by itself:\n{text_of(part)}" for kind, part in named_parts(plan))
+        texts = (f"Light that comes in {kind}, by itself:\n{write_plan(part)}" for kind, part in name_parts(plan))
         return "\n\n".join(texts)
     if is_another_method(plan):
-        return "\n".join([*head(plan), "", wrapped(f"{plan.request.method}: {plan.request.method_rule}")])
+        return "\n".join([*write_head(plan), "", wrap_line(f"{plan.request.method}: {plan.request.method_rule}")])
     facts = plan.as_dict()
-    rows = [row_of(block) for block in facts["blocks"]]
-    lines = [*head(plan), "", *aligned([HEADER, *rows]), ""]
-    lines += [wrapped(reason) for reason in reasons_of(facts["blocks"])]
-    lines += [wrapped(text) for text in remarks(plan)]
-    lines += section("Left out", facts["left_out"].values())
-    lines += section("Shared", facts["shared"])
-    lines += ["", f"Predicted: {facts['operations']:.1e} operations, {in_megabytes(facts['memory_bytes'])} of memory"]
+    rows = [write_block_row(block) for block in facts["blocks"]]
+    lines = [*write_head(plan), "", *arrange_rows([HEADER, *rows]), ""]
+    lines += [wrap_line(reason) for reason in explain_algorithms(facts["blocks"])]
+    lines += [wrap_line(text) for text in list_remarks(plan)]
+    lines += write_section("Left out", facts["left_out"].values())
+    lines += write_section("Shared", facts["shared"])
+    lines += [
+        "",
+        f"Predicted: {facts['operations']:.1e} operations, {write_megabytes(facts['memory_bytes'])} of memory",
+    ]
     return "\n".join(lines)
 
 
-def facts_of(plan: "Plan") -> dict[str, Any]:
+def list_plan_facts(plan: "Plan") -> dict[str, Any]:
     """The same as numbers and strings, for programs."""
     if plan.parts:
-        parts = {kind: facts_of(part) for kind, part in named_parts(plan)}
+        parts = {kind: list_plan_facts(part) for kind, part in name_parts(plan)}
         return {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads, "parts": parts}
     if is_another_method(plan):
         asked = {"kind": plan.request.kind, "accuracy": plan.request.accuracy, "threads": plan.threads}
         return asked | {"method": plan.request.method, "method_rule": plan.request.method_rule}
-    request, problem, azimuths = plan.request, plan.problem, fold(plan.request.phi, plan.problem.leave_out.azimuths)
-    blocks = [facts_of_block(plan, block) for block in plan.blocks]
+    request, problem, azimuths = (
+        plan.request,
+        plan.problem,
+        fold_azimuths(plan.request.phi, plan.problem.leave_out.azimuths),
+    )
+    blocks = [list_block_facts(plan, block) for block in plan.blocks]
     result = plan.wanted.doubles(request.phi.size)
-    doubles = doubles_needed(problem, plan.blocks, result, azimuths, plan.threads)
-    sums = operations_of_sums(problem, plan.blocks, plan.wanted, azimuths)
+    doubles = count_doubles_needed(problem, plan.blocks, result, azimuths, plan.threads)
+    sums = count_operations_of_sums(problem, plan.blocks, plan.wanted, azimuths)
     return {
         "kind": request.kind,
         "accuracy": request.accuracy,
@@ -81,8 +88,8 @@ def facts_of(plan: "Plan") -> dict[str, Any]:
         "orders": sorted({order for block in blocks for order in block["orders"]}),
         "orders_counted_again": plan.counts_again,
         "blocks": blocks,
-        "left_out": left_out(plan),
-        "shared": shared(plan),
+        "left_out": explain_left_out(plan),
+        "shared": list_shared_work(plan),
         "notes": list(plan.notes),
         "operations": sums + sum(block["operations"] for block in blocks),
         "memory_bytes": BYTES * doubles,
@@ -94,16 +101,16 @@ def is_another_method(plan: "Plan") -> bool:
     return bool(plan.request.method_rule) and plan.request.method != EXACT
 
 
-def named_parts(plan: "Plan") -> list[tuple[str, "Plan"]]:
+def name_parts(plan: "Plan") -> list[tuple[str, "Plan"]]:
     """The plans of light that comes in unpolarized, and polarized, where they differ."""
     return list(zip(("unpolarized", "polarized"), plan.parts, strict=True))
 
 
-def facts_of_block(plan: "Plan", block: Block) -> dict[str, Any]:
+def list_block_facts(plan: "Plan", block: Block) -> dict[str, Any]:
     """A block's row."""
     return {
         "orders": block.orders.tolist(),
-        "stokes": named(block.stokes),
+        "stokes": name_stokes(block.stokes),
         "nodes": int(block.problem.nodes.size),
         "layers": int(block.problem.albedo.size),
         "bottom": bool(np.isfinite(block.problem.thickness[-1])),
@@ -111,15 +118,15 @@ def facts_of_block(plan: "Plan", block: Block) -> dict[str, Any]:
         "right_hand_sides": block.problem.n_rhs,
         "algorithm": block.choice.name,
         "reason": block.choice.reason,
-        "operations": operations_of_block(block, plan.needs.strength[block.orders], plan.accuracy),
+        "operations": count_operations_of_block(block, plan.needs.strength[block.orders], plan.accuracy),
     }
 
 
-def head(plan: "Plan") -> list[str]:
+def write_head(plan: "Plan") -> list[str]:
     """What is asked for."""
     request, base = plan.request, plan.diagnostics()["base"]
-    layers = counted(len(request.scene.layers), "layer")
-    into, out, depths = request.mu0.size, plan.mu.size, counted(request.tau.size, "depth")
+    layers = write_count(len(request.scene.layers), "layer")
+    into, out, depths = request.mu0.size, plan.mu.size, write_count(request.tau.size, "depth")
     if request.kind == "brdf":
         out //= request.tau.size
         asked = (
@@ -128,17 +135,17 @@ def head(plan: "Plan") -> list[str]:
     elif request.fluxes_only:
         asked = f"fluxes alone, {depths}"
     else:
-        asked = f"{counted(into, 'beam')}, {depths}, {out} mu, {request.phi.size} phi"
+        asked = f"{write_count(into, 'beam')}, {depths}, {out} mu, {request.phi.size} phi"
     accuracy = f"accuracy {request.accuracy:g} of the largest I"
     backend = request.backend
-    threads = counted(plan.threads, "thread") if backend.label == "openmp" else f"backend {backend.label}"
+    threads = write_count(plan.threads, "thread") if backend.label == "openmp" else f"backend {backend.label}"
     return [
         f"Plan of {request.kind}: {layers}, base {base}; {accuracy}, {plan.problem.nodes.size} nodes, {threads}",
         asked,
     ]
 
 
-def reasons_of(blocks: Sequence[dict[str, Any]]) -> list[str]:
+def explain_algorithms(blocks: Sequence[dict[str, Any]]) -> list[str]:
     """Why each algorithm was taken; the first of reasons that differ in their numbers alone."""
     alike: dict[str, list[str]] = {}
     for block in blocks:
@@ -147,7 +154,7 @@ def reasons_of(blocks: Sequence[dict[str, Any]]) -> list[str]:
     return [f"{found[0]}{' (the first of these blocks)' if len(set(found)) > 1 else ''}" for found in alike.values()]
 
 
-def remarks(plan: "Plan") -> list[str]:
+def list_remarks(plan: "Plan") -> list[str]:
     """What may happen besides."""
     request = plan.request
     chosen = request.nodes is None or bool(request.method_rule)
@@ -165,26 +172,26 @@ def remarks(plan: "Plan") -> list[str]:
     return found
 
 
-def left_out(plan: "Plan") -> dict[str, str]:
+def explain_left_out(plan: "Plan") -> dict[str, str]:
     """What is not done, by the name of its switch, and why: as the plan, its blocks and their algorithms say."""
     of_blocks: dict[str, dict[str, set[int]]] = {}
     for block in plan.blocks:
-        for name, reason in [*block.left_out, *left_out_by(block.choice.name, block.problem, plan.accuracy)]:
+        for name, reason in [*block.left_out, *list_left_out(block.choice.name, block.problem, plan.accuracy)]:
             of_blocks.setdefault(name, {}).setdefault(reason, set()).update(block.orders.tolist())
     found = {}
     for name, reasons in of_blocks.items():
-        texts = [reason.format(orders=spelled(orders, "order")) for reason, orders in reasons.items()]
+        texts = [reason.format(orders=write_numbers(orders, "order")) for reason, orders in reasons.items()]
         found[name] = OF_BLOCKS[name].format("; ".join(texts))
-    found |= reasons_of_plan(plan)
+    found |= explain_whole_plan(plan)
     return {name: found[name] for name in SWITCHES if found.get(name) and getattr(plan.problem.leave_out, name, True)}
 
 
-def reasons_of_plan(plan: "Plan") -> dict[str, str]:
+def explain_whole_plan(plan: "Plan") -> dict[str, str]:
     """What is left out of the whole, "" where it is not."""
     request, problem, scene = plan.request, plan.problem, plan.request.scene
     found = dict(plan.left_out)
     if {block.stokes for block in plan.blocks} - {ALL} and not plan.fed_back:
-        found["stokes"] = why_apart(problem, any(block.orders[0] == 0 for block in plan.blocks))
+        found["stokes"] = explain_stokes_sets(problem, any(block.orders[0] == 0 for block in plan.blocks))
     if request.kind == "radiance" and request.columns.shape[0] == 1:
         dark, part = ("I, Q", 1) if request.columns[0, 2:].any() else ("U, V", 2)
         found["columns"] = f"right-hand sides of light that comes in as {dark}: there is none (no k = {part} part)"
@@ -193,13 +200,13 @@ def reasons_of_plan(plan: "Plan") -> dict[str, str]:
         closed = f"all {max(terms)} in closed form, at the scattering angle of every pair"
         found["single"] = f"single scattering order by order: {closed}"
     if plan.orders > 1 and not request.fluxes_only:
-        found["normal"] = why_normal(problem)
+        found["normal"] = explain_normal(problem)
     reached = max((block.problem.albedo.size for block in plan.blocks), default=0)
     if clear := [layer + 1 for layer in range(reached) if problem.albedo[layer] == 0.0]:
-        found["clear"] = f"eigenproblem and doublings of {spelled(clear, 'layer')}: no scattering there"
+        found["clear"] = f"eigenproblem and doublings of {write_numbers(clear, 'layer')}: no scattering there"
     if not plan.fed_back:
-        found["base"] = why_base(scene, plan.orders)
-    if repeated := request.phi.size - fold(request.phi).distinct.size:
+        found["base"] = explain_base(scene, plan.orders)
+    if repeated := request.phi.size - fold_azimuths(request.phi).distinct.size:
         found["azimuths"] = f"{repeated} of {request.phi.size} azimuths: mirror images of others, or equal to them"
     if request.kind == "brdf" and request.tau.size == 1 and np.isfinite(scene.thickness):
         found["transmission"] = "transmission: not asked for"
@@ -208,7 +215,7 @@ def reasons_of_plan(plan: "Plan") -> dict[str, str]:
     return found
 
 
-def why_base(scene: Scene, orders: int) -> str:
+def explain_base(scene: Scene, orders: int) -> str:
     """What the base does not reflect."""
     if not scene.base_is_reached:
         return "" if scene.base is None else "the base: it lies below a layer without end"
@@ -217,7 +224,7 @@ def why_base(scene: Scene, orders: int) -> str:
     return "reflection by the base beyond order 0 and beyond I: it reflects evenly" if orders > 1 else ""
 
 
-def shared(plan: "Plan") -> list[str]:
+def list_shared_work(plan: "Plan") -> list[str]:
     """What is done once for many."""
     found = []
     sides = max((block.problem.n_rhs for block in plan.blocks), default=0)
@@ -233,26 +240,26 @@ def shared(plan: "Plan") -> list[str]:
     return found
 
 
-def named(stokes: Iterable[int]) -> str:
+def name_stokes(stokes: Iterable[int]) -> str:
     """The letters of Stokes parameters.
 
-    >>> named((0, 1))
+    >>> name_stokes((0, 1))
     'I Q'
     """
     return " ".join("IQUV"[place] for place in sorted(stokes))
 
 
-def spelled(numbers: Iterable[int], name: str) -> str:
+def write_numbers(numbers: Iterable[int], name: str) -> str:
     """Whole numbers as ranges.
 
-    >>> spelled([0, 1, 2, 5], "order"), spelled([3], "order")
+    >>> write_numbers([0, 1, 2, 5], "order"), write_numbers([3], "order")
     ('orders 0-2, 5', 'order 3')
     """
     listed = sorted(set(numbers))
-    return f"{name}{'s' if len(listed) != 1 else ''} {ranges(listed)}"
+    return f"{name}{'s' if len(listed) != 1 else ''} {write_ranges(listed)}"
 
 
-def ranges(listed: Sequence[int]) -> str:
+def write_ranges(listed: Sequence[int]) -> str:
     """Ascending whole numbers, neighbours drawn together."""
     starts = [k for k, number in enumerate(listed) if k == 0 or number != listed[k - 1] + 1]
     ends = [*(start - 1 for start in starts[1:]), len(listed) - 1]
@@ -261,10 +268,10 @@ def ranges(listed: Sequence[int]) -> str:
     )
 
 
-def row_of(block: dict[str, Any]) -> tuple[str, ...]:
+def write_block_row(block: dict[str, Any]) -> tuple[str, ...]:
     """A block's cells."""
     return (
-        ranges(block["orders"]),
+        write_ranges(block["orders"]),
         block["stokes"],
         str(block["nodes"]),
         str(block["layers"]) + ("" if block["bottom"] else ", no bottom"),
@@ -275,7 +282,7 @@ def row_of(block: dict[str, Any]) -> tuple[str, ...]:
     )
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+def arrange_rows(rows: Sequence[Sequence[str]]) -> list[str]:
     """Rows below each other, text to the left, numbers to the right."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return [
@@ -287,26 +294,26 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-def section(title: str, items: Iterable[str]) -> list[str]:
+def write_section(title: str, items: Iterable[str]) -> list[str]:
     """A title and its lines, nothing without any."""
-    lines = [wrapped(f"- {item}", "  ") for item in items]
+    lines = [wrap_line(f"- {item}", "  ") for item in items]
     return ["", f"{title}:", *lines] if lines else []
 
 
-def wrapped(text: str, indent: str = "") -> str:
+def wrap_line(text: str, indent: str = "") -> str:
     """No line longer than 120 characters."""
     return textwrap.fill(text, WIDTH, subsequent_indent=indent)
 
 
-def counted(number: int, name: str) -> str:
+def write_count(number: int, name: str) -> str:
     """A number and its noun.
 
-    >>> counted(1, "layer"), counted(2, "layer")
+    >>> write_count(1, "layer"), write_count(2, "layer")
     ('1 layer', '2 layers')
     """
     return f"{number} {name}{'' if number == 1 else 's'}"
 
 
-def in_megabytes(size: float) -> str:
-    """Three digits."""
+def write_megabytes(size: float) -> str:
+    """A number of bytes in megabytes, to three digits."""
     return f"{size / 1e6:.3g} MB"

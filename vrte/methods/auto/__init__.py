@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.discrete_ordinates.planning.node_choice import CAREFUL, LOWEST, estimated_nodes
+from vrte.discrete_ordinates.planning.node_choice import CAREFUL, LOWEST, estimate_nodes
 from vrte.methods.auto.rules import RULES, Rule
 from vrte.methods.parts.task import NODES
 from vrte.request.how import EXACT
@@ -18,9 +18,9 @@ EULER = 0.5772156649015329
 ANGLES_A_TERM = 8  # at which a phase function's extremes are looked for
 
 
-def by_rule(request: Request) -> Request:
+def choose_by_rule(request: Request) -> Request:
     """The request with the method that the table takes, its nodes where the rule finds them, and the rule in words."""
-    place, rule = taken(request)
+    place, rule = find_rule(request)
     told = f"auto, rule {place + 1} ({rule.name}): {rule.why}"
     if rule.method != EXACT:
         nodes_rule = "of the quadrature of fluxes"
@@ -28,24 +28,24 @@ def by_rule(request: Request) -> Request:
         return replace(found, given=frozenset())  # the rules have used them
     if rule.margin is None:
         return replace(request, method=rule.method, method_rule=told)
-    nodes = nodes_of(request, rule.margin)
+    nodes = estimate_nodes_with_margin(request, rule.margin)
     nodes_rule = f"estimate {nodes} for the accuracy over {rule.margin:g}, not checked"
     return replace(request, method=rule.method, method_rule=told, nodes=nodes, nodes_rule=nodes_rule)
 
 
-def taken(request: Request) -> tuple[int, Rule]:
+def find_rule(request: Request) -> tuple[int, Rule]:
     """The place and the rule; the last one takes everything."""
-    return next((place, rule) for place, rule in enumerate(RULES) if holds(rule, request))
+    return next((place, rule) for place, rule in enumerate(RULES) if is_rule_met(rule, request))
 
 
-def holds(rule: Rule, request: Request) -> bool:
+def is_rule_met(rule: Rule, request: Request) -> bool:
     """Whether all quantities of the rule keep to their limits; what it does not name is not worked out."""
     return all(QUANTITIES[name](request) <= most for name, most in rule.at_most.items()) and all(
         QUANTITIES[name](request) >= least for name, least in rule.at_least.items()
     )
 
 
-def special_wishes(request: Request) -> float:
+def count_special_wishes(request: Request) -> float:
     """How many things are asked for besides a scene, directions and an accuracy, or lie beyond what rules were tried
     on: the nodes as directions, a base that is no Lambertian one, an algorithm, a truncation, a check, a device."""
     return float(
@@ -58,58 +58,58 @@ def special_wishes(request: Request) -> float:
     )
 
 
-def terms(request: Request) -> float:
+def count_terms(request: Request) -> float:
     """The most of any layer's phase matrix."""
     return float(max(layer.phase_matrix.terms for layer in request.scene.layers))
 
 
-def layers(request: Request) -> float:
-    """How many."""
+def count_layers(request: Request) -> float:
+    """How many layers the scene has."""
     return float(len(request.scene.layers))
 
 
-def lowest_cosine(request: Request) -> float:
+def find_lowest_cosine(request: Request) -> float:
     """Of the beams and of the directions asked for."""
-    return min(float(request.mu0.min()), float(np.abs(directions(request)).min()))
+    return min(float(request.mu0.min()), float(np.abs(list_directions(request)).min()))
 
 
-def directions(request: Request) -> Array:
-    """The signed cosines asked for; a rule that looks at them has none of `special_wishes`."""
+def list_directions(request: Request) -> Array:
+    """The signed cosines asked for; a rule that looks at them has none of `count_special_wishes`."""
     return np.array([LOWEST, 1.0]) if request.mu is None else request.mu
 
 
-def fading(request: Request) -> float:
+def sum_fading(request: Request) -> float:
     """Diffusion exponents times thickness, down to the lowest depth: deep light falls as e^-fading. Its relative error
     grows with that, which an estimate of nodes does not know."""
     deepest, top, total = float(request.tau.max()), 0.0, 0.0
     for layer in request.scene.layers:
         way = min(max(deepest - top, 0.0), layer.thickness)
         top += layer.thickness
-        total += way * diffusion_exponent(layer)
+        total += way * compute_diffusion_exponent(layer)
     return total
 
 
-def diffusion_exponent(layer: Layer) -> float:
+def compute_diffusion_exponent(layer: Layer) -> float:
     """sqrt(3 (1 - omega) (1 - omega g)), of two streams."""
     albedo = layer.albedo
     return math.sqrt(3.0 * (1.0 - albedo) * max(1.0 - albedo * layer.phase_matrix.asymmetry, 0.0))
 
 
-def cubes(request: Request) -> float:
+def count_unknown_cubes(request: Request) -> float:
     """Cubes of the unknowns of all Fourier orders and layers, on the nodes that an estimate without margin takes."""
-    nodes = nodes_of(request, 1.0)
+    nodes = estimate_nodes_with_margin(request, 1.0)
     scene = request.scene
     unknowns = float(nodes if all(layer.phase_matrix.is_scalar for layer in scene.layers) else 4 * nodes)
-    return len(scene.layers) * min(terms(request), 2.0 * nodes) * unknowns**3
+    return len(scene.layers) * min(count_terms(request), 2.0 * nodes) * unknowns**3
 
 
-def nodes_of(request: Request, margin: float) -> int:
+def estimate_nodes_with_margin(request: Request, margin: float) -> int:
     """The estimate for the accuracy over a margin."""
     aim = CAREFUL * request.accuracy / margin
-    return estimated_nodes(request.scene, request.mu0, directions(request), request.tau, aim)
+    return estimate_nodes(request.scene, request.mu0, list_directions(request), request.tau, aim)
 
 
-def scattered_again_over_accuracy(request: Request) -> float:
+def bound_multiple_scattering(request: Request) -> float:
     """A bound on what is scattered more than once, over what is scattered once into the same direction, over the
     accuracy; infinite where there is none, and any number above 1 where it is above 1.
 
@@ -124,21 +124,21 @@ def scattered_again_over_accuracy(request: Request) -> float:
         return math.inf
     if request.kind == "radiance" and request.columns[:, 1:].any() and not layer.phase_matrix.is_scalar:
         return math.inf
-    again = layer.albedo * caught(layer.thickness)
+    again = layer.albedo * bound_caught_share(layer.thickness)
     if again > request.accuracy:  # too much already, whatever the phase function: p_max >= 1 >= p_min
         return again / request.accuracy
-    least, most = extremes(layer)
+    least, most = find_phase_extremes(layer)
     again *= most
     if not (least > 0.0 and again < 1.0):
         return math.inf
     beam = float(request.mu0.min())
     fade = math.exp(min(layer.thickness / beam, 700.0))
     if not request.tau.any():
-        fade = min(fade, 1.0 + float(directions(request).max()) / beam)
+        fade = min(fade, 1.0 + float(list_directions(request).max()) / beam)
     return most / least * fade * again / (1.0 - again) / request.accuracy
 
 
-def extremes(layer: Layer) -> tuple[float, float]:
+def find_phase_extremes(layer: Layer) -> tuple[float, float]:
     """The least and the greatest of the phase function, to about a percent."""
     a1 = layer.phase_matrix.a1
     cosine = np.cos(np.linspace(0.0, np.pi, ANGLES_A_TERM * a1.size + 1))
@@ -146,7 +146,7 @@ def extremes(layer: Layer) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def caught(thickness: float) -> float:
+def bound_caught_share(thickness: float) -> float:
     """A bound on 1 - E_2(tau/2), the chance that light from within a layer meets a particle before it leaves:
     E_2(x) = e^-x - x E_1(x), and E_1(x) <= x - ln x - 0.577."""
     x = 0.5 * thickness
@@ -155,11 +155,11 @@ def caught(thickness: float) -> float:
 
 QUANTITIES: Mapping[str, Callable[[Request], float]] = {
     "accuracy": lambda request: request.accuracy,
-    "special wishes": special_wishes,
-    "layers": layers,
-    "terms": terms,
-    "lowest cosine": lowest_cosine,
-    "fading": fading,
-    "cubes": cubes,
-    "scattered again over accuracy": scattered_again_over_accuracy,
+    "special wishes": count_special_wishes,
+    "layers": count_layers,
+    "terms": count_terms,
+    "lowest cosine": find_lowest_cosine,
+    "fading": sum_fading,
+    "cubes": count_unknown_cubes,
+    "scattered again over accuracy": bound_multiple_scattering,
 }

@@ -14,29 +14,29 @@ SETTLED = 1e-15
 MOST_DOUBLINGS = 60
 
 
-def reflection(on_nodes: OnNodes, scattered: Scattered, conserves: bool) -> tuple[Array, int]:
+def compute_endless_reflection(on_nodes: OnNodes, scattered: Scattered, conserves: bool) -> tuple[Array, int]:
     """R (r, c) of b + a R + R a + R b R = R/mu + R/mu', and doublings; ``conserves``: order 0 at albedo 1."""
     n = on_nodes.n
     ahead, back = scattered
     rate, columns = 1.0 / on_nodes.rows, 1.0 / on_nodes.columns
     lost = np.diag(rate[:n]) - ahead[:n, :n]
     isotropic = np.tile(np.eye(len(on_nodes.members))[0], on_nodes.problem.nodes.size) if conserves else None
-    R, doublings = on_the_nodes(lost, back[:n, :n], isotropic)
+    R, doublings = solve_on_nodes(lost, back[:n, :n], isotropic)
     result = np.empty_like(back)
     result[:n, :n] = R
     # columns of beams, then rows of outgoing directions, are linear once R on the nodes is known
     left = lost - R @ back[:n, :n]
     given = back[:n, n:] + R @ ahead[:n, n:]
-    result[:n, n:] = solved_shifted(left, columns[n:], given)
+    result[:n, n:] = solve_shifted(left, columns[n:], given)
     right = (lost - back[:n, :n] @ R).T
-    result[n:, :n] = solved_shifted(right, rate[n:], (back[n:, :n] + ahead[n:, :n] @ R).T).T
+    result[n:, :n] = solve_shifted(right, rate[n:], (back[n:, :n] + ahead[n:, :n] @ R).T).T
     out, into = result[n:, :n], result[:n, n:]
     more = back[n:, n:] + ahead[n:, :n] @ into + out @ ahead[:n, n:] + out @ back[:n, :n] @ into
     result[n:, n:] = more / (rate[n:, None] + columns[n:])
     return result, doublings
 
 
-def solved_shifted(matrix: Array, shifts: Array, given: Array) -> Array:
+def solve_shifted(matrix: Array, shifts: Array, given: Array) -> Array:
     """x_k of (matrix + shift_k) x_k = given_k, one column each, (n, k)."""
     if shifts.size == 0:
         return given
@@ -45,17 +45,17 @@ def solved_shifted(matrix: Array, shifts: Array, given: Array) -> Array:
     return found
 
 
-def on_the_nodes(lost: Array, back: Array, isotropic: Array | None) -> tuple[Array, int]:
+def solve_on_nodes(lost: Array, back: Array, isotropic: Array | None) -> tuple[Array, int]:
     """R (n, n) of back - lost R - R lost + R back R = 0, and doublings; (lost - back) isotropic (n,) is 0."""
     A, B, C, D = lost, back, back, lost
     if isotropic is not None:
         v = isotropic
         p = v / (2.0 * (v @ v))
         A, B, C, D = A - np.outer(v, p), B + np.outer(v, p), C - np.outer(v, p), D + np.outer(v, p)
-    return doubled_until_settled(A, B, C, D)
+    return double_until_settled(A, B, C, D)
 
 
-def doubled_until_settled(A: Array, B: Array, C: Array, D: Array) -> tuple[Array, int]:
+def double_until_settled(A: Array, B: Array, C: Array, D: Array) -> tuple[Array, int]:
     """The smallest solution of X C X - X D - A X + B = 0, and doublings. Raises AccuracyError where none is found."""
     one = np.eye(len(A))
     gamma = max(float(np.diag(A).max()), float(np.diag(D).max()))

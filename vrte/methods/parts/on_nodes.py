@@ -16,7 +16,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
-from vrte.discrete_ordinates.orders.base import reflected_orders
+from vrte.discrete_ordinates.orders.base import find_reflected_orders
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.methods.parts.task import Task
 from vrte.scene.boundary import Boundary
@@ -82,7 +82,7 @@ class OnNodes:
         problem = self.problem
         result = np.zeros((self.n_order, self.rows.size, self.columns.size))
         into = np.concatenate([problem.nodes, problem.mu0])
-        orders = reflected_orders(self.base, problem, self.n_order)[0]
+        orders = find_reflected_orders(self.base, problem, self.n_order)[0]
         for found, matrix in zip(result, orders, strict=False):
             found[:] = self.operator((matrix * into[:, None, None, None] * FLIP[:, None]).transpose(1, 0, 2, 3))
         return result
@@ -141,7 +141,7 @@ def solve_in_turn(
     return kernels, fluxes
 
 
-def distinct_directions(problem: Problem) -> tuple[Problem, IntArray]:
+def find_distinct_directions(problem: Problem) -> tuple[Problem, IntArray]:
     """The problem with each outgoing cosine once, and which of them each direction has."""
     cosines, out = np.unique(problem.mu_out, return_inverse=True)
     return replace(problem, mu_out=cosines), out.astype(np.int32)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array
-from vrte.basics.divided_differences import ComplexArray, Function, first, second
+from vrte.basics.divided_differences import ComplexArray, Function, divide_once, divide_twice
 
 IntArray = NDArray[np.intp]
 AT_ONCE = 2e6  # divided differences held in memory: some hundred MB
@@ -71,7 +71,7 @@ class Operator:
         return Operator(beam, nodes, into, out, leaving, through)
 
 
-def empty(r: int, n: int, o: int) -> Operator:
+def make_empty_operator(r: int, n: int, o: int) -> Operator:
     """Nothing at all: every block zero."""
     return Operator(np.zeros(r), np.zeros((n, n)), np.zeros((n, r)), np.zeros(o), np.zeros((o, n)), np.zeros((o, r)))
 
@@ -101,9 +101,9 @@ class Modes:
         """f(A), divided differences of f in the blocks off the diagonal: no two values are too close."""
         lam, outs = self.lam, self.of.out[:: self.stokes]
         beams, fed = np.unique(self.of.beam, return_inverse=True)
-        by_beam = first(function, lam[:, None], beams)[:, fed]
-        by_out = np.repeat(first(function, outs[:, None], lam), self.stokes, axis=0)
-        straight = np.repeat(first(function, outs[:, None], beams)[:, fed], self.stokes, axis=0)
+        by_beam = divide_once(function, lam[:, None], beams)[:, fed]
+        by_out = np.repeat(divide_once(function, outs[:, None], lam), self.stokes, axis=0)
+        straight = np.repeat(divide_once(function, outs[:, None], beams)[:, fed], self.stokes, axis=0)
         pieces = max(1, math.ceil(lam.size * outs.size * fed.size / AT_ONCE))
         through = [self.from_beams(function, part, beams, fed) for part in np.array_split(np.arange(outs.size), pieces)]
         return Operator(
@@ -118,6 +118,6 @@ class Modes:
     def from_beams(self, function: Function, places: IntArray, beams: Array, fed: IntArray) -> ComplexArray:
         """What goes from each beam by way of the nodes to some directions off them, (stokes * places, r)."""
         outs = self.of.out[places * self.stokes]
-        three = second(function, outs[:, None, None], self.lam[None, :, None], beams)[..., fed]
+        three = divide_twice(function, outs[:, None, None], self.lam[None, :, None], beams)[..., fed]
         radiated = self.radiated.reshape(-1, self.stokes, self.lam.size)[places]
         return np.asarray(np.matmul(radiated, three * self.excited).reshape(-1, fed.size))

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray
-from vrte.basics.quadrature import double_gauss
+from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Progress, Run
 from vrte.discrete_ordinates.execution.engines.cpu import PROCESSOR
-from vrte.discrete_ordinates.execution.sums import Light, Target, fill
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.execution.sums import Light, Target, fill_parts
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.planning.azimuths import fold
-from vrte.discrete_ordinates.planning.node_choice import NodeChoice, given_nodes
-from vrte.discrete_ordinates.planning.plan import everything
+from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
+from vrte.discrete_ordinates.planning.node_choice import NodeChoice, take_given_nodes
+from vrte.discrete_ordinates.planning.plan import want_everything
 from vrte.methods.parts.method import Answer, Settings
 from vrte.request.request import Request
 from vrte.results.solution import Solution
@@ -24,19 +24,19 @@ from vrte.results.solution import Solution
 NODES = 16  # of a hemisphere, where neither nodes nor an accuracy are asked for
 
 
-def cosines_of(request: Request) -> Array:
+def find_cosines(request: Request) -> Array:
     """The signed cosines of the result: those asked for, or the nodes."""
     if request.mu is not None:
         return request.mu
-    points = double_gauss(request.nodes or NODES)[0]
+    points = make_double_gauss(request.nodes or NODES)[0]
     return np.concatenate([points, -points])
 
 
-def discrete(request: Request, nodes: int | None = None, peaks: Any = "none") -> Problem:
+def discretise_request(request: Request, nodes: int | None = None, peaks: Any = "none") -> Problem:
     """The scene on nodes, phase matrices cut to the terms that they carry; light going up comes first."""
-    mu = cosines_of(request)
+    mu = find_cosines(request)
     rank = np.argsort(mu < 0.0, kind="stable")
-    return discretise(
+    return discretise_scene(
         request.scene, request.mu0, request.columns, mu[rank], request.tau, nodes or request.nodes or NODES, peaks
     )
 
@@ -55,18 +55,18 @@ class Task:
     @cached_property
     def mu(self) -> Array:
         """The signed cosines of the result, (n_mu,)."""
-        return cosines_of(self.request)
+        return find_cosines(self.request)
 
     @cached_property
     def problem(self) -> Problem:
         """The scene on the request's nodes."""
-        return discrete(self.request)
+        return discretise_request(self.request)
 
     def target_of(self, problem: Problem, spread: bool | BoolArray = False) -> Target:
         """What light is added up into."""
-        wanted, spreads = self.request.wanted or everything(self.request, self.mu), np.asarray(spread)
+        wanted, spreads = self.request.wanted or want_everything(self.request, self.mu), np.asarray(spread)
         spreads = np.broadcast_to(spreads, self.mu.shape)
-        return Target(wanted, self.request.scene, problem, self.mu, fold(self.request.phi), spreads)
+        return Target(wanted, self.request.scene, problem, self.mu, fold_azimuths(self.request.phi), spreads)
 
     def tell(self, done: int, total: int) -> None:
         """Says how many steps are done. Raises KeyboardInterrupt where the user wants no more."""
@@ -86,7 +86,7 @@ class Task:
         if kernels is not None:
             orders, columns = (np.arange(kernels.shape[axis], dtype=np.int32) for axis in (0, 3))
             lights = [Light(orders, np.array(ALL, np.int32), columns, kernels)]
-        return fill(self.target_of(problem, spread), lights, PROCESSOR, self.run)
+        return fill_parts(self.target_of(problem, spread), lights, PROCESSOR, self.run)
 
     def answer(self, parts: list[Array], fluxes: tuple[Array, Array], problem: Problem, **told: Any) -> Answer:
         """The result: radiance of every part wanted, diffuse fluxes up and down, (n_tau, n_in, n_col), and what is
@@ -104,7 +104,7 @@ class Task:
 
     def answer_on_nodes(self, kernels: Array, fluxes: tuple[Array, Array], **told: Any) -> Answer:
         """The result of what solves the discrete problem order by order, and why no accuracy can be promised."""
-        choice = self.choice or given_nodes(self.request.scene, self.problem.nodes.size, "as asked for")
+        choice = self.choice or take_given_nodes(self.request.scene, self.problem.nodes.size, "as asked for")
         if "accuracy" in self.request.given:
             told = {"accuracy": self.request.accuracy, "nodes_rule": choice.rule, "promised": True, "notes": []} | told
         if choice.notes:

@@ -20,9 +20,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     step = 3 if options.quick else 1
     outcomes = []
     for given, requests in ((True, sweep.GIVEN), (False, sweep.CHOSEN)):
-        for outcome in sweep.outcomes_of(names, given, requests[::step]):
+        for outcome in sweep.measure_outcomes(names, given, requests[::step]):
             outcomes.append(outcome)
-            print(page.as_text(outcome), flush=True)
+            print(page.describe_outcome(outcome), flush=True)
     for path in page.write_pages(outcomes, options.output):
         print(path)
     return 0 if all(outcome.kept for outcome in outcomes) else 1

@@ -12,8 +12,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from vrte.basics.errors import AccuracyError
-from vrte.studies.accuracy.sweep import CONTINUOUS, PROBES, Outcome, Probe, answer, difference, references
-from vrte.studies.pages import markdown_table, write_rows
+from vrte.studies.accuracy.sweep import (
+    CONTINUOUS,
+    PROBES,
+    Outcome,
+    Probe,
+    answer_probe,
+    measure_difference,
+    solve_references,
+)
+from vrte.studies.pages import make_markdown_table, write_rows
 
 FIRST, GROWTH = 4, 1.06  # nodes tried: every number first, then so many times more each time
 BELOW = 3e-10  # errors that are not followed further
@@ -23,10 +31,10 @@ HEADER = ("scene", "nodes", "error")
 Errors = dict[int, float]
 
 
-def numbers_tried(most: int) -> Iterator[int]:
+def list_nodes_to_try(most: int) -> Iterator[int]:
     """Nodes to try, ascending.
 
-    >>> list(numbers_tried(10)), max(numbers_tried(100))
+    >>> list(list_nodes_to_try(10)), max(list_nodes_to_try(100))
     ([4, 5, 6, 7, 8, 9], 96)
     """
     nodes = FIRST
@@ -35,14 +43,14 @@ def numbers_tried(most: int) -> Iterator[int]:
         nodes = max(nodes + 1, round(GROWTH * nodes))
 
 
-def measure(case: Probe) -> Errors:
+def measure_node_errors(case: Probe) -> Errors:
     """The error of more and more nodes, until it is as small as the reference's, infinite where they are refused."""
-    right, uncertain = references(case, given=False)
+    right, uncertain = solve_references(case, given=False)
     errors: Errors = {}
-    for nodes in numbers_tried(case.more[0]):
+    for nodes in list_nodes_to_try(case.more[0]):
         try:
-            found = answer(case, CONTINUOUS, nodes)
-            errors[nodes] = max(difference(found, one) for one in right)
+            found = answer_probe(case, CONTINUOUS, nodes)
+            errors[nodes] = max(measure_difference(found, one) for one in right)
         except AccuracyError:
             errors[nodes] = float("inf")
         if max(list(errors.values())[-2:]) < max(BELOW, 2.0 * uncertain):
@@ -50,10 +58,10 @@ def measure(case: Probe) -> Errors:
     return errors
 
 
-def fewest_that_hold(errors: Errors, requested: float) -> int:
+def find_fewest_that_hold(errors: Errors, requested: float) -> int:
     """The fewest nodes tried from which on no number of them that was tried has a larger error; 0 where all have.
 
-    >>> fewest_that_hold({4: 1e-2, 5: 1e-4, 6: 2e-3, 7: 1e-4}, 1e-3)
+    >>> find_fewest_that_hold({4: 1e-2, 5: 1e-4, 6: 2e-3, 7: 1e-4}, 1e-3)
     7
     """
     held = 0
@@ -74,19 +82,21 @@ def read_errors(path: str | os.PathLike[str]) -> dict[str, Errors]:
     return found
 
 
-def ratios(table: dict[str, Errors], outcomes: Sequence[Outcome]) -> dict[tuple[str, float], tuple[int, int]]:
+def pair_chosen_and_fewest(
+    table: dict[str, Errors], outcomes: Sequence[Outcome]
+) -> dict[tuple[str, float], tuple[int, int]]:
     """Nodes chosen and the fewest that hold, by scene and request, where those are known."""
     found = {}
     for one in outcomes:
-        fewest = fewest_that_hold(table.get(one.scene, {}), one.requested)
+        fewest = find_fewest_that_hold(table.get(one.scene, {}), one.requested)
         if fewest and not one.given:
             found[one.scene, one.requested] = one.nodes, fewest
     return found
 
 
-def as_table(table: dict[str, Errors], outcomes: Sequence[Outcome]) -> str:
+def make_ratio_table(table: dict[str, Errors], outcomes: Sequence[Outcome]) -> str:
     """Scenes down, requests across: nodes chosen over the fewest that hold; empty where nothing is known."""
-    found = ratios(table, outcomes)
+    found = pair_chosen_and_fewest(table, outcomes)
     if not found:
         return ""
     requests = sorted({requested for _, requested in found}, reverse=True)
@@ -99,7 +109,7 @@ def as_table(table: dict[str, Errors], outcomes: Sequence[Outcome]) -> str:
         f"\nNodes chosen over the fewest from which on all that were tried hold, at most {worst:.2f}; ? where the\n"
         f"reference is not good enough to tell. Errors of all nodes tried: {TABLE}.\n"
     )
-    return markdown_table(["scene", *(f"{requested:.0e}" for requested in requests)], rows) + note
+    return make_markdown_table(["scene", *(f"{requested:.0e}" for requested in requests)], rows) + note
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -110,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     table = read_errors(path)
     for name in PROBES:
         if name not in table:
-            table[name] = measure(PROBES[name])
+            table[name] = measure_node_errors(PROBES[name])
             rows = [(name, nodes, f"{error:.3g}") for name, errors in table.items() for nodes, error in errors.items()]
             write_rows(path, HEADER, rows)
             print(f"{name}: to {max(table[name])} nodes", flush=True)

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vrte.pictures.figures import COLOURS, FAINT, save
-from vrte.studies.accuracy.fewest import TABLE, Errors, as_table, read_errors
-from vrte.studies.accuracy.sweep import Outcome, median_slack
+from vrte.studies.accuracy.fewest import TABLE, Errors, make_ratio_table, read_errors
+from vrte.studies.accuracy.sweep import Outcome, compute_median_slack
 from vrte.studies.cost.page import CONFIGURATIONS, OTHERS
 from vrte.studies.pages import (
     MARKERS,
     finish_panel,
-    made_with,
-    markdown_list,
-    markdown_table,
+    list_run_facts,
+    make_markdown_list,
+    make_markdown_table,
     write_rows,
     write_text,
 )
@@ -27,10 +27,10 @@ KINDS = ((True, "nodes given: the discrete problem"), (False, "nodes chosen: the
 LINES = tuple(dict.fromkeys([*CONFIGURATIONS, *COLOURS.values(), *OTHERS]))
 
 
-def as_text(outcome: Outcome) -> str:
-    """One line.
+def describe_outcome(outcome: Outcome) -> str:
+    """One request and what was achieved, in one line.
 
-    >>> as_text(Outcome("a scene", True, 1e-3, 2e-5, 1e-14, 8, 3, 96, 0.1, True, True))
+    >>> describe_outcome(Outcome("a scene", True, 1e-3, 2e-5, 1e-14, 8, 3, 96, 0.1, True, True))
     'a scene, 8 nodes given: requested 1e-03, achieved 2e-05, 3 orders'
     """
     how = "given" if outcome.given else "chosen"
@@ -47,41 +47,44 @@ def write_pages(outcomes: Sequence[Outcome], folder: str | os.PathLike[str]) -> 
     Raises MissingExtraError without matplotlib, OSError.
     """
     table, page, picture = (Path(folder) / f"accuracy.{ending}" for ending in ("csv", "md", "png"))
-    write_rows(table, [item.name for item in fields(Outcome)], [csv_cells(outcome) for outcome in outcomes])
-    write_text(page, as_markdown(outcomes, read_errors(Path(folder) / TABLE)))
-    save(as_figure(outcomes), picture)
+    write_rows(table, [item.name for item in fields(Outcome)], [list_csv_cells(outcome) for outcome in outcomes])
+    write_text(page, make_markdown(outcomes, read_errors(Path(folder) / TABLE)))
+    save(draw_figure(outcomes), picture)
     return [table, page, picture]
 
 
-def csv_cells(outcome: Outcome) -> list[object]:
+def list_csv_cells(outcome: Outcome) -> list[object]:
     """Numbers with as many digits as they have."""
     return [f"{value:.3g}" if isinstance(value, float) else value for value in asdict(outcome).values()]
 
 
-def as_markdown(outcomes: Sequence[Outcome], errors: dict[str, Errors]) -> str:
+def make_markdown(outcomes: Sequence[Outcome], errors: dict[str, Errors]) -> str:
     """A table for each kind of request: achieved, and the nodes and orders that did; and the nodes chosen over the
     fewest that hold, where ``errors`` of scenes and nodes are known."""
-    text = "# Requested and achieved accuracy\n\n" + markdown_list(made_with("the sweep of vrte.studies.accuracy"))
+    text = "# Requested and achieved accuracy\n\n" + make_markdown_list(
+        list_run_facts("the sweep of vrte.studies.accuracy")
+    )
     for given, title in KINDS:
         part = [outcome for outcome in outcomes if outcome.given == given]
         if part:
-            text += f"\n## {title.capitalize()}\n\n{summary(part)}\n\n" + table_of(part)
-    fewest = as_table(errors, outcomes)
+            text += f"\n## {title.capitalize()}\n\n{describe_sweep(part)}\n\n" + make_outcome_table(part)
+    fewest = make_ratio_table(errors, outcomes)
     return text + (f"\n## Nodes chosen over the fewest that hold\n\n{fewest}" if fewest else "")
 
 
-def summary(outcomes: Sequence[Outcome]) -> str:
+def describe_sweep(outcomes: Sequence[Outcome]) -> str:
     """What the sweep showed, in a sentence or two."""
     broken = sum(not outcome.kept for outcome in outcomes)
     closest = min(outcome.slack for outcome in outcomes)
     saved = [outcome for outcome in outcomes if outcome.saved]
     return (
         f"{len(outcomes)} requests, {broken} not kept; requested over achieved: at least {closest:.2g}, median "
-        f"{median_slack(outcomes):.2g} over the {len(saved)} that did with fewer nodes or orders than the finest."
+        f"{compute_median_slack(outcomes):.2g} over the {len(saved)} that did with fewer nodes or orders than the "
+        "finest."
     )
 
 
-def table_of(outcomes: Sequence[Outcome]) -> str:
+def make_outcome_table(outcomes: Sequence[Outcome]) -> str:
     """Scenes down, requests across."""
     requests = sorted({outcome.requested for outcome in outcomes}, reverse=True)
     header = ["scene", "reference within", *(f"{requested:.0e}" for requested in requests)]
@@ -90,10 +93,10 @@ def table_of(outcomes: Sequence[Outcome]) -> str:
         row = rows.setdefault(outcome.scene, [outcome.scene, f"{outcome.uncertain:.0e}"])
         row.append(f"{outcome.achieved:.0e} ({outcome.nodes}, {outcome.orders}){'' if outcome.promised else ' ?'}")
     note = "\nAchieved (nodes, orders); ? where the plan does not promise it.\n"
-    return markdown_table(header, rows.values()) + note
+    return make_markdown_table(header, rows.values()) + note
 
 
-def as_figure(outcomes: Sequence[Outcome]) -> "Figure":
+def draw_figure(outcomes: Sequence[Outcome]) -> "Figure":
     """Achieved over requested, a panel for each kind of request, a line a scene."""
     from matplotlib.figure import Figure
 

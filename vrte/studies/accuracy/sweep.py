@@ -37,7 +37,7 @@ class Probe:
     @property
     def scene(self) -> Scene:
         """What is solved."""
-        return cases.scene(self.of or self.name)
+        return cases.find_scene(self.of or self.name)
 
     @property
     def signed_mu(self) -> Array:
@@ -112,7 +112,7 @@ class Answer:
     diagnostics: dict[str, Any]
 
 
-def answer(case: Probe, accuracy: float, nodes: int | None, algorithm: str = "auto") -> Answer:
+def answer_probe(case: Probe, accuracy: float, nodes: int | None, algorithm: str = "auto") -> Answer:
     """What is asked of the case."""
     options: dict[str, Any] = {"accuracy": accuracy, "nodes": nodes, "algorithm": algorithm}
     if case.tau:
@@ -129,40 +129,40 @@ def answer(case: Probe, accuracy: float, nodes: int | None, algorithm: str = "au
     return Answer(light, np.abs(light[..., 0, 0]).max(axis=(2, 3)), flux, found.diagnostics)
 
 
-def difference(one: Answer, other: Answer) -> float:
+def measure_difference(one: Answer, other: Answer) -> float:
     """The largest of light and flux over pi, relative to the largest I of `other` at that depth for that beam."""
     light = np.abs(one.light - other.light).max(axis=tuple(range(2, one.light.ndim)))
     flux = np.abs(one.flux - other.flux).max(axis=2)
     return float((np.maximum(light, flux) / np.maximum(other.largest, 1e-290)).max())
 
 
-def references(case: Probe, given: bool) -> tuple[list[Answer], float]:
+def solve_references(case: Probe, given: bool) -> tuple[list[Answer], float]:
     """What is right, and how well it is known: by both algorithms on the nodes given, and what they differ by; or on
     many more nodes, and what still more of them differ by, which are taken."""
     if given:
-        first, second = (answer(case, EXACT, case.nodes, name) for name in ("modes", "doubling"))
-        return [first, second], difference(first, second)
-    first, second = (answer(case, CONTINUOUS, nodes) for nodes in case.more)
-    return [second], difference(first, second)
+        first, second = (answer_probe(case, EXACT, case.nodes, name) for name in ("modes", "doubling"))
+        return [first, second], measure_difference(first, second)
+    first, second = (answer_probe(case, CONTINUOUS, nodes) for nodes in case.more)
+    return [second], measure_difference(first, second)
 
 
-def outcomes_of(names: Sequence[str], given: bool, requests: Sequence[float]) -> Iterator[Outcome]:
+def measure_outcomes(names: Sequence[str], given: bool, requests: Sequence[float]) -> Iterator[Outcome]:
     """Every scene at every request; with nodes given those that carry all terms, the others have no accuracy."""
     for name in names:
         case = PROBES[name]
         if given and 2 * case.nodes < max(layer.phase_matrix.terms for layer in case.scene.layers):
             continue
-        right, uncertain = references(case, given)
+        right, uncertain = solve_references(case, given)
         nodes = case.nodes if given else None
-        finest = int(answer(case, EXACT if given else min(requests), nodes).diagnostics["unknowns"])
+        finest = int(answer_probe(case, EXACT if given else min(requests), nodes).diagnostics["unknowns"])
         for requested in requests:
-            found = answer(case, requested, nodes)
+            found = answer_probe(case, requested, nodes)
             told = found.diagnostics
             yield Outcome(
                 scene=name,
                 given=given,
                 requested=requested,
-                achieved=max(difference(found, answered) for answered in right),
+                achieved=max(measure_difference(found, answered) for answered in right),
                 uncertain=uncertain,
                 nodes=told["nodes"],
                 orders=told["orders"],
@@ -173,7 +173,7 @@ def outcomes_of(names: Sequence[str], given: bool, requests: Sequence[float]) ->
             )
 
 
-def median_slack(outcomes: Sequence[Outcome]) -> float:
+def compute_median_slack(outcomes: Sequence[Outcome]) -> float:
     """Of requested over achieved, where a looser request did with less; NaN where none did."""
     saved = [outcome.slack for outcome in outcomes if outcome.saved]
     return float(np.median(saved)) if saved else float("nan")

@@ -38,7 +38,7 @@ class Point:
     @property
     def scene(self) -> Scene:
         """The layer."""
-        return cases.gold_layer(self.radius_um)
+        return cases.make_gold_scene(self.radius_um)
 
 
 @dataclass(frozen=True)
@@ -101,10 +101,10 @@ AXES = {
 }
 
 
-def axes(quick: bool = False) -> tuple[Axis, ...]:
+def list_axes(quick: bool = False) -> tuple[Axis, ...]:
     """The four axes, in the order of the figures.
 
-    >>> [axis.figures for axis in axes(quick=True)]
+    >>> [axis.figures for axis in list_axes(quick=True)]
     [(2, 3), (4, 5), (6, 7), (8, 9)]
     """
     base = Point(radius_um=0.3, nodes=12) if quick else Point()
@@ -118,10 +118,10 @@ def axes(quick: bool = False) -> tuple[Axis, ...]:
     return tuple(found)
 
 
-def cosines(count: int) -> Array:
+def make_cosines(count: int) -> Array:
     """The middles of equal intervals from 0 to 1: (count,), never the normal, where most orders vanish.
 
-    >>> cosines(2).tolist()
+    >>> make_cosines(2).tolist()
     [0.25, 0.75]
     """
     return (np.arange(count) + 0.5) / count

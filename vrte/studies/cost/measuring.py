@@ -13,10 +13,10 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
-from vrte.studies.cost.axes import MU0, PHI, Axis, Point, cosines
+from vrte.studies.cost.axes import MU0, PHI, Axis, Point, make_cosines
 from vrte.studies.tables.configurations import Configuration as Papers
 from vrte.studies.tables.paper import IN_RECONSTRUCTION, TOTAL
-from vrte.studies.timing import Tick, rounds_that_fit
+from vrte.studies.timing import Tick, count_fitting_rounds
 
 REST = "outside the steps"
 FEWEST_ROUNDS, MOST_ROUNDS = 3, 15
@@ -65,12 +65,12 @@ class Measurement:
         return found | {REST: max(0.0, self.seconds - sum(self.stages.values()))}
 
 
-def configurations(threads: int = 2) -> tuple[Configuration, ...]:
+def list_configurations(threads: int = 2) -> tuple[Configuration, ...]:
     """The paper's 2 and, where there is an OpenCL device, 5; OpenMP if more than one of its ``threads`` is asked for.
 
     Raises SceneError where the compiled core has no OpenMP but more threads are asked for.
 
-    >>> [configuration.name for configuration in configurations(1)][:1]
+    >>> [configuration.name for configuration in list_configurations(1)][:1]
     ['configuration 2']
     """
     if threads > 1 and not _core.HAS_OPENMP:
@@ -81,7 +81,7 @@ def configurations(threads: int = 2) -> tuple[Configuration, ...]:
     return tuple(found)
 
 
-def left_out() -> list[str]:
+def explain_missing_configurations() -> list[str]:
     """Why one of the paper's is not among them."""
     return [reason for each in PAPERS if (reason := each.refusal()) is not None]
 
@@ -89,10 +89,10 @@ def left_out() -> list[str]:
 def solve(point: Point, configuration: Configuration) -> dict[str, Any]:
     """Solves and returns the diagnostics. The one call of the solver."""
     common: dict[str, Any] = {"phi": PHI, "nodes": point.nodes, **configuration.options}
-    out = cosines(point.outgoing)
+    out = make_cosines(point.outgoing)
     if point.incident is None:
         return radiance(point.scene, mu0=MU0, mu=out, **common).diagnostics
-    return brdf(point.scene, mu_i=cosines(point.incident), mu_o=out, **common).diagnostics
+    return brdf(point.scene, mu_i=make_cosines(point.incident), mu_o=out, **common).diagnostics
 
 
 def measure(
@@ -119,16 +119,16 @@ def measure(
                 continue
             tick(done, sum(wanted), f"{axis.name} {axis.value(point):g}")
             start = time.perf_counter()
-            found += [measured(axis, point, configuration, number) for configuration in configurations]
+            found += [measure_point(axis, point, configuration, number) for configuration in configurations]
             if number == 0:
                 first = time.perf_counter() - start
-                wanted[place] = rounds_that_fit(first, seconds_a_point, FEWEST_ROUNDS, MOST_ROUNDS)
+                wanted[place] = count_fitting_rounds(first, seconds_a_point, FEWEST_ROUNDS, MOST_ROUNDS)
             done += 1
     tick(done, done, "")
     return found
 
 
-def measured(axis: Axis, point: Point, configuration: Configuration, number: int) -> Measurement:
+def measure_point(axis: Axis, point: Point, configuration: Configuration, number: int) -> Measurement:
     """One solve, timed by its own diagnostics."""
     made = solve(point, configuration)
     stages = {name: clock["wall_seconds"] for name, clock in made["stages"].items()}
@@ -180,12 +180,12 @@ def fit_exponent(x: Any, seconds: Any) -> Fit | None:
     return Fit(exponent, error, math.exp(intercept), float(x.min()), float(x.max()), int(x.size))
 
 
-def upper_half(x: Array) -> Array:
+def mark_upper_half(x: Array) -> Array:
     """Which points lie in the upper half of the axis, on a logarithmic scale: (points,) of bool.
 
     There a constant cost weighs least, so the exponent is nearest to that of the term that grows.
 
-    >>> upper_half(np.array([1.0, 4.0, 16.0])).tolist()
+    >>> mark_upper_half(np.array([1.0, 4.0, 16.0])).tolist()
     [False, True, True]
     """
     return np.asarray(x >= math.sqrt(float(x.min()) * float(x.max())) * (1.0 - 1e-12))
@@ -205,7 +205,7 @@ class Series:
         return str(fit_exponent(self.x[part], self.seconds[part]) or "-")
 
 
-def series(measurements: Sequence[Measurement], axis: str, configuration: str) -> dict[str, Series]:
+def collect_series(measurements: Sequence[Measurement], axis: str, configuration: str) -> dict[str, Series]:
     """Every step's, the total first, what is outside the steps last; 0 seconds where a step did not run."""
     by_value: dict[float, list[dict[str, float]]] = {}
     for found in measurements:

@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 from vrte.pictures.figures import COLOURS, FAINT, require_pictures, save
 from vrte.studies.cost.axes import Axis
-from vrte.studies.cost.measuring import REST, Measurement, Series, fit_exponent, series, upper_half
-from vrte.studies.pages import finish_panel, made_with, markdown_list, markdown_table, write_rows, write_text
+from vrte.studies.cost.measuring import REST, Measurement, Series, collect_series, fit_exponent, mark_upper_half
+from vrte.studies.pages import (
+    finish_panel,
+    list_run_facts,
+    make_markdown_list,
+    make_markdown_table,
+    write_rows,
+    write_text,
+)
 from vrte.studies.tables.paper import TOTAL
 
 if TYPE_CHECKING:
@@ -37,21 +44,23 @@ def write_page(
 
     Raises MissingExtraError without matplotlib, OSError.
     """
-    lines = {axis.name: {name: series(measurements, axis.name, name) for name in configurations} for axis in axes}
+    lines = {
+        axis.name: {name: collect_series(measurements, axis.name, name) for name in configurations} for axis in axes
+    }
     paths = []
     for axis in axes:
-        for number, draw in zip(axis.figures, (total_figure, steps_figure), strict=True):
+        for number, draw in zip(axis.figures, (draw_total_times, draw_step_times), strict=True):
             paths.append(Path(folder) / f"figure_{number}.png")
             save(draw(axis, lines[axis.name]), paths[-1])
     page, table = Path(folder) / PAGE, Path(folder) / CSV
-    write_text(page, as_markdown(measurements, axes, lines, settings))
+    write_text(page, make_markdown(measurements, axes, lines, settings))
     stages = list(dict.fromkeys(name for found in measurements for name in found.stages))
     header = [*CSV_COLUMNS, *(f"{name.replace(' ', '_')}_s" for name in stages)]
-    write_rows(table, header, [csv_cells(found, stages) for found in measurements])
+    write_rows(table, header, [list_csv_cells(found, stages) for found in measurements])
     return [*paths, page, table]
 
 
-def csv_cells(found: Measurement, stages: Sequence[str]) -> list[object]:
+def list_csv_cells(found: Measurement, stages: Sequence[str]) -> list[object]:
     """One solve's row: CSV_COLUMNS, then seconds of each stage, empty where it did not run."""
     point = found.point
     request = [point.radius_um, point.terms, point.nodes, point.outgoing, point.incident]
@@ -60,14 +69,14 @@ def csv_cells(found: Measurement, stages: Sequence[str]) -> list[object]:
     return [*place, *request, found.orders_solved, f"{found.seconds:.6f}", *times]
 
 
-def as_markdown(
+def make_markdown(
     measurements: Sequence[Measurement], axes: Sequence[Axis], lines: dict[str, Lines], settings: str
 ) -> str:
     """The page: what was measured on what, then axis by axis the figures, the exponents and the total times."""
     solves = f"{len(measurements)} solves, {sum(found.seconds for found in measurements):.0f} s"
     blocks = [
         "# Cost growth: figures 2 to 9 of the GPU paper\n",
-        markdown_list([*made_with(settings), linear_algebra(), solves]),
+        make_markdown_list([*list_run_facts(settings), describe_linear_algebra(), solves]),
         "Written by `vrte tables --figures`; docs/cost.md says what the columns mean.\n",
     ]
     for axis in axes:
@@ -80,32 +89,36 @@ def as_markdown(
         blocks += [
             f"## Figures {first} and {second}: {axis.title}\n",
             f"![total time](figure_{first}.png)\n\n![time of each step](figure_{second}.png)\n",
-            markdown_table(exponent_header(axis, list(found)), exponent_rows(axis, found)),
-            markdown_table([axis.name, "orders solved", *(f"total [ms], {name}" for name in found)], totals),
+            make_markdown_table(make_exponent_header(axis, list(found)), make_exponent_rows(axis, found)),
+            make_markdown_table([axis.name, "orders solved", *(f"total [ms], {name}" for name in found)], totals),
         ]
     return "\n".join(blocks).rstrip() + "\n"
 
 
-def exponent_header(axis: Axis, configurations: Sequence[str]) -> list[str]:
+def make_exponent_header(axis: Axis, configurations: Sequence[str]) -> list[str]:
     """Of the table of exponents: the range of each fit is in it."""
     values = axis.values
-    upper = values[upper_half(values)]
+    upper = values[mark_upper_half(values)]
     columns = ["step", "the paper"]
     for name in configurations:
-        columns += [f"{name}: all ({span(values)})", f"upper half ({span(upper)})", f"share at {values[-1]:g}"]
+        columns += [
+            f"{name}: all ({say_range(values)})",
+            f"upper half ({say_range(upper)})",
+            f"share at {values[-1]:g}",
+        ]
     return columns
 
 
-def span(values: Any) -> str:
+def say_range(values: Any) -> str:
     """First and last.
 
-    >>> span([1.0, 2.0, 8.0])
+    >>> say_range([1.0, 2.0, 8.0])
     '1 to 8'
     """
     return f"{values[0]:g} to {values[-1]:g}"
 
 
-def exponent_rows(axis: Axis, found: Lines) -> list[list[str]]:
+def make_exponent_rows(axis: Axis, found: Lines) -> list[list[str]]:
     """A row a step: claim, and in each configuration both fits and the step's share of the total at the last point."""
     rows = []
     for step in dict.fromkeys(name for lines in found.values() for name in lines):
@@ -116,25 +129,25 @@ def exponent_rows(axis: Axis, found: Lines) -> list[list[str]]:
                 row += ["-", "-", "-"]
                 continue
             share = line.seconds[-1] / lines[TOTAL].seconds[-1]
-            row += [line.exponent(), line.exponent(upper_half(line.x)), f"{share:.1%}"]
+            row += [line.exponent(), line.exponent(mark_upper_half(line.x)), f"{share:.1%}"]
         rows.append(row)
     return rows
 
 
-def as_text(measurements: Sequence[Measurement], axes: Sequence[Axis], configurations: Sequence[str]) -> str:
+def describe_exponents(measurements: Sequence[Measurement], axes: Sequence[Axis], configurations: Sequence[str]) -> str:
     """The exponents for a terminal: a block an axis, a line a step."""
     texts = []
     for axis in axes:
-        texts.append(f"  {axis.title}, {span(axis.values)}")
+        texts.append(f"  {axis.title}, {say_range(axis.values)}")
         texts.append(f"    {'exponent of':20}{'the paper':42}" + "".join(f"{name:>20}" for name in configurations))
-        found = {name: series(measurements, axis.name, name) for name in configurations}
-        for step, stated, *cells in exponent_rows(axis, found):
+        found = {name: collect_series(measurements, axis.name, name) for name in configurations}
+        for step, stated, *cells in make_exponent_rows(axis, found):
             texts.append(f"    {step:20}{stated:42}" + "".join(f"{cell:>20}" for cell in cells[::3]))
         texts.append("")
     return "\n".join(texts[:-1])
 
 
-def linear_algebra() -> str:
+def describe_linear_algebra() -> str:
     """The libraries behind it, and for which processor they chose their kernels."""
     from threadpoolctl import threadpool_info
 
@@ -146,28 +159,28 @@ def linear_algebra() -> str:
     return f"linear algebra: {', '.join(sorted(found)) or 'unknown'}"
 
 
-def total_figure(axis: Axis, found: Lines) -> "Figure":
+def draw_total_times(axis: Axis, found: Lines) -> "Figure":
     """Total time, a line a configuration, each with its fit. Raises MissingExtraError."""
-    figure = new_figure(6.4, 4.2)
+    figure = make_figure(6.4, 4.2)
     panel = figure.subplots()
     for place, (name, steps) in enumerate(found.items()):
-        draw(panel, steps[TOTAL], CONFIGURATIONS[place], place, f"{name}: exponent {steps[TOTAL].exponent()}")
+        draw_series(panel, steps[TOTAL], CONFIGURATIONS[place], place, f"{name}: exponent {steps[TOTAL].exponent()}")
     name_axes(panel, axis, f"Total time. Exponent in the paper: {axis.claims[TOTAL].text}")
     panel.set_ylabel("seconds")
     panel.legend(fontsize=9, frameon=False)
     return figure
 
 
-def steps_figure(axis: Axis, found: Lines) -> "Figure":
+def draw_step_times(axis: Axis, found: Lines) -> "Figure":
     """Time of each step, a panel a configuration. Raises MissingExtraError."""
-    figure = new_figure(1.2 + 4.2 * len(found), 5.4)
+    figure = make_figure(1.2 + 4.2 * len(found), 5.4)
     panels: Any = figure.subplots(1, len(found), sharey=True, squeeze=False)
     for panel, (name, lines) in zip(panels[0], found.items(), strict=True):
         steps = {step: line for step, line in lines.items() if step != TOTAL and line.seconds.any()}
-        colours = colours_of(list(steps))
+        colours = choose_colours(list(steps))
         for place, (step, line) in enumerate(steps.items()):
             stated = f" (paper: {axis.claims[step].text})" if step in axis.claims else ""
-            draw(panel, line, colours[step], place, f"{step}: {line.exponent()}{stated}")
+            draw_series(panel, line, colours[step], place, f"{step}: {line.exponent()}{stated}")
         name_axes(panel, axis, name)
         below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
         panel.legend(fontsize=8, frameon=False, title="step: exponent", title_fontsize=8, **below)
@@ -175,13 +188,13 @@ def steps_figure(axis: Axis, found: Lines) -> "Figure":
     return figure
 
 
-def colours_of(steps: Sequence[str]) -> dict[str, str]:
+def choose_colours(steps: Sequence[str]) -> dict[str, str]:
     """Of each step: the paper's have theirs everywhere."""
     ours = [step for step in steps if step not in COLOURS and step != REST]
     return COLOURS | {step: OTHERS[place % len(OTHERS)] for place, step in enumerate(ours)} | {REST: FAINT}
 
 
-def draw(panel: Any, line: Series, colour: str, place: int, label: str) -> None:
+def draw_series(panel: Any, line: Series, colour: str, place: int, label: str) -> None:
     """Medians with a bar from the least to the greatest, and the fitted power law dashed."""
     ran = line.seconds > 0.0
     x, median = line.x[ran], line.seconds[ran]
@@ -204,7 +217,7 @@ def name_axes(panel: Any, axis: Axis, title: str) -> None:
     panel.tick_params(labelsize=8)
 
 
-def new_figure(width: float, height: float) -> Any:
+def make_figure(width: float, height: float) -> Any:
     """An empty figure [inches]. Raises MissingExtraError without matplotlib."""
     require_pictures()
     from matplotlib.figure import Figure

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from vrte.basics.errors import DeviceError
-from vrte.methods import method_of
+from vrte.methods import find_method
 from vrte.request.how import AUTO, EXACT, METHODS
 from vrte.studies.methods import peers
 from vrte.studies.methods.advice import EXPONENTS, EXPONENTS_QUICK
@@ -36,24 +36,24 @@ class Curve:
         return json.dumps([self.name, self.method, setting.label, setting.options, self.made_by], sort_keys=True)
 
 
-def over_nodes(counts: tuple[int, ...], **options: Any) -> tuple[Setting, ...]:
+def vary_nodes(counts: tuple[int, ...], **options: Any) -> tuple[Setting, ...]:
     """The same with more and more nodes.
 
-    >>> over_nodes((4, 8))[1].label
+    >>> vary_nodes((4, 8))[1].label
     '8 nodes'
     """
     return tuple(Setting(f"{count} nodes", {"nodes": count, **options}) for count in counts)
 
 
-def over_accuracies(exponents: tuple[int, ...], **options: Any) -> tuple[Setting, ...]:
+def vary_accuracy(exponents: tuple[int, ...], **options: Any) -> tuple[Setting, ...]:
     """The same with finer and finer requests, nodes left to the plan."""
     return tuple(Setting(f"accuracy 1e-{k}", {"accuracy": 10.0**-k, **options}) for k in exponents)
 
 
-def told(*each: tuple[int | None, dict[str, Any]]) -> tuple[Setting, ...]:
+def make_settings(*each: tuple[int | None, dict[str, Any]]) -> tuple[Setting, ...]:
     """Nodes (None: the method's own) and settings of each point.
 
-    >>> told((8, {"orders": 3}))[0].label
+    >>> make_settings((8, {"orders": 3}))[0].label
     '8 nodes, orders 3'
     """
     return tuple(
@@ -72,68 +72,70 @@ FINE = 1e-12  # accuracy where the nodes are the knob
 # (name of the curve, settings) of each method other than the exact one; one that is not here goes over its nodes
 KNOBS: dict[str, tuple[tuple[str, tuple[Setting, ...]], ...]] = {
     "adding-doubling": (
-        ("adding-doubling", over_nodes((2, 4, 8, 16, 32))),
-        ("adding-doubling, start", told(*((16, {"start": start, "thin": 0.25}) for start in (0, 1, 3)))),
+        ("adding-doubling", vary_nodes((2, 4, 8, 16, 32))),
+        ("adding-doubling, start", make_settings(*((16, {"start": start, "thin": 0.25}) for start in (0, 1, 3)))),
     ),
-    "diffusion": (("diffusion", told(*((None, {"boundary": boundary}) for boundary in ("marshak", "mark", "milne")))),),
+    "diffusion": (
+        ("diffusion", make_settings(*((None, {"boundary": boundary}) for boundary in ("marshak", "mark", "milne")))),
+    ),
     "invariant-imbedding": (
-        ("invariant-imbedding", over_nodes((2, 4, 8, 16))),
-        ("invariant-imbedding, rtol", told(*((8, {"rtol": 10.0**-k}) for k in (2, 5, 8)))),
+        ("invariant-imbedding", vary_nodes((2, 4, 8, 16))),
+        ("invariant-imbedding, rtol", make_settings(*((8, {"rtol": 10.0**-k}) for k in (2, 5, 8)))),
     ),
-    "matrix-operator": (("matrix-operator", over_nodes((2, 4, 8, 16, 32))),),
-    "single-scattering": (("single-scattering", told((None, {}))),),
-    "small-angle": (("small-angle", told((None, {}))),),
+    "matrix-operator": (("matrix-operator", vary_nodes((2, 4, 8, 16, 32))),),
+    "single-scattering": (("single-scattering", make_settings((None, {}))),),
+    "small-angle": (("small-angle", make_settings((None, {}))),),
     "successive-orders": (
-        ("successive-orders", over_nodes((2, 4, 8, 16, 32))),
-        ("successive-orders, orders", told(*((16, {"orders": orders}) for orders in (1, 2, 4, 8, 16, 64)))),
+        ("successive-orders", vary_nodes((2, 4, 8, 16, 32))),
+        ("successive-orders, orders", make_settings(*((16, {"orders": orders}) for orders in (1, 2, 4, 8, 16, 64)))),
     ),
     "synthetic-iteration": (
         *(
             (
                 f"synthetic-iteration, {regular}",
-                told(*((None, {"regular": regular, "iterations": count}) for count in (1, 2, 3))),
+                make_settings(*((None, {"regular": regular, "iterations": count}) for count in (1, 2, 3))),
             )
             for regular in ("two-stream", "diffusion")
         ),
-        (f"synthetic-iteration, {EXACT}", told(*((nodes, {"regular": EXACT}) for nodes in (2, 4, 8)))),
+        (f"synthetic-iteration, {EXACT}", make_settings(*((nodes, {"regular": EXACT}) for nodes in (2, 4, 8)))),
     ),
-    "two-stream": (("two-stream", told((None, {}))),),
+    "two-stream": (("two-stream", make_settings((None, {}))),),
 }
 
 
-def curves(quick: bool = False) -> tuple[Curve, ...]:
+def list_curves(quick: bool = False) -> tuple[Curve, ...]:
     """All of them: of the exact method, over nodes by each algorithm, over the accuracy asked for, on an OpenCL device;
     of every other method registered; of whatever auto takes, over the accuracy asked for (its rows say which method
     that was); of every peer that is installed, over its streams, two for a node of a hemisphere.
 
     Where quick, a coarse and a middle point of each.
 
-    >>> [curve.name for curve in curves(quick=True)][0]
+    >>> [curve.name for curve in list_curves(quick=True)][0]
     'discrete-ordinates, modes'
     """
     nodes, accuracies = (NODES_QUICK, ACCURACIES_QUICK) if quick else (NODES, ACCURACIES)
-    few = coarse_and_middle if quick else tuple[Setting, ...]
+    few = pick_coarse_and_middle if quick else tuple[Setting, ...]
     found = [
-        Curve(f"{EXACT}, {name}", EXACT, over_nodes(nodes, algorithm=name, accuracy=FINE))
+        Curve(f"{EXACT}, {name}", EXACT, vary_nodes(nodes, algorithm=name, accuracy=FINE))
         for name in ("modes", "doubling")
     ]
-    found.append(Curve(f"{EXACT}, accuracy", EXACT, over_accuracies(accuracies)))
+    found.append(Curve(f"{EXACT}, accuracy", EXACT, vary_accuracy(accuracies)))
     if not quick:
-        found.append(Curve(f"{EXACT}, sequential", EXACT, over_accuracies((3, 6, 10), backend="sequential")))
+        found.append(Curve(f"{EXACT}, sequential", EXACT, vary_accuracy((3, 6, 10), backend="sequential")))
         if has_device():
-            found.append(Curve(f"{EXACT}, opencl", EXACT, over_accuracies(accuracies, backend="opencl")))
+            found.append(Curve(f"{EXACT}, opencl", EXACT, vary_accuracy(accuracies, backend="opencl")))
     for method in METHODS:
         if method != EXACT:
-            each = KNOBS.get(method, ((method, over_nodes(NODES)),))
+            each = KNOBS.get(method, ((method, vary_nodes(NODES)),))
             found += [Curve(name, method, few(settings)) for name, settings in each]
-    found.append(Curve(AUTO, AUTO, over_accuracies(EXPONENTS_QUICK if quick else EXPONENTS)))
-    for peer in peers.installed():
+    found.append(Curve(AUTO, AUTO, vary_accuracy(EXPONENTS_QUICK if quick else EXPONENTS)))
+    for peer in peers.list_installed():
         settings = tuple(Setting(f"{streams} streams", {"streams": streams}) for streams in peer.streams)
         found.append(Curve(f"{peer.name}{peer.lacks}", peer.name, few(settings), peer.made_by))
     return tuple(found)
 
 
-def coarse_and_middle(settings: tuple[Setting, ...]) -> tuple[Setting, ...]:
+def pick_coarse_and_middle(settings: tuple[Setting, ...]) -> tuple[Setting, ...]:
     """The first setting and the one halfway."""
     half = len(settings) // 2
     return settings[: half + 1 : max(1, half)]
@@ -142,15 +144,15 @@ def coarse_and_middle(settings: tuple[Setting, ...]) -> tuple[Setting, ...]:
 def has_device() -> bool:
     """Whether a solve would find an OpenCL device."""
     try:
-        from vrte.cl.device import chosen
+        from vrte.cl.device import find_chosen_device
 
-        chosen()
+        find_chosen_device()
     except (ImportError, DeviceError):
         return False
     return True
 
 
-def unknown_settings() -> list[str]:
+def list_unknown_settings() -> list[str]:
     """Settings in KNOBS that their method does not have; none where the table is right."""
     return [
         f"{method}: {name}"
@@ -158,5 +160,5 @@ def unknown_settings() -> list[str]:
         for _, settings in each
         for setting in settings
         for name in setting.options.get("settings", {})
-        if method in METHODS and name not in method_of(method).settings
+        if method in METHODS and name not in find_method(method).settings
     ]

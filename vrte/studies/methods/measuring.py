@@ -16,12 +16,12 @@ from vrte.request.how import AUTO
 from vrte.results.field import Field
 from vrte.studies.methods import peers
 from vrte.studies.methods.knobs import Curve, Options, Setting
-from vrte.studies.methods.operations import operations
-from vrte.studies.methods.reference import Reference, ask, reference, shares
+from vrte.studies.methods.operations import count_operations
+from vrte.studies.methods.reference import Reference, find_flux_shares, get_reference, solve_case
 from vrte.studies.methods.rows import FAILED, LEFT_OUT, MEASURED, REFUSED, STOKES, Row
-from vrte.studies.methods.scenes import Case, case
-from vrte.studies.records import Records, fingerprint
-from vrte.studies.timing import Tick, Times, rounds_that_fit
+from vrte.studies.methods.scenes import Case, find_case
+from vrte.studies.records import Records, make_fingerprint
+from vrte.studies.timing import Tick, Times, count_fitting_rounds
 
 CSV = "methods.csv"
 
@@ -50,7 +50,7 @@ def measure(
     log = Records(Row, folder / CSV)
     known = {} if fresh else log.read()
     runs = [(curve, setting) for curve in curves for setting in curve.settings]
-    marks = {name: [mark(case(name), *run) for run in runs] for name in names}
+    marks = {name: [make_run_fingerprint(find_case(name), *run) for run in runs] for name in names}
     wanted = {each for of_case in marks.values() for each in of_case}
     # what is stale goes first, so that the file never mixes versions
     log.write([row for row in known.values() if row.fingerprint in wanted])
@@ -60,9 +60,9 @@ def measure(
         if all(each in known for each in marks[name]):  # no reference is needed
             rows += [known[each] for each in marks[name]]
             continue
-        right = reference(case(name), folder)
+        right = get_reference(find_case(name), folder)
         for curve in curves:
-            for row in along(case(name), curve, right, pace, known):
+            for row in run_curve(find_case(name), curve, right, pace, known):
                 told(len(rows), total, f"{name}: {row.curve}, {row.setting}")
                 if row.fingerprint not in known:
                     log.append(row)
@@ -72,16 +72,18 @@ def measure(
     return rows
 
 
-def mark(one: Case, curve: Curve, setting: Setting) -> str:
+def make_run_fingerprint(one: Case, curve: Curve, setting: Setting) -> str:
     """The fingerprint of a run."""
-    return fingerprint(one.fingerprint, curve.key(setting))
+    return make_fingerprint(one.fingerprint, curve.key(setting))
 
 
-def along(one: Case, curve: Curve, right: Reference, pace: Pace, known: dict[str, Row]) -> Iterator[Row]:
+def run_curve(one: Case, curve: Curve, right: Reference, pace: Pace, known: dict[str, Row]) -> Iterator[Row]:
     """A curve from its coarse end, as far as it is worth the time."""
     before: Row | None = None
     for setting in curve.settings:
-        blank = Row(one.name, curve.name, curve.method, setting.label, "", fingerprint=mark(one, curve, setting))
+        blank = Row(
+            one.name, curve.name, curve.method, setting.label, "", fingerprint=make_run_fingerprint(one, curve, setting)
+        )
         if blank.fingerprint in known:
             row = known[blank.fingerprint]
         elif before is not None and before.status.startswith(LEFT_OUT):
@@ -98,7 +100,7 @@ def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, 
     """A run: refused, failed, or its seconds and errors."""
     try:
         with threadpool_limits(1):
-            field, seconds = timed(solver(one, method, setting.options), pace)
+            field, seconds = time_solve(prepare_solve(one, method, setting.options), pace)
     except SceneError as error:
         return replace(blank, status=f"{REFUSED}: {error}")
     except (AccuracyError, ArithmeticError, peers.PeerError) as error:
@@ -114,20 +116,20 @@ def run(one: Case, method: str, setting: Setting, right: Reference, pace: Pace, 
         rounds=times.rounds,
         nodes=int(field.diagnostics.get("nodes", 0)),
         orders=int(field.diagnostics.get("orders", 0)),
-        operations=operations(one, taken, {"method": method, **setting.options}, field),
+        operations=count_operations(one, taken, {"method": method, **setting.options}, field),
         reference_within=right.within,
-        **errors(one, field, right, blank.is_peer),
+        **measure_run_errors(one, field, right, blank.is_peer),
     )
 
 
-def solver(one: Case, method: str, options: Options) -> Callable[[], Field]:
+def prepare_solve(one: Case, method: str, options: Options) -> Callable[[], Field]:
     """What is timed. Raises SceneError, PeerError where a peer does not get that far."""
     if method in peers.PEERS:
-        return peers.solver(method, one.asked, **options)
-    return partial(ask, one, method=method, threads=1, **options)
+        return peers.prepare_solve(method, one.asked, **options)
+    return partial(solve_case, one, method=method, threads=1, **options)
 
 
-def timed(solve: Callable[[], Field], pace: Pace) -> tuple[Field, list[float]]:
+def time_solve(solve: Callable[[], Field], pace: Pace) -> tuple[Field, list[float]]:
     """The field, and the seconds of each round."""
     seconds, rounds = list[float](), 1
     while len(seconds) < rounds:
@@ -135,11 +137,11 @@ def timed(solve: Callable[[], Field], pace: Pace) -> tuple[Field, list[float]]:
         field = solve()
         seconds.append(time.perf_counter() - start)
         if len(seconds) == 1 and seconds[0] < pace.alone:
-            rounds = 1 + rounds_that_fit(seconds[0], pace.seconds, pace.fewest, pace.most)
+            rounds = 1 + count_fitting_rounds(seconds[0], pace.seconds, pace.fewest, pace.most)
     return field, seconds[1:] or seconds
 
 
-def errors(one: Case, field: Field, right: Reference, is_partial: bool = False) -> dict[str, Any]:
+def measure_run_errors(one: Case, field: Field, right: Reference, is_partial: bool = False) -> dict[str, Any]:
     """Of I, Q, U, V, largest and root mean square over directions (the larger of the depths), and of energy.
 
     ``is_partial``: what is NaN was not to be found and does not count; otherwise it makes the error NaN.
@@ -148,16 +150,16 @@ def errors(one: Case, field: Field, right: Reference, is_partial: bool = False) 
     level = np.nonzero(one.outgoing)[0]
     result = {}
     for place, letter in enumerate(STOKES):
-        by_depth = [counted(light[level == depth, :, place], is_partial) for depth in range(len(one.tau))]
+        by_depth = [measure_gap_sizes(light[level == depth, :, place], is_partial) for depth in range(len(one.tau))]
         by_depth = [part for part in by_depth if part.size] or [np.array([np.nan])]
         result[f"{letter}_max"] = float(max(part.max() for part in by_depth))
         result[f"{letter}_rms"] = float(max(np.sqrt(np.mean(part**2)) for part in by_depth))
     if one.is_conservative and not (is_partial and np.isnan(lost).any()):
-        return result | {"energy": float(abs(1.0 - shares(one, field).sum()))}
-    return result | {"energy": float(counted(lost, is_partial).max())}
+        return result | {"energy": float(abs(1.0 - find_flux_shares(one, field).sum()))}
+    return result | {"energy": float(measure_gap_sizes(lost, is_partial).max())}
 
 
-def counted(gaps: Array, is_partial: bool) -> Array:
+def measure_gap_sizes(gaps: Array, is_partial: bool) -> Array:
     """Their sizes, (any,), without those that are NaN where that is no error."""
     sizes = np.abs(gaps)
     return sizes[~np.isnan(sizes)] if is_partial else sizes.ravel()

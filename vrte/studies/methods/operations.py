@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from vrte.calls.plan import plan, request_of
+from vrte.calls.plan import make_request, plan
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.slabs import cut, distinct_materials
-from vrte.methods import adding_doubling, matrix_operator, method_of, successive_orders
+from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials
+from vrte.methods import adding_doubling, find_method, matrix_operator, successive_orders
 from vrte.methods.parts import imbedding
 from vrte.methods.parts.on_nodes import OnNodes
-from vrte.methods.parts.task import discrete
+from vrte.methods.parts.task import discretise_request
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.results.field import Field
@@ -58,60 +58,60 @@ class Shape:
         return self.r - self.n
 
 
-def operations(case: Case, method: str, options: Options, field: Field) -> float:
+def count_operations(case: Case, method: str, options: Options, field: Field) -> float:
     """Of a run with these keywords of `vrte.radiance`, and what it made; NaN for what is not counted."""
     if method == EXACT:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)
-            return planned(plan("radiance", *arguments(case), threads=1, **options).as_dict())
+            return count_planned_operations(plan("radiance", *list_arguments(case), threads=1, **options).as_dict())
     if method not in COUNTS:
         return math.nan
-    request = request_of("radiance", case.scene, *arguments(case)[1:], **{**options, "method": method})
-    problem = discrete(request)
-    settings = method_of(method).checked(request)
+    request = make_request("radiance", case.scene, *list_arguments(case)[1:], **{**options, "method": method})
+    problem = discretise_request(request)
+    settings = find_method(method).checked(request)
     return COUNTS[method](request, problem, Shape.of(request, problem), settings, field.diagnostics)
 
 
-def arguments(case: Case) -> tuple[Any, ...]:
+def list_arguments(case: Case) -> tuple[Any, ...]:
     """As `vrte.radiance` takes them."""
     return case.scene, case.mu0, case.stokes, case.signed_mu, PHI, case.tau
 
 
-def planned(facts: Mapping[str, Any]) -> float:
+def count_planned_operations(facts: Mapping[str, Any]) -> float:
     """What the plan predicts, or each of its parts: at most, for orders may turn out too faint to be solved."""
     if "parts" in facts:
-        return sum(planned(part) for part in facts["parts"].values())
+        return sum(count_planned_operations(part) for part in facts["parts"].values())
     return float(facts["operations"])
 
 
-def solved_for(n: float, columns: float) -> float:
+def count_solve(n: float, columns: float) -> float:
     """A factorisation, and what it solves."""
     return 2.0 / 3.0 * n**3 + 2.0 * n * n * columns
 
 
-def of_adding_doubling(
+def count_adding_doubling(
     request: Request, problem: Problem, shape: Shape, settings: Mapping[str, Any], said: Mapping[str, Any]
 ) -> float:
     """Doublings of every distinct slab from its starting layer, and slabs and base joined from both ends; ``doublings``
     of a slab without end: the most of any order."""
     n, r, c = shape.n, shape.r, shape.c
-    pile = cut(problem)
+    pile = cut_layers(problem)
     thin = settings["thin"] * max(adding_doubling.LOWEST, float(np.min([*problem.nodes, *problem.mu0])))
     doublings = sum(
-        said["doublings"] if math.isinf(tau) else adding_doubling.doublings_of(tau, thin)
+        said["doublings"] if math.isinf(tau) else adding_doubling.count_doublings(tau, thin)
         for tau in pile.thickness.tolist()
     )
     levels = 2.0 * settings["start"] * n
-    start = solved_for(levels, c) + 4.0 * settings["start"] * 2.0 * r * n * c
-    between = 2.0 * n**3 + solved_for(n, c) + 2.0 * n * n * c + 4.0 * r * n * c
-    from_below = 4.0 * n**3 + solved_for(n, n) + 4.0 * r * n * n
+    start = count_solve(levels, c) + 4.0 * settings["start"] * 2.0 * r * n * c
+    between = 2.0 * n**3 + count_solve(n, c) + 2.0 * n * n * c + 4.0 * r * n * c
+    from_below = 4.0 * n**3 + count_solve(n, n) + 4.0 * r * n * n
     added = between + from_below + 4.0 * r * n * c + 4.0 * r * n * n
     slabs = pile.slabs.size + (0 if math.isinf(request.scene.thickness) else 1)  # the base is one
     joined = (slabs - 1) * (between + added) + max(0, slabs - 2) * added
     return shape.orders * (pile.thickness.size * start + doublings * (between + 4.0 * r * n * c) + joined)
 
 
-def of_invariant_imbedding(
+def count_invariant_imbedding(
     request: Request, problem: Problem, shape: Shape, settings: Mapping[str, Any], said: Mapping[str, Any]
 ) -> float:
     """Sweeps of the Riccati equation over its Gauss points; of a layer without end, doublings of its algebraic form,
@@ -125,10 +125,10 @@ def of_invariant_imbedding(
     if not math.isinf(request.scene.thickness):
         return float(riccati)
     doubled = SDA_STEP * said["doublings"] + SDA_START
-    return float(riccati + shape.orders * (doubled * n**3 + (shape.beams + shape.out) * solved_for(n, 1.0)))
+    return float(riccati + shape.orders * (doubled * n**3 + (shape.beams + shape.out) * count_solve(n, 1.0)))
 
 
-def of_matrix_operator(
+def count_matrix_operator(
     request: Request, problem: Problem, shape: Shape, settings: Mapping[str, Any], said: Mapping[str, Any]
 ) -> float:
     """Modes of every distinct material, functions of them for every layer, layers and base joined; light at the two
@@ -136,7 +136,7 @@ def of_matrix_operator(
     n, b, o = shape.n, shape.beams, shape.out
     beams = 2.0 * n * n * b + 2.0 * o * n * b
     product = 2.0 * n * n * (n + o) + beams
-    solve = solved_for(n, n) + 2.0 * o * n * n + beams
+    solve = count_solve(n, n) + 2.0 * o * n * n + beams
     function = COMPLEX * product
     checked = 3.0 * COMPLEX * 2.0 * n**3  # an inverse, and two products to check it
     modes = product + EIGENVECTORS * n**3 + checked + COMPLEX * 2.0 * n * n * (b + o)
@@ -146,13 +146,13 @@ def of_matrix_operator(
         else 3.0 * (function + product + solve) + (solve if tau < matrix_operator.THIN else 0.0)
         for tau in problem.thickness.tolist()
     )
-    layers, materials = problem.thickness.size, len(distinct_materials(problem)[0])
-    faces = layers * (product + solved_for(n, b) + 4.0 * beams)
+    layers, materials = problem.thickness.size, len(find_materials(problem)[0])
+    faces = layers * (product + count_solve(n, b) + 4.0 * beams)
     joined = layers * (3.0 * product + solve) + (layers - 1) * (9.0 * product + 3.0 * solve)
     return shape.orders * (materials * modes + slabs + faces + joined)
 
 
-def of_successive_orders(
+def count_successive_orders(
     request: Request, problem: Problem, shape: Shape, settings: Mapping[str, Any], said: Mapping[str, Any]
 ) -> float:
     """Every scattering but the first, along the nodes, and the last one into the wanted directions: four products at
@@ -163,8 +163,8 @@ def of_successive_orders(
 
 
 COUNTS = {
-    "adding-doubling": of_adding_doubling,
-    "invariant-imbedding": of_invariant_imbedding,
-    "matrix-operator": of_matrix_operator,
-    "successive-orders": of_successive_orders,
+    "adding-doubling": count_adding_doubling,
+    "invariant-imbedding": count_invariant_imbedding,
+    "matrix-operator": count_matrix_operator,
+    "successive-orders": count_successive_orders,
 }

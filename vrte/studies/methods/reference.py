@@ -9,10 +9,10 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.calls.radiance import radiance
-from vrte.formats.atomic import atomic_write
+from vrte.formats.atomic import write_atomically
 from vrte.results.field import Field
 from vrte.studies.methods.scenes import PHI, Case
-from vrte.studies.records import fingerprint
+from vrte.studies.records import make_fingerprint
 
 FINEST = 1e-14  # accuracy: no Fourier order is left out that could matter
 NO_LIGHT = 1e-290
@@ -36,55 +36,55 @@ class Reference:
         light, level = field.stokes[case.outgoing], np.nonzero(case.outgoing)[0]
         most = np.array([np.abs(light[level == place, :, 0]).max() for place in range(len(case.tau))])
         largest = np.maximum(most, NO_LIGHT)[level][:, None, None]
-        return Reference(light / largest, shares(case, field), largest, within)
+        return Reference(light / largest, find_flux_shares(case, field), largest, within)
 
     def gaps(self, case: Case, field: Field) -> tuple[Array, Array]:
         """By what another answer is off: light as here, and shares."""
-        return field.stokes[case.outgoing] / self.largest - self.light, shares(case, field) - self.shares
+        return field.stokes[case.outgoing] / self.largest - self.light, find_flux_shares(case, field) - self.shares
 
 
-def ask(case: Case, **options: Any) -> Field:
+def solve_case(case: Case, **options: Any) -> Field:
     """The case solved; what the plan warns of is measured here anyway."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         return radiance(case.scene, case.mu0, case.stokes, case.signed_mu, PHI, case.tau, **options)
 
 
-def shares(case: Case, field: Field) -> Array:
+def find_flux_shares(case: Case, field: Field) -> Array:
     """Of the incident flux, (n_tau,): reflected, and transmitted with the beam."""
     below = (field.flux_down + field.direct)[1:]
     return np.concatenate([field.flux_up[:1], below]) / (case.mu0 * case.stokes[0])
 
 
-def solved_twice(case: Case) -> Reference:
+def solve_twice(case: Case) -> Reference:
     """By modes on more nodes, which is taken, and by doubling on fewer, which tells how well it is known."""
     fine, coarse = (
-        ask(case, nodes=nodes, accuracy=FINEST, algorithm=algorithm, truncation="none")
+        solve_case(case, nodes=nodes, accuracy=FINEST, algorithm=algorithm, truncation="none")
         for nodes, algorithm in zip(case.nodes, ("modes", "doubling"), strict=True)
     )
     gaps = Reference.of(case, fine).gaps(case, coarse)
     return Reference.of(case, fine, float(max(np.abs(gap).max() for gap in gaps)))
 
 
-def reference(case: Case, folder: Path) -> Reference:
+def get_reference(case: Case, folder: Path) -> Reference:
     """Of a case, from the folder if it is there and nothing has changed since, else solved and kept. Raises OSError."""
-    mark = fingerprint("reference", case.fingerprint)
-    path = folder / FOLDER / f"{slug(case.name)}.npz"
+    mark = make_fingerprint("reference", case.fingerprint)
+    path = folder / FOLDER / f"{make_file_stem(case.name)}.npz"
     if path.exists():
         with np.load(path) as kept:
             if str(kept["mark"]) == mark:
                 return Reference(kept["light"], kept["shares"], kept["largest"], float(kept["within"]))
-    found = solved_twice(case)
+    found = solve_twice(case)
     path.parent.mkdir(exist_ok=True)
-    with atomic_write(path) as part, open(part, "wb") as file:
+    with write_atomically(path) as part, open(part, "wb") as file:
         np.savez(file, mark=mark, **vars(found))
     return found
 
 
-def slug(name: str) -> str:
+def make_file_stem(name: str) -> str:
     """A name that a file can have.
 
-    >>> slug("Rayleigh, thin")
+    >>> make_file_stem("Rayleigh, thin")
     'rayleigh_thin'
     """
     return "_".join("".join(letter if letter.isalnum() else " " for letter in name.lower()).split())

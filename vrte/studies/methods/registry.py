@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from vrte.methods import method_of
+from vrte.methods import find_method
 from vrte.methods.auto.rules import RULES, Rule
 from vrte.methods.parts.method import Method
 from vrte.request.how import METHODS
-from vrte.studies.pages import markdown_table, write_text
+from vrte.studies.pages import make_markdown_table, write_text
 
 BEGIN, END = "<!-- begin: python -m vrte.studies.methods docs/methods.md -->", "<!-- end -->"
 BEGIN_TAKEN = "<!-- begin, as well: python -m vrte.studies.methods docs/methods.md -->"
@@ -26,12 +26,12 @@ OPTIONS = ("nodes", "accuracy", "truncation", "algorithm", "verify")
 BASES: dict[Any, str] = {"any": "any", "even": "Lambertian", "none": "-"}
 
 
-def registry_table() -> str:
+def make_registry_table() -> str:
     """Markdown, a row a method: what it is; the exact one first."""
-    return markdown_table(HEADER, (row_of(method_of(name)) for name in METHODS))
+    return make_markdown_table(HEADER, (make_registry_row(find_method(name)) for name in METHODS))
 
 
-def row_of(method: Method) -> tuple[str, ...]:
+def make_registry_row(method: Method) -> tuple[str, ...]:
     """What a method says of itself."""
     settings = "; ".join(
         f"`{name}` ({setting.default!r}): {setting.meaning}" for name, setting in method.settings.items()
@@ -39,13 +39,13 @@ def row_of(method: Method) -> tuple[str, ...]:
     return f"`{method.name}`", method.source, method.conserves, method.purpose, settings or "-"
 
 
-def taken_table() -> str:
+def make_abilities_table() -> str:
     """Markdown, a row a method: which scenes it takes, which options and backends."""
     header = ("method", *ABILITIES.values(), "devices", *(f"`{name}`" for name in OPTIONS))
-    return markdown_table(header, (row_of_taken(method_of(name)) for name in METHODS))
+    return make_markdown_table(header, (make_abilities_row(find_method(name)) for name in METHODS))
 
 
-def row_of_taken(method: Method) -> tuple[str, ...]:
+def make_abilities_row(method: Method) -> tuple[str, ...]:
     """Yes or -, of a method."""
     words = BASES | {True: "yes", False: "-"}
     abilities = (words[getattr(method, name)] for name in (*ABILITIES, "devices"))
@@ -56,12 +56,12 @@ def row_of_taken(method: Method) -> tuple[str, ...]:
     return f"`{method.name}`", *abilities, *options
 
 
-def rules_table() -> str:
+def make_rules_table() -> str:
     """Markdown, a row a rule of method="auto"."""
-    return markdown_table(HEADER_RULES, (row_of_rule(place, rule) for place, rule in enumerate(RULES, 1)))
+    return make_markdown_table(HEADER_RULES, (make_rules_row(place, rule) for place, rule in enumerate(RULES, 1)))
 
 
-def row_of_rule(place: int, rule: Rule) -> tuple[str, ...]:
+def make_rules_row(place: int, rule: Rule) -> tuple[str, ...]:
     """Its limits in words, and what it takes."""
     limits = [f"{name} <= {most:g}" if most else f"no {name}" for name, most in rule.at_most.items()]
     limits += [f"{name} >= {least:g}" for name, least in rule.at_least.items()]
@@ -71,9 +71,13 @@ def row_of_rule(place: int, rule: Rule) -> tuple[str, ...]:
     return f"{place} ({rule.name})", ", ".join(limits) or "everywhere", f"`{rule.method}`", nodes, rule.why
 
 
-def refreshed(text: str) -> str:
+def refresh_tables(text: str) -> str:
     """A page with its tables as they are now. Raises ValueError where the page has no place for one."""
-    for mark, table in ((BEGIN, registry_table()), (BEGIN_TAKEN, taken_table()), (BEGIN_RULES, rules_table())):
+    for mark, table in (
+        (BEGIN, make_registry_table()),
+        (BEGIN_TAKEN, make_abilities_table()),
+        (BEGIN_RULES, make_rules_table()),
+    ):
         before, begin, rest = text.partition(mark)
         _, end, after = rest.partition(END)
         if not (begin and end):
@@ -84,5 +88,5 @@ def refreshed(text: str) -> str:
 
 def main(path: str) -> int:
     """Rewrites the tables of a page."""
-    write_text(path, refreshed(Path(path).read_text(encoding="utf-8")))
+    write_text(path, refresh_tables(Path(path).read_text(encoding="utf-8")))
     return 0

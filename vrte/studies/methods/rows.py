@@ -59,7 +59,7 @@ class Row:
         return float(np.nanmax(each)) if self.is_peer and self.is_measured else float(np.max(each))
 
 
-def grouped(rows: Iterable[Row], by: str = "scene") -> dict[str, list[Row]]:
+def group_rows(rows: Iterable[Row], by: str = "scene") -> dict[str, list[Row]]:
     """Rows of each scene or curve, in their order."""
     found: dict[str, list[Row]] = {}
     for row in rows:

@@ -11,20 +11,26 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from vrte.calls.plan import request_of
-from vrte.methods.auto import RULES, taken
+from vrte.calls.plan import make_request
+from vrte.methods.auto import RULES, find_rule
 from vrte.methods.auto.rules import Rule
 from vrte.request.how import AUTO, EXACT, METHODS
 from vrte.request.request import Request
-from vrte.studies.methods.advice import EXPONENTS, TARGETS, quickest, score_markdown, within_of
-from vrte.studies.methods.rows import Row, grouped
-from vrte.studies.methods.scenes import CASES, PHI, Case, case
+from vrte.studies.methods.advice import (
+    EXPONENTS,
+    TARGETS,
+    find_quickest_candidate,
+    find_reference_uncertainty,
+    make_score_markdown,
+)
+from vrte.studies.methods.rows import Row, group_rows
+from vrte.studies.methods.scenes import CASES, PHI, Case, find_case
 from vrte.studies.records import Records
 
 BY_HAND, BY_ACCURACY = f"{EXACT}, modes", f"{EXACT}, accuracy"
 
 
-def rows_of(path: Path) -> list[Row]:
+def read_report_rows(path: Path) -> list[Row]:
     """The rows of any version's report: columns are found by name, those that it does not have stay empty. Raises
     OSError, ValueError."""
     readers = Records(Row, path).readers
@@ -35,25 +41,28 @@ def rows_of(path: Path) -> list[Row]:
         ]
 
 
-def asked(one: Case, accuracy: float, method: str = AUTO) -> Request:
+def make_case_request(one: Case, accuracy: float, method: str = AUTO) -> Request:
     """The report's request, with the method that auto takes, or another."""
     keywords = {"accuracy": accuracy, "method": method}
-    return request_of("radiance", one.scene, one.mu0, one.stokes, one.signed_mu, PHI, one.tau, **keywords)
+    return make_request("radiance", one.scene, one.mu0, one.stokes, one.signed_mu, PHI, one.tau, **keywords)
 
 
-def rule_of(one: Case, accuracy: float) -> Rule:
+def find_case_rule(one: Case, accuracy: float) -> Rule:
     """The rule that auto follows there."""
-    return taken(asked(one, accuracy, EXACT))[1]
+    return find_rule(make_case_request(one, accuracy, EXACT))[1]
 
 
-def disagreements(rows: Sequence[Row]) -> list[str]:
+def find_disagreements(rows: Sequence[Row]) -> list[str]:
     """All of them, in words; none where the table is right."""
-    named = (text for rule in RULES for each in rule.evidence for text in against_evidence(rows, rule, *each))
-    scenes = {name: some for name, some in grouped(rows).items() if name in CASES}
-    return [*named, *(text for name in CASES if name in scenes for text in against_scene(scenes[name], case(name)))]
+    named = (text for rule in RULES for each in rule.evidence for text in check_rule_evidence(rows, rule, *each))
+    scenes = {name: some for name, some in group_rows(rows).items() if name in CASES}
+    return [
+        *named,
+        *(text for name in CASES if name in scenes for text in check_rule_choices(scenes[name], find_case(name))),
+    ]
 
 
-def against_evidence(
+def check_rule_evidence(
     rows: Sequence[Row], rule: Rule, scene: str, curve: str, setting: str, accuracy: float
 ) -> list[str]:
     """A run named: good enough, by the rule's method, and quicker than the exact one that looks for its nodes."""
@@ -63,7 +72,7 @@ def against_evidence(
     if not found:
         return [f"{run} is not in the report"]
     (row,) = found
-    other = quickest([row for row in some if row.curve == BY_ACCURACY], accuracy)
+    other = find_quickest_candidate([row for row in some if row.curve == BY_ACCURACY], accuracy)
     checks = [
         (row.method != rule.method, f"is by {row.method}"),
         (row.worst > accuracy, f"has an error of {row.worst:.0e}, not {accuracy:.0e}"),
@@ -72,37 +81,42 @@ def against_evidence(
     return [f"{run} {words}" for is_wrong, words in checks if is_wrong]
 
 
-def against_scene(rows: Sequence[Row], one: Case) -> list[str]:
+def check_rule_choices(rows: Sequence[Row], one: Case) -> list[str]:
     """Nodes that the table takes and that were too few, and another method than the exact one where that is taken."""
     found = []
     for accuracy in (float(f"1e-{exponent}") for exponent in EXPONENTS):
-        request = asked(one, accuracy)
+        request = make_case_request(one, accuracy)
         more = [
             row for row in rows if row.curve == BY_HAND and row.is_measured and row.nodes >= (request.nodes or 4096)
         ]
-        if within_of(rows) <= accuracy and more and request.method == EXACT and more[0].worst > accuracy:
+        if (
+            find_reference_uncertainty(rows) <= accuracy
+            and more
+            and request.method == EXACT
+            and more[0].worst > accuracy
+        ):
             found.append(f"{one.name} at {accuracy:.0e}: {request.nodes} nodes, but {more[0].nodes} were too few")
-        best = quickest([row for row in rows if row.method in METHODS], accuracy)
+        best = find_quickest_candidate([row for row in rows if row.method in METHODS], accuracy)
         if accuracy in TARGETS and best is not None and best.method != request.method:
             found.append(f"{one.name} at {accuracy:.0e}: {best.method} is the quickest, not {request.method}")
     return found
 
 
-def summary() -> str:
+def describe_rule_use() -> str:
     """How often each rule is taken, a line an accuracy."""
     lines = []
     for exponent in EXPONENTS:
-        names = Counter(rule_of(case(name), float(f"1e-{exponent}")).name for name in CASES)
+        names = Counter(find_case_rule(find_case(name), float(f"1e-{exponent}")).name for name in CASES)
         lines.append(f"1e-{exponent}: " + ", ".join(f"{name} {count}" for name, count in names.items()))
     return "\n".join(lines)
 
 
 def main(path: str) -> int:
     """Prints all of it; 1 where there is a disagreement."""
-    rows = rows_of(Path(path))
-    wrong = disagreements(rows)
-    print("Rules taken on the scenes of the report:", summary(), sep="\n")
-    print(score_markdown(rows) if any(row.curve == AUTO for row in rows) else "No runs of auto in this report.")
+    rows = read_report_rows(Path(path))
+    wrong = find_disagreements(rows)
+    print("Rules taken on the scenes of the report:", describe_rule_use(), sep="\n")
+    print(make_score_markdown(rows) if any(row.curve == AUTO for row in rows) else "No runs of auto in this report.")
     print("\n".join(wrong) or "The table agrees with the report.")
     return int(bool(wrong))
 

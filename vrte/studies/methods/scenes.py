@@ -37,7 +37,7 @@ class Case:
     @property
     def scene(self) -> Scene:
         """What is solved."""
-        return cases.scene(self.of)
+        return cases.find_scene(self.of)
 
     @property
     def tau(self) -> tuple[float, ...]:
@@ -153,19 +153,19 @@ CASES = {
 }
 
 
-def case(name: str) -> Case:
+def find_case(name: str) -> Case:
     """The case of that name.
 
-    >>> case("isotropic").is_conservative
+    >>> find_case("isotropic").is_conservative
     False
     """
     return (CASES | SMALL)[name]
 
 
-def matching(pattern: str, quick: bool = False) -> tuple[str, ...]:
+def find_matching_scenes(pattern: str, quick: bool = False) -> tuple[str, ...]:
     """The names that a pattern such as "Rayleigh*" fits. Raises SceneError where none does.
 
-    >>> matching("g*")
+    >>> find_matching_scenes("g*")
     ('gold powder', 'grazing incidence')
     """
     known = QUICK if quick else tuple(CASES)

@@ -15,11 +15,11 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.polarization import FLIP
-from vrte.basics.quadrature import double_gauss
+from vrte.basics.quadrature import make_double_gauss
 from vrte.discrete_ordinates.planning.choice import THIN
 from vrte.scene.scene import Scene
-from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Base, Slab, phase_matrix, scene_of
-from vrte.studies.stability.covering import Row, covering_array
+from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Base, Slab, find_phase_matrix, make_scene
+from vrte.studies.stability.covering import Row, make_covering_array
 
 SIZES = ("1e-3", "1", "30", "200")  # size parameters of the Mie spheres
 GROUPS = {
@@ -74,7 +74,7 @@ class Case:
     @property
     def layers(self) -> list[tuple[Array, float, float]]:
         """What an oracle needs of each layer: expansion coefficients (terms, 6), albedo, optical thickness."""
-        return [(phase_matrix(slab.phase).coefficients, slab.albedo, slab.thickness) for slab in self.slabs]
+        return [(find_phase_matrix(slab.phase).coefficients, slab.albedo, slab.thickness) for slab in self.slabs]
 
     @property
     def base(self) -> Base:
@@ -84,7 +84,7 @@ class Case:
     @cached_property
     def scene(self) -> Scene:
         """The scene as a user would write it."""
-        return scene_of(self.slabs, self.base)
+        return make_scene(self.slabs, self.base)
 
     @property
     def thickness(self) -> float:
@@ -105,15 +105,15 @@ class Case:
     def cosine(self, kind: str | float) -> float:
         """The number behind one of COSINES."""
         if kind == "node":
-            return float(double_gauss(self.nodes)[0][self.nodes // 2])
+            return float(make_double_gauss(self.nodes)[0][self.nodes // 2])
         if kind == "eigenvalue":
-            return eigen_cosine(self.slabs[self.main], self.nodes)
+            return find_eigen_cosine(self.slabs[self.main], self.nodes)
         return 1.0 - 1e-12 if kind == "1-1e-12" else float(kind)
 
     @property
     def levels(self) -> list[tuple[int, float]]:
         """Depths as (layer, depth below its top): top, first and last interface, one or two inside, bottom."""
-        above, last = interfaces(self.slabs), len(self.slabs) - 1
+        above, last = find_slab_tops(self.slabs), len(self.slabs) - 1
         total = self.thickness
         inside = [0.375 * total] if math.isfinite(total) else [0.1, 1.0]
         found = [(0, 0.0)] + [(k, 0.0) for k in sorted({1, last}) if 1 <= k <= last]
@@ -127,7 +127,7 @@ class Case:
     @property
     def tau(self) -> Array:
         """The levels as optical depths below the top."""
-        above, levels = interfaces(self.slabs), self.levels
+        above, levels = find_slab_tops(self.slabs), self.levels
         tau = np.array([above[layer] + depth for layer, depth in levels])
         if levels[-1] == (len(self.slabs) - 1, self.slabs[-1].thickness):
             tau[-1] = self.thickness  # the bottom, not a rounding away from it
@@ -136,7 +136,7 @@ class Case:
     @property
     def terms(self) -> int:
         """Terms of the longest phase matrix."""
-        return max(phase_matrix(slab.phase).terms for slab in self.slabs)
+        return max(find_phase_matrix(slab.phase).terms for slab in self.slabs)
 
     @property
     def resolved(self) -> bool:
@@ -195,23 +195,23 @@ CONDITIONS = {
 }
 
 
-def interfaces(slabs: tuple[Slab, ...]) -> Array:
+def find_slab_tops(slabs: tuple[Slab, ...]) -> Array:
     """Optical depth of the top of every slab, added up as the solver does: (slab,).
 
-    >>> interfaces((Slab("rayleigh", 0.9, 1.0), Slab("isotropic", 0.9, 2.0))).tolist()
+    >>> find_slab_tops((Slab("rayleigh", 0.9, 1.0), Slab("isotropic", 0.9, 2.0))).tolist()
     [0.0, 1.0]
     """
     return np.concatenate([[0.0], np.cumsum([slab.thickness for slab in slabs[:-1]])])
 
 
-def eigen_cosine(slab: Slab, nodes: int) -> float:
+def find_eigen_cosine(slab: Slab, nodes: int) -> float:
     """1/k of the mode of order 0 that lies in (0.05, 1) farthest from every node; 0.5 where there is none.
 
-    >>> 0.05 < eigen_cosine(Slab("rayleigh", 0.9, 1.0), 8) < 1.0
+    >>> 0.05 < find_eigen_cosine(Slab("rayleigh", 0.9, 1.0), 8) < 1.0
     True
     """
-    mu, weights = double_gauss(nodes)
-    coefficients = phase_matrix(slab.phase).coefficients[: 2 * nodes]
+    mu, weights = make_double_gauss(nodes)
+    coefficients = find_phase_matrix(slab.phase).coefficients[: 2 * nodes]
     ahead, back = (_core.phase_matrices(0, coefficients, mu, sign * mu) for sign in (1.0, -1.0))
     ahead, back = ahead[:, :, :2, :2], back[:, :, :2, :2] * FLIP[:2]  # order 0: (I, Q) apart from (U, V)
     size = 2 * nodes
@@ -230,10 +230,10 @@ def eigen_cosine(slab: Slab, nodes: int) -> float:
     return float(cosines[np.abs(cosines[:, None] - mu).min(axis=1).argmax()])
 
 
-def stack(phase: str, albedo: float, thickness: float, layering: str) -> tuple[tuple[Slab, ...], int]:
+def arrange_slabs(phase: str, albedo: float, thickness: float, layering: str) -> tuple[tuple[Slab, ...], int]:
     """The slabs of one of LAYERINGS, and which of them is the one described; the last one takes an infinite thickness.
 
-    >>> stack("haze-L", 1.0, 4.0, "identical-neighbours")[0][1]
+    >>> arrange_slabs("haze-L", 1.0, 4.0, "identical-neighbours")[0][1]
     Slab(phase='haze-L', albedo=1.0, thickness=1.0)
     """
     endless = math.isinf(thickness)
@@ -258,7 +258,7 @@ def stack(phase: str, albedo: float, thickness: float, layering: str) -> tuple[t
     return (main,), 0
 
 
-def covering_rows() -> list[Row]:
+def make_covering_rows() -> list[Row]:
     """The covering array of AXES, as value numbers."""
 
     def is_costly(row: Row) -> bool:
@@ -266,18 +266,18 @@ def covering_rows() -> list[Row]:
         values = dict(zip(AXES, row, strict=True))
         return LAYERINGS[values["layering"]] == "hundred" and NODES[values["nodes"]] == NODES[-1]
 
-    return covering_array([len(values) for values in AXES.values()], SCENES, SEED, is_costly)
+    return make_covering_array([len(values) for values in AXES.values()], SCENES, SEED, is_costly)
 
 
-def covering_cases() -> Iterator[Case]:
+def make_covering_cases() -> Iterator[Case]:
     """The covering array's cases; their number decides which higher Fourier order is looked at."""
-    for number, row in enumerate(covering_rows()):
+    for number, row in enumerate(make_covering_rows()):
         thickness, albedo, phase, sun, view, base, layering, nodes = (
             choices[place] for choices, place in zip(AXES.values(), row, strict=True)
         )
-        slabs, main = stack(phase, albedo, thickness, layering)
+        slabs, main = arrange_slabs(phase, albedo, thickness, layering)
         yield Case(
-            name=f"{phase} w={albedo_name(albedo)} t={thickness:g} {layering} {base} sun={sun} view={view} N={nodes}",
+            name=f"{phase} w={show_albedo(albedo)} t={thickness:g} {layering} {base} sun={sun} view={view} N={nodes}",
             nodes=nodes,
             slabs=slabs,
             main=main,
@@ -289,10 +289,10 @@ def covering_cases() -> Iterator[Case]:
         )
 
 
-def albedo_name(albedo: float) -> str:
+def show_albedo(albedo: float) -> str:
     """1-1e-09 for what is close to 1.
 
-    >>> albedo_name(1.0 - 1e-9), albedo_name(0.99)
+    >>> show_albedo(1.0 - 1e-9), show_albedo(0.99)
     ('1-1e-09', '0.99')
     """
     return f"1-{1.0 - albedo:.0e}" if 0.999 < albedo < 1.0 else f"{albedo:g}"

@@ -23,11 +23,11 @@ from vrte.studies.stability.solving import (
     SECOND_DIRECTION,
     FewOrders,
     Options,
-    azimuths,
-    cut,
-    expected_seconds,
-    few_azimuths,
+    choose_few_azimuths,
+    cut_layers_otherwise,
+    estimate_seconds,
     is_whole,
+    make_azimuths,
     solve_brdf,
     solve_few_orders,
     solve_field,
@@ -71,55 +71,61 @@ class Examined:
     oracle: str
 
 
-def examine(case: Case, oracle: OracleAnswer | str, options: Options) -> Examined:
+def examine_case(case: Case, oracle: OracleAnswer | str, options: Options) -> Examined:
     """Solves the case and checks the answer. ``oracle``: its answer, or a word that says why there is none."""
     answer = oracle if isinstance(oracle, OracleAnswer) else None
-    c = max(answer.c.values()) if answer is not None else estimated_c(case)
+    c = max(answer.c.values()) if answer is not None else estimate_c(case)
     limit = max(TARGET, 10.0 * c)
     if is_whole(case):
-        checks = [*whole_checks(case, answer, options, limit)]
+        checks = [*check_all_orders(case, answer, options, limit)]
     else:
-        checks = [*few_order_checks(case, options, limit)]
+        checks = [*check_few_orders(case, options, limit)]
     return Examined(checks, c, "yes" if answer is not None else str(oracle))
 
 
-def whole_checks(case: Case, oracle: OracleAnswer | None, options: Options, limit: float) -> Iterator[Check]:
+def check_all_orders(case: Case, oracle: OracleAnswer | None, options: Options, limit: float) -> Iterator[Check]:
     """Every check there is, on all Fourier orders."""
-    phi = azimuths(case)
-    few = few_azimuths(phi)
+    phi = make_azimuths(case)
+    few = choose_few_azimuths(phi)
     field = solve_field(case, case.scene, phi, options.algorithm, options.threads)
     brdf = solve_brdf(case, options, phi[few])
-    other = solve_field(case, cut(case), phi[few], options.algorithm, options.threads)
-    yield finite(field.stokes, field.flux_up, field.flux_down, brdf.mueller, brdf.transmission, other.stokes)
+    other = solve_field(case, cut_layers_otherwise(case), phi[few], options.algorithm, options.threads)
+    yield check_finite(field.stokes, field.flux_up, field.flux_down, brdf.mueller, brdf.transmission, other.stokes)
     if oracle is not None:
-        yield from against_oracle(case, in_the_oracles_light(case, field, options), oracle)
+        yield from check_against_oracle(case, solve_in_oracle_light(case, field, options), oracle)
     # the BRDF times the irradiance is the radiance at the top, the BTDF times the irradiance that at the bottom
     lit = case.mu0 * np.array(case.beam)
-    yield Check("BRDF and radiance", relative((brdf.mueller[0] @ lit)[None], up_and_down(field, few)[0]), limit)
+    yield Check(
+        "BRDF and radiance",
+        measure_relative_difference((brdf.mueller[0] @ lit)[None], select_outgoing_light(field, few)[0]),
+        limit,
+    )
     if brdf.transmission is not None:
         places = [brdf.mu_o.tolist().index(-mu) for mu in case.mu[case.mu < 0.0]]
         below = (brdf.transmission[0, places] @ lit)[None]
-        yield Check("BTDF and radiance", relative(below, up_and_down(field, few)[1]), limit)
-    yield Check("layer cut otherwise", relative(other.stokes, field.stokes[:, :, few]), limit)
-    yield Check("layer cut otherwise, fluxes", flux_gap(other, field), limit)
+        yield Check(
+            "BTDF and radiance", measure_relative_difference(below, select_outgoing_light(field, few)[1]), limit
+        )
+    yield Check("layer cut otherwise", measure_relative_difference(other.stokes, field.stokes[:, :, few]), limit)
+    yield Check("layer cut otherwise, fluxes", measure_flux_gap(other, field), limit)
     alone = oracle is None and not case.is_thin
-    yield from both_algorithms(case, field, phi[few], few, options, limit, alone)
-    yield from energy(case, field.flux_down + field.direct - field.flux_up, field.direct[0])
-    yield from closed(case, brdf)
-    yield Check("reciprocity", reciprocity(brdf), limit)
-    yield Check("mirror symmetry", mirror(brdf), TARGET)
-    yield Check("physical BRDF", unphysical_matrix(brdf.mueller), TARGET, case.resolved, "other")
-    yield Check("physical light", unphysical_light(field.stokes), TARGET, case.resolved, "other")
+    yield from check_other_algorithm(case, field, phi[few], few, options, limit, alone)
+    yield from check_energy(case, field.flux_down + field.direct - field.flux_up, field.direct[0])
+    yield from check_closed_scene(case, brdf)
+    yield Check("reciprocity", measure_reciprocity_gap(brdf), limit)
+    yield Check("mirror symmetry", measure_mirror_gap(brdf), TARGET)
+    yield Check("physical BRDF", measure_unphysical_matrix(brdf.mueller), TARGET, case.resolved, "other")
+    yield Check("physical light", measure_unphysical_light(field.stokes), TARGET, case.resolved, "other")
 
 
-def in_the_oracles_light(case: Case, field: Field, options: Options) -> Field:
+def solve_in_oracle_light(case: Case, field: Field, options: Options) -> Field:
     """The field of the beam that the oracle's table is for."""
     if case.beam == BEAM:
         return field
     return solve_field(replace(case, beam=BEAM), case.scene, field.phi, options.algorithm, options.threads)
 
 
-def both_algorithms(
+def check_other_algorithm(
     case: Case, field: Field, phi: Array, few: Array, options: Options, limit: float, counts: bool
 ) -> Iterator[Check]:
     """The field by the other algorithm, unless that one says that it cannot."""
@@ -128,26 +134,28 @@ def both_algorithms(
         other = solve_field(case, case.scene, phi, algorithm, options.threads)
     except AccuracyError:
         return
-    yield Check("both algorithms", relative(other.stokes, field.stokes[:, :, few]), limit, counts)
-    yield Check("both algorithms, fluxes", flux_gap(other, field), limit, counts)
+    yield Check("both algorithms", measure_relative_difference(other.stokes, field.stokes[:, :, few]), limit, counts)
+    yield Check("both algorithms, fluxes", measure_flux_gap(other, field), limit, counts)
 
 
-def few_order_checks(case: Case, options: Options, limit: float) -> Iterator[Check]:
+def check_few_orders(case: Case, options: Options, limit: float) -> Iterator[Check]:
     """What can be said from a few Fourier orders of multiply scattered light."""
     found = solve_few_orders(case, case.scene, options.algorithm, options.threads)
-    yield finite(found.kernels, found.flux_up, found.flux_down)
-    if expected_seconds(case, FEW) <= SPLIT_UP_TO:
-        other = solve_few_orders(case, cut(case), options.algorithm, options.threads)
-        yield from few_order_gaps(case, "layer cut otherwise", other, found, limit, True)
+    yield check_finite(found.kernels, found.flux_up, found.flux_down)
+    if estimate_seconds(case, FEW) <= SPLIT_UP_TO:
+        other = solve_few_orders(case, cut_layers_otherwise(case), options.algorithm, options.threads)
+        yield from compare_few_orders(case, "layer cut otherwise", other, found, limit, True)
         other = solve_few_orders(case, case.scene, OTHER[found.algorithm], options.threads)
-        yield from few_order_gaps(case, "both algorithms", other, found, limit, not case.is_thin)
+        yield from compare_few_orders(case, "both algorithms", other, found, limit, not case.is_thin)
     for beam, mu0 in enumerate((case.mu0, SECOND_DIRECTION)):
         direct = mu0 * np.exp(-case.tau / mu0)
-        yield from energy(case, found.flux_down[:, beam, 0] + direct - found.flux_up[:, beam, 0], mu0, f" {beam + 1}")
-    yield Check("reciprocity", reciprocity_of_orders(case, found), limit)
+        yield from check_energy(
+            case, found.flux_down[:, beam, 0] + direct - found.flux_up[:, beam, 0], mu0, f" {beam + 1}"
+        )
+    yield Check("reciprocity", measure_order_reciprocity_gap(case, found), limit)
 
 
-def few_order_gaps(
+def compare_few_orders(
     case: Case, name: str, other: FewOrders, found: FewOrders, limit: float, counts: bool
 ) -> Iterator[Check]:
     """Two answers, depth by depth: radiance over the largest there, no less than the mean; fluxes over all light."""
@@ -157,19 +165,19 @@ def few_order_gaps(
     kernels, others = (np.moveaxis(each.kernels, 1, 0) for each in (found, other))  # the depth first
     size = np.maximum(np.abs(kernels[..., 0]).max(axis=(1, 2, 3, 4)), diffuse.max(axis=1) / math.pi)
     gap = np.abs(others - kernels).max(axis=(1, 2, 3, 4, 5))
-    yield Check(name, largest(gap / np.maximum(size, NOTHING)), limit, counts)
+    yield Check(name, find_largest(gap / np.maximum(size, NOTHING)), limit, counts)
     gap = np.maximum(np.abs(other.flux_up - found.flux_up), np.abs(other.flux_down - found.flux_down)).max(axis=(1, 2))
-    yield Check(f"{name}, fluxes", largest(gap / np.maximum((diffuse + beam).max(axis=1), NOTHING)), limit, counts)
+    yield Check(f"{name}, fluxes", find_largest(gap / np.maximum((diffuse + beam).max(axis=1), NOTHING)), limit, counts)
 
 
-def estimated_c(case: Case) -> float:
+def estimate_c(case: Case) -> float:
     """The last place of omega or thickness times the scatterings of light that crosses the scene.
 
     That is thickness times the smaller of thickness and 1/k, k = sqrt(3 (1 - omega)) the rate at which diffuse light
     dies out, in the layer that absorbs least.
 
     >>> from vrte.studies.cases import Slab
-    >>> f"{estimated_c(Case('a', 8, (Slab('rayleigh', 1.0, 1e6),))):.0e}"
+    >>> f"{estimate_c(Case('a', 8, (Slab('rayleigh', 1.0, 1e6),))):.0e}"
     '1e-04'
     """
     lost = min(1.0 - slab.albedo for slab in case.slabs)
@@ -178,24 +186,24 @@ def estimated_c(case: Case) -> float:
     return UNIT * (1.0 + through) * (1.0 + depth)
 
 
-def finite(*arrays: Array | None) -> Check:
+def check_finite(*arrays: Array | None) -> Check:
     """How many numbers are not finite."""
     return Check("not finite", float(sum((~np.isfinite(a)).sum() for a in arrays if a is not None)), 0.0, kind="other")
 
 
-def relative(got: Array, right: Array) -> float:
+def measure_relative_difference(got: Array, right: Array) -> float:
     """The largest difference at a depth over the largest I of ``right`` there; both (tau, ..., 4), I first."""
     axes = tuple(range(1, right.ndim))
     size = np.abs(right[..., 0]).max(axis=axes[:-1])
-    return largest(np.abs(got - right).max(axis=axes) / np.maximum(size, NOTHING))
+    return find_largest(np.abs(got - right).max(axis=axes) / np.maximum(size, NOTHING))
 
 
-def largest(values: Array) -> float:
+def find_largest(values: Array) -> float:
     """The largest, NaN where one is NaN; 0 of none."""
     return float(values.max()) if values.size else 0.0
 
 
-def fourier_orders(case: Case, stokes: Array, orders: tuple[int, ...]) -> dict[int, Array]:
+def compute_fourier_orders(case: Case, stokes: Array, orders: tuple[int, ...]) -> dict[int, Array]:
     """The part of each order that incident (I, Q) and (U, V) make: m -> (2, tau, mu, 4).
 
     ``stokes`` (tau, mu, phi, 4) at equal steps of azimuth. The two are told apart by parity, (1:6).
@@ -211,28 +219,28 @@ def fourier_orders(case: Case, stokes: Array, orders: tuple[int, ...]) -> dict[i
     return found
 
 
-def against_oracle(case: Case, field: Field, oracle: OracleAnswer) -> Iterator[Check]:
+def check_against_oracle(case: Case, field: Field, oracle: OracleAnswer) -> Iterator[Check]:
     """Light up, down and inside and the fluxes against ball arithmetic."""
     right = oracle.orders
-    got = fourier_orders(case, field.stokes, tuple(right))
+    got = compute_fourier_orders(case, field.stokes, tuple(right))
     size = np.max([np.abs(values[..., 0]).max(axis=(0, 2)) for values in right.values()], axis=0)
     last = len(case.tau) - 1 if math.isfinite(case.thickness) else len(case.tau)
     for m, values in right.items():
         error = np.abs(got[m] - values).max(axis=(0, 3)) / np.maximum(size, NOTHING)[:, None]
         limit = max(TARGET, 10.0 * oracle.c[m])
-        yield Check(f"order {m}, up at the top", largest(error[:1, case.mu > 0.0]), limit, kind="oracle")
-        yield Check(f"order {m}, down at the bottom", largest(error[last:, case.mu < 0.0]), limit, kind="oracle")
+        yield Check(f"order {m}, up at the top", find_largest(error[:1, case.mu > 0.0]), limit, kind="oracle")
+        yield Check(f"order {m}, down at the bottom", find_largest(error[last:, case.mu < 0.0]), limit, kind="oracle")
         rest = error.copy()
         rest[:1, case.mu > 0.0] = rest[last:, case.mu < 0.0] = 0.0
-        yield Check(f"order {m}, inside", largest(rest), limit, kind="oracle")
-    yield from flux_against_oracle(case, field, oracle)
+        yield Check(f"order {m}, inside", find_largest(rest), limit, kind="oracle")
+    yield from check_flux_against_oracle(case, field, oracle)
 
 
-def flux_against_oracle(case: Case, field: Field, oracle: OracleAnswer) -> Iterator[Check]:
+def check_flux_against_oracle(case: Case, field: Field, oracle: OracleAnswer) -> Iterator[Check]:
     """Fluxes, relative to the larger of the two at the same depth; the transmitted one, relative to itself."""
     got, right = np.stack([field.flux_up, field.flux_down]), np.stack([oracle.flux_up, oracle.flux_down])
     error = np.abs(got - right).max(axis=0) / np.maximum(np.abs(right).max(axis=0), NOTHING)
-    yield Check("fluxes", largest(error), max(TARGET, 10.0 * oracle.c[0]), kind="oracle")
+    yield Check("fluxes", find_largest(error), max(TARGET, 10.0 * oracle.c[0]), kind="oracle")
     white = all(slab.albedo == 1.0 for slab in case.slabs)
     if white and case.base_kind == "black" and 0.0 < case.thickness <= 1e6:
         through = oracle.flux_down[-1] + field.direct[-1]
@@ -240,20 +248,20 @@ def flux_against_oracle(case: Case, field: Field, oracle: OracleAnswer) -> Itera
         yield Check("transmitted flux, omega = 1", float(gap / max(through, NOTHING)), TRANSMITTED, kind="oracle")
 
 
-def up_and_down(field: Field, few: Array) -> tuple[Array, Array]:
+def select_outgoing_light(field: Field, few: Array) -> tuple[Array, Array]:
     """Light up at the top and down at the bottom, at some azimuths: (1, mu, phi, 4) each."""
     up = field.mu > 0.0
     return field.stokes[:1, up][:, :, few], field.stokes[-1:, ~up][:, :, few]
 
 
-def flux_gap(got: Field, right: Field) -> float:
+def measure_flux_gap(got: Field, right: Field) -> float:
     """Fluxes of two fields, relative to all that crosses that depth, the beam included."""
     size = np.abs(right.flux_up) + np.abs(right.flux_down) + np.abs(right.direct)
     gap = np.maximum(np.abs(got.flux_up - right.flux_up), np.abs(got.flux_down - right.flux_down))
-    return largest(gap / np.maximum(size, NOTHING))
+    return find_largest(gap / np.maximum(size, NOTHING))
 
 
-def energy(case: Case, net: Array, entering: float, which: str = "") -> Iterator[Check]:
+def check_energy(case: Case, net: Array, entering: float, which: str = "") -> Iterator[Check]:
     """Net flux: constant where nothing absorbs, zero above what reflects everything, never growing with depth."""
     levels = case.levels
     steps = [(k, case.is_white(levels[k], levels[k + 1])) for k in range(len(levels) - 1)]
@@ -261,44 +269,44 @@ def energy(case: Case, net: Array, entering: float, which: str = "") -> Iterator
     if case.reflects_everything:
         balance += [abs(net[k]) for k, level in enumerate(levels) if case.is_white(level)]
     if balance:
-        yield Check(f"energy{which}", float(np.max(balance) / entering), energy_limit(case), kind="energy")
+        yield Check(f"energy{which}", float(np.max(balance) / entering), choose_energy_limit(case), kind="energy")
     growth = [net[k + 1] - net[k] for k, _ in steps]
     if growth:
         most = max(0.0, float(np.max(growth))) if np.isfinite(growth).all() else math.nan
         yield Check(f"net flux grows{which}", most / entering, ENERGY, case.resolved, "other")
 
 
-def energy_limit(case: Case) -> float:
+def choose_energy_limit(case: Case) -> float:
     """What energy may be off by: 1e-13, or the general target where the nodes do not carry all terms."""
     return ENERGY if case.resolved else TARGET
 
 
-def closed(case: Case, brdf: Brdf) -> Iterator[Check]:
+def check_closed_scene(case: Case, brdf: Brdf) -> Iterator[Check]:
     """A scene that absorbs nothing and lets nothing out below reflects everything."""
     if case.reflects_everything and case.is_white((0, 0.0)):
         yield Check(
             "reflectance of 1",
-            largest(np.abs(brdf.reflectance - 1.0)),
-            energy_limit(case),
+            find_largest(np.abs(brdf.reflectance - 1.0)),
+            choose_energy_limit(case),
             kind="energy",
         )
 
 
-def reciprocity(brdf: Brdf) -> float:
+def measure_reciprocity_gap(brdf: Brdf) -> float:
     """f(a, b) = Q f(b, a)^T Q, relative to the largest element that either direction sends anywhere."""
     places = [brdf.mu_o.tolist().index(mu) for mu in brdf.mu_i]
     f = brdf.mueller[:, places]  # (a, b, phi, 4, 4)
     back = SIGN[:, None] * f.transpose(1, 0, 2, 4, 3) * SIGN
-    return pairwise_gap(f, back, np.abs(brdf.mueller).max(axis=(1, 2, 3, 4)))
+    return measure_pairwise_gap(f, back, np.abs(brdf.mueller).max(axis=(1, 2, 3, 4)))
 
 
-def pairwise_gap(f: Array, other: Array, size: Array) -> float:
+def measure_pairwise_gap(f: Array, other: Array, size: Array) -> float:
     """The largest difference for each pair (a, b, ...) of directions, over the larger size (a,) of the two."""
     gap = np.abs(f - other).max(axis=tuple(range(2, f.ndim)))
-    return largest(gap / np.maximum(np.maximum(size[:, None], size), NOTHING))
+    return find_largest(gap / np.maximum(np.maximum(size[:, None], size), NOTHING))
 
 
-def reciprocity_of_orders(case: Case, found: FewOrders) -> float:
+def measure_order_reciprocity_gap(case: Case, found: FewOrders) -> float:
     """The same for each order of multiply scattered light at the top: K/mu0 = D Q (K/mu0)^T Q D."""
     up = case.mu[case.mu > 0.0].tolist()
     into = np.array([case.mu0, SECOND_DIRECTION])
@@ -309,25 +317,26 @@ def reciprocity_of_orders(case: Case, found: FewOrders) -> float:
     flip = SIGN * MIRROR
     mean = np.abs(found.flux_up[0, :, 0]) / (math.pi * into)
     size = np.maximum(np.abs(f[:, : len(up)]).max(axis=(1, 2, 3, 4)), mean)
-    return pairwise_gap(pairs, flip[:, None] * pairs.transpose(1, 0, 2, 4, 3) * flip, size)
+    return measure_pairwise_gap(pairs, flip[:, None] * pairs.transpose(1, 0, 2, 4, 3) * flip, size)
 
 
-def mirror(brdf: Brdf) -> float:
+def measure_mirror_gap(brdf: Brdf) -> float:
     """f(-phi) = D f(phi) D at 45 and 315 degrees, relative to the largest element for each incident direction."""
     f, other = brdf.mueller[:, :, 1], MIRROR[:, None] * brdf.mueller[:, :, 3] * MIRROR
     size = np.abs(brdf.mueller).max(axis=(1, 2, 3, 4))
-    return largest(np.abs(f - other).max(axis=(1, 2, 3)) / np.maximum(size, NOTHING))
+    return find_largest(np.abs(f - other).max(axis=(1, 2, 3)) / np.maximum(size, NOTHING))
 
 
 PAULI = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])
 
 
-def unphysical_matrix(mueller: Array) -> float:
+def measure_unphysical_matrix(mueller: Array) -> float:
     """How far coherency matrices are from having no negative eigenvalue; mueller (mu_i, ..., 4, 4).
 
     Relative to the largest f_00 of the same incident direction.
 
-    >>> unphysical_matrix(np.eye(4)[None]) < 1e-15, unphysical_matrix(np.diag([1.0, 1.0, 1.0, -1.0])[None])
+    >>> measure = measure_unphysical_matrix
+    >>> measure(np.eye(4)[None]) < 1e-15, measure(np.diag([1.0, 1.0, 1.0, -1.0])[None])
     (True, 0.5)
     """
     if not np.isfinite(mueller).all():
@@ -339,8 +348,8 @@ def unphysical_matrix(mueller: Array) -> float:
     return max(0.0, -float(lowest))
 
 
-def unphysical_light(stokes: Array) -> float:
+def measure_unphysical_light(stokes: Array) -> float:
     """How far sqrt(Q^2 + U^2 + V^2) exceeds I, over the largest I at that depth; stokes (tau, ..., 4)."""
     excess = np.sqrt((stokes[..., 1:] ** 2).sum(axis=-1)) - stokes[..., 0]
     axes = tuple(range(1, excess.ndim))
-    return max(0.0, largest(excess.max(axis=axes) / np.maximum(np.abs(stokes[..., 0]).max(axis=axes), NOTHING)))
+    return max(0.0, find_largest(excess.max(axis=axes) / np.maximum(np.abs(stokes[..., 0]).max(axis=axes), NOTHING)))

@@ -7,12 +7,12 @@ from typing import Any
 
 from vrte.basics.errors import SceneError
 from vrte.studies.cases import Slab
-from vrte.studies.stability.cases import ORACLE_NODES, Case, covering_cases, stack
+from vrte.studies.stability.cases import ORACLE_NODES, Case, arrange_slabs, make_covering_cases
 
 QUICK_SCENES = 24  # of the covering array, beside the corners
 
 
-def corner(
+def define(
     name: str,
     reason: str,
     phase: str = "rayleigh",
@@ -24,7 +24,7 @@ def corner(
     **asked: Any,
 ) -> Case:
     """A `Case` in short: of slabs, or of a stack of one phase matrix."""
-    slabs, main = (slabs, 0) if slabs else stack(phase, albedo, thickness, layering)
+    slabs, main = (slabs, 0) if slabs else arrange_slabs(phase, albedo, thickness, layering)
     asked = {"nodes": 8, "sun": 0.6} | asked
     return Case(name, slabs=slabs, main=main, base_kind=base, layering=layering, reason=reason, **asked)
 
@@ -33,132 +33,132 @@ INF = math.inf
 NEARLY = 1.0 - 1e-12
 # fmt: off
 CORNERS: tuple[Case, ...] = (
-    corner("sun on a node", "the particular solution has the node's own decay rate", sun="node", phase="glass-x1"),
-    corner("sun and view on a node", "the same pole twice, and a direction that is a node", sun="node", view="node"),
-    corner("sun on an eigenvalue", "the textbook's particular solution is singular",
+    define("sun on a node", "the particular solution has the node's own decay rate", sun="node", phase="glass-x1"),
+    define("sun and view on a node", "the same pole twice, and a direction that is a node", sun="node", view="node"),
+    define("sun on an eigenvalue", "the textbook's particular solution is singular",
            albedo=0.9, sun="eigenvalue", phase="glass-x1"),
-    corner("sun and view on an eigenvalue", "a double pole in the reconstruction",
+    define("sun and view on an eigenvalue", "a double pole in the reconstruction",
            albedo=0.9, thickness=5.0, sun="eigenvalue", view="eigenvalue", phase="metal-x1"),
-    corner("sun on an eigenvalue, thick", "resonance and decoupled boundaries at once",
+    define("sun on an eigenvalue, thick", "resonance and decoupled boundaries at once",
            albedo=0.9, thickness=1e4, sun="eigenvalue", view="eigenvalue"),
-    corner("sun beside a node", "differences of nearly equal exponentials", sun=0.5917173212478249 * (1 + 1e-9)),
-    corner("mu equals mu0", "transmission along the beam divides by 1/mu - 1/mu0", sun=0.5, view=0.5, albedo=0.99),
-    corner("mu beside mu0", "the same quotient, 1e-14 away from 0/0", sun=0.5, view=0.5 + 1e-14, albedo=0.99),
-    corner("normal, conservative, thick", "the sun overhead, T of 1e-6 and a zero eigenvalue",
+    define("sun beside a node", "differences of nearly equal exponentials", sun=0.5917173212478249 * (1 + 1e-9)),
+    define("mu equals mu0", "transmission along the beam divides by 1/mu - 1/mu0", sun=0.5, view=0.5, albedo=0.99),
+    define("mu beside mu0", "the same quotient, 1e-14 away from 0/0", sun=0.5, view=0.5 + 1e-14, albedo=0.99),
+    define("normal, conservative, thick", "the sun overhead, T of 1e-6 and a zero eigenvalue",
            thickness=1e6, sun="1", view="1"),
-    corner("conservative, thickness 100", "a double zero eigenvalue", thickness=1e2),
-    corner("conservative, thickness 1e4", "T is 1e-4 of R", thickness=1e4, phase="glass-x1"),
-    corner("conservative, thickness 1e6", "an error of 1e-15 in a1[0] would change T by 1e-3", thickness=1e6),
-    corner("conservative metal, thickness 1e6", "the same with b2 != 0: eigenvalues in complex pairs",
+    define("conservative, thickness 100", "a double zero eigenvalue", thickness=1e2),
+    define("conservative, thickness 1e4", "T is 1e-4 of R", thickness=1e4, phase="glass-x1"),
+    define("conservative, thickness 1e6", "an error of 1e-15 in a1[0] would change T by 1e-3", thickness=1e6),
+    define("conservative metal, thickness 1e6", "the same with b2 != 0: eigenvalues in complex pairs",
            thickness=1e6, phase="metal-x1"),
-    corner("1 - omega = 1e-12, thickness 1e6", "the smallest eigenvalue is 1e-6 of the next, and matters",
+    define("1 - omega = 1e-12, thickness 1e6", "the smallest eigenvalue is 1e-6 of the next, and matters",
            albedo=NEARLY, thickness=1e6),
-    corner("1 - omega = 1e-9, thickness 1e4", "neither conservative nor absorbing", albedo=1.0 - 1e-9, thickness=1e4),
-    corner("infinite, conservative", "reflects everything; R converges only as 1/thickness", thickness=INF),
-    corner("infinite, conservative, under a layer", "everything comes back through the layer above",
+    define("1 - omega = 1e-9, thickness 1e4", "neither conservative nor absorbing", albedo=1.0 - 1e-9, thickness=1e4),
+    define("infinite, conservative", "reflects everything; R converges only as 1/thickness", thickness=INF),
+    define("infinite, conservative, under a layer", "everything comes back through the layer above",
            slabs=(Slab("glass-x1", 1.0, 1.0), Slab("rayleigh", 1.0, INF))),
-    corner("infinite, conservative, over a white base", "the base is never reached", thickness=INF, base="white"),
-    corner("infinite, 1 - omega = 1e-12", "R differs from 1 by 1e-6", albedo=NEARLY, thickness=INF),
-    corner("infinite, absorbing", "scaled steps in place of plain doublings",
+    define("infinite, conservative, over a white base", "the base is never reached", thickness=INF, base="white"),
+    define("infinite, 1 - omega = 1e-12", "R differs from 1 by 1e-6", albedo=NEARLY, thickness=INF),
+    define("infinite, absorbing", "scaled steps in place of plain doublings",
            albedo=0.5, thickness=INF, phase="metal-x1"),
-    corner("infinite, grazing", "source and view within 1e-8 of the surface", thickness=INF, sun="1e-8", view="1e-8"),
-    corner("grazing in and out", "1/mu is 1e8 beside 1", sun="1e-8", view="1e-8", albedo=0.99),
-    corner("grazing in and out, thin", "thickness/mu is 100 while the layer is 1e-6",
+    define("infinite, grazing", "source and view within 1e-8 of the surface", thickness=INF, sun="1e-8", view="1e-8"),
+    define("grazing in and out", "1/mu is 1e8 beside 1", sun="1e-8", view="1e-8", albedo=0.99),
+    define("grazing in and out, thin", "thickness/mu is 100 while the layer is 1e-6",
            sun="1e-8", view="1e-8", albedo=0.99, thickness=1e-6),
-    corner("grazing sun, conservative, thick", "all light starts within 1e-8 of the top", sun="1e-8", thickness=1e6),
-    corner("thickness 0", "nothing is there", thickness=0.0),
-    corner("thickness 0 over a white base", "the base as it stands", thickness=0.0, base="white"),
-    corner("thickness 0 over a lobe", "the lobe's Fourier orders alone", thickness=0.0, base="lobe", view=0.6),
-    corner("thickness 1e-10", "reflection is 1e-10 of the light: 1 - E keeps 6 digits",
+    define("grazing sun, conservative, thick", "all light starts within 1e-8 of the top", sun="1e-8", thickness=1e6),
+    define("thickness 0", "nothing is there", thickness=0.0),
+    define("thickness 0 over a white base", "the base as it stands", thickness=0.0, base="white"),
+    define("thickness 0 over a lobe", "the lobe's Fourier orders alone", thickness=0.0, base="lobe", view=0.6),
+    define("thickness 1e-10", "reflection is 1e-10 of the light: 1 - E keeps 6 digits",
            thickness=1e-10, phase="metal-x1"),
-    corner("thickness 1e-10 over a white base", "a change of 1e-10 in a reflectance of 1",
+    define("thickness 1e-10 over a white base", "a change of 1e-10 in a reflectance of 1",
            thickness=1e-10, base="white"),
-    corner("white base under a white slab", "a closed box with one opening", thickness=1e2, base="white"),
-    corner("white base under a white slab, thick", "light that is never lost, 1e6 deep", thickness=1e6, base="white"),
-    corner("lobe under a thin layer", "a lobe of more orders than the layer has terms",
+    define("white base under a white slab", "a closed box with one opening", thickness=1e2, base="white"),
+    define("white base under a white slab, thick", "light that is never lost, 1e6 deep", thickness=1e6, base="white"),
+    define("lobe under a thin layer", "a lobe of more orders than the layer has terms",
            thickness=1e-2, base="lobe", view=0.6),
-    corner("lobe under a white slab", "polarized light sent back and forth", thickness=10.0, base="lobe"),
-    corner("g = 0.99 on 1 node", "1500 terms where 2 are carried; order 1 creates energy",
+    define("lobe under a white slab", "polarized light sent back and forth", thickness=10.0, base="lobe"),
+    define("g = 0.99 on 1 node", "1500 terms where 2 are carried; order 1 creates energy",
            phase="HG+0.99", albedo=0.99, nodes=1),
-    corner("g = 0.99 on 16 nodes, conservative", "the peak is far narrower than the nodes", phase="HG+0.99", nodes=16),
-    corner("g = -0.99 on 16 nodes", "every layer hands the light straight back", phase="HG-0.99", albedo=0.5, nodes=16),
-    corner("g = 0.99 on 40 nodes, thick", "a peak and diffusion", phase="HG+0.99", albedo=1.0, thickness=1e4, nodes=40),
-    corner("g = 0.99 on 128 nodes", "256 orders, 128 nodes", phase="HG+0.99", albedo=0.99, nodes=128),
-    corner("isotropic on 1 node", "the smallest system there is", phase="isotropic", nodes=1),
-    corner("isotropic on 1 node, thick", "two streams, 1e6 deep", phase="isotropic", nodes=1, thickness=1e6),
-    corner("thick between thin", "decay rates times thickness from 1e-2 to 1e6 in one system",
+    define("g = 0.99 on 16 nodes, conservative", "the peak is far narrower than the nodes", phase="HG+0.99", nodes=16),
+    define("g = -0.99 on 16 nodes", "every layer hands the light straight back", phase="HG-0.99", albedo=0.5, nodes=16),
+    define("g = 0.99 on 40 nodes, thick", "a peak and diffusion", phase="HG+0.99", albedo=1.0, thickness=1e4, nodes=40),
+    define("g = 0.99 on 128 nodes", "256 orders, 128 nodes", phase="HG+0.99", albedo=0.99, nodes=128),
+    define("isotropic on 1 node", "the smallest system there is", phase="isotropic", nodes=1),
+    define("isotropic on 1 node, thick", "two streams, 1e6 deep", phase="isotropic", nodes=1, thickness=1e6),
+    define("thick between thin", "decay rates times thickness from 1e-2 to 1e6 in one system",
            thickness=1e6, layering="thick-between-thin"),
-    corner("thick between thin, absorbing", "the lower layers are dark to the last bit",
+    define("thick between thin, absorbing", "the lower layers are dark to the last bit",
            albedo=0.5, thickness=1e4, layering="thick-between-thin", base="white"),
-    corner("clear layer between", "a layer whose every mode is a node's", layering="clear-between"),
-    corner("clear layer between, conservative, thick", "absorption without scattering inside a white slab",
+    define("clear layer between", "a layer whose every mode is a node's", layering="clear-between"),
+    define("clear layer between, conservative, thick", "absorption without scattering inside a white slab",
            thickness=1e4, layering="clear-between"),
-    corner("clear layer alone", "no multiple scattering at all", albedo=0.0, base="white"),
-    corner("identical neighbours, conservative, thick", "joins of layers that are one layer",
+    define("clear layer alone", "no multiple scattering at all", albedo=0.0, base="white"),
+    define("identical neighbours, conservative, thick", "joins of layers that are one layer",
            thickness=1e6, layering="identical-neighbours"),
-    corner("hundred layers, conservative, thick", "99 joints of slabs that transmit little",
+    define("hundred layers, conservative, thick", "99 joints of slabs that transmit little",
            thickness=1e6, layering="hundred"),
-    corner("hundred thin layers", "99 joints of slabs that do nothing",
+    define("hundred thin layers", "99 joints of slabs that do nothing",
            thickness=1e-6, layering="hundred", albedo=0.99),
-    corner("transmission near 1e-80", "relative digits of light that is nearly gone", albedo=0.5, thickness=1e2),
-    corner("transmission that underflows", "e^-8000: below the smallest number there is", albedo=0.5, thickness=1e4),
-    corner("transmission that underflows onto a lobe", "nothing comes back from below",
+    define("transmission near 1e-80", "relative digits of light that is nearly gone", albedo=0.5, thickness=1e2),
+    define("transmission that underflows", "e^-8000: below the smallest number there is", albedo=0.5, thickness=1e4),
+    define("transmission that underflows onto a lobe", "nothing comes back from below",
            albedo=0.5, thickness=1e4, base="lobe"),
-    corner("omega = 1e-12", "multiple scattering is 1e-12 of single scattering", albedo=1e-12),
-    corner("mu = 1 off the plane of incidence", "at the pole the meridian plane is the azimuth's", sun="1", view="1",
+    define("omega = 1e-12", "multiple scattering is 1e-12 of single scattering", albedo=1e-12),
+    define("mu = 1 off the plane of incidence", "at the pole the meridian plane is the azimuth's", sun="1", view="1",
            orders=(0, 2), phase="metal-x1"),
-    corner("1e-12 from the normal", "sqrt(1 - mu^2) keeps 6 digits", sun="1-1e-12", view="1-1e-12", orders=(0, 2)),
-    corner("the same direction many times", "duplicates must not make a system singular",
+    define("1e-12 from the normal", "sqrt(1 - mu^2) keeps 6 digits", sun="1-1e-12", view="1-1e-12", orders=(0, 2)),
+    define("the same direction many times", "duplicates must not make a system singular",
            extra_mu=(0.35, 0.35, -0.35, 0.5, 0.6)),
-    corner("circular light", "V alone carries polarization", beam=(1.0, 0.0, 0.0, 1.0), phase="metal-x1"),
-    corner("linear light at 45 degrees", "U alone carries polarization", beam=(1.0, 0.0, 1.0, 0.0), phase="metal-x1"),
-    corner("a metal sphere's order 20", "an order far above those that diffuse", phase="metal-x30", albedo=0.94,
+    define("circular light", "V alone carries polarization", beam=(1.0, 0.0, 0.0, 1.0), phase="metal-x1"),
+    define("linear light at 45 degrees", "U alone carries polarization", beam=(1.0, 0.0, 1.0, 0.0), phase="metal-x1"),
+    define("a metal sphere's order 20", "an order far above those that diffuse", phase="metal-x30", albedo=0.94,
            thickness=1e2, nodes=16, orders=(0, 20)),
-    corner("large glass spheres on 16 nodes", "487 terms where 32 are carried",
+    define("large glass spheres on 16 nodes", "487 terms where 32 are carried",
            phase="glass-x200", albedo=0.5, nodes=16),
-    corner("haze L, conservative, thick", "a forward peak, 1e4 deep", phase="haze-L", thickness=1e4, nodes=16),
+    define("haze L, conservative, thick", "a forward peak, 1e4 deep", phase="haze-L", thickness=1e4, nodes=16),
 )
 # fmt: on
 
 
 @cache
-def all_cases() -> tuple[Case, ...]:
+def list_all_cases() -> tuple[Case, ...]:
     """The corners and the covering array, names unique.
 
-    >>> len(all_cases()) >= 340
+    >>> len(list_all_cases()) >= 340
     True
     """
-    return (*CORNERS, *covering_cases())
+    return (*CORNERS, *make_covering_cases())
 
 
-def oracle_cases() -> tuple[Case, ...]:
+def list_oracle_cases() -> tuple[Case, ...]:
     """The cases of at most 16 nodes, which ball arithmetic can answer.
 
-    >>> max(case.nodes for case in oracle_cases())
+    >>> max(case.nodes for case in list_oracle_cases())
     16
     """
-    return tuple(case for case in all_cases() if case.nodes <= ORACLE_NODES)
+    return tuple(case for case in list_all_cases() if case.nodes <= ORACLE_NODES)
 
 
-def quick_cases() -> tuple[Case, ...]:
+def choose_quick_cases() -> tuple[Case, ...]:
     """Every second corner and some scenes, of at most 16 nodes that carry all terms, without a hundred layers.
 
-    >>> 40 <= len(quick_cases()) <= 60
+    >>> 40 <= len(choose_quick_cases()) <= 60
     True
     """
-    small = [case for case in oracle_cases() if case.resolved and case.layering != "hundred"]
+    small = [case for case in list_oracle_cases() if case.resolved and case.layering != "hundred"]
     corners = [case for case in small if case.reason]
     scenes = [case for case in small if not case.reason]
     return (*corners[::2], *scenes[:: len(scenes) // QUICK_SCENES][:QUICK_SCENES])
 
 
-def matching(pattern: str, quick: bool = False) -> list[Case]:
+def find_matching_cases(pattern: str, quick: bool = False) -> list[Case]:
     """The cases whose names match a shell's pattern, of all or of the quick selection. Raises SceneError for none.
 
-    >>> [case.name for case in matching("thickness 0*lobe")]
+    >>> [case.name for case in find_matching_cases("thickness 0*lobe")]
     ['thickness 0 over a lobe']
     """
-    found = [case for case in (quick_cases() if quick else all_cases()) if fnmatchcase(case.name, pattern)]
+    found = [case for case in (choose_quick_cases() if quick else list_all_cases()) if fnmatchcase(case.name, pattern)]
     if not found:
         raise SceneError(f"--cases {pattern!r} matches no scene{' of the quick selection' if quick else ''}")
     return found

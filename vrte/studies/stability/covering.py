@@ -16,7 +16,7 @@ Cell = tuple[tuple[int, int], ...]  # (axis, value), axes ascending
 CANDIDATES = 20  # tried for each row
 
 
-def covering_array(
+def make_covering_array(
     sizes: Sequence[int], rows: int, seed: int, unwanted: Callable[[Row], bool] = lambda row: False
 ) -> list[Row]:
     """Rows of value numbers, one an axis, that cover every pair; then more, up to ``rows``, for triples.
@@ -24,66 +24,66 @@ def covering_array(
     ``sizes``: how many values each axis has, two axes or more. A row for which ``unwanted`` holds is taken where a
     pair needs it, never for a triple. Fewer rows come back where there are no more, more where the pairs need them.
 
-    >>> rows = covering_array([2, 2, 2], rows=6, seed=1)
-    >>> len(rows), uncovered(rows, [2, 2, 2], 2)
+    >>> rows = make_covering_array([2, 2, 2], rows=6, seed=1)
+    >>> len(rows), find_uncovered_cells(rows, [2, 2, 2], 2)
     (6, set())
     """
     draw = Random(seed)
-    pairs = uncovered([], sizes, 2)
+    pairs = find_uncovered_cells([], sizes, 2)
     found: list[Row] = []
     while pairs:
-        tries = [_row_for_a_pair(sizes, pairs, draw) for _ in range(CANDIDATES)]
-        best = max(tries, key=lambda row: (len(cells(row, 2) & pairs), not unwanted(row)))
-        pairs -= cells(best, 2)
+        tries = [_make_row_for_pair(sizes, pairs, draw) for _ in range(CANDIDATES)]
+        best = max(tries, key=lambda row: (len(combine_values(row, 2) & pairs), not unwanted(row)))
+        pairs -= combine_values(best, 2)
         found.append(best)
-    triples = uncovered(found, sizes, 3)
+    triples = find_uncovered_cells(found, sizes, 3)
     for _ in range(10 * rows):  # ends even where all that is left is unwanted
         if len(found) >= rows or not triples:
             break
-        tries = [tuple(_choice(range(size), draw) for size in sizes) for _ in range(3 * CANDIDATES)]
-        best = max(tries, key=lambda row: -1 if unwanted(row) else len(cells(row, 3) & triples))
+        tries = [tuple(_choose_value(range(size), draw) for size in sizes) for _ in range(3 * CANDIDATES)]
+        best = max(tries, key=lambda row: -1 if unwanted(row) else len(combine_values(row, 3) & triples))
         if not unwanted(best) and best not in found:
-            triples -= cells(best, 3)
+            triples -= combine_values(best, 3)
             found.append(best)
     return found
 
 
-def uncovered(rows: Sequence[Row], sizes: Sequence[int], strength: int) -> set[Cell]:
+def find_uncovered_cells(rows: Sequence[Row], sizes: Sequence[int], strength: int) -> set[Cell]:
     """The combinations of ``strength`` values of different axes that occur in no row.
 
-    >>> uncovered([(0, 0), (1, 0)], [2, 2], 2) == {((0, 0), (1, 1)), ((0, 1), (1, 1))}
+    >>> find_uncovered_cells([(0, 0), (1, 0)], [2, 2], 2) == {((0, 0), (1, 1)), ((0, 1), (1, 1))}
     True
     """
     values = [[(axis, value) for value in range(size)] for axis, size in enumerate(sizes)]
     every = {cell for axes in combinations(values, strength) for cell in product(*axes)}
-    return every.difference(*(cells(row, strength) for row in rows))
+    return every.difference(*(combine_values(row, strength) for row in rows))
 
 
-def cells(row: Row, strength: int) -> set[Cell]:
+def combine_values(row: Row, strength: int) -> set[Cell]:
     """All combinations of ``strength`` values that occur in a row.
 
-    >>> cells((0, 2), 2)
+    >>> combine_values((0, 2), 2)
     {((0, 0), (1, 2))}
     """
     return set(combinations(tuple(enumerate(row)), strength))
 
 
-def _row_for_a_pair(sizes: Sequence[int], pairs: set[Cell], draw: Random) -> Row:
+def _make_row_for_pair(sizes: Sequence[int], pairs: set[Cell], draw: Random) -> Row:
     """A row that holds one open pair, the other axes filled in random order, each with the value that closes most."""
-    row: dict[int, int] = dict(_choice(sorted(pairs), draw))
+    row: dict[int, int] = dict(_choose_value(sorted(pairs), draw))
 
     def closed(axis: int, value: int) -> int:
         """How many open pairs this value of one more axis would close."""
         return sum(tuple(sorted([(other, there), (axis, value)])) in pairs for other, there in row.items())
 
-    for axis in _shuffled([axis for axis in range(len(sizes)) if axis not in row], draw):
-        row[axis] = max(_shuffled(range(sizes[axis]), draw), key=partial(closed, axis))
+    for axis in _order_randomly([axis for axis in range(len(sizes)) if axis not in row], draw):
+        row[axis] = max(_order_randomly(range(sizes[axis]), draw), key=partial(closed, axis))
     return tuple(row[axis] for axis in range(len(sizes)))
 
 
-def _choice(values: Sequence[Value], draw: Random) -> Value:
+def _choose_value(values: Sequence[Value], draw: Random) -> Value:
     return values[int(draw.random() * len(values))]
 
 
-def _shuffled(values: Sequence[int], draw: Random) -> list[int]:
+def _order_randomly(values: Sequence[int], draw: Random) -> list[int]:
     return sorted(values, key=lambda _: draw.random())

@@ -31,7 +31,7 @@ class OracleAnswer:
 Table = Mapping[str, Array]
 
 
-def stored_table(path: Path | None) -> Table:
+def read_oracle_table(path: Path | None) -> Table:
     """The table of a file, or that of the source tree; empty where vrte is used without its source tree.
 
     Raises SceneError for a file that is none.
@@ -45,11 +45,11 @@ def stored_table(path: Path | None) -> Table:
         raise SceneError(f"{path or TABLE} cannot be read as a table of the oracle: {error}") from error
 
 
-def lookup(case: Case, table: Table) -> OracleAnswer | str:
+def find_oracle_answer(case: Case, table: Table) -> OracleAnswer | str:
     """The oracle's answer, or why there is none.
 
     >>> from vrte.studies.cases import Slab
-    >>> lookup(Case("unheard of", 8, (Slab("rayleigh", 1.0, 1.0),)), {})
+    >>> find_oracle_answer(Case("unheard of", 8, (Slab("rayleigh", 1.0, 1.0),)), {})
     'none'
     """
     name = case.name

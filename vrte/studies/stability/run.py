@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from vrte.basics.errors import AccuracyError, SceneError
-from vrte.basics.running import usable_cpus
-from vrte.studies.records import Records, digest_of, fingerprint
+from vrte.basics.running import count_usable_cpus
+from vrte.studies.records import Records, hash_files, make_fingerprint
 from vrte.studies.stability.cases import Case
-from vrte.studies.stability.checks import Check, examine
-from vrte.studies.stability.oracle import Table, lookup
+from vrte.studies.stability.checks import Check, examine_case
+from vrte.studies.stability.oracle import Table, find_oracle_answer
 from vrte.studies.stability.solving import Options, is_whole
 from vrte.studies.timing import Tick
 
@@ -67,12 +67,12 @@ class Record:
     @property
     def shortfalls(self) -> list[str]:
         """What falls short, in words, known reasons left out."""
-        return [text for name, text in self._broken() if known_reason(self.name, name) is None]
+        return [text for name, text in self._broken() if find_known_reason(self.name, name) is None]
 
     @property
     def reasons(self) -> list[str]:
         """What falls short for a known reason, with that reason."""
-        found = [(text, known_reason(self.name, name)) for name, text in self._broken()]
+        found = [(text, find_known_reason(self.name, name)) for name, text in self._broken()]
         return [f"{text}: {reason}" for text, reason in found if reason is not None]
 
     @property
@@ -90,7 +90,7 @@ class Record:
         ]
 
 
-def known_reason(case: str, check: str) -> str | None:
+def find_known_reason(case: str, check: str) -> str | None:
     """Why this check of this case is known to be out of reach, or None."""
     fits = (reason for names, checks, reason in KNOWN if fnmatchcase(case, names) and fnmatchcase(check, checks))
     return next(fits, None)
@@ -116,28 +116,30 @@ def run_cases(
     options, log = options or Options(), Records(Record, Path(folder) / LOG)
     known = {} if fresh else log.read()
     log.write(known.values())  # what was torn, or is of no use any more, goes first
-    how = f"{options.algorithm} {options.threads or usable_cpus()} {digest_of(Path(__file__).parent.glob('*.py'))}"
+    how = (
+        f"{options.algorithm} {options.threads or count_usable_cpus()} {hash_files(Path(__file__).parent.glob('*.py'))}"
+    )
     records = []
     for number, case in enumerate(cases):
         tick(number, len(cases), case.name)
-        right = lookup(case, table)
-        mark = fingerprint(case.name, case.key, how, right if isinstance(right, str) else "the oracle's")
+        right = find_oracle_answer(case, table)
+        mark = make_fingerprint(case.name, case.key, how, right if isinstance(right, str) else "the oracle's")
         if mark not in known:
-            known[mark] = record_of(case, table, options, mark)
+            known[mark] = record_case(case, table, options, mark)
             log.append(known[mark])
         records.append(known[mark])
     tick(len(cases), len(cases), "")
     return records
 
 
-def record_of(case: Case, table: Table, options: Options, mark: str = "") -> Record:
+def record_case(case: Case, table: Table, options: Options, mark: str = "") -> Record:
     """Examines one case; whatever goes wrong becomes part of the record."""
     start = time.perf_counter()
     found: dict[str, Any] = {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            examined = examine(case, lookup(case, table), options)
+            examined = examine_case(case, find_oracle_answer(case, table), options)
             found = {"checks": examined.checks, "c": examined.c, "oracle": examined.oracle}
         except (AccuracyError, SceneError) as error:
             found["trouble"] = f"refused: {error}"

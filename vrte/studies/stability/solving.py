@@ -7,20 +7,20 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.blas import single_threaded
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError
-from vrte.basics.running import interruptible, new_run
+from vrte.basics.running import run_interruptible, start_run
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.discrete_ordinates.execution.engines.cpu import solve_orders
-from vrte.discrete_ordinates.orders.discretise import discretise
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.routes import OTHER
-from vrte.discrete_ordinates.planning.choice import choose
+from vrte.discrete_ordinates.planning.choice import choose_algorithms
 from vrte.request.how import FINEST
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.scene.scene import Scene
-from vrte.studies.cases import scene_of
+from vrte.studies.cases import make_scene
 from vrte.studies.stability.cases import Case
 
 LOBE_ORDERS = 136  # beyond, the lobe's orders are below 1e-17 of the first
@@ -45,22 +45,22 @@ def is_whole(case: Case) -> bool:
     >>> is_whole(Case("small", 8, (Slab("rayleigh", 1.0, 1.0),)))
     True
     """
-    return expected_seconds(case, min(case.terms, 2 * case.nodes)) <= WHOLE_UP_TO
+    return estimate_seconds(case, min(case.terms, 2 * case.nodes)) <= WHOLE_UP_TO
 
 
-def expected_seconds(case: Case, orders: int) -> float:
+def estimate_seconds(case: Case, orders: int) -> float:
     """Roughly, on two cores."""
     return 1e-9 * orders * len(case.slabs) * (4 * case.nodes) ** 3
 
 
-def azimuths(case: Case) -> Array:
+def make_azimuths(case: Case) -> Array:
     """Equal steps [degrees], a multiple of 8, so many that none of ``case.orders`` is mistaken for another: (phi,)."""
     highest = max(case.terms, LOBE_ORDERS if case.base_kind == "lobe" else 0)
     steps = 8 * -(-(highest + max(case.orders) + 2) // 8)
     return np.arange(steps, dtype=np.float64) * (360.0 / steps)
 
 
-def few_azimuths(phi: Array) -> Array:
+def choose_few_azimuths(phi: Array) -> Array:
     """Places of 0, 45, 180 and 315 degrees among the equal steps."""
     return np.array([0, 1, 4, 7]) * (phi.size // 8)
 
@@ -96,13 +96,15 @@ class FewOrders:
 def solve_few_orders(case: Case, scene: Scene, algorithm: str, threads: int | None) -> FewOrders:
     """Orders 0, 1 and 2 alone, by the solver's own stages."""
     mu = np.concatenate([case.mu[case.mu > 0.0], case.mu[case.mu < 0.0]])
-    run = new_run(threads)
+    run = start_run(threads)
 
     def work() -> FewOrders:
-        with single_threaded():
-            problem = discretise(scene, np.array([case.mu0, SECOND_DIRECTION]), np.eye(4), mu, case.tau, case.nodes)
+        with keep_to_one_thread():
+            problem = discretise_scene(
+                scene, np.array([case.mu0, SECOND_DIRECTION]), np.eye(4), mu, case.tau, case.nodes
+            )
             orders = np.arange(min(FEW, int(problem.terms.max())), dtype=np.int32)
-            name = choose(algorithm, problem, np.ones(1), FINEST)[0][1].name
+            name = choose_algorithms(algorithm, problem, np.ones(1), FINEST)[0][1].name
             for each in (name, OTHER[name]):
                 _, found, doubts = solve_orders(problem, scene.below, orders, each, run, FINEST)
                 if found is not None and not doubts:
@@ -111,15 +113,15 @@ def solve_few_orders(case: Case, scene: Scene, algorithm: str, threads: int | No
                 raise AccuracyError(f"neither algorithm can vouch for Fourier order {min(doubts)}")
         return FewOrders(found.kernels, found.flux_up, found.flux_down, name)
 
-    return interruptible(run, work)
+    return run_interruptible(run, work)
 
 
-def cut(case: Case) -> Scene:
+def cut_layers_otherwise(case: Case) -> Scene:
     """The same scene with its layers cut otherwise: identical neighbours joined, or the described slab in two."""
     if case.layering == "identical-neighbours":
         whole = math.fsum(slab.thickness for slab in case.slabs)
-        return scene_of((replace(case.slabs[0], thickness=whole),), case.base)
+        return make_scene((replace(case.slabs[0], thickness=whole),), case.base)
     slab = case.slabs[case.main]
     upper = min(slab.thickness / 2.0, 1.0)
     parts = (replace(slab, thickness=upper), replace(slab, thickness=slab.thickness - upper))
-    return scene_of((*case.slabs[: case.main], *parts, *case.slabs[case.main + 1 :]), case.base)
+    return make_scene((*case.slabs[: case.main], *parts, *case.slabs[case.main + 1 :]), case.base)

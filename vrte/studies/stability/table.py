@@ -5,7 +5,14 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from vrte.studies.pages import made_with, markdown_list, markdown_table, two_digits, write_rows, write_text
+from vrte.studies.pages import (
+    list_run_facts,
+    make_markdown_list,
+    make_markdown_table,
+    show_two_digits,
+    write_rows,
+    write_text,
+)
 from vrte.studies.stability.cases import AXES, CONDITIONS, GROUPS, ORDINARY
 from vrte.studies.stability.run import Record
 
@@ -18,68 +25,68 @@ CASE_COLUMNS = (
 )
 
 
-def line(scenes: str, condition: str, records: Sequence[Record]) -> list[str]:
+def make_table_row(scenes: str, condition: str, records: Sequence[Record]) -> list[str]:
     """A row of the table, in the order of COLUMNS: whose cases, under which condition, and what they come to."""
-    error, consistency, energy = (largest(record.worst(kind) for record in records) for kind in KINDS)
-    c = largest(record.c if record.oracle == "yes" else None for record in records)
-    known, short = (sum(bool(each) for each in found) for found in zip(*map(broken, records), strict=True))
+    error, consistency, energy = (find_largest_given(record.worst(kind) for record in records) for kind in KINDS)
+    c = find_largest_given(record.c if record.oracle == "yes" else None for record in records)
+    known, short = (sum(bool(each) for each in found) for found in zip(*map(find_shortfalls, records), strict=True))
     words = [f"{short} fall short"] * bool(short) + [f"{known} for a known reason"] * bool(known)
     return [
         *(scenes, condition, str(len(records)), str(sum(record.oracle == "yes" for record in records))),
-        *map(figure, (error, c, consistency, energy)),
+        *map(show_number, (error, c, consistency, energy)),
         f"{math.fsum(record.seconds for record in records):.1f}",
         ", ".join(words if short else ["holds", *words]),
     ]
 
 
-def broken(record: Record) -> tuple[list[str], list[str]]:
+def find_shortfalls(record: Record) -> tuple[list[str], list[str]]:
     """What falls short for a known reason, and otherwise."""
     return record.reasons, record.shortfalls
 
 
-def lines_by_condition(records: Sequence[Record]) -> list[list[str]]:
+def make_rows_by_condition(records: Sequence[Record]) -> list[list[str]]:
     """A row for each group of phase matrices and condition, a case in every row that it belongs to."""
     return [
-        line(group, condition, chosen)
+        make_table_row(group, condition, chosen)
         for group in GROUPS
         for condition in (*CONDITIONS, ORDINARY)
         if (chosen := [record for record in records if record.group == group and condition in record.conditions])
     ]
 
 
-def lines_by_axis(records: Sequence[Record]) -> list[list[str]]:
+def make_rows_by_axis(records: Sequence[Record]) -> list[list[str]]:
     """A row for each base, layering and number of nodes, and one for everything."""
     rows = [
-        line(axis, str(value), chosen)
+        make_table_row(axis, str(value), chosen)
         for axis in ("base", "layering", "nodes")
         for value in AXES[axis]
         if (chosen := [record for record in records if getattr(record, axis) == value])
     ]
-    return [*rows, *([line("all", "", records)] if records else [])]
+    return [*rows, *([make_table_row("all", "", records)] if records else [])]
 
 
-def largest(values: Iterable[float | None]) -> float | None:
+def find_largest_given(values: Iterable[float | None]) -> float | None:
     """The largest that is there, NaN if one is NaN; None of nothing.
 
-    >>> largest([None, 2.0, 1.0]), largest([None])
+    >>> find_largest_given([None, 2.0, 1.0]), find_largest_given([None])
     (2.0, None)
     """
     found = [value for value in values if value is not None]
     return max(found, key=lambda value: (math.isnan(value), value)) if found else None
 
 
-def figure(value: float | None) -> str:
+def show_number(value: float | None) -> str:
     """Two digits, or a dash for nothing; NaN, which a check may have found, by its name.
 
-    >>> figure(3.14e-12), figure(math.nan)
+    >>> show_number(3.14e-12), show_number(math.nan)
     ('3.1e-12', 'nan')
     """
-    return "nan" if value is not None and math.isnan(value) else two_digits(value)
+    return "nan" if value is not None and math.isnan(value) else show_two_digits(value)
 
 
-def as_text(records: Sequence[Record]) -> str:
+def describe_records(records: Sequence[Record]) -> str:
     """The table for a terminal, and what falls short."""
-    rows = [list(COLUMNS), *lines_by_condition(records), *lines_by_axis(records)]
+    rows = [list(COLUMNS), *make_rows_by_condition(records), *make_rows_by_axis(records)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     texts = [
         "  "
@@ -90,27 +97,33 @@ def as_text(records: Sequence[Record]) -> str:
         for row in rows
     ]
     for title, place in (("falls short:", 1), ("known:", 0)):
-        told = [f"  {record.name}: {'; '.join(broken(record)[place])}" for record in records if broken(record)[place]]
+        told = [
+            f"  {record.name}: {'; '.join(find_shortfalls(record)[place])}"
+            for record in records
+            if find_shortfalls(record)[place]
+        ]
         texts += ["", title, *told] if told else []
     return "\n".join(texts)
 
 
-def as_markdown(records: Sequence[Record], settings: str) -> str:
+def make_markdown(records: Sequence[Record], settings: str) -> str:
     """The whole table, the corners one by one, what falls short, and where and with what it was made."""
-    corners = [corner_cells(record) for record in records if record.reason]
+    corners = [list_corner_cells(record) for record in records if record.reason]
     short, known = (
-        markdown_list(f"{record.name}: {'; '.join(texts)}" for record in records if (texts := broken(record)[place]))
+        make_markdown_list(
+            f"{record.name}: {'; '.join(texts)}" for record in records if (texts := find_shortfalls(record)[place])
+        )
         for place in (1, 0)
     )
     blocks = [
         "# Stability: the last run\n",
-        made_with_records(records, settings),
+        describe_run(records, settings),
         "## By what scatters and under which condition\n",
         "A case counts in every row that it belongs to.\n",
-        markdown_table(COLUMNS, lines_by_condition(records)),
+        make_markdown_table(COLUMNS, make_rows_by_condition(records)),
         "## By base, layering and number of nodes\n",
-        markdown_table(COLUMNS, lines_by_axis(records)),
-        *(["## Corners\n", markdown_table(CORNER_COLUMNS, corners)] if corners else []),
+        make_markdown_table(COLUMNS, make_rows_by_axis(records)),
+        *(["## Corners\n", make_markdown_table(CORNER_COLUMNS, corners)] if corners else []),
         "## What falls short\n",
         short or "Nothing.\n",
         *(["## Out of reach, and why\n", known] if known else []),
@@ -118,19 +131,19 @@ def as_markdown(records: Sequence[Record], settings: str) -> str:
     return "\n".join(blocks).rstrip() + "\n"
 
 
-def corner_cells(record: Record) -> list[str]:
+def list_corner_cells(record: Record) -> list[str]:
     """One corner's row."""
     c = record.c if record.oracle == "yes" else None
     figures = [record.worst("oracle"), c, record.worst("consistency"), record.worst("energy")]
-    return [record.name, record.reason, *map(figure, figures), f"{record.seconds:.1f}", record.verdict]
+    return [record.name, record.reason, *map(show_number, figures), f"{record.seconds:.1f}", record.verdict]
 
 
-def made_with_records(records: Sequence[Record], settings: str) -> str:
+def describe_run(records: Sequence[Record], settings: str) -> str:
     """Date, machine, versions and what was run, as a Markdown list."""
     partial = sum(not record.whole for record in records)
     few = f", {partial} of them in Fourier orders 0 to 2 only" if partial else ""
     scenes = f"{len(records)} scenes{few}, {math.fsum(record.seconds for record in records):.0f} s"
-    return markdown_list([*made_with(settings), scenes])
+    return make_markdown_list([*list_run_facts(settings), scenes])
 
 
 def write_tables(records: Sequence[Record], folder: str | os.PathLike[str], settings: str) -> list[Path]:
@@ -142,14 +155,14 @@ def write_tables(records: Sequence[Record], folder: str | os.PathLike[str], sett
     ['stability.md', 'stability.csv', 'stability_cases.csv']
     """
     paths = [Path(folder) / name for name in ("stability.md", "stability.csv", "stability_cases.csv")]
-    write_text(paths[0], as_markdown(records, settings))
-    rows = [*lines_by_condition(records), *lines_by_axis(records)]
+    write_text(paths[0], make_markdown(records, settings))
+    rows = [*make_rows_by_condition(records), *make_rows_by_axis(records)]
     write_rows(paths[1], ["scenes", "condition", *COLUMNS[2:]], rows)
-    write_rows(paths[2], CASE_COLUMNS, [case_cells(record) for record in records])
+    write_rows(paths[2], CASE_COLUMNS, [list_case_cells(record) for record in records])
     return paths
 
 
-def case_cells(record: Record) -> list[object]:
+def list_case_cells(record: Record) -> list[object]:
     """One case's row, in the order of CASE_COLUMNS; empty where there is no such figure."""
     error, consistency, energy = (record.worst(kind) for kind in KINDS)
     checks = "; ".join(f"{check.name} {check.value:.2e} (limit {check.limit:.0e})" for check in record.checks)

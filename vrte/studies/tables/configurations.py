@@ -74,26 +74,26 @@ class Configuration(Enum):
         """
         if self.simd == "baseline" and platform.machine().lower() not in X86:
             return f"{self.title} needs the baseline SIMD of an x86 processor, and this is {platform.machine()}"
-        if self.needs_device and (reason := no_device()) is not None:
+        if self.needs_device and (reason := explain_missing_device()) is not None:
             return f"{self.title} needs an OpenCL device: {reason}"
         return None
 
 
-def no_device() -> str | None:
+def explain_missing_device() -> str | None:
     """Why there is no OpenCL device to take, None where there is one."""
-    from vrte.cl.device import chosen
+    from vrte.cl.device import find_chosen_device
 
     try:
-        chosen()
+        find_chosen_device()
     except (DeviceError, MissingExtraError) as error:
         return str(error)
     return None
 
 
-def configuration_of(label: str) -> Configuration:
+def find_configuration(label: str) -> Configuration:
     """The configuration of that label. Raises SceneError where there is none, or where this machine cannot run it.
 
-    >>> configuration_of("2").linear_algebra
+    >>> find_configuration("2").linear_algebra
     'LAPACK, full SIMD'
     """
     found = [configuration for configuration in Configuration if configuration.label == label.strip()]
@@ -105,16 +105,16 @@ def configuration_of(label: str) -> Configuration:
     return found[0]
 
 
-def chosen(labels: str | None = None) -> tuple[tuple[Configuration, ...], list[str]]:
+def choose_configurations(labels: str | None = None) -> tuple[tuple[Configuration, ...], list[str]]:
     """The configurations named, or all that this machine can run; and of all, why the others cannot.
 
     Raises SceneError for a name that is none, and for one that this machine cannot run.
 
-    >>> [configuration.label for configuration in chosen("2, OpenMP full")[0]]
+    >>> [configuration.label for configuration in choose_configurations("2, OpenMP full")[0]]
     ['2', 'OpenMP full']
     """
     if labels is not None:
-        return tuple(dict.fromkeys(configuration_of(label) for label in labels.split(","))), []
+        return tuple(dict.fromkeys(find_configuration(label) for label in labels.split(","))), []
     refusals = {configuration: configuration.refusal() for configuration in Configuration}
     able = tuple(configuration for configuration, reason in refusals.items() if reason is None)
     return able, [reason for reason in refusals.values() if reason is not None]

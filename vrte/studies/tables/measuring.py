@@ -44,14 +44,15 @@ class Measured:
         """Of the whole solve or of a step of it; None where it was not measured."""
         replies = self.replies.get((problem, configuration), [])
         seconds = [
-            reply.seconds if step == TOTAL else paper.steps_of(reply.seconds, reply.stages)[step] for reply in replies
+            reply.seconds if step == TOTAL else paper.split_into_steps(reply.seconds, reply.stages)[step]
+            for reply in replies
         ]
         return Times.of(seconds) if seconds else None
 
     def printed(self, problem: str, configuration: Configuration, step: str = TOTAL) -> float | None:
         """Seconds in the paper; None where it has none, and of a scene that is not the paper's."""
         asked = next(each for each in self.problems if each.name == problem)
-        return paper.printed_seconds(problem, step, configuration.label) if asked.is_the_papers else None
+        return paper.find_printed_seconds(problem, step, configuration.label) if asked.is_the_papers else None
 
 
 def measure(
@@ -78,20 +79,20 @@ def measure(
                 if answer is None:
                     found.replies.setdefault((problem.name, configuration), []).append(reply)
                 else:
-                    found.checks[problem.name, configuration] = checked(problem, reply, answer)
+                    found.checks[problem.name, configuration] = check_answer(problem, reply, answer)
                 done += 1
     tick(done, total, "")
     return found
 
 
-def checked(problem: Problem, reply: Reply, reference: np.ndarray) -> Check:
+def check_answer(problem: Problem, reply: Reply, reference: np.ndarray) -> Check:
     """An answer against the default's, and against Siewert's values where it has them."""
     assert reply.answer is not None
-    published = paper.off_siewert(reply.answer) if problem.name == paper.TABLE_2 else None
-    return Check(paper.difference(reply.answer, reference), published, reply.orders_by)
+    published = paper.measure_siewert_error(reply.answer) if problem.name == paper.TABLE_2 else None
+    return Check(paper.measure_difference(reply.answer, reference), published, reply.orders_by)
 
 
-def require_all(found: Measured) -> None:
+def require_right_answers(found: Measured) -> None:
     """Raises AccuracyError where an answer does not count."""
     wrong = [
         f"{problem} in {configuration.title} (off by {check.gap:.1e}"

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vrte.pictures.figures import COLOURS, FAINT, require_pictures, save
-from vrte.studies.pages import made_with, markdown_list, markdown_table, write_rows, write_text
+from vrte.studies.pages import list_run_facts, make_markdown_list, make_markdown_table, write_rows, write_text
 from vrte.studies.tables import paper
 from vrte.studies.tables.configurations import Configuration
 from vrte.studies.tables.measuring import Measured
@@ -63,13 +63,13 @@ def write_page(
     MissingExtraError without matplotlib.
     """
     paths = [Path(folder) / name for name in (FIGURE, PAGE, CSV)]
-    save(drawn(found), paths[0])
-    write_text(paths[1], as_markdown(found, settings, facts, refused))
-    write_rows(paths[2], CSV_COLUMNS, csv_rows(found))
+    save(draw_step_costs(found), paths[0])
+    write_text(paths[1], make_markdown(found, settings, facts, refused))
+    write_rows(paths[2], CSV_COLUMNS, make_csv_rows(found))
     return paths
 
 
-def csv_rows(found: Measured) -> Iterator[list[object]]:
+def make_csv_rows(found: Measured) -> Iterator[list[object]]:
     """A row for each step of each problem in each configuration, the total last."""
     for problem, each in ((problem.name, each) for problem in found.problems for each in found.configurations):
         for step in (*OWN_STEPS, paper.TOTAL):
@@ -84,33 +84,33 @@ def csv_rows(found: Measured) -> Iterator[list[object]]:
             ]
 
 
-def as_markdown(found: Measured, settings: str, facts: Sequence[str], refused: Sequence[str]) -> str:
-    """The page."""
+def make_markdown(found: Measured, settings: str, facts: Sequence[str], refused: Sequence[str]) -> str:
+    """The page of Tables 1 to 3: what was measured on what, then our times beside the paper's."""
     blocks = [
         "# Tables 1 to 3 and figure 1 of the GPU paper\n",
-        markdown_list([*made_with(settings), *facts, *(f"not measured: {reason}" for reason in refused)]),
+        make_markdown_list([*list_run_facts(settings), *facts, *(f"not measured: {reason}" for reason in refused)]),
         TABLE_NOTE,
         "## Table 1: the configurations\n",
-        table_1(found.configurations),
+        make_configuration_table(found.configurations),
         CONFIGURATIONS_NOTE,
     ]
     for problem in found.problems:
         if problem.name == TABLE_2:
-            blocks += [f"## Table 2: {problem.title}\n", totals(found, TABLE_2)]
+            blocks += [f"## Table 2: {problem.title}\n", make_totals_table(found, TABLE_2)]
         elif problem.name == TABLE_3:
-            blocks += [f"## Table 3: {problem.title}\n", *table_3(found), f"![figure 1]({FIGURE})\n"]
+            blocks += [f"## Table 3: {problem.title}\n", *make_step_tables(found), f"![figure 1]({FIGURE})\n"]
         else:
-            blocks += [f"## BRDF: {problem.title}\n", totals(found, BRDF), BRDF_NOTE]
+            blocks += [f"## BRDF: {problem.title}\n", make_totals_table(found, BRDF), BRDF_NOTE]
     return "\n".join(blocks).rstrip() + "\n"
 
 
-def table_1(configurations: Sequence[Configuration]) -> str:
+def make_configuration_table(configurations: Sequence[Configuration]) -> str:
     """A row a configuration."""
     rows = [[c.label, c.kernels, c.linear_algebra, f"`{c.backend}`", f"`{c.algorithm}`"] for c in configurations]
-    return markdown_table(["configuration", "kernels", "linear algebra", "backend", "algorithm"], rows)
+    return make_markdown_table(["configuration", "kernels", "linear algebra", "backend", "algorithm"], rows)
 
 
-def totals(found: Measured, problem: str) -> str:
+def make_totals_table(found: Measured, problem: str) -> str:
     """A row a configuration: our time, the paper's, each also relative to configuration 2, and the ratio of both."""
     ours, theirs = found.times(problem, COUNTED_FROM), found.printed(problem, COUNTED_FROM)
     rows = []
@@ -121,8 +121,8 @@ def totals(found: Measured, problem: str) -> str:
         check = found.checks[problem, configuration]
         rows.append(
             [
-                *(configuration.label, spread_text(times), ratio_text(times.median, ours.median if ours else None)),
-                *(seconds_text(printed), ratio_text(printed, theirs), ratio_text(printed, times.median)),
+                *(configuration.label, say_time_spread(times), say_ratio(times.median, ours.median if ours else None)),
+                *(say_seconds(printed), say_ratio(printed, theirs), say_ratio(printed, times.median)),
                 f"{check.gap:.0e}" + ("" if check.published is None else f", {check.published:.0e}"),
                 ", ".join(f"{count} by {name}" for name, count in check.orders_by.items()),
             ]
@@ -130,67 +130,67 @@ def totals(found: Measured, problem: str) -> str:
     differs = "differs from default" + (", from Siewert's print" if problem == TABLE_2 else "")
     relative = f"relative to {COUNTED_FROM.label}"
     header = ["configuration", "time [ms]", relative, "the paper [s]", relative, "the paper / ours", differs]
-    return markdown_table([*header, "Fourier orders solved"], rows)
+    return make_markdown_table([*header, "Fourier orders solved"], rows)
 
 
-def table_3(found: Measured) -> list[str]:
+def make_step_tables(found: Measured) -> list[str]:
     """Our times step by step, the paper's, and their ratios: a column a configuration."""
     shown = [c for c in found.configurations if found.times(TABLE_3, c) is not None]
     printed = [c for c in shown if c.label in paper.LABELS]
     steps = (*paper.STEPS, paper.TOTAL)
     marked = [c for c in shown if paper.has_no_eigenvectors(found.replies[TABLE_3, c][0].stages)]
-    ours = [[step, *(step_text(found, c, step, c in marked) for c in shown)] for step in (*OWN_STEPS, paper.TOTAL)]
-    theirs = [[step, *(seconds_text(found.printed(TABLE_3, c, step)) for c in printed)] for step in steps]
-    ratios = [[step, *(ratio_cell(found, c, step, c in marked) for c in printed)] for step in steps]
-    blocks = ["Ours [ms]:\n", markdown_table(["step", *(c.label for c in shown)], ours)]
+    ours = [[step, *(say_step_time(found, c, step, c in marked) for c in shown)] for step in (*OWN_STEPS, paper.TOTAL)]
+    theirs = [[step, *(say_seconds(found.printed(TABLE_3, c, step)) for c in printed)] for step in steps]
+    ratios = [[step, *(say_step_ratio(found, c, step, c in marked) for c in printed)] for step in steps]
+    blocks = ["Ours [ms]:\n", make_markdown_table(["step", *(c.label for c in shown)], ours)]
     if marked:
         blocks.append(MARK_NOTE)
     blocks.append(STEPS_NOTE)
     for caption, rows in (("The paper [s]:\n", theirs), ("The paper / ours:\n", ratios)):
-        blocks += [caption, markdown_table(["step", *(c.label for c in printed)], rows)]
-    return [*blocks, totals(found, TABLE_3)]
+        blocks += [caption, make_markdown_table(["step", *(c.label for c in printed)], rows)]
+    return [*blocks, make_totals_table(found, TABLE_3)]
 
 
-def step_text(found: Measured, configuration: Configuration, step: str, marked: bool) -> str:
+def say_step_time(found: Measured, configuration: Configuration, step: str, marked: bool) -> str:
     """Our time of a step [ms]."""
     times = found.times(TABLE_3, configuration, step)
     assert times is not None
     if step == paper.TOTAL:
-        return spread_text(times)
+        return say_time_spread(times)
     mark = f" {MARK}" if marked and step in paper.STEPS else ""
     return f"{1e3 * times.median:.2f}{mark}"
 
 
-def ratio_cell(found: Measured, configuration: Configuration, step: str, marked: bool) -> str:
+def say_step_ratio(found: Measured, configuration: Configuration, step: str, marked: bool) -> str:
     """The paper's time over ours; a dash for steps that are not the same."""
     times = found.times(TABLE_3, configuration, step)
     if times is None or (marked and step in paper.STEPS):
         return "-"
-    return ratio_text(found.printed(TABLE_3, configuration, step), times.median)
+    return say_ratio(found.printed(TABLE_3, configuration, step), times.median)
 
 
-def spread_text(times: Times) -> str:
-    """Milliseconds.
+def say_time_spread(times: Times) -> str:
+    """Median time in milliseconds, in brackets the least and the greatest.
 
-    >>> spread_text(Times(0.0123, 0.012, 0.02, 9))
+    >>> say_time_spread(Times(0.0123, 0.012, 0.02, 9))
     '12.3 (12.0 to 20.0)'
     """
     return f"{1e3 * times.median:.1f} ({1e3 * times.least:.1f} to {1e3 * times.greatest:.1f})"
 
 
-def seconds_text(seconds: float | None) -> str:
+def say_seconds(seconds: float | None) -> str:
     """As the paper prints them.
 
-    >>> seconds_text(7200.0), seconds_text(None)
+    >>> say_seconds(7200.0), say_seconds(None)
     ('7200', '-')
     """
     return "-" if seconds is None else f"{seconds:g}"
 
 
-def ratio_text(one: float | None, other: float | None) -> str:
-    """Three digits.
+def say_ratio(one: float | None, other: float | None) -> str:
+    """One time over another, to three digits.
 
-    >>> ratio_text(2.0, 3.0), ratio_text(None, 3.0), ratio_text(72000.0, 0.5)
+    >>> say_ratio(2.0, 3.0), say_ratio(None, 3.0), say_ratio(72000.0, 0.5)
     ('0.667', '-', '144,000')
     """
     if one is None or other is None or other <= 0.0:
@@ -199,41 +199,43 @@ def ratio_text(one: float | None, other: float | None) -> str:
     return f"{value:,.0f}" if value >= 100.0 else f"{value:#.3g}"
 
 
-def as_text(found: Measured) -> str:
+def describe_times(found: Measured) -> str:
     """For a terminal: a line a configuration, a column a problem."""
     names = [problem.name for problem in found.problems]
     lines = [f"  {'[ms]':18}" + "".join(f"{name:>28}" for name in names)]
     for configuration in found.configurations:
         cells = [found.times(name, configuration) for name in names]
-        texts = ["-" if times is None else spread_text(times) for times in cells]
+        texts = ["-" if times is None else say_time_spread(times) for times in cells]
         lines.append(f"  {configuration.title:18}" + "".join(f"{text:>28}" for text in texts))
     return "\n".join(lines)
 
 
-def drawn(found: Measured) -> "Figure":
+def draw_step_costs(found: Measured) -> "Figure":
     """Figure 1, the cost of each step in each configuration: the paper's panel in seconds and ours in milliseconds,
     each bar with its total and how often that of configuration 2 it is."""
     require_pictures()
     from matplotlib.figure import Figure
 
-    theirs, ours = printed_bars(), measured_bars(found)
+    theirs, ours = make_printed_bars(), make_measured_bars(found)
     figure = Figure(figsize=(4.6 + 0.85 * len(ours), 4.8), layout="constrained")
     widths = {"width_ratios": [len(theirs), max(3, len(ours))]}
     left, right = figure.subplots(1, 2, gridspec_kw=widths)
     title = "vrte, here" if found.problems[-1].is_the_papers else "vrte, here, a smaller scene"
-    stack(left, theirs, paper.SECONDS[TABLE_3, paper.TOTAL], 1.0, "seconds", f"The paper: {paper.MACHINE}")
-    stack(right, ours, {label: sum(steps.values()) for label, steps in ours.items()}, 1e3, "milliseconds", title)
+    draw_stacked_bars(left, theirs, paper.SECONDS[TABLE_3, paper.TOTAL], 1.0, "seconds", f"The paper: {paper.MACHINE}")
+    draw_stacked_bars(
+        right, ours, {label: sum(steps.values()) for label, steps in ours.items()}, 1e3, "milliseconds", title
+    )
     handles, labels = right.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8, frameon=False)
     return figure
 
 
-def printed_bars() -> Bars:
+def make_printed_bars() -> Bars:
     """Table 3 as the paper prints it."""
     return {label: {step: paper.SECONDS[TABLE_3, step][label] for step in paper.STEPS} for label in paper.LABELS}
 
 
-def measured_bars(found: Measured) -> Bars:
+def make_measured_bars(found: Measured) -> Bars:
     """Medians of each step."""
     bars: Bars = {}
     for configuration in found.configurations:
@@ -243,7 +245,7 @@ def measured_bars(found: Measured) -> Bars:
     return bars
 
 
-def stack(panel: Any, bars: Bars, totals: dict[str, float], scale: float, unit: str, title: str) -> None:
+def draw_stacked_bars(panel: Any, bars: Bars, totals: dict[str, float], scale: float, unit: str, title: str) -> None:
     """One bar a configuration, the steps on top of each other; configuration 2 counts as 1."""
     low = dict.fromkeys(bars, 0.0)
     for step in next(iter(bars.values()), {}):

@@ -44,8 +44,8 @@ class Problem:
         if self.radius_um is None:
             cosines, flux = np.linspace(0.1, 1.0, 10), (np.pi, 0.0, 0.0, 0.0)
             mu, phi = np.concatenate([cosines, -cosines]), [0.0, 90.0, 180.0]
-            return radiance(cases.scene("spheroids"), mu0=0.6, stokes=flux, mu=mu, phi=phi, tau=LEVELS, **how)
-        gold = cases.gold_layer(self.radius_um)
+            return radiance(cases.find_scene("spheroids"), mu0=0.6, stokes=flux, mu=mu, phi=phi, tau=LEVELS, **how)
+        gold = cases.make_gold_scene(self.radius_um)
         if self.directions is None:
             return radiance(
                 gold, mu0=0.6, mu=np.linspace(0.05, 1.0, 11), phi=np.arange(0.0, 181.0, 10.0), tau=0.0, **how
@@ -66,29 +66,29 @@ SMALL = (
 )
 
 
-def problems(quick: bool = False) -> tuple[Problem, ...]:
+def list_problems(quick: bool = False) -> tuple[Problem, ...]:
     """Table 2, Table 3 and the BRDF, the last two small for ``quick``."""
     return SMALL if quick else FULL_SIZE
 
 
-def answer_of(result: Field | Brdf) -> Array:
+def get_answer(result: Field | Brdf) -> Array:
     """The Stokes vectors or the Mueller matrices."""
     return result.stokes if isinstance(result, Field) else result.mueller
 
 
-def difference(answer: Array, reference: Array) -> float:
+def measure_difference(answer: Array, reference: Array) -> float:
     """The largest, relative to the largest of the reference.
 
-    >>> difference(np.array([1.0, 2.5]), np.array([1.0, 2.0]))
+    >>> measure_difference(np.array([1.0, 2.5]), np.array([1.0, 2.0]))
     0.25
     """
     return float(np.abs(answer - reference).max() / np.abs(reference).max())
 
 
-def off_siewert(answer: Array) -> float:
+def measure_siewert_error(answer: Array) -> float:
     """The largest relative error of the eight quoted values, in an answer to Table 2."""
     found = np.concatenate([answer[0, 4, 1], answer[-1, 11, 1]])  # mu 0.5 up at tau 0, mu 0.2 down at tau 1, phi 90
-    return difference(found / np.array(SIEWERT_UP + SIEWERT_DOWN), np.ones(8))
+    return measure_difference(found / np.array(SIEWERT_UP + SIEWERT_DOWN), np.ones(8))
 
 
 # An Intel Core i7 and an Nvidia GTX 580 in a laptop. Table 3 is called Table 4 in the paper's text; the total of
@@ -122,19 +122,19 @@ STEP_OF_STAGE = {
 }
 
 
-def printed_seconds(problem: str, step: str, label: str) -> float | None:
+def find_printed_seconds(problem: str, step: str, label: str) -> float | None:
     """Of a step in a configuration; None where the paper has none.
 
-    >>> printed_seconds("table 3", "total", "5"), printed_seconds("brdf", "total", "1")
+    >>> find_printed_seconds("table 3", "total", "5"), find_printed_seconds("brdf", "total", "1")
     (8.56, None)
     """
     return SECONDS.get((problem, step), {}).get(label)
 
 
-def steps_of(seconds: float, stages: Mapping[str, float]) -> dict[str, float]:
+def split_into_steps(seconds: float, stages: Mapping[str, float]) -> dict[str, float]:
     """Seconds of OWN_STEPS; what no step accounts for, planning and transfers among it, is OTHER.
 
-    >>> steps_of(10.0, {"doubling": 4.0, "joining": 1.0, "fourier sum": 2.0, "planning": 1.0})["other"]
+    >>> split_into_steps(10.0, {"doubling": 4.0, "joining": 1.0, "fourier sum": 2.0, "planning": 1.0})["other"]
     3.0
     """
     found = dict.fromkeys(OWN_STEPS, 0.0)

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 from vrte.basics.arrays import Array
-from vrte.basics.blas import blas_libraries
+from vrte.basics.blas import find_blas_libraries
 from vrte.basics.errors import AccuracyError, DeviceError, SceneError
 from vrte.studies.tables.configurations import Configuration
-from vrte.studies.tables.paper import Problem, answer_of
+from vrte.studies.tables.paper import Problem, get_answer
 
 VARIABLE, BASELINE_CORE = "OPENBLAS_CORETYPE", "Prescott"
 BASELINE_NAMES = ("Katmai", "Prescott")  # what OpenBLAS calls it once loaded; SciPy's says Katmai
@@ -69,12 +69,12 @@ def serve() -> None:
     os.dup2(2, 1)
     tasks: queue.SimpleQueue[Task | None] = queue.SimpleQueue()
     threading.Thread(target=receive, args=(sys.stdin.buffer, tasks), daemon=True).start()
-    libraries = blas_libraries()
+    libraries = find_blas_libraries()
     cores = tuple(str(getattr(library, "architecture", None)) for library in libraries)
     names = {f"{library.internal_api} {library.version} {core}" for library, core in zip(libraries, cores, strict=True)}
     send(output, Hello(cores, tuple(sorted(names)), time.process_time()))
     while (task := tasks.get()) is not None:
-        send(output, answered(task))
+        send(output, answer_task(task))
 
 
 def receive(stream: BinaryIO, tasks: "queue.SimpleQueue[Task | None]") -> None:
@@ -97,7 +97,7 @@ def send(stream: BinaryIO, message: Hello | Reply | Exception) -> None:
         os._exit(0)
 
 
-def answered(task: Task) -> Reply | Exception:
+def answer_task(task: Task) -> Reply | Exception:
     """One solve, timed; an error as it is where that is one that users meet."""
     try:
         start = time.perf_counter()
@@ -109,7 +109,7 @@ def answered(task: Task) -> Reply | Exception:
         return ChildProcessError(f"{type(error).__name__}: {error}")
     made = result.diagnostics
     stages = {name: clock["wall_seconds"] for name, clock in made["stages"].items()}
-    answer = answer_of(result) if task.wants_answer else None
+    answer = get_answer(result) if task.wants_answer else None
     return Reply(seconds, stages, dict(made["orders_by"]), time.process_time(), answer)
 
 
@@ -124,7 +124,7 @@ class Child:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._said,
-            env=environment(simd),
+            env=make_environment(simd),
             start_new_session=True,
         )
         self._hello: Hello | None = None
@@ -134,7 +134,7 @@ class Child:
         """Waits until it is ready. Raises SceneError where its linear algebra is not what it is to be."""
         if self._hello is None:
             found: Hello = self._receive()
-            if (reason := unfit(self.simd, found.cores)) is not None:
+            if (reason := explain_unfit_kernels(self.simd, found.cores)) is not None:
                 raise SceneError(reason)
             self._hello, self.cpu_seconds = found, found.cpu_seconds
         return self._hello
@@ -187,18 +187,19 @@ class Child:
         self._said.close()
 
 
-def environment(simd: str) -> dict[str, str]:
+def make_environment(simd: str) -> dict[str, str]:
     """Of the process: the setting alone differs."""
     kept = {name: value for name, value in os.environ.items() if name != VARIABLE}
     return kept | {VARIABLE: BASELINE_CORE} if simd == "baseline" else kept
 
 
-def unfit(simd: str, cores: Iterable[str]) -> str | None:
+def explain_unfit_kernels(simd: str, cores: Iterable[str]) -> str | None:
     """Why a process with these kernels of BLAS must not be measured, None where it may.
 
-    >>> unfit("baseline", ["Katmai", "Katmai"]) is None, unfit("full", ["SkylakeX", "SkylakeX"]) is None
+    >>> explain = explain_unfit_kernels
+    >>> explain("baseline", ["Katmai", "Katmai"]) is None, explain("full", ["SkylakeX", "SkylakeX"]) is None
     (True, True)
-    >>> unfit("baseline", ["Katmai", "SkylakeX"])
+    >>> explain_unfit_kernels("baseline", ["Katmai", "SkylakeX"])
     'OpenBLAS took its kernels for Katmai, SkylakeX where baseline SIMD was asked for: nothing is measured'
     """
     cores = list(cores)
@@ -210,7 +211,7 @@ def unfit(simd: str, cores: Iterable[str]) -> str | None:
 
 
 @contextmanager
-def started(settings: Iterable[str]) -> Iterator[dict[str, Child]]:
+def start_processes(settings: Iterable[str]) -> Iterator[dict[str, Child]]:
     """A process for each SIMD setting, ready; all have ended when the block ends, however it ends."""
     with ExitStack() as stack:
         children: dict[str, Child] = {}
@@ -222,14 +223,14 @@ def started(settings: Iterable[str]) -> Iterator[dict[str, Child]]:
         yield children
 
 
-def facts(children: Mapping[str, Child], configurations: Iterable[Configuration]) -> list[str]:
+def describe_processes(children: Mapping[str, Child], configurations: Iterable[Configuration]) -> list[str]:
     """With what linear algebra and on what device they computed, a sentence each."""
     told = [f"linear algebra, {simd} SIMD: {', '.join(child.hello.versions)}" for simd, child in children.items()]
     if any(each.needs_device for each in configurations):
         from importlib.metadata import version
 
-        from vrte.cl.device import chosen
+        from vrte.cl.device import find_chosen_device
 
-        device = chosen()
+        device = find_chosen_device()
         told.append(f"OpenCL device: {device.name} ({device.platform} {device.driver}), pyopencl {version('pyopencl')}")
     return told

@@ -8,9 +8,9 @@ from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
 
-from vrte.basics.arrays import in_one_line
+from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import MissingExtraError, SweepError
-from vrte.sweep.chunks import Task, in_turn, never_stopped, perform, work_of_folder
+from vrte.sweep.chunks import Task, make_processor_solver, make_stop_flag, open_work, perform
 from vrte.sweep.store import Work
 
 AHEAD = 2  # tasks for each thread of the cluster that are sent before they can begin
@@ -30,23 +30,23 @@ OURS = {  # how a cluster of our own is to behave
 
 def perform_there(folder: str, stamp: str, task: Task) -> int:
     """What a worker is told to do: everything else it finds in the folder."""
-    return perform(work_of_folder(folder, stamp), task, in_turn(lambda: 1, never_stopped()))
+    return perform(open_work(folder, stamp), task, make_processor_solver(lambda: 1, make_stop_flag()))
 
 
-def each(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, workers: int) -> Iterator[int]:
+def perform_tasks(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, workers: int) -> Iterator[int]:
     """Does the tasks, one stage after another, on the cluster at that address or on one of so many processes."""
     try:
         import distributed  # noqa: F401
     except ImportError as error:
         raise MissingExtraError("engine 'dask'", "dask") from error
-    with own_cluster(work, workers) if scheduler is None else client_of(scheduler) as client:
-        threads = threads_of(client)
+    with start_own_cluster(work, workers) if scheduler is None else connect_client(scheduler) as client:
+        threads = count_threads(client)
         for stage in stages:
-            yield from stream(client, work, stage, AHEAD * threads)
+            yield from send_tasks(client, work, stage, AHEAD * threads)
 
 
 @contextmanager
-def own_cluster(work: Work, workers: int) -> Iterator[Any]:
+def start_own_cluster(work: Work, workers: int) -> Iterator[Any]:
     """A connection to so many processes of one thread on this machine, for us alone.
 
     A scheduler runs what it is sent. All that is said here is encrypted, and counts only with a certificate that this
@@ -62,7 +62,7 @@ def own_cluster(work: Work, workers: int) -> Iterator[Any]:
         raise MissingExtraError("engine 'dask'", "dask") from error
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(OURS))
-        loop = stack.enter_context(deaf_loop())
+        loop = stack.enter_context(start_deaf_loop())
         try:
             cluster = LocalCluster(
                 n_workers=workers,
@@ -79,7 +79,7 @@ def own_cluster(work: Work, workers: int) -> Iterator[Any]:
             )
             client = stack.enter_context(Client(stack.enter_context(cluster), security=security))
         except (OSError, RuntimeError) as error:
-            reason = in_one_line(str(error), 200)
+            reason = put_in_one_line(str(error), 200)
             raise SweepError(
                 f"the Dask cluster did not start, or a worker process ended before it was ready ({reason}); started "
                 "again, the sweep goes on"
@@ -88,7 +88,7 @@ def own_cluster(work: Work, workers: int) -> Iterator[Any]:
 
 
 @contextmanager
-def deaf_loop() -> Iterator[Any]:
+def start_deaf_loop() -> Iterator[Any]:
     """Dask's event loop in a thread without Ctrl-C, as all processes that it starts will be, from their first moment:
     an interrupt is for the one that waits for them, and ends them."""
     from multiprocessing import resource_tracker
@@ -108,7 +108,7 @@ def deaf_loop() -> Iterator[Any]:
         runner.stop()
 
 
-def client_of(scheduler: str) -> Any:
+def connect_client(scheduler: str) -> Any:
     """A connection to a cluster. Raises SweepError."""
     from distributed import Client
 
@@ -118,7 +118,7 @@ def client_of(scheduler: str) -> Any:
         raise SweepError(f"no Dask scheduler answers at {scheduler}: {type(error).__name__}") from error
 
 
-def threads_of(client: Any) -> int:
+def count_threads(client: Any) -> int:
     """How many there are on all workers, once there is one."""
     try:
         client.wait_for_workers(1, timeout=PATIENCE)
@@ -127,7 +127,7 @@ def threads_of(client: Any) -> int:
     return max(1, sum(client.nthreads().values()))
 
 
-def stream(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterator[int]:
+def send_tasks(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterator[int]:
     """Does the tasks, no more than ``most`` of them known to the cluster at a time."""
     from distributed import wait
 
@@ -142,14 +142,14 @@ def stream(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterato
         try:
             finished = wait(list(known), timeout=1.0, return_when="FIRST_COMPLETED").done
         except TimeoutError:
-            seen = last_seen(client, seen)
+            seen = find_last_seen(client, seen)
             continue
         seen = time.monotonic()
         for future in finished:
             if future.status in WAITING:
                 continue
             task = known.pop(future)
-            found = outcome(future)
+            found = fetch_outcome(future)
             if found is None:
                 lost.append(task)
             else:
@@ -161,7 +161,7 @@ def stream(client: Any, work: Work, tasks: Iterable[Task], most: int) -> Iterato
         )
 
 
-def outcome(future: Any) -> int | None:
+def fetch_outcome(future: Any) -> int | None:
     """What a task brought; None where it was given up because its workers died."""
     from distributed import KilledWorker
 
@@ -176,7 +176,7 @@ def outcome(future: Any) -> int | None:
     raise error
 
 
-def last_seen(client: Any, before: float) -> float:
+def find_last_seen(client: Any, before: float) -> float:
     """When there was a worker for the last time. Raises SweepError where that is long ago, or the scheduler gone."""
     if client.status not in ("running", "connecting"):
         raise SweepError("the Dask cluster was lost; started again, the sweep goes on")

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable, Iterator
 
-from vrte.sweep.chunks import Task, perform, together
+from vrte.sweep.chunks import Task, perform, solve_on_device
 from vrte.sweep.store import Work
 
 
-def each(work: Work, tasks: Iterable[Task]) -> Iterator[int]:
+def perform_tasks(work: Work, tasks: Iterable[Task]) -> Iterator[int]:
     """Does the tasks in turn."""
     for task in tasks:
-        yield perform(work, task, together, "opencl")
+        yield perform(work, task, solve_on_device, "opencl")

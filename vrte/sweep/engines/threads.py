@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from vrte.basics.running import PATIENCE, wait_for
-from vrte.sweep.chunks import Task, in_turn, perform
+from vrte.sweep.chunks import Task, make_processor_solver, perform
 from vrte.sweep.store import Work
 
 
@@ -29,7 +29,7 @@ class Cores:
             self.busy -= 1
 
 
-def each(work: Work, tasks: Iterable[Task], count: int, cores: int) -> Iterator[int]:
+def perform_tasks(work: Work, tasks: Iterable[Task], count: int, cores: int) -> Iterator[int]:
     """Does ``count`` tasks on so many cores. An interrupt stops the compiled loops; unfinished chunks are lost."""
     workers = max(1, min(cores, count))
     stop = np.zeros(1, np.int32)
@@ -37,11 +37,11 @@ def each(work: Work, tasks: Iterable[Task], count: int, cores: int) -> Iterator[
     results: queue.SimpleQueue[int | BaseException | None] = queue.SimpleQueue()
     waiting, lock = iter(tasks), threading.Lock()
     left, all_left = [workers], threading.Event()
-    solve = in_turn(shared.share, stop)
+    solve = make_processor_solver(shared.share, stop)
 
     def labour() -> None:
         try:
-            while not stop[0] and (task := taken(waiting, lock)) is not None:
+            while not stop[0] and (task := take_task(waiting, lock)) is not None:
                 results.put(perform(work, task, solve))
         except BaseException as error:
             results.put(error)
@@ -56,7 +56,7 @@ def each(work: Work, tasks: Iterable[Task], count: int, cores: int) -> Iterator[
     for place in range(workers):
         threading.Thread(target=labour, name=f"vrte-sweep-{place}", daemon=True).start()
     try:
-        yield from gathered(results, workers)
+        yield from gather_outcomes(results, workers)
     except BaseException:
         stop[0] = 1
         if not wait_for(all_left, PATIENCE):
@@ -64,13 +64,13 @@ def each(work: Work, tasks: Iterable[Task], count: int, cores: int) -> Iterator[
         raise
 
 
-def taken(waiting: Iterator[Task], lock: threading.Lock) -> Task | None:
+def take_task(waiting: Iterator[Task], lock: threading.Lock) -> Task | None:
     """The next task, or None."""
     with lock:
         return next(waiting, None)
 
 
-def gathered(results: "queue.SimpleQueue[int | BaseException | None]", workers: int) -> Iterator[int]:
+def gather_outcomes(results: "queue.SimpleQueue[int | BaseException | None]", workers: int) -> Iterator[int]:
     """What the workers bring, until all have left; the first error is raised."""
     while workers:
         try:

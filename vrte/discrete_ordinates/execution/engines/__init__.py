@@ -15,24 +15,24 @@ ENGINES = {"openmp": "cpu", "sequential": "cpu", "lapack": "cpu", "opencl": "ope
 KERNELS = ("assemble", "reconstruct", "azimuthal_sum", "add_single_scattering")
 
 
-def engine_of(backend: Backend) -> Engine:
+def choose_engine(backend: Backend) -> Engine:
     """The engine of a backend; where kernels and linear algebra are of two engines, a processor's with stages of both.
 
     Raises DeviceError where there is no device, MissingExtraError without pyopencl.
     """
     kernels, algebra = (ENGINES[kind] for kind in (backend.kernels, backend.linear_algebra))
     if kernels != algebra:
-        return Processor(mixed(stages_of(kernels), stages_of(algebra)))
+        return Processor(mix_stages(load_stages(kernels), load_stages(algebra)))
     engine: Engine = import_module(f"{__name__}.{kernels}").open_engine()
     return engine
 
 
-def stages_of(engine: str) -> Any:
+def load_stages(engine: str) -> Any:
     """The stages of an engine that run by themselves on arrays of the host, with the arguments of those of `_core`."""
     return import_module(f"{__name__}.{engine}").open_stages()
 
 
-def mixed(kernels: Any, linear_algebra: Any) -> Any:
+def mix_stages(kernels: Any, linear_algebra: Any) -> Any:
     """Kernels of one engine, linear algebra of another; stages that an engine does not have are the processor's."""
     found = {name: getattr(_core, name) for name in dir(_core) if not name.startswith("_")}
     for name, own in found.items():

@@ -10,11 +10,11 @@ import numpy as np
 from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import IntArray
-from vrte.basics.blas import single_threaded
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import PIECE_BYTES
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, no_answer
+from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
 from vrte.discrete_ordinates.execution.sums import (
     Adder,
     Light,
@@ -22,13 +22,13 @@ from vrte.discrete_ordinates.execution.sums import (
     Share,
     Target,
     prepare_closed_form,
-    scattered_once,
+    weigh_scatterers,
 )
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES, Orders, Route
-from vrte.discrete_ordinates.orders.small_angle import scratch_doubles
-from vrte.discrete_ordinates.orders.truncating import spread_towards
-from vrte.discrete_ordinates.planning.azimuths import fold
+from vrte.discrete_ordinates.orders.small_angle import count_scratch_doubles
+from vrte.discrete_ordinates.orders.truncating import find_spread_directions
+from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.memory import check_memory
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.scene.boundary import Boundary
@@ -45,16 +45,18 @@ class Processor:
 
     def at_work(self) -> AbstractContextManager[Any]:
         """One thread of BLAS in each of ours."""
-        return single_threaded()
+        return keep_to_one_thread()
 
     def check_memory(self, plans: Sequence[Plan], run: Run) -> None:
         """Raises SceneError where a plan needs more memory than there is."""
         for plan in plans:
             request, problem = plan.request, plan.problem
-            spreads = spread_towards(plan.truncation, problem, plan.mu).any()
+            spreads = find_spread_directions(plan.truncation, problem, plan.mu).any()
             if not run.brief or spreads:
-                result = plan.wanted.doubles(request.phi.size) + (scratch_doubles(request.scene) if spreads else 0.0)
-                azimuths = fold(request.phi, problem.leave_out.azimuths)
+                result = plan.wanted.doubles(request.phi.size) + (
+                    count_scratch_doubles(request.scene) if spreads else 0.0
+                )
+                azimuths = fold_azimuths(request.phi, problem.leave_out.azimuths)
                 check_memory(problem, plan.blocks, result, azimuths, run.threads)
 
     def grouped(self, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
@@ -65,9 +67,9 @@ class Processor:
         """All orders of the one piece, a few at a time to bound memory."""
         (piece,) = pieces
         problem, orders = piece.problem, piece.orders
-        run = worth_threads(run, problem, orders)
+        run = choose_threads(run, problem, orders)
         return [
-            answer_of(
+            make_answer(
                 piece, *solve_orders(problem, piece.block.base, orders, piece.name, run, piece.plan.accuracy, told)
             )
         ]
@@ -114,7 +116,7 @@ class Processor:
         """What adds single scattering in all layers to a share, but where small angles are separated."""
         scatter, mu0 = prepare_closed_form(target, run), target.problem.mu0
         with run.booked("single scattering"):
-            tables = {id(part): scattered_once(target, part) for part in parts}
+            tables = {id(part): weigh_scatterers(target, part) for part in parts}
 
         def add(share: Share) -> None:
             for table, path in tables[id(share.part)]:
@@ -142,7 +144,7 @@ def open_stages() -> Any:
     return _core
 
 
-def worth_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
+def choose_threads(run: Run, problem: Problem, orders: IntArray) -> Run:
     """The run, on one thread where starting another would take longer than the solve."""
     n = float(problem.size)
     work = orders.size * n * (n * n + problem.n_rhs * problem.rows_out)
@@ -168,7 +170,7 @@ def solve_orders(
     doubts: dict[int, str] = {}
     step = route.chunk(run.threads)
     for first in range(0, orders.size, step):
-        kept, result, doubtful = attempt(route, orders[first : first + step], run)
+        kept, result, doubtful = try_orders(route, orders[first : first + step], run)
         if result is not None and kept.size:
             found.append(result)
             right.append(kept)
@@ -181,7 +183,7 @@ def solve_orders(
     return np.concatenate(right), replace(found[0], kernels=kernels, residuals=residuals), doubts
 
 
-def attempt(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orders | None, dict[int, str]]:
+def try_orders(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orders | None, dict[int, str]]:
     """Which of the orders a route vouches for, what it finds for them, and what is wrong with each of the others."""
     try:
         found = route.solve(orders, run)
@@ -203,10 +205,10 @@ def attempt(route: Route, orders: IntArray, run: Run) -> tuple[IntArray, Orders 
     return orders[kept], right, {int(orders[place]): doubts[place] for place in sorted(doubts)}
 
 
-def answer_of(piece: Piece, orders: IntArray, found: Orders | None, doubts: dict[int, str]) -> Answer:
+def make_answer(piece: Piece, orders: IntArray, found: Orders | None, doubts: dict[int, str]) -> Answer:
     """What is found for the orders that are vouched for."""
     if found is None:
-        return no_answer(doubts)
+        return make_empty_answer(doubts)
     block, kernels, lit = piece.block, found.kernels, np.abs(piece.problem.columns).max(axis=1)
     light = Light(orders, np.array(block.stokes, np.int32), np.array(block.columns, np.int32), kernels)
     # order by order: the absolute values of all of them would take as much memory again

@@ -59,7 +59,7 @@ class Answer:
     doubts: Mapping[int, str]
 
 
-def no_answer(doubts: Mapping[int, str]) -> Answer:
+def make_empty_answer(doubts: Mapping[int, str]) -> Answer:
     """Where no order of a piece passes the checks."""
     nothing = np.zeros(0)
     light = Light(np.zeros(0, np.int32), np.zeros(0, np.int32), np.zeros(0, np.int32), None)

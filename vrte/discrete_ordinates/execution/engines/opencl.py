@@ -17,24 +17,24 @@ from numpy.typing import NDArray
 
 from vrte import _core
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.memory import ALWAYS_THERE, BYTES, available_bytes
+from vrte.basics.memory import ALWAYS_THERE, BYTES, find_available_bytes
 from vrte.basics.running import Run
 from vrte.cl import assembly, doubling, invariance, joining, reconstruction, sums
-from vrte.cl.device import chosen, device_errors
+from vrte.cl.device import find_chosen_device, raise_device_errors
 from vrte.cl.device import session as open_session
 from vrte.cl.doubling import Frame, Items
 from vrte.cl.faults import check_room
 from vrte.cl.session import Session
-from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, no_answer
-from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target, scattered_once
+from vrte.discrete_ordinates.execution.engines.engine import Answer, Piece, make_empty_answer
+from vrte.discrete_ordinates.execution.sums import Adder, Light, Part, Share, Target, weigh_scatterers
 from vrte.discrete_ordinates.orders.base import expand_base
-from vrte.discrete_ordinates.orders.doubling import asymmetry_of
-from vrte.discrete_ordinates.orders.invariance import flux_up
+from vrte.discrete_ordinates.orders.doubling import find_asymmetry
+from vrte.discrete_ordinates.orders.invariance import find_flux_up
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.routes import TIGHTER, Doubling, allowed_of_invariance
-from vrte.discrete_ordinates.orders.slabs import Pile, cut
-from vrte.discrete_ordinates.planning.azimuths import cos_sin_deg
-from vrte.discrete_ordinates.planning.memory import doubles_of_kernels
+from vrte.discrete_ordinates.orders.routes import TIGHTER, Doubling, find_allowed_residuals
+from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers
+from vrte.discrete_ordinates.planning.azimuths import compute_cos_sin
+from vrte.discrete_ordinates.planning.memory import count_doubles_of_kernels
 from vrte.discrete_ordinates.planning.plan import Plan
 
 STACKS = 14  # extended matrices that an item needs at once, R and T included
@@ -64,7 +64,7 @@ def open_stages() -> Any:
 
 def run_alone(stage: Callable[..., None], opened: Session, *arguments: Any, **named: Any) -> None:
     """One call of a stage, no other thread's kernels beside it."""
-    with opened.lock, device_errors():
+    with opened.lock, raise_device_errors():
         stage(opened, *arguments, **named)
 
 
@@ -103,33 +103,35 @@ class Device:
     @contextmanager
     def at_work(self) -> Iterator[None]:
         """No other thread's kernels beside; what fails on the device is a DeviceError."""
-        with self.session.lock, device_errors():
+        with self.session.lock, raise_device_errors():
             yield
 
     def check_memory(self, plans: Sequence[Plan], run: Run) -> None:
         """Raises DeviceError where not even one order at a time, what all of them leave and a share of the result
         fit."""
         pieces = [Piece(0, plan, block, block.orders[:1], block.choice.name) for plan in plans for block in plan.blocks]
-        kernels = [BYTES * doubles_of_kernels(piece.block) for piece in pieces]
-        matrices = max(map(bytes_of, pieces), default=0.0)
+        kernels = [BYTES * count_doubles_of_kernels(piece.block) for piece in pieces]
+        matrices = max(map(count_matrix_bytes, pieces), default=0.0)
         result = max(BYTES * plan.wanted.doubles(plan.request.phi.size) for plan in plans)
         if sum(kernels) + matrices + result < ALWAYS_THERE:
             return
         needed = sum(kernels) + matrices + min(result, self.piece_bytes)
-        check_room(self.session, needed, max(matrices / STACKS, *kernels, 0.0), max(0.0, available_bytes() - result))
+        check_room(
+            self.session, needed, max(matrices / STACKS, *kernels, 0.0), max(0.0, find_available_bytes() - result)
+        )
 
     def grouped(self, pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
         """Pieces that are alike, as many as the device has room for."""
         groups: dict[tuple[Any, ...], list[Piece]] = {}
         for piece in pieces:
-            groups.setdefault(key_of(piece), []).append(piece)
-        room = room_for_matrices(self.session)
+            groups.setdefault(make_group_key(piece), []).append(piece)
+        room = find_matrix_room(self.session)
         for waiting in groups.values():
             taken: list[Piece] = []
             used = 0.0
             while waiting:
                 piece = waiting.pop(0)
-                size = bytes_of(piece)
+                size = count_matrix_bytes(piece)
                 if size > room and piece.orders.size > 1:
                     waiting[:0] = piece.halves()
                     continue
@@ -148,9 +150,11 @@ class Device:
         answers, first = [], 0
         for piece in pieces:
             items = slice(first, first + piece.orders.size)
-            doubts, bright = doubts_of(piece, found, items), brightest[first] / max(float(lit.max()), 1e-300)
+            doubts, bright = find_doubts(piece, found, items), brightest[first] / max(float(lit.max()), 1e-300)
             first = items.stop
-            answers.append(no_answer(doubts) if doubts else answer_of(piece, found, items, largest[items], bright))
+            answers.append(
+                make_empty_answer(doubts) if doubts else make_answer(piece, found, items, largest[items], bright)
+            )
         return answers
 
     def failure(self, piece: Piece, order: int, reason: str) -> str:
@@ -162,7 +166,7 @@ class Device:
 
     def diagnostics(self) -> dict[str, Any]:
         """Which device it was."""
-        return {"device": chosen().name}
+        return {"device": find_chosen_device().name}
 
     def prepare_orders(self, target: Target, lights: Sequence[Light], run: Run) -> Adder:
         """What adds the sum over Fourier orders, (1:6)-(1:8), to a share."""
@@ -182,9 +186,9 @@ class Device:
         def add(share: Share) -> None:
             part, (first, last) = share.part, (share.first, share.last)
             with run.booked("single scattering", self.session.finish):
-                pairs = [(series, path[:, first:last]) for series, path in scattered_once(target, part)]
+                pairs = [(series, path[:, first:last]) for series, path in weigh_scatterers(target, part)]
                 if pairs:
-                    seen = problem.mu0[first:last], part.mu, *cos_sin_deg(target.azimuths.distinct), *columns
+                    seen = problem.mu0[first:last], part.mu, *compute_cos_sin(target.azimuths.distinct), *columns
                     directions = sums.upload_directions(self.session, *seen)
                     uploaded = sums.upload_scatterers(self.session, [pairs])
                     where = upload_azimuths(self.session, target)
@@ -245,29 +249,29 @@ def add_light(opened: Session, target: Target, light: Light, share: Share) -> No
     )
 
 
-def key_of(piece: Piece) -> tuple[Any, ...]:
+def make_group_key(piece: Piece) -> tuple[Any, ...]:
     """Alike for pieces that can be solved in one call."""
     problem = piece.problem
     arrays = problem.nodes, problem.weights, problem.mu_out, problem.mu0, problem.columns
     shape: tuple[Any, ...] = ()
     if piece.name == "doubling":
-        pile = cut(problem)
+        pile = cut_layers(problem)
         shape = pile.slabs.size, pile.interface.tobytes(), piece.block.base.orders_reflected > 0
     return piece.name, problem.stokes, problem.n_up, *(a.tobytes() for a in arrays), *shape
 
 
-def room_for_matrices(opened: Session) -> float:
-    """Bytes."""
+def find_matrix_room(opened: Session) -> float:
+    """Bytes of the device's memory that matrices may take."""
     device = opened.device
     room = min(SHARE * device.global_mem_size, STACKS * float(device.max_mem_alloc_size))
     return min(room, CACHED) if opened.on_host else room
 
 
-def bytes_of(piece: Piece) -> float:
+def count_matrix_bytes(piece: Piece) -> float:
     """Of the matrices that a piece needs."""
     problem = piece.problem
     rows, columns = problem.size + problem.rows_out + 16, problem.size + problem.n_rhs
-    slabs = cut(problem).thickness.size if piece.name == "doubling" else 1
+    slabs = cut_layers(problem).thickness.size if piece.name == "doubling" else 1
     return 8.0 * STACKS * piece.orders.size * slabs * rows * columns
 
 
@@ -282,9 +286,9 @@ def look_at(opened: Session, found: Found, lit: int) -> tuple[Array, Array]:
     return largest, brightest
 
 
-def doubts_of(piece: Piece, found: Found, items: slice) -> dict[int, str]:
+def find_doubts(piece: Piece, found: Found, items: slice) -> dict[int, str]:
     """What is wrong with the orders of a piece; all of them are in doubt, or none."""
-    allowed: dict[str, float] = Doubling.allowed | allowed_of_invariance(piece.plan.accuracy)
+    allowed: dict[str, float] = Doubling.allowed | find_allowed_residuals(piece.plan.accuracy)
     doubts = {place: "a matrix is singular" for place in np.flatnonzero(found.singular[items]).tolist()}
     for name, values in found.residuals.items():
         for place in np.flatnonzero(~(values[items] <= allowed[name])).tolist():
@@ -296,10 +300,10 @@ def doubts_of(piece: Piece, found: Found, items: slice) -> dict[int, str]:
     return first | {order: "solved together with others in doubt" for order in orders if order not in first}
 
 
-def answer_of(piece: Piece, found: Found, items: slice, largest: Array, brightest: Array) -> Answer:
+def make_answer(piece: Piece, found: Found, items: slice, largest: Array, brightest: Array) -> Answer:
     """What a group's items are to a piece."""
     block, orders, shape = piece.block, piece.orders, found.shape[1:]
-    kernels = sums.dense(found.kernels.data, (orders.size, *shape), items.start * int(np.prod(shape)))
+    kernels = sums.make_dense_kernels(found.kernels.data, (orders.size, *shape), items.start * int(np.prod(shape)))
     stokes, columns = np.array(block.stokes, np.int32), np.array(block.columns, np.int32)
     light = Light(orders, stokes, columns, kernels, found.factors)
     everywhere = orders.size, piece.problem.level.size, largest.shape[2]  # light of the top alone has one depth
@@ -340,45 +344,47 @@ class Batch:
         )
 
 
-def materials_in(piece: Piece, pile: Pile) -> int:
+def count_materials(piece: Piece, pile: Pile) -> int:
     """Materials of a piece."""
     return pile.problem.albedo.size
 
 
-def pairs_in(piece: Piece, pile: Pile) -> int:
+def count_pairs(piece: Piece, pile: Pile) -> int:
     """Pairs of an order and a material."""
     return piece.orders.size * pile.problem.albedo.size
 
 
-def slabs_in(piece: Piece, pile: Pile) -> int:
+def count_slabs(piece: Piece, pile: Pile) -> int:
     """Slabs of all orders."""
     return piece.orders.size * pile.thickness.size
 
 
 def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     """Assembly, doubling and joining of all orders of all pieces."""
-    batch = Batch(pieces, [cut(piece.problem) for piece in pieces])
+    batch = Batch(pieces, [cut_layers(piece.problem) for piece in pieces])
     problem, frame, pile = batch.problem, batch.frame, batch.piles[0]
     with run.booked("assembly", opened.finish):
-        matrices = assembled(opened, batch)
+        matrices = assemble_batch(opened, batch)
     with run.booked("doubling", opened.finish):
-        slabs = doubling.Doubling(opened, frame, slab_items(batch), matrices).run(run.stop)
+        slabs = doubling.Doubling(opened, frame, list_slab_items(batch), matrices).run(run.stop)
     with run.booked("joining", opened.finish):
         piles = joining.Piles(
-            slab=batch.places(lambda piece, pile: rows_of(piece, pile.thickness.size) + pile.slabs, slabs_in),
+            slab=batch.places(
+                lambda piece, pile: find_first_rows(piece, pile.thickness.size) + pile.slabs, count_slabs
+            ),
             above=batch.joined(lambda piece, pile: np.broadcast_to(pile.above, (piece.orders.size, pile.above.size))),
             turned=batch.joined(lambda piece, pile: piece.orders == 0) & problem.conserves,
             interface=pile.interface,
-            ground=ground_of(batch),
+            ground=make_ground(batch),
         )
         joint = joining.Joining(opened, frame, piles, slabs.R, slabs.T, slabs.lost).run(run.stop)
         if run.stop[0]:
             raise KeyboardInterrupt
         shape = (piles.slab.shape[0], pile.interface.size, problem.mu0.size, problem.columns.shape[0])
         directions = pieces[0].problem.mu_out.size, len(problem.stokes)
-        kernels = leaving(opened, batch, joint, (*shape, *directions))
-        residuals, info = worst_of_items(batch, slabs.residual), opened.download(slabs.info)
-        singular = np.maximum(worst_of_items(batch, info)[:, 0], opened.download(joint.info))
+        kernels = find_leaving_light(opened, batch, joint, (*shape, *directions))
+        residuals, info = find_worst_of_items(batch, slabs.residual), opened.download(slabs.info)
+        singular = np.maximum(find_worst_of_items(batch, info)[:, 0], opened.download(joint.info))
         flux = opened.download(joint.flux).reshape(*shape[:2], 2, *shape[2:])
     return Found(
         kernels,
@@ -394,22 +400,22 @@ def solve_by_doubling(opened: Session, pieces: list[Piece], run: Run) -> Found:
     )
 
 
-def rows_of(piece: Piece, size: int) -> IntArray:
+def find_first_rows(piece: Piece, size: int) -> IntArray:
     """Where each order's begin, if it has so many, (order, 1)."""
     starts: IntArray = np.arange(piece.orders.size, dtype=np.int32)[:, None] * size
     return starts
 
 
-def worst_of_items(batch: Batch, values: Array) -> Array:
+def find_worst_of_items(batch: Batch, values: Array) -> Array:
     """The largest over the slabs of each item: values (slab item, ...), (item, k)."""
-    ends = np.cumsum([slabs_in(*pair) for pair in zip(batch.pieces, batch.piles, strict=True)])
+    ends = np.cumsum([count_slabs(*pair) for pair in zip(batch.pieces, batch.piles, strict=True)])
     each = zip(batch.pieces, batch.piles, np.split(values, ends[:-1]), strict=True)
     return np.concatenate(
         [part.reshape(piece.orders.size, pile.thickness.size, -1).max(axis=1) for piece, pile, part in each]
     )
 
 
-def padded_coefficients(tables: Sequence[Array]) -> Array:
+def pad_coefficients(tables: Sequence[Array]) -> Array:
     """Expansion coefficients (material, term, 6) of several problems, one behind the other, as long as the longest."""
     found = np.zeros((sum(table.shape[0] for table in tables), max(table.shape[1] for table in tables), 6))
     first = 0
@@ -419,12 +425,12 @@ def padded_coefficients(tables: Sequence[Array]) -> Array:
     return found
 
 
-def assembled(opened: Session, batch: Batch) -> assembly.Assembled:
+def assemble_batch(opened: Session, batch: Batch) -> assembly.Assembled:
     """E, F, G and sources of every pair of (order, material)."""
     problem, upload = batch.problem, opened.constant
     order = batch.joined(lambda piece, pile: np.repeat(piece.orders, pile.problem.albedo.size))
     material = batch.places(
-        lambda piece, pile: np.tile(np.arange(pile.problem.albedo.size), piece.orders.size), materials_in
+        lambda piece, pile: np.tile(np.arange(pile.problem.albedo.size), piece.orders.size), count_materials
     )
     return assembly.assemble(
         opened,
@@ -432,7 +438,7 @@ def assembled(opened: Session, batch: Batch) -> assembly.Assembled:
         upload(order.astype(np.int32)),
         upload(material),
         problem.stokes,
-        upload(padded_coefficients([pile.problem.coefficients for pile in batch.piles])),
+        upload(pad_coefficients([pile.problem.coefficients for pile in batch.piles])),
         upload(batch.joined(lambda piece, pile: pile.problem.terms)),
         upload(batch.joined(lambda piece, pile: pile.problem.albedo)),
         upload(problem.directions),
@@ -441,7 +447,7 @@ def assembled(opened: Session, batch: Batch) -> assembly.Assembled:
     )
 
 
-def slab_items(batch: Batch) -> Items:
+def list_slab_items(batch: Batch) -> Items:
     """Every slab of every order."""
 
     def each(make: Callable[[Pile], Array]) -> Array:
@@ -453,16 +459,16 @@ def slab_items(batch: Batch) -> Items:
     return Items(
         thickness=each(lambda pile: pile.thickness),
         albedo=albedo,
-        asymmetry=each(lambda pile: asymmetry_of(pile.problem)[pile.material]),
+        asymmetry=each(lambda pile: find_asymmetry(pile.problem)[pile.material]),
         of=batch.places(
-            lambda piece, pile: (rows_of(piece, pile.problem.albedo.size) + pile.material).ravel(), pairs_in
+            lambda piece, pile: (find_first_rows(piece, pile.problem.albedo.size) + pile.material).ravel(), count_pairs
         ),
         turned=(orders == 0) & batch.problem.conserves,
         clear=(albedo == 0.0) & batch.problem.leave_out.clear,
     )
 
 
-def ground_of(batch: Batch) -> joining.Ground | None:
+def make_ground(batch: Batch) -> joining.Ground | None:
     """The base of every item; None where all are black."""
     if not batch.pieces[0].block.base.orders_reflected:
         return None
@@ -471,12 +477,12 @@ def ground_of(batch: Batch) -> joining.Ground | None:
         base = expand_base(piece.block.base, pile.problem, int(piece.orders[-1]) + 1, piece.plan.accuracy)
         turned = (piece.orders == 0) & pile.problem.conserves
         row = base.row[piece.orders]
-        grounds.append(joining.ground_of(batch.frame, turned, row, base.matrix, base.source, base.out))
+        grounds.append(joining.turn_ground(batch.frame, turned, row, base.matrix, base.source, base.out))
     names = "matrix", "source", "out", "absorbed"
     return joining.Ground(*(np.concatenate([getattr(ground, name) for ground in grounds]) for name in names))
 
 
-def leaving(opened: Session, batch: Batch, joint: joining.Joined, shape: tuple[int, ...]) -> Any:
+def find_leaving_light(opened: Session, batch: Batch, joint: joining.Joined, shape: tuple[int, ...]) -> Any:
     """Radiance of every item in the public frame, (item, n_tau, n_in, n_col, n_out, S)."""
     items, levels, n_in, n_col, n_mu, stokes = shape
     problem, pile = batch.problem, batch.piles[0]
@@ -506,7 +512,7 @@ def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found
             upload(orders),
             upload(np.repeat(np.arange(len(pieces), dtype=np.int32), sizes)),
             problem.stokes,
-            upload(padded_coefficients([piece.problem.coefficients[:1] for piece in pieces])),
+            upload(pad_coefficients([piece.problem.coefficients[:1] for piece in pieces])),
             upload(np.array([piece.problem.terms[0] for piece in pieces], np.int32)),
             upload(np.array([piece.problem.albedo[0] for piece in pieces])),
             upload(np.concatenate([problem.nodes, off])),
@@ -520,7 +526,7 @@ def solve_by_invariance(opened: Session, pieces: list[Piece], run: Run) -> Found
         shape = orders.size, 1, problem.mu0.size, problem.columns.shape[0], n_out, len(problem.stokes)
         flux = np.zeros((shape[0], 1, 2, *shape[2:4]))
         if (orders == 0).any():
-            flux[:, 0, 0] = np.concatenate([flux_up(problem, nodal) for nodal in opened.download(made.on_nodes)])
+            flux[:, 0, 0] = np.concatenate([find_flux_up(problem, nodal) for nodal in opened.download(made.on_nodes)])
         factors = np.zeros(shape[4:])
         factors[: problem.n_up] = problem.flip / (2.0 * np.pi)
     residuals = {"residual_of_invariance": opened.download(made.residual)}

@@ -13,12 +13,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
-from vrte.basics.arrays import in_one_line
+from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import MissingExtraError
 from vrte.studies.methods.peers import codes
 from vrte.studies.methods.peers.asked import Asked
 from vrte.studies.methods.peers.codes import Solve
-from vrte.studies.records import digest_of
+from vrte.studies.records import hash_files
 
 Result = TypeVar("Result")
 
@@ -52,7 +52,7 @@ class Peer:
     @property
     def made_by(self) -> str:
         """Its version and what asks it: another gives other rows."""
-        return f"{version(self.name)} {sources()}"
+        return f"{version(self.name)} {hash_sources()}"
 
 
 UP_TO_64 = (4, 8, 16, 32, 64)
@@ -66,47 +66,47 @@ PEERS = {
 }
 
 
-def solver(name: str, asked: Asked, streams: int) -> Solve:
+def prepare_solve(name: str, asked: Asked, streams: int) -> Solve:
     """What answers, each call anew. Raises SceneError for what the peer does not take, PeerError where it fails,
     MissingExtraError where it is not installed."""
     peer = PEERS[name]
     peer.check(asked)
-    imported(name)
-    solve = guarded(name, lambda: peer.prepare(asked, streams))
-    return lambda: guarded(name, solve)
+    import_peer(name)
+    solve = guard_call(name, lambda: peer.prepare(asked, streams))
+    return lambda: guard_call(name, solve)
 
 
-def guarded(name: str, call: Callable[[], Result]) -> Result:
+def guard_call(name: str, call: Callable[[], Result]) -> Result:
     """A call of a peer; whatever it raises is a PeerError, and what it warns of is measured anyway."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return call()
     except Exception as error:
-        raise PeerError(f"{name}: {in_one_line(f'{type(error).__name__}: {error}', 200)}") from error
+        raise PeerError(f"{name}: {put_in_one_line(f'{type(error).__name__}: {error}', 200)}") from error
 
 
-def imported(name: str) -> Any:
+def import_peer(name: str) -> Any:
     """The module of a peer. Raises MissingExtraError where it is not installed."""
     if not PEERS[name].is_installed:
         raise MissingExtraError(f"the comparison with {name}", "bench")
     return importlib.import_module(name)
 
 
-def installed() -> tuple[Peer, ...]:
+def list_installed() -> tuple[Peer, ...]:
     """Those that can be asked."""
     return tuple(peer for peer in PEERS.values() if peer.is_installed)
 
 
-def statement() -> str:
+def describe_peers() -> str:
     """Which other codes are drawn, in their versions, and which could be."""
-    here = ", ".join(f"{peer.name} {version(peer.name)}" for peer in installed())
+    here = ", ".join(f"{peer.name} {version(peer.name)}" for peer in list_installed())
     absent = ", ".join(peer.name for peer in PEERS.values() if not peer.is_installed)
     texts = [f"other codes: {here or 'none'}", f"not installed: {absent} (pip install 'vrte[bench]')" if absent else ""]
     return "; ".join(text for text in texts if text)
 
 
 @cache
-def sources() -> str:
+def hash_sources() -> str:
     """A fingerprint of these files."""
-    return digest_of(Path(__file__).parent.glob("*.py"))[:16]
+    return hash_files(Path(__file__).parent.glob("*.py"))[:16]

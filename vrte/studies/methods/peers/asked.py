@@ -81,14 +81,14 @@ class Asked:
         return Field(stokes, flux_up, flux_down, direct, *described, {})
 
 
-def unpolarized(intensity: Array) -> Array:
+def make_unpolarized(intensity: Array) -> Array:
     """Stokes vectors (..., 4) of a scalar code's intensity (...). Raises ArithmeticError as `finite` does."""
     stokes: Array = np.zeros((*intensity.shape, 4))
-    stokes[..., 0] = finite(intensity)
+    stokes[..., 0] = require_finite(intensity)
     return stokes
 
 
-def finite(values: Array) -> Array:
+def require_finite(values: Array) -> Array:
     """The values, which have to be numbers. Raises ArithmeticError."""
     if not np.isfinite(values).all():
         raise ArithmeticError("NaN or inf among the radiances")

@@ -19,7 +19,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.results.field import Field
-from vrte.studies.methods.peers.asked import Asked, finite, unpolarized
+from vrte.studies.methods.peers.asked import Asked, make_unpolarized, require_finite
 
 ACCURACY = 1e-12  # of nanodisort's sum over azimuthal orders
 COEFFICIENTS = ("a1", "a2", "a3", "b1")  # that sasktran2 takes
@@ -29,10 +29,10 @@ Solve = Callable[[], Field]
 
 def prepare_nanodisort(asked: Asked, streams: int) -> Solve:
     """All of it is done again."""
-    return lambda: nanodisort_field(asked, nanodisort_state(asked, streams, ACCURACY))
+    return lambda: solve_nanodisort(asked, make_nanodisort_state(asked, streams, ACCURACY))
 
 
-def nanodisort_state(asked: Asked, streams: int, accuracy: float) -> Any:
+def make_nanodisort_state(asked: Asked, streams: int, accuracy: float) -> Any:
     """All that it is told: directions in ascending order, as it wants them; "old" is the correction that it has for any
     phase function. ``accuracy``: of the sum over azimuthal orders."""
     import nanodisort
@@ -52,20 +52,20 @@ def nanodisort_state(asked: Asked, streams: int, accuracy: float) -> Any:
     return state
 
 
-def nanodisort_field(asked: Asked, state: Any) -> Field:
+def solve_nanodisort(asked: Asked, state: Any) -> Field:
     """Solved, in the order of directions that was asked for."""
     state.solve()
     places = np.argsort(np.argsort(asked.mu))
     found = np.asarray(state.uu)[places].swapaxes(0, 1)  # (mu, tau, phi) there
-    return asked.answer(unpolarized(found), np.array(state.flup), np.array(state.rfldn))
+    return asked.answer(make_unpolarized(found), np.array(state.flup), np.array(state.rfldn))
 
 
 def prepare_pythonic_disort(asked: Asked, streams: int) -> Solve:
     """All of it is done again."""
-    return lambda: pythonic_disort_field(asked, streams)
+    return lambda: solve_pythonic_disort(asked, streams)
 
 
-def pythonic_disort_field(asked: Asked, streams: int) -> Field:
+def solve_pythonic_disort(asked: Asked, streams: int) -> Field:
     """Solved with as many Fourier orders as streams, or as there are terms."""
     from PythonicDISORT import pydisort
     from PythonicDISORT.subroutines import interpolate
@@ -88,16 +88,16 @@ def pythonic_disort_field(asked: Asked, streams: int) -> Field:
     along = interpolate(intensity, NT_cor="eval" if is_cut else None)
     shape = asked.mu.size, asked.tau.size, asked.phi.size  # squeezed there
     found = np.asarray(along(asked.mu, asked.tau, np.radians(asked.phi))).reshape(shape).swapaxes(0, 1)
-    return asked.answer(unpolarized(found), flux_up(asked.tau), flux_down(asked.tau)[0])
+    return asked.answer(make_unpolarized(found), flux_up(asked.tau), flux_down(asked.tau)[0])
 
 
 def prepare_sasktran2(asked: Asked, streams: int) -> Solve:
     """The engine is kept, the atmosphere made again."""
-    engine, *how = sasktran2_engine(asked, streams)
-    return lambda: sasktran2_field(asked, engine, sasktran2_atmosphere(asked, *how))
+    engine, *how = make_sasktran2_engine(asked, streams)
+    return lambda: solve_sasktran2(asked, engine, make_sasktran2_atmosphere(asked, *how))
 
 
-def sasktran2_engine(asked: Asked, streams: int, orders: int | None = None) -> tuple[Any, Any, Any]:
+def make_sasktran2_engine(asked: Asked, streams: int, orders: int | None = None) -> tuple[Any, Any, Any]:
     """Engine, geometry and settings for as many layers and these directions; one layer fills one unit of height.
     ``orders`` fixes the number of azimuthal orders, which it finds itself otherwise. With more terms than streams it
     takes its delta-M scaling."""
@@ -128,7 +128,7 @@ def sasktran2_engine(asked: Asked, streams: int, orders: int | None = None) -> t
     return sasktran2.Engine(config, geometry, views), geometry, config
 
 
-def sasktran2_atmosphere(asked: Asked, geometry: Any, config: Any) -> Any:
+def make_sasktran2_atmosphere(asked: Asked, geometry: Any, config: Any) -> Any:
     """The scene: levels from the bottom up, each of which fills what is above it; the topmost fills nothing."""
     import sasktran2
 
@@ -146,7 +146,7 @@ def sasktran2_atmosphere(asked: Asked, geometry: Any, config: Any) -> Any:
     return atmosphere
 
 
-def sasktran2_field(asked: Asked, engine: Any, atmosphere: Any) -> Field:
+def solve_sasktran2(asked: Asked, engine: Any, atmosphere: Any) -> Field:
     """Solved; light up at the top, and its flux."""
     found = engine.calculate_radiance(atmosphere)
     up, top = asked.mu > 0.0, np.nonzero(asked.tau == 0.0)[0]
@@ -155,7 +155,7 @@ def sasktran2_field(asked: Asked, engine: Any, atmosphere: Any) -> Field:
     if asked.is_scalar:
         stokes[..., 1:] = 0.0
     for level in top:
-        stokes[level, up, :, : light.shape[-1]] = finite(light)
+        stokes[level, up, :, : light.shape[-1]] = require_finite(light)
     fluxes = np.full(asked.tau.size, np.nan)
     fluxes[top] = found["upwelling_flux"].values.ravel()[0]
     return asked.answer(stokes, fluxes, np.where(asked.tau == 0.0, 0.0, np.nan))
