@@ -111,7 +111,7 @@ def solve_few_orders(case: Case, scene: Scene, algorithm: str, threads: int | No
                     break
             else:
                 raise AccuracyError(f"neither algorithm can vouch for Fourier order {min(doubts)}")
-        return FewOrders(found.kernels, found.flux_up, found.flux_down, name)
+        return FewOrders(found.kernels, found.flux_up, found.flux_down, each)
 
     return run_interruptible(run, work)
 
