@@ -52,7 +52,10 @@ def largest_error(got: np.ndarray, right: np.ndarray) -> float:
     return float((error / np.where(scale == 0.0, 1.0, scale)).max())
 
 
-@pytest.mark.parametrize("matrix", list(MATRICES))
+# one that mixes U and V in every quick run, the others with the slow tests
+@pytest.mark.parametrize(
+    "matrix", [name if name == "spheroids" else pytest.param(name, marks=pytest.mark.slow) for name in MATRICES]
+)
 @pytest.mark.parametrize(
     ("albedo", "thickness", "transmitted"),
     [

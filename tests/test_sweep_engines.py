@@ -66,7 +66,9 @@ def cluster() -> Iterator[Any]:
         yield found
 
 
-@pytest.mark.parametrize("nodes", [{"nodes": 6}, {}], ids=["6 nodes", "nodes by accuracy"])
+@pytest.mark.parametrize(
+    "nodes", [{"nodes": 6}, pytest.param({}, marks=pytest.mark.slow)], ids=["6 nodes", "nodes by accuracy"]
+)
 def test_same_numbers_from_each_engine(nodes: dict[str, int], cluster: Any, tmp_path: Path) -> None:
     given = powder(**nodes)
     sequential = vrte.sweep(given, workers=1, chunk=1)

@@ -147,7 +147,8 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 CHUNK = 2 * 50 * 50 * 37 * 16 * 8 / 1024  # kilobytes
 
 
-@pytest.mark.parametrize("suffix", ["zarr", pytest.param("nc", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", ["zarr", "nc"])
 def test_memory_is_bounded_by_the_chunk_not_by_the_sweep(suffix: str, tmp_path: Path) -> None:
     few, many = (float(*printed_by(MEMORY, tmp_path, scenes, f"t{scenes}.{suffix}")) for scenes in (6, 46))
     assert many - few < 5.0 * CHUNK  # of 20 chunks more

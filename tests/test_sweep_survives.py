@@ -179,7 +179,8 @@ def test_process_killed(table: Table, kills: int, engine: tuple[str, ...]) -> No
     killed_again_and_again(table, kills, random.randrange(10**6), *engine)
 
 
-@pytest.mark.parametrize(("table", "kills"), [(64, 2), pytest.param(1200, 10, marks=SLOW)], indirect=["table"])
+@SLOW
+@pytest.mark.parametrize(("table", "kills"), [(64, 2), (1200, 10)], indirect=["table"])
 def test_dask_worker_killed(table: Table, kills: int) -> None:
     worker_killed_again_and_again(table, kills, random.randrange(10**6))
 
