@@ -103,7 +103,9 @@ def killed_again_and_again(table: Table, kills: int, seed: int, *engine: str) ->
     for kill in range(kills):
         process = table.start(*engine)
         line = len(table.lines()) if seen else 0
-        goal = len(table.begun(line)) + chance.randint(1, max(1, chunks // (2 * kills)))
+        goal = len(table.begun(line)) + chance.randint(
+            3, max(3, chunks // (2 * kills))
+        )  # on two workers, one has then ended
         wait_until(lambda line=line, goal=goal: len(table.begun(line)) >= goal, process=process)  # type: ignore[misc]
         time.sleep(chance.uniform(0.0, 0.03))
         process.send_signal(signal.SIGKILL)
