@@ -62,7 +62,7 @@ class Judged(Placed):
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """In that order."""
+        """The arguments that it stands for, in the order of its fields."""
         return tuple(vars(self).values())
 
 

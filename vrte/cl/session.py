@@ -58,7 +58,7 @@ class DeviceArray(Placed):
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """Its memory."""
+        """The memory that it lies in, as a kernel takes it."""
         return (self.data,)
 
     @property

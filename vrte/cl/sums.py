@@ -66,7 +66,7 @@ class Kernels(Placed):
 
     @property
     def place(self) -> tuple[Any, ...]:
-        """In that order."""
+        """The arguments that it stands for: memory, first place, strides."""
         return self.data, self.first, *self.strides
 
 

@@ -19,6 +19,6 @@ class Wanted:
     scale: Array
 
     def doubles(self, n_phi: int) -> float:
-        """Doubles of the result."""
+        """How many doubles the result takes."""
         pairs = sum(float(levels.size) * directions.size for levels, directions in self.parts)
         return 4.0 * (int(self.place.max()) + 1) * self.scale.size * n_phi * pairs

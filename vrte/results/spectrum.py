@@ -68,7 +68,7 @@ class Spectrum(Result):
 
     @property
     def phi(self) -> Array:
-        """Azimuths (phi,) [deg]."""
+        """Azimuths of exit, relative to the incident light (phi,) [deg]."""
         return self.brdfs[0].phi
 
     @property

@@ -56,7 +56,7 @@ class OthersClock:
         return max(0.0, (now - self._all_before) - (self._own() - self._own_before)) / wall
 
     def statement(self) -> str:
-        """In words."""
+        """How many cores other processes used meanwhile, in words."""
         cores = self.cores()
         return (
             "use by other processes unknown" if cores is None else f"other processes used {cores:.2f} cores meanwhile"

@@ -41,7 +41,7 @@ class Case:
 
     @property
     def tau(self) -> tuple[float, ...]:
-        """Depths."""
+        """Optical depths asked for: the top and, unless ``top_only``, the bottom."""
         return (0.0,) if self.top_only else (0.0, self.scene.thickness)
 
     @property
@@ -51,7 +51,7 @@ class Case:
 
     @property
     def asked(self) -> Asked:
-        """For other codes."""
+        """The scene and what is asked of it, as other codes take it."""
         return Asked(self.scene, self.mu0, np.array(self.stokes), self.signed_mu, np.array(PHI), np.array(self.tau))
 
     @property

@@ -77,7 +77,7 @@ class Record:
 
     @property
     def verdict(self) -> str:
-        """In words."""
+        """Whether the case holds, falls short or does so for a known reason, in words."""
         return "falls short" if self.shortfalls else "known" if self.reasons else "holds"
 
     def _broken(self) -> list[tuple[str, str]]:

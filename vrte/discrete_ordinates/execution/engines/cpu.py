@@ -127,7 +127,7 @@ class Processor:
 
     @contextmanager
     def opened(self, share: Share, run: Run) -> Iterator[Share]:
-        """In place."""
+        """The share itself: it is added to in place."""
         yield share
 
 
