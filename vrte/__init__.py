@@ -45,7 +45,9 @@ from vrte.results.spectrum import Spectrum
 from vrte.results.views import Views
 from vrte.scene.boundary import Lambertian, MuellerBase
 from vrte.scene.illumination import hemisphere
+from vrte.scene.interface import Interface
 from vrte.scene.layer import IndependentScatteringWarning, Layer
+from vrte.scene.mirror import Mirror
 from vrte.scene.scene import Scene
 from vrte.sweep import interpolate, sweep
 
@@ -60,10 +62,12 @@ __all__ = [
     "Gamma",
     "IndependentScatteringWarning",
     "IndexTable",
+    "Interface",
     "Lambertian",
     "Layer",
     "Lognormal",
     "LongSolveWarning",
+    "Mirror",
     "MissingExtraError",
     "Monodisperse",
     "MuellerBase",

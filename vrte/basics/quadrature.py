@@ -1,6 +1,12 @@
-"""Double-Gauss quadrature, (1:15): Gauss-Legendre nodes on each hemisphere."""
+"""Double-Gauss quadrature, (1:15): Gauss-Legendre nodes on each hemisphere, and nodes of media that light passes."""
 
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import lru_cache
+
+import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.spherical_functions import find_gauss_legendre
@@ -16,3 +22,73 @@ def make_double_gauss(nodes: int) -> tuple[Array, Array]:
     """
     x, weights = kept(nodes)
     return 0.5 * (x + 1.0), 0.5 * weights
+
+
+@dataclass(frozen=True, eq=False)
+class RefractedNodes:
+    """Directions that belong together by Snell's law, n sin(theta) = s, as nodes of several media at once.
+
+    highest (N,): the index b that bounds the panel of s a node lies in from above; depth (N,): b^2 - s^2; measure (N,):
+    its weight in s ds = n^2 mu dmu; all in the order of ascending cosines: a medium has the last of them, where s < n.
+    panels: first and last + 1 node of each, with the indices (a, b) that bound it.
+    """
+
+    highest: Array
+    depth: Array
+    measure: Array
+    panels: tuple[tuple[int, int, float, float], ...]
+
+    def count(self, index: float) -> int:
+        """How many of them a medium has."""
+        return int(np.count_nonzero(self.highest <= index))
+
+    def carried(self, index: float) -> tuple[Array, Array]:
+        """Cosines in (0, 1), ascending, and weights (they sum to 1, nearly) of the nodes that a medium has."""
+        here = self.highest <= index
+        highest, depth = self.highest[here], self.depth[here]
+        cosines = np.sqrt((index - highest) * (index + highest) + depth) / index
+        return cosines, self.measure[here] / (index * index * cosines)
+
+
+def make_refracted_nodes(indices: Iterable[float], nodes: int) -> RefractedNodes:
+    """Nodes of media of these refractive indices, ``nodes`` in the densest of them, at least two a panel.
+
+    Panels of s lie between the indices, where the light of one medium is reflected totally: from a to b, s^2 = a^2 +
+    (b^2 - a^2) cos^2 t with Gauss in t from 0 to pi/2, in which sqrt(b^2 - s^2) and sqrt(s^2 - a^2) are both smooth;
+    from 0 to the lowest, b, Gauss in the cosine, sqrt(b^2 - s^2)/b. Where there is a medium c beyond, both are the
+    hyperbolic sine of what Gauss is in: then sqrt(c^2 - s^2) is smooth as well, however little c differs from b.
+
+    >>> found = make_refracted_nodes([1.0, 1.5], 8)
+    >>> found.count(1.0), found.count(1.5), found.carried(1.0)[1].sum().round(12).item()
+    (5, 8, 1.0)
+    """
+    edges = sorted(set(indices))
+    shares = [1.0, *(math.sqrt((high - low) * (high + low)) / high for low, high in itertools.pairwise(edges))]
+    fewest = max(2, nodes // 6)
+    counts = [max(fewest, round(nodes * share / sum(shares))) for share in shares]
+    counts[0] = max(fewest, nodes - sum(counts[1:]))
+    highest: list[Array] = []
+    depth: list[Array] = []
+    measure: list[Array] = []
+    panels: list[tuple[int, int, float, float]] = []
+    beyond = [*edges[1:], math.inf]
+    parts = zip([(0.0, edges[0]), *itertools.pairwise(edges)], beyond, counts, strict=True)
+    for (low, high), above, count in reversed(list(parts)):
+        x, weights = make_double_gauss(count)
+        size = (high - low) * (high + low)
+        most = 1.0 if low == 0.0 else 0.5 * np.pi
+        if math.isfinite(above):
+            near = math.sqrt((above - high) * (above + high) / size)
+            steep = math.asinh(most / near)
+            x, weights = near / most * np.sinh(steep * x), near / most * steep * weights * np.cosh(steep * x)
+        if low == 0.0:
+            root, share = x, weights * x
+        else:
+            angle = most * x
+            root, share = np.sin(angle), most * weights * np.sin(angle) * np.cos(angle)
+        first = sum(part.size for part in highest)
+        panels.append((first, first + count, low, high))
+        highest.append(np.full(count, high))
+        depth.append(size * root**2)
+        measure.append(size * share)
+    return RefractedNodes(np.concatenate(highest), np.concatenate(depth), np.concatenate(measure), tuple(panels))

@@ -29,6 +29,7 @@ Complex = NDArray[np.complex128]
 LARGEST_SIZE = 1e4  # size parameter 2 pi r/wavelength: beyond, an expansion of 2e4 terms helps nobody
 LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's recurrence takes as many steps
 LARGEST_AREA = 1e100  # cross section [um2] and volume [um3] of a particle: products stay far below overflow
+HOST_ALLOWED = 1e-3, 1e3, "a real refractive index from 0.001 to 1000"
 SAME_INDEX = 1e-9  # |m - 1| where the coefficients a_n, b_n are down to their rounding
 NEGLIGIBLE = 1e-16  # of the largest |a_n|, |b_n|: what the orders left out may hold
 LEFT_OUT = 1e-12  # what an expansion coefficient left out may hold; a1[0] is 1
@@ -56,6 +57,8 @@ class Particles:
         Mean cross sections [um2] and volume [um3] of one particle.
     description : str
         In words, what it is and where its refractive index comes from.
+    host_index : float or None
+        Refractive index of the medium that they lie in; None: any.
 
     Raises
     ------
@@ -74,6 +77,7 @@ class Particles:
     scattering_um2: float
     volume_um3: float
     description: str = ""
+    host_index: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.phase_matrix, PhaseMatrix):
@@ -89,6 +93,9 @@ class Particles:
         }
         for name, (low, high, allowed) in ranges.items():
             object.__setattr__(self, name, check_number(f"particles: {name}", getattr(self, name), low, high, allowed))
+        if self.host_index is not None:
+            host = check_number("particles: host_index", self.host_index, *HOST_ALLOWED)
+            object.__setattr__(self, "host_index", host)
 
     def __repr__(self) -> str:
         return (
@@ -162,7 +169,9 @@ def spheres(
     description = _describe_spheres(index, distribution, population, changes, wavelength, host)
     if changes[:2].max() > DOUBTFUL:
         warnings.warn(f"spheres: not settled; {description}", SizeAverageWarning, stacklevel=2)
-    return _average_population(population, wavenumber, absorbing=relative.imag > 0.0, description=description)
+    return _average_population(
+        population, wavenumber, absorbing=relative.imag > 0.0, description=description, host=host
+    )
 
 
 def check_spheres(
@@ -191,7 +200,7 @@ def check_spheres(
 def _check_light(material: Material, wavelength_um: Any, host_index: Any) -> tuple[RefractiveIndex, float, float]:
     """The index of the particles and of the host, and the wavelength in vacuum."""
     index = refractive_index(material, wavelength_um)
-    host = check_number("host_index", host_index, 1e-3, 1e3, "a real refractive index from 0.001 to 1000")
+    host = check_number("host_index", host_index, *HOST_ALLOWED)
     return index, host, check_number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
 
 
@@ -231,6 +240,12 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
     for kind, _ in pairs:
         if not isinstance(kind, Particles):
             raise SceneError(f"a mixture needs pairs (particles, number fraction), not {type(kind).__name__}")
+    hosts = [kind.host_index for kind, _ in pairs if kind.host_index is not None]
+    if hosts and max(hosts) != min(hosts):
+        raise SceneError(
+            f"particles of a mixture lie in one medium: the host_index must not be {min(hosts):g} of one kind and "
+            f"{max(hosts):g} of another"
+        )
     shares = [check_number("number fraction", share, 0.0, sys.float_info.max, "a number >= 0") for _, share in pairs]
     largest = max(shares)
     if largest == 0.0:
@@ -251,6 +266,7 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
         extinction_um2=extinction,
         scattering_um2=scattering,
         volume_um3=mean(lambda kind: kind.volume_um3),
+        host_index=hosts[0] if hosts else None,
         description="; ".join(f"{share / total:.6g} of {kind.description}" for kind, share in pairs),
     )
 
@@ -376,7 +392,9 @@ def _sum_bulk(population: _Population) -> Array:
     return population.weights @ np.stack([extinction, scattering, 2.0 * asymmetry, 0.5 * back], axis=1)
 
 
-def _average_population(population: _Population, wavenumber: float, *, absorbing: bool, description: str) -> Particles:
+def _average_population(
+    population: _Population, wavenumber: float, *, absorbing: bool, description: str, host: float
+) -> Particles:
     extinction, scattering, _, _ = _sum_bulk(population) * (2.0 * math.pi / wavenumber**2)
     if not absorbing:
         extinction = scattering  # the two sums differ by rounding, and an albedo of 1 should be exactly that
@@ -390,6 +408,7 @@ def _average_population(population: _Population, wavenumber: float, *, absorbing
         scattering_um2=float(scattering),
         volume_um3=float(population.weights @ volumes),
         description=description,
+        host_index=host,
     )
 
 

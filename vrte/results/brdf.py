@@ -20,6 +20,11 @@ class Brdf(Result):
     ``diagnostics["illuminate"]`` says. ``mu_i``, ``mu_o`` are positive cosines; ``phi`` [deg] is outgoing minus
     incident, both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only. Raises
     SceneError where the shapes do not fit together.
+
+    Where light meets interfaces: ``specular`` (mu_i, 4, 4) or None is the share of a beam's power that comes back as a
+    beam, mirrored, and ``specular_transmission`` (mu_i, 4, 4) or None the share that leaves the other face as one;
+    neither is in ``mueller``, ``transmission`` or ``reflectance``. ``surface`` (shape of mueller) or None is the part
+    of ``mueller`` that rough surfaces send back without any particle. mu_i and mu_o are cosines outside.
     """
 
     mueller: Array
@@ -30,18 +35,27 @@ class Brdf(Result):
     diagnostics: dict[str, Any]
     transmission: Array | None = None
     direct_transmittance: Array | None = None
+    specular: Array | None = None
+    specular_transmission: Array | None = None
+    surface: Array | None = None
 
     def __post_init__(self) -> None:
         incident = (len(self.mu_i),)
         matrices = (*incident, len(self.mu_o), len(self.phi), 4, 4)
-        shapes: dict[str, tuple[int, ...]] = {"mueller": matrices, "transmission": matrices}
+        shapes: dict[str, tuple[int, ...]] = {"mueller": matrices, "transmission": matrices, "surface": matrices}
         shapes |= dict.fromkeys(("reflectance", "mu_i", "direct_transmittance"), incident)
+        shapes |= dict.fromkeys(("specular", "specular_transmission"), (*incident, 4, 4))
         shapes |= {"mu_o": (len(self.mu_o),), "phi": (len(self.phi),)}
         self._freeze({name: shape for name, shape in shapes.items() if getattr(self, name) is not None})
 
     def __repr__(self) -> str:
         extra = "" if self.transmission is None else ", with transmission"
         return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
+
+    @property
+    def specular_reflectance(self) -> Array | None:
+        """The share (mu_i,) of unpolarized light that comes back as a beam; None where no beam does."""
+        return None if self.specular is None else self.specular[:, 0, 0]
 
     def under(self, light: Any, weights: Any = None, transmitted: bool = False) -> Array:
         """Stokes radiance (mu_o, phi, 4) that comes out under any incident light, (2:2).

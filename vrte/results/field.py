@@ -21,7 +21,10 @@ class Field(Result):
     up, ``mu`` < 0 down; ``phi`` [deg] is relative to the beam, both along the direction of travel. ``mu0`` > 0 and
     ``incident_stokes`` (4,) describe the beam; ``diagnostics`` says how the field was made. Where ``mu0`` is an array
     (n_in,), beams of the same Stokes vector, ``stokes`` and the fluxes have its axis in front, and `beam` is the field
-    of one of them. All arrays are read-only. Raises SceneError where the shapes do not fit together.
+    of one of them. Where light is refracted, ``index`` (tau,) is the refractive index of the medium that each depth
+    lies in, whose cosines ``mu`` are there, ``direct`` the flux of all that goes down as a beam, and ``direct_up``
+    (tau,) of what goes up as one; both are None elsewhere. All arrays are read-only. Raises SceneError where the shapes
+    do not fit together.
     """
 
     stokes: Array
@@ -34,12 +37,16 @@ class Field(Result):
     mu0: float | Array
     incident_stokes: Array
     diagnostics: dict[str, Any]
+    direct_up: Array | None = None
+    index: Array | None = None
 
     def __post_init__(self) -> None:
         beams = np.shape(self.mu0)
         depths = (*beams, len(self.tau))
         shapes: dict[str, tuple[int, ...]] = {"stokes": (*depths, len(self.mu), len(self.phi), 4)}
         shapes |= dict.fromkeys(("flux_up", "flux_down", "direct"), depths)
+        shapes |= {"direct_up": depths} if self.direct_up is not None else {}
+        shapes |= {"index": (len(self.tau),)} if self.index is not None else {}
         shapes |= {name: (len(getattr(self, name)),) for name in ("tau", "mu", "phi")} | {"incident_stokes": (4,)}
         if len(beams) > 1:
             raise SceneError(f"mu0 must be a number or a 1-D list, not of shape {beams}")
@@ -60,7 +67,8 @@ class Field(Result):
             raise SceneError("this is the field of one beam: there are no others to choose from")
         if not -self.mu0.size <= place < self.mu0.size:
             raise SceneError(f"there are {self.mu0.size} beams, from 0 on, none at {place}")
-        shares = {name: getattr(self, name)[place] for name in ("stokes", "flux_up", "flux_down", "direct")}
+        names = ("stokes", "flux_up", "flux_down", "direct", *(("direct_up",) if self.direct_up is not None else ()))
+        shares = {name: getattr(self, name)[place] for name in names}
         return replace(self, mu0=float(self.mu0[place]), **shares)
 
 

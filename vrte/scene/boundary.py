@@ -41,7 +41,8 @@ class Boundary:
     """What lies above or below a pile of layers; by itself it is black: nothing comes back, and nothing gets through.
 
     ``orders_reflected``: of how many Fourier orders light comes back (0: none, 1: evenly, math.inf: all);
-    ``mixes_stokes``: whether it comes back, or gets through, as other Stokes parameters than it came.
+    ``mixes_stokes``: whether it comes back, or gets through, as other Stokes parameters than it came; ``keeps_beams``:
+    whether a beam comes back as one, as `reflect_beam` says.
 
     >>> bool(Boundary().transmit_straight(np.array([0.5])).any()), Boundary().name
     (False, 'black')
@@ -49,6 +50,7 @@ class Boundary:
 
     orders_reflected: float = 0
     mixes_stokes: bool = False
+    keeps_beams: bool = False
 
     @property
     def name(self) -> str:
@@ -74,6 +76,10 @@ class Boundary:
         off.
         """
         return np.zeros((0, mu_i.size, mu_o.size, 4, 4)), 0
+
+    def reflect_beam(self, index: float, mu: Array) -> Array:
+        """Mueller matrices (n, 4, 4) of a beam that comes back as a beam, along mu (n,) in a medium of that index."""
+        return np.zeros((mu.size, 4, 4))
 
     def transmit_straight(self, mu: Array) -> Array:
         """Mueller matrices of light that goes through and keeps its direction, (n, 4, 4) along mu (n,)."""

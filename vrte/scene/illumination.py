@@ -31,7 +31,7 @@ def turn_to_light(side: str, scene: Scene) -> Scene:
         raise SceneError(
             "illuminate='bottom' needs a finite thickness: a layer without end has no bottom", "illuminate"
         )
-    return Scene(tuple(reversed(scene.layers)))
+    return scene.turned()
 
 
 def mirror_stokes(stokes: Array) -> Array:

@@ -9,7 +9,7 @@ from vrte.basics.arrays import check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.optics.spheres import Particles
+from vrte.optics.spheres import HOST_ALLOWED, Particles
 
 INDEPENDENT_UP_TO = 0.1  # volume fraction
 LARGEST_THICKNESS = 1e12  # of a layer that ends; beyond, one without end is meant
@@ -30,6 +30,8 @@ class Layer:
         Of single scattering, 0 to 1.
     thickness : float
         Optical, >= 0; ``math.inf`` is allowed for the last layer of a scene.
+    host_index : float or None, optional
+        Refractive index of the medium that its particles lie in; None: whatever the scene has there.
 
     Raises
     ------
@@ -44,6 +46,7 @@ class Layer:
     phase_matrix: PhaseMatrix
     albedo: float
     thickness: float
+    host_index: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.phase_matrix, PhaseMatrix):
@@ -51,6 +54,8 @@ class Layer:
         object.__setattr__(self, "albedo", check_number("layer: albedo", self.albedo, 0.0, 1.0, "between 0 and 1"))
         allowed = f"an optical thickness >= 0, at most {LARGEST_THICKNESS:g} or inf"
         object.__setattr__(self, "thickness", _check_extent("layer: thickness", self.thickness, allowed))
+        if self.host_index is not None:
+            object.__setattr__(self, "host_index", check_number("layer: host_index", self.host_index, *HOST_ALLOWED))
 
     def __repr__(self) -> str:
         return f"Layer({self.in_words})"
@@ -93,7 +98,7 @@ class Layer:
             raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
         if thickness is None:
             thickness = _find_optical_thickness(particles, thickness_um, volume_fraction)
-        return Layer(particles.phase_matrix, particles.albedo, thickness)
+        return Layer(particles.phase_matrix, particles.albedo, thickness, particles.host_index)
 
 
 def _check_extent(name: str, value: Any, allowed: str) -> float:

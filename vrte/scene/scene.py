@@ -7,52 +7,112 @@ from dataclasses import dataclass
 from vrte.basics.arrays import check_list, put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
+from vrte.optics.phase_matrix import isotropic
 from vrte.scene.boundary import BLACK, TRANSPARENT, Boundary
+from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
 
 MOST_LAYERS = 10_000
+SAME_INDEX = 1e-9  # relative: of two media that are one
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene:
-    """What light meets: layers over a base.
+    """What light meets: layers, and interfaces between them, over a base.
 
     Parameters
     ----------
-    layers : sequence of Layer
-        Top first; one alone will do.
-    base : None, Lambertian, MuellerBase or another Boundary
-        What lies beneath; None is black.
+    layers : sequence of Layer and Interface
+        Top first; one alone will do. What follows an interface lies in the medium below it.
+    base : None, Lambertian, MuellerBase, Mirror, Facets or another Boundary
+        What lies beneath; None is black, in the medium of what lies above it.
+    interfaces : sequence of Interface or None, optional
+        Above each layer and below the last, one more than layers, which are then no interfaces themselves: what the
+        scene makes of a list with interfaces among its layers. Between two without a layer it puts a clear one of no
+        thickness.
 
     Raises
     ------
     SceneError
-        For no layers, for one that is no Layer, and for an infinite layer above another.
+        For no layers, for one that is neither, for an infinite layer above another or above an interface, for
+        refractive indices of neighbours that differ.
 
     >>> import vrte
     >>> Scene([Layer(vrte.rayleigh(), 1.0, 0.5)], vrte.Lambertian(0.25)).thickness
     0.5
+    >>> Scene([Interface(1.0, 1.5), Layer(vrte.rayleigh(), 1.0, 0.5)]).indices
+    (1.5,)
     """
 
     layers: Sequence[Layer]
     base: Boundary | None = None
+    interfaces: Sequence[Interface | None] = ()
 
     def __post_init__(self) -> None:
-        given = (self.layers,) if isinstance(self.layers, Layer) else self.layers
-        layers = tuple(check_list("layers", given, MOST_LAYERS))
-        object.__setattr__(self, "layers", layers)
-        if not layers:
+        given = (self.layers,) if isinstance(self.layers, Layer | Interface) else self.layers
+        pile = tuple(check_list("layers", given, MOST_LAYERS))
+        if not pile:
             raise SceneError("a scene needs at least one layer, not an empty list")
-        for position, layer in enumerate(layers, 1):
-            if not isinstance(layer, Layer):
-                raise SceneError(f"layer {position} must be a vrte.Layer, not {type(layer).__name__}")
-            if math.isinf(layer.thickness) and position < len(layers):
+        for position, part in enumerate(pile, 1):
+            if not isinstance(part, Layer | Interface):
+                raise SceneError(
+                    f"layer {position} must be a vrte.Layer or a vrte.Interface, not {type(part).__name__}"
+                )
+            if isinstance(part, Layer) and math.isinf(part.thickness) and position < len(pile):
                 place = "layer", position - 1, "thickness"
                 raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *place)
         if not isinstance(self.base, Boundary | None):
             raise SceneError(
-                f"base must be None (black), vrte.Lambertian or vrte.MuellerBase, not {type(self.base).__name__}"
+                "base must be None (black), vrte.Lambertian, vrte.MuellerBase, vrte.Mirror or vrte.Facets, not "
+                f"{type(self.base).__name__}"
             )
+        layers, interfaces = (pile, tuple(self.interfaces)) if self.interfaces else sort_pile(pile)
+        if len(interfaces) != len(layers) + 1 or not all(isinstance(part, Layer) for part in layers):
+            raise SceneError(
+                f"interfaces must be one more than the {len(layers)} layers, each a vrte.Interface or None, and none "
+                "among the layers"
+            )
+        if math.isinf(layers[-1].thickness) and interfaces[-1] is not None:
+            raise SceneError(f"interface {len(layers) + 1}: no light gets there through a layer without end")
+        object.__setattr__(self, "layers", layers)
+        object.__setattr__(self, "_media", find_media(layers, interfaces))
+        refracting = (i if i is not None and i.index_above != i.index_below else None for i in interfaces)
+        object.__setattr__(self, "interfaces", tuple(refracting))
+
+    @property
+    def indices(self) -> tuple[float, ...]:
+        """Refractive index of the medium of each layer."""
+        return self._media[1:-1]  # type: ignore[attr-defined]
+
+    @property
+    def index_above(self) -> float:
+        """Refractive index of what lies above: the light's that comes in and goes out at the top."""
+        return self._media[0]  # type: ignore[attr-defined]
+
+    @property
+    def index_below(self) -> float:
+        """Refractive index of what the base lies in, or of what lies below without one."""
+        return self._media[-1]  # type: ignore[attr-defined]
+
+    @property
+    def has_interfaces(self) -> bool:
+        """Whether light is refracted somewhere."""
+        return any(interface is not None for interface in self.interfaces)
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether one of the interfaces is."""
+        return any(interface is not None and not interface.is_smooth for interface in self.interfaces)
+
+    @property
+    def keeps_beams(self) -> bool:
+        """Whether light that meets no particle is turned on its way: refracted, or mirrored by the base."""
+        return self.has_interfaces or self.below.keeps_beams
+
+    def turned(self) -> "Scene":
+        """The scene upside down, without its base."""
+        turned = tuple(interface and interface.turned for interface in reversed(self.interfaces))
+        return Scene(tuple(reversed(self.layers)), None, turned)
 
     @property
     def thickness(self) -> float:
@@ -77,6 +137,9 @@ class Scene:
     def __repr__(self) -> str:
         count = len(self.layers)
         layers = "1 layer" if count == 1 else f"{count} layers"
+        count_refracting = sum(interface is not None for interface in self.interfaces)
+        if count_refracting:
+            layers += f", {count_refracting} interface{'s'[: count_refracting > 1]}"
         head = f"Scene: {layers}, optical thickness {self.thickness:.6g}, base {self.base_in_words}"
         first = f"\n  top: {self.layers[0].in_words}" if count > 1 else f"\n  {self.layers[0].in_words}"
         between = f" ({count - 2} more above)" if count > 2 else ""
@@ -95,3 +158,49 @@ class Scene:
 
     def _repr_html_(self) -> str:
         return view(self, "_repr_html_")
+
+
+def sort_pile(pile: Sequence[Layer | Interface]) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...]]:
+    """The layers of a list, and the interface above each of them and below the last, or None; between interfaces
+    without a layer a clear one without thickness."""
+    clear = Layer(isotropic(), 0.0, 0.0)
+    layers: list[Layer] = []
+    interfaces: list[Interface | None] = []
+    for part in pile:
+        if isinstance(part, Interface):
+            if len(interfaces) > len(layers):
+                layers.append(clear)
+            interfaces.append(part)
+        else:
+            if len(interfaces) == len(layers):
+                interfaces.append(None)
+            layers.append(part)
+    if not layers:
+        layers.append(clear)
+    if len(interfaces) == len(layers):
+        interfaces.append(None)
+    return tuple(layers), tuple(interfaces)
+
+
+def find_media(layers: Sequence[Layer], interfaces: Sequence[Interface | None]) -> tuple[float, ...]:
+    """Refractive indices: above the top, of each layer, below the last. Raises SceneError where they do not fit."""
+    media: list[float | None] = [None, *(layer.host_index for layer in layers), None]
+    names = ["the medium above", *(f"layer {k}" for k in range(1, len(layers) + 1)), "the medium below"]
+
+    def settle(place: int, index: float | None, source: str) -> None:
+        known = media[place]
+        if index is None:
+            return
+        if known is not None and not math.isclose(known, index, rel_tol=SAME_INDEX):
+            raise SceneError(f"{names[place]} has the refractive index {known:g}, and {source} has {index:g}")
+        media[place] = known if known is not None else index
+
+    for k, interface in enumerate(interfaces):
+        if interface is not None:
+            settle(k, interface.index_above, "the interface below it")
+            settle(k + 1, interface.index_below, "the interface above it")
+    for k in (*range(len(interfaces)), *range(len(interfaces) - 1, -1, -1)):  # down, then up
+        if interfaces[k] is None:
+            settle(k + 1, media[k], f"{names[k]}, without an interface between,")
+            settle(k, media[k + 1], f"{names[k + 1]}, without an interface between,")
+    return tuple(1.0 if index is None else index for index in media)

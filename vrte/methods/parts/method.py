@@ -37,12 +37,12 @@ class Setting:
 @dataclass(frozen=True)
 class Method:
     """name; solve, which returns the cosines and the solution; purpose and conserves: words for the table of methods;
-    source: paper and equations; conserves_energy: whether fluxes balance to rounding where nothing absorbs, which is
-    tested; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more
-    than one), base (any, even: one that is Lambertian, none), depths (other than the faces), transmission, endless
-    layers, devices, options (of the call). What takes an "accuracy" solves the discrete problem to it, on nodes chosen
-    for it; ``finest``: the finest that it keeps; ``operations``: how many a task takes, right to a factor of 3, None
-    where closed forms are a matter of seconds whatever is asked."""
+    source: paper and equations; conserves_energy: whether fluxes balance to rounding where nothing absorbs, which
+    is tested; and what it takes: polarization (phase matrices and light with Q, U, V), layers (more than one), base
+    (any, even: one that is Lambertian, none), interfaces (none, smooth, any), depths (other than the faces),
+    transmission, endless layers, devices, options (of the call). What takes an "accuracy" solves the discrete
+    problem to it, on nodes chosen for it; ``finest``: the finest that it keeps; ``operations``: how many a task
+    takes, right to a factor of 3, None where closed forms are a matter of seconds whatever is asked."""
 
     name: str
     solve: Callable[["Task"], Answer]
@@ -56,6 +56,7 @@ class Method:
     depths: bool = True
     transmission: bool = True
     endless: bool = True
+    interfaces: Literal["none", "smooth", "any"] = "none"
     devices: bool = False
     options: tuple[str, ...] = ("nodes", "backend")
     finest: float = 0.0
@@ -115,6 +116,8 @@ class Method:
             ),
             (not self.depths and bool(inside.any()), "depth inside a layer"),
             (not self.transmission and bool(below.any()), "light below the top"),
+            (self.interfaces == "none" and scene.keeps_beams, "refracting or mirroring surface"),
+            (self.interfaces == "smooth" and scene.is_rough, "rough interface"),
             (not self.endless and not np.isfinite(scene.thickness), "layer without end"),
         ]
         return [words for is_there, words in found if is_there]

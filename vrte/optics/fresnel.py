@@ -1,0 +1,70 @@
+"""Reflection and refraction at a smooth interface: Snell's law and Fresnel's amplitudes as Mueller matrices.
+
+``index`` is that of the medium behind over that of the medium that light comes from, real or n + ik, k >= 0
+(absorbing); ``mu`` the positive cosine of incidence, in the medium that light comes from. Amplitudes are along
+theta-hat (p) and phi-hat (s) of each direction of travel, of the reflected light too, so that no axes turn:
+docs/conventions.md.
+
+Source: Born and Wolf, Principles of Optics, section 1.5.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics.arrays import Array
+
+
+def refract_cosine(index: complex | Any, mu: Any) -> NDArray[np.complex128]:
+    """The cosine behind, the root with Im >= 0: imaginary under total reflection.
+
+    >>> refract_cosine(1.5, 0.6).real.round(6).item(), refract_cosine(1.0 / 1.5, 0.6).round(6).item()
+    (0.845905, 0.663325j)
+    """
+    index = np.asarray(index, complex)
+    # n^2 - 1 as a product: exact where media are almost alike
+    root: NDArray[np.complex128] = np.sqrt(np.asarray(mu) ** 2 + (index - 1.0) * (index + 1.0)) / index
+    return np.where(root.imag < 0.0, -root, root)
+
+
+def reflect_smooth(index: complex | Any, mu: Any) -> Array:
+    """Mueller matrices of reflection, of radiance and of power alike, (..., 4, 4).
+
+    >>> reflect_smooth(1.5, 1.0)[0, 0].round(12).item(), reflect_smooth(1.0 / 1.5, 0.6)[0, 0].round(12).item()
+    (0.04, 1.0)
+    """
+    mu, behind = np.asarray(mu, float), refract_cosine(index, mu)
+    s = (mu - index * behind) / (mu + index * behind)
+    p = (index * mu - behind) / (index * mu + behind)
+    return make_mueller(p, s)
+
+
+def transmit_smooth(index: complex | Any, mu: Any) -> Array:
+    """Mueller matrices of the power that gets through, (..., 4, 4): zero under total reflection, radiance is index^2
+    times as much.
+
+    >>> transmit_smooth(1.5, 1.0)[0, 0].round(12).item(), transmit_smooth(1.0 / 1.5, 0.6)[0, 0].item()
+    (0.96, 0.0)
+    """
+    mu, behind = np.asarray(mu, float), refract_cosine(index, mu)
+    s = 2.0 * mu / (mu + index * behind)
+    p = 2.0 * mu / (index * mu + behind)
+    share: Array = (index * behind).real / mu
+    return share[..., None, None] * make_mueller(p, s)
+
+
+def make_mueller(p: Any, s: Any) -> Array:
+    """What amplitudes along p and s do to (I, Q, U, V), (..., 4, 4).
+
+    >>> make_mueller(1.0, -1.0).diagonal().tolist()
+    [1.0, 1.0, -1.0, -1.0]
+    """
+    p, s = np.broadcast_arrays(np.asarray(p, complex), np.asarray(s, complex))
+    found = np.zeros((*p.shape, 4, 4))
+    parallel, across, mixed = np.abs(p) ** 2, np.abs(s) ** 2, p * s.conj()
+    found[..., 0, 0] = found[..., 1, 1] = 0.5 * (parallel + across)
+    found[..., 0, 1] = found[..., 1, 0] = 0.5 * (parallel - across)
+    found[..., 2, 2] = found[..., 3, 3] = mixed.real
+    found[..., 2, 3], found[..., 3, 2] = mixed.imag, -mixed.imag
+    return found
