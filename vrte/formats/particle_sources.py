@@ -5,30 +5,21 @@ A new source is a maker and a row in `SOURCES` (docs/extending.md); scene files,
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
-from vrte.basics.errors import SceneError
-from vrte.formats.index_table import read_index
-from vrte.formats.toml_table import Table, is_number, locate_errors
-from vrte.optics.refractive_index import Material
+from vrte.formats.media import ONE_WAVELENGTH, WAVE_KEYS, check_material, find_clear_index, read_material
+from vrte.formats.toml_table import Table, locate_errors
 from vrte.optics.size_distribution import Gamma, Lognormal
 from vrte.optics.spheres import Particles
 
-Read = TypeVar("Read")
 Make = Callable[[], Particles]
-TABLE = ".csv"  # the suffix of tables of one's own
-WAVE_KEYS = ("wavelength_um", "host_index")  # of the light, for all particles
-ONE_WAVELENGTH = "the wavelength in micrometres; a list is for spectra: `vrte brdf`, `vrte view`, `vrte.spectrum`"
 SIZES: dict[str, tuple[Callable[..., Lognormal | Gamma], tuple[str, ...]]] = {
     "lognormal": (Lognormal, ("median_um", "sigma")),
     "gamma": (Gamma, ("r_eff_um", "v_eff")),
 }
 DIAMETERS = {"radius_um": "diameter_um", "median_um": "median_diameter_um", "r_eff_um": "d_eff_um"}
+SIZE_KEYS = ("radius_um", "diameter_um", "size")
 HALVED = {name: (key, "half of it, ") for name, key in DIAMETERS.items()}  # who is told of the one wrote the other
-INDEX = (
-    'the name of a material, a path in the database such as "main/Au/Johnson", the path of a .csv with the columns '
-    "wavelength_um (or wavelength_nm), n, k, or [n, k]"
-)
 SPHERES = "spheres"  # where a table names no source
 
 
@@ -55,41 +46,24 @@ def check_source(
 
 
 def check_spheres_table(file: Table, table: Table, spheres_of: Callable[..., Particles], folder: Path) -> Make:
-    """Homogeneous spheres: an index, and a radius or a size distribution."""
-    table.required("index", INDEX)
-    table.exactly_one(*SOURCES[SPHERES].keys[1:])
-    index, size = _read_index(table), _read_size(table)
+    """Homogeneous spheres: an index, and a radius or a size distribution, in the file's host medium or their own."""
+    check_material(table, "index")
+    table.exactly_one(*SIZE_KEYS)
+    size, around = _read_size(table), table if "host_index" in table else file
+    if "host_index" in around:
+        check_material(around, "host_index")
 
     def made() -> Particles:
         light = {"wavelength_um": file.number("wavelength_um", ONE_WAVELENGTH)}
-        if "host_index" in file:
-            light["host_index"] = file.number("host_index")
-        own = isinstance(index, str) and index.endswith(TABLE)
-        material: Material = read_beside(table, "index", read_index, folder) if own else index
-        with locate_errors(table.place, table.allowed, WAVE_KEYS, HALVED if "diameter_um" in table else {}):
+        if "host_index" in around:
+            light["host_index"] = find_clear_index(file, around, "host_index", folder)
+        material = read_material(table, "index", folder)
+        outside = [key for key in WAVE_KEYS if key not in table]
+        keys = [key for key in table.allowed if key not in outside]
+        with locate_errors(table.place, keys, outside, HALVED if "diameter_um" in table else {}):
             return spheres_of(material, **light, **size)
 
     return made
-
-
-def _read_index(table: Table) -> str | tuple[float, float]:
-    value = table.content["index"]
-    if isinstance(value, str):
-        return value
-    parts = value if isinstance(value, list) else [value, 0.0]
-    if len(parts) != 2 or not all(is_number(part) for part in parts):
-        raise table.wrong("index", f"must be {INDEX}")
-    return float(parts[0]), float(parts[1])
-
-
-def read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Path) -> Read:
-    """What is in the file that a key names, beside the scene file."""
-    try:
-        return read(folder / table.content[key])
-    except SceneError as error:
-        raise table.wrong(key, str(error)) from error
-    except OSError as error:
-        raise table.wrong(key, f"the file cannot be read: {error.strerror}") from error
 
 
 def _read_size(table: Table) -> dict[str, Any]:
@@ -113,7 +87,5 @@ def _read_size(table: Table) -> dict[str, Any]:
 
 
 SOURCES: dict[str, Source] = {
-    SPHERES: Source(
-        ("index", "radius_um", "diameter_um", "size"), check_spheres_table, {"index": [1.5, 0.0], "radius_um": 0.1}
-    ),
+    SPHERES: Source(("index", *SIZE_KEYS, "host_index"), check_spheres_table, {"index": [1.5, 0.0], "radius_um": 0.1}),
 }

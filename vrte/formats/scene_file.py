@@ -20,7 +20,16 @@ from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.coefficient_table import read_coefficients
 from vrte.formats.index_table import read_index
-from vrte.formats.particle_sources import TABLE, WAVE_KEYS, check_source, read_beside
+from vrte.formats.media import (
+    TABLE,
+    WAVE_KEYS,
+    check_material,
+    find_clear_index,
+    find_index,
+    list_materials,
+    read_beside,
+)
+from vrte.formats.particle_sources import check_source
 from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import (
     Table,
@@ -42,8 +51,10 @@ from vrte.optics.phase_matrix import (
 from vrte.optics.refractive_index import find_wavelength_range
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.request.how import AUTO, OPTIONS
-from vrte.scene.boundary import Lambertian
+from vrte.scene.boundary import Boundary, Lambertian
+from vrte.scene.interface import DISTRIBUTIONS, ROUGHNESS_ALLOWED, Interface
 from vrte.scene.layer import Layer
+from vrte.scene.mirror import Mirror
 from vrte.scene.scene import MOST_LAYERS, Scene
 
 LARGEST_FILE = 10_000_000  # bytes
@@ -53,8 +64,11 @@ OPTION_KEYS = ("nodes", "accuracy", "truncation", "method", "illuminate", "setti
 FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "render", "brdf", "field")
 FILLINGS = ("particles", "volume_fractions", "phase")  # what a layer holds, in one of these ways
 THICKNESS_KEYS = ("thickness", "thickness_um", "volume_fraction")
-LAYER_KEYS = (*FILLINGS, "tolerance", "albedo", *THICKNESS_KEYS)
-BASE_KEYS = ("kind", "albedo")
+LAYER_KEYS = (*FILLINGS, "tolerance", "albedo", *THICKNESS_KEYS, "interface")
+FACET_KEYS = ("roughness", "distribution", "shadowing")
+INTERFACE_KEYS = ("above", "below", *FACET_KEYS)
+BASES: dict[str, tuple[str, ...]] = {"black": (), "lambertian": ("albedo",), "mirror": ("index",)}  # keys of each kind
+BASE_KEYS = ("kind", *dict.fromkeys(key for keys in BASES.values() for key in keys))
 # keys that say the same in another way: twice the radius, and the angle from the normal in place of its cosine
 ANGLES = {"mu_i": "angle_i_deg", "mu_o": "angle_o_deg", "mu0": "angle0_deg"}
 NAMED_PHASES: dict[str, Callable[[], PhaseMatrix]] = {"isotropic": isotropic, "rayleigh": rayleigh}
@@ -232,9 +246,10 @@ def make_scene_file(
     }
     options = {name: _read_option(file, name) for name in OPTION_KEYS if name in file}
     particles = _Particles(file, spheres_of, folder)
-    layers, base = _read_layer_tables(file), _read_base(file)
-    makers = [_prepare_layer(layer, particles, folder) for layer in layers]  # all are checked before one is made
-    scene = Scene([made() for made in makers], base)
+    layers, base = _read_layer_tables(file), _read_base(file, folder)
+    makers = [_prepare_layer(layer, particles, file, folder) for layer in layers]  # all are checked before one is made
+    pile: list[Any] = [made() for made in makers]
+    scene = Scene(pile, base)
     angles = frozenset(name for name, key in ANGLES.items() if key in request)
     return SceneFile(scene, kind, asked, options, particles.computed, angles=angles)
 
@@ -246,27 +261,25 @@ def find_named_tables(content: Mapping[str, Any]) -> dict[Place, str]:
     >>> find_named_tables({"particles": {"clay": {"index": "clay.csv"}}, "layer": layers})
     {('layer', 0, 'phase'): 'fog.csv', ('particles', 'clay', 'index'): 'clay.csv'}
     """
-    layers, kinds = content.get("layer"), content.get("particles")
-    named: list[tuple[Place, Any]] = [
-        *((("layer", place, "phase"), layer) for place, layer in enumerate(layers if isinstance(layers, list) else [])),
-        *((("particles", name, "index"), kind) for name, kind in (kinds.items() if isinstance(kinds, dict) else ())),
-    ]
-    found = {place: table.get(place[-1]) for place, table in named if isinstance(table, dict)}
-    return {place: name for place, name in found.items() if isinstance(name, str) and name.endswith(TABLE)}
+    layers = content.get("layer")
+    phases: dict[Place, Any] = {
+        ("layer", place, "phase"): layer.get("phase")
+        for place, layer in enumerate(layers if isinstance(layers, list) else [])
+        if isinstance(layer, dict)
+    }
+    named = phases | dict(list_materials(content))
+    return {place: name for place, name in named.items() if isinstance(name, str) and name.endswith(TABLE)}
 
 
 def find_known_wavelengths(content: Mapping[str, Any], folder: Path = Path()) -> tuple[float, float, str]:
-    """The wavelengths [um] from and to which the indices of all particles of a scene file are known, and the last
-    substance that ends them; (0, inf, "") where none does. Indices that are wrong count as known. Raises OSError."""
+    """The wavelengths [um] from and to which all indices of a scene file are known, and the last substance that ends
+    them; (0, inf, "") where none does. Indices that are wrong count as known. Raises OSError."""
     found = (0.0, math.inf, "")
-    kinds = content.get("particles")
-    for kind in kinds.values() if isinstance(kinds, dict) else ():
-        index = kind.get("index") if isinstance(kind, dict) else None
-        if isinstance(index, str):
-            with suppress(SceneError):
-                low, high = find_wavelength_range(read_index(folder / index) if index.endswith(TABLE) else index)
-                if low > found[0] or high < found[1]:
-                    found = max(low, found[0]), min(high, found[1]), index
+    for _, index in list_materials(content):
+        with suppress(SceneError):
+            low, high = find_wavelength_range(read_index(folder / index) if index.endswith(TABLE) else index)
+            if low > found[0] or high < found[1]:
+                found = max(low, found[0]), min(high, found[1]), index
     return found
 
 
@@ -316,8 +329,10 @@ def _read_layer_tables(file: Table) -> list[Table]:
     return [Table(("layer", place), layer, LAYER_KEYS) for place, layer in enumerate(layers)]
 
 
-def _prepare_layer(layer: Table, particles: "_Particles", folder: Path) -> Callable[[], Layer]:
-    """What makes a layer, all its keys checked, nothing computed."""
+def _prepare_layer(layer: Table, particles: "_Particles", file: Table, folder: Path) -> Callable[[], Layer | Interface]:
+    """What makes a layer or an interface, all its keys checked, nothing computed."""
+    if "interface" in layer:
+        return _prepare_interface(layer, file, folder)
     layer.exactly_one(*FILLINGS)
     if "tolerance" in layer and not str(layer.content.get("phase")).endswith(TABLE):
         raise layer.wrong("tolerance", "goes with a phase from a .csv only: how far below zero it may be")
@@ -349,6 +364,35 @@ def _prepare_layer(layer: Table, particles: "_Particles", folder: Path) -> Calla
             return Layer.of(mixture(parts) if len(parts) > 1 else parts[0][0], **lengths)
 
     return of_particles
+
+
+def _prepare_interface(layer: Table, file: Table, folder: Path) -> Callable[[], Interface]:
+    """What makes an interface, which stands alone in its table."""
+    for key in layer.content:
+        if key != "interface":
+            raise layer.wrong(key, "an interface has a [[layer]] of its own; what scatters stands in the next")
+    table = layer.table("interface", INTERFACE_KEYS)
+    for key in INTERFACE_KEYS[:2]:
+        check_material(table, key)
+    facets = _read_facets(table)
+
+    def made() -> Interface:
+        above, below = (find_clear_index(file, table, key, folder) for key in INTERFACE_KEYS[:2])
+        said: dict[str, tuple[str, str | None]] = {f"index_{key}": (key, None) for key in INTERFACE_KEYS[:2]}
+        with locate_errors(table.place, INTERFACE_KEYS, said=said):
+            return Interface(above, below, **facets)
+
+    return made
+
+
+def _read_facets(table: Table) -> dict[str, Any]:
+    """How rough a surface is, as far as it is said."""
+    readers: dict[str, Callable[[str], Any]] = {
+        "roughness": lambda key: table.number(key, ROUGHNESS_ALLOWED),
+        "distribution": lambda key: table.choice(key, DISTRIBUTIONS),
+        "shadowing": table.flag,
+    }
+    return {key: readers[key](key) for key in FACET_KEYS if key in table}
 
 
 def _read_lengths(layer: Table) -> dict[str, float]:
@@ -437,14 +481,21 @@ def _read_parametric_phase(layer: Table) -> PhaseMatrix:
         return rayleigh(value) if "rayleigh" in table else henyey_greenstein(value, terms)
 
 
-def _read_base(file: Table) -> Lambertian | None:
+def _read_base(file: Table, folder: Path) -> Boundary | None:
     if "base" not in file:
         return None
     base = file.table("base", BASE_KEYS)
-    if base.choice("kind", ("black", "lambertian")) == "black":
-        if "albedo" in base:
-            raise base.wrong("albedo", 'goes with kind = "lambertian" only')
+    kind = base.choice("kind", tuple(BASES))
+    for key in base.content:
+        owners = [f'"{owner}"' for owner, keys in BASES.items() if key in keys]
+        if key != "kind" and key not in BASES[kind]:
+            raise base.wrong(key, f"goes with kind = {' or '.join(owners)} only")
+    if kind == "black":
         return None
-    albedo = base.share("albedo", ALBEDO)
+    if kind == "lambertian":
+        albedo = base.share("albedo", ALBEDO)
+        with locate_errors(base.place, BASE_KEYS):
+            return Lambertian(albedo)
+    index = find_index(file, base, "index", folder)
     with locate_errors(base.place, BASE_KEYS):
-        return Lambertian(albedo)
+        return Mirror(index)

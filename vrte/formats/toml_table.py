@@ -227,7 +227,7 @@ def translate_error(
 
 def drop_owner(error: SceneError, place: Place) -> str:
     """The sentence of an error without whose argument it is about where the place says so: "layer: " of a layer."""
-    owner = next(step for step in reversed(place) if isinstance(step, str))
+    owner = next((step for step in reversed(place) if isinstance(step, str)), "")
     return str(error).removeprefix(f"{owner}: ")
 
 

@@ -194,7 +194,7 @@ def check_spheres(
     relative, distribution = _find_relative_index(index, host), _choose_distribution(radius_um, size)
     radii, _ = _check_quadrature(distribution, FEWEST_RADII, 6)
     _check_sizes(relative, 2.0 * math.pi * host / wavelength, radii)
-    return Particles(rayleigh(), 1.0, 0.0, extinction_um2=1.0, scattering_um2=1.0, volume_um3=1.0)
+    return Particles(rayleigh(), 1.0, 0.0, extinction_um2=1.0, scattering_um2=1.0, volume_um3=1.0, host_index=host)
 
 
 def _check_light(material: Material, wavelength_um: Any, host_index: Any) -> tuple[RefractiveIndex, float, float]:

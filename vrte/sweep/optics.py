@@ -16,7 +16,7 @@ from vrte.optics.spheres import Particles, spheres
 from vrte.sweep.sealed import DamagedError, is_whole, read_sealed, write_sealed
 
 IN_MEMORY = 256  # kinds of particle that a process remembers, some 10 kB each
-NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um3")
+NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um3", "host_index")
 
 
 class Optics:
@@ -53,9 +53,9 @@ class Optics:
 
 
 def make_file_name(material: Any, how: dict[str, Any]) -> str:
-    """A file's name that stands for the values, all digits of them."""
+    """A file's name that stands for the values, all digits of them, and for what is kept of them."""
     size = how.get("size")
-    given = [material, how["wavelength_um"], how.get("host_index", 1.0), how.get("radius_um")]
+    given = [NUMBERS, material, how["wavelength_um"], how.get("host_index", 1.0), how.get("radius_um")]
     given += [] if size is None else [type(size).__name__, dataclasses.astuple(size)]
     return hashlib.sha256(repr(given).encode()).hexdigest()[:40]
 

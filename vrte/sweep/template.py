@@ -279,9 +279,9 @@ def check_values(sweep: Sweep, axis: Axis) -> None:
             raise error.behind(f"axes.{axis.name}, value {value + 1}") from error
 
 
-def make_unseen_particles(*_: Any, **__: Any) -> Particles:
-    """What stands for particles while only the form of a file is looked at."""
-    return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0)
+def make_unseen_particles(*_: Any, host_index: float = 1.0, **__: Any) -> Particles:
+    """What stands for particles while only the form of a file is looked at, and which media fit together."""
+    return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0, host_index=host_index)
 
 
 def make_scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile:
