@@ -212,7 +212,7 @@ class TestCsv:
     def test_the_header_says_what_the_columns_are(self, table: Path) -> None:
         header = [line for line in table.read_text().splitlines() if line.startswith("#")]
         for words in (
-            "[sr-1]: subsurface BRDF, Mueller matrix",
+            "[sr-1]: BRDF, Mueller matrix",
             "columns f00 .. f33",
             "wavelength_um (2) [um]",
             "vrte 0",

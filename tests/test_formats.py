@@ -190,7 +190,8 @@ def test_labels(brdf: Brdf, field: Field) -> None:
     assert dataset.phi_deg.attrs["units"] == "degree"
     assert json.loads(dataset.attrs["diagnostics"]) == brdf.diagnostics
     assert dataset.attrs["source"].startswith("vrte ")
-    assert "subsurface" in dataset.mueller.attrs["long_name"]
+    assert "diffuse radiance out" in dataset.mueller.attrs["long_name"]
+    assert "not in mueller" in dataset.attrs["comment"]  # what is mirrored
     labelled = field.to_xarray()
     assert labelled.stokes.dims == ("tau", "mu", "phi_deg", "stokes_parameter")
     assert labelled.incident_stokes.dims == ("stokes_parameter",)

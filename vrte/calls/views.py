@@ -66,15 +66,15 @@ def views(
         raise SceneError(f"there must be at most {MOST_GEOMETRIES} geometries, not {beams.size}")
     seen = np.empty((beams.size, 4))
     solves: list[dict[str, Any]] = []
-    incident = np.zeros(4)
+    incident, index = np.zeros(4), None
     for rows in group_geometries(beams, sights, azimuths):
         axes = [np.unique(each[rows], return_inverse=True) for each in (beams, sights, azimuths)]
         (of_beam, i), (of_sight, o), (of_azimuth, p) = axes
         found = radiance(scene, of_beam, stokes, of_sight, of_azimuth, depth, **how)
         seen[rows] = found.stokes[i, 0, o, p]
         solves.append(found.diagnostics)
-        incident = found.incident_stokes
-    return Views(seen, beams, sights, azimuths, depth, incident, {"solves": solves})
+        incident, index = found.incident_stokes, None if found.index is None else float(found.index[0])
+    return Views(seen, beams, sights, azimuths, depth, incident, {"solves": solves}, index)
 
 
 def group_geometries(*geometries: Array) -> Iterator[NDArray[np.intp]]:

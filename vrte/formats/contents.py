@@ -19,8 +19,11 @@ IRRADIANCE = "W m-2"
 CONVENTIONS = (
     "phi_deg is outgoing minus incident azimuth, both along the direction of travel (0 forward, 180 back), growing "
     "counter-clockwise seen from above; Stokes vectors I, Q, U, V refer to the local meridian plane, "
-    "Q = I_parallel - I_perpendicular, U and V in the signs of Hovenier and van der Mee; the light is inside the host "
-    "medium, nothing is refracted or reflected at its surface"
+    "Q = I_parallel - I_perpendicular, U and V in the signs of Hovenier and van der Mee; cosines are in the medium of "
+    "the light that they describe: mu_i, mu_o and mu0 outside, mu where its depth lies; without an interface in the "
+    "scene all is inside the host medium, and nothing is refracted or reflected at its surface; what smooth surfaces "
+    "mirror and let through as beams is in specular and specular_transmission, shares of a beam's power, and not in "
+    "mueller, transmission, reflectance and stokes"
 )
 
 
@@ -52,9 +55,11 @@ class Kind:
 
 
 PAIRS = ("mu_i", "mu_o", "phi_deg", "stokes_out", "stokes_in")
+BEAMS = ("mu_i", "stokes_out", "stokes_in")
+DERIVED = ("specular_reflectance", "total_reflectance")  # from other variables: in files for who reads them elsewhere
 BRDF = Kind(
     "brdf",
-    "subsurface BRDF of a particulate layer",
+    "BRDF of a particulate layer",
     {
         "mu_i": Described(("mu_i",), "1", "cosine of the angle of incidence"),
         "mu_o": Described(("mu_o",), "1", "cosine of the angle of exit"),
@@ -63,18 +68,29 @@ BRDF = Kind(
         ),
     },
     {
-        "mueller": Described(PAIRS, "sr-1", "subsurface BRDF, Mueller matrix: radiance out per irradiance in"),
-        "reflectance": Described(("mu_i",), "1", "directional-hemispherical subsurface reflectance, unpolarized light"),
+        "mueller": Described(PAIRS, "sr-1", "BRDF, Mueller matrix: diffuse radiance out per irradiance in"),
+        "reflectance": Described(("mu_i",), "1", "directional-hemispherical diffuse reflectance, unpolarized light"),
         "transmission": Described(
-            PAIRS, "sr-1", "subsurface BTDF, Mueller matrix: diffuse radiance out of the other face per irradiance in"
+            PAIRS, "sr-1", "BTDF, Mueller matrix: diffuse radiance out of the other face per irradiance in"
         ),
-        "direct_transmittance": Described(("mu_i",), "1", "share of the beam that reaches the other face unscattered"),
+        "direct_transmittance": Described(
+            ("mu_i",), "1", "share of unpolarized light that leaves the other face as a beam, unscattered"
+        ),
+        "specular": Described(BEAMS, "1", "Mueller matrix of the share of a beam's power that comes back as a beam"),
+        "specular_transmission": Described(
+            BEAMS, "1", "Mueller matrix of the share of a beam's power that leaves the other face as a beam"
+        ),
+        "surface": Described(
+            PAIRS, "sr-1", "the part of mueller that rough surfaces send back without any particle: radiance/irradiance"
+        ),
+        "specular_reflectance": Described(("mu_i",), "1", "share of unpolarized light that comes back as a beam"),
+        "total_reflectance": Described(("mu_i",), "1", "reflectance and specular_reflectance together"),
     },
 )
 WAVELENGTH = Described(("wavelength_um",), "um", "wavelength in vacuum", "radiation_wavelength")
 SPECTRUM = Kind(
     "spectrum",
-    "subsurface BRDF of a particulate layer at several wavelengths",
+    "BRDF of a particulate layer at several wavelengths",
     {"wavelength_um": WAVELENGTH, **BRDF.coordinates},
     {
         name: Described(("wavelength_um", *variable.dims), variable.units, variable.long_name)
@@ -84,29 +100,33 @@ SPECTRUM = Kind(
 STOKES_AXIS = "stokes_parameter"  # "stokes" is a variable: no dimension with labels may be called so too
 FIELD = Kind(
     "field",
-    "subsurface radiance field of a particulate layer",
+    "radiance field of a particulate layer",
     {
         "tau": Described(("tau",), "1", "optical depth, growing downward from the top"),
         "mu": Described(("mu",), "1", "cosine of the direction of travel with the upward normal: > 0 up, < 0 down"),
         "phi_deg": Described(("phi_deg",), "degree", "azimuth relative to the beam, along the directions of travel"),
     },
     {
-        "stokes": Described(
-            ("tau", "mu", "phi_deg", STOKES_AXIS), RADIANCE, "subsurface radiance I, Q, U, V, diffuse light only"
+        "stokes": Described(("tau", "mu", "phi_deg", STOKES_AXIS), RADIANCE, "radiance I, Q, U, V, diffuse light only"),
+        "flux_up": Described(("tau",), IRRADIANCE, "diffuse flux going up through a horizontal plane"),
+        "flux_down": Described(("tau",), IRRADIANCE, "diffuse flux going down through a horizontal plane"),
+        "direct": Described(
+            ("tau",),
+            IRRADIANCE,
+            "flux of the direct beam through a horizontal plane; where light is refracted, of all beams that go down",
         ),
-        "flux_up": Described(("tau",), IRRADIANCE, "diffuse subsurface flux going up through a horizontal plane"),
-        "flux_down": Described(("tau",), IRRADIANCE, "diffuse subsurface flux going down through a horizontal plane"),
-        "direct": Described(("tau",), IRRADIANCE, "flux of the direct beam through a horizontal plane"),
+        "direct_up": Described(("tau",), IRRADIANCE, "flux of all beams that go up through a horizontal plane"),
+        "index": Described(("tau",), "1", "refractive index of the medium that the depth lies in"),
         "mu0": Described((), "1", "cosine of the beam's angle of incidence"),
         "incident_stokes": Described(
             (STOKES_AXIS,), IRRADIANCE, "the beam's I, Q, U, V as flux through a plane perpendicular to it"
         ),
     },
 )
-BY_BEAM = ("stokes", "flux_up", "flux_down", "direct")
+BY_BEAM = ("stokes", "flux_up", "flux_down", "direct", "direct_up")
 FIELDS = Kind(
     "fields",
-    "subsurface radiance field of a particulate layer, for several beams",
+    "radiance field of a particulate layer, for several beams",
     {"mu0": Described(("mu0",), "1", "cosine of each beam's angle of incidence"), **FIELD.coordinates},
     {
         name: replace(variable, dims=("mu0", *variable.dims)) if name in BY_BEAM else variable
@@ -132,13 +152,14 @@ def collect_arrays(result: Result) -> dict[str, Any]:
     """All coordinates and variables that a result has, by their names in files."""
     kind = find_kind(result)
     found = {name: getattr(result, name.removesuffix("_deg")) for name in (*kind.coordinates, *kind.variables)}
-    return {name: values for name, values in found.items() if values is not None}
+    left_out = DERIVED if found.get("specular") is None else ()
+    return {name: values for name, values in found.items() if values is not None and name not in left_out}
 
 
 def restore_result(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, scene: str | None) -> Result:
     """The result that has these arrays, and what `described` said of it. Raises SceneError where they do not fit
     together, another of MEANINGLESS where something is missing or not what it should be."""
-    named = {name.removesuffix("_deg"): values for name, values in arrays.items()}
+    named = {name.removesuffix("_deg"): values for name, values in arrays.items() if name not in DERIVED}
     also = {} if scene is None else {SCENE: scene}
     if kind is SPECTRUM:
         directions = {name: named[name] for name in ("mu_i", "mu_o", "phi")}

@@ -36,6 +36,7 @@ BLOCK = 4096  # rows that are text in memory at a time
 TABLES = {  # the arrays that are rows of the table, and the columns of each
     "mueller": list(MUELLER),
     "transmission": [name.replace("f", "t") for name in MUELLER],
+    "surface": [name.replace("f", "s") for name in MUELLER],
     "stokes": list(STOKES),
 }
 FIRST = "# vrte result, format 1"
@@ -45,9 +46,10 @@ VALUE = re.compile(r"# ([a-z0-9_]+) = (.*)")
 def write_csv(result: Result, path: str | os.PathLike[str]) -> None:
     """Writes ``result`` to ``path``, all of it or nothing; numbers keep every digit, and `vrte.load` brings them back.
 
-    A BRDF has the columns mu_i, mu_o, phi_deg, f00 .. f33 [sr-1], then t00 .. t33 where transmission was computed; a
-    spectrum has wavelength_um before them; a field has tau, mu, phi_deg, I, Q, U, V, with mu0 before them for several
-    beams. All else is in lines before them that start with # (docs/exports.md). Raises OSError.
+    A BRDF has the columns mu_i, mu_o, phi_deg, f00 .. f33 [sr-1], then t00 .. t33 where transmission was computed and
+    s00 .. s33 of rough surfaces; a spectrum has wavelength_um before them; a field has tau, mu, phi_deg, I, Q, U, V,
+    with mu0 before them for several beams. All else is in lines before them that start with # (docs/exports.md). Raises
+    OSError.
 
     >>> write_csv(brdf, "result.csv")
     """

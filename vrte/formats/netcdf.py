@@ -79,6 +79,7 @@ def convert_views(views: Views) -> "xarray.Dataset":
     data = {"stokes": (("geometry", STOKES_AXIS), views.stokes, about["stokes"].attributes)}
     coords = {name: ("geometry", values, about[name].attributes) for name, values in rows.items()}
     labels = {STOKES_AXIS: list(STOKES), "tau": ((), views.tau, FIELD.coordinates["tau"].attributes)}
+    labels |= {} if views.index is None else {"index": ((), views.index, FIELD.variables["index"].attributes)}
     return import_extra("xarray", LABELLED, "files").Dataset(data, coords | labels).copy(deep=True)
 
 

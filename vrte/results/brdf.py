@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.results.result import Result
@@ -57,15 +59,21 @@ class Brdf(Result):
         """The share (mu_i,) of unpolarized light that comes back as a beam; None where no beam does."""
         return None if self.specular is None else self.specular[:, 0, 0]
 
-    def under(self, light: Any, weights: Any = None, transmitted: bool = False) -> Array:
+    @property
+    def total_reflectance(self) -> Array:
+        """The share (mu_i,) of unpolarized light that comes back, as a beam and diffuse."""
+        return self.reflectance if self.specular is None else self.reflectance + self.specular[:, 0, 0]
+
+    def under(self, light: Any, weights: Any = None, transmitted: bool = False, mirrored: bool = False) -> Array:
         """Stokes radiance (mu_o, phi, 4) that comes out under any incident light, (2:2).
 
         Parameters: ``light``, Stokes radiance on the face that is lit, a function of broadcastable (mu_i, phi_deg) or
         an array that broadcasts to (mu_i, phi, 4), azimuths along the direction of travel; ``weights`` (mu_i,) of a
         quadrature over mu_i from 0 to 1, those of `vrte.hemisphere` where left out; ``transmitted`` for what leaves the
-        other face (scattered light only: unscattered light goes on as it came). The BRDF needs ``phi`` all around in
-        equal steps from 0, more of them than Fourier orders of BRDF and light together; the sum over mu_i is as good as
-        the weights. Raises SceneError for bad input.
+        other face (scattered light only: unscattered light goes on as a beam); ``mirrored`` adds what ``specular``
+        sends back, which is left out otherwise: each mu_o must then be one of mu_i. The BRDF needs ``phi`` all around
+        in equal steps from 0, more of them than Fourier orders of BRDF and light together; the sum over mu_i is as good
+        as the weights. Raises SceneError for bad input.
 
         >>> import vrte
         >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
@@ -78,14 +86,20 @@ class Brdf(Result):
             raise SceneError("no transmission here: ask vrte.brdf for it with transmission=True")
         check_azimuths(self.phi)
         falls_in = sample_incident_light(light, self.mu_i, self.phi)
-        return sum_outgoing_light(matrices, falls_in, self.mu_i, choose_weights(self.mu_i, weights))
+        found = sum_outgoing_light(matrices, falls_in, self.mu_i, choose_weights(self.mu_i, weights))
+        if not mirrored or self.specular is None:
+            return found
+        if transmitted or not np.isin(self.mu_o, self.mu_i).all():
+            raise SceneError("mirrored light leaves the lit face along its own cosine: each mu_o must be one of mu_i")
+        same = np.argmax(self.mu_i == self.mu_o[:, None], axis=1)  # mirrored light keeps cosine and azimuth
+        return found + np.einsum("oij,opj->opi", self.specular[same], falls_in[same])
 
     def diffuse_reflectance(self, weights: Any = None) -> Array:
         """The radiance factor (mu_o,) under an evenly white, unpolarized sky: radiance out over that of a white
-        Lambertian surface. Parameters and errors as for `under`."""
+        Lambertian surface, without what is mirrored. Parameters and errors as for `under`."""
         return self.under([1.0, 0.0, 0.0, 0.0], weights)[..., 0].mean(axis=1)
 
     def bihemispherical_reflectance(self, weights: Any = None) -> float:
-        """Flux out over flux in under such a sky, from ``reflectance``; any ``phi`` will do. ``weights`` as for
-        `under`."""
-        return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.reflectance)
+        """Flux out over flux in under such a sky, mirrored light included, from ``total_reflectance``; any ``phi`` will
+        do. ``weights`` as for `under`."""
+        return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.total_reflectance)

@@ -91,6 +91,31 @@ class Spectrum(Result):
         """The share of the beam that gets through unscattered (wavelength, mu_i), or None."""
         return self._stacked("direct_transmittance")
 
+    @property
+    def specular(self) -> Array | None:
+        """The shares of beams that come back as beams (wavelength, mu_i, 4, 4), or None."""
+        return self._stacked("specular")
+
+    @property
+    def specular_transmission(self) -> Array | None:
+        """The shares of beams that leave the other face as beams (wavelength, mu_i, 4, 4), or None."""
+        return self._stacked("specular_transmission")
+
+    @property
+    def surface(self) -> Array | None:
+        """The part of ``mueller`` that rough surfaces send back without any particle, or None."""
+        return self._stacked("surface")
+
+    @property
+    def specular_reflectance(self) -> Array | None:
+        """The shares of unpolarized light that come back as beams (wavelength, mu_i), or None."""
+        return self._stacked("specular_reflectance")
+
+    @property
+    def total_reflectance(self) -> Array:
+        """The shares that come back (wavelength, mu_i), as beams and diffuse."""
+        return self._stacked("total_reflectance")
+
     def _stacked(self, name: str) -> Any:
         """An array of all BRDFs as one, read-only; None where they have none."""
         if getattr(self.brdfs[0], name) is None:
@@ -124,7 +149,7 @@ def check_alike(first: Brdf, other: Brdf) -> None:
     for name in ("mu_i", "mu_o", "phi"):
         if not np.array_equal(getattr(first, name), getattr(other, name)):
             raise SceneError(f"brdfs must be for the same directions: {name} differs")
-    for name in ("transmission", "direct_transmittance"):
+    for name in ("transmission", "direct_transmittance", "specular", "specular_transmission", "surface"):
         if (getattr(first, name) is None) != (getattr(other, name) is None):
             raise SceneError(f"brdfs must all have {name}, or none of them")
     if first.diagnostics.get("illuminate") != other.diagnostics.get("illuminate"):

@@ -13,7 +13,8 @@ class Views(Labelled):
 
     ``stokes`` (n, 4) [W m-2 sr-1 for a beam in W m-2]; ``mu0``, ``mu``, ``phi`` (n,) as in `vrte.Field`; ``tau`` the
     depth of all, ``incident_stokes`` (4,) of all beams; ``diagnostics``: of the solves that it took, each for some of
-    the rows, ``diagnostics["solves"]``. All arrays are read-only.
+    the rows, ``diagnostics["solves"]``. Where light is refracted, ``index`` is that of the medium that the depth lies
+    in, whose cosines ``mu`` are; None elsewhere. All arrays are read-only.
     """
 
     stokes: Array
@@ -23,6 +24,7 @@ class Views(Labelled):
     tau: float
     incident_stokes: Array
     diagnostics: dict[str, Any]
+    index: float | None = None
 
     def __post_init__(self) -> None:
         rows = (len(self.mu0),)

@@ -106,7 +106,7 @@ def describe_table(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
     from vrte import __version__
 
     said: dict[str, Any] = {
-        "title": f"Polarized subsurface {TITLES[sweep.kind]} of particulate layers",
+        "title": f"Polarized {TITLES[sweep.kind]} of particulate layers",
         "source": f"vrte {__version__}",
         "comment": CONVENTIONS,
         "sweep": json.dumps(sweep.described(), default=str),
