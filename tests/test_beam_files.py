@@ -114,9 +114,11 @@ def test_views_say_their_medium() -> None:
     assert "index" not in convert_views(replace(inside, index=None)).variables
 
 
-def test_a_spectrum_has_beams_at_all_wavelengths_or_none() -> None:
-    with pytest.raises(vrte.SceneError, match="must all have specular, or none of them"):
-        vrte.Spectrum([0.5, 0.6], (GLOSSY, replace(GLOSSY, specular=None)))
+def test_beams_that_are_gone_at_one_wavelength_are_zero_there() -> None:
+    gone = replace(GLOSSY, specular=None)
+    found = vrte.Spectrum([0.5, 0.6], (GLOSSY, gone))
+    assert not found.specular[1].any()  # type: ignore[index]
+    np.testing.assert_array_equal(found.total_reflectance, [GLOSSY.total_reflectance, gone.reflectance])
     assert vrte.Spectrum([0.5], (ROUGH,)).specular_reflectance is None
     np.testing.assert_array_equal(vrte.Spectrum([0.5], (ROUGH,)).total_reflectance, [ROUGH.reflectance])
 

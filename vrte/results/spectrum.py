@@ -21,8 +21,9 @@ Found = TypeVar("Found", bound=Brdf | Field)
 class Spectrum(Result):
     """BRDFs at ascending wavelengths, all for the same directions.
 
-    ``wavelength_um`` (n,) in vacuum; ``brdfs``, n of them, with or without transmission all alike. An item of the
-    spectrum is the BRDF at that place. Raises SceneError where they do not fit together.
+    ``wavelength_um`` (n,) in vacuum; ``brdfs``, n of them, with or without transmission all alike; where some have
+    light of surfaces, others get zeros for it. An item of the spectrum is the BRDF at that place. Raises SceneError
+    where they do not fit together.
 
     >>> import numpy as np
     >>> white = Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {})
@@ -40,6 +41,7 @@ class Spectrum(Result):
             raise SceneError("brdfs must be vrte.Brdf")
         if len(self.brdfs) != self.wavelength_um.size:
             raise SceneError(f"brdfs must be one a wavelength, {self.wavelength_um.size}, not {len(self.brdfs)}")
+        object.__setattr__(self, "brdfs", fill_shares(self.brdfs))
         for one in self.brdfs[1:]:
             check_alike(self.brdfs[0], one)
 
@@ -144,12 +146,27 @@ def check_ascending(wavelengths_um: Any) -> Array:
     return found
 
 
+def fill_shares(brdfs: tuple[Brdf, ...]) -> tuple[Brdf, ...]:
+    """The same, with zeros where others have light of surfaces and one has none: beams that fade out below the smallest
+    number, two media of one index."""
+    shapes = {
+        "specular": lambda one: (one.mu_i.size, 4, 4),
+        "specular_transmission": lambda one: (one.mu_i.size, 4, 4),
+        "surface": lambda one: one.mueller.shape,
+    }
+    there = [name for name in shapes if any(getattr(one, name) is not None for one in brdfs)]
+    missing: list[dict[str, Any]] = [
+        {name: np.zeros(shapes[name](one)) for name in there if getattr(one, name) is None} for one in brdfs
+    ]
+    return tuple(replace(one, **dark) if dark else one for one, dark in zip(brdfs, missing, strict=True))
+
+
 def check_alike(first: Brdf, other: Brdf) -> None:
     """Whether two BRDFs are for the same directions, lit from the same side, and hold the same."""
     for name in ("mu_i", "mu_o", "phi"):
         if not np.array_equal(getattr(first, name), getattr(other, name)):
             raise SceneError(f"brdfs must be for the same directions: {name} differs")
-    for name in ("transmission", "direct_transmittance", "specular", "specular_transmission", "surface"):
+    for name in ("transmission", "direct_transmittance"):
         if (getattr(first, name) is None) != (getattr(other, name) is None):
             raise SceneError(f"brdfs must all have {name}, or none of them")
     if first.diagnostics.get("illuminate") != other.diagnostics.get("illuminate"):

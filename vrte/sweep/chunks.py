@@ -22,7 +22,7 @@ from vrte.methods import make_run, solve_request
 from vrte.request.request import Request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
-from vrte.sweep.results import make_result, make_scene_request
+from vrte.sweep.results import get_values, make_result, make_scene_request
 from vrte.sweep.store import Work, read_work
 from vrte.sweep.template import make_scene_at
 
@@ -90,7 +90,7 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
             failed[str(row)] = describe_failure(outcome)
             continue
         for name, values in arrays.items():
-            values[row] = getattr(outcome, name)
+            values[row] = get_values(outcome, name)
     work.keep(chunk, arrays, {"failed": failed, "warnings": told, "seconds": time.perf_counter() - start})
     work.log("end", chunk)
     return len(places)

@@ -9,7 +9,7 @@ from vrte.basics.arrays import Array, check_vector
 from vrte.basics.errors import SceneError
 from vrte.calls.brdf import make_brdf
 from vrte.calls.radiance import make_field
-from vrte.formats.contents import BRDF, FIELDS, STOKES_AXIS, Kind
+from vrte.formats.contents import BRDF, DERIVED, FIELDS, STOKES_AXIS, Kind
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.toml_table import show_toml
 from vrte.request.how import EXACT
@@ -18,6 +18,8 @@ from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.solution import Solution
 
+OF_BEAMS = ("specular", *DERIVED)  # where a scene may have a smooth surface; surface where it may have a rough one
+OF_MEDIA = ("direct_up", "index")  # of fields, where light is refracted
 ALGORITHM = "direct"  # that of vrte.brdf, without what has a tolerance: no engine's numbers differ
 
 
@@ -54,22 +56,41 @@ def make_scene_request(file: SceneFile, backend: str = "openmp") -> Request:
 
 def make_result(request: Request, directions: Array, solution: Solution) -> Brdf | Field:
     """The result that the solution of a request is."""
-    return make_brdf(request, solution) if request.kind == "brdf" else make_field(request, directions, solution)
+    if request.kind == "brdf":
+        return make_brdf(request, solution)
+    found = make_field(request, directions, solution)
+    if found.index is not None:
+        return found
+    # one medium: other scenes of the table may have several
+    return replace(
+        found, index=np.full(found.tau.size, request.scene.index_above), direct_up=np.zeros_like(found.direct)
+    )
 
 
-def describe_results(file: SceneFile) -> Results:
-    """What the scenes of a sweep bring, by the first of them, whose particles nobody needs to know yet."""
+def get_values(found: Brdf | Field, name: str) -> Array | float:
+    """An array of a result, or 0 for light of surfaces that it has not and others of its table may have."""
+    values: Array | None = getattr(found, name)
+    return 0.0 if values is None else values
+
+
+def describe_results(file: SceneFile, roughnesses: set[float]) -> Results:
+    """What the scenes of a sweep bring, by the first of them, whose particles nobody needs to know yet, and by the
+    roughnesses of the surfaces of all."""
     if file.kind == "brdf":
         request = make_scene_request(file)
         assert request.mu is not None
         coordinates = {"mu_i": request.mu0, "mu_o": request.mu[request.mu > 0.0], "phi_deg": request.phi}
-        left_out = () if request.tau.size > 1 else ("transmission",)  # the bottom, too
+        left_out: tuple[str, ...] = ()
+        if request.tau.size == 1 or 0.0 not in roughnesses:
+            left_out += ("specular_transmission",)
+        left_out += () if request.tau.size > 1 else ("transmission",)  # the bottom, too
+        left_out += (() if 0.0 in roughnesses else OF_BEAMS) + (() if roughnesses - {0.0} else ("surface",))
         return lay_out_results(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"), {})
     # how deep the scene is, its particles say: each scene will check its own
     request = make_scene_request(replace(file, request=file.request | {"tau": 0.0}))
     incident = np.asarray(file.request.get("stokes", (1.0, 0.0, 0.0, 0.0)), np.float64)
     coordinates = {"mu0": request.mu0, "tau": check_vector("tau", file.request.get("tau", 0.0))}
-    left_out = ("incident_stokes", *(("stokes",) if request.fluxes_only else ()))
+    left_out = ("incident_stokes", *(("stokes",) if request.fluxes_only else ()), *(() if roughnesses else OF_MEDIA))
     if not request.fluxes_only:
         assert request.mu is not None
         up = -1.0 if request.illuminate == "bottom" else 1.0  # such a request is that of the scene upside down
@@ -94,7 +115,7 @@ def lay_out_results(
     return Results(kind, coordinates, variables, labels, constants)
 
 
-RESERVED = {  # names that no axis can have
+RESERVED = {  # names that no axis can have; those of light of surfaces neither where a table has them
     *("error", "checksum", "chunk", "stokes_out", "stokes_in", STOKES_AXIS),
     *(name for kind in (BRDF, FIELDS) for name in (*kind.coordinates, *kind.variables)),
-}
+} - {*OF_BEAMS, *OF_MEDIA, "specular_transmission", "surface"}

@@ -38,14 +38,16 @@ from vrte.sweep.optics import Optics
 from vrte.sweep.results import Results, describe_results
 from vrte.sweep.sealed import DamagedError, flush, read_json, write_json
 from vrte.sweep.table import check_same, convert_to_netcdf, create_table, look_over_netcdf, open_group, read_box
-from vrte.sweep.template import Sweep, make_scene_at, make_unseen_particles, read_sweep
+from vrte.sweep.template import Sweep, list_roughnesses, make_scene_at, make_unseen_particles, read_sweep
 
 BEGUN = "sweep"
 
 
 def describe_sweep_results(sweep: Sweep) -> Results:
     """What each of its scenes brings."""
-    return describe_results(make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles))
+    return describe_results(
+        make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles), list_roughnesses(sweep)
+    )
 
 
 @dataclass(frozen=True, eq=False)

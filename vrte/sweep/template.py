@@ -35,6 +35,7 @@ STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a ke
 MOST_AXES = 16
 MOST_SCENES = 10**9
 CHECKED = 1000  # values of an axis that are looked at before anything is computed
+SURFACES = ("mirror",)  # kinds of bases that mirror
 FIXED = ("brdf", "field", "axes")  # the same for all scenes of a table
 VALUES = "a list of numbers, or { start, stop, count }"
 
@@ -230,7 +231,9 @@ def check(sweep: Sweep) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # each scene will say it
         first = make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles)
-        describe_results(first)
+        for name in describe_results(first, list_roughnesses(sweep)).variables:
+            if any(name in (axis.name, axis.dimension) for axis in sweep.axes):
+                raise SceneError(f"axes.{name}: this name is taken by the table itself")
         for axis in sweep.axes:
             check_values(sweep, axis)
 
@@ -277,6 +280,17 @@ def check_values(sweep: Sweep, axis: Axis) -> None:
             make_scene_at(sweep, tuple(place), make_unseen_particles)
         except SceneError as error:
             raise error.behind(f"axes.{axis.name}, value {value + 1}") from error
+
+
+def list_roughnesses(sweep: Sweep) -> set[float]:
+    """Of all surfaces that refract or mirror in any of its scenes: 0 is smooth; none where there is no such surface."""
+    layers, base = sweep.template["layer"], sweep.template.get("base", {})
+    surfaces: dict[tuple[Place, ...], Any] = {("layer", k, "interface"): one for k, one in enumerate(layers)}
+    tables = {place: one["interface"] for place, one in surfaces.items() if "interface" in one}
+    tables |= {("base",): base} if base.get("kind") in SURFACES else {}
+    changed = {axis.places[:-1]: axis.values for axis in sweep.axes if axis.places[-1] == "roughness"}
+    values = [changed.get(place, [table.get("roughness", 0.0)]) for place, table in tables.items()]
+    return {float(value) for some in values for value in some}
 
 
 def make_unseen_particles(*_: Any, host_index: float = 1.0, **__: Any) -> Particles:
