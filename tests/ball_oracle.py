@@ -4,6 +4,10 @@ Layers over a base, at any depth, one Fourier order, of the discrete system that
 multiple scattering with l < 2 N terms, a beam's scattering straight into a direction off the nodes with all terms.
 Directions off the nodes are nodes of weight zero; slabs join by the star product. Every number is a ball that contains
 the true value, so its digits are right, whatever the thickness and the albedo.
+
+Under a smooth surface, in a medium denser than that above, mu0 is a cosine above it; levels and mu are inside, or, with
+the level (-1, 0.0) alone, above too. Nodes are those that both media share, and carry l < N terms; what they
+miss of the flux is put right as the package does (tests/interface_oracle.py, with plain numbers, says it in words).
 """
 
 import math
@@ -11,7 +15,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from flint import arb, arb_mat, ctx, fmpq
+from flint import acb, arb, arb_mat, ctx, fmpq
+
+from vrte.basics.quadrature import make_refracted_nodes
 
 Lobe = Callable[[int, arb, arb], arb_mat]
 BITS, BITS_CONSERVATIVE = 256, 448
@@ -93,11 +99,24 @@ class Request:
     levels: tuple[tuple[int, float], ...]
     nodes: int
     columns: tuple[tuple[float, ...], ...] = COLUMNS
+    index: float = 1.0
 
     @property
     def incident(self) -> arb_mat:
         """The columns of a beam, (4, n_column)."""
         return arb_mat([[exact(column[i]) for column in self.columns] for i in range(4)])
+
+    @property
+    def is_refracted(self) -> bool:
+        """Whether the layers lie under a surface, light above it in a medium of index 1."""
+        return self.index != 1.0
+
+    @property
+    def is_seen_above(self) -> bool:
+        """Whether the wanted directions are above the surface: all levels are, or none."""
+        above = {at < 0 for at, _ in self.levels}
+        assert len(above) == 1
+        return above == {True}
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,12 +133,20 @@ class Directions:
     """Nodes, then the distinct cosines of `mu` as nodes of weight zero, then the beams' columns."""
 
     def __init__(self, request: Request) -> None:
-        roots = [arb.legendre_p_root(request.nodes, k, weight=True) for k in range(request.nodes)]
+        nodes = refracted_nodes(request) if request.is_refracted else gauss(request.nodes)
         self.nodes = request.nodes
         self.out = sorted({abs(u) for u in request.mu})
-        self.mu = [(x + 1) / 2 for x, _ in roots] + [exact(u) for u in self.out]
-        self.weight = [w / 2 for _, w in roots]
-        self.mu0 = [exact(u) for u in request.mu0]
+        self.weight = [w for _, w in nodes]
+        self.mu0, seen = [exact(u) for u in request.mu0], [exact(u) for u in self.out]
+        self.incident = [request.incident] * len(self.mu0)
+        if request.is_refracted:
+            index, outside = exact(request.index), self.mu0
+            self.mu0 = [refracted(u, index) for u in outside]
+            self.incident = [
+                transmission(u, index) * request.incident * (u / mu) for u, mu in zip(outside, self.mu0, strict=True)
+            ]
+            seen = [refracted(u, index) for u in seen] if request.is_seen_above else seen
+        self.mu = [x for x, _ in nodes] + seen
         self.columns = len(request.columns)
         self.field = 4 * len(self.mu)
         self.size = self.field + self.columns * len(self.mu0)
@@ -129,15 +156,91 @@ class Directions:
         return 1 / (self.mu[row // 4] if row < self.field else self.mu0[(row - self.field) // self.columns])
 
 
+def gauss(count: int) -> list[tuple[arb, arb]]:
+    """Nodes in (0, 1) and weights."""
+    roots = (arb.legendre_p_root(count, k, weight=True) for k in range(count))
+    return [((x + 1) / 2, w / 2) for x, w in roots]
+
+
+def refracted_nodes(request: Request) -> list[tuple[arb, arb]]:
+    """Nodes that the layers' medium shares with that above it: the formulas of `make_refracted_nodes`, for that medium,
+    the denser one."""
+    assert request.index > 1.0
+    index, found = exact(request.index), []
+    for first, last, low, high in make_refracted_nodes([1.0, request.index], request.nodes).panels:
+        size, most = exact(high) ** 2 - exact(low) ** 2, arb(1) if low == 0.0 else arb.pi() / 2
+        for x, w in gauss(last - first):
+            if high < request.index:
+                near = ((index**2 - exact(high) ** 2) / size).sqrt()
+                steep = (most / near).asinh()
+                x, w = near / most * (steep * x).sinh(), near / most * steep * w * (steep * x).cosh()
+            turn = most * x
+            root, share = (x, w * x) if low == 0.0 else (turn.sin(), most * w * turn.sin() * turn.cos())
+            mu = (index**2 - exact(high) ** 2 + size * root**2).sqrt() / index
+            found.append((mu, size * share / (index**2 * mu)))
+    return found
+
+
+def refracted(mu: arb, index: arb) -> arb:
+    """Snell: the cosine in a medium of that index of light along mu in one of index 1."""
+    return (index**2 - 1 + mu**2).sqrt() / index
+
+
+def amplitudes(mu: arb, relative: arb) -> tuple[tuple[acb, acb], tuple[acb, acb], arb]:
+    """Fresnel's r_p, r_s and t_p, t_s, and how much power t^2 stands for."""
+    behind = acb(1 - (1 - mu**2) / relative**2).sqrt()
+    s, p = mu + relative * behind, relative * mu + behind
+    reflected = (relative * mu - behind) / p, (mu - relative * behind) / s
+    return reflected, (2 * mu / p, 2 * mu / s), relative * behind.real / mu
+
+
+def mueller(p: acb, s: acb) -> arb_mat:
+    """What amplitudes along p and s do to (I, Q, U, V)."""
+    across, along, mixed = abs(s) ** 2, abs(p) ** 2, p * s.conjugate()
+    a, b, x, y = (along + across) / 2, (along - across) / 2, mixed.real, mixed.imag
+    return arb_mat([[a, b, 0, 0], [b, a, 0, 0], [0, 0, x, y], [0, 0, -y, x]])
+
+
+def transmission(mu: arb, relative: arb) -> arb_mat:
+    """Of power, into a medium of that index relative to the one where light goes along mu."""
+    _, through, power = amplitudes(mu, relative)
+    return power * mueller(*through)
+
+
+def surface_operator(directions: Directions, index: arb) -> arb_mat:
+    """What the surface gives back of light from within, flipped frame; no beam comes up."""
+    found = arb_mat(directions.size, directions.size)
+    for i, mu in enumerate(directions.mu):
+        put(found, 4 * i, 4 * i, flipped(mueller(*amplitudes(mu, 1 / index)[0])))
+    return found
+
+
+def flux_shifts(request: Request, directions: Directions, terms: int) -> list[tuple[arb, arb]]:
+    """The intensity's p_l are times and less these, in order 0 under a surface: the nodes then have the mean right."""
+    shifts = [(arb(1), arb(0))] * terms
+    if request.order == 0 and request.is_refracted:
+        total = sum(directions.weight, arb(0))
+        functions = [wigner(0, 0, terms, mu) for mu in directions.mu[: directions.nodes]]
+        shifts[0] = (1 / total.sqrt(), arb(0))
+        for l in range(2, terms, 2):
+            mean = sum((w * p[l] for w, p in zip(directions.weight, functions, strict=True)), arb(0))
+            shifts[l] = (arb(1), mean / total)
+    return shifts
+
+
 def scattering(
-    request: Request, layer: Layer, terms: int, to: list[arb], sources: list[tuple[arb, arb_mat]]
+    request: Request,
+    layer: Layer,
+    to: list[arb],
+    sources: list[tuple[arb, arb_mat]],
+    shifts: list[tuple[arb, arb]],
 ) -> list[arb_mat]:
     """omega/2 Pp and omega/2 Pm from (cosine, factor) sources to cosines: (4 n_to, columns of all factors) each.
 
-    Pm = A(mu, -mu') D, with P_l^m(-u) = (-1)^(l-m) D P_l^m(u) D.
+    Pm = A(mu, -mu') D, with P_l^m(-u) = (-1)^(l-m) D P_l^m(u) D. As many terms as ``shifts`` of the intensity's p_l.
     """
     m, half = request.order, exact(layer.albedo) / 2
-    degrees = range(m, min(terms, len(layer.coefficients)))
+    degrees = range(m, min(len(shifts), len(layer.coefficients)))
     widths = [factor.ncols() for _, factor in sources]
     left = arb_mat(4 * len(to), 4 * len(degrees))
     same, other = (arb_mat(4 * len(degrees), sum(widths)) for _ in range(2))
@@ -145,23 +248,26 @@ def scattering(
         return [left * same, left * other]
     middle = [half * coefficient_matrix(layer.coefficients[l]) for l in degrees]
     for i, mu in enumerate(to):
-        for k, matrix in enumerate(sharp_legendre_matrices(m, degrees.stop, mu)):
+        for k, matrix in enumerate(sharp_legendre_matrices(m, degrees.stop, mu, shifts)):
             put(left, 4 * i, 4 * k, matrix * middle[k])
     for j, (mu, factor) in enumerate(sources):
-        for k, matrix in enumerate(sharp_legendre_matrices(m, degrees.stop, mu)):
+        for k, matrix in enumerate(sharp_legendre_matrices(m, degrees.stop, mu, shifts)):
             put(same, 4 * k, sum(widths[:j]), matrix * factor)
             put(other, 4 * k, sum(widths[:j]), (-1) ** k * flipped(matrix) * factor)
     return [left * same, left * other]
 
 
-def sharp_legendre_matrices(m: int, terms: int, mu: arb) -> list[arb_mat]:
+def sharp_legendre_matrices(m: int, terms: int, mu: arb, shifts: list[tuple[arb, arb]]) -> list[arb_mat]:
     """P_l^m, l = m .. terms - 1: balls lose up to 1.3 bits a step of the recurrence in l."""
     bits = ctx.prec
     ctx.prec = bits + 2 * terms
     try:
-        return legendre_matrices(m, terms, mu)[m:]
+        matrices = legendre_matrices(m, terms, mu)[m:]
     finally:
         ctx.prec = bits
+    for matrix, (scale, less) in zip(matrices, shifts[m:], strict=False):
+        matrix[0, 0] = scale * matrix[0, 0] - less
+    return matrices
 
 
 def flipped(matrix: arb_mat) -> arb_mat:
@@ -178,12 +284,13 @@ def put(target: arb_mat, row: int, column: int, block: arb_mat) -> None:
 
 def generator(directions: Directions, request: Request, layer: Layer) -> tuple[arb_mat, arb_mat]:
     """a, b of I+' = a I+ + b I~, I~' = -b I+ - a I~ on nodes, outgoing directions and beam."""
-    n, on_nodes, cut_at = directions.size, 4 * directions.nodes, 2 * request.nodes
+    n, on_nodes, carried = directions.size, 4 * directions.nodes, request.nodes * (1 if request.is_refracted else 2)
+    shifts, all_terms = flux_shifts(request, directions, carried), [(arb(1), arb(0))] * len(layer.coefficients)
     nodes = [(mu, weight * identity(4)) for mu, weight in zip(directions.mu, directions.weight, strict=False)]
-    beam = [(mu0, request.incident) for mu0 in directions.mu0]
-    among = scattering(request, layer, cut_at, directions.mu, nodes)
-    onto = scattering(request, layer, cut_at, directions.mu[: directions.nodes], beam)
-    once = scattering(request, layer, len(layer.coefficients), directions.mu[directions.nodes :], beam)
+    beam = list(zip(directions.mu0, directions.incident, strict=True))
+    among = scattering(request, layer, directions.mu, nodes, shifts)
+    onto = scattering(request, layer, directions.mu[: directions.nodes], beam, shifts)
+    once = scattering(request, layer, directions.mu[directions.nodes :], beam, all_terms)
     result = []
     for many, first, straight in zip(among, onto, once, strict=True):
         matrix = arb_mat(n, n)
@@ -245,6 +352,7 @@ def base_operator(directions: Directions, request: Request) -> arb_mat:
     """From light falling on the base, nodes and beam, to light going up, nodes and outgoing directions (flipped)."""
     n = directions.size
     result = arb_mat(n, n)
+    white = sum((2 * w * mu for w, mu in zip(directions.weight, directions.mu, strict=False)), arb(0))
     if request.base is None or (isinstance(request.base, float) and request.order > 0):
         return result
     for i, mu_out in enumerate(directions.mu):
@@ -252,13 +360,16 @@ def base_operator(directions: Directions, request: Request) -> arb_mat:
             if isinstance(request.base, float):
                 block = arb_mat(4, 4)
                 block[0, 0] = 2 * exact(request.base)
+                if request.is_refracted and min(i, j) < directions.nodes:  # exact for the nodes as for a sphere
+                    block[0, 0] /= white
             else:
                 block = flipped(request.base(request.order, mu_in, mu_out))
             if j < directions.nodes:
                 put(result, 4 * i, 4 * j, directions.weight[j] * mu_in * block)
             else:
                 place = directions.field + (j - directions.nodes) * directions.columns
-                put(result, 4 * i, place, mu_in * (block * request.incident))
+                beam = directions.incident[j - directions.nodes]
+                put(result, 4 * i, place, mu_in * (block * beam))
     return result
 
 
@@ -294,8 +405,8 @@ class Pile:
 def cut(request: Request) -> tuple[list[tuple[tuple[Layer, arb], ...]], list[int]]:
     """The pieces between wanted depths, top first, and which boundary between them each level is."""
     groups: list[tuple[tuple[Layer, arb], ...]] = []
+    place: dict[tuple[int, float], int] = {(-1, 0.0): -1}
     here: list[tuple[Layer, arb]] = []
-    place: dict[tuple[int, float], int] = {}
     for k, layer in enumerate(request.layers):
         depth = arb(0)
         for level in sorted({d for at, d in request.levels if at == k}):
@@ -357,11 +468,26 @@ def with_bits(request: Request, bits: int) -> Answer:
         below = Ra + Tb * (below * through)
         reflected.append(below)
     down = arb_mat([[int(i - directions.field == j) for j in range(n - directions.field)] for i in range(n)])
+    above = (down, down)
+    if request.is_refracted:
+        index, within = exact(request.index), down
+        down = (identity(n) - surface_operator(directions, index) * reflected[-1]).solve(within)
+        above = (within, leaving(directions, index) * (reflected[-1] * down))
     fields = [(down, reflected[-1] * down)]
     for through, lower in zip(reversed(passing), reversed(reflected[:-1]), strict=True):
         down = through * down
         fields.append((down, lower * down))
-    return collect(request, directions, [fields[place] for place in boundary])
+    return collect(request, directions, [above if place < 0 else fields[place] for place in boundary])
+
+
+def leaving(directions: Directions, index: arb) -> arb_mat:
+    """Radiance above the surface of that below it, in the wanted directions; on nodes n^2 times as much, of which they
+    find the flux with cosines and weights from within."""
+    found = arb_mat(directions.size, directions.size)
+    for i, mu in enumerate(directions.mu):
+        square = arb(1) if i < directions.nodes else index**2
+        put(found, 4 * i, 4 * i, transmission(mu, 1 / index) * (1 / square))
+    return found
 
 
 def collect(request: Request, directions: Directions, fields: list[tuple[arb_mat, arb_mat]]) -> Answer:

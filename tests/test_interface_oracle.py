@@ -1,0 +1,116 @@
+"""The literal solver of scenes with interfaces: against closed forms, ball arithmetic, and another's program."""
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.studies.cases import find_phase_matrix
+
+from . import ball_oracle
+from .closed_forms import airy_sum, bare_base, walsh
+from .interface_oracle import brdf_orders, light_orders
+from .oracle import azimuthal_sum
+
+MU_I, MU_O = [0.1, 0.6, 1.0], [0.2, 0.9]
+SPHEROIDS, RAYLEIGH = find_phase_matrix("spheroids"), vrte.rayleigh()
+
+
+def test_walsh() -> None:
+    """As the literature has it for paint and plastic."""
+    np.testing.assert_allclose(walsh(1.5), [0.0917780, 0.5963458], atol=5e-8)
+
+
+@pytest.mark.parametrize(("index", "nodes"), [(1.0001, 48), (1.05, 32), (1.5, 24), (4.0, 40)])
+def test_a_lambertian_base_under_a_surface(index: float, nodes: int) -> None:
+    scene = vrte.Scene([vrte.Interface(1.0, index), vrte.Layer(RAYLEIGH, 0.0, 0.0)], vrte.Lambertian(0.5))
+    found = brdf_orders(scene, MU_I, MU_O, nodes, 1)
+    np.testing.assert_allclose(found.reflected[0, ..., 0, 0], bare_base(index, 0.5, MU_I, MU_O), rtol=1e-13)
+
+
+def test_a_plate_is_the_airy_sum_of_intensities() -> None:
+    """Glass that absorbs, between air and water: no light but beams."""
+    pile = [vrte.Interface(1.0, 1.5), vrte.Layer(RAYLEIGH, 0.0, 0.3), vrte.Interface(1.5, 1.33)]
+    found = brdf_orders(vrte.Scene(pile), MU_I, MU_O, 4, 1)
+    for got, right in zip((found.specular, found.specular_transmission), airy_sum(MU_I, 1.5, 1.33, 0.3), strict=True):
+        np.testing.assert_allclose(got, right, atol=1e-15)
+    assert not found.reflected.any()
+
+
+@pytest.mark.parametrize("index", [1.0001, 1.34, 4.0, 1 / 1.5])
+def test_no_light_is_lost(index: float) -> None:
+    """To the last places with any number of nodes: over a white base, and through a plate on water."""
+    top, layer = vrte.Interface(1.0, index), vrte.Layer(SPHEROIDS, 1.0, 0.5)
+    over = brdf_orders(vrte.Scene([top, layer], vrte.Lambertian(1.0)), MU_I, MU_O, 8, 1)
+    np.testing.assert_allclose(over.reflectance + over.specular[:, 0, 0], 1.0, atol=1e-12)
+    through = brdf_orders(vrte.Scene([top, layer, vrte.Interface(index, 1.2)]), MU_I, MU_O, 8, 1)
+    beams = through.specular[:, 0, 0] + through.specular_transmission[:, 0, 0]
+    np.testing.assert_allclose(through.reflectance + through.transmittance + beams, 1.0, atol=1e-12)
+
+
+def test_it_is_reciprocal() -> None:
+    """Layers and interfaces of all kinds over a metal, and through a plate, both ways."""
+    pile = [
+        vrte.Layer(RAYLEIGH, 0.9, 0.3),
+        vrte.Interface(1.0, 1.5),
+        vrte.Layer(SPHEROIDS, 0.97, 1.0),
+        vrte.Interface(1.5, 1.3),
+    ]
+    q, phi = np.diag([1.0, 1.0, 1.0, -1.0]), np.array([0.0, 70.0])
+    over = azimuthal_sum(brdf_orders(vrte.Scene(pile, vrte.Mirror(0.2 + 3.0j)), MU_I, MU_I, 12, 2).reflected, phi)
+    np.testing.assert_allclose(over, q @ over.transpose(1, 0, 2, 4, 3) @ q, atol=1e-14)
+    plate = vrte.Scene(pile)
+    down, up = (
+        azimuthal_sum(brdf_orders(scene, MU_I, MU_I, 12, 2).transmitted, phi) for scene in (plate, plate.turned())
+    )
+    flip = np.diag([1.0, 1.0, -1.0, -1.0])  # the turned scene is seen in a horizontal mirror: docs/conventions.md
+    up = flip @ up @ flip
+    ratio = 1.3**2  # radiance over the square of the index is what is reciprocal
+    np.testing.assert_allclose(down, ratio * q @ up.transpose(1, 0, 2, 4, 3) @ q, atol=1e-14)
+
+
+@pytest.mark.parametrize("order", [0, 1])
+def test_ball_arithmetic_says_the_same(order: int) -> None:
+    """Two programs of the same discrete problem: outside, and inside along directions that no light from air takes."""
+    coefficients = vrte.rayleigh(0.1).coefficients.copy()
+    coefficients[2, 5] = 0.3  # b2, that turns U into V
+    layer = ball_oracle.Layer(coefficients, 0.99, 0.8)
+    pile = [vrte.Interface(1.0, 1.5), vrte.Layer(vrte.PhaseMatrix(*coefficients.T), 0.99, 0.8)]
+    scene = vrte.Scene(pile, vrte.Lambertian(0.4))
+    unit = tuple(map(tuple, np.eye(4).tolist()))
+    for level, index, mu in (((-1, 0.0), 1.0, (0.2, 0.9)), ((0, 0.3), 1.5, (0.3, 1.0, -0.3, -0.8))):
+        asked = ball_oracle.Request(order, (layer,), 0.4, (0.6,), mu, (level,), 4, unit, 1.5)
+        right = ball_oracle.field_order(asked)
+        (light,) = light_orders(scene, [0.6], [(index, abs(u)) for u in mu], [level], 4, order + 1)[order]
+        both = [light.radiance(slice(0, len(mu)), upward)[0] for upward in (True, False)]
+        got = np.array([both[u < 0.0][k] for k, u in enumerate(mu)])
+        np.testing.assert_allclose(got, right.radiance[:, 0].transpose(1, 2, 0), atol=1e-14)
+        if order == 0:
+            fluxes = [light.flux(upward)[0] for upward in (True, False)]
+            np.testing.assert_allclose(fluxes, [right.flux_up[0, 0], right.flux_down[0, 0]], atol=1e-14)
+
+
+# iadpython 0.5.3 (PyPI), Sample(a, b, g, n).rt(): total reflection and transmission of a slab in air at normal
+# incidence, quad_pts 32 and 48 (from 64 on its Radau nodes lose digits: R + T = 0.99992 at albedo 1)
+IADPYTHON = [
+    ((0.9, 1.0, 0.0, 1.4), (0.2231328953, 0.5270091314), (0.2231236972, 0.5270011476)),
+    ((0.99, 10.0, 0.0, 1.5), (0.5938630964, 0.1042377109), (0.5938442760, 0.1042391412)),
+    ((1.0, 2.0, 0.0, 1.5), (0.4890140948, 0.5109859052), (0.4890112456, 0.5109887708)),
+]
+
+
+@pytest.mark.parametrize(("slab", "coarse", "fine"), IADPYTHON)
+def test_without_polarization_it_is_iadpython(
+    slab: tuple[float, ...], coarse: tuple[float, float], fine: tuple[float, float]
+) -> None:
+    """Adding-doubling that others wrote, of intensities alone, which two surfaces that see each other change: by 7e-5
+    at thickness 1. Their Gauss points see the critical angle as noise of n^-3, which two numbers of them take off."""
+    albedo, thickness, _, index = slab
+    pile = [vrte.Interface(1.0, index), vrte.Layer(vrte.isotropic(), albedo, thickness), vrte.Interface(index, 1.0)]
+    found = [brdf_orders(vrte.Scene(pile), [1.0], [0.5], 32, 1, stokes) for stokes in (1, 4)]
+    (R, T), (polarized, _) = (
+        (x.reflectance[0] + x.specular[0, 0, 0], x.transmittance[0] + x.specular_transmission[0, 0, 0]) for x in found
+    )
+    limit = np.array(fine) + (np.array(fine) - np.array(coarse)) / ((48 / 32) ** 3 - 1)
+    np.testing.assert_allclose([R, T], limit, atol=3e-7)
+    if thickness == 1.0:
+        assert 5e-5 < R - polarized < 6e-5
