@@ -6,6 +6,7 @@ import pickle
 import re
 import sys
 import time
+from dataclasses import replace
 from typing import Any
 
 import matplotlib.image
@@ -98,7 +99,7 @@ def test_names_are_escaped() -> None:
     hostile = {"method": HOSTILE, "notes": [HOSTILE], "base": 10_000 * "&", "algorithm": "two\nlines"}
     for thing in (
         vrte.Brdf(brdf.mueller, brdf.reflectance, brdf.mu_i, brdf.mu_o, brdf.phi, hostile),
-        vrte.Field(*(getattr(field, name) for name in list(field.__dataclass_fields__)[:-1]), hostile),
+        replace(field, diagnostics=hostile),
     ):
         text = thing._repr_html_()
         assert "<script" not in text

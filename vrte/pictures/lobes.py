@@ -1,7 +1,8 @@
 """A result as a picture: the lobes of a BRDF with their polar cuts, a radiance field against the direction cosine.
 
-The light is inside the host medium, before any refraction at its surface: every title says "subsurface". What is drawn
-ends where the directions of the result end.
+Without interfaces the light is inside the host medium, before any refraction at its surface, and titles say
+"subsurface". What comes back as a beam, mirrored, is an arrow with its share, and in no lobe. What is drawn ends where
+the directions of the result end.
 """
 
 import os
@@ -28,8 +29,9 @@ MOST_AZIMUTHS = 3
 FEW = 40  # directions of a line, or fewer: each is marked
 COLOURS = "plasma"
 COLOURED_TO = 80.0  # [degrees]; what is brighter nearer to the horizon takes the last colour
-INCIDENT = "#d62728"
+INCIDENT, MIRRORED = "#d62728", "#2a8f5b"
 INK, FAINT = "#222222", "#b5b5b5"
+UNPOLARIZED = (1.0, 0.0, 0.0, 0.0)
 CUTS = ((0.0, "in the plane of incidence", "#1f4e79", "-"), (90.0, "across it", "#d98200", "--"))
 ELEVATION, AZIMUTH = np.radians([24.0, -72.0])  # of the eye that sees a lobe, from far away
 TOWARD = np.array([np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)])
@@ -55,13 +57,15 @@ def save_plot(result: Brdf | Field | Spectrum, path: str | os.PathLike[str]) -> 
 @dataclass(frozen=True, eq=False)
 class Lobe:
     """f00 ``radius`` and degree of linear polarization ``polarized`` (theta, phi) of light that falls in unpolarized at
-    ``mu_i``, on the rings ``theta`` and spokes ``phi`` [degrees] of a fine mesh that ends at the last mu_o."""
+    ``mu_i``, on the rings ``theta`` and spokes ``phi`` [degrees] of a fine mesh that ends at the last mu_o;
+    ``mirrored`` says what comes back as a beam, "" for nothing."""
 
     mu_i: float
     theta: Array
     phi: Array
     radius: Array
     polarized: Array
+    mirrored: str = ""
 
     @property
     def most_polarized(self) -> float:
@@ -73,7 +77,29 @@ def compute_lobe(brdf: Brdf, place: int) -> Lobe:
     """The lobe for light from ``mu_i[place]``. Raises SceneError for too few directions, or what is not finite."""
     theta, phi, light = light_on_mesh(brdf, place)
     polarized = np.clip(np.nan_to_num(find_degree_of_linear_polarization(light)), 0.0, 1.0)
-    return Lobe(float(brdf.mu_i[place]), theta, phi, np.maximum(light[..., 0], 0.0), polarized)
+    radius, mirrored = np.maximum(light[..., 0], 0.0), describe_mirrored_beam(brdf, place)
+    return Lobe(float(brdf.mu_i[place]), theta, phi, radius, polarized, mirrored)
+
+
+def describe_mirrored_beam(brdf: Brdf, place: int, stokes: Any = UNPOLARIZED) -> str:
+    """What comes back as a beam of light with the Stokes vector ``stokes`` from ``mu_i[place]``; "" where none does."""
+    if brdf.specular is None:
+        return ""
+    beam = brdf.specular[place] @ np.asarray(stokes, float)
+    words = f"{100.0 * beam[0] / stokes[0]:.3g} % mirrored"
+    degree = float(np.nan_to_num(find_degree_of_polarization(beam)))
+    return words + (f", polarized to {100.0 * degree:.3g} %" if degree >= 5e-4 else "")
+
+
+def name_brdf(brdf: Brdf) -> str:
+    """What a BRDF is called: of light inside the medium, or with what refracts and mirrors it.
+
+    >>> name_brdf(Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {}))
+    'Subsurface BRDF'
+    """
+    if brdf.specular is not None:
+        return "BRDF, without the mirrored beam"
+    return "Subsurface BRDF" if brdf.surface is None else "BRDF, rough surface included"
 
 
 def draw_brdf(brdf: Brdf) -> "Figure":
@@ -101,7 +127,8 @@ def draw_brdf(brdf: Brdf) -> "Figure":
     bar.set_label("degree of linear polarization, unpolarized incidence", fontsize=10)
     bar.ax.yaxis.set_major_locator(limit_ticks())
     bar.ax.tick_params(labelsize=9)
-    figure.suptitle("Subsurface BRDF: radius $f_{00}$, colour degree of linear polarization", y=0.965, fontsize=14)
+    words = f"{name_brdf(brdf)}: radius $f_{{00}}$, colour degree of linear polarization"
+    figure.suptitle(words, y=0.965, fontsize=14)
     return figure
 
 
@@ -142,7 +169,9 @@ def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any) -> None:
     mesh.set_in_layout(False)
     axes.add_collection(mesh, autolim=False)  # its limits would be those of half a million paths
     ring = int(np.argmin(np.abs(lobe.theta - np.degrees(np.arccos(lobe.mu_i)))))
-    _draw_ray(axes, lobe.mu_i, factor * float(lobe.radius[ring, lobe.phi.size // 2]))
+    _draw_ray(axes, -1.0, lobe.mu_i, factor * float(lobe.radius[ring, lobe.phi.size // 2]))
+    if lobe.mirrored:
+        _draw_ray(axes, 1.0, lobe.mu_i, factor * float(lobe.radius[ring, 0]), lobe.mirrored)
     axes.set_xlim(-1.19, 1.19), axes.set_ylim(-0.55, 1.2)
     axes.set_aspect("equal")
     axes.set_axis_off()
@@ -196,12 +225,21 @@ def _draw_ground(axes: Any) -> None:
         axes.text(x, y, f"{degrees}°", color=INK, fontsize=9, ha="center", va="center", zorder=1)
 
 
-def _draw_ray(axes: Any, mu_i: float, inside: float) -> None:
-    """The incident ray, travelling down along phi = 0; it ends where it meets the lobe, at the radius ``inside``."""
-    toward = np.array([-np.sqrt(1.0 - mu_i**2), 0.0, mu_i])
-    tip, far = (_project_points(radius * toward) for radius in (inside + 0.02, 1.2))
-    arrow = {"arrowstyle": "-|>,head_length=0.7,head_width=0.3", "color": INCIDENT, "linewidth": 2.2}
-    axes.annotate("", tip, far, arrowprops=arrow | {"shrinkA": 0.0, "shrinkB": 0.0, "zorder": 20})
+def _draw_ray(axes: Any, side: float, mu_i: float, inside: float, mirrored: str = "") -> None:
+    """The incident ray, which comes down along phi = 0 from ``side`` -1 and ends where it meets the lobe, at the radius
+    ``inside``; or, from there on, the one that goes back at ``side`` 1, with what is said of it."""
+    sine = np.sqrt(1.0 - mu_i**2)
+    steep = mirrored and sine < 0.07  # both would lie upon each other
+    beside = (0.07 if steep else 0.0) * RIGHT
+    toward = np.array([side * sine, 0.0, mu_i])
+    near, far = (_project_points(radius * toward + beside) for radius in (inside + 0.02, max(1.2, inside + 0.2)))
+    start, end, colour = (near, far, MIRRORED) if mirrored else (far, near, INCIDENT)
+    arrow = {"arrowstyle": "-|>,head_length=0.7,head_width=0.3", "color": colour, "linewidth": 2.2}
+    axes.annotate("", end, start, arrowprops=arrow | {"shrinkA": 0.0, "shrinkB": 0.0, "zorder": 20})
+    if mirrored:
+        words, how = mirrored.replace(", ", "\n"), {"color": colour, "fontsize": 9, "zorder": 20}
+        x, y = (far[0] + 0.06, far[1] - 0.1) if steep else (far[0], far[1] + 0.05)
+        axes.text(x, y, words, ha="left" if steep else "center", va="top" if steep else "bottom", **how)
 
 
 def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) -> None:
@@ -210,9 +248,11 @@ def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) ->
         angle, light = light_in_plane(brdf, place, phi)
         cut = np.maximum(light[:, 0], 0.0)
         axes.plot(np.radians(angle), cut, color=colour, linestyle=style, linewidth=1.8, label=label)
-    axes.plot(
-        [-np.arccos(brdf.mu_i[place])] * 2, [0.0, 1.05 * scale], color=INCIDENT, linewidth=1.4, label="incident light"
-    )
+    beams = [(-1.0, INCIDENT, "-", "incident light")]
+    beams += [(1.0, MIRRORED, "--", "mirrored beam, not in the curves")] if brdf.specular is not None else []
+    for side, colour, dash, label in beams:
+        angle = side * np.arccos(brdf.mu_i[place])
+        axes.plot([angle] * 2, [0.0, 1.05 * scale], color=colour, linestyle=dash, linewidth=1.4, label=label)
     axes.set_theta_zero_location("N"), axes.set_theta_direction(-1)
     axes.set_thetalim(-np.pi / 2.0, np.pi / 2.0), axes.set_ylim(0.0, 1.05 * scale)
     axes.set_thetagrids(range(-90, 91, 30), fontsize=8)
@@ -221,7 +261,7 @@ def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) ->
     axes.grid(color=FAINT, linewidth=0.6)
     axes.text(0.75, 0.11, "$f_{00}$  [sr$^{-1}$]", transform=axes.transAxes, fontsize=9, ha="center")
     if legend:
-        axes.figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=3, fontsize=9, frameon=False)
+        axes.figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=4, fontsize=9, frameon=False)
 
 
 def draw_field(field: Field) -> "Figure":
@@ -239,7 +279,8 @@ def draw_field(field: Field) -> "Figure":
         for order, depth in enumerate(depths):
             draw_depth(column, beam, depth, azimuth, choose_depth_colour(order, len(depths)))
         column[0].set_title(title, fontsize=11)
-        column[1].set_xlabel("$\\mu$  (< 0 down, > 0 up)", fontsize=10)
+        where = "" if field.index is None else ", in the medium of each depth"
+        column[1].set_xlabel(f"$\\mu$  (< 0 down, > 0 up{where})", fontsize=10)
     panels[0, 0].set_ylabel("I  [W m$^{-2}$ sr$^{-1}$]", fontsize=10)
     panels[1, 0].set_ylabel("degree of polarization", fontsize=10)
     for panel in panels.flat:
@@ -248,9 +289,20 @@ def draw_field(field: Field) -> "Figure":
         panel.set_ylim(bottom=0.0)
     panels[0, 0].legend(fontsize=9, frameon=False)
     common = f"$\\mu_0$ = {field.mu0:g}" if isinstance(field.mu0, float) else f"$\\phi$ = {field.phi[0]:g}°"
-    figure.suptitle(f"Subsurface radiance, diffuse light, {common}", fontsize=14)
+    figure.suptitle(f"{name_field(field)}, {common}", fontsize=14)
     figure.tight_layout()
     return figure
+
+
+def name_field(field: Field) -> str:
+    """What a picture of a field shows: of light inside one medium, or in several."""
+    return "Subsurface radiance, diffuse light" if field.index is None else "Radiance, diffuse light, without beams"
+
+
+def label_depth(field: Field, depth: int) -> str:
+    """A depth, and where light is refracted the index n of its medium."""
+    medium = "" if field.index is None else f", $n$ = {field.index[depth]:.4g}"
+    return f"$\\tau$ = {field.tau[depth]:g}{medium}"
 
 
 def choose_field_columns(field: Field) -> list[tuple[Field, int, str]]:
@@ -273,7 +325,7 @@ def draw_depth(panels: Any, field: Field, depth: int, azimuth: int, colour: Any)
 
     Down and up are separate lines, because the radiance may jump at the horizon.
     """
-    label: str | None = f"$\\tau$ = {field.tau[depth]:g}"
+    label: str | None = label_depth(field, depth)
     for side in (field.mu < 0.0, field.mu > 0.0):
         if not side.any():
             continue
@@ -310,7 +362,11 @@ def draw_spectrum(spectrum: Spectrum, width: float = 9.6, height: float = 4.2) -
         style = {"color": choose_depth_colour(order, len(places)), "marker": marker, "markersize": 3}
         label = f"μ incident = {first.mu_i[place]:.4g}"
         left.plot(spectrum.wavelength_um, spectrum.reflectance[:, place], label=label, **style)
-    finish([left], ("reflectance",), "wavelength [µm]")
+        if first.specular is not None:
+            beams = [float(one.specular[place, 0, 0]) for one in spectrum if one.specular is not None]
+            left.plot(spectrum.wavelength_um, beams, linestyle="--", **style)
+    words = "reflectance" if first.specular is None else "diffuse reflectance; dashed: mirrored as a beam"
+    finish([left], (words,), "wavelength [µm]")
     if right:
         shown = spread(len(spectrum), MOST_DEPTHS)
         for order, place in enumerate(shown):

@@ -9,13 +9,15 @@ from collections.abc import Callable, Mapping
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.polarization import find_degree_of_linear_polarization
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.optics.spheres import Particles
 from vrte.pictures.figures import finish, make_figure
-from vrte.pictures.lobes import choose_depth_colour, draw_depth, draw_spectrum, spread
+from vrte.pictures.lobes import choose_depth_colour, draw_depth, draw_spectrum, name_brdf, name_field, spread
 from vrte.pictures.phase_pictures import draw_phase_matrix
 from vrte.pictures.plan_picture import draw_plan
 from vrte.results.brdf import Brdf
@@ -42,7 +44,7 @@ MADE = ("method", "method_rule", "algorithm", "backend", "nodes", "accuracy", "t
 
 
 def show_as_html(
-    title: str, draw: Callable[[Any], "Figure | None"] = lambda _: None
+    title: str | Callable[[Any], str], draw: Callable[[Any], "Figure | None"] = lambda _: None
 ) -> Callable[[Any], Callable[[Any], str]]:
     """Of what tells a thing's facts, a table or a text, makes what shows the thing: title, picture and facts, as far as
     they can be made."""
@@ -55,7 +57,8 @@ def show_as_html(
                 text = f"<pre>{html.escape(found)}</pre>" if isinstance(found, str) else write_html_table(found)
             except Exception:  # a notebook must show something, whatever a result holds
                 text = f"<pre>{html.escape(put_in_one_line(object.__repr__(thing)))}</pre>"
-            return f"<div><b>{html.escape(title)}</b><br>{write_html_image(draw, thing)}{text}</div>"
+            name = title if isinstance(title, str) else title(thing)
+            return f"<div><b>{html.escape(name)}</b><br>{write_html_image(draw, thing)}{text}</div>"
 
         return as_html
 
@@ -71,7 +74,8 @@ def draw_field(field: Field) -> "Figure | None":
     depths = spread(field.tau.size, MOST_LINES)
     for order, depth in enumerate(depths):
         draw_depth(panels, field, depth, 0, choose_depth_colour(order, len(depths)))
-    finish(panels, ("I [W m⁻² sr⁻¹]", "degree of polarization"), f"μ, at φ = {field.phi[0]:g}°")
+    where = "" if field.index is None else " in the medium of each depth"
+    finish(panels, ("I [W m⁻² sr⁻¹]", "degree of polarization"), f"μ{where}, at φ = {field.phi[0]:g}°")
     return figure
 
 
@@ -87,7 +91,10 @@ def draw_brdf(brdf: Brdf) -> "Figure | None":
         style = {"color": choose_depth_colour(order, len(places)), "linewidth": 1.5}
         panels[0].plot(angle, light[:, 0], label=f"μ incident = {brdf.mu_i[place]:.4g}", **style)
         panels[1].plot(angle, find_degree_of_linear_polarization(light), **style)
-    finish(panels, ("f00 [sr⁻¹]", "degree of linear polarization"), "angle of exit [°], forward > 0")
+        if brdf.specular is not None:
+            panels[0].axvline(np.degrees(np.arccos(brdf.mu_i[place])), linestyle=":", **style)
+    beam = "" if brdf.specular is None else "; dotted: mirrored beam, not in it"
+    finish(panels, (f"f00 [sr⁻¹]{beam}", "degree of linear polarization"), "angle of exit [°], forward > 0")
     return figure
 
 
@@ -104,37 +111,42 @@ def draw_short_phase_matrix(phase_matrix: PhaseMatrix) -> "Figure | None":
     return draw_phase_matrix(phase_matrix, WIDTH, HEIGHT) if phase_matrix.terms <= MOST_TERMS_DRAWN else None
 
 
-@show_as_html("Radiance field", draw_field)
+@show_as_html(lambda field: "Radiance field" if field.index is None else name_field(field), draw_field)
 def show_field(field: Field) -> dict[str, str]:
     """A field: I and degree of polarization against mu at the first azimuth; its directions and fluxes. Of several
     beams the first."""
     several = "" if isinstance(field.mu0, float) else f"{shorten_numbers(field.mu0)}, the first one here: μ0 = "
     field = field.beam(0) if several else field
-    beam = "up" if field.diagnostics.get("illuminate") == "bottom" else "down"
+    fluxes = {"up" if field.diagnostics.get("illuminate") == "bottom" else "down": field.direct}
+    media = {}
+    if field.index is not None and field.direct_up is not None:
+        fluxes, media = (
+            {"down": field.direct, "up": field.direct_up},
+            {"refractive index": shorten_numbers(field.index)},
+        )
     return {
         "optical depths τ": shorten_numbers(field.tau),
+        **media,
         "μ": shorten_numbers(field.mu),
         "φ [°]": shorten_numbers(field.phi),
         "beam": f"μ0 = {several}{field.mu0:.6g}; I, Q, U, V = {shorten_numbers(field.incident_stokes)}",
         "flux up, diffuse [W m⁻²]": shorten_numbers(field.flux_up),
         "flux down, diffuse": shorten_numbers(field.flux_down),
-        f"flux {beam}, direct": shorten_numbers(field.direct),
+        **{f"flux {way}, direct": shorten_numbers(flux) for way, flux in fluxes.items()},
     } | describe_solve(field.diagnostics)
 
 
-@show_as_html("Subsurface BRDF", draw_brdf)
+@show_as_html(name_brdf, draw_brdf)
 def show_brdf(brdf: Brdf) -> dict[str, str]:
     """A BRDF: f00 and degree of linear polarization in the plane of incidence; its directions and reflectances."""
     transmission = {"transmission": "no" if brdf.transmission is None else "yes"}
-    return (
-        describe_directions(brdf)
-        | {"reflectance": shorten_numbers(brdf.reflectance)}
-        | transmission
-        | describe_solve(brdf.diagnostics)
-    )
+    return describe_directions(brdf) | describe_reflectance(brdf) | transmission | describe_solve(brdf.diagnostics)
 
 
-@show_as_html("Subsurface BRDFs", lambda spectrum: draw_spectrum(spectrum, WIDTH, HEIGHT))
+@show_as_html(
+    lambda spectrum: name_brdf(spectrum[0]).replace("BRDF", "BRDFs"),
+    lambda spectrum: draw_spectrum(spectrum, WIDTH, HEIGHT),
+)
 def show_spectrum(spectrum: Spectrum) -> dict[str, str]:
     """A spectrum: reflectance against wavelength; its wavelengths and directions."""
     wavelengths = {"wavelength [µm]": shorten_numbers(spectrum.wavelength_um)}
@@ -180,10 +192,21 @@ def show_layer(layer: Layer) -> dict[str, str]:
 
 @show_as_html("Scene")
 def show_scene(scene: Scene) -> dict[str, str]:
-    """A scene: its layers, top first, and its base."""
-    layers = {f"layer {place}": layer.in_words for place, layer in enumerate(scene.layers[:MOST_LAYERS], 1)}
+    """A scene: its layers, top first, the interfaces between them, and its base."""
+    pile: dict[str, str] = {}
+    for place, layer in enumerate(scene.layers[:MOST_LAYERS], 1):
+        interface, medium = scene.interfaces[place - 1], ""
+        if interface is not None:
+            pile[f"above layer {place}"] = interface.in_words
+        if scene.has_interfaces:
+            medium = f"; in a medium of index {scene.indices[place - 1]:g}"
+        pile[f"layer {place}"] = f"{layer.in_words}{medium}"
     more = len(scene.layers) - MOST_LAYERS
-    return layers | ({"and": f"{more} more layers"} if more > 0 else {}) | {"base": scene.base_in_words}
+    if more > 0:
+        pile["and"] = f"{more} more layers"
+    if scene.interfaces[-1] is not None:
+        pile[f"below layer {len(scene.layers)}"] = scene.interfaces[-1].in_words
+    return pile | {"base": scene.base_in_words}
 
 
 @show_as_html("Plan", lambda plan: draw_plan(plan, WIDTH, HEIGHT))
@@ -234,6 +257,14 @@ def describe_directions(result: Brdf | Spectrum) -> dict[str, str]:
         "μ out": shorten_numbers(result.mu_o),
         "φ [°]": shorten_numbers(result.phi),
     }
+
+
+def describe_reflectance(brdf: Brdf) -> dict[str, str]:
+    """How much comes back, diffuse and as a beam."""
+    if brdf.specular is None:
+        return {"reflectance": shorten_numbers(brdf.reflectance)}
+    beams = shorten_numbers(brdf.specular[:, 0, 0])
+    return {"reflectance, diffuse": shorten_numbers(brdf.reflectance), "reflectance, as a beam": beams}
 
 
 def describe_solve(diagnostics: Mapping[str, Any]) -> dict[str, str]:

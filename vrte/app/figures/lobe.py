@@ -14,7 +14,15 @@ from vrte.app.figures.style import (
     make_plotly_figure,
 )
 from vrte.basics.arrays import Array, check_whole
-from vrte.pictures.lobes import INCIDENT, INK, make_triangles, make_unit_vector_grid
+from vrte.pictures.lobes import (
+    INCIDENT,
+    INK,
+    MIRRORED,
+    describe_mirrored_beam,
+    make_triangles,
+    make_unit_vector_grid,
+    name_brdf,
+)
 from vrte.results.brdf import Brdf
 from vrte.results.over_hemisphere import light_on_mesh
 from vrte.results.quantities import ANGLES, SIGNED, incident_for, of_light, unit_of
@@ -44,11 +52,12 @@ def lobe(
 ) -> "Figure":
     """The BRDF as a body over the hemisphere of outgoing directions.
 
-    Light of the Stokes vector ``stokes`` comes in at ``mu_i[place]``, along the red arrow. The distance from the centre
-    is the size of the quantity ``height``, as a share of the largest, which the title tells; the colour is the quantity
-    ``colour`` (both of `vrte.quantities.QUANTITIES`), cyclic for angles, white at 0 where it may be negative. Between
-    the given directions splines run; the body ends at the last mu_o. Raises SceneError for an unknown quantity or
-    place, or too few directions, MissingExtraError without Plotly.
+    Light of the Stokes vector ``stokes`` comes in at ``mu_i[place]``, along the red arrow; what goes back as a beam is
+    the green one, its share in the line below the title, and in no lobe. The distance from the centre is the size of
+    the quantity ``height``, as a share of the largest, which the title tells; the colour is the quantity ``colour``
+    (both of `vrte.quantities.QUANTITIES`), cyclic for angles, white at 0 where it may be negative. Between the given
+    directions splines run; the body ends at the last mu_o. Raises SceneError for an unknown quantity or place, or too
+    few directions, MissingExtraError without Plotly.
 
     >>> lobe(brdf, 0, height="f00", colour="f10").write_html("lobe.html")
     """
@@ -63,17 +72,19 @@ def lobe(
     largest = float(size.max())
     solid = make_body(theta, phi, size / (largest or 1.0), colours, colour)
     solid |= make_hover_text(theta, phi, heights, colours, height, colour)
-    unit = unit_of(height)
+    unit, mu_i = unit_of(height), float(brdf.mu_i[place])
+    mirrored = describe_mirrored_beam(brdf, place, stokes)
     scale_in_words = f"rim of the disc = {largest:.3g}{'' if unit == '°' else ' '}{unit}".rstrip()
     return make_plotly_figure(
         [
             *make_ground_disc(),
             solid,
             *([make_angle_bar(colour)] if colour in ANGLES else []),
-            *make_incident_ray(float(brdf.mu_i[place])),
+            *make_ray(mu_i, f"incident light, μ<sub>i</sub> = {mu_i:.4g}"),
+            *(make_ray(mu_i, mirrored, goes_back=True) if mirrored else []),
         ],
-        f"Subsurface BRDF: distance from the centre {f'|{height}|' if height in SIGNED else height}",
-        f"{describe_incidence(brdf, place)}; {scale_in_words}",
+        f"{name_brdf(brdf)}: distance from the centre {f'|{height}|' if height in SIGNED else height}",
+        "; ".join(filter(None, (describe_incidence(brdf, place), scale_in_words, mirrored))),
         margin={"l": 0, "r": 0, "t": 84, "b": 0},
         scene=SPACE,
         showlegend=False,
@@ -177,19 +188,22 @@ def make_ground_disc() -> list[dict[str, Any]]:
     return [disc, *rims, make_space_trace(1.16 * rim[:72:18], "text", text=words, textfont={"size": 12, "color": INK})]
 
 
-def make_incident_ray(mu_i: float) -> list[dict[str, Any]]:
-    """The incident light, travelling down along phi = 0 to the centre: a line whose arrow lies outside the body."""
-    toward = np.array([-np.sqrt(1.0 - mu_i**2), 0.0, mu_i])
-    told = {"hoverinfo": None, "hovertemplate": f"incident light, μ<sub>i</sub> = {mu_i:.4g}<extra></extra>"}
-    line = make_space_trace(np.outer([1.45, 0.0], toward), "lines", line={"color": INCIDENT, "width": 6}, **told)
+def make_ray(mu_i: float, told: str, goes_back: bool = False) -> list[dict[str, Any]]:
+    """The incident light, travelling down along phi = 0 to the centre, or the beam that goes back mirrored: a line
+    whose arrow lies outside the body, and what its points tell."""
+    sine = np.sqrt(1.0 - mu_i**2)
+    away = np.array([sine if goes_back else -sine, 0.0, mu_i])
+    tip, along, colour = (1.4, away, MIRRORED) if goes_back else (1.08, -away, INCIDENT)
+    hover = {"hoverinfo": None, "hovertemplate": f"{told}<extra></extra>"}
+    line = make_space_trace(np.outer([1.45, 0.0], away), "lines", line={"color": colour, "width": 6}, **hover)
     head = {
         "type": "cone",
-        **{axis: [value] for axis, value in zip("xyzuvw", (*(1.08 * toward), *-toward), strict=True)},
+        **{axis: [value] for axis, value in zip("xyzuvw", (*(tip * away), *along), strict=True)},
         "anchor": "tip",
         "sizemode": "absolute",
         "sizeref": 0.16,
-        "colorscale": [[0.0, INCIDENT], [1.0, INCIDENT]],
+        "colorscale": [[0.0, colour], [1.0, colour]],
         "showscale": False,
-        **told,
+        **hover,
     }
     return [line, head]

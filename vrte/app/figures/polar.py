@@ -18,7 +18,7 @@ from vrte.app.figures.style import (
 )
 from vrte.basics.arrays import Array, check_whole
 from vrte.basics.errors import SceneError
-from vrte.pictures.lobes import CUTS, INCIDENT, spread
+from vrte.pictures.lobes import CUTS, INCIDENT, MIRRORED, describe_mirrored_beam, name_brdf, name_field, spread
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field, require_one_beam
 from vrte.results.over_hemisphere import light_in_plane
@@ -51,10 +51,12 @@ def cuts(brdf: Brdf, place: int, quantity: str = "f00", stokes: Any = UNPOLARIZE
         make_polar_curve(*one, quantity, name, colour, dash=DASHES[dash])
         for one, (_, name, colour, dash) in zip(found, CUTS, strict=True)
     ]
-    beam = -float(np.degrees(np.arccos(brdf.mu_i[place])))
+    beam, mirrored = float(np.degrees(np.arccos(brdf.mu_i[place]))), describe_mirrored_beam(brdf, place, stokes)
+    arrows = [make_arrow(-beam, (high, low), "incident light")]
+    arrows += [make_arrow(beam, (low, high), f"{mirrored}, not in the curves", MIRRORED)] if mirrored else []
     return make_plotly_figure(
-        [*make_zero_line(low, 90.0), *curves, make_arrow(beam, (high, low), "incident light")],
-        f"Subsurface BRDF: {label_quantity(quantity)}",
+        [*make_zero_line(low, 90.0), *curves, *arrows],
+        f"{name_brdf(brdf)}: {label_quantity(quantity)}",
         f"{describe_incidence(brdf, place)}; {SIDES}",
         polar=make_polar_axes(low, high, [0.0, 180.0]),
         legend=LEGEND,
@@ -79,7 +81,7 @@ def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, d
     low, high = choose_range(values[depths], quantity)
     lightness = np.linspace(*((0.3, 1.0) if dark else (0.0, 0.85)), len(depths))  # none as the page is
     curves = [
-        make_polar_curve(angle, values[depth], quantity, f"τ = {field.tau[depth]:.4g}", colour)
+        make_polar_curve(angle, values[depth], quantity, name_depth(field, depth), colour)
         for depth, colour in zip(
             depths, import_plotly().colors.sample_colorscale(DEPTH_COLOURS, lightness.tolist()), strict=True
         )
@@ -90,11 +92,16 @@ def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, d
     what = f"{quantity}, each depth over its largest" if over_largest else label_quantity(quantity)
     return make_plotly_figure(
         [*make_zero_line(low, 180.0), *curves, make_arrow(beam, (low, high), "the beam")],
-        f"Subsurface radiance, diffuse light: {what}",
-        f"μ<sub>0</sub> = {mu0:.4g}; above: going up; {SIDES}{shown}",
+        f"{name_field(field)}: {what}",
+        f"μ<sub>0</sub> = {mu0:.4g}{'' if field.index is None else ', outside'}; above: going up; {SIDES}{shown}",
         polar=make_polar_axes(low, high),
         legend=LEGEND,
     )
+
+
+def name_depth(field: Field, depth: int) -> str:
+    """A depth, and where light is refracted the index n of its medium."""
+    return f"τ = {field.tau[depth]:.4g}" + ("" if field.index is None else f", n = {field.index[depth]:.4g}")
 
 
 def select_in_plane(field: Field, quantity: str) -> tuple[Array, Array]:
@@ -137,11 +144,11 @@ def make_zero_line(low: float, last: float) -> list[dict[str, Any]]:
     )
 
 
-def make_arrow(angle: float, radii: Sequence[float], name: str) -> dict[str, Any]:
+def make_arrow(angle: float, radii: Sequence[float], name: str, colour: str = INCIDENT) -> dict[str, Any]:
     """A straight arrow along an angle, from the first radius to the second."""
-    marker = {"symbol": "arrow", "size": [0, 15], "angleref": "previous", "color": INCIDENT, "opacity": 1}
+    marker = {"symbol": "arrow", "size": [0, 15], "angleref": "previous", "color": colour, "opacity": 1}
     about = {"mode": "lines+markers", "marker": marker, "hoverinfo": "name"}
-    return make_curve(np.array([angle, angle]), np.array(radii), name, INCIDENT, name, polar=True, **about)
+    return make_curve(np.array([angle, angle]), np.array(radii), name, colour, name, polar=True, **about)
 
 
 def make_polar_axes(low: float, high: float, sector: Sequence[float] = (0.0, 360.0)) -> dict[str, Any]:

@@ -1,0 +1,125 @@
+"""Pictures of what meets interfaces: the mirrored beam is an arrow, told and in no lobe; depths name their medium."""
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.text import Annotation
+
+import vrte
+from vrte.app import figures
+from vrte.optics.fresnel import reflect_smooth
+from vrte.pictures.lobes import MIRRORED, describe_mirrored_beam, name_brdf
+from vrte.results.spectrum import Spectrum
+
+MU_O, PHI = np.linspace(0.05, 1.0, 20), np.arange(0, 361, 15)
+BREWSTER = 1.0 / np.sqrt(1.0 + 1.5**2)  # its cosine
+
+
+@pytest.fixture(scope="module")
+def plain() -> vrte.Brdf:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.95, thickness=1.0)])
+    return vrte.brdf(scene, [0.3, BREWSTER, 1.0], MU_O, PHI, nodes=8, threads=1)
+
+
+@pytest.fixture(scope="module")
+def shiny(plain: vrte.Brdf) -> vrte.Brdf:
+    """As if a surface of index 1.5 mirrored a share."""
+    return replace(plain, specular=reflect_smooth(1.5, plain.mu_i))
+
+
+@pytest.fixture(scope="module")
+def field() -> vrte.Field:
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.95, thickness=1.0)])
+    found = vrte.radiance(scene, 0.6, mu=np.linspace(-1.0, 1.0, 20), phi=[0, 180], tau=[0.0, 1.0], nodes=6, threads=1)
+    return replace(found, index=np.array([1.0, 1.5]), direct_up=np.array([0.25, 0.125]))
+
+
+def test_what_is_mirrored_is_told_in_words(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
+    assert describe_mirrored_beam(shiny, 2) == "4 % mirrored"
+    assert describe_mirrored_beam(shiny, 1) == "7.4 % mirrored, polarized to 100 %"  # ((n^2 - 1)/(n^2 + 1))^2/2
+    in_the_plane = describe_mirrored_beam(shiny, 1, (1.0, 1.0, 0.0, 0.0))
+    assert float(in_the_plane.split(" %")[0]) < 1e-12  # nothing of it, at Brewster's angle
+    assert describe_mirrored_beam(plain, 1) == ""
+    assert name_brdf(plain) == "Subsurface BRDF"
+    assert name_brdf(replace(plain, surface=plain.mueller)) == "BRDF, rough surface included"
+
+
+def test_the_arrow_goes_out_where_a_mirror_sends_it(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
+    """Seen from 24 degrees above, the sun's plane turned by 72: right is x sin 72, up z cos 24 - x sin 24 cos 72."""
+    figure = shiny.plot()
+    assert "without the mirrored beam" in figure._suptitle.get_text()
+    lobes, cuts = figure.axes[0:6:2], figure.axes[1:6:2]
+    sine24, cosine24, sine72, cosine72 = (f(np.radians(angle)) for angle in (24, 72) for f in (np.sin, np.cos))
+    for axes, mu in zip(lobes, shiny.mu_i, strict=True):
+        falls, goes = [text for text in axes.texts if isinstance(text, Annotation)]
+        across = np.sqrt(1.0 - mu**2)
+        for tail, side in ((falls.xyann, -1.0), (goes.xy, 1.0)):
+            beside = 0.07 if mu == 1.0 and side > 0.0 else 0.0
+            expected = (
+                1.2 * (side * across * sine72) + beside,
+                1.2 * (mu * cosine24 - side * across * sine24 * cosine72),
+            )
+            np.testing.assert_allclose(tail, expected, atol=1e-12)
+        assert any("% mirrored" in text.get_text() for text in axes.texts)
+    for axes, mu in zip(cuts, shiny.mu_i, strict=True):
+        (line,) = [line for line in axes.lines if line.get_color() == MIRRORED]
+        np.testing.assert_allclose(line.get_xdata(), np.arccos(mu))
+    assert not [line for line in plain.plot().axes[1].lines if line.get_color() == MIRRORED]
+
+
+def test_the_viewer_has_the_arrow_too(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
+    figure = figures.lobe(shiny, 1)
+    falls, goes = [trace for trace in figure.data if trace.type == "cone"]
+    sine = np.sqrt(1.0 - BREWSTER**2)
+    np.testing.assert_allclose([falls.u[0], falls.v[0], falls.w[0]], [sine, 0.0, -BREWSTER], atol=1e-12)
+    np.testing.assert_allclose([goes.u[0], goes.v[0], goes.w[0]], [sine, 0.0, BREWSTER], atol=1e-12)
+    assert "7.4 % mirrored, polarized to 100 %" in figure.layout.title.text
+    assert "7.4 % mirrored" in goes.hovertemplate
+    across = figures.lobe(shiny, 1, stokes=(1.0, -1.0, 0.0, 0.0)).layout.title.text
+    assert "14.8 % mirrored" in across
+    assert len([trace for trace in figures.lobe(plain, 1).data if trace.type == "cone"]) == 1
+    (beam,) = [trace for trace in figures.cuts(shiny, 0).data if "mirrored" in trace.name]
+    np.testing.assert_allclose(beam.theta, np.degrees(np.arccos(0.3)), rtol=1e-6)
+    assert beam.name == "20.8 % mirrored, polarized to 66.6 %, not in the curves"
+
+
+def test_depths_name_their_medium(field: vrte.Field) -> None:
+    figure = field.plot()
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [
+        "$\\tau$ = 0, $n$ = 1",
+        "$\\tau$ = 1, $n$ = 1.5",
+    ]
+    assert "medium of each depth" in figure.axes[-1].get_xlabel()
+    polar = figures.field_polar(field)
+    assert {"τ = 0, n = 1", "τ = 1, n = 1.5"} <= {trace.name for trace in polar.data}
+    assert "without beams" in polar.layout.title.text
+
+
+def cells(thing: Any) -> str:
+    return re.sub("<[^>]+>", "|", thing._repr_html_())
+
+
+def test_a_notebook_tells_of_beams_and_media(shiny: vrte.Brdf, field: vrte.Field) -> None:
+    told = cells(shiny)
+    assert "BRDF, without the mirrored beam" in told
+    assert f"|reflectance, as a beam||{shiny.specular[0, 0, 0]:.6g}, " in told
+    assert "|refractive index||1, 1.5|" in cells(field)
+    assert "|flux up, direct||0.25, 0.125|" in cells(field)
+    scene = vrte.Scene(
+        [vrte.Interface(1.0, 1.5, 0.1), vrte.Layer(vrte.isotropic(), 1.0, 1.0), vrte.Interface(1.5, 1.0)],
+        vrte.Mirror((0.2, 3.4)),
+    )
+    told = cells(scene)
+    assert told.index("above layer 1") < told.index("|layer 1|") < told.index("below layer 1") < told.index("|base|")
+    assert "index 1 above and 1.5 below, roughness 0.1" in told
+    assert "Mirror" in told
+
+
+def test_a_spectrum_parts_beams_from_the_rest(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
+    panel = Spectrum([0.5, 0.6], [shiny, shiny]).plot().axes[0]
+    dashed = [line for line in panel.lines if line.get_linestyle() == "--"]
+    np.testing.assert_allclose([line.get_ydata()[0] for line in dashed], shiny.specular[:, 0, 0])
+    assert not [line for line in Spectrum([0.5], [plain]).plot().axes[0].lines if line.get_linestyle() == "--"]
