@@ -6,7 +6,8 @@ A sphere is convex, and nothing stands in its light: what leaves a point depends
            + R_camera f(sun) (1, 0, 0, 0) E_sun (-k_sun.n),
 
 f the BRDF (4x4), R turns of Stokes axes. The sky's part is smooth over the sphere: it is computed on rings of normals
-around the line of sight and splined; the sun's ends at a sharp edge: it is computed for each pixel.
+around the line of sight and splined; the sun's ends at a sharp edge: it is computed for each pixel. What a smooth
+surface mirrors is added pixel by pixel (gloss.py).
 """
 
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.render.geometry import UP, Camera, compute_normals, convert_to_polar, find_turn, turn_stokes
+from vrte.render.gloss import Gloss
 from vrte.render.sky import Sky, make_horizon_angles
 from vrte.results.brdf import Brdf
 from vrte.results.splines import compute_coefficients, extend_azimuths, make_spline_matrix, repeat_grid
@@ -66,11 +68,13 @@ class Table:
 
     What is splined is f over what a slab of this optical ``thickness`` sends back of single scattering,
     (1 - exp(-thickness (1/mu_i + 1/mu_o)))/(mu_i + mu_o): that is steep where light grazes, and most of it.
+    ``specular`` (theta, 16): splines of the share that comes back as a beam, None where none does.
     """
 
     splines: Array
     thickness: float
     resolution: Resolution
+    specular: Array | None = None
 
     def slab(self, mu_i: Array, mu_o: Array) -> Array:
         """That factor; 1/(mu_i + mu_o) for a bare base."""
@@ -87,6 +91,11 @@ class Table:
         found: Array = self.rows(mu_i, mu_o, phi) @ self.splines.reshape(-1, 16)
         return (found * self.slab(mu_i, mu_o)[:, None]).reshape(-1, 4, 4)
 
+    def mirror(self, mu: Array) -> Array:
+        """The share (n, 4, 4) that comes back as a beam of light along mu (n,)."""
+        found: Array = make_spline_matrix((self.resolution.theta,), (np.arccos(mu),)) @ self.specular
+        return found.reshape(-1, 4, 4)
+
 
 def tabulate_brdf(brdf: Brdf, resolution: Resolution) -> Table:
     """The table of a BRDF for the directions of ``resolution``."""
@@ -96,7 +105,10 @@ def tabulate_brdf(brdf: Brdf, resolution: Resolution) -> Table:
     half = brdf.mueller / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
     _, full = extend_azimuths(brdf.phi, half)
     grids = resolution.theta, resolution.theta, resolution.turn
-    return replace(plain, splines=compute_coefficients(grids, full.reshape(*full.shape[:3], 16)))
+    splines = compute_coefficients(grids, full.reshape(*full.shape[:3], 16))
+    beams = brdf.specular
+    specular = None if beams is None else compute_coefficients(grids[:1], beams.reshape(-1, 16))
+    return replace(plain, splines=splines, specular=specular)
 
 
 def make_steps_around(count: int) -> tuple[Array, Any]:
@@ -116,10 +128,15 @@ class View:
     size: int
     resolution: Resolution
 
+    @property
+    def radius(self) -> float:
+        """Of the sphere [pixels]."""
+        return 0.5 * MARGIN * self.size
+
     @cached_property
     def pixels(self) -> tuple[Any, Array, Array]:
         """Of the pixels that the sphere touches: place in the flat picture, angle from the line of sight, and psi."""
-        radius = 0.5 * MARGIN * self.size
+        radius = self.radius
         across = np.arange(self.size) + 0.5 - 0.5 * self.size
         x, y = across[None, :] + 0.0 * across[:, None], -across[:, None] + 0.0 * across
         distance = np.hypot(x, y)
@@ -132,7 +149,7 @@ class View:
     def cover(self) -> Array:
         """The share (size, size) of each pixel that the sphere covers."""
         across = np.arange(self.size) + 0.5 - 0.5 * self.size
-        return np.clip(0.5 * MARGIN * self.size - np.hypot(across, across[:, None]) + 0.5, 0.0, 1.0)
+        return np.clip(self.radius - np.hypot(across, across[:, None]) + 0.5, 0.0, 1.0)
 
     @cached_property
     def lit(self) -> tuple[Any, Any, Array, Array]:
@@ -145,6 +162,11 @@ class View:
         points = np.arccos(-cosine), theta[lit], -azimuth % (2.0 * np.pi)
         matrix = make_spline_matrix((self.resolution.theta, self.resolution.theta, self.resolution.turn), points)
         return lit, matrix, mu_i[lit], np.cos(theta[lit])
+
+    @cached_property
+    def gloss(self) -> Gloss:
+        """What the pixels mirror."""
+        return Gloss.of(self)
 
     @cached_property
     def rings(self) -> "list[Ring]":
@@ -168,7 +190,7 @@ class View:
         strength = self.sky.sun[place] * mu_i * table.slab(np.maximum(mu_i, STEEPEST), mu_o)
         sunlight = (matrix @ column) * strength[:, None]
         found[lit] += turn_stokes(sunlight, psi[lit] - 0.5 * np.pi)
-        return found
+        return found if table.specular is None else found + self.gloss.stokes(table.specular, self.sky, place)
 
     def from_the_sky(self, table: Table, place: int) -> Array:
         """The sky's part of it: (pixel, 4)."""

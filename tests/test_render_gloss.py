@@ -1,0 +1,100 @@
+"""What smooth surfaces of spheres mirror: frames against fields in space, the sun's image against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import vrte
+from tests.test_render import COARSE, normals_of, sky_coherency, view
+from vrte.basics.arrays import Array
+from vrte.optics.fresnel import reflect_smooth
+from vrte.render.geometry import place_camera
+from vrte.render.gloss import SUN_RADIUS, mirror_sun
+from vrte.render.sky import make_sky
+from vrte.render.spheres import Table, tabulate_brdf
+
+INDEX = 1.5 + 0.3j
+
+
+def mirror_table(index: complex) -> Table:
+    """A sphere that only mirrors, as if of glass or metal without end."""
+    directions = COARSE.mu, COARSE.mu, COARSE.phi
+    dark = np.zeros((*(one.size for one in directions), 4, 4))
+    share = np.zeros(COARSE.mu.size)
+    beams = reflect_smooth(index, COARSE.mu)
+    return tabulate_brdf(vrte.Brdf(dark, share, *directions, {}, direct_transmittance=share, specular=beams), COARSE)
+
+
+def amplitudes(index: complex, cosine: float) -> tuple[complex, complex]:
+    """Fresnel's r_p, r_s, as anyone would write them."""
+    behind = np.sqrt(1.0 - (1.0 - cosine**2) / index**2 + 0j)
+    p = (index * cosine - behind) / (index * cosine + behind)
+    return p, (cosine - index * behind) / (cosine + index * behind)
+
+
+def stokes_of(coherency: Array, up: Array, right: Array) -> Array:
+    """On the upright and the right of the picture; V is (handbook, conventions) 2 Im E_r conj(E_l) for l, r = l x k."""
+    uu, rr, ur = up @ coherency @ up, right @ coherency @ right, up @ coherency @ right
+    return np.array([uu + rr, uu - rr, 2.0 * ur.real, -2.0 * ur.imag]).real
+
+
+def test_a_mirror_shows_the_sky_as_fields_in_space_are_reflected() -> None:
+    sky = replace(make_sky("rayleigh", [0.45], 25.0, 0.3), sun=np.zeros(1))
+    seen = view(sky, camera=place_camera(20.0, 130.0), size=60)
+    found, normal = seen.stokes(mirror_table(INDEX), 0), normals_of(seen)
+    toward = seen.camera.toward
+    checked = 0
+    for pixel in range(0, normal.shape[0], 101):
+        cosine = float(normal[pixel] @ toward)
+        travel = toward - 2.0 * cosine * normal[pixel]
+        if travel[2] > -0.05 or cosine < 0.05:
+            continue
+        s = np.cross(travel, normal[pixel])
+        s /= np.linalg.norm(s)
+        r_p, r_s = amplitudes(INDEX, cosine)
+        # p = s x k for both: at grazing incidence they are one, and r_p = r_s = -1 there
+        turned = r_s * np.outer(s, s) + r_p * np.outer(np.cross(s, toward), np.cross(s, travel))
+        light = turned @ sky_coherency(sky, travel) @ turned.conj().T
+        expected = stokes_of(light, seen.camera.up, seen.camera.right)
+        np.testing.assert_allclose(found[pixel], expected, atol=2e-4 * expected[0])
+        checked += 1
+    assert checked > 10
+    assert np.abs(found[:, 3]).max() > 0.02 * found[:, 0].max()  # a metal makes V of skylight
+
+
+def test_in_a_furnace_a_mirror_shows_its_reflectance() -> None:
+    seen = view(make_sky("uniform", [0.5], 30.0, 0.0))
+    found = seen.stokes(mirror_table(1.5), 0)
+    expected = reflect_smooth(1.5, np.cos(seen.pixels[1]))
+    np.testing.assert_allclose(found[:, 0], expected[:, 0, 0], atol=2e-4)
+    np.testing.assert_allclose(np.hypot(found[:, 1], found[:, 2]), -expected[:, 1, 0], atol=2e-4)
+
+
+@pytest.mark.parametrize("size", [16, 60, 600])
+def test_the_suns_image_holds_what_a_sphere_mirrors(size: int) -> None:
+    """E/4 times the cross section, R of half the angle between sun and camera, where the normal halves it."""
+    sky = make_sky("sun", [0.5], 40.0, 0.0)
+    camera = place_camera(10.0, 50.0)
+    image = mirror_sun(camera, sky.beam, 0.47 * size, size).reshape(size, size)
+    assert image.sum() == pytest.approx(0.25 * (0.47 * size) ** 2)
+    half = camera.toward - sky.beam
+    half /= np.linalg.norm(half)
+    across = np.arange(size) + 0.5 - 0.5 * size
+    middle = image.sum(axis=0) @ across, -image.sum(axis=1) @ across
+    expected = 0.47 * size * np.array([half @ camera.right, half @ camera.up])
+    np.testing.assert_allclose(np.array(middle) / image.sum(), expected, atol=0.5)
+    # no brighter than the sun, and as bright where its image fills a pixel
+    brightest = 1.0 / (np.pi * np.sin(SUN_RADIUS) ** 2)
+    assert image.max() < 1.02 * brightest
+    if size == 600:
+        assert image.max() > 0.9 * brightest
+
+
+def test_the_suns_glint_is_polarized_as_fresnel_says() -> None:
+    brewster = float(np.degrees(np.arctan(1.5)))  # from the vertical: that of the sun, and on its other side the camera
+    sky = make_sky("sun", [0.5], 90.0 - brewster, 0.0)
+    seen = view(sky, size=120, camera=place_camera(90.0 - brewster, 180.0))
+    share = ((1.5**2 - 1.0) / (1.5**2 + 1.0)) ** 2 / 2.0  # all of it across the plane of incidence
+    expected = share * 0.25 * seen.radius**2 * np.array([1.0, -1.0, 0.0, 0.0])
+    np.testing.assert_allclose(seen.stokes(mirror_table(1.5), 0).sum(axis=0), expected, atol=2e-3 * expected[0])
