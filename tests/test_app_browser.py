@@ -359,8 +359,8 @@ def test_every_control_is_clicked(open_tab: Callable[..., Tab]) -> None:
     else:
         raise AssertionError(f"there was no end of controls: {sorted(clicked)}")
     expected = (
-        "Gallery|rutile paint|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|add a layer|add a kind|"
-        "remove this|zinc oxide|in degrees|thickness in|radiance field|Accuracy|incident light|"
+        "Gallery|rutile paint|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|add a layer|add a surface|"
+        "add a kind|remove this|zinc oxide|in degrees|thickness in|radiance field|Accuracy|incident light|"
         "Lobe|Cuts|Reflectance|Inside|Scattering|Plan"
     )
     missing = [name for name in expected.split("|") if name not in " ".join(clicked)]

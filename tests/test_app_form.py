@@ -31,6 +31,11 @@ def problems(content: form.Content, *about: Any) -> dict[str, str]:
     return {show_place(place): message for place, message in checks.find_problems(content, *about).items()}
 
 
+def troubles(content: form.Content) -> dict[str, str]:
+    """The same, but for what a method says to interfaces."""
+    return {place: message for place, message in problems(content).items() if place != "method"}
+
+
 def fresh(**changes: Any) -> form.Content:
     return copy.deepcopy(form.START) | changes
 
@@ -83,6 +88,7 @@ WRONG = [
     (("layer", 0, "thickness"), "-1", "thickness must be an optical thickness >= 0"),
     (("layer", 0, "thickness"), "nan", "must be a number >= 0"),
     (("base", "kind"), "shiny", 'must be "black" or "lambertian"'),
+    (("particles", "gold", "host_index"), "0", "host_index must be a real refractive index"),
     (("brdf", "mu_i"), "0", "mu_i must satisfy 1e-8 <= mu <= 1"),
     (("brdf", "mu_o"), "0.1:1:2.5", "must be a whole number from 1"),
     (("brdf", "mu_o"), "0.1:1:1e999", "must be a whole number from 1"),
@@ -221,6 +227,80 @@ def test_every_choice_is_right_from_the_start() -> None:
         assert (form.get_size_mode(kind), problems(content)) == (mode, {})
     form.set_base(content, "lambertian")
     assert problems(content) == {}
+
+
+def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
+    content = fresh(host_index=1.4)
+    form.add_interface(content), form.add_interface(content)
+    assert [layer.get("interface") for layer in content["layer"]] == [
+        {"above": 1.0, "below": 1.4},
+        None,
+        {"above": 1.4, "below": 1.0},
+    ]
+    assert form.name_layers(content["layer"]) == ["interface", "layer 1", "interface"]
+    for place in (0, 2):
+        surface = content["layer"][place]["interface"]
+        form.set_rough(surface, True)
+        assert form.is_rough(surface)
+        surface |= {"distribution": "ggx", "shadowing": True}
+        assert troubles(content) == {}
+        assert tomllib.loads(write_content(content)) == content
+        form.set_rough(surface, False)
+        assert surface.keys() == {"above", "below"}
+    form.add_layer(content)
+    assert content["layer"][3] == content["layer"][1]  # like the last that holds something
+    for _ in range(2):
+        form.remove_layer(content, 1)
+    form.remove_layer(content, 1)
+    assert len(content["layer"]) == 1
+    assert troubles(content) == {}  # an interface by itself
+    form.add_layer(content)
+    assert troubles(content) == {}
+
+
+def test_a_first_surface_brings_its_binder() -> None:
+    content = fresh()
+    form.add_interface(content)
+    assert content["host_index"] == 1.5
+    assert troubles(content) == {}
+    content["host_index"] = 1.4
+    assert "layer 1 has the refractive index 1.4, and the interface above it has 1.5" in troubles(content)[""]
+    content["particles"]["gold"]["host_index"] = 1.5
+    assert troubles(content) == {}
+    content["layer"] = [{"interface": {"above": 1.0, "below": 1.5}}] * form.MOST_LAYERS
+    for add in (form.add_interface, form.add_layer):
+        with pytest.raises(vrte.SceneError, match="at most 30 layers"):
+            add(content)
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "words"),
+    [
+        ("above", "0.01", "must be a real refractive index from 0.1 to 10"),
+        ("below", "gold", "light goes through media with k"),
+        ("above", "", "is missing"),
+        ("roughness", "-1", "roughness must be"),
+        ("roughness", "0.001", "roughness must be"),
+    ],
+)
+def test_what_is_wrong_with_an_interface_is_said_at_its_field(key: str, text: str, words: str) -> None:
+    content = fresh(nodes=0)
+    form.add_interface(content)
+    form.set_rough(content["layer"][0]["interface"], True)
+    form.put(content, ("layer", 0, "interface", key), parse_field_text(text))
+    found = troubles(content)
+    assert list(found) == ["nodes", f"layer[1].interface.{key}"]  # and the others all the same
+    assert words in found[f"layer[1].interface.{key}"]
+
+
+def test_a_mirror_is_a_base() -> None:
+    content = fresh()
+    form.set_base(content, "mirror")
+    content["base"]["index"] = "silver"
+    assert tomllib.loads(write_content(content)) == content
+    assert troubles(content) == {}
+    content["base"]["index"] = [1.5, -1.0]
+    assert list(troubles(content)) == ["base.index"]
 
 
 def test_a_kind_is_renamed_where_it_is_held_and_stays_while_it_is() -> None:

@@ -10,6 +10,7 @@ from matplotlib.text import Annotation
 
 import vrte
 from vrte.app import figures
+from vrte.app.solving.reflectance import WITH_BEAM, WITHOUT_BEAM, collect_reflectances
 from vrte.optics.fresnel import reflect_smooth
 from vrte.pictures.lobes import MIRRORED, describe_mirrored_beam, name_brdf
 from vrte.results.spectrum import Spectrum
@@ -123,3 +124,16 @@ def test_a_spectrum_parts_beams_from_the_rest(plain: vrte.Brdf, shiny: vrte.Brdf
     dashed = [line for line in panel.lines if line.get_linestyle() == "--"]
     np.testing.assert_allclose([line.get_ydata()[0] for line in dashed], shiny.specular[:, 0, 0])
     assert not [line for line in Spectrum([0.5], [plain]).plot().axes[0].lines if line.get_linestyle() == "--"]
+
+
+def test_shares_that_come_back_count_the_beam_and_tell_it_apart(plain: vrte.Brdf, shiny: vrte.Brdf) -> None:
+    found = collect_reflectances((0.64,), (shiny,), (shiny,), ("over black", "over white"))
+    assert found is not None
+    beams = shiny.specular_reflectance
+    for name in ("over black", "over white"):
+        np.testing.assert_array_equal(found.curves[f"{name}{WITHOUT_BEAM}"][0], shiny.reflectance)
+        np.testing.assert_array_equal(found.curves[f"{name}{WITH_BEAM}"][0], shiny.reflectance + beams)
+    assert len(figures.reflectance(found, (0.64,), 0).data) == 4
+    matt = collect_reflectances((0.64,), (plain,), (plain,), ("over black", "over white"))
+    assert matt is not None
+    assert list(matt.curves) == ["over black", "over white"]

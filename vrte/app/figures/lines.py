@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 MOST_DEGREES = 2000  # beyond, a line on the screen is a smear
-BASES = (("#1f4e79", "solid"), ("#d98200", "dash"))
+BASES = (("#1f4e79", "solid"), ("#d98200", "dash"), ("#2a8f5b", "dashdot"), ("#b3262e", "dot"))
 
 
 def coefficients(phase_matrix: PhaseMatrix) -> "Figure":

@@ -60,7 +60,9 @@ def find_problems(content: Content, folder: Path = Path(), tables: frozenset[str
 
 
 def repair_field(content: Content, place: Place) -> None:
-    """Puts in something that is right, or nothing where that is."""
+    """Puts in something that is right, or nothing where that is; a layer in place of an interface, whose indices would
+    have to fit its neighbours'."""
+    place = place[:2] if place[2:3] == ("interface",) else place
     kinds = content.get("particles")
     kind = next(iter(kinds), "") if isinstance(kinds, dict) else ""
     held = {"particles": kind, "volume_fractions": {kind: 0.01}}

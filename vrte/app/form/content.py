@@ -1,6 +1,7 @@
 """The content of a scene file as a form changes it: a plain dict, in which a field is named by its place."""
 
 import copy
+import itertools
 import math
 import re
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 from vrte.app.form.fields import list_places
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.particle_sources import DIAMETERS
-from vrte.formats.scene_file import ANGLES, FILLINGS, REQUEST_KEYS, SceneFile, read_listed_wavelengths
+from vrte.formats.scene_file import ANGLES, FACET_KEYS, FILLINGS, REQUEST_KEYS, SceneFile, read_listed_wavelengths
 from vrte.formats.scene_writer import write_toml
 from vrte.formats.toml_table import is_number, show_key
 from vrte.optics.refractive_index import MATERIALS
@@ -41,6 +42,13 @@ MEDIA: dict[str, tuple[str, Any]] = {  # what fills a layer: in words, and the p
     "rayleigh": ("Rayleigh scatterers", {"rayleigh": 0.0}),
     "henyey_greenstein": ("Henyey-Greenstein scatterers", {"henyey_greenstein": 0.8}),
     "table": ("a table of coefficients", None),
+}
+SURFACES = {"smooth": "smooth: beams stay beams", "rough": "rough: many small facets"}
+ROUGHNESS = 0.1  # that a rough surface begins with
+BASES: dict[str, tuple[str, Content]] = {  # what lies beneath: in words, and what it begins with
+    "black": ("black", {}),
+    "lambertian": ("white or grey (Lambertian)", {"albedo": 0.5}),
+    "mirror": ("smooth metal or glass (a mirror)", {"index": [1.5, 0.0]}),
 }
 SIZES: dict[str, tuple[str, Content]] = {  # how a size is told: in words, and what it begins with
     "radius": ("one radius", {"radius_um": 0.3}),
@@ -81,12 +89,74 @@ def put(content: Content, place: Place, value: Any) -> None:
 
 def add_layer(content: Content) -> None:
     """One more at the bottom, like the last, with an end. Raises SceneError where there are as many as a page shows."""
-    layers = content["layer"]
-    if len(layers) >= MOST_LAYERS:
+    layers = make_room(content)
+    filled = [layer for layer in layers if not is_interface(layer)]
+    layers.append(copy.deepcopy(filled[-1] if filled else {"phase": "isotropic", "albedo": 0.99, "thickness": 10.0}))
+
+
+def check_room(content: Content) -> None:
+    """Raises SceneError where there are as many layers as a page shows."""
+    if len(content["layer"]) >= MOST_LAYERS:
         raise SceneError(f"layer: the page shows at most {MOST_LAYERS} layers; `vrte brdf` takes more")
+
+
+def make_room(content: Content) -> list[Content]:
+    """The layers, where one more may stand below them. Raises SceneError as `check_room` does."""
+    check_room(content)
+    layers: list[Content] = content["layer"]
     if layers[-1].get("thickness") == math.inf:
         layers[-1]["thickness"] = 1.0
-    layers.append(copy.deepcopy(layers[-1]))
+    return layers
+
+
+def is_interface(layer: Content) -> bool:
+    """Whether there is nothing but an interface between two media."""
+    return "interface" in layer
+
+
+def name_layers(layers: list[Content]) -> list[str]:
+    """What layers are called: those with something in them are counted, as a scene does it.
+
+    >>> name_layers([{"interface": {}}, {"phase": "rayleigh"}])
+    ['interface', 'layer 1']
+    """
+    filled = itertools.count(1)
+    return ["interface" if is_interface(layer) else f"layer {next(filled)}" for layer in layers]
+
+
+def add_interface(content: Content) -> None:
+    """Air above the pile, or below it where its top is an interface. Raises SceneError as `add_layer` does."""
+    index: Any = content.get("host_index")
+    if index is None:
+        index = 1.5
+        if content.get("particles"):
+            content["host_index"] = index  # that of the binder between its surface and the next
+    if not is_interface(content["layer"][0]):
+        check_room(content)
+        content["layer"].insert(0, {"interface": {"above": 1.0, "below": index}})
+        return
+    layers = make_room(content)
+    last = next(layer["interface"] for layer in reversed(layers) if is_interface(layer))
+    above = last.get("below", index)
+    layers.append({"interface": {"above": above, "below": index if above == 1.0 else 1.0}})
+
+
+def is_rough(table: Content) -> bool:
+    """Whether an interface or a base consists of facets.
+
+    >>> is_rough({"above": 1.0, "below": 1.5, "roughness": 0.1})
+    True
+    """
+    return table.get("roughness", 0) != 0
+
+
+def set_rough(table: Content, rough: bool) -> None:
+    """Facets, or a smooth surface, which has no distribution of slopes."""
+    if rough:
+        table.setdefault("roughness", ROUGHNESS)
+        return
+    for key in FACET_KEYS:
+        table.pop(key, None)
 
 
 def remove_layer(content: Content, place: int) -> None:
@@ -172,10 +242,10 @@ def add_kind(content: Content) -> str:
 
 def remove_kind(content: Content, name: str) -> None:
     """Raises SceneError where a layer holds it."""
-    for place, layer in enumerate(content["layer"], 1):
+    for called, layer in zip(name_layers(content["layer"]), content["layer"], strict=True):
         held = layer.get("volume_fractions", layer.get("particles", ()))
         if name == held or (isinstance(held, dict) and name in held):
-            raise SceneError(f"particles.{show_key(name)}: layer {place} holds it; fill that with something else first")
+            raise SceneError(f"particles.{show_key(name)}: {called} holds it; fill that with something else first")
     content.get("particles", {}).pop(name, None)
 
 
@@ -250,8 +320,11 @@ def set_size_mode(kind: Content, mode: str) -> None:
 
 
 def set_base(content: Content, kind: str) -> None:
-    """What lies beneath."""
-    content["base"] = {"kind": kind} | ({"albedo": 0.5} if kind == "lambertian" else {})
+    """What lies beneath; mirror and facets keep their substance."""
+    index = get_value(content, ("base", "index"))
+    content["base"] = {"kind": kind} | copy.deepcopy(BASES[kind][1])
+    if index is not None and "index" in content["base"]:
+        content["base"]["index"] = index
 
 
 def is_in_degrees(content: Content) -> bool:

@@ -17,7 +17,7 @@ from vrte.formats.scene_file import ANGLES
 from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.truncation import CHOICES
 
-BASE_NAMES = {"black": "black", "lambertian": "white or grey (Lambertian)"}
+SLOPES = {"beckmann": "Gaussian (Beckmann)", "ggx": "with long tails (GGX)"}
 LIST_HINT = "one number, several with commas, or start:stop:count"
 
 
@@ -105,7 +105,7 @@ class FormPanel:
             label.classes("vrte-name grow").tooltip("the name of this kind")
             label.on("change", lambda: self.change(form.rename_kind, content, name, str(label.value)))
             make_icon("close", "remove this kind", lambda: self.change(form.remove_kind, content, name))
-        index, before = self.field("particles", name, "index"), kind.get("index")
+        before = kind.get("index")
 
         def name_after() -> None:
             """Once it is typed or chosen; a card that has its name by hand keeps it."""
@@ -113,46 +113,79 @@ class FormPanel:
             if name not in content["particles"]:
                 self.draw()
 
-        def choose(material: str) -> None:
-            index.set_value(material)
-            name_after()
-
-        index.on("change", name_after)
-        with index.add_slot("append"), make_icon("arrow_drop_down", "known substances"), ui.menu().props("auto-close"):
-            for material in MATERIALS:
-                ui.menu_item(material, partial(choose, material))
+        self._substance("particles", name, "index", chosen=name_after)
         mode = form.get_size_mode(kind)
         names = {mode: words for mode, (words, _) in form.SIZES.items()}
         self.choice(names, mode, "size", partial(form.set_size_mode, kind))
         with make_row():
             for below in list_places(form.SIZES[mode][1]):
                 self.field("particles", name, *below)
+        if "host_index" in kind or any(map(form.is_interface, self.bench.content["layer"])):
+            self.field("particles", name, "host_index")
         self.complaint("particles", name)
+
+    def _substance(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
+        """A field for a substance, with a menu of those that have names; ``chosen`` is called once there is one."""
+        index = self.field(*place)
+
+        def choose(material: str) -> None:
+            index.set_value(material)
+            chosen()
+
+        index.on("change", chosen)
+        with index.add_slot("append"), make_icon("arrow_drop_down", "known substances"), ui.menu().props("auto-close"):
+            for material in MATERIALS:
+                ui.menu_item(material, partial(choose, material))
 
     def _layers(self) -> None:
         with self.section("Layers, top first", "layers"):
             for place in range(len(self.bench.content["layer"])):
                 with ui.column().classes("vrte-card"):
                     self._layer(place)
-            self.adder("add a layer", form.add_layer)
+            with make_row():
+                self.adder("add a layer", form.add_layer)
+                self.adder("add a surface or interface", form.add_interface)
 
     def _layer(self, place: int) -> None:
         content = self.bench.content
         layer, last = content["layer"][place], len(content["layer"]) - 1
         with make_card_head():
-            ui.label(f"Layer {place + 1}").classes("vrte-name grow")
+            ui.label(form.name_layers(content["layer"])[place].capitalize()).classes("vrte-name grow")
             for symbol, tip, act, possible in (
                 ("arrow_upward", "up", partial(form.move_layer, content, place, -1), place > 0),
                 ("arrow_downward", "down", partial(form.move_layer, content, place, 1), place < last),
                 ("close", "remove this layer", partial(form.remove_layer, content, place), last > 0),
             ):
                 make_icon(symbol, tip, partial(self.change, act)).set_enabled(possible)
+        if form.is_interface(layer):
+            with make_row():
+                for key in ("above", "below"):
+                    self.field("layer", place, "interface", key)
+            self._surface(layer["interface"], "layer", place, "interface")
+            self.complaint("layer", place)
+            return
         medium = form.get_medium(layer)
         names = {name: words for name, (words, _) in form.MEDIA.items() if name != "table" or medium == "table"}
         self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
         self._medium(place, layer, medium)
         self._thickness(place, layer, medium)
         self.complaint("layer", place)
+
+    def _surface(self, table: form.Content, *place: str | int) -> None:
+        """Whether the surface of an interface is smooth, and if not its facets."""
+        rough = form.is_rough(table)
+        names, now = form.SURFACES, "rough" if rough else "smooth"
+        self.choice(names, now, "surface", lambda chosen: form.set_rough(table, chosen == "rough"))
+        if rough:
+            self._facets(table, *place)
+
+    def _facets(self, table: form.Content, *place: str | int) -> None:
+        """How rough, how the slopes of facets are distributed, and whether these hide each other."""
+        self.field(*place, "roughness")
+        slopes = table.get("distribution", "beckmann")
+        self.choice(SLOPES, slopes, "slopes of facets", partial(form.put, table, ("distribution",)))
+        shadowing = partial(form.put, table, ("shadowing",))
+        self.switch("facets hide each other (Smith)", table.get("shadowing") is True, shadowing)
 
     def _medium(self, place: int, layer: form.Content, medium: str) -> None:
         kinds = list(self.bench.content.get("particles", {}))
@@ -186,9 +219,15 @@ class FormPanel:
         content = self.bench.content
         with self.section("Base", "horizontal_rule"):
             kind = content.get("base", {}).get("kind", "black")
-            self.choice(BASE_NAMES, kind, "what lies beneath", partial(form.set_base, content))
+            names = {name: words for name, (words, _) in form.BASES.items()}
+            self.choice(names, kind, "what lies beneath", partial(form.set_base, content))
             if kind == "lambertian":
                 self.field("base", "albedo")
+            if kind in ("mirror", "facets"):
+                self._substance("base", "index")
+            if kind == "facets":
+                self._facets(content["base"], "base")
+            self.complaint("base")
 
     def _directions(self) -> None:
         content = self.bench.content

@@ -15,6 +15,7 @@ from vrte.app.solving.bench import Bench
 from vrte.app.solving.messages import Outcome
 from vrte.app.solving.reflectance import Reflectances
 from vrte.basics.errors import SceneError
+from vrte.pictures.lobes import describe_mirrored_beam
 from vrte.results.quantities import (
     DEGREE_LINEAR,
     FIELD_QUANTITIES,
@@ -76,6 +77,7 @@ UNDER_THE_SKY = "As seen from this angle under an evenly white sky of sunlight, 
 NO_FIELD = 'No radiance field here: turn on "Inside the layers" in the form and solve.'
 NO_BRDF = "No BRDF here: the file that was opened holds a radiance field; see Inside."
 NO_MATRICES = "A result file holds no phase matrices: solve its scene to see them."
+NO_PARTICLES = "Nothing scatters here: there are interfaces alone."
 NO_PLAN = "No plan here: a result file has none, nor have methods other than discrete ordinates."
 
 
@@ -279,8 +281,8 @@ class ResultPanel:
         if tab == "plan":
             self._write_plan(outcome)
         elif tab == "scattering":
-            if not outcome.inside:
-                raise SceneError(NO_MATRICES)
+            if not outcome.inside or not outcome.inside[which].names:
+                raise SceneError(NO_PARTICLES if outcome.inside else NO_MATRICES)
             matrix = outcome.inside[which].phase_matrices[view["layer"]]
             self._draw("scattering", figures.scattering_matrix(matrix))
             self._draw("coefficients", figures.coefficients(matrix))
@@ -320,9 +322,11 @@ class ResultPanel:
         self.plots[name].update_figure({**dark, "config": config})
 
     def share_in_words(self, outcome: Outcome) -> str:
-        """How much of the light comes back."""
-        back = outcome.brdfs[self.view["wavelength"]].reflectance[self.view["place"]]
-        return f"{100.0 * float(back):.3g} % comes back"
+        """How much of the light comes back, and how much of it as a beam."""
+        brdf, place = outcome.brdfs[self.view["wavelength"]], self.view["place"]
+        back = f"{100.0 * float(brdf.reflectance[place]):.3g} % comes back"
+        mirrored = describe_mirrored_beam(brdf, place).partition(",")[0]
+        return f"{back} diffuse, {mirrored}" if mirrored else back
 
     def mark_stale(self) -> None:
         """Whether the figure shows another scene than the form."""

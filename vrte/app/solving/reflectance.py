@@ -14,11 +14,13 @@ from vrte.scene.scene import Scene
 
 FEWEST, FROM_UM, TO_UM = 5, 0.46, 0.64  # wavelengths that make a colour: so many, from below the one to above the other
 IN_FILE = "as in the file"
+WITH_BEAM, WITHOUT_BEAM = ", all of it", ", without what is mirrored as a beam"
 
 
 @dataclass(frozen=True, eq=False)
 class Reflectances:
-    """Shares of unpolarized light that come back from a scene: ``curves``, (wavelength, mu_i) by what lies beneath.
+    """Shares of unpolarized light that come back from a scene: ``curves``, (wavelength, mu_i) by what lies beneath, and
+    where some of it is mirrored as a beam, with that and without it.
 
     ``colours`` are "#rrggbb" of the same names, one a mu_i, of the scene under an evenly white, unpolarized sky seen
     from there: by reciprocity the same shares. ``why_none`` says why there are no colours. ``mu_i`` (n,).
@@ -52,7 +54,14 @@ def collect_reflectances(
     if not brdfs:
         return None
     found = (brdfs, others) if len(others) == len(brdfs) else (brdfs,)
-    curves = {name: np.array([one.reflectance for one in each]) for name, each in zip(names, found, strict=False)}
+    curves: dict[str, Array] = {}
+    for name, each in zip(names, found, strict=False):
+        diffuse = np.array([one.reflectance for one in each])
+        if each[0].specular is None:
+            curves[name] = diffuse
+        else:
+            curves[f"{name}{WITH_BEAM}"] = diffuse + np.array([one.specular[:, 0, 0] for one in each])
+            curves[f"{name}{WITHOUT_BEAM}"] = diffuse
     colours, why_none = compute_colours(np.array(wavelength_um), curves)
     return Reflectances(brdfs[0].mu_i, curves, colours, why_none)
 

@@ -14,7 +14,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vrte.app.form.content import Content, choose_keywords, list_page_wavelengths, select_wavelength
+from vrte.app.form.content import (
+    Content,
+    choose_keywords,
+    is_interface,
+    list_page_wavelengths,
+    name_layers,
+    select_wavelength,
+)
 from vrte.app.form.files import adopt_content
 from vrte.app.solving.downloads import collect_bytes
 from vrte.app.solving.messages import Answer, Inside, Outcome, Planned, Progress, Read, Solve, Task, Tensor, Written
@@ -105,7 +112,7 @@ def solve(task: Solve, tell: Tell) -> Outcome:
     for which, wavelength in enumerate(wavelengths):
         begin("particles", which)
         file = make_scene_file(select_wavelength(content, wavelength), "brdf", task.folder)
-        inside.append(Inside(describe_layers(content), tuple(layer.phase_matrix for layer in file.scene.layers)))
+        inside.append(describe_inside(content, file))
         keywords = choose_keywords(file)
         with file.located():
             planned = planned or make_plan_message(file, keywords)
@@ -131,9 +138,29 @@ def solve(task: Solve, tell: Tell) -> Outcome:
     )
 
 
-def describe_layers(content: Content) -> tuple[str, ...]:
-    """What the layers hold, in words."""
-    return tuple(f"layer {place}: {describe_filling(layer)}" for place, layer in enumerate(content["layer"], 1))
+def describe_inside(content: Content, file: SceneFile) -> Inside:
+    """What the layers hold, in words, and their phase matrices; interfaces hold nothing."""
+    names = describe_layers(content["layer"])
+    named = [(name, layer.phase_matrix) for name, layer in zip(names, file.scene.layers, strict=True) if name]
+    return Inside(tuple(name for name, _ in named), tuple(matrix for _, matrix in named))
+
+
+def describe_layers(tables: list[Content]) -> list[str]:
+    """What the layers of a scene hold, "" for the clear ones that it puts between interfaces.
+
+    >>> fog = {"phase": "rayleigh"}
+    >>> describe_layers([{"interface": {}}, {"interface": {}}, fog]), describe_layers([{"interface": {}}])
+    (['', 'layer 1: rayleigh'], [''])
+    """
+    found: list[str] = []
+    filled = True
+    for name, table in zip(name_layers(tables), tables, strict=True):
+        if not is_interface(table):
+            found.append(f"{name}: {describe_filling(table)}")
+        elif not filled:
+            found.append("")
+        filled = not is_interface(table)
+    return found or [""]
 
 
 def describe_filling(layer: Content) -> str:
