@@ -2,11 +2,14 @@
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, share_progress
 from vrte.calls.spectrum import Source, prepare_scenes, solve_spectrum
 from vrte.formats.between_directions import AZIMUTHS, COSINES, directions
@@ -21,11 +24,15 @@ from vrte.formats.measured_polarized import (
     make_angles,
     write_mitsuba,
 )
+from vrte.formats.mitsuba_scene import write_nested_scene
 from vrte.request.how import EXACT
 from vrte.results.spectrum import Spectrum, check_ascending
+from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
     from vrte.formats.scene_file import SceneFile
+
+NO_BEAM = 1e-6  # share of light that comes back as a beam: below, nothing is missing without it
 
 
 def to_mitsuba(
@@ -35,6 +42,7 @@ def to_mitsuba(
     step_deg: float = STEP,
     progress: Progress | None = None,
     folder: str | os.PathLike[str] = ".",
+    nested: bool = False,
     **asked: Any,
 ) -> Errors:
     """Solves a scene file at five wavelengths and writes a table for Mitsuba 3's BSDF ``measured_polarized``.
@@ -53,6 +61,10 @@ def to_mitsuba(
         Called with (steps done, steps).
     folder : path
         Where the tables of a parsed content lie.
+    nested
+        For scenes with a smooth surface on top, whose mirrored beam no table can hold: the table is that of what lies
+        below the surface, and beside it a scene file for Mitsuba, of the same name but for .xml, has Mitsuba's own
+        dielectric above it (docs/exports.md).
     asked
         Keywords of `vrte.brdf` but for the directions, which are the table's own.
 
@@ -76,10 +88,59 @@ def to_mitsuba(
     make_angles(step_deg)
     first, second = (share_progress(progress, half, 2, 100 * wavelengths.size) for half in (0, 1))
     files, _ = prepare_scenes(scene, wavelengths, folder, first)
+    if nested:
+        check_nested(path, asked)
+        surface, files = take_off_surface(files)
     table, exact = solve_for_table(files, wavelengths, second, **asked)
+    if nested:
+        check_below_surface(table)
     errors = write_mitsuba(table, path, step_deg, exact)
+    if nested:
+        write_nested_scene(Path(path).with_suffix(".xml"), path, *surface)
     assert errors is not None
     return errors
+
+
+def check_nested(path: str | os.PathLike[str], asked: dict[str, Any]) -> None:
+    """Whether a scene file can lie beside a table, and light comes from above. Raises SceneError."""
+    if Path(path).suffix == ".xml":
+        raise SceneError(f"the table {Path(path).name} needs another ending: the scene file beside it ends in .xml")
+    if asked.get("illuminate", "top") != "top":
+        raise SceneError("nested is for the surface on top: illuminate must be 'top'", "illuminate")
+
+
+def take_off_surface(files: Sequence["SceneFile"]) -> tuple[tuple[float, float], list["SceneFile"]]:
+    """The refractive indices above and below the surface on top, and the scenes without it, in the medium below it.
+
+    Raises SceneError where there is none or a rough one, or where the indices are others at other wavelengths, of which
+    Mitsuba's dielectric knows nothing.
+    """
+    surfaces = [file.scene.interfaces[0] for file in files]
+    if any(surface is None for surface in surfaces):
+        raise SceneError("nested is for scenes with an interface on top, and here is none")
+    if not all(surface.is_smooth for surface in surfaces if surface is not None):
+        raise SceneError("nested is for a smooth surface: Mitsuba's rough dielectric knows no polarization")
+    indices = {(surface.index_above, surface.index_below) for surface in surfaces if surface is not None}
+    if len(indices) > 1:
+        told = ", ".join(f"{above:g}/{below:g}" for above, below in sorted(indices))
+        raise SceneError(f"nested is for a surface of one index, Mitsuba's dielectric has no others: not {told}")
+    return indices.pop(), [replace(file, scene=take_off(file.scene)) for file in files]
+
+
+def take_off(scene: Scene) -> Scene:
+    """A scene without the interface on top, seen from the medium below it."""
+    first = replace(scene.layers[0], host_index=scene.indices[0])
+    return Scene((first, *scene.layers[1:]), scene.base, (None, *scene.interfaces[1:]))
+
+
+def check_below_surface(table: Spectrum) -> None:
+    """Raises SceneError where a beam comes back from below the surface: a table has no place for it."""
+    shares = table.specular_reflectance
+    if shares is not None and shares.max() > NO_BEAM:
+        raise SceneError(
+            f"nested is for surfaces below which light is scattered: up to {shares.max():.2g} of it comes back as a "
+            "beam from below, mirrored by other interfaces or the base, which neither the table nor the surface has"
+        )
 
 
 def solve_for_table(

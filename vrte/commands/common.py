@@ -152,11 +152,12 @@ class Seconds(dict[str, float]):
 @dataclass(frozen=True, eq=False)
 class Found:
     """The scene at each wavelength, the result of them all, and two spectra where a table for Mitsuba is asked for: the
-    table's and those that check it."""
+    table's and those that check it, and the indices above and below the surface that is taken off for it."""
 
     files: list[SceneFile]
     result: Any
     table: tuple[Spectrum, Spectrum] | None = None
+    surface: tuple[float, float] | None = None
 
 
 @contextmanager

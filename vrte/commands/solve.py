@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> None:
     (spectrum.describe if several else describe)(options.scene, found)
     paths = [write_result(found.result, options, name, seconds) for name in OUTPUTS if getattr(options, name)]
     if found.table:
-        paths.append(spectrum.write_table(found.table, options, seconds))
+        paths += spectrum.write_table(found, options, seconds)
     print_times(seconds, spectrum.sum_stages(found.result))
     for path in paths:
         say_written(path)

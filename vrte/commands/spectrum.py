@@ -9,7 +9,7 @@ import numpy as np
 
 from vrte import __version__
 from vrte.basics.errors import SceneError
-from vrte.calls.mitsuba import solve_for_table
+from vrte.calls.mitsuba import check_below_surface, check_nested, solve_for_table, take_off_surface
 from vrte.calls.spectrum import prepare_scenes, solve_spectrum
 from vrte.commands.common import (
     Found,
@@ -22,6 +22,7 @@ from vrte.commands.common import (
 )
 from vrte.formats import measured_polarized as mitsuba
 from vrte.formats.contents import Result
+from vrte.formats.mitsuba_scene import write_nested_scene
 from vrte.formats.scene_file import read_content, read_listed_wavelengths
 from vrte.results.spectrum import Spectrum, check_ascending
 
@@ -47,6 +48,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
         default=mitsuba.STEP,
         help=f"step of its angles theta; default: {mitsuba.STEP:g}",
     )
+    command.add_argument(
+        "--mitsuba-nested",
+        action="store_true",
+        help="the table of what lies below the smooth surface on top, and OUT.xml with Mitsuba's own surface above it",
+    )
 
 
 def read_file_wavelengths(path: Path) -> list[float] | None:
@@ -66,6 +72,10 @@ def check_options(options: argparse.Namespace) -> None:
                 f"--mitsuba needs {mitsuba.WAVELENGTHS} wavelengths, by --wavelengths-um or in the scene file"
             )
         mitsuba.check_wavelengths(options.wavelengths_um)
+        if options.mitsuba_nested:
+            check_nested(options.mitsuba, {"illuminate": options.illuminate or "top"})
+    elif options.mitsuba_nested:
+        raise SceneError("--mitsuba-nested goes with --mitsuba")
 
 
 def solve(
@@ -83,16 +93,28 @@ def solve(
         return Found(files, result)
     phase("directions of the table")
     with seconds.of("solver for Mitsuba"), label_errors(options.scene):
-        return Found(files, result, solve_for_table(files, at, tick, **asked))
+        surface, below = take_off_surface(files) if options.mitsuba_nested else (None, files)
+        table = solve_for_table(below, at, tick, **asked)
+        if surface:
+            check_below_surface(table[0])
+        return Found(files, result, table, surface)
 
 
-def write_table(table: tuple[Spectrum, Spectrum], options: argparse.Namespace, seconds: Seconds) -> Path:
-    """The file for Mitsuba."""
+def write_table(found: Found, options: argparse.Namespace, seconds: Seconds) -> list[Path]:
+    """The files for Mitsuba."""
+    assert found.table is not None
+    table, exact = found.table
+    paths: list[Path] = [options.mitsuba]
     with seconds.of("writing .bsdf"):
-        errors = mitsuba.write_mitsuba(table[0], options.mitsuba, options.mitsuba_step_deg, table[1])
+        errors = mitsuba.write_mitsuba(table, options.mitsuba, options.mitsuba_step_deg, exact)
     print(f"  Mitsuba's table: {errors}")
-    path: Path = options.mitsuba
-    return path
+    if table.specular is not None:
+        print(f"  Mitsuba's table: {mitsuba.tell_left_out(table)}")
+    if found.surface:
+        paths.append(options.mitsuba.with_suffix(".xml"))
+        write_nested_scene(paths[1], paths[0], *found.surface)
+        print("  Mitsuba's table: of what lies below the surface, which Mitsuba's own dielectric is")
+    return paths
 
 
 def sum_stages(result: Result) -> dict[str, dict[str, float]]:

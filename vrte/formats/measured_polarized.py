@@ -77,7 +77,13 @@ def write_mitsuba(
     check_directions(spectrum)
     table = tabulate_spectrum(spectrum, angles)
     errors = None if exact is None else measure_errors(table, angles, exact)
-    told = describe_result(spectrum) | {"note": NOTE} | ({} if errors is None else {"interpolation": str(errors)})
+    left_out = {} if spectrum.specular is None else {"mirrored": tell_left_out(spectrum)}
+    told = (
+        describe_result(spectrum)
+        | {"note": NOTE}
+        | left_out
+        | ({} if errors is None else {"interpolation": str(errors)})
+    )
     text = "\n".join(f"{name}: {value}" for name, value in told.items())
     fields: dict[str, NDArray[Any]] = {
         name: getattr(angles, name)[None].astype(np.float32) for name in ("phi_d", "theta_d", "theta_h")
@@ -85,6 +91,22 @@ def write_mitsuba(
     fields |= {"wvls": nanometres, "M": table, "description": np.frombuffer(text.encode("utf-8"), np.uint8)}
     write_tensors(fields, path)
     return errors
+
+
+def tell_left_out(spectrum: Spectrum) -> str:
+    """What of the light no table has, in words: what smooth surfaces mirror as beams.
+
+    >>> import vrte
+    >>> tell_left_out(vrte.Spectrum([0.5], [vrte.Brdf(np.zeros((1, 1, 1, 4, 4)), [0], [1], [1], [0], {},
+    ...     specular=[0.04 * np.eye(4)])]))
+    'left out is the mirrored beam, 0.04 of the light at mu_i 1: no table holds what goes into one direction'
+    """
+    shares, steep = spectrum.specular_reflectance, int(np.argmax(spectrum.mu_i))
+    assert shares is not None
+    low, high = shares[:, steep].min(), shares[:, steep].max()
+    share = f"{low:.3g}" if f"{low:.3g}" == f"{high:.3g}" else f"{low:.3g} to {high:.3g}"
+    where = f"{share} of the light at mu_i {spectrum.mu_i[steep]:.3g}"
+    return f"left out is the mirrored beam, {where}: no table holds what goes into one direction"
 
 
 @dataclass(frozen=True, eq=False)
