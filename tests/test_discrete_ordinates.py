@@ -560,7 +560,8 @@ def test_an_order_that_fails_its_checks_is_repeated_by_the_other_route(
 
 @pytest.mark.parametrize("algorithm", ["modes", "doubling", "invariance"])
 def test_the_orders_of_a_block_that_pass_their_checks_stay(algorithm: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES, Orders
+    from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES
+    from vrte.discrete_ordinates.orders.solved import Orders
 
     scene = vrte.Scene([vrte.Layer(spheroids(), 0.9, np.inf)])
     expected = exact.brdf(scene, MU, MU, PHI, nodes=8, algorithm="doubling")

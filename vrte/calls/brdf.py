@@ -13,6 +13,7 @@ from vrte.request.how import describe_options
 from vrte.request.request import Request, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.results.solution import Solution
+from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_mueller
 from vrte.scene.scene import Scene
 
@@ -93,15 +94,27 @@ def make_brdf(request: Request, solution: Solution) -> Brdf:
     matrices = [settle_array(values)[0] for values in solution.parts]
     if request.illuminate == "bottom":
         matrices = [mirror_mueller(values) for values in matrices]
+    specular, through, share = None, None, np.exp(-request.scene.thickness / into)
+    if request.scene.keeps_beams:
+        faces, lower = np.array([0.0, request.scene.thickness]), np.array([False, True])
+        ends = slice(1 + bool(np.isfinite(faces[1])))
+        direct = find_direct_light(request.scene, into, locate_depths(request.scene, faces[ends], lower[ends]))
+        if request.illuminate == "bottom":
+            direct = mirror_mueller(direct)
+        specular = direct[0, :, 0] if direct[0, :, 0].any() else None
+        share = direct[1, :, 1, 0, 0] if direct.shape[0] > 1 else np.zeros_like(into)
+        through = direct[1, :, 1] if share.any() else None
     for values in matrices:
         warn_of_negative(request, values[..., 0, 0], solution.diagnostics)
     return Brdf(
         mueller=matrices[0],
         reflectance=freeze_copy(solution.flux_up[0, :, 0] / into),
         transmission=matrices[1] if len(matrices) > 1 else None,
-        direct_transmittance=freeze_copy(np.exp(-request.scene.thickness / into)),
+        direct_transmittance=freeze_copy(share),
         mu_i=into,
         mu_o=directions[directions > 0.0],
         phi=request.phi,
         diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
+        specular=None if specular is None else freeze_copy(specular),
+        specular_transmission=None if through is None else freeze_copy(through),
     )

@@ -10,9 +10,10 @@ from vrte.basics.running import Progress, run_interruptible
 from vrte.methods import choose_method, make_run, solve_request
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
-from vrte.request.request import Request, make_radiance_request
+from vrte.request.request import Request, find_under, make_radiance_request
 from vrte.results.field import Field
 from vrte.results.solution import Solution
+from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_stokes
 from vrte.scene.scene import Scene
 
@@ -37,6 +38,7 @@ def radiance(
     settings: Mapping[str, Any] | None = None,
     illuminate: str = "top",
     time_limit_s: float | None = None,
+    side: str = "above",
 ) -> Field:
     """The diffuse field of one beam, or of several in one solve, by discrete ordinates or another method.
 
@@ -57,6 +59,8 @@ def radiance(
     tau : float or sequence of float, optional
         Optical depths, n_tau; default: the top.
     {options}
+    side : {'above', 'below'}, optional
+        Of an interface, for depths that lie at one: tau = 0 is outside by default.
 
     Returns
     -------
@@ -102,6 +106,15 @@ def make_field(request: Request, directions: Array, solution: Solution) -> Field
     beams = request.mu0[:, None]
     direct = beams * incident[0] * np.exp(-request.tau / beams)
     fluxes = [np.moveaxis(flux, 1, 0).sum(axis=-1) for flux in (solution.flux_up, solution.flux_down)]
+    direct_up, index = None, None
+    if request.scene.keeps_beams:
+        depths = locate_depths(request.scene, request.tau, find_under(request))
+        passing = np.moveaxis(find_direct_light(request.scene, request.mu0, depths)[..., 0, :], 1, 0)
+        light = mirror_stokes(incident) if request.illuminate == "bottom" else incident
+        direct_up, direct = np.moveaxis(request.mu0[:, None, None] * (passing @ light), 2, 0)
+        index = depths.medium(request.scene.media)
+        if request.illuminate == "bottom":
+            direct_up, direct = direct, direct_up
     if request.illuminate == "bottom":
         seen, fluxes = mirror_stokes(seen), fluxes[::-1]
         if request.mu is None:  # the nodes, up and down, the other way round
@@ -121,4 +134,6 @@ def make_field(request: Request, directions: Array, solution: Solution) -> Field
         mu0=request.mu0,
         incident_stokes=incident,
         diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
+        direct_up=None if direct_up is None else freeze_copy(direct_up),
+        index=None if index is None else freeze_copy(index),
     )

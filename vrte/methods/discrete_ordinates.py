@@ -102,6 +102,7 @@ METHOD = Method(
     conserves="energy, to rounding",
     source="(1:12)-(1:66), (2:5)-(2:15)",
     conserves_energy=True,
+    interfaces="smooth",
     devices=True,
     options=("nodes", "accuracy", "algorithm", "truncation", "backend", "verify"),
     finest=FINEST,

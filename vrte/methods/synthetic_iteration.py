@@ -55,7 +55,7 @@ def solve_by_synthetic_iteration(task: Task) -> Answer:
             kernels = iterate_field(task, request, problem)
     parts = task.sum_orders(problem, kernels, bool(problem.fraction.any()))
     I = request.columns[:, 0]
-    fluxes = up[..., None] * I, down[..., None] * I + find_peak_flux(two, request.tau)
+    fluxes = up[..., None] * I, down[..., None] * I + find_peak_flux(two, request.tau)[1]
     return task.answer(parts, fluxes, problem, orders=len(kernels), regular=regular, iterations=iterations)
 
 
@@ -78,7 +78,7 @@ def compute_regular_fluxes(regular: str, request: Request, tau: Array, run: Run)
     if regular == "diffusion":
         return diffusion.compute_fluxes(problem, diffusion.build_pile(problem, base_albedo, MARSHAK), MARSHAK)
     down, up = solve_for_fluxes(regular, request, run)
-    return down - find_peak_flux(problem, tau)[..., 0], up
+    return down - find_peak_flux(problem, tau)[1, ..., 0], up
 
 
 def solve_for_fluxes(regular: str, request: Request, run: Run) -> tuple[Array, Array]:

@@ -7,24 +7,26 @@ from typing import Any
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, check_flag, check_numbers, check_vector, settle_array
+from vrte.basics.arrays import Array, BoolArray, check_flag, check_numbers, check_vector, settle_array, show_value
 from vrte.basics.errors import SceneError
 from vrte.request.how import BY_RULE, How
 from vrte.request.wanted import Wanted
+from vrte.scene.beams import locate_depths
 from vrte.scene.illumination import check_physical, mirror_stokes, turn_to_light
 from vrte.scene.scene import Scene
 
 SMALLEST_COSINE = 1e-8
+SIDES = ("above", "below")  # of an interface
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Request(How):
     """What is asked of a scene, and how: mu0 (n_in,), incident Stokes columns (n_col, 4), each within (I, Q) or (U, V),
     signed mu (n_mu,), phi (n_phi,) in degrees, tau (n_tau,). ``wanted`` (None: everything) says what becomes of the
-    solution. ``fluxes_only``: mu is there for form's sake. Lit from the bottom, it is asked of a scene upside down, all
-    in a horizontal mirror; ``asked_tau`` and ``incident``, the Stokes vector (4,) of a beam, are as the user gave them.
-    ``method_rule`` and ``nodes_rule``: why the method and the nodes are these; the former is empty where the method was
-    asked for."""
+    solution. ``fluxes_only``: mu is there for form's sake; ``under`` (n_tau,): whether a depth at an interface lies on
+    its lower side. Lit from the bottom, it is asked of a scene upside down, all in a horizontal mirror; ``asked_tau``
+    and ``incident``, the Stokes vector (4,) of a beam, are as the user gave them. ``method_rule`` and ``nodes_rule``:
+    why the method and the nodes are these; the former is empty where the method was asked for."""
 
     kind: str
     scene: Scene
@@ -37,6 +39,7 @@ class Request(How):
     asked_tau: Array | None = None
     incident: Array | None = None
     fluxes_only: bool = False
+    under: BoolArray | None = None
     method_rule: str = ""
     nodes_rule: str = "as asked for"
 
@@ -103,6 +106,26 @@ def check_depths(values: Any, scene: Scene) -> Array:
     return settle_array(np.where(total - within <= rounding, total, within)) if rounding else array
 
 
+def find_under(request: "Request") -> BoolArray:
+    """Whether depths at interfaces lie on their lower side, (n_tau,)."""
+    return np.zeros(request.tau.size, bool) if request.under is None else request.under
+
+
+def check_side(side: Any, scene: Scene, tau: Array, illuminate: str) -> BoolArray:
+    """Whether depths at interfaces lie on their lower side, as the light meets them, (n_tau,). Raises SceneError for
+    another side than the two, and for one asked for where no depth lies at an interface."""
+    if side not in SIDES:
+        raise SceneError.of("side", f"must be 'above' or 'below', not {show_value(side)}")
+    turned = illuminate == "bottom"
+    under = np.full(tau.size, (side == "below") != turned)
+    if side == "below":
+        levels = scene.thickness - tau if turned else tau
+        joints = locate_depths(scene, levels, under).joint
+        if not any(joint >= 0 and scene.interfaces[joint] is not None for joint in joints.tolist()):
+            raise SceneError.of("side", "'below' is for depths tau at an interface, and none of these is at one")
+    return under
+
+
 def make_brdf_request(
     scene: Any,
     mu_i: Any,
@@ -138,6 +161,7 @@ def make_brdf_request(
         phi=azimuths,
         tau=levels,
         wanted=Wanted(parts, np.arange(4, dtype=np.int32), 1.0 / into),
+        under=np.arange(levels.size) > 0,
         **vars(how),
     )
 
@@ -153,6 +177,7 @@ def make_radiance_request(
     threads: Any = None,
     progress: Any = None,
     *options: Any,
+    side: Any = "above",
     **more: Any,
 ) -> Request:
     """What `vrte.radiance` asks with these arguments, which are its own. Raises SceneError, TypeError."""
@@ -163,6 +188,7 @@ def make_radiance_request(
     directions = np.ones(1) if fluxes_only else None if mu is None else check_cosines("mu", mu, signed=True)
     incident, azimuths, asked_tau = check_stokes_vector(stokes), check_vector("phi", phi), check_depths(tau, scene)
     arriving, levels = incident, asked_tau
+    under = check_side(side, scene, asked_tau, how.illuminate)
     if how.illuminate == "bottom":
         arriving, levels = mirror_stokes(incident), scene.thickness - asked_tau
         directions = None if directions is None else -directions
@@ -179,5 +205,6 @@ def make_radiance_request(
         asked_tau=asked_tau,
         incident=incident,
         fluxes_only=fluxes_only,
+        under=under,
         **vars(how),
     )

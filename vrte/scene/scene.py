@@ -66,12 +66,9 @@ class Scene:
                 "base must be None (black), vrte.Lambertian, vrte.MuellerBase, vrte.Mirror or vrte.Facets, not "
                 f"{type(self.base).__name__}"
             )
-        layers, interfaces = (pile, tuple(self.interfaces)) if self.interfaces else sort_pile(pile)
-        if len(interfaces) != len(layers) + 1 or not all(isinstance(part, Layer) for part in layers):
-            raise SceneError(
-                f"interfaces must be one more than the {len(layers)} layers, each a vrte.Interface or None, and none "
-                "among the layers"
-            )
+        if self.interfaces:
+            pile = interleave(pile, check_list("interfaces", self.interfaces, MOST_LAYERS + 1))
+        layers, interfaces = sort_pile(pile, self.base is not None)
         if math.isinf(layers[-1].thickness) and interfaces[-1] is not None:
             raise SceneError(f"interface {len(layers) + 1}: no light gets there through a layer without end")
         object.__setattr__(self, "layers", layers)
@@ -80,19 +77,25 @@ class Scene:
         object.__setattr__(self, "interfaces", tuple(refracting))
 
     @property
+    def media(self) -> tuple[float, ...]:
+        """Refractive indices from top to bottom: of what lies above, of the medium of each layer, of what lies
+        below."""
+        return self._media  # type: ignore[attr-defined]
+
+    @property
     def indices(self) -> tuple[float, ...]:
         """Refractive index of the medium of each layer."""
-        return self._media[1:-1]  # type: ignore[attr-defined]
+        return self.media[1:-1]
 
     @property
     def index_above(self) -> float:
         """Refractive index of what lies above: the light's that comes in and goes out at the top."""
-        return self._media[0]  # type: ignore[attr-defined]
+        return self.media[0]
 
     @property
     def index_below(self) -> float:
         """Refractive index of what the base lies in, or of what lies below without one."""
-        return self._media[-1]  # type: ignore[attr-defined]
+        return self.media[-1]
 
     @property
     def has_interfaces(self) -> bool:
@@ -160,9 +163,25 @@ class Scene:
         return view(self, "_repr_html_")
 
 
-def sort_pile(pile: Sequence[Layer | Interface]) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...]]:
+def interleave(
+    layers: Sequence[Layer | Interface], interfaces: Sequence[Interface | None]
+) -> tuple[Layer | Interface, ...]:
+    """Layers with the interfaces above each of them and below the last. Raises SceneError where these do not fit."""
+    fit = len(interfaces) == len(layers) + 1 and all(isinstance(layer, Layer) for layer in layers)
+    if not fit or not all(isinstance(interface, Interface | None) for interface in interfaces):
+        raise SceneError(
+            f"interfaces must be one more than the {len(layers)} layers, each a vrte.Interface or None, and none among "
+            "the layers"
+        )
+    mixed = [part for pair in zip(interfaces, layers, strict=False) for part in pair]
+    return tuple(part for part in (*mixed, interfaces[-1]) if part is not None)
+
+
+def sort_pile(
+    pile: Sequence[Layer | Interface], has_base: bool
+) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...]]:
     """The layers of a list, and the interface above each of them and below the last, or None; between interfaces
-    without a layer a clear one without thickness."""
+    without a layer, and between one and a base, a clear one without thickness."""
     clear = Layer(isotropic(), 0.0, 0.0)
     layers: list[Layer] = []
     interfaces: list[Interface | None] = []
@@ -175,7 +194,7 @@ def sort_pile(pile: Sequence[Layer | Interface]) -> tuple[tuple[Layer, ...], tup
             if len(interfaces) == len(layers):
                 interfaces.append(None)
             layers.append(part)
-    if not layers:
+    if not layers or (has_base and len(interfaces) > len(layers)):
         layers.append(clear)
     if len(interfaces) == len(layers):
         interfaces.append(None)

@@ -192,7 +192,7 @@ def finish_task(task: Task, engine: Engine, run: Run, steps: Steps, start: float
     plan, target = task.plan, make_target(task.plan)
     parts = fill_parts(target, task.lights, engine, run, steps.ahead)
     steps.done += count_steps(plan, engine) - task.steps
-    task.flux[1] += find_peak_flux(plan.problem, plan.request.tau)
+    task.flux += find_peak_flux(plan.problem, plan.request.tau)
     diagnostics = {
         **plan.diagnostics(),
         "threads": run.threads,

@@ -14,6 +14,7 @@ from vrte import _core
 from vrte.basics import cost
 from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.running import Run
+from vrte.discrete_ordinates.execution.through_interfaces import list_vertices, show_vertices
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, find_scatterers, scatter_by_orders
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
@@ -115,12 +116,12 @@ def fill_parts(
     parts, problem = make_parts(target), target.problem
     if sum(part.values.nbytes for part in parts) < cost.WORTH_THREADS_SUMS:
         run = replace(run, threads=1)
-    in_closed_form = problem.leave_out.single
+    in_closed_form = problem.leave_out.single or problem.media is not None
     if not in_closed_form:
         lights = [*lights, find_single_scattering(target, run)]
     by_engine = [engine.prepare_orders(target, lights, run)]
-    by_processor = [prepare_base(target, run)]
-    if in_closed_form:
+    by_processor = [prepare_base(target, run)] if problem.media is None else [prepare_vertices(target, run)]
+    if problem.media is None and in_closed_form:
         by_engine.append(engine.prepare_scattering(target, parts, run))
         if target.spreads.any():
             by_processor.insert(0, prepare_spreading(target, run))
@@ -260,5 +261,20 @@ def prepare_base(target: Target, run: Run) -> Adder:
         part, place = share.part, (wanted.place, wanted.scale, share.first, share.last)
         with run.booked("single scattering"):
             add_base_reflected(base, target.problem, part.levels, part.mu, target.azimuths.phi, *place, part.values)
+
+    return add
+
+
+def prepare_vertices(target: Target, run: Run) -> Adder:
+    """What adds light scattered or reflected once, seen through interfaces."""
+    wanted, n_up = target.wanted, target.problem.n_up
+    sights, vertices = list_vertices(target.problem, target.scene.below, target.azimuths, run)
+
+    def add(share: Share) -> None:
+        part, (first, last) = share.part, (share.first, share.last)
+        scale = wanted.scale[first:last, None, None, None]
+        for t, light in show_vertices(sights, vertices, n_up, part.levels, part.rows, first, last):
+            for column, at in enumerate(wanted.place.tolist()):
+                part.values[t, first:last, ..., at] += scale * light[..., column]
 
     return add

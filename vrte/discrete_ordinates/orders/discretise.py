@@ -2,24 +2,39 @@
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
-from vrte.basics.quadrature import make_double_gauss
+from vrte.basics.arrays import Array, BoolArray, IntArray
+from vrte.basics.quadrature import make_double_gauss, make_refracted_nodes
+from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.truncating import truncate_layers
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried, truncate_layers
+from vrte.scene.beams import locate_depths
 from vrte.scene.scene import Scene
 
 LAST_PLACES = 4.0  # what sums of thicknesses may be off by
 
 
 def discretise_scene(
-    scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int, peaks: str = "none"
+    scene: Scene,
+    mu0: Array,
+    columns: Array,
+    mu: Array,
+    tau: Array,
+    nodes: int,
+    peaks: str = "none",
+    under: BoolArray | None = None,
 ) -> Problem:
     """Nodes, truncated layers and the one every depth lies in; ``mu`` signed, light going up first.
 
     ``peaks``: which layers lose theirs, "none", "polarizing" or "all"; all depths of the problem are those of the
-    truncated layers.
+    truncated layers. ``under`` (n_tau,): whether a depth at an interface lies on its lower side, None: nowhere.
     """
-    points, weights = make_double_gauss(nodes)
+    media = None
+    if scene.keeps_beams:
+        shared = make_refracted_nodes(scene.media, nodes)
+        points, weights = shared.carried(max(scene.media))
+        media = Media(scene, shared, locate_depths(scene, tau, np.zeros(tau.size, bool) if under is None else under))
+    else:
+        points, weights = make_double_gauss(nodes)
     layers = truncate_layers(scene, peaks, nodes)
     terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
     coefficients = np.zeros((len(scene.layers), int(terms.max()), 6))
@@ -45,7 +60,8 @@ def discretise_scene(
         columns=np.ascontiguousarray(columns),
         level=level,
         level_layer=at,
-        terms_cut=max(0, max(layer.phase_matrix.terms for layer in scene.layers) - 2 * nodes),
+        terms_cut=max(0, max(layer.phase_matrix.terms for layer in scene.layers) - count_terms_carried(scene, nodes)),
+        media=media,
     )
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import Problem
@@ -47,4 +48,42 @@ def assemble(problem: Problem, orders: IntArray, run: Run) -> Assembled:
             source_s=result.source_s,
             source_d=result.source_d,
         )
+    if problem.is_refracted and problem.conserves and 0 in orders:
+        balance_flux(problem, result, int(np.argmax(orders == 0)))
     return result
+
+
+def find_even_shifts(problem: Problem, terms: int) -> Array:
+    """What Legendre functions p_l of order 0 are multiplied with and lessened by, (terms, 2), so that the nodes
+    integrate those of even degree exactly, as Gauss's do: the flux is then conserved."""
+    found = np.tile([1.0, 0.0], (terms, 1))
+    if problem.is_refracted:
+        total = problem.weights.sum()
+        means = problem.weights @ _core.generalized_spherical_functions(0, terms, problem.nodes)[:, :, 0].T / total
+        found[2::2, 1] = means[2::2]
+        found[0, 0] = 1.0 / np.sqrt(total)
+    return found
+
+
+def balance_flux(problem: Problem, matrices: Assembled, order: int) -> None:
+    """Puts the shifts of `find_even_shifts` into order 0: the rows and columns of I lose what the nodes get wrong of
+    the flux of light scattered once."""
+    stokes = len(problem.stokes)
+    root = np.sqrt(problem.weights / problem.nodes)
+    null, unit = np.zeros(problem.size), np.zeros(problem.size)
+    null[::stokes], unit[::stokes] = np.sqrt(problem.weights * problem.nodes), root
+    total = float(problem.weights.sum())
+    unit /= total
+    out, into = np.zeros(problem.rows_out), np.zeros(stokes * problem.mu0.size)
+    out[::stokes] = into[::stokes] = 1.0 / total
+    for layer, albedo in enumerate(problem.albedo.tolist()):
+        E, G, source = matrices.E[order, layer], matrices.G_E[order, layer], matrices.source_d[order, layer]
+        scattered = -E
+        scattered[np.arange(problem.size), np.arange(problem.size)] += np.repeat(1.0 / problem.nodes, stokes)
+        wrong = scattered @ null - albedo * total * unit
+        largest = float(wrong @ null)
+        E += np.outer(wrong, unit) + np.outer(unit, wrong) - largest * np.outer(unit, unit)
+        wrong_out = null @ G - albedo * total * out
+        G -= np.outer(unit, wrong_out) + np.outer(wrong, out) - largest * np.outer(unit, out)
+        wrong_in = source @ null - albedo * total * into
+        source -= np.outer(wrong_in, unit) + np.outer(into, wrong) - largest * np.outer(into, unit)

@@ -7,6 +7,7 @@ import numpy as np
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
 from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
+from vrte.discrete_ordinates.orders.media import Media
 
 ALL = (0, 1, 2, 3)  # places of I, Q, U, V
 
@@ -20,8 +21,8 @@ class Problem:
     mu_out (n_out,) positive, the first ``n_up`` for light going up; mu0 (n_in,); columns (n_col, S) incident Stokes
     vectors; stokes (S,): places of the S Stokes parameters at work, ascending; terms_cut: how many terms of the longest
     phase matrix the nodes do not carry; level, level_layer (n_tau,): depths below the top of a layer; leave_out: what
-    need not be done.
-    """
+    need not be done. ``media``: where light is refracted or mirrored between the layers, None where it goes straight
+    on; nodes are then those of the densest medium, mu0 and mu_out in the media that the light is in."""
 
     coefficients: Array
     terms: IntArray
@@ -41,6 +42,12 @@ class Problem:
     stokes: tuple[int, ...] = ALL
     terms_cut: int = 0
     leave_out: LeaveOut = EVERYTHING
+    media: Media | None = None
+
+    @property
+    def is_refracted(self) -> bool:
+        """Whether the nodes are not Gauss's: several media share them."""
+        return self.media is not None and len(self.media.nodes.panels) > 1
 
     @property
     def directions(self) -> Array:

@@ -1,11 +1,11 @@
 """The two exact routes from the discrete problem to its field, order by order, behind one signature."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
@@ -18,27 +18,14 @@ from vrte.discrete_ordinates.orders.particular import Beam, find_beam_field
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
+from vrte.discrete_ordinates.orders.refracting import Refracting
 from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials, join_pile, merge_materials
+from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.storage import count_doubles_of_doubling, count_doubles_of_modes
 from vrte.scene.boundary import Boundary
 
 QUICK = 3e-12  # accuracy that the symmetric eigensolver is good for on 16 nodes; ten times the largest error measured
 TIGHTER = 0.5  # of the accuracy asked for: where iterations stop
-
-
-@dataclass(frozen=True, eq=False)
-class Orders:
-    """Multiply scattered light of some Fourier orders.
-
-    kernels (order, n_tau, n_in, n_col, n_out, S): radiance for a unit beam, public frame; flux_up, flux_down (n_tau,
-    n_in, n_col): of the first of the orders, all diffuse light on the nodes; residuals: how well the route's own
-    equations hold, by name, each (order,).
-    """
-
-    kernels: Array
-    flux_up: Array
-    flux_down: Array
-    residuals: dict[str, Array]
 
 
 def is_quick(problem: Problem, accuracy: float) -> bool:
@@ -151,12 +138,21 @@ class Invariance:
         return Orders(kernels, up, np.zeros_like(up), {"residual_of_invariance": found.residual})
 
 
-Route = Modes | Doubling | Invariance
+Route = Modes | Doubling | Invariance | Refracting
 ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance]] = {
     "modes": Modes,
     "doubling": Doubling,
     "invariance": Invariance,
 }
+
+
+def make_route(name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> Route:
+    """The named way through a problem, in one medium or in several."""
+    if problem.media is not None:
+        return Refracting(name, problem, base, n_order, accuracy, is_quick(problem, accuracy))
+    return ROUTES[name](problem, base, n_order, accuracy)
+
+
 SETTLES = 80.0  # optical thickness: half of it passes less than the rounding of 1
 
 

@@ -49,6 +49,24 @@ def integrate_paths(problem: Problem, levels: IntArray, mu: Array) -> Array:
     )
 
 
+def integrate_slab_paths(thickness: float, mu_in: Array, mu_out: Array) -> Array:
+    """The same of one slab, for light going down mu_in (n_in,): up at its top and down at its bottom, along mu_out
+    (n_out,), (2, n_out, n_in)."""
+    ends = np.array([0.0, thickness])[: 1 + math.isfinite(thickness)]
+    found = np.zeros((2, mu_out.size, mu_in.size))
+    for way, level in enumerate(ends.tolist()):
+        found[way] = _core.path_integrals(
+            above=np.zeros(1),
+            thickness=np.array([thickness]),
+            level=np.array([level]),
+            level_layer=np.zeros(1, np.int32),
+            chosen=np.zeros(1, np.int32),
+            mu0=np.ascontiguousarray(mu_in),
+            mu=-mu_out if way else np.ascontiguousarray(mu_out),
+        )[0, 0].T
+    return found
+
+
 def scatter_by_orders(layers: Sequence[Layer], problem: Problem) -> Array:
     """Singly scattered light order by order, (order, n_tau, n_in, n_col, n_out, 4), as the solver's own stages leave
     theirs: what the closed form stands for. No sum over a table of directions needs it."""

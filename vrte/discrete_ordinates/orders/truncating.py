@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray
+from vrte.discrete_ordinates.orders.media import cut_pieces, find_beams
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.optics.truncation import Truncated, truncate_layer
+from vrte.scene.beams import find_direct_light
 from vrte.scene.scene import Scene
 
 # which layers lose their forward peak, and towards which directions the beam spreads by small angles
@@ -24,6 +26,12 @@ class Truncation:
     spread: str
 
 
+def count_terms_carried(scene: Scene, nodes: int) -> int:
+    """Terms of a phase matrix that so many nodes carry: twice as many of Gauss's, as many of those that several media
+    share."""
+    return nodes if len(set(scene.media)) > 1 else 2 * nodes
+
+
 def choose_truncation(
     name: str, scene: Scene, mu0: Array, columns: Array, mu: Array, tau: Array, nodes: int, accuracy: float
 ) -> Truncation:
@@ -34,15 +42,16 @@ def choose_truncation(
     if name != "auto":
         return Truncation(name, "asked for", *NAMED[name])
     longest = max((layer.phase_matrix.terms for layer in scene.layers if layer.albedo > 0.0), default=0)
-    if longest <= 2 * nodes:
+    carried = count_terms_carried(scene, nodes)
+    if longest <= carried:
         why = f"the nodes carry all of the {longest} terms" if longest else "nothing scatters"
         return Truncation("none", f"auto: {why}", *NAMED["none"])
     name, peaks, spread = "delta-m", "all", "none"
-    reasons = [f"auto: {longest} terms, the nodes carry {2 * nodes}"]
+    reasons = [f"auto: {longest} terms, the nodes carry {carried}"]
     if not columns[:, 0].any() and has_scalar_among_polarizing(scene):
         name, peaks = "delta-m of polarizing layers", "polarizing"
         reasons.append("the others cut, which scatter no Q, U and V but by their peak")
-    if (mu < 0.0).any() and is_beam_seen(scene, float(mu0.max()), tau, nodes, accuracy):
+    if not scene.keeps_beams and (mu < 0.0).any() and is_beam_seen(scene, float(mu0.max()), tau, nodes, accuracy):
         name, spread = f"{name}, small-angle for light going down", "down"
         reasons.append("going up, delta-m is reciprocal and as good; near the beam it is not")
     return Truncation(name, "; ".join(reasons), peaks, spread)
@@ -71,12 +80,12 @@ def find_spread_directions(truncation: Truncation, problem: Problem, mu: Array) 
 
 def truncate_layers(scene: Scene, peaks: str, nodes: int) -> list[Truncated]:
     """The layers as multiple scattering sees them; ``peaks`` as of a `Truncation`."""
-    scalar = is_scalar(scene)
+    scalar, carried = is_scalar(scene), count_terms_carried(scene, nodes)
     found = []
     for layer in scene.layers:
         off = peaks == "all" or (peaks == "polarizing" and not layer.phase_matrix.is_scalar)
         name = "delta-m" if off else "none"
-        found.append(truncate_layer(name, layer.phase_matrix, layer.albedo, layer.thickness, 2 * nodes, scalar))
+        found.append(truncate_layer(name, layer.phase_matrix, layer.albedo, layer.thickness, carried, scalar))
     return found
 
 
@@ -88,16 +97,30 @@ def has_scalar_among_polarizing(scene: Scene) -> bool:
 
 def is_scalar(scene: Scene) -> bool:
     """True where polarized light matters nowhere: no layer scatters it and the base does not reflect it."""
-    return not scene.below.mixes_stokes and all(layer.phase_matrix.is_scalar for layer in scene.layers)
+    return not (scene.below.mixes_stokes or scene.keeps_beams) and all(
+        layer.phase_matrix.is_scalar for layer in scene.layers
+    )
 
 
 def find_peak_flux(problem: Problem, tau: Array) -> Array:
-    """Light scattered into the forward peaks alone, (n_tau, n_in, n_col): delta-M counts it as direct, it is diffuse.
+    """Light scattered into the forward peaks alone, up and down, (2, n_tau, n_in, n_col): delta-M counts it as direct,
+    it is diffuse.
 
     ``tau`` (n_tau,): the depths in the scene as it is.
     """
+    found = np.zeros((2, tau.size, problem.mu0.size, problem.columns.shape[0]))
     if not problem.fraction.any():
-        return np.zeros((tau.size, problem.mu0.size, problem.columns.shape[0]))
+        return found
+    if problem.media is not None:
+        scene, depths = problem.media.scene, problem.media.depths
+        cut = cut_pieces(depths, problem.thickness, problem.level)
+        _, beams = find_beams(problem.media, cut, problem.mu0)
+        for t, (joint, under) in enumerate(zip(cut.at.tolist(), depths.under.tolist(), strict=True)):
+            parts = (beams.rising, beams.entering) if under else (beams.leaving, beams.arriving)
+            found[:, t] = np.stack([part[joint, :, 0] for part in parts])[..., list(problem.stokes)] @ problem.columns.T
+        true = find_direct_light(scene, problem.mu0, depths)[..., 0, :][..., list(problem.stokes)] @ problem.columns.T
+        return (found - np.moveaxis(true, 2, 0)) * problem.mu0[:, None]
     depth = problem.depth[:, None]
     added = np.exp(-depth / problem.mu0) * -np.expm1((depth - tau[:, None]) / problem.mu0) * problem.mu0
-    return np.where(depth < tau[:, None], added, 0.0)[..., None] * problem.columns[:, 0]
+    found[1] = np.where(depth < tau[:, None], added, 0.0)[..., None] * problem.columns[:, 0]
+    return found

@@ -54,8 +54,9 @@ def make_blocks(
     eigensolver: bool = True,
 ) -> list[Block]:
     """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
-    fed_back, leave_out = base.mixes_stokes, problem.leave_out
-    everywhere = fed_back or not leave_out.nodes
+    rough = problem.media is not None and problem.media.scene.is_rough
+    fed_back, leave_out = base.mixes_stokes or rough, problem.leave_out
+    everywhere = fed_back or not leave_out.nodes or problem.media is not None
     sets = list_stokes_sets(problem) if leave_out.stokes and not fed_back else [(ALL,)] * problem.coefficients.shape[1]
     nodes = [problem.nodes.size] * len(sets)
     if not everywhere:
@@ -68,7 +69,11 @@ def make_blocks(
     to_the_end = problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))
     parts: dict[Part, list[int]] = {}
     for order in orders.tolist():
-        reached = (layers[order], has_end[order]) if leave_out.depth and not fed_back else to_the_end
+        reached = (
+            (layers[order], has_end[order])
+            if leave_out.depth and not fed_back and problem.media is None
+            else to_the_end
+        )
         stage, straight = sum(order >= first for first in stages), find_normal_stokes(order) if along_normal else ALL
         for stokes in sets[order]:
             parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)
@@ -82,7 +87,10 @@ def make_blocks(
         below = base if part.has_end and seen else BLACK
         chosen = np.array(members, np.int32)
         left_out = explain_part(problem, part, columns)
-        for places, choice in choose_algorithms(algorithm, reduced, needs.strength[chosen], accuracy, eigensolver):
+        strength = needs.strength[chosen]
+        if problem.is_refracted and members[0] == 0:  # whose flux invariance would not conserve to rounding
+            strength = np.concatenate([[1.0], strength[1:]])
+        for places, choice in choose_algorithms(algorithm, reduced, strength, accuracy, eigensolver):
             blocks.append(Block(chosen[places], part.stokes, columns, reduced, below, choice, left_out))
     return blocks
 

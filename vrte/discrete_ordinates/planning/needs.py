@@ -12,6 +12,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import find_scatterers
+from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 
 ORDERS = 0.4  # of the accuracy asked for: orders left out
@@ -37,6 +38,26 @@ class Needs:
     strength: Array
     bounds: Array
     effect: Array
+
+
+def look_inside(problem: Problem, mu: Array) -> tuple[Problem, Array]:
+    """The problem, and signed directions ``mu`` (n_mu,), as the densest of the media with particles in them sees light
+    that comes and goes: scattering there has no surfaces to get through."""
+    if problem.media is None:
+        return problem, mu
+    scene = problem.media.scene
+    index = max(scene.indices)
+    place = 1 + scene.indices.index(index)
+
+    def refract(medium: float, cosines: Array) -> Array:
+        found = find_cosines(scene.media, medium, cosines)[place]
+        return np.where(found > 0.0, found, 1.0)
+
+    outside = float(problem.media.depths.medium(scene.media)[0])
+    inside = replace(
+        problem, media=None, mu0=refract(scene.index_above, problem.mu0), mu_out=refract(outside, problem.mu_out)
+    )
+    return inside, np.sign(mu) * refract(outside, np.abs(mu))
 
 
 def find_needs(problem: Problem, run: Run) -> Needs:
@@ -189,6 +210,9 @@ def count_layers_reached(problem: Problem, strengths: Array, accuracy: float) ->
 
 def list_stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
     """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
+    if problem.media is not None:
+        sets = list_stokes_sets(replace(problem, media=None))
+        return [close_stokes_sets(found) for found in sets]
     if problem.is_scalar:
         return [((0,),)] * problem.coefficients.shape[1]
     present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=0)
@@ -218,6 +242,19 @@ def find_stokes_sets(turns: bool, a2: bool, a3: bool, a4: bool, b1: bool, b2: bo
     scatters = [True, a2 or a3 or b1, a2 or a3 or b2, a4 or b2]
     sets = [tuple(i for i in ALL if parent[i] == p) for p in sorted(set(parent))]
     return tuple(members for members in sets if any(scatters[i] for i in members))
+
+
+@cache
+def close_stokes_sets(sets: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
+    """The same where interfaces mix I with Q and U with V.
+
+    >>> close_stokes_sets(((0,),)), close_stokes_sets(((0, 1, 2), (3,)))
+    (((0, 1),), ((0, 1, 2, 3),))
+    """
+    pairs = ((0, 1), (2, 3))
+    if any({0, 1} & set(members) and {2, 3} & set(members) for members in sets):
+        return (ALL,)
+    return tuple(pair for pair in pairs if any(set(pair) & set(members) for members in sets))
 
 
 def explain_stokes_sets(problem: Problem, order_0: bool) -> str:

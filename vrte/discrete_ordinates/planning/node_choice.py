@@ -14,16 +14,16 @@ import numpy as np
 
 from vrte import _core
 from vrte.basics import cost
-from vrte.basics.arrays import Array, IntArray
+from vrte.basics.arrays import Array, BoolArray, IntArray
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyError
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.routes import Doubling, Modes
+from vrte.discrete_ordinates.orders.routes import make_route
 from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, integrate_paths
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
-from vrte.discrete_ordinates.orders.truncating import find_peak_flux
+from vrte.discrete_ordinates.orders.truncating import count_terms_carried, find_peak_flux
 from vrte.discrete_ordinates.planning.choice import THIN
 from vrte.discrete_ordinates.planning.needs import find_brightness
 from vrte.scene.scene import Scene
@@ -63,7 +63,15 @@ class NodeChoice:
 
 
 def choose_nodes(
-    scene: Scene, mu0: Array, mu: Array | None, phi: Array, tau: Array, accuracy: float, run: Run, peaks: str = "none"
+    scene: Scene,
+    mu0: Array,
+    mu: Array | None,
+    phi: Array,
+    tau: Array,
+    accuracy: float,
+    run: Run,
+    peaks: str = "none",
+    under: BoolArray | None = None,
 ) -> NodeChoice:
     """Nodes for an accuracy of the continuous problem; ``mu`` signed, None for the nodes themselves; ``peaks``: of
     which layers they are taken off."""
@@ -76,12 +84,12 @@ def choose_nodes(
     if count_check_bytes(scene, nodes) > CHECKED_BYTES:
         note = f"so many layers that the estimate of {nodes} nodes is not checked"
         return NodeChoice(nodes, f"estimate {nodes}, not checked", (note,))
-    if max(layer.phase_matrix.terms for layer in scene.layers) <= 2 * FEWEST:
+    if max(layer.phase_matrix.terms for layer in scene.layers) <= count_terms_carried(scene, FEWEST):
         peaks = "none"
     orders = choose_check_orders(scene, nodes, float(cut[nodes - FEWEST]), aim)
     with keep_to_one_thread():
         search = Search(
-            make_indicator(scene, mu0, directions, phi, tau, run, peaks, orders), scene, orders, estimate, cut
+            make_indicator(scene, mu0, directions, phi, tau, run, peaks, orders, under), scene, orders, estimate, cut
         )
         nodes, error = search.fewest(nodes, aim)
     return NodeChoice(nodes, search.rule, tuple(list_notes(scene, mu0, directions, nodes, error, accuracy)))
@@ -90,10 +98,9 @@ def choose_nodes(
 def take_given_nodes(scene: Scene, nodes: int, rule: str) -> NodeChoice:
     """Nodes as somebody gave them: what is solved is not the scene where its phase matrices have more terms."""
     terms = max((layer.phase_matrix.terms for layer in scene.layers if layer.albedo * layer.thickness > 0.0), default=0)
-    note = (
-        f"{nodes} nodes carry {2 * nodes} of the {terms} terms of the phase matrix, and what is left has the accuracy"
-    )
-    return NodeChoice(nodes, rule, (note,) if terms > 2 * nodes else ())
+    carried = count_terms_carried(scene, nodes)
+    note = f"{nodes} nodes carry {carried} of the {terms} terms of the phase matrix, and what is left has the accuracy"
+    return NodeChoice(nodes, rule, (note,) if terms > carried else ())
 
 
 def choose_check_orders(scene: Scene, nodes: int, cut: float, aim: float) -> IntArray:
@@ -261,7 +268,7 @@ def find_unresolved_terms(scene: Scene, nodes: Array) -> Array:
     for key, matrix in matrices.items():
         terms = find_strongest_terms(matrix.coefficients[None], np.array([albedo[key]]))[0]
         strength[: terms.size] = np.maximum(strength[: terms.size], terms)
-    left: Array = strength[np.minimum(2 * nodes, strength.size - 1).astype(int)]
+    left: Array = strength[np.minimum(count_terms_carried(scene, 1) * nodes, strength.size - 1).astype(int)]
     return left
 
 
@@ -284,7 +291,15 @@ def list_short_ways(scene: Scene, tau: Array) -> list[float]:
 
 
 def make_indicator(
-    scene: Scene, mu0: Array, mu: Array, phi: Array, tau: Array, run: Run, peaks: str, orders: IntArray
+    scene: Scene,
+    mu0: Array,
+    mu: Array,
+    phi: Array,
+    tau: Array,
+    run: Run,
+    peaks: str,
+    orders: IntArray,
+    under: BoolArray | None,
 ) -> Indicator:
     """What solves some Fourier orders of I, without polarization, for a few of the beams, directions and depths.
 
@@ -295,21 +310,24 @@ def make_indicator(
     beams = pick_few(mu0, BEAMS)
     directions = np.concatenate([pick_few(mu[mu > 0.0], DIRECTIONS), pick_few(mu[mu < 0.0], DIRECTIONS)])
     depths = pick_few(tau, DEPTHS)
+    if scene.keeps_beams:  # which side of an interface they lie on
+        places = np.unique(np.linspace(0, tau.size - 1, min(DEPTHS, tau.size)).round().astype(int))
+        depths, under = tau[places], None if under is None else under[places]
     base = scene.below
-    stokes = ALL if base.mixes_stokes else (0,)
+    stokes = ALL if base.mixes_stokes or scene.is_rough else (0, 1) if scene.keeps_beams else (0,)
     light = np.array([[1.0, 0.0, 0.0, 0.0]])
     single = find_brightness(
-        scene, discretise_scene(scene, beams, light, directions, depths, FEWEST), directions, phi, run
+        scene, discretise_scene(scene, beams, light, directions, depths, FEWEST, under=under), directions, phi, run
     )
     weights, ahead = weigh_orders(orders), not (phi % 360.0).all()
     once = None if peaks == "none" else ScatteredOnce(scene, beams, directions, depths, orders)
 
     def solve(nodes: int) -> tuple[Array, Array]:
-        whole = discretise_scene(scene, beams, light, directions, depths, nodes, peaks)
+        whole = discretise_scene(scene, beams, light, directions, depths, nodes, peaks, under)
         problem = replace(whole, stokes=stokes, columns=np.ascontiguousarray(light[:, list(stokes)]))
         thickness = float(problem.thickness[problem.albedo > 0.0].sum())
         carried = orders[orders < problem.terms.max()]
-        route = (Doubling if thickness < THIN else Modes)(problem, base, int(carried[-1]) + 1, FINEST)
+        route = make_route("doubling" if thickness < THIN else "modes", problem, base, int(carried[-1]) + 1, FINEST)
         result = route.solve(carried, run)
         for name, residual in result.residuals.items():
             if not residual.max() <= route.allowed[name]:
@@ -322,8 +340,8 @@ def make_indicator(
         if ahead:  # at azimuth 0 the orders simply add up
             brightest = np.maximum(brightest, np.tensordot(weights, radiance, axes=1).max(axis=2, initial=0.0))
         flux = np.zeros((orders.size, depths.size, beams.size, 2))
-        down = result.flux_down + find_peak_flux(problem, depths)
-        flux[0] = np.concatenate([result.flux_up, down], axis=2) / np.pi
+        peaks_up, peaks_down = find_peak_flux(problem, depths)
+        flux[0] = np.concatenate([result.flux_up + peaks_up, result.flux_down + peaks_down], axis=2) / np.pi
         size = brightest[..., None]
         size = np.where(size > 0.0, size, np.abs(flux[0]).max(axis=2, keepdims=True))
         return np.concatenate([radiance, flux], axis=3), np.maximum(size, NO_LIGHT)
@@ -403,5 +421,9 @@ def list_notes(scene: Scene, mu0: Array, mu: Array, nodes: int, error: float, ac
         yield f"accuracy is promised for |mu| >= {LOWEST:g} and mu0 >= {LOWEST:g}, not for {lowest:.2g}"
     if error > AIM * accuracy:
         terms = max(layer.phase_matrix.terms for layer in scene.layers)
-        cut = f" do not carry the {terms} terms of the phase matrix and" if terms > 2 * nodes else ""
+        cut = (
+            f" do not carry the {terms} terms of the phase matrix and"
+            if terms > count_terms_carried(scene, nodes)
+            else ""
+        )
         yield f"{nodes} nodes, of at most {MOST},{cut} are right to {error:.1g} only"

@@ -14,7 +14,12 @@ from vrte.basics.views import view
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.leave_out import EVERYTHING, LeaveOut
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.truncating import Truncation, choose_truncation, has_scalar_among_polarizing
+from vrte.discrete_ordinates.orders.truncating import (
+    Truncation,
+    choose_truncation,
+    count_terms_carried,
+    has_scalar_among_polarizing,
+)
 from vrte.discrete_ordinates.planning.blocks import Block, make_blocks
 from vrte.discrete_ordinates.planning.needs import (
     ORDERS,
@@ -24,6 +29,7 @@ from vrte.discrete_ordinates.planning.needs import (
     find_bounds_at,
     find_brightness,
     find_needs,
+    look_inside,
 )
 from vrte.discrete_ordinates.planning.node_choice import DISCRETE, NodeChoice, choose_nodes, take_given_nodes
 from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_numbers, write_plan
@@ -91,7 +97,7 @@ class Plan:
     @property
     def fed_back(self) -> bool:
         """Whether the base mixes orders and Stokes parameters as it likes."""
-        return self.request.scene.below.mixes_stokes
+        return self.request.scene.below.mixes_stokes or self.request.scene.is_rough
 
     @property
     def counts_again(self) -> bool:
@@ -116,7 +122,7 @@ class Plan:
             "promised": not self.notes,
             "notes": list(self.notes),
             "orders_of_phase_matrix": longest,
-            "terms_cut": max(0, longest - 2 * nodes),
+            "terms_cut": max(0, longest - count_terms_carried(self.request.scene, nodes)),
             "truncation": self.truncation.name,
             "truncation_rule": self.truncation.reason,
             "peak_fractions": self.problem.fraction.tolist(),
@@ -180,18 +186,22 @@ def make_plan(
     truncation = choose_truncation(
         request.truncation, scene, request.mu0, request.columns, mu, request.tau, nodes, accuracy
     )
-    problem = discretise_scene(scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks)
+    problem = discretise_scene(
+        scene, request.mu0, request.columns, mu[rank], request.tau, nodes, truncation.peaks, request.under
+    )
     if leave_out != EVERYTHING:
         problem = replace(problem, leave_out=leave_out)
-    needs = find_needs(problem, run)
-    brightest = find_brightness(scene, problem, mu, request.phi, run)
-    bounds = find_bounds_at(needs, problem.depth)
-    base = scene.below
+    within, seen = look_inside(problem, mu)
+    needs = find_needs(within, run)
+    brightest = find_brightness(scene, within, seen, request.phi, run)
+    # mirrored light fades no more the deeper it is
+    bounds = find_bounds_at(needs, problem.depth if problem.media is None else np.zeros(problem.level.size))
+    base, mixes = scene.below, scene.below.mixes_stokes or scene.is_rough
     stages: tuple[int, ...] = ()
     last, left_out = int(problem.terms.max()) - 1, {}
-    if request.fluxes_only and leave_out.fluxes and not base.mixes_stokes:
+    if request.fluxes_only and leave_out.fluxes and not mixes:
         count, left_out["fluxes"] = 1, "all orders but 0: fluxes alone are asked for"
-    elif base.mixes_stokes or not leave_out.orders:
+    elif mixes or not leave_out.orders:
         count = last + 1
     else:
         count = count_orders_that_matter(bounds, brightest, accuracy)
@@ -239,7 +249,7 @@ def settle_nodes(request: Request, run: Run) -> tuple[NodeChoice, float]:
     asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
     begin = time.perf_counter()
     peaks = "none" if request.truncation == "none" else "all"
-    choice = choose_nodes(*asked, replace(run, threads=1, stages={}), peaks)
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}), peaks, request.under)
     run.book("choice of nodes", time.perf_counter() - begin)
     return choice, DISCRETE * request.accuracy
 

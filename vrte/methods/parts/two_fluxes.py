@@ -289,5 +289,5 @@ def answer_two_fluxes(task: Task, problem: Problem, orders: Sequence[Array], flu
     request, mu = task.request, task.mu
     parts = task.sum_orders(problem, convert_to_kernels(problem, orders), choose_spread(request, problem, mu))
     down, up = (flux[..., None] * problem.columns[:, 0] for flux in fluxes)
-    down = down + find_peak_flux(problem, request.tau)
+    down = down + find_peak_flux(problem, request.tau)[1]
     return task.answer(parts, (up, down), problem, orders=len(orders), truncation=find_truncation(request, mu).name)

@@ -25,8 +25,9 @@ from vrte.discrete_ordinates.execution.sums import (
     weigh_scatterers,
 )
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.routes import OTHER, ROUTES, Orders, Route
+from vrte.discrete_ordinates.orders.routes import OTHER, Route, make_route
 from vrte.discrete_ordinates.orders.small_angle import count_scratch_doubles
+from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.truncating import find_spread_directions
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.discrete_ordinates.planning.memory import check_memory
@@ -164,7 +165,7 @@ def solve_orders(
 ) -> tuple[IntArray, Orders | None, dict[int, str]]:
     """Orders by the named algorithm, a few at a time to bound memory: which of them it vouches for, what it found for
     them, with the fluxes of the first, and what is wrong with each of the others."""
-    route: Route = ROUTES[name](problem, base, int(orders[-1]) + 1, accuracy)
+    route = make_route(name, problem, base, int(orders[-1]) + 1, accuracy)
     right: list[IntArray] = []
     found: list[Orders] = []
     doubts: dict[int, str] = {}

@@ -1,0 +1,144 @@
+"""Light scattered or reflected once, as it is seen through interfaces: in closed form over all Fourier orders."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte import _core
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.polarization import FLIP
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.media import Cut, Media, Sights, cut_pieces, find_beams, find_escapes, list_sights
+from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.refracting import ARRIVING, LEAVING, RISING
+from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
+from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin
+from vrte.scene.boundary import Boundary
+
+COLUMNS = np.arange(4, dtype=np.int32)
+Scatter = Callable[[int, int], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Vertex:
+    """Where light changes its direction once: power (n_in, 4, n_col) of the beam there, through a horizontal plane;
+    escapes (n_tau, n_out, 4, 4): what is seen of what it sends out; scatter(first, last): radiance (n_in, n_sight,
+    n_phi, 4, 4), over the square of the refractive index, for unit power along the incident directions first .. last -
+    1."""
+
+    power: Array
+    escapes: Array
+    scatter: Scatter
+
+
+def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run) -> tuple[Sights, list[Vertex]]:
+    """All of a problem, and the directions they are seen along."""
+    media = problem.media
+    assert media is not None
+    cut = cut_pieces(media.depths, problem.thickness, problem.level)
+    into, beams = find_beams(media, cut, problem.mu0)
+    sights = list_sights(media, problem.mu_out)
+    sources = [source for k in range(cut.layer.size) for source in ((k, RISING), (k + 1, ARRIVING))]
+    if base.orders_reflected:
+        sources.append((cut.joint.size - 1, LEAVING))
+    escapes = find_escapes(media, cut, sights, problem.n_up, list(ALL), np.array(sources))
+    lit, columns = problem.mu0[:, None, None], problem.columns.T
+    found = []
+    for k, layer in enumerate(cut.layer.tolist()):
+        if problem.gain[layer] == 0.0:
+            continue
+        ways = ((beams.entering[k], 0), (beams.leaving[k + 1], 1))
+        for beam, below in ways:
+            for end in range(2):
+                seen = escapes[:, :, :, 2 * k + end]
+                if beam.any() and seen.any():
+                    scatter = make_scatterer(problem, media, cut, k, into, sights, azimuths, int(end != below), run)
+                    found.append(Vertex(lit * (beam @ columns), seen, scatter))
+    if base.orders_reflected and beams.arriving[-1].any():
+        found.append(
+            Vertex(
+                lit * (beams.arriving[-1] @ columns),
+                escapes[:, :, :, -1],
+                make_base_reflector(base, media, into, sights, azimuths),
+            )
+        )
+    return sights, found
+
+
+def make_scatterer(
+    problem: Problem,
+    media: Media,
+    cut: Cut,
+    k: int,
+    into: Array,
+    sights: Sights,
+    azimuths: Azimuths,
+    way: int,
+    run: Run,
+) -> Scatter:
+    """Of a piece, for light reflected (way 0) or let through (1)."""
+    layer, index = int(cut.layer[k]), media.scene.media[1 + int(cut.layer[k])]
+    place = 1 + layer
+    table = _core.series_table(media.scene.layers[layer].phase_matrix.coefficients)
+    lit, out = into[place] > 0.0, sights.cosines[place] > 0.0
+    mu_in = np.where(lit, into[place], 1.0)
+    mu_out = np.where(out, sights.cosines[place], 1.0)
+    path = integrate_slab_paths(float(cut.thickness[k]), mu_in, mu_out)[way].T * (lit[:, None] & out)
+    path *= problem.gain[layer] / (4.0 * np.pi * index**2 * mu_in[:, None])
+    signed = -mu_out if way else mu_out
+    cosine, sine = compute_cos_sin(azimuths.distinct)
+
+    def scatter(first: int, last: int) -> Array:
+        found = np.zeros((1, last - first, mu_out.size, azimuths.phi.size, 4, 4))
+        with run.timed("single scattering") as crew:
+            run.kernels.add_single_scattering(
+                crew,
+                table=table,
+                path=np.ascontiguousarray(path[None, first:last]),
+                mu0=np.ascontiguousarray(mu_in[first:last]),
+                mu=signed,
+                cos_phi=cosine,
+                sin_phi=sine,
+                angle=azimuths.angle,
+                sign=azimuths.sign,
+                columns=np.eye(4),
+                kind=np.array([0, 0, 1, 1], np.int32),
+                place=COLUMNS,
+                first=0,
+                last=last - first,
+                out=found,
+            )
+        return found[0] if way else FLIP[:, None] * found[0]
+
+    return scatter
+
+
+def make_base_reflector(base: Boundary, media: Media, into: Array, sights: Sights, azimuths: Azimuths) -> Scatter:
+    """Of the base."""
+    index = media.scene.media[-1]
+    lit, out = into[-1] > 0.0, sights.cosines[-1] > 0.0
+    mu_in, mu_out = np.where(lit, into[-1], 1.0), np.where(out, sights.cosines[-1], 1.0)
+
+    def scatter(first: int, last: int) -> Array:
+        f = base.reflect(mu_in[first:last, None, None], mu_out[:, None], azimuths.phi)
+        found = np.zeros((last - first, mu_out.size, azimuths.phi.size, 4, 4))
+        found[..., : f.shape[-2], : f.shape[-1]] = f
+        found *= (lit[first:last, None] & out)[..., None, None, None] / index**2
+        return FLIP[:, None] * found
+
+    return scatter
+
+
+def show_vertices(
+    sights: Sights, vertices: list[Vertex], n_up: int, levels: IntArray, rows: IntArray, first: int, last: int
+) -> Iterator[tuple[int, Array]]:
+    """What is seen at each level from the incident directions first .. last - 1: (n_in, n_row, n_phi, 4, n_col)."""
+    flip = np.where((rows < n_up)[:, None], FLIP, 1.0)
+    for vertex in vertices:
+        scattered = vertex.scatter(first, last)
+        for t, level in enumerate(levels.tolist()):
+            escape = flip[:, :, None] * vertex.escapes[level, rows] * sights.index[level] ** 2
+            if escape.any():
+                light = scattered[:, sights.place[level, rows]] @ vertex.power[first:last, None, None]
+                yield t, escape[:, None] @ light

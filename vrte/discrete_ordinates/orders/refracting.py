@@ -1,0 +1,494 @@
+"""Fourier orders of piles with interfaces: slabs by any of the exact routes, joined by what lies between them, (2:8).
+
+Light is counted as radiance over the square of the refractive index, scaled on the nodes by the root of n^2 weight mu:
+both are the same on either side of an interface, which then only shares out what comes.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import lu_factor, lu_solve
+
+from vrte.basics.arrays import Array, IntArray
+from vrte.basics.errors import AccuracyError
+from vrte.basics.memory import count_orders_at_once
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.base import Base, expand_base
+from vrte.discrete_ordinates.orders.media import (
+    cut_pieces,
+    find_beams,
+    find_escapes,
+    list_sights,
+)
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.responses import Response, respond
+from vrte.discrete_ordinates.orders.slabs import find_materials, select_materials
+from vrte.discrete_ordinates.orders.solved import Orders
+from vrte.scene.beams import make_joints
+from vrte.scene.boundary import Boundary
+
+RISING, ARRIVING, LEAVING, ENTERING = range(4)  # ways of light at a joint, see `find_escapes`
+
+
+@dataclass(frozen=True, eq=False)
+class Sharing:
+    """What a joint does to light on the nodes of all media: blocks (N, S, S) of a smooth one, matrices (n, n) of
+    one that scatters, None where nothing goes that way."""
+
+    above: Array | None
+    below: Array | None
+    down: Array | None
+    up: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Which slab lies where: medium (slab,) and its place among that medium's responses; of (piece,): the slab."""
+
+    media: list[tuple[float, Problem, IntArray, Array]]
+    slab: list[tuple[int, int]]
+    of: IntArray
+
+
+class Refracting:
+    """A route for piles in several media: the named one for its slabs."""
+
+    def __init__(self, name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float, quick: bool) -> None:
+        assert problem.media is not None
+        self.name, self.problem, self.media, self.quick = name, problem, problem.media, quick
+        self.allowed = {
+            "residual_of_modes": 1e-9,
+            "residual_of_boundary": 1e-9,
+            "residual_of_reflection": 1e-9,
+            "residual_of_transmission": 1e-6,
+            "residual_of_invariance": 1e-9,
+            "residual_of_joints": 1e-9,
+        }
+        self.cut = cut_pieces(self.media.depths, problem.thickness, problem.level)
+        self.sights = list_sights(self.media, problem.mu_out)
+        self.into, beams = find_beams(self.media, self.cut, problem.mu0)
+        members = np.ix_(problem.stokes, problem.stokes)
+        # power per unit flux of the beam that comes in, (piece, n_in, S, n_col), down at the top and up at the bottom
+        lit = problem.mu0[:, None, None]
+        columns = problem.columns.T
+        self.falling = lit * (beams.entering[:-1][..., members[0], members[1]] @ columns)
+        self.mirrored = lit * (beams.leaving[1:][..., members[0], members[1]] @ columns)
+        self.arriving = lit * (beams.arriving[-1][..., members[0], members[1]] @ columns)
+        self.places = self.find_places()
+        self.sources = self.list_sources(base)
+        self.escapes = find_escapes(
+            self.media, self.cut, self.sights, problem.n_up, list(problem.stokes), np.array(self.sources)
+        )
+        self.base = self.expand(base, n_order, accuracy)
+        self.sharings = self.find_sharings()
+
+    def chunk(self, threads: int) -> int:
+        """Orders to be done at once."""
+        n = self.problem.size + len(self.problem.stokes) * (self.problem.mu0.size + 2 * self.sights.cosines.shape[1])
+        return count_orders_at_once(4.0 * len(self.places.slab) * n * n, threads)
+
+    def of_medium(self, index: float, place: int) -> Problem:
+        """The problem as one medium has it: its nodes, and the directions off them that go there (others point along
+        the normal, and no light does)."""
+        nodes, weights = self.media.nodes.carried(index)
+        into, out = self.into[place], self.sights.cosines[place]
+        return replace(
+            self.problem,
+            nodes=nodes,
+            weights=weights,
+            mu0=np.where(into > 0.0, into, 1.0),
+            mu_out=np.where(out > 0.0, out, 1.0),
+            n_up=out.size,
+            columns=np.eye(len(self.problem.stokes)),
+        )
+
+    def find_places(self) -> Places:
+        """The distinct slabs of each medium."""
+        indices = self.media.scene.indices
+        media: list[tuple[float, Problem, IntArray, Array]] = []
+        slabs: list[tuple[int, int]] = []
+        of = np.zeros(self.cut.layer.size, np.int32)
+        for index in sorted(set(indices)):
+            layers = [k for k, own in enumerate(indices) if own == index]
+            one = replace(self.of_medium(index, 1 + layers[0]), media=self.media)
+            one = select_materials(one, layers)
+            materials, kinds = find_materials(one)
+            one = select_materials(one, materials)
+            keys: dict[tuple[int, float], int] = {}
+            for piece in np.flatnonzero(np.isin(self.cut.layer, layers)).tolist():
+                kind = int(kinds[layers.index(int(self.cut.layer[piece]))])
+                key = (kind, float(self.cut.thickness[piece]))
+                if key not in keys:
+                    keys[key] = len(keys)
+                    slabs.append((len(media), keys[key]))
+                of[piece] = slabs.index((len(media), keys[key]))
+            material = np.array([kind for kind, _ in keys], np.int32)
+            media.append((index, one, material, np.array([length for _, length in keys])))
+        return Places(media, slabs, of)
+
+    def list_sources(self, base: Boundary) -> list[tuple[int, int]]:
+        """Where light sets out for directions off the nodes: the joint and the way."""
+        found = [source for piece in range(self.cut.layer.size) for source in ((piece, RISING), (piece + 1, ARRIVING))]
+        return [*found, (self.cut.joint.size - 1, LEAVING)] if base.orders_reflected else found
+
+    def expand(self, base: Boundary, n_order: int, accuracy: float) -> Base | None:
+        """The base's operators on the nodes of the medium that it lies in."""
+        if not base.orders_reflected:
+            return None
+        index = self.media.scene.media[-1]
+        return expand_base(base, self.of_medium(index, len(self.media.scene.media) - 1), n_order, accuracy)
+
+    def find_sharings(self) -> list[Sharing | None]:
+        """Of smooth joints, in the order of the pieces; None for mere cuts."""
+        joints = make_joints(self.media.scene, self.media.cosines)
+        members = np.ix_(self.problem.stokes, self.problem.stokes)
+        found: list[Sharing | None] = []
+        for joint in self.cut.joint.tolist():
+            if joint < 0 or (self.media.scene.interfaces[joint] is None and joint < len(self.media.scene.layers)):
+                found.append(None)
+                continue
+            parts = [part[joint][:, members[0], members[1]] for part in vars(joints).values()]
+            found.append(Sharing(*(part if part.any() else None for part in parts)))
+        return found
+
+    def solve(self, orders: IntArray, run: Run) -> Orders:
+        """The given orders."""
+        responses = [
+            respond(self.name, one, material, thickness, orders, run, self.quick)
+            for _, one, material, thickness in self.places.media
+        ]
+        problem, size = self.problem, self.problem
+        shape = (orders.size, size.level.size, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size)
+        kernels = np.empty((*shape, len(problem.stokes)))
+        fluxes = np.zeros((2, problem.level.size, problem.n_rhs))
+        residual = np.zeros(orders.size)
+
+        def join(place: int) -> None:
+            slabs = [responses[medium][own] for medium, own in self.places.slab]
+            kernels[place], residual[place] = self.join_order(place, int(orders[place]), slabs, fluxes)
+
+        with run.booked("joining"):
+            if run.threads > 1 and orders.size > 1:
+                with ThreadPoolExecutor(run.threads) as pool:
+                    list(pool.map(join, range(orders.size)))
+            else:
+                for place in range(orders.size):
+                    join(place)
+        residuals: dict[str, Array] = {"residual_of_joints": residual}
+        for medium in responses:
+            for slab in medium:
+                for key, values in slab.residuals.items():
+                    residuals[key] = np.maximum(residuals.get(key, 0.0), values)
+        tail = (problem.level.size, problem.mu0.size, problem.columns.shape[0])
+        return Orders(kernels, fluxes[0].reshape(tail), fluxes[1].reshape(tail), residuals)
+
+    def join_order(self, place: int, order: int, slabs: list[Response], fluxes: Array) -> tuple[Array, float]:
+        """One order: radiance (n_tau, n_in, n_col, n_out, S) for unit beams, public frame, and the residual of the
+        joints; the fluxes of order 0 (2, n_tau, n_rhs) are put where they belong."""
+        problem = self.problem
+        pieces = [
+            Piece(slabs[which], place, self.media.scene.media[1 + layer], self.into[1 + layer])
+            for which, layer in zip(self.places.of.tolist(), self.cut.layer.tolist(), strict=True)
+        ]
+        pile = NodalPile(self, order, pieces)
+        pile.rise()
+        pile.fall()
+        light = self.see(pile, pieces)
+        if problem.conserves and order == 0:
+            for t, (joint, under) in enumerate(
+                zip(self.cut.at.tolist(), self.media.depths.under.tolist(), strict=True)
+            ):
+                index = float(self.sights.index[t])
+                nodes, weights = self.media.nodes.carried(index)
+                scale = index * np.sqrt(weights * nodes)
+                up, down = (pile.rising, pile.entering) if under else (pile.leaving, pile.arriving)
+                for way, field in enumerate((up, down)):
+                    intensity = field[joint][:: len(problem.stokes)][-nodes.size :]
+                    fluxes[way, t] = scale @ intensity
+        return light, pile.residual
+
+    def see(self, pile: "NodalPile", pieces: list["Piece"]) -> Array:
+        """Light along the sights from all that sends it out, (n_tau, n_in, n_col, n_out, S), public frame."""
+        problem, stokes = self.problem, len(self.problem.stokes)
+        n_sight = self.sights.cosines.shape[1]
+        sent = np.empty((len(self.sources), n_sight, stokes, problem.n_rhs))
+        for k, piece in enumerate(pieces):
+            up, down = piece.send(pile.entering[k], pile.leaving[k + 1], self.falling[k], self.mirrored[k])
+            sent[2 * k], sent[2 * k + 1] = up, down
+        if len(self.sources) > 2 * len(pieces):
+            sent[-1] = pile.leave_base()
+        light = np.empty((*self.sights.place.shape, stokes, problem.n_rhs))
+        for t, row in enumerate(self.sights.place):
+            seen = sent[:, row].transpose(1, 0, 2, 3).reshape(row.size, -1, problem.n_rhs)
+            light[t] = self.escapes[t].reshape(row.size, stokes, -1) @ seen * self.sights.index[t] ** 2
+        light[:, : problem.n_up] *= problem.flip[:, None]
+        light /= 2.0 * np.pi
+        return light.reshape(*light.shape[:3], problem.mu0.size, -1).transpose(0, 3, 4, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A slab of one order in its medium of that ``index``; cosines (n_in,) of the beams there, 0 where there is
+    none."""
+
+    response: Response
+    place: int
+    index: float
+    into: Array
+
+    def scatter(self, field: Array, way: int) -> Array:
+        """Light on all nodes, (n, r), reflected (way 0) or let through (1)."""
+        matrix = self.response.nodes[self.place, way]
+        found = np.zeros_like(field)
+        n = matrix.shape[0]
+        found[field.shape[0] - n :] = matrix @ field[field.shape[0] - n :]
+        return found
+
+    def fill(self, n: int, way: int) -> Array:
+        """R or T on all nodes, (n, n)."""
+        matrix = self.response.nodes[self.place, way]
+        if matrix.shape[0] == n:
+            return matrix
+        found = np.zeros((n, n))
+        found[n - matrix.shape[0] :, n - matrix.shape[0] :] = matrix
+        return found
+
+    def flux(self, power: Array) -> Array:
+        """Flux (n_in, S, n_col) of beams across themselves from their power through a horizontal plane."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.into[:, None, None] > 0.0, power / self.into[:, None, None], 0.0)
+
+    def send_to_nodes(self, n: int, falling: Array, mirrored: Array) -> tuple[Array, Array]:
+        """What beams from above and from below send to the nodes, up at the top and down at the bottom, (n, r)."""
+        parts = self.response.entering[self.place]
+        found = np.zeros((2, n, falling.shape[0] * falling.shape[2]))
+        for power, ways in ((falling, (0, 1)), (mirrored, (1, 0))):
+            if power.any():
+                light = self.flux(power) / self.index
+                for end, way in enumerate(ways):
+                    sent = np.einsum("nia,iac->nic", parts[way], light)
+                    found[end, n - sent.shape[0] :] += sent.reshape(sent.shape[0], -1)
+        return found[0], found[1]
+
+    def send(self, entering: Array, leaving: Array, falling: Array, mirrored: Array) -> tuple[Array, Array]:
+        """Along the sights, up at the top and down at the bottom, (n_sight, S, r): from the nodes' light that enters
+        from above and from below, and from beams."""
+        rows, passing = self.response.leaving[self.place], self.response.passing[self.place]
+        n = rows.shape[-1]
+        shape = (*rows.shape[1:3], entering.shape[1])
+        found = np.zeros((2, *shape))
+        for field, ways in ((entering, (0, 1)), (leaving, (1, 0))):
+            own = field[field.shape[0] - n :]
+            for end, way in enumerate(ways):
+                found[end] += (rows[way].reshape(-1, n) @ own).reshape(shape) / self.index
+        for power, ways in ((falling, (0, 1)), (mirrored, (1, 0))):
+            if power.any():
+                light = self.flux(power) / self.index**2
+                for end, way in enumerate(ways):
+                    found[end] += np.einsum("osia,iac->osic", passing[way], light).reshape(shape)
+        return found[0], found[1]
+
+
+def share(part: Array | None, field: Array) -> Array:
+    """A joint's part applied to light on the nodes (n, r)."""
+    if part is None:
+        return np.zeros_like(field)
+    if part.ndim == 2:
+        return part @ field
+    stokes = part.shape[-1]
+    return (part @ field.reshape(-1, stokes, field.shape[1])).reshape(field.shape)
+
+
+def share_columns(field: Array, part: Array | None) -> Array:
+    """A matrix (r, n) times a joint's part."""
+    if part is None:
+        return np.zeros_like(field)
+    if part.ndim == 2:
+        return field @ part
+    stokes = part.shape[-1]
+    blocks = field.reshape(field.shape[0], -1, stokes).transpose(1, 0, 2) @ part
+    return blocks.transpose(1, 0, 2).reshape(field.shape)
+
+
+class Factors:
+    """LU of 1 - product, and how well a system was solved by it."""
+
+    def __init__(self, product: Array, order: int) -> None:
+        self.matrix = np.eye(product.shape[0]) - product
+        self.lu = lu_factor(self.matrix, check_finite=False)
+        if not np.isfinite(self.lu[0]).all() or not np.diagonal(self.lu[0]).all():
+            raise AccuracyError(f"two slabs cannot be joined at order {order}: the system is singular")
+
+    def solve(self, right: Array) -> Array:
+        """The solution for right-hand sides (n, r)."""
+        found: Array = lu_solve(self.lu, right, check_finite=False)
+        return found
+
+    def residual(self, right: Array, found: Array) -> float:
+        """What is left of the right-hand sides, relative."""
+        largest = float(np.abs(right).max(initial=0.0))
+        return float(np.abs(right - self.matrix @ found).max(initial=0.0)) / largest if largest > 1e-290 else 0.0
+
+
+class NodalPile:
+    """One order's light on the nodes of a pile: from the base up, then from the top down, as in `pass_along`."""
+
+    def __init__(self, route: Refracting, order: int, pieces: list[Piece]) -> None:
+        self.route, self.order, self.pieces = route, order, pieces
+        problem = route.problem
+        self.n, self.r = problem.size, problem.n_rhs
+        self.residual = 0.0
+        self.beams = [
+            piece.send_to_nodes(self.n, route.falling[k], route.mirrored[k]) for k, piece in enumerate(pieces)
+        ]
+        row = -1 if route.base is None else int(route.base.row[order])
+        self.row = row
+        count = len(pieces) + 1
+        dark = np.zeros((self.n, self.r))
+        self.arriving, self.leaving, self.entering, self.rising = ([dark] * count for _ in range(4))
+        # of what lies below: seen (n, n) or None, own (n, r); above each joint, and below it
+        self.seen: list[Array | None] = [None] * count
+        self.own = [dark] * count
+        self.seen_below: list[Array | None] = [None] * count
+        self.own_below = [dark] * count
+        self.at_joint: list[Factors | None] = [None] * count
+        self.in_slab: list[Factors | None] = [None] * count
+
+    def base_parts(self) -> tuple[Array | None, Array]:
+        """The base's operator on all nodes and its reflection of the beam."""
+        base, route = self.route.base, self.route
+        if base is None or self.row < 0:
+            return None, np.zeros((self.n, self.r))
+        count = base.matrix.shape[1]
+        matrix = np.zeros((self.n, self.n))
+        matrix[self.n - count :, self.n - count :] = base.matrix[self.row].T
+        index, into = route.media.scene.media[-1], route.into[-1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            flux = np.where(into[:, None, None] > 0.0, route.arriving / into[:, None, None], 0.0) / index
+        source = base.source[self.row].reshape(into.size, -1, count)  # (n_in, S, n), for unit Stokes vectors
+        light = np.zeros((self.n, self.r))
+        light[self.n - count :] = np.einsum("ian,iac->nic", source, flux).reshape(count, -1)
+        return matrix, light
+
+    def leave_base(self) -> Array:
+        """What the base sends along the sights of the nodes' light, (n_sight, S, r)."""
+        base, stokes = self.route.base, len(self.route.problem.stokes)
+        n_sight = self.route.sights.cosines.shape[1]
+        if base is None or self.row < 0:
+            return np.zeros((n_sight, stokes, self.r))
+        count = base.out.shape[1]
+        found: Array = base.out[self.row].T @ self.arriving[-1][self.n - count :] / self.route.media.scene.media[-1]
+        return found.reshape(n_sight, stokes, self.r)
+
+    def rise(self) -> None:
+        """What lies below every joint reflects and sends up, from the bottom."""
+        last = len(self.pieces)
+        for k in range(last, -1, -1):
+            if k < last:
+                self.put_slab(k)
+            self.put_joint(k, last)
+
+    def put_slab(self, k: int) -> None:
+        """The slab under joint k upon what the joint below it shows."""
+        piece, seen = self.pieces[k], self.seen[k + 1]
+        up, down = self.beams[k]
+        reflection = piece.fill(self.n, 0)
+        if seen is None:
+            self.seen_below[k] = reflection
+            self.own_below[k] = up + piece.scatter(self.own[k + 1], 1) if self.own[k + 1].any() else up
+            return
+        factors = self.in_slab[k] = Factors(seen @ reflection, self.order)
+        own = factors.solve(seen @ down + self.own[k + 1])
+        self.own_below[k] = up + piece.scatter(own, 1)
+        if self.needs_matrix(k):
+            through = piece.fill(self.n, 1)
+            self.seen_below[k] = reflection + through @ factors.solve(seen @ through)
+
+    def needs_matrix(self, k: int) -> bool:
+        """Whether anything looks at the reflection of what lies below joint k: not through a first one that sends
+        nothing back down."""
+        sharing = self.route.sharings[k]
+        return k > 0 or (sharing is not None and sharing.below is not None)
+
+    def put_joint(self, k: int, last: int) -> None:
+        """What joint k does to what lies below it."""
+        sharing = self.route.sharings[k]
+        if k == last and self.route.base is not None:
+            self.seen[k], self.own[k] = self.base_parts()
+            return
+        if sharing is None:
+            self.seen[k], self.own[k] = self.seen_below[k], self.own_below[k]
+            return
+        seen, own = self.seen_below[k], self.own_below[k]
+        above = None if sharing.above is None else np.asarray(expand_blocks(sharing.above))
+        if seen is None:
+            self.seen[k], self.own[k] = above, share(sharing.up, own)
+            return
+        if sharing.below is not None:
+            factors = self.at_joint[k] = Factors(share_columns(seen, sharing.below), self.order)
+            found = factors.solve(own)
+            self.residual = max(self.residual, factors.residual(own, found))
+            own = found
+        self.own[k] = share(sharing.up, own)
+        if k > 0 and sharing.down is not None:
+            through = share_columns(seen, sharing.down)
+            through = self.at_joint[k].solve(through) if self.at_joint[k] else through  # type: ignore[union-attr]
+            back = share(sharing.up, through)
+            self.seen[k] = back if above is None else above + back
+        else:
+            self.seen[k] = above
+
+    def fall(self) -> None:
+        """Light on either side of every joint, from the top down."""
+        arriving = np.zeros((self.n, self.r))
+        for k in range(len(self.pieces) + 1):
+            self.arriving[k] = arriving
+            self.cross_joint(k)
+            if k < len(self.pieces):
+                arriving = self.cross_slab(k)
+
+    def cross_joint(self, k: int) -> None:
+        """Rising, leaving and entering light from what arrives."""
+        arriving, sharing = self.arriving[k], self.route.sharings[k]
+        seen = self.seen_below[k]
+        lit = bool(arriving.any())
+        if k == len(self.pieces) and (self.route.base is not None):
+            matrix = self.seen[k]
+            self.leaving[k] = self.own[k] if matrix is None else self.own[k] + matrix @ arriving
+            return
+        if sharing is None:
+            self.entering[k] = arriving
+            rising = self.own_below[k]
+            self.rising[k] = rising + seen @ arriving if seen is not None and lit else rising
+            self.leaving[k] = self.rising[k]
+            return
+        through = share(sharing.down, arriving)
+        right = self.own_below[k] if seen is None or not lit else self.own_below[k] + seen @ through
+        factors = self.at_joint[k]
+        self.rising[k] = right if factors is None else factors.solve(right)
+        self.leaving[k] = share(sharing.up, self.rising[k]) + share(sharing.above, arriving)
+        self.entering[k] = through + share(sharing.below, self.rising[k])
+
+    def cross_slab(self, k: int) -> Array:
+        """What arrives at the joint below slab k."""
+        piece, factors, seen = self.pieces[k], self.in_slab[k], self.seen[k + 1]
+        down = self.beams[k][1] + piece.scatter(self.entering[k], 1)
+        if seen is None:
+            up = self.own[k + 1]
+        else:
+            assert factors is not None
+            right = self.own[k + 1] + seen @ down
+            up = factors.solve(right)
+            self.residual = max(self.residual, factors.residual(right, up))
+        return down + piece.scatter(up, 0) if up.any() else down
+
+
+def expand_blocks(part: Array) -> Array:
+    """Blocks (N, S, S) as a matrix (n, n)."""
+    if part.ndim == 2:
+        return part
+    count, stokes, _ = part.shape
+    found = np.zeros((count, stokes, count, stokes))
+    found[np.arange(count), :, np.arange(count)] = part
+    return found.reshape(count * stokes, -1)

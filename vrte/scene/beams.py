@@ -1,0 +1,183 @@
+"""Where light goes that meets no particle: refracted and mirrored at every interface of a pile, along one direction.
+
+All in the flipped frame, in which light going up has U and V turned over: a pile and its mirror image then look alike.
+Numbers are powers through a horizontal plane, or radiances over the square of the refractive index: what Fresnel's
+transmitted power acts upon, the same on both sides.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array, BoolArray, IntArray
+from vrte.basics.polarization import FLIP
+from vrte.optics.fresnel import reflect_smooth, transmit_smooth
+from vrte.scene.scene import Scene
+
+LAST_PLACES = 4.0  # what sums of thicknesses may be off by
+LOWEST = 1e-8  # cosines below are along the surface: they lead nowhere
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """What lies above each layer and below the last, for n directions: Mueller matrices (joint, n, 4, 4) of power that
+    comes from above and from below and is reflected, and that goes through, down and up."""
+
+    above: Array
+    below: Array
+    down: Array
+    up: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Passing:
+    """Light on either side of every joint, (joint, n, 4, columns): coming down upon it and going up above it, going
+    down and coming up below it."""
+
+    arriving: Array
+    leaving: Array
+    entering: Array
+    rising: Array
+
+
+def find_cosines(media: tuple[float, ...], index: float, mu: Array) -> Array:
+    """Cosines (medium, n) of directions mu (n,) in a medium of that index, by Snell's law; 0 where they do not go."""
+    indices = np.array(media)[:, None]
+    square = (indices - index) * (indices + index) + (index * mu) ** 2
+    cosines = np.where(indices == index, mu, np.sqrt(np.maximum(square, 0.0)) / indices)
+    return np.where(cosines < LOWEST, 0.0, np.minimum(cosines, 1.0))
+
+
+def make_joints(scene: Scene, cosines: Array) -> Joints:
+    """The joints of a scene along directions, cosines (medium, n) as of `find_cosines`: rough interfaces and bases that
+    scatter send no beam on."""
+    media, count = scene.media, cosines.shape[1]
+    shape = len(media) - 1, count, 4, 4
+    found = Joints(*(np.zeros(shape) for _ in range(4)))
+    for k, interface in enumerate(scene.interfaces):
+        if interface is None:
+            found.down[k] = found.up[k] = np.eye(4)
+        elif interface.is_smooth:
+            ways = (
+                (media[k], media[k + 1], cosines[k], cosines[k + 1], found.above, found.down),
+                (media[k + 1], media[k], cosines[k + 1], cosines[k], found.below, found.up),
+            )
+            for index, behind, here, there, reflected, passed in ways:
+                lit, through = here > 0.0, (here > 0.0) & (there > 0.0)
+                reflected[k, lit] = FLIP[:, None] * reflect_smooth(behind / index, here[lit])
+                passed[k, through] = transmit_smooth(behind / index, here[through])
+    if scene.base is not None:
+        lit = cosines[-1] > 0.0
+        found.down[-1] = found.up[-1] = 0.0
+        found.above[-1, lit] = FLIP[:, None] * scene.below.reflect_beam(media[-1], cosines[-1, lit])
+    for k, layer in enumerate(
+        scene.layers[: None if scene.base is None else -1]
+    ):  # what nothing leads into or out of, and nothing absorbs, is dark
+        if layer.thickness == 0.0:
+            trapped = ~(found.down[k] + found.up[k] + found.down[k + 1] + found.up[k + 1]).any(axis=(1, 2))
+            found.below[k, trapped] = 0.0
+    return found
+
+
+def pass_along(joints: Joints, fade: Array, sources: Passing) -> Passing:
+    """Light everywhere, from ``sources`` that add to it on either side of every joint, ``arriving`` at the first being
+    what comes in from above, ``rising`` at the last what comes in from below; fade (layer, n) on the way through each
+    layer."""
+    last = joints.above.shape[0] - 1
+    one = np.eye(joints.above.shape[-1])
+    back: list[Array] = [np.zeros_like(joints.above[0])] * (last + 1)  # of what lies below a joint: its reflection
+    sent = [sources.rising[last]] * (last + 1)  # and its own light, as they rise to the joint
+    inverse: list[Array] = [one] * (last + 1)
+    seen, own = back[last], sources.rising[last]
+    for k in range(last, -1, -1):
+        if k < last:
+            f = fade[k][:, None, None]
+            own = f * (own + seen @ sources.arriving[k + 1]) + sources.rising[k]
+            seen = f * f * seen
+        back[k], sent[k] = seen, own
+        inverse[k] = np.linalg.inv(one - seen @ joints.below[k])
+        up = joints.up[k] @ inverse[k]
+        own = up @ (seen @ sources.entering[k] + own) + sources.leaving[k]
+        seen = joints.above[k] + up @ seen @ joints.down[k]
+    found = Passing(*(np.zeros_like(part) for part in vars(sources).values()))
+    arriving = sources.arriving[0]
+    for k in range(last + 1):
+        found.arriving[k] = arriving
+        through = joints.down[k] @ arriving + sources.entering[k]
+        found.rising[k] = inverse[k] @ (back[k] @ through + sent[k])
+        found.leaving[k] = joints.above[k] @ arriving + joints.up[k] @ found.rising[k] + sources.leaving[k]
+        found.entering[k] = through + joints.below[k] @ found.rising[k]
+        if k < last:
+            arriving = fade[k][:, None, None] * found.entering[k] + sources.arriving[k + 1]
+    return found
+
+
+def find_fading(thickness: Array, cosines: Array) -> Array:
+    """e^(-thickness/mu) of every layer along directions, (layer, n); 0 where they do not go. thickness (layer,);
+    cosines (medium, n)."""
+    inside = cosines[1:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fade = np.exp(-thickness[:, None] / inside)
+    return np.where(inside > 0.0, fade, 0.0)
+
+
+def follow_beams(joints: Joints, fade: Array) -> Passing:
+    """Mueller matrices of beams that come in from above, at every joint."""
+    nothing = np.zeros_like(joints.above)
+    arriving = nothing.copy()
+    arriving[0] = np.eye(4)
+    return pass_along(joints, fade, Passing(arriving, nothing, nothing, nothing))
+
+
+@dataclass(frozen=True, eq=False)
+class Depths:
+    """Where depths lie: joint (n_tau,), at which of them, and under (n_tau,), on its lower side; or joint -1, at
+    ``share`` (n_tau,) of the optical thickness of ``layer`` (n_tau,)."""
+
+    joint: IntArray
+    under: BoolArray
+    layer: IntArray
+    share: Array
+
+    def medium(self, media: tuple[float, ...]) -> Array:
+        """The refractive index at every depth, (n_tau,)."""
+        place = np.where(self.joint < 0, self.layer + 1, self.joint + self.under)
+        return np.array(media)[place]
+
+
+def locate_depths(scene: Scene, tau: Array, under: BoolArray) -> Depths:
+    """Where optical depths lie in a scene; of layers without thickness the joints above and below are at one depth:
+    the upper side is that of the first, the lower side that of the last."""
+    thickness = np.array([layer.thickness for layer in scene.layers])
+    tops = np.concatenate([[0.0], np.cumsum(thickness)])
+    near = np.abs(tops - tau[:, None]) <= LAST_PLACES * np.finfo(float).eps * tau[:, None]
+    first, last = near.argmax(axis=1), near.shape[1] - 1 - near[:, ::-1].argmax(axis=1)
+    joint = np.where(near.any(axis=1), np.where(under, last, first), -1)
+    if scene.base is not None:  # nothing lies below it
+        under = under & (joint < thickness.size)
+    layer = np.clip(np.searchsorted(tops, tau, side="right") - 1, 0, thickness.size - 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(np.isinf(thickness[layer]), tau - tops[layer], (tau - tops[layer]) / thickness[layer])
+    return Depths(joint.astype(np.int32), under, layer.astype(np.int32), np.where(joint < 0, share, 0.0))
+
+
+def find_direct_light(scene: Scene, mu0: Array, depths: Depths) -> Array:
+    """What goes up and down as a beam, over the power of the beam that comes in, (n_tau, n_in, 2, 4, 4), public
+    frame."""
+    cosines = find_cosines(scene.media, scene.index_above, mu0)
+    thickness = np.array([layer.thickness for layer in scene.layers])
+    passing = follow_beams(make_joints(scene, cosines), find_fading(thickness, cosines))
+    found = np.empty((depths.joint.size, mu0.size, 2, 4, 4))
+    for t, k in enumerate(depths.joint.tolist()):
+        if k >= 0:
+            parts = (passing.rising, passing.entering) if depths.under[t] else (passing.leaving, passing.arriving)
+            found[t] = np.stack([part[k] for part in parts], axis=1)
+            continue
+        k, share = int(depths.layer[t]), float(depths.share[t])
+        length = thickness[k : k + 1] if np.isfinite(thickness[k]) else np.ones(1)
+        shares = (1.0 - share, share) if np.isfinite(thickness[k]) else (np.inf, share)
+        upward, down = (find_fading(part * length, cosines[k : k + 3])[0] for part in shares)
+        found[t, :, 0] = upward[:, None, None] * passing.leaving[k + 1]
+        found[t, :, 1] = down[:, None, None] * passing.entering[k]
+    found[:, :, 0] = FLIP[:, None] * found[:, :, 0]
+    return found
