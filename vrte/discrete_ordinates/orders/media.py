@@ -103,7 +103,7 @@ def join_pieces(joints: Joints, cut: Cut) -> Joints:
     return Joints(*(np.concatenate([getattr(joints, name), cut_])[cut.joint] for name, cut_ in ways))
 
 
-def fade_pieces(cut: Cut, cosines: Array) -> Array:
+def find_fading_of_pieces(cut: Cut, cosines: Array) -> Array:
     """e^(-thickness/mu) of every piece, (piece, n); cosines (medium, n)."""
     inside = np.concatenate([cosines[:1], cosines[1 + cut.layer], cosines[-1:]])
     return find_fading(cut.thickness, inside)
@@ -113,7 +113,7 @@ def find_beams(media: Media, cut: Cut, mu0: Array) -> tuple[Array, Passing]:
     """Cosines (medium, n_in) of the incident directions, and Mueller matrices of beams at every joint of the pieces."""
     cosines = find_cosines(media.scene.media, media.scene.index_above, mu0)
     joints = join_pieces(make_joints(media.scene, cosines), cut)
-    return cosines, follow_beams(joints, fade_pieces(cut, cosines))
+    return cosines, follow_beams(joints, find_fading_of_pieces(cut, cosines))
 
 
 def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: list[int], sources: Array) -> Array:
@@ -129,7 +129,7 @@ def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: lis
     for source, (joint, way) in enumerate(sources.tolist()):
         parts[way][joint, :, :, source] = np.eye(size)
     rising, arriving, leaving, entering = (part.reshape(n_joint, n_sight, size, -1) for part in parts)
-    found = pass_along(joints, fade_pieces(cut, sights.cosines), Passing(arriving, leaving, entering, rising))
+    found = pass_along(joints, find_fading_of_pieces(cut, sights.cosines), Passing(arriving, leaving, entering, rising))
     shape = (n_joint, n_sight, size, len(sources), size)
     n_out = sights.place.shape[1]
     seen = np.empty((cut.at.size, n_out, *shape[2:]))
