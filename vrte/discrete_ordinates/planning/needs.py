@@ -212,7 +212,7 @@ def list_stokes_sets(problem: Problem) -> list[tuple[tuple[int, ...], ...]]:
     """The sets of Stokes parameters that each order keeps apart, ascending, without those that do not scatter."""
     if problem.media is not None:
         sets = list_stokes_sets(replace(problem, media=None))
-        return [close_stokes_sets(found) for found in sets]
+        return [join_stokes_sets(found) for found in sets]
     if problem.is_scalar:
         return [((0,),)] * problem.coefficients.shape[1]
     present = (problem.coefficients[problem.albedo > 0.0] != 0.0).any(axis=0)
@@ -245,10 +245,10 @@ def find_stokes_sets(turns: bool, a2: bool, a3: bool, a4: bool, b1: bool, b2: bo
 
 
 @cache
-def close_stokes_sets(sets: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
+def join_stokes_sets(sets: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
     """The same where interfaces mix I with Q and U with V.
 
-    >>> close_stokes_sets(((0,),)), close_stokes_sets(((0, 1, 2), (3,)))
+    >>> join_stokes_sets(((0,),)), join_stokes_sets(((0, 1, 2), (3,)))
     (((0, 1),), ((0, 1, 2, 3),))
     """
     pairs = ((0, 1), (2, 3))
