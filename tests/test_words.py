@@ -26,9 +26,9 @@ VERBS = set(
     move multiply name note number open order own pad pair parse pass perform pick place plan plot predict prepare
     print project put query quote raise rank read receive reconstruct record recover reduce refine reflect refract
     refresh remove rename repair repeat replace report require respond restore resume round run sample save say
-    scale scatter seal select send serve set share settle shade shape shorten show solve sort split spread stack
-    stand start stretch suggest sum sweep tabulate take tell time translate truncate try turn upload vary verify
-    view wait want warn weigh wrap write
+    scale scatter seal select send serve set settle shade shape share shorten show solve sort split spread stack
+    stand start stretch suggest sum sweep tabulate take tell time translate transmit truncate try turn upload vary
+    verify view wait want warn weigh wrap write
     """.split()  # noqa: SIM905
 )
 
