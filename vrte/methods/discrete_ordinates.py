@@ -40,7 +40,14 @@ def solve_by_discrete_ordinates(task: Task) -> Answer:
 def solve_plans(plans: Sequence[Plan], run: Run, progress: Progress | None = None) -> list[Solution]:
     """The solutions of plans for one backend, together where its engine takes many; a plan's two parts joined."""
     flat = [part for plan in plans for part in plan.parts or (plan,)]
-    found = iter(carry_out(flat, choose_engine(plans[0].request.backend), run, progress))
+    solutions: dict[int, Solution] = {}
+    for refracts in (False, True):
+        places = [place for place, plan in enumerate(flat) if plan.request.scene.keeps_beams == refracts]
+        if places:
+            engine = choose_engine(flat[0].request.backend, refracts)
+            own = replace(run, kernels=engine.stages) if refracts else run
+            solutions |= dict(zip(places, carry_out([flat[k] for k in places], engine, own, progress), strict=True))
+    found = (solutions[place] for place in range(len(flat)))
     return [join_solutions(next(found), next(found)) if plan.parts else next(found) for plan in plans]
 
 

@@ -23,9 +23,11 @@ from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.routes import make_route
 from vrte.discrete_ordinates.orders.single_scattering import add_base_reflected, integrate_paths
 from vrte.discrete_ordinates.orders.small_angle import Anisotropic
+from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried, find_peak_flux
 from vrte.discrete_ordinates.planning.choice import THIN
 from vrte.discrete_ordinates.planning.needs import find_brightness
+from vrte.scene.boundary import Boundary
 from vrte.scene.scene import Scene
 
 FEWEST, MOST = 4, 256
@@ -319,6 +321,8 @@ def make_indicator(
     single = find_brightness(
         scene, discretise_scene(scene, beams, light, directions, depths, FEWEST, under=under), directions, phi, run
     )
+    # total reflection turns U to V, which I does not show; what mixes all of them shows it
+    circular = stokes == (0, 1) and any(layer.phase_matrix.coefficients[:, 3].any() for layer in scene.layers)
     weights, ahead = weigh_orders(orders), not (phi % 360.0).all()
     once = None if peaks == "none" else ScatteredOnce(scene, beams, directions, depths, orders)
 
@@ -327,11 +331,8 @@ def make_indicator(
         problem = replace(whole, stokes=stokes, columns=np.ascontiguousarray(light[:, list(stokes)]))
         thickness = float(problem.thickness[problem.albedo > 0.0].sum())
         carried = orders[orders < problem.terms.max()]
-        route = make_route("doubling" if thickness < THIN else "modes", problem, base, int(carried[-1]) + 1, FINEST)
-        result = route.solve(carried, run)
-        for name, residual in result.residuals.items():
-            if not residual.max() <= route.allowed[name]:
-                raise AccuracyError(f"{name} {residual.max():.2g}")
+        name = "doubling" if thickness < THIN else "modes"
+        result = solve_checked(name, problem, base, carried, run)
         radiance = np.zeros((orders.size, depths.size, beams.size, directions.size))
         radiance[: carried.size] = result.kernels[:, :, :, 0, :, 0]
         brightest = np.maximum(single, np.abs(radiance[0]).max(axis=2, initial=0.0))
@@ -344,9 +345,24 @@ def make_indicator(
         flux[0] = np.concatenate([result.flux_up + peaks_up, result.flux_down + peaks_down], axis=2) / np.pi
         size = brightest[..., None]
         size = np.where(size > 0.0, size, np.abs(flux[0]).max(axis=2, keepdims=True))
-        return np.concatenate([radiance, flux], axis=3), np.maximum(size, NO_LIGHT)
+        found = [radiance, flux]
+        if circular:
+            turned = replace(whole, stokes=(2, 3), columns=np.array([[0.0, 1.0]]))
+            found.append(solve_checked(name, turned, base, carried[:1], run).kernels[:, :, :, 0, :, 1])
+            found[-1] = np.concatenate([found[-1], np.zeros((orders.size - 1, *found[-1].shape[1:]))])
+        return np.concatenate(found, axis=3), np.maximum(size, NO_LIGHT)
 
     return solve
+
+
+def solve_checked(name: str, problem: Problem, base: Boundary, orders: IntArray, run: Run) -> Orders:
+    """Some orders by the named route. Raises AccuracyError where it cannot vouch for them."""
+    route = make_route(name, problem, base, int(orders[-1]) + 1, FINEST)
+    result = route.solve(orders, run)
+    for kind, residual in result.residuals.items():
+        if not residual.max() <= route.allowed[kind]:
+            raise AccuracyError(f"{kind} {residual.max():.2g}")
+    return result
 
 
 @dataclass(frozen=True, eq=False)

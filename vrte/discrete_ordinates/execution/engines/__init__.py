@@ -15,13 +15,13 @@ ENGINES = {"openmp": "cpu", "sequential": "cpu", "lapack": "cpu", "opencl": "ope
 KERNELS = ("assemble", "reconstruct", "azimuthal_sum", "add_single_scattering")
 
 
-def choose_engine(backend: Backend) -> Engine:
+def choose_engine(backend: Backend, refracts: bool = False) -> Engine:
     """The engine of a backend; where kernels and linear algebra are of two engines, a processor's with stages of both.
 
-    Raises DeviceError where there is no device, MissingExtraError without pyopencl.
-    """
+    For scenes that refract, ``refracts``, that is so for a device as well: the processor joins its slabs. Raises
+    DeviceError where there is no device, MissingExtraError without pyopencl."""
     kernels, algebra = (ENGINES[kind] for kind in (backend.kernels, backend.linear_algebra))
-    if kernels != algebra:
+    if kernels != algebra or (refracts and kernels != "cpu"):
         return Processor(mix_stages(load_stages(kernels), load_stages(algebra)))
     engine: Engine = import_module(f"{__name__}.{kernels}").open_engine()
     return engine
