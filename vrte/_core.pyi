@@ -31,6 +31,21 @@ def phase_matrices(m: int, coefficients: ArrayLike, mu: ArrayLike, mu_from: Arra
 def series_table(coefficients: Array) -> Array: ...
 def bounds_at(*, strength: Array, bounds: Array, depth: Array, decays: Array) -> Array: ...
 def nodes_seen(*, strength: Array, effect: Array, allowed: float, largest_gain: float) -> IntArray: ...
+def facet_orders(
+    crew: Crew,
+    *,
+    index: complex,
+    roughness: float,
+    is_ggx: bool,
+    shadowing: bool,
+    transmitted: bool,
+    mu_i: Array,
+    mu_o: Array,
+    points: Array,
+    weights: Array,
+    reach: float,
+    out: Array,
+) -> None: ...
 def path_integrals(
     *, above: Array, thickness: Array, level: Array, level_layer: IntArray, chosen: IntArray, mu0: Array, mu: Array
 ) -> Array: ...

@@ -17,7 +17,8 @@ Every stage takes a crew, (threads, seconds, stop), and its arrays by name, and 
 import numpy as np
 
 from cython.parallel cimport prange, threadid
-from libc.math cimport INFINITY, M_PI as PI, cbrt, cos, exp, expm1, fabs, fmax, hypot, sin, sqrt, tanh
+from libc.math cimport (
+    INFINITY, M_PI as PI, acos, asin, cbrt, cos, erfc, exp, expm1, fabs, fmax, hypot, sin, sqrt, tanh)
 from libc.string cimport memcpy, memset
 from scipy.linalg.cython_blas cimport ddot, dgemm, dgemv, dtrmm, dtrsm, idamax
 from scipy.linalg.cython_lapack cimport dgeevx, dgetrf, dgetri, dgetrs, dpotrf, dsyevd
@@ -32,6 +33,9 @@ include "core/mie.pxi"
 include "core/spherical.pxi"
 include "core/parity.pxi"
 include "core/bounds.pxi"
+
+# Rough surfaces, order by order.
+include "core/facets.pxi"
 
 # Sections 2.C and 3.A of the GPU paper, one Fourier order and layer at a time.
 include "core/assembly.pxi"

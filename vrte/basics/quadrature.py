@@ -24,6 +24,55 @@ def make_double_gauss(nodes: int) -> tuple[Array, Array]:
     return 0.5 * (x + 1.0), 0.5 * weights
 
 
+@dataclass(frozen=True)
+class Panel:
+    """Directions n sin(theta) = s from low to high as a variable x from 1 to 0 in which light is smooth; ``above``: the
+    next higher index of a medium, or infinity. See `make_refracted_nodes`."""
+
+    low: float
+    high: float
+    above: float
+
+    @property
+    def size(self) -> float:
+        """high^2 - low^2."""
+        return (self.high - self.low) * (self.high + self.low)
+
+    @property
+    def most(self) -> float:
+        """What the angle t, or without one the cosine, has at the low end."""
+        return 1.0 if self.low == 0.0 else 0.5 * np.pi
+
+    @property
+    def near(self) -> float:
+        """How far beyond the high end the next medium's edge is, in the same variable."""
+        return math.sqrt((self.above - self.high) * (self.above + self.high) / self.size)
+
+    def spread(self, x: Array) -> tuple[Array, Array]:
+        """high^2 - s^2, and |s ds/dx|.
+
+        >>> depth, _ = Panel(1.0, 1.5, 1.6).spread(np.array([0.0, 0.25, 1.0]))
+        >>> depth[-1].round(12).item(), Panel(1.0, 1.5, 1.6).locate(depth).round(12).tolist()
+        (1.25, [0.0, 0.25, 1.0])
+        """
+        rate = np.ones_like(x)
+        if math.isfinite(self.above):
+            near, steep = self.near / self.most, math.asinh(self.most / self.near)
+            x, rate = near * np.sinh(steep * x), near * steep * np.cosh(steep * x)
+        if self.low == 0.0:
+            return self.size * x**2, self.size * rate * x
+        sine, cosine = np.sin(self.most * x), np.cos(self.most * x)
+        return self.size * sine**2, self.size * self.most * rate * sine * cosine
+
+    def locate(self, depth: Array) -> Array:
+        """x where high^2 - s^2 is ``depth``, the nearest end beyond the panel."""
+        root = np.sqrt(np.clip(depth / self.size, 0.0, 1.0))
+        x = root if self.low == 0.0 else np.arcsin(root) / self.most
+        if math.isfinite(self.above):
+            x = np.arcsinh(x * self.most / self.near) / math.asinh(self.most / self.near)
+        return x
+
+
 @dataclass(frozen=True, eq=False)
 class RefractedNodes:
     """Directions that belong together by Snell's law, n sin(theta) = s, as nodes of several media at once.
@@ -75,20 +124,11 @@ def make_refracted_nodes(indices: Iterable[float], nodes: int) -> RefractedNodes
     parts = zip([(0.0, edges[0]), *itertools.pairwise(edges)], beyond, counts, strict=True)
     for (low, high), above, count in reversed(list(parts)):
         x, weights = make_double_gauss(count)
-        size = (high - low) * (high + low)
-        most = 1.0 if low == 0.0 else 0.5 * np.pi
-        if math.isfinite(above):
-            near = math.sqrt((above - high) * (above + high) / size)
-            steep = math.asinh(most / near)
-            x, weights = near / most * np.sinh(steep * x), near / most * steep * weights * np.cosh(steep * x)
-        if low == 0.0:
-            root, share = x, weights * x
-        else:
-            angle = most * x
-            root, share = np.sin(angle), most * weights * np.sin(angle) * np.cos(angle)
+        panel = Panel(low, high, above)
+        below, rate = panel.spread(x)
         first = sum(part.size for part in highest)
         panels.append((first, first + count, low, high))
         highest.append(np.full(count, high))
-        depth.append(size * root**2)
-        measure.append(size * share)
+        depth.append(below)
+        measure.append(weights * rate)
     return RefractedNodes(np.concatenate(highest), np.concatenate(depth), np.concatenate(measure), tuple(panels))

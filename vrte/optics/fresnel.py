@@ -17,15 +17,16 @@ from vrte.basics.arrays import Array
 
 
 def refract_cosine(index: complex | Any, mu: Any) -> NDArray[np.complex128]:
-    """The cosine behind, the root with Im >= 0: imaginary under total reflection.
+    """The cosine behind, the root with Im n cosine >= 0: imaginary under total reflection.
 
     >>> refract_cosine(1.5, 0.6).real.round(6).item(), refract_cosine(1.0 / 1.5, 0.6).round(6).item()
     (0.845905, 0.663325j)
     """
     index = np.asarray(index, complex)
     # n^2 - 1 as a product: exact where media are almost alike
-    root: NDArray[np.complex128] = np.sqrt(np.asarray(mu) ** 2 + (index - 1.0) * (index + 1.0)) / index
-    return np.where(root.imag < 0.0, -root, root)
+    root: NDArray[np.complex128] = np.sqrt(np.asarray(mu) ** 2 + (index - 1.0) * (index + 1.0))
+    # it is the wave behind, n times the cosine, that fades: a metal's cosine itself may lie on either side by rounding
+    return np.where(root.imag < 0.0, -root, root) / index
 
 
 def reflect_smooth(index: complex | Any, mu: Any) -> Array:

@@ -1,0 +1,166 @@
+"""Facets in closed form, against 3-D Jones vectors, physics, and their compiled Fourier orders against samples."""
+
+import numpy as np
+import pytest
+
+from vrte import _core
+from vrte.basics.arrays import Array
+from vrte.basics.quadrature import make_double_gauss
+from vrte.basics.running import Crew
+from vrte.optics.facets import RoughSurface, shade_facets
+from vrte.optics.fresnel import reflect_smooth, transmit_smooth
+from vrte.scene.boundary import PAULI, find_coherency
+
+D, Q = np.diag([1.0, 1.0, -1.0, -1.0]), np.diag([1.0, 1.0, 1.0, -1.0])
+SURFACES = [
+    RoughSurface(1.0, 1.5, 0.3),
+    RoughSurface(1.34, 1.0, 0.2),
+    RoughSurface(1.0, 1.0 / 1.5, 0.7, "ggx", shadowing=True),
+    RoughSurface(1.2, 0.2 + 3.0j, 1.0, "ggx"),
+]
+
+
+def frame(mu: float, phi: float) -> tuple[Array, Array, Array]:
+    """Direction of travel of signed cosine mu, l = theta-hat, r = -phi-hat."""
+    sine, c, s = np.sqrt(1.0 - mu * mu), np.cos(phi), np.sin(phi)
+    return np.array([sine * c, sine * s, mu]), np.array([mu * c, mu * s, -sine]), np.array([s, -c, 0.0])
+
+
+def jones(surface: RoughSurface, mu_i: float, mu_o: float, phi: float, through: bool) -> Array:
+    """Of Jones vectors in space, by Snell's law of the facet that is found from both directions of travel."""
+    n = complex(surface.ratio)
+    (k_i, *frame_i), (k_o, *frame_o) = frame(-mu_i, 0.0), frame(-mu_o if through else mu_o, phi)
+    h = k_i - n.real * k_o if through else k_o - k_i
+    h /= np.linalg.norm(h) * (np.sign(h[2]) or 1.0)
+    c_i, c_o = -k_i @ h, -k_o @ h if through else k_o @ h
+    if c_i <= 0.0 or c_o <= 0.0 or (through and (n.real - 1.0) * (n.real * c_o - c_i) <= 0.0):
+        return np.zeros((4, 4))
+    tan2, alpha2 = h[2] ** -2 - 1.0, surface.roughness**2
+    p = np.exp(-tan2 / alpha2) if surface.distribution == "beckmann" else (1.0 + tan2 / alpha2) ** -2
+    density = p / (np.pi * alpha2 * h[2] ** 4)
+    if surface.shadowing:
+        density *= np.prod([shade_facets(surface.roughness, surface.distribution, mu) for mu in (mu_i, mu_o)])
+    inside = np.sqrt(1.0 - (1.0 - c_i**2) / n**2 + 0j)
+    if through:
+        parallel, across = 2.0 * c_i / (n * c_i + inside), 2.0 * c_i / (c_i + n * inside)
+        factor = c_i * c_o * n.real**2 * density / (mu_i * mu_o * (c_i - n.real * c_o) ** 2) * n.real * c_o / c_i
+    else:
+        parallel, across = (n * c_i - inside) / (n * c_i + inside), (c_i - n * inside) / (c_i + n * inside)
+        factor = density / (4.0 * mu_i * mu_o)
+    s = np.cross(k_i, k_o)
+    s = s / np.linalg.norm(s) if np.linalg.norm(s) > 1e-12 else frame_i[1]
+    p_i, p_o = np.cross(s, k_i), np.cross(s, k_o)
+    to = [[parallel * (o @ p_o) * (p_i @ i) + across * (o @ s) * (s @ i) for i in frame_i] for o in frame_o]
+    found: Array = factor * 0.5 * np.einsum("iab,bc,jcd,ad->ij", PAULI, to, PAULI, np.conj(to)).real
+    return found
+
+
+def sample(surface: RoughSurface, through: bool, *directions: Array) -> Array:
+    return (surface.transmit if through else surface.reflect)(*directions)
+
+
+@pytest.mark.parametrize("surface", SURFACES, ids=lambda s: f"{s.ratio:.2g}")
+def test_closed_forms_are_those_of_jones_vectors_in_space(surface: RoughSurface) -> None:
+    rng = np.random.default_rng(1)
+    draws = [(*rng.random(2), rng.uniform(-180, 360)) for _ in range(150)]
+    draws += [(1.0, 1.0, 37.0), (1.0, 0.6, 50.0), (0.6, 0.6, 180.0), (0.6, 0.6, 0.0), (1.0 - 1e-16, 1.0, 90.0)]
+    ways = (False, True) if complex(surface.index).imag == 0.0 else (False,)
+    for through in ways:
+        lit = 0
+        for mu_i, mu_o, phi in draws:
+            expected = jones(surface, mu_i, mu_o, np.radians(phi), through)
+            found = sample(surface, through, mu_i, mu_o, phi)  # type: ignore[arg-type]
+            lit += found[0, 0] > 0.0
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11 * max(expected[0, 0], 1e-200))
+        assert lit > 20
+
+
+@pytest.mark.parametrize("surface", SURFACES, ids=lambda s: f"{s.ratio:.2g}")
+def test_facets_are_reciprocal_symmetric_and_physical(surface: RoughSurface) -> None:
+    mu_i, mu_o, phi = np.array([0.15, 0.6, 0.95])[:, None, None], np.array([0.2, 0.7, 1.0])[:, None], np.r_[5, 80, 160]
+    back = RoughSurface(surface.index, surface.index_from, surface.roughness, surface.distribution, surface.shadowing)
+    f = surface.reflect(mu_i, mu_o, phi)
+    returned = surface.reflect(mu_o, mu_i, phi).swapaxes(-1, -2)
+    pairs = [(f, Q @ returned @ Q)]
+    if complex(surface.index).imag == 0.0:
+        f = surface.transmit(mu_i, mu_o, phi)
+        returned = (D @ back.transmit(mu_o, mu_i, phi) @ D).swapaxes(-1, -2)  # light from below, seen from above
+        pairs.append((f, Q @ returned @ Q * surface.ratio.real**2))
+    for there, again in pairs:
+        size = there[..., :1, :1]
+        assert (np.abs(there - again) <= 1e-12 * size + 1e-30).all()
+        assert (np.linalg.eigvalsh(find_coherency(there))[..., 0] >= -1e-12 * size[..., 0, 0]).all()
+    for through in range(len(pairs)):
+        there, mirrored = (sample(surface, bool(through), mu_i, mu_o, way) for way in (phi, -phi))
+        assert (np.abs(mirrored - D @ there @ D) <= 1e-12 * there[..., :1, :1]).all()
+
+
+def find_orders(surface: RoughSurface, through: bool, mu_i: Array, mu_o: Array, n_order: int, points: int) -> Array:
+    x, weight = (np.ascontiguousarray(values) for values in make_double_gauss(points))
+    out = np.empty((mu_i.size, n_order, 16))
+    _core.facet_orders(
+        Crew(1, np.zeros(1), np.zeros(1, np.int32)),
+        index=complex(surface.ratio),
+        roughness=surface.roughness,
+        is_ggx=surface.distribution == "ggx",
+        shadowing=surface.shadowing,
+        transmitted=through,
+        mu_i=mu_i,
+        mu_o=mu_o,
+        points=x,
+        weights=weight,
+        reach=6.5,
+        out=out,
+    )
+    return out.reshape(mu_i.size, n_order, 4, 4)
+
+
+@pytest.mark.parametrize("through", [False, True])
+@pytest.mark.parametrize("surface", SURFACES[:3], ids=lambda s: f"{s.ratio:.2g}")
+def test_orders_are_sums_over_azimuths(surface: RoughSurface, through: bool) -> None:
+    """An even grid, of periodic functions; edges of total reflection and of facets that turn away leave 1e-5 of it."""
+    rng = np.random.default_rng(2)
+    mu_i, mu_o = rng.uniform(0.2, 1.0, (2, 8))
+    phi = np.arange(8192) * 360.0 / 8192
+    f = sample(surface, through, mu_i[:, None], mu_o[:, None], phi)
+    angle = np.arange(7)[:, None] * np.radians(phi)
+    expected, odd = (np.einsum("mp,npij->nmij", turn(angle) * 2.0 * np.pi / 8192, f) for turn in (np.cos, np.sin))
+    expected[..., 2:, :2], expected[..., :2, 2:] = odd[..., 2:, :2], -odd[..., :2, 2:]
+    found = find_orders(surface, through, mu_i, mu_o, 7, 14)
+    sharp = through or surface.reflects_totally
+    gap = np.abs(found - expected).max(axis=(1, 2, 3)) / np.abs(expected[:, 0, 0, 0]).max()
+    assert gap.max() <= (1e-5 if sharp else 1e-12)
+
+
+def test_narrow_facets_send_what_fresnel_says() -> None:
+    """The power in the lobe of alpha = 0.01, in a cone about where a smooth surface would send it."""
+    mu_i = 0.7
+    for index in (1.5, 1.0 / 1.5):
+        surface = RoughSurface(1.0, index, 0.01)
+        behind = np.sqrt(1.0 - (1.0 - mu_i**2) / index**2 + 0j)
+        for through, smooth in ((False, reflect_smooth(index, mu_i)), (True, transmit_smooth(index, mu_i))):
+            centre = (behind.real if through else mu_i) if behind.imag == 0.0 else mu_i
+            mu_o = centre + np.linspace(-0.12, 0.12, 1201)
+            orders = find_orders(surface, through, np.full(1201, mu_i), mu_o, 1, 10)[:, 0]
+            power = np.einsum("n,nij->ij", mu_o * 0.24 / 1200, orders)
+            if behind.imag != 0.0 and through:
+                assert not power.any()
+            else:
+                np.testing.assert_allclose(power[:2, :2], smooth[:2, :2], atol=3e-4)
+
+
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+@pytest.mark.parametrize("index", [1.5, 1.0 / 1.5])
+def test_shadowed_facets_give_back_no_more_than_they_get(index: float, distribution: str) -> None:
+    """And facets without shadows do, near the horizon."""
+    x, weight = make_double_gauss(400)
+    for roughness in (0.1, 0.5, 1.0):
+        totals = []
+        for shadowing in (True, False):
+            surface = RoughSurface(1.0, index, roughness, distribution, shadowing)
+            for mu_i in (0.05, 0.3, 0.9):
+                here = np.full(400, mu_i)
+                ways = (find_orders(surface, way, here, x, 1, 10)[:, 0, 0, 0] for way in (False, True))
+                totals.append(sum((way * x * weight).sum() for way in ways))
+        assert max(totals[:3]) <= 1.0 + 2e-4
+        assert totals[3] > totals[0]

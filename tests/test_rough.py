@@ -1,0 +1,135 @@
+"""Rough interfaces order by order: the published rough sea over water by a literal adding, limits, reciprocity."""
+
+import time
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import _core
+from vrte.basics.arrays import Array
+from vrte.basics.polarization import FLIP
+from vrte.basics.quadrature import RefractedNodes, make_refracted_nodes
+from vrte.discrete_ordinates.orders.rough import RoughOrders, expand_interface
+from vrte.optics.facets import reflect_facets, transmit_facets
+from vrte.optics.fresnel import reflect_smooth, transmit_smooth
+
+NONE = np.zeros(0)
+SEA = vrte.Interface(1.0, 1.34, np.sqrt(0.003 + 0.00512 * 7.0))  # wind of 7 m/s
+# Chowdhary et al., JQSRT 242, 106717 (2020), system AOS-II, sun at 30 degrees: scattering, absorption per metre of
+# 100 m of water; then phi, zenith angle, I, Q, U of pi L/(mu0 F0) just above the sea, phi and U in our signs
+PUBLISHED = {
+    (0.0134, 0.0204): [(0, 0, 0.081708, -0.006077, 0.0), (0, 30, 0.236252, -0.095960, 0.0)],
+    (0.0010, 0.3400): [(60, 20, 0.040691, -0.001835, -0.008909), (120, 10, 0.012691, 0.000920, 0.000425)],
+}
+
+
+def make_slab(order: int, nodes: Array, weights: Array, albedo: float, thickness: float) -> Array:
+    """R of Rayleigh's layer on nodes, light as it is, by doubling from a layer that scatters once, 2^-24 as thick."""
+    n, thin = nodes.size, thickness * 2.0**-24
+    table = vrte.rayleigh().coefficients
+    back, ahead = (np.asarray(_core.phase_matrices(order, table, sign * nodes, nodes)) for sign in (-1.0, 1.0))
+
+    def put(matrices: Array) -> Array:
+        strength = 0.5 * albedo * thin * weights / nodes[:, None]
+        return (matrices.reshape(n, n, 4, 4) * strength[..., None, None]).transpose(0, 2, 1, 3).reshape(4 * n, 4 * n)
+
+    reflected = np.tile(FLIP, n)[:, None] * put(back)
+    through = put(ahead) + np.diag(np.repeat(np.exp(-thin / nodes), 4))
+    for _ in range(24):
+        between = np.linalg.solve(np.eye(4 * n) - reflected @ reflected, through)
+        reflected, through = reflected + through @ reflected @ between, through @ between
+    return np.tile(FLIP, n)[:, None] * reflected
+
+
+def see_water(
+    surface: RoughOrders, nodes: RefractedNodes, index: float, scene: tuple[float, float], mu0: float
+) -> Array:
+    """Light of three orders from water below the surface, seen above, of a beam of unit flux: (order, seen, 4)."""
+    (mu, weights), n_air = nodes.carried(index), nodes.count(1.0)
+    n = mu.size
+    scattering, absorption = scene
+    found = []
+    for order in range(3):
+        slab = make_slab(order, mu, weights, scattering / (scattering + absorption), 100.0 * (scattering + absorption))
+        down = (surface.transmitted[0][order, -1, :n, :, 0] * mu0 / (2.0 * np.pi)).ravel()
+        weigh, flip = np.repeat(mu * weights, 4), np.tile(FLIP, n)
+        into = surface.reflected[1][order, :n, :n].transpose(1, 2, 0, 3).reshape(4 * n, 4 * n)
+        inside = flip[:, None] * into * weigh * flip  # light from below is that from above in a mirror
+        up = slab @ np.linalg.solve(np.eye(4 * n) - inside @ slab, down)
+        out = surface.transmitted[1][order, :n, n_air:].transpose(1, 2, 0, 3).reshape(-1, 4 * n)
+        found.append((out * weigh * flip @ up).reshape(-1, 4) * FLIP)
+    return np.array(found)
+
+
+def test_the_rough_sea_over_water_that_is_published() -> None:
+    """AOS-II: with 24 nodes or 48, all of its four wavelengths and directions are within 3.3e-6."""
+    nodes, mu0 = make_refracted_nodes([1.0, 1.34], 24), np.cos(np.radians(30.0))
+    zenith = np.array([0.0, 10.0, 20.0, 30.0])
+    seen = np.cos(np.radians(zenith))
+    start = time.process_time()
+    surface = expand_interface(SEA, nodes, (np.array([mu0]), NONE), (seen, NONE), 3, 1e-7)
+    assert time.process_time() - start < 2.0
+    for water, rows in PUBLISHED.items():
+        orders = see_water(surface, nodes, 1.34, water, mu0)
+        for phi, angle, *expected in rows:
+            place = int(np.searchsorted(zenith, angle))
+            turn = np.arange(3) * np.radians(phi)
+            factor = np.stack([np.cos(turn)] * 2 + [np.sin(turn)] * 2, axis=1) * np.array([[1.0], [2.0], [2.0]])
+            light = (factor * orders[:, place]).sum(axis=0) / mu0
+            light += reflect_facets(1.34, SEA.roughness, mu0, seen[place], phi)[:, 0]
+            np.testing.assert_allclose(np.pi * light[:3], expected, rtol=0.0, atol=5e-6)
+
+
+@pytest.mark.parametrize("indices", [(1.0, 1.5), (1.5, 1.0), (1.33, 1.5)])
+def test_the_limit_is_the_smooth_interface(indices: tuple[float, float]) -> None:
+    """alpha = 0.01: light that is a smooth function of direction is seen as Fresnel and Snell say, to some alpha^2."""
+    nodes, seen = make_refracted_nodes([1.0, 1.33, 1.5], 32), np.array([0.15, 0.3, 0.6, 0.8, 0.9, 0.97])
+    found = expand_interface(vrte.Interface(*indices, 0.01), nodes, (NONE, NONE), (seen, seen), 2)
+    for side in (0, 1):
+        ratio = indices[1 - side] / indices[side]
+        (mu, weights), n_there = nodes.carried(indices[side]), nodes.count(indices[1 - side])
+        sine = ratio * np.sqrt(1.0 - seen**2)  # of the light that is refracted into directions seen
+        good, mu_from = sine < 0.95, np.sqrt(np.maximum(1.0 - sine**2, 0.0))
+        smooth = abs(seen - np.sqrt(max(0.0, 1.0 - ratio**2))) > 0.05  # away from the critical angle
+        for order in (0, 1):
+
+            def light(cosine: Array, order: int = order) -> Array:
+                return (1.0 + cosine**2) * (1.0 - cosine**2) ** (0.5 * order)
+
+            weighed = weights * mu * light(mu)
+            reflected = np.einsum("ioab,i->oab", found.reflected[side][order, :, mu.size :], weighed)
+            expected = reflect_smooth(ratio, seen) * light(seen)[:, None, None]
+            np.testing.assert_allclose(reflected[smooth], expected[smooth], atol=2e-3)
+            sent = np.einsum("ioab,i->oab", found.transmitted[side][order, :, n_there:], weighed)
+            expected = transmit_smooth(ratio, mu_from[good]) * (ratio**2 * light(mu_from[good]))[:, None, None]
+            np.testing.assert_allclose(sent[good], expected, atol=2e-3)
+            assert good.sum() + smooth.sum() >= 8
+
+
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+def test_interfaces_are_reciprocal_and_keep_what_facets_do(distribution: str) -> None:
+    """A beam's power into nodes is that of all its facets, by another quadrature."""
+    surface = vrte.Interface(1.0, 1.5, 0.3, distribution, shadowing=True)
+    nodes, beam = make_refracted_nodes([1.0, 1.5], 24), np.array([0.6])
+    found = expand_interface(surface, nodes, (beam, NONE), (beam, NONE), 3, 1e-8)
+    (mu, weights), (mu_below, weights_below) = nodes.carried(1.0), nodes.carried(1.5)
+    n = mu.size
+    turn_r, turn_t = np.diag([1.0, 1.0, -1.0, 1.0]), np.diag([1.0, 1.0, 1.0, -1.0])
+    reflected, down, up = found.reflected[0], found.transmitted[0], found.transmitted[1]
+    for one, other in [
+        (reflected[:, :n, :n], turn_r @ reflected[:, :n, :n].transpose(0, 2, 1, 4, 3) @ turn_r),
+        (reflected[:, n, :n], turn_r @ reflected[:, :n, n].swapaxes(-1, -2) @ turn_r),
+        (down[:, :n], turn_t @ up[:, :, :n].transpose(0, 2, 1, 4, 3) @ turn_t * 1.5**2),
+    ]:
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * np.abs(one).max())
+    power = np.einsum("o,oab->ab", weights * mu, reflected[0, n, :n])[0, 0]
+    power += np.einsum("o,oab->ab", weights_below * mu_below, down[0, n])[0, 0]
+    x, weight = np.polynomial.legendre.leggauss(80)
+    mu_o = np.concatenate([edge + size * 0.5 * (x + 1.0) for edge, size in ((0.0, 0.4), (0.4, 0.6))])  # 0.6 = 1.5 0.4:
+    share = np.concatenate([0.2 * weight, 0.3 * weight]) * mu_o  # upright facets
+    phi = (np.arange(400) + 0.5) * 360.0 / 400
+    ways = [f(1.5, 0.3, 0.6, mu_o[:, None], phi, distribution, True) for f in (reflect_facets, transmit_facets)]
+    expected = 2.0 * np.pi * share @ sum(way[..., 0, 0].mean(axis=1) for way in ways)
+    assert power == pytest.approx(expected, abs=2e-6)
+    assert 0.9 < power < 1.0

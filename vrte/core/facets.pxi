@@ -1,0 +1,202 @@
+# Rough surfaces: Fourier orders of what facets of random slopes reflect or let through, a pair of directions at a time
+# (vrte/optics/facets.py has the same in closed form, azimuth by azimuth).
+
+cdef struct Facets:
+    # index: behind over before; steep: alpha squared; reach: beyond these slopes over alpha there are none
+    cplx index
+    double steep, reach
+    bint is_ggx, shadowing, transmitted
+    int n_point, n_order
+    given mu_i, mu_o, points, weights
+    doubles out
+
+
+cdef struct Pair:
+    # across, vertical: squares of the horizontal part of k_i - n k_o at azimuth 0, and of the vertical one; apart: what
+    # the former gains with sin^2 of half the azimuth; between: sin(theta_i - theta_o); common: what no azimuth changes
+    double mu_i, mu_o, sine_i, sine_o, across, vertical, apart, between, common
+
+
+def facet_orders(crew, *, double complex index, double roughness, bint is_ggx, bint shadowing, bint transmitted,
+                 const double[::1] mu_i, const double[::1] mu_o, const double[::1] points, const double[::1] weights,
+                 double reach, double[:, :, ::1] out):
+    """R^m of pairs of directions mu_i, mu_o (pair,): out (pair, order, 16), row by row, cos in the blocks (I,Q)-(I,Q)
+    and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V).
+
+    points, weights: Gauss's, of 0 to 1, for each piece of azimuth; reach: slopes over alpha that count (Beckmann's).
+    """
+    cdef int n_pair = <int>mu_i.shape[0]
+    if out.size == 0:
+        return
+    cdef Facets task = Facets(
+        make(index.real, index.imag), roughness * roughness, reach, is_ggx, shadowing, transmitted,
+        <int>points.shape[0], <int>out.shape[1], &mu_i[0], &mu_o[0], &points[0], &weights[0], &out[0, 0, 0])
+    run_items(crew, facet_pair, &task, n_pair, 1, 0, NULL)
+
+
+cdef double shade(const Facets* f, double mu, double sine) noexcept nogil:
+    """The share of facets turned towards a direction which others do not hide, after Smith."""
+    cdef double slope, hidden
+    if sine == 0.0:
+        return 1.0
+    slope = mu / (sqrt(f.steep) * sine)
+    if f.is_ggx:
+        hidden = 0.5 / (slope * slope * (1.0 + sqrt(1.0 + 1.0 / (slope * slope))))
+    else:
+        slope = min(slope, 30.0)
+        hidden = 0.5 * (exp(-slope * slope) / (slope * sqrt(PI)) - erfc(slope))
+    return 1.0 / (1.0 + hidden)
+
+
+cdef int facet_pair(const void* task, int item, Desk desk) noexcept nogil:
+    """The integral over azimuth in pieces of Gauss's rule: as wide as the facets' lobe where it is, then ever wider, no
+    wider than the highest order allows, cut where facets turn away or begin to reflect totally."""
+    cdef const Facets* f = <const Facets*>task
+    cdef Pair p
+    cdef double n = f.index.real, mu_i = f.mu_i[item], mu_o = f.mu_o[item], sum_of_sines, width, last, edge = 0.0, next
+    cdef double lobe, longest = 5.0 / max(1, f.n_order - 1), critical = -1.0, cosine, unit
+    cdef int piece
+    cdef doubles out = f.out + <size_t>item * f.n_order * 16
+    set_zero(<size_t>f.n_order * 16, out)
+    p.mu_i, p.mu_o = mu_i, mu_o
+    p.sine_i, p.sine_o = sqrt((1.0 - mu_i) * (1.0 + mu_i)), sqrt((1.0 - mu_o) * (1.0 + mu_o))
+    sum_of_sines = p.sine_i * mu_o + mu_i * p.sine_o
+    p.between = (mu_o - mu_i) * (mu_o + mu_i) / sum_of_sines if sum_of_sines > 0.0 else 0.0
+    p.common = 1.0 / (PI * f.steep * mu_i * mu_o)
+    if f.shadowing:
+        p.common *= shade(f, mu_i, p.sine_i) * shade(f, mu_o, p.sine_o)
+    last = PI
+    if f.transmitted:
+        p.across, p.vertical = p.sine_i - n * p.sine_o, mu_i - n * mu_o
+        p.apart = 4.0 * n * p.sine_i * p.sine_o
+        p.common *= n * n
+        if (n > 1.0) == (p.vertical >= 0.0) or p.vertical == 0.0:
+            return 0
+        # facets are met from their proper sides while cos(k_i, k_o) > min(n, 1/n)
+        cosine = min(n, 1.0 / n) - mu_i * mu_o
+        unit = p.sine_i * p.sine_o
+        if cosine >= unit:
+            return 0
+        if cosine > -unit:
+            last = acos(cosine / unit)
+    else:
+        p.across, p.vertical, p.apart = p.sine_i - p.sine_o, mu_i + mu_o, 4.0 * p.sine_i * p.sine_o
+        p.common *= 0.25
+        if f.index.imag == 0.0 and n < 1.0:
+            cosine, unit = 2.0 * n * n - 1.0 + mu_i * mu_o, p.sine_i * p.sine_o      # where sin^2 of incidence is n^2
+            if fabs(cosine) < unit:
+                critical = acos(cosine / unit)
+    p.across, p.vertical = p.across * p.across, p.vertical * p.vertical
+    if not f.is_ggx and p.across > f.reach * f.reach * f.steep * p.vertical:
+        return 0
+    # half the azimuth at which the slope is by alpha (GGX: and what it is at least) longer than across
+    lobe = f.steep * p.vertical + (p.across if f.is_ggx else 0.0)
+    width = sqrt(lobe / p.apart) if p.apart > lobe else 1.0
+    piece = 1
+    while edge < last:
+        # sin of half an azimuth: 1, 2, 3 ... lobes of a Gaussian, 1, 2, 4 ... of GGX's
+        lobe = width * piece
+        next = 2.0 * asin(lobe) if lobe < 1.0 else PI
+        piece = 2 * piece if f.is_ggx else piece + 1
+        if not f.is_ggx and width < 1.0 and (piece - 2) * (piece - 2) * width * width * p.apart > (
+                f.reach * f.reach * f.steep * p.vertical - p.across):
+            break
+        next = min(next, last)
+        if edge < critical and critical < next:
+            facet_piece(f, &p, edge, critical, 1, longest, out)
+            facet_piece(f, &p, critical, next, -1, longest, out)
+        else:
+            facet_piece(f, &p, edge, next, 0, longest, out)
+        edge = next
+    return 0
+
+
+cdef void facet_piece(const Facets* f, const Pair* p, double start, double end, int root_at, double longest,
+                      doubles out) noexcept nogil:
+    """Adds a piece of azimuth; at its end (root_at 1) or start (-1) may be a square root, which t^2 makes smooth."""
+    cdef int pieces = 1 + <int>((end - start) / longest), k, j, m, r
+    cdef double size = (end - start) / pieces, x, phi, weight, c, s, turn_c, turn_s, spare
+    cdef double even[4][4]
+    cdef doubles to
+    for k in range(pieces):
+        for j in range(f.n_point):
+            x, weight = f.points[j], 2.0 * f.weights[j] * size
+            if root_at < 0 and k == 0:
+                weight *= 2.0 * x
+                x *= x
+            elif root_at > 0 and k == pieces - 1:
+                weight *= 2.0 * x
+                x = 1.0 - x * x
+            phi = start + (k + x) * size
+            facet_mueller(f, p, phi, weight, even)
+            c, s, turn_c, turn_s = 1.0, 0.0, cos(phi), sin(phi)
+            to = out
+            for m in range(f.n_order):
+                for r in range(2):
+                    to[4 * r] += c * even[r][0]
+                    to[4 * r + 1] += c * even[r][1]
+                    to[4 * r + 2] -= s * even[r][2]
+                    to[4 * r + 3] -= s * even[r][3]
+                    to[8 + 4 * r] += s * even[2 + r][0]
+                    to[8 + 4 * r + 1] += s * even[2 + r][1]
+                    to[8 + 4 * r + 2] += c * even[2 + r][2]
+                    to[8 + 4 * r + 3] += c * even[2 + r][3]
+                to += 16
+                spare = c * turn_c - s * turn_s
+                s = s * turn_c + c * turn_s
+                c = spare
+
+
+cdef void facet_mueller(const Facets* f, const Pair* g, double phi, double weight, double (*z)[4]) noexcept nogil:
+    """z: weight times f, as in vrte/optics/facets.py."""
+    cdef double half = 0.5 * phi, sh = sin(half), ch = cos(half), full = 2.0 * sh * ch, n = f.index.real
+    cdef double across = g.across + g.apart * sh * sh, tilt = across / g.vertical, strength = weight * g.common
+    cdef double size, less, ci, co, a_i, b_i, a_o, b_o, norm, c2, s2, d2, e2, a, b, re, im
+    cdef cplx inside, p, s, low
+    if f.is_ggx:
+        strength *= ((1.0 + tilt) / (1.0 + tilt / f.steep)) ** 2
+    else:
+        strength *= exp(-tilt / f.steep) * (1.0 + tilt) * (1.0 + tilt)
+    size = across + g.vertical
+    a_i, a_o = -g.sine_o * full, -g.sine_i * full
+    if f.transmitted:
+        # 1 - k_i k_o
+        less = 0.5 * ((g.sine_i - g.sine_o) ** 2 + (g.mu_i - g.mu_o) ** 2) + 2.0 * g.sine_i * g.sine_o * sh * sh
+        size = sqrt(size)
+        ci, co = fabs(n - 1.0 - n * less) / size, fabs(n - 1.0 + less) / size
+        strength *= ci * co / (size * size) * (n * co / ci)
+        p = make(2.0 * ci / (n * ci + co), 0.0)
+        s = make(2.0 * ci / (ci + n * co), 0.0)
+        b_i = -2.0 * g.mu_i * g.sine_o * sh * sh - g.between
+        b_o = 2.0 * g.mu_o * g.sine_i * sh * sh - g.between
+    else:
+        ci = 0.5 * sqrt(size)
+        # n c of what gets in, from n^2 - sin^2 as fresnel.py has it
+        inside = times(f.index - 1.0, f.index + 1.0)
+        inside = c_sqrt(make(inside.real + ci * ci, inside.imag))
+        if inside.imag < 0.0:
+            inside = make(-inside.real, -inside.imag)
+        low = times(f.index, f.index)
+        s = over(make(ci - inside.real, -inside.imag), make(ci + inside.real, inside.imag))
+        p = over(make(low.real * ci - inside.real, low.imag * ci - inside.imag),
+                 make(low.real * ci + inside.real, low.imag * ci + inside.imag))
+        b_i = 2.0 * g.mu_i * g.sine_o * ch * ch + g.between
+        b_o = 2.0 * g.mu_o * g.sine_i * ch * ch - g.between
+    if a_i * a_i + b_i * b_i == 0.0 or a_o * a_o + b_o * b_o == 0.0:     # parallel: r of what comes
+        a_i, b_i = 0.0, 1.0
+        a_o, b_o = (g.mu_o if f.transmitted else -g.mu_o) * full, 1.0 - 2.0 * sh * sh
+    norm = 1.0 / (a_i * a_i + b_i * b_i)
+    c2, s2 = (b_i - a_i) * (b_i + a_i) * norm, -2.0 * a_i * b_i * norm
+    norm = 1.0 / (a_o * a_o + b_o * b_o)
+    d2, e2 = (b_o - a_o) * (b_o + a_o) * norm, -2.0 * a_o * b_o * norm
+    a = 0.5 * strength * (p.real * p.real + p.imag * p.imag)
+    b = 0.5 * strength * (s.real * s.real + s.imag * s.imag)
+    a, b = a + b, a - b
+    re = strength * (p.real * s.real + p.imag * s.imag)
+    im = strength * (p.imag * s.real - p.real * s.imag)
+    z[0][0], z[0][1], z[0][2], z[0][3] = a, b * c2, b * s2, 0.0
+    z[1][0], z[1][1] = d2 * b, d2 * a * c2 + e2 * re * s2
+    z[1][2], z[1][3] = d2 * a * s2 - e2 * re * c2, -e2 * im
+    z[2][0], z[2][1] = e2 * b, e2 * a * c2 - d2 * re * s2
+    z[2][2], z[2][3] = e2 * a * s2 + d2 * re * c2, d2 * im
+    z[3][0], z[3][1], z[3][2], z[3][3] = 0.0, im * s2, -im * c2, re
