@@ -223,10 +223,10 @@ def scatter_once(order: int, coefficients: Array, mu_out: Array, mu_in: Array, s
     functions = [
         _core.generalized_spherical_functions(order, terms, cosines)[order:] for cosines in (-mu_out, mu_out, mu_in)
     ]
-    if order == 0:
-        for table in functions:
-            table[:, :, 0] = shifts[:terms, :1] * table[:, :, 0] - shifts[:terms, 1:]
     up, down, into = (_core.legendre_matrices(table) for table in functions)
+    if order == 0:
+        for matrices in (up, down, into):  # I alone: V has the same functions, and no flux
+            matrices[:, :, 0, 0] = shifts[:terms, :1] * matrices[:, :, 0, 0] - shifts[:terms, 1:]
     a1, a2, a3, a4, b1, b2 = coefficients[order:].T
     middle = np.zeros((terms - order, 4, 4))
     middle[:, 0, 0], middle[:, 1, 1], middle[:, 2, 2], middle[:, 3, 3] = a1, a2, a3, a4
