@@ -6,7 +6,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vrte import __version__
+from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
@@ -33,6 +36,7 @@ from vrte.request.how import EXACT, OPTIONS
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.spectrum import add_scene_text
+from vrte.scene.interface import Interface
 
 HOW = tuple(name for name in OPTIONS if name != "settings")  # options that win over the scene file
 OUTPUTS = {"output": tuple(FORMATS), "csv": (".csv",), "plot": tuple(PICTURES)}
@@ -154,15 +158,18 @@ def write_result(result: Result, options: argparse.Namespace, name: str, seconds
 def describe(path: Path, found: Found) -> None:
     """What was computed, of what, and how."""
     file, result = found.files[0], found.result
-    print(f"vrte {__version__}: subsurface {'BRDF' if isinstance(result, Brdf) else 'field'} of {path}")
+    what = "BRDF" if isinstance(result, Brdf) else "field"
+    print(f"vrte {__version__}: {'' if file.scene.has_interfaces else 'subsurface '}{what} of {path}")
     for name, particles in file.particles.items():
         print(f"  {name}: {particles.description}")
-    for place, layer in enumerate(file.scene.layers, 1):
-        matrix = layer.phase_matrix
+    for place, (layer, index) in enumerate(zip(file.scene.layers, file.scene.indices, strict=True)):
+        tell_interface(file.scene.interfaces[place])
+        matrix, medium = layer.phase_matrix, f", in index {index:g}" if file.scene.has_interfaces else ""
         print(
-            f"  layer {place}: optical thickness {layer.thickness:g}, single-scattering albedo {layer.albedo:.6g}, "
-            f"asymmetry {matrix.asymmetry:.4f}, {matrix.terms} terms"
+            f"  layer {place + 1}: optical thickness {layer.thickness:g}, single-scattering albedo {layer.albedo:.6g}, "
+            f"asymmetry {matrix.asymmetry:.4f}, {matrix.terms} terms{medium}"
         )
+    tell_interface(file.scene.interfaces[-1])
     base = "black" if file.scene.base is None else str(file.scene.base)
     print(f"  base: {base}{'' if file.scene.base_is_reached else ', which no light reaches'}")
     made = result.diagnostics
@@ -177,10 +184,26 @@ def describe(path: Path, found: Found) -> None:
     if "agreement" in made:
         print(f"  {describe_agreement(made['agreement'])}")
     if isinstance(result, Brdf):
-        shown = ", ".join(
-            f"{r:.4f} at mu_i {mu:g}" for r, mu in zip(result.reflectance[:6], result.mu_i[:6], strict=True)
-        )
-        print(f"  directional-hemispherical reflectance: {shown}{', ...' if result.mu_i.size > 6 else ''}")
+        diffuse = "" if result.specular is None else ", diffuse"
+        print(f"  directional-hemispherical reflectance{diffuse}: {list_shares(result.reflectance, result.mu_i)}")
+        if result.specular_reflectance is not None:
+            print(f"  mirrored as a beam, and not in it: {list_shares(result.specular_reflectance, result.mu_i)}")
+        if result.surface is not None:
+            print("  with what rough surfaces send back without any particle, which is in surface as well")
+    elif result.index is not None:
+        print(f"  depths in media of index {', '.join(f'{index:g}' for index in np.unique(result.index))}")
+
+
+def tell_interface(interface: Interface | None) -> None:
+    """Prints a line about an interface where there is one."""
+    if interface is not None:
+        print(f"  {interface.in_words}")
+
+
+def list_shares(shares: Array, mu_i: Array) -> str:
+    """The first few shares of light, and at which cosines they are."""
+    shown = ", ".join(f"{share:.4f} at mu_i {mu:g}" for share, mu in zip(shares[:6], mu_i[:6], strict=True))
+    return f"{shown}{', ...' if mu_i.size > 6 else ''}"
 
 
 def describe_plan(made: dict[str, Any]) -> None:

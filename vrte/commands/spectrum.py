@@ -129,16 +129,24 @@ def sum_stages(result: Result) -> dict[str, dict[str, float]]:
 
 def describe(path: Path, found: Found) -> None:
     """What was computed, of what, and how: one line a wavelength."""
-    print(f"vrte {__version__}: subsurface BRDF of {path}")
+    refracts = any(file.scene.has_interfaces for file in found.files)
+    print(f"vrte {__version__}: {'' if refracts else 'subsurface '}BRDF of {path}")
     print(f"  {found.result!r}")
-    mu_i = found.result.mu_i[0]
-    print(f"  {'um':>8}  R at mu_i {mu_i:<6g}  layers: optical thickness, albedo, asymmetry")
-    for wavelength, file, one in zip(found.result.wavelength_um, found.files, found.result, strict=True):
+    mu_i, mirrored = found.result.mu_i[0], found.result.specular_reflectance
+    columns = f"R at mu_i {mu_i:<6g}" + ("" if mirrored is None else "  mirrored        ")
+    media = "media: indices from top to bottom; " if refracts else ""
+    print(f"  {'um':>8}  {columns}  {media}layers: optical thickness, albedo, asymmetry")
+    for place, (wavelength, file, one) in enumerate(
+        zip(found.result.wavelength_um, found.files, found.result, strict=True)
+    ):
         layers = "; ".join(
             f"{layer.thickness:.5g}, {layer.albedo:.6f}, {layer.phase_matrix.asymmetry:.4f}"
             for layer in file.scene.layers
         )
-        print(f"  {wavelength:8.6g}  {one.reflectance[0]:<16.6f}  {layers}")
+        shares = f"{one.reflectance[0]:<16.6f}" + ("" if mirrored is None else f"  {mirrored[place, 0]:<16.6f}")
+        indices = (file.scene.index_above, *file.scene.indices, file.scene.index_below)
+        inside = f"{', '.join(f'{index:.6g}' for index in indices)}; " if refracts else ""
+        print(f"  {wavelength:8.6g}  {shares}  {inside}{layers}")
     nodes = {one.diagnostics["nodes"] for one in found.result}
     some = f"{min(nodes)} to {max(nodes)}" if len(nodes) > 1 else f"{min(nodes)}"
     print(f"  {found.result[0].diagnostics['method']}, {some} nodes")

@@ -82,6 +82,7 @@ def describe(options: argparse.Namespace, table: "xarray.Dataset", seconds: floa
     lengths = " x ".join(f"{length} {name}" for name, length in errors.sizes.items())
     print(f"vrte {__version__}: sweep of {options.file}")
     print(f"  {errors.size} scenes ({lengths}){f', {failed} without result' if failed else ''}, {seconds:.1f} s")
+    print(f"  {', '.join(name for name in map(str, table.data_vars) if name != 'error')}")
     print(f"wrote {options.output} ({count_bytes(options.output) / 1e3:,.0f} kB)")
     table.close()
     if failed == errors.size:
