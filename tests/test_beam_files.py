@@ -63,8 +63,11 @@ RESULTS = {
 }
 
 
+SLOWER = [pytest.param(name, marks=pytest.mark.slow) for name in RESULTS if name not in ("both", "fields", "spectrum")]
+
+
 @pytest.mark.parametrize("suffix", FORMATS)
-@pytest.mark.parametrize("name", RESULTS)
+@pytest.mark.parametrize("name", ["both", "fields", "spectrum", *SLOWER])
 def test_a_file_brings_back_every_bit(name: str, suffix: str, tmp_path: Path) -> None:
     RESULTS[name].save(tmp_path / f"result{suffix}")
     assert_same(RESULTS[name], vrte.load(tmp_path / f"result{suffix}"))

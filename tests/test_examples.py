@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import vrte
+from tests.helpers import assert_same
+from vrte.formats.scene_file import read_scene
 from vrte.sweep.template import read_sweep
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -34,6 +36,7 @@ def test_they_are_short_and_all_of_them_are_run_here() -> None:
         "gold_table.py",
         "inside_the_layer.py",
         "layered_paint.py",
+        "painted_panel.py",
         "rough_sea.py",
         "rutile_spectrum.py",
         "which_method_when.py",
@@ -60,6 +63,20 @@ def test_layered_paint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (np.diff(contrast) > 0.0).all()  # the more paint, the better it hides
     assert (dark < bright).all()
     assert contrast[-1] > 0.8
+
+
+def test_painted_panel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    panel = run("painted_panel.py", tmp_path, monkeypatch)["glossy"]
+    assert_same(vrte.load(tmp_path / "new" / "painted_panel.nc"), panel)
+    _, values = numbers(tmp_path / "new" / "painted_panel.csv")
+    _, diffuse, mirrored, together, bare, *_ = values.T
+    np.testing.assert_allclose(diffuse + mirrored, together, atol=2e-4)  # as they are rounded
+    assert (together < bare).all()  # light that the surface keeps inside gets to the black panel
+    assert mirrored[0] == 0.04
+    in_file = read_scene(EXAMPLES / "painted_panel.toml")  # the same scene
+    assert in_file.scene.interfaces == (vrte.Interface(1.0, 1.5), None)
+    again = vrte.brdf(in_file.scene, panel.mu_i[[0, 9]], panel.mu_o[5], phi=40.0)
+    np.testing.assert_allclose(again.mueller[:, 0, 0], panel.mueller[[0, 9], 5, 4], rtol=1e-7)
 
 
 def test_rough_sea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,6 +33,7 @@ from vrte.formats.result_file import FORMATS
 from vrte.formats.scene_file import SceneFile, read_scene
 from vrte.pictures.figures import SUFFIXES as PICTURES
 from vrte.request.how import EXACT, OPTIONS
+from vrte.request.request import SIDES
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.results.spectrum import add_scene_text
@@ -51,7 +52,9 @@ def add(commands: Any) -> None:
     """`vrte brdf` and `vrte field`."""
     of_brdf = add_one(commands, "brdf", "the Mueller BRDF of a scene, at one wavelength or several")
     spectrum.add_options(of_brdf)
-    add_one(commands, "field", "the Stokes field inside and above a scene")
+    of_field = add_one(commands, "field", "the Stokes field inside and above a scene")
+    told = "of an interface, for depths tau at one; default: above, so that 0 is outside"
+    of_field.add_argument("--side", choices=SIDES, help=told)
 
 
 def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser:
@@ -137,7 +140,7 @@ def check_picture(options: argparse.Namespace, file: SceneFile) -> None:
 
 def collect_keywords(options: argparse.Namespace) -> dict[str, Any]:
     """The keywords that the command line wins with over the scene file."""
-    found = {name: getattr(options, name) for name in HOW if getattr(options, name) is not None}
+    found = {name: getattr(options, name) for name in (*HOW, "side") if getattr(options, name, None) is not None}
     return found | ({"settings": dict(options.set)} if options.set else {})
 
 

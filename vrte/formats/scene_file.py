@@ -51,6 +51,7 @@ from vrte.optics.phase_matrix import (
 from vrte.optics.refractive_index import find_wavelength_range
 from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.request.how import AUTO, OPTIONS
+from vrte.request.request import SIDES
 from vrte.scene.boundary import Boundary, Lambertian
 from vrte.scene.interface import DISTRIBUTIONS, ROUGHNESS_ALLOWED, Interface
 from vrte.scene.layer import Layer
@@ -126,6 +127,7 @@ REQUESTS: dict[str, dict[str, Callable[[Table, str], Any]]] = {
         "mu": _read_directions,
         "phi_deg": Table.numbers,
         "tau": Table.numbers,
+        "side": lambda table, key: table.choice(key, SIDES),
     },
 }
 KEYWORDS = {"phi_deg": "phi"}

@@ -87,7 +87,8 @@ def describe_results(file: SceneFile, roughnesses: set[float]) -> Results:
         left_out += (() if 0.0 in roughnesses else OF_BEAMS) + (() if roughnesses - {0.0} else ("surface",))
         return lay_out_results(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"), {})
     # how deep the scene is, its particles say: each scene will check its own
-    request = make_scene_request(replace(file, request=file.request | {"tau": 0.0}))
+    alone = {name: value for name, value in file.request.items() if name != "side"}
+    request = make_scene_request(replace(file, request=alone | {"tau": 0.0}))
     incident = np.asarray(file.request.get("stokes", (1.0, 0.0, 0.0, 0.0)), np.float64)
     coordinates = {"mu0": request.mu0, "tau": check_vector("tau", file.request.get("tau", 0.0))}
     left_out = ("incident_stokes", *(("stokes",) if request.fluxes_only else ()), *(() if roughnesses else OF_MEDIA))
