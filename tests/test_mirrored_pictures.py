@@ -57,11 +57,11 @@ def test_the_arrow_goes_out_where_a_mirror_sends_it(plain: vrte.Brdf, shiny: vrt
     for axes, mu in zip(lobes, shiny.mu_i, strict=True):
         falls, goes = [text for text in axes.texts if isinstance(text, Annotation)]
         across = np.sqrt(1.0 - mu**2)
-        for tail, side in ((falls.xyann, -1.0), (goes.xy, 1.0)):
+        for tail, side, reach in ((falls.xyann, -1.0, 1.2), (goes.xy, 1.0, 1.3)):
             beside = 0.07 if mu == 1.0 and side > 0.0 else 0.0
             expected = (
-                1.2 * (side * across * sine72) + beside,
-                1.2 * (mu * cosine24 - side * across * sine24 * cosine72),
+                reach * (side * across * sine72) + beside,
+                reach * (mu * cosine24 - side * across * sine24 * cosine72),
             )
             np.testing.assert_allclose(tail, expected, atol=1e-12)
         assert any("% mirrored" in text.get_text() for text in axes.texts)
@@ -114,8 +114,9 @@ def test_a_notebook_tells_of_beams_and_media(shiny: vrte.Brdf, field: vrte.Field
         vrte.Mirror((0.2, 3.4)),
     )
     told = cells(scene)
-    assert told.index("above layer 1") < told.index("|layer 1|") < told.index("below layer 1") < told.index("|base|")
+    assert told.index("above layer 1") < told.index("|layer 1|") < told.index("above layer 2") < told.index("|base|")
     assert "index 1 above and 1.5 below, roughness 0.1" in told
+    assert "|clear, of no thickness; in a medium of index 1|" in told
     assert "Mirror" in told
 
 

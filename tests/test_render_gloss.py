@@ -10,7 +10,7 @@ from tests.test_render import COARSE, normals_of, sky_coherency, view
 from vrte.basics.arrays import Array
 from vrte.optics.fresnel import reflect_smooth
 from vrte.render.geometry import place_camera
-from vrte.render.gloss import SUN_RADIUS, mirror_sun
+from vrte.render.gloss import SUN_RADIUS, RoughSurface, mirror_sun
 from vrte.render.sky import make_sky
 from vrte.render.spheres import Table, tabulate_brdf
 
@@ -98,3 +98,51 @@ def test_the_suns_glint_is_polarized_as_fresnel_says() -> None:
     share = ((1.5**2 - 1.0) / (1.5**2 + 1.0)) ** 2 / 2.0  # all of it across the plane of incidence
     expected = share * 0.25 * seen.radius**2 * np.array([1.0, -1.0, 0.0, 0.0])
     np.testing.assert_allclose(seen.stokes(mirror_table(1.5), 0).sum(axis=0), expected, atol=2e-3 * expected[0])
+
+
+def rough_table(surface: RoughSurface) -> Table:
+    """A sphere of facets alone."""
+    return replace(mirror_table(1.5), specular=None, facets=surface)
+
+
+@pytest.mark.parametrize(("distribution", "roughness"), [("beckmann", 0.3), ("ggx", 0.3)])
+def test_in_a_furnace_facets_show_what_they_reflect(distribution: str, roughness: float) -> None:
+    surface = RoughSurface(1.5, roughness, distribution, shadowing=True)
+    seen = view(make_sky("uniform", [0.5], 30.0, 0.0))
+    found = seen.stokes(rough_table(surface), 0)
+    points, weights = np.polynomial.legendre.leggauss(200)
+    mu_i, phi = 0.5 * (points + 1.0), np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+    cosines = np.cos(seen.pixels[1])
+    for wanted in (0.95, 0.6, 0.3):
+        pixel = int(np.abs(cosines - wanted).argmin())
+        columns = surface.reflect(mu_i[:, None], cosines[pixel], phi)[..., 0]
+        expected = np.einsum("ips,i->s", columns, 0.5 * weights * mu_i) * (2.0 * np.pi / phi.size)
+        assert found[pixel, 0] == pytest.approx(expected[0], rel=0.01)
+        assert np.hypot(found[pixel, 1], found[pixel, 2]) == pytest.approx(abs(expected[1]), abs=0.01 * expected[0])
+
+
+@pytest.mark.slow
+def test_hardly_rough_facets_show_what_a_mirror_does() -> None:
+    """Frames of Stokes vectors, too: away from the horizon and the sun, which facets see beside the mirrored ray."""
+    sky = make_sky("rayleigh", [0.45], 25.0, 0.3)
+    seen = view(sky, camera=place_camera(20.0, 130.0), size=60)
+    rough = seen.stokes(rough_table(RoughSurface(1.5, 0.01, "beckmann", True)), 0)
+    smooth = seen.stokes(mirror_table(1.5), 0)
+    normal = normals_of(seen)
+    cosine = normal @ seen.camera.toward
+    mirrored = 2.0 * cosine[:, None] * normal - seen.camera.toward  # to where each pixel looks
+    clear = (np.abs(mirrored[:, 2]) > 0.15) & (cosine > 0.25) & (mirrored @ -sky.beam < 0.99)
+    assert clear.sum() > 500
+    largest = smooth[clear, 0].max()
+    np.testing.assert_allclose(rough[clear], smooth[clear], atol=0.02 * largest)
+    assert np.abs(smooth[clear, 1:3]).max() > 0.2 * largest  # polarized enough to tell
+
+
+@pytest.mark.slow
+def test_facets_spread_the_suns_glint_and_keep_its_light() -> None:
+    seen = view(make_sky("sun", [0.5], 25.0, 0.0), camera=place_camera(20.0, 130.0), size=300)
+    rough, smooth = (
+        seen.stokes(one, 0) for one in (rough_table(RoughSurface(1.5, 0.05, "beckmann", True)), mirror_table(1.5))
+    )
+    np.testing.assert_allclose(rough.sum(axis=0), smooth.sum(axis=0), rtol=0.02)
+    assert rough[:, 0].max() < 0.03 * smooth[:, 0].max()

@@ -229,17 +229,15 @@ def _draw_ray(axes: Any, side: float, mu_i: float, inside: float, mirrored: str 
     """The incident ray, which comes down along phi = 0 from ``side`` -1 and ends where it meets the lobe, at the radius
     ``inside``; or, from there on, the one that goes back at ``side`` 1, with what is said of it."""
     sine = np.sqrt(1.0 - mu_i**2)
-    steep = mirrored and sine < 0.07  # both would lie upon each other
-    beside = (0.07 if steep else 0.0) * RIGHT
+    beside = (0.07 if mirrored and sine < 0.07 else 0.0) * RIGHT  # both would lie upon each other
     toward = np.array([side * sine, 0.0, mu_i])
-    near, far = (_project_points(radius * toward + beside) for radius in (inside + 0.02, max(1.2, inside + 0.2)))
+    near, far = (_project_points(radius * toward + beside) for radius in (inside + 0.02, 1.3 if mirrored else 1.2))
     start, end, colour = (near, far, MIRRORED) if mirrored else (far, near, INCIDENT)
     arrow = {"arrowstyle": "-|>,head_length=0.7,head_width=0.3", "color": colour, "linewidth": 2.2}
-    axes.annotate("", end, start, arrowprops=arrow | {"shrinkA": 0.0, "shrinkB": 0.0, "zorder": 20})
+    arrow |= {"shrinkA": 0.0, "shrinkB": 0.0, "zorder": 20}
+    axes.annotate("", end, start, arrowprops=arrow, annotation_clip=False)
     if mirrored:
-        words, how = mirrored.replace(", ", "\n"), {"color": colour, "fontsize": 9, "zorder": 20}
-        x, y = (far[0] + 0.06, far[1] - 0.1) if steep else (far[0], far[1] + 0.05)
-        axes.text(x, y, words, ha="left" if steep else "center", va="top" if steep else "bottom", **how)
+        axes.text(0.0, -0.6, mirrored, color=colour, fontsize=9, ha="center", va="bottom")
 
 
 def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) -> None:

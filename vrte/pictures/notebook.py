@@ -200,7 +200,8 @@ def show_scene(scene: Scene) -> dict[str, str]:
             pile[f"above layer {place}"] = interface.in_words
         if scene.has_interfaces:
             medium = f"; in a medium of index {scene.indices[place - 1]:g}"
-        pile[f"layer {place}"] = f"{layer.in_words}{medium}"
+        clear = layer.thickness == layer.albedo == 0.0
+        pile[f"layer {place}"] = f"{'clear, of no thickness' if clear else layer.in_words}{medium}"
     more = len(scene.layers) - MOST_LAYERS
     if more > 0:
         pile["and"] = f"{more} more layers"

@@ -1,10 +1,12 @@
-"""What a smooth surface mirrors to the camera: the sky, the ground and the disc of the sun.
+"""What surfaces mirror to the camera: the sky, the ground and the sun; smooth ones first, then those of facets.
 
 A mirror has no BRDF that a quadrature could take: each pixel shows the one direction that its normal mirrors,
 
     L(n) = R_camera S(mu) R_facet L_sky(k),    k = k_camera - 2 (k_camera.n) n,    mu = k_camera.n,
 
-S (4x4) the share of a beam that comes back as a beam. The sun is a disc of even brightness, some pixels large.
+S (4x4) the share of a beam that comes back as a beam. The sun is a disc of even brightness, some pixels large. Of a
+rough surface the facets h take the place of n, each with the BRDF of all of them, 4 (k_camera.h) dh being the solid
+angle that it mirrors: a quadrature over slopes finds the peak wherever it is.
 """
 
 from dataclasses import dataclass
@@ -13,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.optics.facets import reflect_facets, tell_density
 from vrte.render.geometry import UP, Camera, compute_normals, convert_to_polar, find_turn, turn_stokes
-from vrte.render.sky import STEEPEST, Sky
-from vrte.results.splines import make_spline_matrix
+from vrte.render.sky import STEEPEST, Sky, make_horizon_angles
+from vrte.results.splines import compute_coefficients, make_spline_matrix, repeat_grid
 
 if TYPE_CHECKING:
     from vrte.render.spheres import View
@@ -99,3 +102,121 @@ def mirror_sun(camera: Camera, beam: Array, radius: float, size: int) -> Array:
     rows, columns = (np.floor(0.5 * size + radius * part[lit]).astype(int) for part in (-y, x))
     np.add.at(found, (rows, columns), 0.25 * radius**2 / max(int(lit.sum()), 1))
     return found.ravel()
+
+
+SLOPES = {"beckmann": 10, "ggx": 14}  # of a quadrature over slopes: sizes, and
+AROUND = 16  # their directions
+
+
+@dataclass(frozen=True)
+class RoughSurface:
+    """A rough surface: ``index`` is that of the medium behind over that before it, the rest as in `vrte.Interface`."""
+
+    index: float
+    roughness: float
+    distribution: str
+    shadowing: bool
+
+    def reflect(self, mu_i: Array, mu_o: Array, phi: Array) -> Array:
+        """Mueller BRDF (n, 4, 4) [1/sr], phi in radians."""
+        slopes = self.distribution, self.shadowing
+        return reflect_facets(self.index, self.roughness, mu_i, mu_o, np.degrees(phi), *slopes)
+
+    def sample_slopes(self) -> tuple[Array, Array, Array]:
+        """Slopes of facets (n,) along x and y, and weights of a quadrature that have the slopes' density in them."""
+        count = SLOPES[self.distribution]
+        if self.distribution == "beckmann":
+            square, share = np.polynomial.laguerre.laggauss(count)
+        else:
+            points, share = np.polynomial.legendre.leggauss(count)
+            square, share = (1.0 + points) / (1.0 - points), 0.5 * share
+        turned = 2.0 * np.pi * (np.arange(AROUND) + 0.5 * (np.arange(count) % 2)[:, None]) / AROUND
+        slope = self.roughness * np.sqrt(square)[:, None]
+        weights = np.repeat(share, AROUND) / AROUND
+        return (slope * np.cos(turned)).ravel(), (slope * np.sin(turned)).ravel(), weights
+
+    def density(self, square: Array) -> Array:
+        """Of slopes, by their squares."""
+        return tell_density(self.roughness, self.distribution, square)
+
+
+@dataclass(frozen=True, eq=False)
+class RoughGloss:
+    """What a surface of facets mirrors to the camera: skylight on ``theta`` x ``psi`` normals, sunlight on pixels.
+
+    ``rings``: for each theta the operators (psi * facets, 4, 4) from Stokes vectors of the sky in the world's frame,
+    behind what finds these, a matrix and azimuths, and the shares that come from sky and not ground. ``sunlit``: which
+    pixels, and Stokes vectors of a sun of irradiance 1. ``factor``: whether the cosine is taken out of what is splined.
+    """
+
+    theta: Array
+    psi: Array
+    rings: "list[tuple[Any, Array, Array, Array]]"
+    sunlit: tuple[Any, Array]
+    factor: bool
+
+    @classmethod
+    def of(cls, view: "View", surface: RoughSurface) -> "RoughGloss":
+        step = max(0.5 * surface.roughness, 0.02)  # [rad] between normals: what they mirror is blurred by more
+        count = max(view.resolution.angles, min(64, round(1.6 / step)))
+        around = max(view.resolution.around, min(180, 4 * round(np.pi / (2.0 * step))))
+        theta = make_horizon_angles(count, float(np.cos(view.resolution.theta[-1])))
+        psi = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
+        rings = [look_at_facets(view, surface, float(angle), psi) for angle in theta]
+        lit, _, mu_i, mu_o = view.lit
+        _, pixel_theta, pixel_psi = view.pixels
+        normal, x = compute_normals(view.camera, pixel_theta[lit], pixel_psi[lit])
+        _, azimuth, _ = convert_to_polar(view.sky.beam, x, np.cross(normal, x), normal)
+        sunlight = surface.reflect(mu_i, mu_o, -azimuth)[:, :, 0] * mu_i[:, None]
+        sunlit = lit, turn_stokes(sunlight, pixel_psi[lit] - 0.5 * np.pi)
+        return cls(theta, psi, rings, sunlit, not surface.shadowing)
+
+    def stokes(self, view: "View", place: int) -> Array:
+        """Stokes radiance (n, 4) to the camera at a wavelength."""
+        sky, values = view.sky, np.zeros((self.theta.size, self.psi.size, 4))
+        for ring, (above, azimuth, from_sky, operators) in enumerate(self.rings):
+            light = from_sky[:, None] * sky.stokes(place, above, azimuth)
+            light[:, 0] += (1.0 - from_sky) * sky.ground[place]
+            values[ring] = (operators @ light[:, :, None])[..., 0].reshape(self.psi.size, -1, 4).sum(axis=1)
+        places, which = repeat_grid(self.psi)
+        _, theta, psi = view.pixels
+        if self.factor:  # facets that do not hide each other are ever brighter towards the rim
+            values *= np.cos(self.theta)[:, None, None]
+        splines = compute_coefficients((self.theta, places), values[:, which])
+        to_pixels = make_spline_matrix((self.theta, places), (theta, psi % (2.0 * np.pi)))
+        found: Array = to_pixels @ splines.reshape(-1, 4)
+        if self.factor:
+            found /= np.cos(theta)[:, None]
+        lit, sunlight = self.sunlit
+        found[lit] += sky.sun[place] * sunlight
+        return found
+
+
+def look_at_facets(view: "View", surface: RoughSurface, theta: float, psi: Array) -> tuple[Any, Array, Array, Array]:
+    """One of `RoughGloss.rings`."""
+    normal, x = compute_normals(view.camera, np.full(psi.shape, theta), psi)
+    y = np.cross(normal, x)
+    along, across, share = surface.sample_slopes()
+    facet = normal[:, None] - along[:, None] * x[:, None] - across[:, None] * y[:, None]
+    upright = 1.0 / np.linalg.norm(facet, axis=-1)  # mu_n
+    facet = (facet * upright[..., None]).reshape(-1, 3)
+    normal, x, y = (np.repeat(part, share.size, axis=0) for part in (normal, x, y))
+    cosine = facet @ view.camera.toward
+    travel = view.camera.toward - 2.0 * cosine[:, None] * facet
+    mu, azimuth, on_facet = convert_to_polar(travel, x, y, normal)
+    height, heading, in_world = convert_to_polar(travel, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), UP)
+    lit = (cosine > 0.0) & (mu < 0.0)
+    mu_i, mu_o = np.where(lit, -mu, 1.0), np.full(lit.shape, np.cos(theta))
+    upright, share = upright.ravel(), np.tile(share, psi.size)
+    weights = share / surface.density(1.0 / upright**2 - 1.0) * upright**3 * 4.0 * cosine * mu_i
+    matrices = surface.reflect(mu_i, mu_o, -azimuth) * np.where(lit, weights, 0.0)[:, None, None]
+    turns = make_turns(find_turn(travel, in_world, on_facet))
+    back = make_turns(np.repeat(psi - 0.5 * np.pi, share.size // psi.size))
+    above = make_spline_matrix((view.sky.theta,), (np.arccos(np.clip(-height, STEEPEST, 1.0)),))
+    from_sky = np.clip(0.5 - height / surface.roughness, 0.0, 1.0)  # an edge that so few facets show would be many
+    return above, heading, from_sky, back @ matrices @ turns
+
+
+def make_turns(angle: Array) -> Array:
+    """What `turn_stokes` does, as matrices (n, 4, 4)."""
+    return np.swapaxes(turn_stokes(np.eye(4), angle[:, None]), 1, 2)

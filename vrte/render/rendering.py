@@ -9,9 +9,11 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.render import colour
 from vrte.render.geometry import UP, place_camera
+from vrte.render.gloss import RoughSurface
 from vrte.render.setting import Material, Setting
 from vrte.render.sky import make_sky
 from vrte.render.spheres import Resolution, Table, View, compute_irradiance, tabulate_brdf
+from vrte.results.brdf import Brdf
 
 RESOLUTIONS = (Resolution(), Resolution(48, 180), Resolution(64, 240))
 FINE_ENOUGH = 3e-3  # error of a BRDF between the directions of its table
@@ -87,7 +89,17 @@ def find_fine_table(material: Material, resolutions: Sequence[Resolution]) -> tu
 
 
 def _tabulate_material(material: Material, wavelength_um: float, resolution: Resolution) -> Table:
-    return tabulate_brdf(material.brdf(wavelength_um, resolution.mu, resolution.mu, resolution.phi), resolution)
+    brdf = material.brdf(wavelength_um, resolution.mu, resolution.mu, resolution.phi)
+    return tabulate_brdf(brdf, resolution, find_facets(brdf, material.surface(wavelength_um)))
+
+
+def find_facets(brdf: Brdf, surface: RoughSurface | None) -> RoughSurface | None:
+    """The rough surface on top where it is all that reflects without any particle: its part is known in closed form."""
+    if surface is None or brdf.surface is None:
+        return None
+    directions = np.meshgrid(brdf.mu_i, brdf.mu_o, np.radians(brdf.phi), indexing="ij")
+    alone = surface.reflect(*directions)
+    return surface if np.allclose(brdf.surface, alone, rtol=1e-6, atol=1e-6 * np.abs(alone).max()) else None
 
 
 def measure_interpolation_error(material: Material, wavelength_um: float, table: Table) -> float:
@@ -97,8 +109,10 @@ def measure_interpolation_error(material: Material, wavelength_um: float, table:
     mu_i, mu_o = draw.uniform(0.05, 1.0, (2, 8))
     phi = draw.uniform(0.0, 180.0, 8)
     brdf = material.brdf(wavelength_um, mu_i, mu_o, phi)
-    exact = brdf.mueller * mu_i[:, None, None, None, None]
-    points = [part.ravel() for part in np.meshgrid(mu_i, mu_o, np.radians(phi), indexing="ij")]
+    directions = np.meshgrid(mu_i, mu_o, np.radians(phi), indexing="ij")
+    splined = brdf.mueller if table.facets is None else brdf.mueller - table.facets.reflect(*directions)
+    exact = splined * mu_i[:, None, None, None, None]
+    points = [part.ravel() for part in directions]
     found = table.mueller(*points).reshape(exact.shape) * mu_i[:, None, None, None, None]
     largest = float(np.abs(exact).max())
     error = float(np.abs(found - exact).max()) / largest if largest else 0.0

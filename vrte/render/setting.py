@@ -10,9 +10,17 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.spectrum import spectrum
-from vrte.formats.scene_file import FILE_KEYS, find_known_wavelengths, read_content, read_listed_wavelengths
+from vrte.formats.scene_file import (
+    FILE_KEYS,
+    find_known_wavelengths,
+    make_scene_file,
+    read_content,
+    read_listed_wavelengths,
+)
 from vrte.formats.toml_table import Table
+from vrte.optics.spheres import check_spheres
 from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, choose_wavelengths
+from vrte.render.gloss import RoughSurface
 from vrte.render.sky import KINDS
 from vrte.results.brdf import Brdf
 from vrte.results.spectrum import check_ascending
@@ -67,6 +75,15 @@ class Material:
         except SceneError as error:
             hint = "; [render] wavelengths_um can name others" if "wavelength" in str(error) else ""
             raise SceneError(f"{self.path}: {error}{hint}") from error
+
+    def surface(self, wavelength_um: float) -> RoughSurface | None:
+        """The rough surface on top of all, if there is one. Raises SceneError."""
+        content = {"wavelength_um": wavelength_um, "brdf": {"mu_i": 1.0, "mu_o": 1.0}}
+        content = {**self.content, **content}
+        top = make_scene_file(content, "brdf", self.path.parent, check_spheres).scene.interfaces[0]
+        if top is None or top.is_smooth:
+            return None
+        return RoughSurface(top.index_below / top.index_above, top.roughness, top.distribution, top.shadowing)
 
     @property
     def coloured(self) -> bool:

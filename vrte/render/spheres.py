@@ -7,7 +7,7 @@ A sphere is convex, and nothing stands in its light: what leaves a point depends
 
 f the BRDF (4x4), R turns of Stokes axes. The sky's part is smooth over the sphere: it is computed on rings of normals
 around the line of sight and splined; the sun's ends at a sharp edge: it is computed for each pixel. What a smooth
-surface mirrors is added pixel by pixel (gloss.py).
+surface mirrors is added pixel by pixel, what a rough one does facet by facet (gloss.py).
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.render.geometry import UP, Camera, compute_normals, convert_to_polar, find_turn, turn_stokes
-from vrte.render.gloss import Gloss
+from vrte.render.gloss import Gloss, RoughGloss, RoughSurface
 from vrte.render.sky import Sky, make_horizon_angles
 from vrte.results.brdf import Brdf
 from vrte.results.splines import compute_coefficients, extend_azimuths, make_spline_matrix, repeat_grid
@@ -68,13 +68,15 @@ class Table:
 
     What is splined is f over what a slab of this optical ``thickness`` sends back of single scattering,
     (1 - exp(-thickness (1/mu_i + 1/mu_o)))/(mu_i + mu_o): that is steep where light grazes, and most of it.
-    ``specular`` (theta, 16): splines of the share that comes back as a beam, None where none does.
+    ``specular`` (theta, 16): splines of the share that comes back as a beam, None where none does; ``facets``: the
+    rough surface on top, whose own reflection is not in ``splines``.
     """
 
     splines: Array
     thickness: float
     resolution: Resolution
     specular: Array | None = None
+    facets: RoughSurface | None = None
 
     def slab(self, mu_i: Array, mu_o: Array) -> Array:
         """That factor; 1/(mu_i + mu_o) for a bare base."""
@@ -97,18 +99,19 @@ class Table:
         return found.reshape(-1, 4, 4)
 
 
-def tabulate_brdf(brdf: Brdf, resolution: Resolution) -> Table:
-    """The table of a BRDF for the directions of ``resolution``."""
+def tabulate_brdf(brdf: Brdf, resolution: Resolution, facets: RoughSurface | None = None) -> Table:
+    """The table of a BRDF for the directions of ``resolution``; of ``facets`` its own part is left out."""
     assert brdf.direct_transmittance is not None
     thickness = float(-np.log(brdf.direct_transmittance[0])) if brdf.direct_transmittance[0] else np.inf
     plain = Table(np.empty(0), thickness, resolution)
-    half = brdf.mueller / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
+    below = brdf.mueller if facets is None or brdf.surface is None else brdf.mueller - brdf.surface
+    half = below / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
     _, full = extend_azimuths(brdf.phi, half)
     grids = resolution.theta, resolution.theta, resolution.turn
     splines = compute_coefficients(grids, full.reshape(*full.shape[:3], 16))
     beams = brdf.specular
     specular = None if beams is None else compute_coefficients(grids[:1], beams.reshape(-1, 16))
-    return replace(plain, splines=splines, specular=specular)
+    return replace(plain, splines=splines, specular=specular, facets=facets)
 
 
 def make_steps_around(count: int) -> tuple[Array, Any]:
@@ -169,6 +172,11 @@ class View:
         return Gloss.of(self)
 
     @cached_property
+    def rough(self) -> dict[RoughSurface, RoughGloss]:
+        """The last rough surface, and what it mirrors."""
+        return {}
+
+    @cached_property
     def rings(self) -> "list[Ring]":
         """The normals for the sky's part: a ring for each outgoing angle of the table."""
         return [Ring.at(self, float(theta)) for theta in self.resolution.theta]
@@ -190,7 +198,14 @@ class View:
         strength = self.sky.sun[place] * mu_i * table.slab(np.maximum(mu_i, STEEPEST), mu_o)
         sunlight = (matrix @ column) * strength[:, None]
         found[lit] += turn_stokes(sunlight, psi[lit] - 0.5 * np.pi)
-        return found if table.specular is None else found + self.gloss.stokes(table.specular, self.sky, place)
+        if table.specular is not None:
+            found += self.gloss.stokes(table.specular, self.sky, place)
+        if table.facets is not None:
+            if table.facets not in self.rough:
+                self.rough.clear()  # one takes some hundred megabytes
+                self.rough[table.facets] = RoughGloss.of(self, table.facets)
+            found += self.rough[table.facets].stokes(self, place)
+        return found
 
     def from_the_sky(self, table: Table, place: int) -> Array:
         """The sky's part of it: (pixel, 4)."""

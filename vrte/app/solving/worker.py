@@ -41,6 +41,7 @@ from vrte.request.how import AUTO, EXACT
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field, require_one_beam
 from vrte.results.spectrum import SCENE, Spectrum, add_scene_text
+from vrte.scene.scene import Scene
 
 Tell = Callable[[Progress], None]
 MOST_NAMED = 30  # warnings
@@ -112,7 +113,7 @@ def solve(task: Solve, tell: Tell) -> Outcome:
     for which, wavelength in enumerate(wavelengths):
         begin("particles", which)
         file = make_scene_file(select_wavelength(content, wavelength), "brdf", task.folder)
-        inside.append(describe_inside(content, file))
+        inside.append(describe_inside(content, file.scene))
         keywords = choose_keywords(file)
         with file.located():
             planned = planned or make_plan_message(file, keywords)
@@ -138,29 +139,27 @@ def solve(task: Solve, tell: Tell) -> Outcome:
     )
 
 
-def describe_inside(content: Content, file: SceneFile) -> Inside:
-    """What the layers hold, in words, and their phase matrices; interfaces hold nothing."""
-    names = describe_layers(content["layer"])
-    named = [(name, layer.phase_matrix) for name, layer in zip(names, file.scene.layers, strict=True) if name]
-    return Inside(tuple(name for name, _ in named), tuple(matrix for _, matrix in named))
+def describe_inside(content: Content, scene: Scene) -> Inside:
+    """What the layers hold, in words, and their phase matrices, without the clear ones that a scene puts between
+    interfaces.
 
-
-def describe_layers(tables: list[Content]) -> list[str]:
-    """What the layers of a scene hold, "" for the clear ones that it puts between interfaces.
-
-    >>> fog = {"phase": "rayleigh"}
-    >>> describe_layers([{"interface": {}}, {"interface": {}}, fog]), describe_layers([{"interface": {}}])
-    (['', 'layer 1: rayleigh'], [''])
+    >>> import vrte
+    >>> fog = vrte.Layer(vrte.rayleigh(), 1.0, 1.0)
+    >>> scene = Scene([vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.33), fog])
+    >>> describe_inside({"layer": [{"interface": {}}, {"interface": {}}, {"phase": "rayleigh"}]}, scene).names
+    ('layer 1: rayleigh',)
     """
-    found: list[str] = []
-    filled = True
-    for name, table in zip(name_layers(tables), tables, strict=True):
-        if not is_interface(table):
-            found.append(f"{name}: {describe_filling(table)}")
-        elif not filled:
-            found.append("")
-        filled = not is_interface(table)
-    return found or [""]
+    tables = content["layer"]
+    called = zip(name_layers(tables), tables, strict=True)
+    names = [f"{name}: {describe_filling(one)}" for name, one in called if not is_interface(one)]
+    added = len(scene.layers) - len(names)
+    matrices = []
+    for layer in scene.layers:
+        if added and layer.thickness == layer.albedo == 0.0 and layer.phase_matrix.terms == 1:
+            added -= 1
+        else:
+            matrices.append(layer.phase_matrix)
+    return Inside(tuple(names), tuple(matrices))
 
 
 def describe_filling(layer: Content) -> str:
