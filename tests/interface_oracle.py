@@ -34,7 +34,7 @@ class Directions:
         """In a medium of index n; NaN where it has no such direction."""
         start, mu = np.array([*self.seen, *self.beams]).T
         squared = ((n - start) * (n + start) + (start * mu) ** 2) / n**2
-        others = np.where(start == n, mu, np.sqrt(np.where(squared > 0.0, squared, np.nan)))
+        others = np.where((start == n) | (mu == 1.0), mu, np.sqrt(np.where(squared > 0.0, squared, np.nan)))
         nodes, _ = self.rule.carried(n)
         return np.concatenate([np.full(self.rule.highest.size - nodes.size, np.nan), nodes, others])
 
