@@ -137,7 +137,12 @@ class Refracting:
         if not base.orders_reflected:
             return None
         index = self.media.scene.media[-1]
-        return expand_base(base, self.of_medium(index, len(self.media.scene.media) - 1), n_order, accuracy)
+        problem = self.of_medium(index, len(self.media.scene.media) - 1)
+        found = expand_base(base, problem, n_order, accuracy)
+        if base.mixes_stokes or not self.problem.is_refracted:
+            return found
+        white = 2.0 * float(problem.weights @ problem.nodes)  # 1 but for what the nodes miss: no light is lost by it
+        return replace(found, matrix=found.matrix / white, source=found.source / white, out=found.out / white)
 
     def find_sharings(self) -> list[Sharing | None]:
         """Of smooth joints, in the order of the pieces; None for mere cuts."""
