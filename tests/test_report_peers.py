@@ -93,6 +93,10 @@ def test_what_they_do_not_take_they_refuse_by_name() -> None:
     mirror = vrte.MuellerBase(lambda mu_i, mu_o, phi: np.diag([0.1, 0.0, 0.0, 0.0]))
     assert all("MuellerBase" in text for text in refused(layered(base=mirror)).values())
     assert set(refused(layered(base=mirror))) == set(NAMES)
+    polished = vrte.Scene(layered().layers, vrte.Mirror(1.5))
+    under_glass = vrte.Scene(layered().layers, None, (vrte.Interface(1.0, 1.5), None, None))
+    assert all("no refracting or mirroring surface" in text for text in refused(polished).values())
+    assert set(refused(polished)) == set(refused(under_glass)) == set(NAMES)
     assert set(refused(layered(), np.array([1.0, 0.1, 0.0, 0.0]))) == set(NAMES)
     assert set(refused(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]))) == {"nanodisort", "PythonicDISORT"}
     assert refused(layered(albedo=1.0)) == {"PythonicDISORT": "PythonicDISORT takes no albedo of 1"}

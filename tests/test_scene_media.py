@@ -145,8 +145,20 @@ def test_a_host_of_its_own_is_named_at_its_own_place() -> None:
 
 
 def test_media_must_fit_together() -> None:
-    with pytest.raises(vrte.SceneError, match=r"has the refractive index 1\.33, and the interface above it has 1\.5"):
-        read(between(1.0, 1.5), PAINT, host_index=1.33)
+    varnish = {"phase": "rayleigh", "albedo": 0.5, "thickness": 0.1}
+    for layers, number, words in (
+        ((between(1.0, 1.5), PAINT), 2, "1.33, and the interface above it has 1.5"),
+        ((between(1.0, 1.5), varnish, PAINT), 3, "1.33, and layer 2, without an interface between, has 1.5"),
+        ((PAINT, between(1.4, 1.5)), 1, "1.33, and the interface below it has 1.4"),
+    ):
+        with pytest.raises(vrte.SceneError) as caught:
+            read(*layers, host_index=1.33)
+        assert str(caught.value) == f"layer {number} has the refractive index {words}"
+        assert caught.value.place == ("layer", number - 1)
+    with pytest.raises(
+        vrte.SceneError, match=r"medium between two interfaces has the refractive index 1\.5, and .* 1\.4"
+    ):
+        read(between(1.0, 1.5), between(1.4, 1.0))
 
 
 def test_particles_kept_by_a_sweep_keep_their_medium(tmp_path: Path) -> None:

@@ -128,6 +128,15 @@ def test_a_sweep_of_fields_has_media_and_beams_both_ways() -> None:
     assert inside["index"].values.tolist() == [[1.5, 1.5]] * 2
 
 
+def test_all_that_falls_on_a_white_glossy_thing_comes_back() -> None:
+    white = vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 1.0)], vrte.Lambertian(1.0))
+    mu, weights = vrte.hemisphere(8)
+    found = vrte.brdf(white, mu, mu, np.arange(0.0, 360.0, 45.0), nodes=12)
+    assert found.bihemispherical_reflectance(weights) == pytest.approx(1.0, abs=1e-12)
+    assert found.under([1.0, 0.0, 0.0, 0.0], weights, mirrored=True)[..., 0].mean() == pytest.approx(1.0, abs=1e-3)
+    assert found.under([1.0, 0.0, 0.0, 0.0], weights)[..., 0].mean() < 0.9
+
+
 def test_the_sweep_command_names_what_is_in_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = written(tmp_path, HEAD + GLASS + RAYLEIGH + BRDF + '[axes]\n"layer[2].thickness" = [0.5, 1.0]\n')
     assert run("sweep", scene, "-o", tmp_path / "a.nc") == 0

@@ -68,11 +68,12 @@ class Scene:
             )
         if self.interfaces:
             pile = interleave(pile, check_list("interfaces", self.interfaces, MOST_LAYERS + 1))
-        layers, interfaces = sort_pile(pile, self.base is not None)
+        layers, interfaces, places = sort_pile(pile, self.base is not None)
         if math.isinf(layers[-1].thickness) and interfaces[-1] is not None:
             raise SceneError(f"interface {len(layers) + 1}: no light gets there through a layer without end")
         object.__setattr__(self, "layers", layers)
-        object.__setattr__(self, "_media", find_media(layers, interfaces))
+        numbered = tuple(range(len(layers))) if self.interfaces else places
+        object.__setattr__(self, "_media", find_media(layers, interfaces, numbered))
         refracting = (i if i is not None and i.index_above != i.index_below else None for i in interfaces)
         object.__setattr__(self, "interfaces", tuple(refracting))
 
@@ -179,39 +180,51 @@ def interleave(
 
 def sort_pile(
     pile: Sequence[Layer | Interface], has_base: bool
-) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...]]:
+) -> tuple[tuple[Layer, ...], tuple[Interface | None, ...], tuple[int | None, ...]]:
     """The layers of a list, and the interface above each of them and below the last, or None; between interfaces
-    without a layer, and between one and a base, a clear one without thickness."""
+    without a layer, and between one and a base, a clear one without thickness; and where in the list each layer is."""
     clear = Layer(isotropic(), 0.0, 0.0)
     layers: list[Layer] = []
     interfaces: list[Interface | None] = []
-    for part in pile:
+    places: list[int | None] = []
+
+    def add(layer: Layer, place: int | None) -> None:
+        layers.append(layer)
+        places.append(place)
+
+    for place, part in enumerate(pile):
         if isinstance(part, Interface):
             if len(interfaces) > len(layers):
-                layers.append(clear)
+                add(clear, None)
             interfaces.append(part)
         else:
             if len(interfaces) == len(layers):
                 interfaces.append(None)
-            layers.append(part)
+            add(part, place)
     if not layers or (has_base and len(interfaces) > len(layers)):
-        layers.append(clear)
+        add(clear, None)
     if len(interfaces) == len(layers):
         interfaces.append(None)
-    return tuple(layers), tuple(interfaces)
+    return tuple(layers), tuple(interfaces), tuple(places)
 
 
-def find_media(layers: Sequence[Layer], interfaces: Sequence[Interface | None]) -> tuple[float, ...]:
-    """Refractive indices: above the top, of each layer, below the last. Raises SceneError where they do not fit."""
+def find_media(
+    layers: Sequence[Layer], interfaces: Sequence[Interface | None], places: Sequence[int | None]
+) -> tuple[float, ...]:
+    """Refractive indices: above the top, of each layer, below the last. Raises SceneError where they do not fit, which
+    names a layer by its place in the list that was given."""
     media: list[float | None] = [None, *(layer.host_index for layer in layers), None]
-    names = ["the medium above", *(f"layer {k}" for k in range(1, len(layers) + 1)), "the medium below"]
+    between = ["the medium between two interfaces" if place is None else f"layer {place + 1}" for place in places]
+    names = ["the medium above", *between, "the medium below"]
 
     def settle(place: int, index: float | None, source: str) -> None:
         known = media[place]
         if index is None:
             return
         if known is not None and not math.isclose(known, index, rel_tol=SAME_INDEX):
-            raise SceneError(f"{names[place]} has the refractive index {known:g}, and {source} has {index:g}")
+            listed = [None, *places, None][place]
+            words = f"{names[place]} has the refractive index {known:g}, and {source} has {index:g}"
+            raise SceneError(words, *(() if listed is None else ("layer", listed)))
         media[place] = known if known is not None else index
 
     for k, interface in enumerate(interfaces):

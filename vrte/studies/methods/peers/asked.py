@@ -65,6 +65,8 @@ class Asked:
         this one does not."""
         if not np.isfinite(self.scene.thickness):
             raise SceneError(f"{name} takes no layer without end")
+        if self.scene.keeps_beams:
+            raise SceneError(f"{name} takes no refracting or mirroring surface here")
         if self.scene.base is not None and self.scene.base.orders_reflected > 1:
             raise SceneError(f"{name} takes no base {self.scene.base.name} here: black or Lambertian alone")
         if self.stokes[1:].any():
