@@ -81,6 +81,8 @@ def test_propagator_of_a_thick_slab_is_refused() -> None:
         propagator(vrte.Scene(scene.layers, vrte.Lambertian(0.5)), nodes=NODES)
     with pytest.raises(vrte.SceneError, match="which end"):
         propagator(vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, np.inf)]), nodes=NODES)
+    with pytest.raises(vrte.SceneError, match="in one medium"):
+        propagator(vrte.Scene([vrte.Interface(1.0, 1.5), *scene.layers]), nodes=NODES)
 
 
 SCENES = {

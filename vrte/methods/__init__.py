@@ -75,7 +75,7 @@ def fix_nodes(request: Request, run: Run) -> tuple[Request, NodeChoice | None]:
     if request.nodes is not None or "accuracy" not in request.given:
         return request, None
     asked = request.scene, request.mu0, request.mu, request.phi, request.tau, request.accuracy
-    choice = choose_nodes(*asked, replace(run, threads=1, stages={}))
+    choice = choose_nodes(*asked, replace(run, threads=1, stages={}), under=request.under)
     return replace(request, nodes=choice.nodes), choice
 
 

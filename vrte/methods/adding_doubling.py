@@ -1,19 +1,25 @@
 """Adding and doubling: slabs doubled from a thin layer, layers and base added, the field between them, (2:8)."""
 
 import math
+from functools import partial
 
 import numpy as np
 
 from vrte.basics import cost
-from vrte.basics.arrays import Array, check_number, check_whole
+from vrte.basics.arrays import Array, IntArray, check_number, check_whole
 from vrte.basics.blas import keep_to_one_thread
+from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.responses import Response
 from vrte.discrete_ordinates.orders.slabs import Pile, cut_layers
 from vrte.methods.parts.adding import Slab, double_slab, find_light_inside, make_ground_slab, make_homogeneous_slab
+from vrte.methods.parts.between_interfaces import join_through_interfaces, respond_as_slab
 from vrte.methods.parts.in_depth import POINTS
 from vrte.methods.parts.method import Answer, Method, Setting, Settings
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, solve_in_turn
 from vrte.methods.parts.task import Task
 from vrte.methods.parts.thin_layer import make_thin_slab
+from vrte.scene.boundary import BLACK
 
 THICKEST, THINNEST = 8.0, 1e-6
 LOWEST = 1e-4  # below, starting layers are so thin that rounding is seen
@@ -27,9 +33,13 @@ NEARLY_DARK = (
 
 def solve_by_adding_doubling(task: Task) -> Answer:
     """Every Fourier order of the truncated phase matrices in turn."""
+    doublings: list[int] = []
+    if task.problem.media is not None:
+        with keep_to_one_thread():
+            kernels, fluxes = join_through_interfaces(task, partial(respond_by_adding, task.settings, doublings))
+        return task.answer_on_nodes(kernels, fluxes, doublings=max(doublings))
     pile = cut_layers(task.problem)
     on_nodes = OnNodes(pile.problem, task.request.scene.below)
-    doublings: list[int] = []
 
     def field(order: int, base: Array) -> tuple[Array, Array]:
         up, down, most = solve_order(pile, on_nodes, order, base, task.settings)
@@ -55,9 +65,32 @@ def solve_order(pile: Pile, on_nodes: OnNodes, order: int, base: Array, settings
     return up[pile.interface, :, on_nodes.n :], down[pile.interface, :, on_nodes.n :], most
 
 
+def respond_by_adding(
+    settings: Settings,
+    doublings: list[int],
+    problem: Problem,
+    material: IntArray,
+    thickness: Array,
+    orders: IntArray,
+    run: Run,
+) -> list[Response]:
+    """R and T of slabs (slab,) in one medium at the first of the orders; notes how often each was doubled."""
+    on_nodes, order = OnNodes(problem, BLACK), int(orders[0])
+    found = []
+    with run.booked("doubling"):
+        for kind, tau in zip(material.tolist(), thickness.tolist(), strict=True):
+            is_white = order == 0 and problem.albedo[kind] == 1.0
+            slab, done = build_slab(on_nodes, on_nodes.scattered(order, kind), tau, settings, is_white)
+            doublings.append(done)
+            found.append(respond_as_slab(on_nodes, slab))
+    return found
+
+
 def limit_starting_thickness(on_nodes: OnNodes, thin: float) -> float:
-    """Optical thickness of the starting layer, at most: ``thin`` along the lowest cosine that light comes from."""
-    return thin * max(LOWEST, float(on_nodes.columns.min()))
+    """Optical thickness of the starting layer, at most: ``thin`` along the lowest cosine that light comes from, and
+    between interfaces along the lowest that it goes to: mirrored light of the nodes then goes there too."""
+    seen = on_nodes.columns if on_nodes.problem.media is None else np.append(on_nodes.columns, on_nodes.rows)
+    return thin * max(LOWEST, float(seen.min()))
 
 
 def count_doublings(tau: float, thin: float) -> int:
@@ -130,6 +163,7 @@ METHOD = Method(
     conserves="flux to rounding at albedo 1, otherwise up to the error of the starting layer",
     source="(2:8); van de Hulst's doubling, Fourier order by Fourier order",
     conserves_energy=True,
+    interfaces="smooth",
     options=("nodes", "accuracy", "backend"),
     finest=1e-12,
     operations=predict_operations,

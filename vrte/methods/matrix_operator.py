@@ -25,7 +25,9 @@ from vrte.discrete_ordinates.orders.base import Base, expand_base
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.responses import Response, shape_response
 from vrte.discrete_ordinates.orders.slabs import find_materials, select_materials
+from vrte.methods.parts.between_interfaces import join_through_interfaces
 from vrte.methods.parts.method import Answer, Method
 from vrte.methods.parts.on_nodes import OnNodes, find_distinct_directions
 from vrte.methods.parts.operators import Modes, Operator, make_empty_operator
@@ -310,6 +312,9 @@ def compute_fluxes(problem: Problem, fields: list[Field]) -> tuple[Array, Array]
 
 def solve_by_matrix_operators(task: Task) -> Answer:
     """Every Fourier order that the nodes carry, one after another."""
+    if task.problem.media is not None:
+        with keep_to_one_thread():
+            return task.answer_on_nodes(*join_through_interfaces(task, respond_by_operators))
     below, full, run = task.request.scene.below, task.problem, task.run
     problem, out = select_working_stokes(full, below.mixes_stokes)
     materials, kinds = find_materials(problem)
@@ -342,6 +347,26 @@ def solve_order(
         raise AccuracyError(f"method {METHOD.name!r}: a matrix of order {order} has no inverse: {reason}") from None
 
 
+def respond_by_operators(
+    problem: Problem, material: IntArray, thickness: Array, orders: IntArray, run: Run
+) -> list[Response]:
+    """R and T of slabs (slab,) in one medium at the first of the orders. Raises AccuracyError where one has none."""
+    order = int(orders[0])
+    matrices = assemble(problem, orders, run)
+    begin, found = time.perf_counter(), []
+    try:
+        matters = [build_matter(problem, matrices, 0, order, kind) for kind in range(problem.albedo.size)]
+        for kind, length in zip(material.tolist(), thickness.tolist(), strict=True):
+            slab = matters[kind].slab(length)
+            both = [np.stack(pair)[None] for pair in zip(slab.R_minus.blocks, slab.T_plus.blocks, strict=True)]
+            _, nodes, into, _, leaving, through = both
+            found.append(shape_response(problem, nodes, into, leaving, through, {}))
+    except np.linalg.LinAlgError as reason:
+        raise AccuracyError(f"method {METHOD.name!r}: a matrix of order {order} has no inverse: {reason}") from None
+    run.book("matrix operators", time.perf_counter() - begin)
+    return found
+
+
 def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
     """The matrix of (2:9) that takes a Fourier order's radiance at the top of a scene to that at its bottom.
 
@@ -358,6 +383,8 @@ def propagator(scene: Scene, order: int = 0, nodes: int = NODES) -> Array:
     order, nodes = check_whole("order", order, 0, 2 * MOST_NODES), check_whole("nodes", nodes, 1, MOST_NODES)
     if scene.base is not None or np.isinf(scene.thickness):
         raise SceneError("the propagator (2:9) is that of layers which end, without a base")
+    if scene.keeps_beams:
+        raise SceneError("the propagator (2:9) is that of layers in one medium, without interfaces")
     problem = discretise_scene(scene, np.ones(1), np.eye(4), np.ones(1), np.zeros(1), nodes)
     slab = join_layers(problem, order)
     R_minus, T_minus, R_plus, T_plus = (part.nodes for part in (slab.R_minus, slab.T_minus, slab.R_plus, slab.T_plus))
@@ -402,6 +429,7 @@ METHOD = Method(
     conserves="energy and reciprocity, to rounding",
     source="(2:6)-(2:9), (2:10)-(2:15)",
     conserves_energy=True,
+    interfaces="smooth",
     options=("nodes", "accuracy", "backend"),
     finest=1e-12,
     operations=predict_operations,

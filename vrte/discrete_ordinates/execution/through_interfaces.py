@@ -10,8 +10,8 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.media import Cut, Media, Sights, cut_pieces, find_beams, find_escapes, list_sights
+from vrte.discrete_ordinates.orders.passage import ARRIVING, LEAVING, RISING
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
-from vrte.discrete_ordinates.orders.refracting import ARRIVING, LEAVING, RISING
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin
 from vrte.scene.boundary import Boundary

@@ -4,6 +4,7 @@ Light is counted as radiance over the square of the refractive index, scaled on 
 both are the same on either side of an interface, which then only shares out what comes.
 """
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -14,21 +15,16 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.base import Base, expand_base
-from vrte.discrete_ordinates.orders.media import (
-    cut_pieces,
-    find_beams,
-    find_escapes,
-    list_sights,
-)
+from vrte.discrete_ordinates.orders.passage import Passage
 from vrte.discrete_ordinates.orders.problem import Problem
-from vrte.discrete_ordinates.orders.responses import Response, respond
+from vrte.discrete_ordinates.orders.responses import Response
 from vrte.discrete_ordinates.orders.slabs import find_materials, select_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.scene.beams import make_joints
 from vrte.scene.boundary import Boundary
 
-RISING, ARRIVING, LEAVING, ENTERING = range(4)  # ways of light at a joint, see `find_escapes`
+# R and T of slabs (slab,) of a problem's layers, taken as materials: problem, material, thickness, orders, run
+Responder = Callable[[Problem, IntArray, Array, IntArray, Run], list[Response]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +47,12 @@ class Places:
     of: IntArray
 
 
-class Refracting:
-    """A route for piles in several media: the named one for its slabs."""
+class Refracting(Passage):
+    """A route for piles in several media, whose slabs another one finds."""
 
-    def __init__(self, name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float, quick: bool) -> None:
-        assert problem.media is not None
-        self.name, self.problem, self.media, self.quick = name, problem, problem.media, quick
+    def __init__(self, respond: Responder, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> None:
+        super().__init__(problem, base, n_order, accuracy)
+        self.respond = respond
         self.allowed = {
             "residual_of_modes": 1e-9,
             "residual_of_boundary": 1e-9,
@@ -65,43 +61,13 @@ class Refracting:
             "residual_of_invariance": 1e-9,
             "residual_of_joints": 1e-9,
         }
-        self.cut = cut_pieces(self.media.depths, problem.thickness, problem.level)
-        self.sights = list_sights(self.media, problem.mu_out)
-        self.into, beams = find_beams(self.media, self.cut, problem.mu0)
-        members = np.ix_(problem.stokes, problem.stokes)
-        # power per unit flux of the beam that comes in, (piece, n_in, S, n_col), down at the top and up at the bottom
-        lit = problem.mu0[:, None, None]
-        columns = problem.columns.T
-        self.falling = lit * (beams.entering[:-1][..., members[0], members[1]] @ columns)
-        self.mirrored = lit * (beams.leaving[1:][..., members[0], members[1]] @ columns)
-        self.arriving = lit * (beams.arriving[-1][..., members[0], members[1]] @ columns)
         self.places = self.find_places()
-        self.sources = self.list_sources(base)
-        self.escapes = find_escapes(
-            self.media, self.cut, self.sights, problem.n_up, list(problem.stokes), np.array(self.sources)
-        )
-        self.base = self.expand(base, n_order, accuracy)
         self.sharings = self.find_sharings()
 
     def chunk(self, threads: int) -> int:
         """Orders to be done at once."""
         n = self.problem.size + len(self.problem.stokes) * (self.problem.mu0.size + 2 * self.sights.cosines.shape[1])
         return count_orders_at_once(4.0 * len(self.places.slab) * n * n, threads)
-
-    def of_medium(self, index: float, place: int) -> Problem:
-        """The problem as one medium has it: its nodes, and the directions off them that go there (others point along
-        the normal, and no light does)."""
-        nodes, weights = self.media.nodes.carried(index)
-        into, out = self.into[place], self.sights.cosines[place]
-        return replace(
-            self.problem,
-            nodes=nodes,
-            weights=weights,
-            mu0=np.where(into > 0.0, into, 1.0),
-            mu_out=np.where(out > 0.0, out, 1.0),
-            n_up=out.size,
-            columns=np.eye(len(self.problem.stokes)),
-        )
 
     def find_places(self) -> Places:
         """The distinct slabs of each medium."""
@@ -127,23 +93,6 @@ class Refracting:
             media.append((index, one, material, np.array([length for _, length in keys])))
         return Places(media, slabs, of)
 
-    def list_sources(self, base: Boundary) -> list[tuple[int, int]]:
-        """Where light sets out for directions off the nodes: the joint and the way."""
-        found = [source for piece in range(self.cut.layer.size) for source in ((piece, RISING), (piece + 1, ARRIVING))]
-        return [*found, (self.cut.joint.size - 1, LEAVING)] if base.orders_reflected else found
-
-    def expand(self, base: Boundary, n_order: int, accuracy: float) -> Base | None:
-        """The base's operators on the nodes of the medium that it lies in."""
-        if not base.orders_reflected:
-            return None
-        index = self.media.scene.media[-1]
-        problem = self.of_medium(index, len(self.media.scene.media) - 1)
-        found = expand_base(base, problem, n_order, accuracy)
-        if base.mixes_stokes or not self.problem.is_refracted:
-            return found
-        white = 2.0 * float(problem.weights @ problem.nodes)  # 1 but for what the nodes miss: no light is lost by it
-        return replace(found, matrix=found.matrix / white, source=found.source / white, out=found.out / white)
-
     def find_sharings(self) -> list[Sharing | None]:
         """Of smooth joints, in the order of the pieces; None for mere cuts."""
         joints = make_joints(self.media.scene, self.media.cosines)
@@ -160,8 +109,7 @@ class Refracting:
     def solve(self, orders: IntArray, run: Run) -> Orders:
         """The given orders."""
         responses = [
-            respond(self.name, one, material, thickness, orders, run, self.quick)
-            for _, one, material, thickness in self.places.media
+            self.respond(one, material, thickness, orders, run) for _, one, material, thickness in self.places.media
         ]
         problem, size = self.problem, self.problem
         shape = (orders.size, size.level.size, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size)
@@ -201,16 +149,7 @@ class Refracting:
         pile.fall()
         light = self.see(pile, pieces)
         if problem.conserves and order == 0:
-            for t, (joint, under) in enumerate(
-                zip(self.cut.at.tolist(), self.media.depths.under.tolist(), strict=True)
-            ):
-                index = float(self.sights.index[t])
-                nodes, weights = self.media.nodes.carried(index)
-                scale = index * np.sqrt(weights * nodes)
-                up, down = (pile.rising, pile.entering) if under else (pile.leaving, pile.arriving)
-                for way, field in enumerate((up, down)):
-                    intensity = field[joint][:: len(problem.stokes)][-nodes.size :]
-                    fluxes[way, t] = scale @ intensity
+            fluxes[:] = self.sum_fluxes(pile.arriving, pile.leaving, pile.entering, pile.rising)
         return light, pile.residual
 
     def see(self, pile: "NodalPile", pieces: list["Piece"]) -> Array:
@@ -222,14 +161,8 @@ class Refracting:
             up, down = piece.send(pile.entering[k], pile.leaving[k + 1], self.falling[k], self.mirrored[k])
             sent[2 * k], sent[2 * k + 1] = up, down
         if len(self.sources) > 2 * len(pieces):
-            sent[-1] = pile.leave_base()
-        light = np.empty((*self.sights.place.shape, stokes, problem.n_rhs))
-        for t, row in enumerate(self.sights.place):
-            seen = sent[:, row].transpose(1, 0, 2, 3).reshape(row.size, -1, problem.n_rhs)
-            light[t] = self.escapes[t].reshape(row.size, stokes, -1) @ seen * self.sights.index[t] ** 2
-        light[:, : problem.n_up] *= problem.flip[:, None]
-        light /= 2.0 * np.pi
-        return light.reshape(*light.shape[:3], problem.mu0.size, -1).transpose(0, 3, 4, 1, 2)
+            sent[-1] = self.leave_base(pile.order, pile.arriving[-1])
+        return self.look(sent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,8 +280,6 @@ class NodalPile:
         self.beams = [
             piece.send_to_nodes(self.n, route.falling[k], route.mirrored[k]) for k, piece in enumerate(pieces)
         ]
-        row = -1 if route.base is None else int(route.base.row[order])
-        self.row = row
         count = len(pieces) + 1
         dark = np.zeros((self.n, self.r))
         self.arriving, self.leaving, self.entering, self.rising = ([dark] * count for _ in range(4))
@@ -359,32 +290,6 @@ class NodalPile:
         self.own_below = [dark] * count
         self.at_joint: list[Factors | None] = [None] * count
         self.in_slab: list[Factors | None] = [None] * count
-
-    def base_parts(self) -> tuple[Array | None, Array]:
-        """The base's operator on all nodes and its reflection of the beam."""
-        base, route = self.route.base, self.route
-        if base is None or self.row < 0:
-            return None, np.zeros((self.n, self.r))
-        count = base.matrix.shape[1]
-        matrix = np.zeros((self.n, self.n))
-        matrix[self.n - count :, self.n - count :] = base.matrix[self.row].T
-        index, into = route.media.scene.media[-1], route.into[-1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            flux = np.where(into[:, None, None] > 0.0, route.arriving / into[:, None, None], 0.0) / index
-        source = base.source[self.row].reshape(into.size, -1, count)  # (n_in, S, n), for unit Stokes vectors
-        light = np.zeros((self.n, self.r))
-        light[self.n - count :] = np.einsum("ian,iac->nic", source, flux).reshape(count, -1)
-        return matrix, light
-
-    def leave_base(self) -> Array:
-        """What the base sends along the sights of the nodes' light, (n_sight, S, r)."""
-        base, stokes = self.route.base, len(self.route.problem.stokes)
-        n_sight = self.route.sights.cosines.shape[1]
-        if base is None or self.row < 0:
-            return np.zeros((n_sight, stokes, self.r))
-        count = base.out.shape[1]
-        found: Array = base.out[self.row].T @ self.arriving[-1][self.n - count :] / self.route.media.scene.media[-1]
-        return found.reshape(n_sight, stokes, self.r)
 
     def rise(self) -> None:
         """What lies below every joint reflects and sends up, from the bottom."""
@@ -420,7 +325,7 @@ class NodalPile:
         """What joint k does to what lies below it."""
         sharing = self.route.sharings[k]
         if k == last and self.route.base is not None:
-            self.seen[k], self.own[k] = self.base_parts()
+            self.seen[k], self.own[k] = self.route.reflect_on_base(self.order)
             return
         if sharing is None:
             self.seen[k], self.own[k] = self.seen_below[k], self.own_below[k]

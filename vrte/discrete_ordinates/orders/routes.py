@@ -1,6 +1,7 @@
 """The two exact routes from the discrete problem to its field, order by order, behind one signature."""
 
 from dataclasses import replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +20,7 @@ from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.orders.refracting import Refracting
+from vrte.discrete_ordinates.orders.responses import respond
 from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials, join_pile, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.storage import count_doubles_of_doubling, count_doubles_of_modes
@@ -149,7 +151,8 @@ ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance]] = {
 def make_route(name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> Route:
     """The named way through a problem, in one medium or in several."""
     if problem.media is not None:
-        return Refracting(name, problem, base, n_order, accuracy, is_quick(problem, accuracy))
+        slabs = partial(respond, name, quick=is_quick(problem, accuracy))
+        return Refracting(slabs, problem, base, n_order, accuracy)
     return ROUTES[name](problem, base, n_order, accuracy)
 
 

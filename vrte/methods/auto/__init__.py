@@ -47,10 +47,12 @@ def is_rule_met(rule: Rule, request: Request) -> bool:
 
 def count_special_wishes(request: Request) -> float:
     """How many things are asked for besides a scene, directions and an accuracy, or lie beyond what rules were tried
-    on: the nodes as directions, a base that is no Lambertian one, an algorithm, a truncation, a check, a device."""
+    on: the nodes as directions, a base that is no Lambertian one, surfaces that refract or mirror, an algorithm, a
+    truncation, a check, a device."""
     return float(
         (request.mu is None)
         + (request.scene.below.orders_reflected > 1)
+        + request.scene.keeps_beams
         + (request.algorithm != "auto")
         + (request.truncation != "auto")
         + request.verify

@@ -17,7 +17,9 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
 from vrte.discrete_ordinates.orders.base import find_reflected_orders
+from vrte.discrete_ordinates.orders.phase_assembly import find_even_shifts
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.responses import scatter_once
 from vrte.methods.parts.task import Task
 from vrte.scene.boundary import Boundary
 
@@ -38,8 +40,9 @@ class OnNodes:
 
     @cached_property
     def members(self) -> list[int]:
-        """Stokes parameters at work: I alone where it is the only one that is scattered."""
-        return [0] if self.problem.is_scalar and not self.base.mixes_stokes else [0, 1, 2, 3]
+        """Stokes parameters at work: I alone where it is the only one that is scattered and no surface mirrors it."""
+        alone = self.problem.is_scalar and not self.base.mixes_stokes and self.problem.media is None
+        return [0] if alone else [0, 1, 2, 3]
 
     @property
     def n(self) -> int:
@@ -73,6 +76,10 @@ class OnNodes:
         table = problem.coefficients[layer, : problem.terms[layer]]
         rows, into = (np.concatenate([problem.nodes, more]) for more in (problem.mu_out, problem.mu0))
         strength = 0.5 * problem.albedo[layer] / rows[:, None, None, None]
+        if problem.is_refracted and order == 0:
+            shifts = find_even_shifts(problem, int(problem.terms.max()))
+            back, ahead = scatter_once(order, table, rows, into, shifts) * strength
+            return Scattered(self.operator(ahead), self.operator(back))
         ahead = _core.phase_matrices(order, table, rows, into) * strength
         back = _core.phase_matrices(order, table, rows, -into) * strength * FLIP
         return Scattered(self.operator(ahead), self.operator(back))

@@ -37,7 +37,14 @@ def discretise_request(request: Request, nodes: int | None = None, peaks: Any = 
     mu = find_cosines(request)
     rank = np.argsort(mu < 0.0, kind="stable")
     return discretise_scene(
-        request.scene, request.mu0, request.columns, mu[rank], request.tau, nodes or request.nodes or NODES, peaks
+        request.scene,
+        request.mu0,
+        request.columns,
+        mu[rank],
+        request.tau,
+        nodes or request.nodes or NODES,
+        peaks,
+        request.under,
     )
 
 

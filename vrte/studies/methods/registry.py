@@ -18,12 +18,13 @@ ABILITIES = {
     "polarization": "polarization",
     "layers": "several layers",
     "base": "base",
+    "interfaces": "interfaces, mirrors",
     "depths": "depths inside",
     "transmission": "light below the top",
     "endless": "layer without end",
 }
 OPTIONS = ("nodes", "accuracy", "truncation", "algorithm", "verify")
-BASES: dict[Any, str] = {"any": "any", "even": "Lambertian", "none": "-"}
+KINDS: dict[Any, str] = {"any": "any", "even": "Lambertian", "smooth": "smooth", "none": "-"}
 
 
 def make_registry_table() -> str:
@@ -47,7 +48,7 @@ def make_abilities_table() -> str:
 
 def make_abilities_row(method: Method) -> tuple[str, ...]:
     """Yes or -, of a method."""
-    words = BASES | {True: "yes", False: "-"}
+    words = KINDS | {True: "yes", False: "-"}
     abilities = (words[getattr(method, name)] for name in (*ABILITIES, "devices"))
     options = (
         "-" if name not in method.options else f"to {method.finest:g}" if name == "accuracy" else "yes"
