@@ -44,6 +44,7 @@ from vrte.results.field import Field
 from vrte.results.spectrum import Spectrum
 from vrte.results.views import Views
 from vrte.scene.boundary import Lambertian, MuellerBase
+from vrte.scene.facets import Facets
 from vrte.scene.illumination import hemisphere
 from vrte.scene.interface import Interface
 from vrte.scene.layer import IndependentScatteringWarning, Layer
@@ -58,6 +59,7 @@ __all__ = [
     "AccuracyWarning",
     "Brdf",
     "DeviceError",
+    "Facets",
     "Field",
     "Gamma",
     "IndependentScatteringWarning",

@@ -1,6 +1,10 @@
 # Rough surfaces: Fourier orders of what facets of random slopes reflect or let through, a pair of directions at a time
 # (vrte/optics/facets.py has the same in closed form, azimuth by azimuth).
 
+cdef enum:
+    AZIMUTHS = 128      # of one product of matrices
+
+
 cdef struct Facets:
     # index: behind over before; steep: alpha squared; reach: beyond these slopes over alpha there are none
     cplx index
@@ -9,6 +13,13 @@ cdef struct Facets:
     int n_point, n_order
     given mu_i, mu_o, points, weights
     doubles out
+
+
+cdef struct Samples:
+    # some azimuths of a pair: weight times f (azimuth, 8) of the blocks with cos and of those with sin; cos and sin of
+    # the azimuth, and of its multiples (order, azimuth); what they add up to (order, 8)
+    int count
+    doubles even, odd, turn, multiples, sums
 
 
 cdef struct Pair:
@@ -31,7 +42,7 @@ def facet_orders(crew, *, double complex index, double roughness, bint is_ggx, b
     cdef Facets task = Facets(
         make(index.real, index.imag), roughness * roughness, reach, is_ggx, shadowing, transmitted,
         <int>points.shape[0], <int>out.shape[1], &mu_i[0], &mu_o[0], &points[0], &weights[0], &out[0, 0, 0])
-    run_items(crew, facet_pair, &task, n_pair, 1, 0, NULL)
+    run_items(crew, facet_pair, &task, n_pair, AZIMUTHS * 20 + task.n_order * (2 * AZIMUTHS + 16), 0, NULL)
 
 
 cdef double shade(const Facets* f, double mu, double sine) noexcept nogil:
@@ -53,11 +64,22 @@ cdef int facet_pair(const void* task, int item, Desk desk) noexcept nogil:
     wider than the highest order allows, cut where facets turn away or begin to reflect totally."""
     cdef const Facets* f = <const Facets*>task
     cdef Pair p
-    cdef double n = f.index.real, mu_i = f.mu_i[item], mu_o = f.mu_o[item], sum_of_sines, width, last, edge = 0.0, next
-    cdef double lobe, longest = 5.0 / max(1, f.n_order - 1), critical = -1.0, cosine, unit
-    cdef int piece
+    cdef double n = f.index.real, mu_i = f.mu_i[item], mu_o = f.mu_o[item], sum_of_sines, width, last, next
+    cdef double edge = 0.0, before = 0.0
+    cdef double lobe, longest = <double>f.n_point / max(1, f.n_order - 1), critical = -1.0, cosine, unit
+    cdef int piece, m, k
     cdef doubles out = f.out + <size_t>item * f.n_order * 16
+    cdef doubles low
+    cdef doubles high
+    cdef Samples t
+    t.count = 0
+    t.even = desk.work
+    t.odd = t.even + 8 * AZIMUTHS
+    t.turn = t.odd + 8 * AZIMUTHS
+    t.multiples = t.turn + 4 * AZIMUTHS
+    t.sums = t.multiples + <size_t>2 * f.n_order * AZIMUTHS
     set_zero(<size_t>f.n_order * 16, out)
+    set_zero(<size_t>f.n_order * 16, t.sums)
     p.mu_i, p.mu_o = mu_i, mu_o
     p.sine_i, p.sine_o = sqrt((1.0 - mu_i) * (1.0 + mu_i)), sqrt((1.0 - mu_o) * (1.0 + mu_o))
     sum_of_sines = p.sine_i * mu_o + mu_i * p.sine_o
@@ -98,26 +120,35 @@ cdef int facet_pair(const void* task, int item, Desk desk) noexcept nogil:
         lobe = width * piece
         next = 2.0 * asin(lobe) if lobe < 1.0 else PI
         piece = 2 * piece if f.is_ggx else piece + 1
+        if edge == critical and next < last and next - edge < 0.5 * (edge - before):
+            continue
         if not f.is_ggx and width < 1.0 and (piece - 2) * (piece - 2) * width * width * p.apart > (
                 f.reach * f.reach * f.steep * p.vertical - p.across):
             break
         next = min(next, last)
-        if edge < critical and critical < next:
-            facet_piece(f, &p, edge, critical, 1, longest, out)
-            facet_piece(f, &p, critical, next, -1, longest, out)
-        else:
-            facet_piece(f, &p, edge, next, 0, longest, out)
-        edge = next
+        if edge < critical and critical < next + 0.5 * (next - edge):      # no end of a piece near the root
+            next = critical
+        facet_piece(f, &p, edge, next, 1 if next == critical else -1 if edge == critical else 0, longest, &t)
+        before, edge = edge, next
+    add_samples(f, &t)
+    for m in range(f.n_order):
+        for k in range(4):      # rows I, Q: even, even, odd, odd; rows U, V the other way round
+            low, high = t.sums + 8 * m + 2 * k, t.sums + 8 * (f.n_order + m) + 2 * k
+            if k > 1:
+                low, high = high, low
+            out[0], out[1], out[2], out[3] = low[0], low[1], high[0], high[1]
+            out += 4
     return 0
 
 
 cdef void facet_piece(const Facets* f, const Pair* p, double start, double end, int root_at, double longest,
-                      doubles out) noexcept nogil:
+                      Samples* t) noexcept nogil:
     """Adds a piece of azimuth; at its end (root_at 1) or start (-1) may be a square root, which t^2 makes smooth."""
-    cdef int pieces = 1 + <int>((end - start) / longest), k, j, m, r
-    cdef double size = (end - start) / pieces, x, phi, weight, c, s, turn_c, turn_s, spare
-    cdef double even[4][4]
-    cdef doubles to
+    cdef int pieces = 1 + <int>((end - start) / longest), k, j, r
+    cdef double size = (end - start) / pieces, x, phi, weight
+    cdef double z[4][4]
+    cdef doubles even
+    cdef doubles odd
     for k in range(pieces):
         for j in range(f.n_point):
             x, weight = f.points[j], 2.0 * f.weights[j] * size
@@ -128,23 +159,48 @@ cdef void facet_piece(const Facets* f, const Pair* p, double start, double end, 
                 weight *= 2.0 * x
                 x = 1.0 - x * x
             phi = start + (k + x) * size
-            facet_mueller(f, p, phi, weight, even)
-            c, s, turn_c, turn_s = 1.0, 0.0, cos(phi), sin(phi)
-            to = out
-            for m in range(f.n_order):
-                for r in range(2):
-                    to[4 * r] += c * even[r][0]
-                    to[4 * r + 1] += c * even[r][1]
-                    to[4 * r + 2] -= s * even[r][2]
-                    to[4 * r + 3] -= s * even[r][3]
-                    to[8 + 4 * r] += s * even[2 + r][0]
-                    to[8 + 4 * r + 1] += s * even[2 + r][1]
-                    to[8 + 4 * r + 2] += c * even[2 + r][2]
-                    to[8 + 4 * r + 3] += c * even[2 + r][3]
-                to += 16
-                spare = c * turn_c - s * turn_s
-                s = s * turn_c + c * turn_s
-                c = spare
+            facet_mueller(f, p, phi, weight, z)
+            even, odd = t.even + 8 * t.count, t.odd + 8 * t.count
+            for r in range(2):
+                even[2 * r], even[2 * r + 1] = z[r][0], z[r][1]
+                even[4 + 2 * r], even[5 + 2 * r] = z[2 + r][2], z[2 + r][3]
+                odd[2 * r], odd[2 * r + 1] = -z[r][2], -z[r][3]
+                odd[4 + 2 * r], odd[5 + 2 * r] = z[2 + r][0], z[2 + r][1]
+            t.turn[t.count], t.turn[AZIMUTHS + t.count] = cos(phi), sin(phi)
+            t.count += 1
+            if t.count == AZIMUTHS:
+                add_samples(f, t)
+
+
+cdef void add_samples(const Facets* f, Samples* t) noexcept nogil:
+    """sums += f cos(m phi), f sin(m phi), and begins anew."""
+    cdef int m, k, n = t.count
+    cdef given c = t.turn
+    cdef given s = t.turn + AZIMUTHS
+    cdef doubles cosine = t.multiples
+    cdef doubles sine = t.multiples + <size_t>f.n_order * AZIMUTHS
+    t.count = 0
+    if n == 0:
+        return
+    for k in range(n):
+        cosine[k], sine[k] = 1.0, 0.0
+    for m in range(1, f.n_order):
+        for k in range(n):
+            cosine[AZIMUTHS + k] = cosine[k] * c[k] - sine[k] * s[k]
+            sine[AZIMUTHS + k] = sine[k] * c[k] + cosine[k] * s[k]
+        cosine += AZIMUTHS
+        sine += AZIMUTHS
+    cosine, sine = t.multiples, t.multiples + <size_t>f.n_order * AZIMUTHS
+    multiply_apart(n, f.n_order, t.even, cosine, t.sums)
+    multiply_apart(n, f.n_order, t.odd, sine, t.sums + 8 * f.n_order)
+
+
+cdef void multiply_apart(int n, int n_order, given samples, given multiples, doubles sums) noexcept nogil:
+    """sums (order, 8) += multiples (order, AZIMUTHS) samples (azimuth, 8), of the first n azimuths."""
+    cdef int eight = 8, leading = AZIMUTHS
+    cdef double one = 1.0
+    dgemm(b"N", b"N", &eight, &n_order, &n, &one, <doubles>samples, &eight, <doubles>multiples, &leading, &one, sums,
+          &eight)
 
 
 cdef void facet_mueller(const Facets* f, const Pair* g, double phi, double weight, double (*z)[4]) noexcept nogil:

@@ -23,6 +23,7 @@ from vrte.basics.arrays import (
     settle_array,
 )
 from vrte.basics.errors import AccuracyError, SceneError
+from vrte.optics.facets import RoughSurface
 from vrte.optics.phase_matrix import NEGATIVE_ALLOWED
 
 LARGEST_BASE = 1e100  # of an element of a base's Mueller matrix [1/sr]
@@ -51,6 +52,7 @@ class Boundary:
     orders_reflected: float = 0
     mixes_stokes: bool = False
     keeps_beams: bool = False
+    facets: RoughSurface | None = None
 
     @property
     def name(self) -> str:
@@ -76,6 +78,10 @@ class Boundary:
         off.
         """
         return np.zeros((0, mu_i.size, mu_o.size, 4, 4)), 0
+
+    def put_in_medium(self, index: float) -> "Boundary":
+        """The same as light meets it in a medium of that refractive index."""
+        return self
 
     def reflect_beam(self, index: float, mu: Array) -> Array:
         """Mueller matrices (n, 4, 4) of a beam that comes back as a beam, along mu (n,) in a medium of that index."""

@@ -131,7 +131,7 @@ class Scene:
     @property
     def below(self) -> Boundary:
         """What bounds the pile below, as light meets it: black where none gets there."""
-        return self.base if self.base is not None and self.base_is_reached else BLACK
+        return self.base.put_in_medium(self.index_below) if self.base is not None and self.base_is_reached else BLACK
 
     @property
     def above(self) -> Boundary:

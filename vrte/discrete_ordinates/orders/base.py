@@ -8,7 +8,9 @@ import numpy as np
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.polarization import FLIP
+from vrte.basics.quadrature import make_refracted_nodes
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.rough import reflect_off_facets
 from vrte.scene.boundary import Boundary
 
 SHARE = 0.1  # of the accuracy asked for, that the Fourier integrals of a base may use up
@@ -80,6 +82,11 @@ def find_reflected_orders(
     scattered once leads to in closed form.
     """
     n_node = problem.nodes.size
+    if boundary.facets is not None:
+        index = boundary.facets.index_from
+        nodes = make_refracted_nodes([index], n_node) if problem.media is None else problem.media.nodes
+        best = max(SHARE * accuracy, FINEST)
+        return reflect_off_facets(boundary.facets, nodes, problem.mu0, problem.mu_out, n_order, best), 0
     into, out = np.concatenate([problem.nodes, problem.mu0]), np.concatenate([problem.nodes, problem.mu_out])
     pairs = (np.arange(into.size) < n_node)[:, None] | (np.arange(out.size) < n_node)
     allowed = partial(find_allowed_errors, problem, accuracy)

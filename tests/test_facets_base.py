@@ -1,0 +1,70 @@
+"""Rough bases: as functions of one's own give them, smooth where facets hardly tilt, in any medium, quickly."""
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.basics.quadrature import make_refracted_nodes
+from vrte.discrete_ordinates.orders.rough import reflect_off_facets
+
+AIR = vrte.Layer(vrte.rayleigh(), 1.0, 0.4)
+SEEN: dict[str, Any] = {"mu_i": [0.5, 0.9], "mu_o": [0.2, 0.6, 0.95], "phi": [0.0, 90.0, 130.0, 180.0]}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((1.5, 0.0), "base: roughness must be above 0: vrte.Mirror"),
+        ((1.5, 2.0), "base: roughness must be 0 .smooth. or from"),
+        ((1.5, 0.1, "gauss"), "base: distribution must be 'beckmann' or 'ggx'"),
+        ((0.0, 0.1), "base: index must be n or n"),
+        (((1.5, -1.0), 0.1), "base: index must be n or n"),
+    ],
+)
+def test_what_no_surface_has_is_refused(arguments: tuple[Any, ...], words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=words):
+        vrte.Facets(*arguments)
+
+
+@pytest.mark.parametrize("base", [vrte.Facets(1.34, 0.197), vrte.Facets((0.2, 3.0), 0.5, "ggx", shadowing=True)])
+def test_a_function_with_the_same_facets_gives_the_same_light(base: vrte.Facets) -> None:
+    """Azimuths by an adaptive rule for any function there, nodes as sampling points: wide lobes are no harder."""
+    scenes = [vrte.Scene([AIR], base), vrte.Scene([AIR], vrte.MuellerBase(base.reflect))]
+    facets, function = (vrte.brdf(scene, **SEEN, nodes=20, accuracy=1e-9).mueller for scene in scenes)
+    assert np.abs(facets - function).max() <= 1e-8 * function.max()
+
+
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+def test_narrow_lobes_need_no_more_nodes(distribution: Any) -> None:
+    scene = vrte.Scene([AIR], vrte.Facets(1.34, 0.03, distribution))
+    few, many = (vrte.brdf(scene, **SEEN, nodes=nodes, accuracy=1e-8).mueller for nodes in (16, 40))
+    mirrored = np.abs(many) > 0.5 * np.abs(many).max()  # the lobe itself is closed form
+    assert np.abs(few - many)[~mirrored].max() <= 1e-5 * np.abs(many[~mirrored]).max()
+
+
+def test_facets_that_hardly_tilt_are_a_mirror() -> None:
+    away = SEEN | {"phi": [90.0, 130.0]}
+    mirror = vrte.brdf(vrte.Scene([AIR], vrte.Mirror((0.2, 3.0))), **away, nodes=20).mueller
+    for roughness, allowed in ((0.02, 1e-3), (0.01, 3e-4)):
+        facets = vrte.brdf(vrte.Scene([AIR], vrte.Facets((0.2, 3.0), roughness)), **away, nodes=20).mueller
+        assert np.abs(facets - mirror).max() <= allowed * mirror.max()
+
+
+def test_what_counts_is_the_index_over_that_of_the_medium() -> None:
+    inside = vrte.Layer(vrte.rayleigh(), 1.0, 0.4, host_index=1.5)
+    binder, air = vrte.Scene([inside], vrte.Facets(2.4, 0.3)), vrte.Scene([AIR], vrte.Facets(2.4 / 1.5, 0.3))
+    assert binder.below == binder.base
+    found, expected = (vrte.brdf(scene, **SEEN, nodes=8).mueller for scene in (binder, air))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-13 * expected.max())
+
+
+def test_forty_orders_of_a_rough_base_are_quick() -> None:
+    """32 nodes, 20 directions in and out: under half a second on one processor that does nothing else."""
+    nodes, mu = make_refracted_nodes([1.0], 32), np.linspace(0.05, 1.0, 20)
+    surface = vrte.Facets(1.34, 0.2).facets
+    start = time.process_time()
+    reflect_off_facets(surface, nodes, mu, mu, 40, 1e-6)
+    assert time.process_time() - start < 1.0

@@ -1,0 +1,81 @@
+"""A rough base: a metal or a dielectric without end, of many small facets."""
+
+import copy
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array, BoolArray
+from vrte.basics.errors import SceneError
+from vrte.optics.facet_integrals import integrate_azimuths
+from vrte.optics.facets import RoughSurface
+from vrte.scene.boundary import Allowed, Boundary
+from vrte.scene.interface import Distribution, check_facets
+from vrte.scene.mirror import check_complex_index
+
+
+@dataclass(frozen=True)
+class Facets(Boundary):
+    """A rough base of facets that reflect after Fresnel, once each: a brushed metal, a sea that no light leaves.
+
+    Parameters
+    ----------
+    index : complex, float or (n, k)
+        Its refractive index n + ik, k >= 0; light that gets in is lost.
+    roughness : float
+        alpha, the root mean square slope of facets times sqrt(2), 0.01 to 1.5; for a smooth base there is Mirror.
+    distribution : {"beckmann", "ggx"}, optional
+        Of the facets' slopes: Gaussian (a sea: alpha^2 = 0.003 + 0.00512 wind [m/s]), or with GGX's long tails.
+    shadowing : bool, optional
+        Whether facets hide each other (Smith's factors); without, they reflect too much near the horizon.
+
+    Raises
+    ------
+    SceneError
+        Naming the field.
+
+    Source: Cox and Munk, J. Opt. Soc. Am. 44, 838 (1954); Walter et al., Microfacet models for refraction (2007).
+
+    >>> sea = Facets(1.34, roughness=0.2)
+    >>> sea.reflect(np.array(0.5), np.array(0.5), np.array(0.0))[0, 0].round(4).item()
+    0.4855
+    """
+
+    index: complex
+    roughness: float
+    distribution: Distribution = "beckmann"
+    shadowing: bool = False
+
+    orders_reflected = math.inf
+    mixes_stokes = True
+    medium = 1.0  # refractive index of what lies above
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "index", check_complex_index("base: index", self.index))
+        check_facets("base", self)
+        if self.roughness == 0.0:
+            raise SceneError.of("base: roughness", "must be above 0: vrte.Mirror(index) is the smooth base")
+
+    def put_in_medium(self, index: float) -> "Facets":
+        if index == self.medium:
+            return self
+        found = copy.copy(self)
+        object.__setattr__(found, "medium", index)
+        return found
+
+    @property
+    def facets(self) -> RoughSurface:  # type: ignore[override]
+        return RoughSurface(self.medium, self.index, self.roughness, self.distribution, self.shadowing)
+
+    def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
+        return self.facets.reflect(mu_i, mu_o, phi_deg)
+
+    def reflect_orders(
+        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
+    ) -> tuple[Array, int]:
+        here, there = np.nonzero(pairs)
+        found = np.zeros((n_order, mu_i.size, mu_o.size, 4, 4))
+        orders = integrate_azimuths(self.facets, False, mu_i[here], mu_o[there], n_order, 1e-12)
+        found[:, here, there] = orders.reshape(-1, n_order, 4, 4).swapaxes(0, 1)
+        return found, 0
