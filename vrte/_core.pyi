@@ -91,7 +91,7 @@ class Stages(Protocol):
         zeta: Array) -> None: ...
     def boundary(self, crew: Crew, *, lam_re: Array, lam_im: Array, X: Array, Y: Array, c: Array, zeta: Array,
         clear: IntArray, thickness: Array, mu0: Array, above: Array, base_row: IntArray, base: Array,
-        base_source: Array, even: Array, odd: Array, base_down: Array, fading: IntArray, residual: Array,
+        base_source: Array, top: Array, even: Array, odd: Array, base_down: Array, fading: IntArray, residual: Array,
         info: IntArray) -> None: ...
     def reconstruct(self, crew: Crew, *, G_E: Array, G_F: Array, lam_re: Array, lam_im: Array, X: Array, Y: Array,
         c: Array, zeta: Array, even: Array, odd: Array, base_down: Array, fading: IntArray, base_row: IntArray,

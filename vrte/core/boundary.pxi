@@ -63,7 +63,9 @@ cdef struct Boundary:
     given_ints clear
     given thickness, mu0, above
     given_ints base_row
-    given base, base_source
+    given base, base_source, top
+    int stokes
+    bint topped
     doubles even, odd, base_down
     ints fading
     doubles residual
@@ -73,13 +75,14 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
              const double[:, :, :, ::1] Y, const double[:, :, :, ::1] c, const double[:, :, :, ::1] zeta,
              const int[::1] clear, const double[::1] thickness, const double[::1] mu0, const double[::1] above,
              const int[::1] base_row, const double[:, :, ::1] base, const double[:, :, ::1] base_source,
-             double[:, :, :, ::1] even, double[:, :, :, ::1] odd, double[:, :, ::1] base_down, int[:, ::1] fading,
-             double[:, ::1] residual, int[::1] info):
+             const double[:, :, ::1] top, double[:, :, :, ::1] even, double[:, :, :, ::1] odd,
+             double[:, :, ::1] base_down, int[:, ::1] fading, double[:, ::1] residual, int[::1] info):
     """The amplitudes of the even and odd modes of every layer.
 
     clear (layer,): not 0 for layers known not to scatter; thickness (layer,), inf allowed last; above (layer,): optical
     depth of each layer's top; base_row (order,): the row of `base` (row, n, n) and `base_source` (row, n_rhs, n) of
     that order, or -1 for black: the base's operator and its reflection of the unattenuated beam, scaled and flipped.
+    top (N, S, S): what an interface above the layers sends back down along each node, of no nodes where there is none.
     even, odd (order, layer, n_rhs, n); base_down (order, n_rhs, n): the scaled diffuse field that falls on the base;
     fading (order, layer): whether every mode of a layer fades, which is decided here, and says what its amplitudes are
     of; residual (order, layer): of the linear systems, relative.
@@ -88,8 +91,11 @@ def boundary(crew, *, const double[:, :, ::1] lam_re, const double[:, :, ::1] la
     cdef Boundary task = Boundary(
         n, n_layer, <int>mu0.shape[0], n_rhs, &lam_re[0, 0, 0], &lam_im[0, 0, 0], &X[0, 0, 0, 0], &Y[0, 0, 0, 0],
         &c[0, 0, 0, 0], &zeta[0, 0, 0, 0], &clear[0], &thickness[0], &mu0[0], &above[0], &base_row[0], &base[0, 0, 0],
-        &base_source[0, 0, 0], &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &fading[0, 0],
+        &base_source[0, 0, 0], NULL, <int>top.shape[2], top.shape[0] > 0,
+        &even[0, 0, 0, 0], &odd[0, 0, 0, 0], &base_down[0, 0, 0], &fading[0, 0],
         &residual[0, 0])
+    if task.topped:
+        task.top = &top[0, 0, 0]
     run_items(crew, boundary_one, &task, <int>X.shape[0], boundary_work(n, n_layer, n_rhs), (2 * n_layer + 1) * n,
               &info[0])
 
@@ -121,7 +127,8 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
     cdef const Boundary* t = <const Boundary*>task
     cdef int n = t.n, n_layer = t.n_layer, n_rhs = t.n_rhs, layer, info, row = t.base_row[item]
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i, at
-    cdef bint joined = n_layer > 1 or row >= 0
+    cdef bint joined = n_layer > 1 or row >= 0 or t.topped
+    cdef double missing = 0.0
     cdef doubles scratch = desk.work + 5 * n_layer * (nn + nr), below = scratch + 3 * nn + 8 * n, up = below + nn
     cdef doubles down = up + nr, falling = down + nr, spare = falling + nr      # spare: 2 n n_rhs + 2 n
     cdef doubles base_down = t.base_down + item * nr
@@ -149,6 +156,10 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
         if info != 0:
             return info
     set_zero(nr, down)
+    if t.topped:
+        info = send_back(t, below, up, down, pivots_below, scratch, spare, &missing)
+        if info != 0:
+            return info
     for layer in range(n_layer):
         slab = slab_at(t, item, layer, desk)
         if joined:          # up = G (T down + emitted) + g at the layer's bottom
@@ -163,12 +174,50 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
             down[i] -= slab.top[i]
             up[i] -= slab.rising[i]
         at = <size_t>item * n_layer + layer
-        t.residual[at] = amplitudes(&slab, down, up, t.even + at * nr, t.odd + at * nr, scratch, spare)
+        t.residual[at] = max(missing, amplitudes(&slab, down, up, t.even + at * nr, t.odd + at * nr, scratch, spare))
         copy(nr, falling, down)
     if joined:
         copy(nr, down, base_down)
     else:
         set_zero(nr, base_down)
+    return 0
+
+
+cdef int send_back(const Boundary* t, given below, given up, doubles down, ints pivots, doubles scratch, doubles spare,
+                   double* missing) noexcept nogil:
+    """down = (1 - top below)^-1 top up: what the interface above sends back of the light that comes out; missing: the
+    relative residual."""
+    cdef int n = t.n, stokes = t.stokes, i, j, a, b, info
+    cdef size_t nn = <size_t>n * n, nr = <size_t>n * t.n_rhs, k
+    cdef doubles kept = scratch + nn
+    cdef given block
+    cdef double largest
+    for j in range(n):
+        for i in range(n // stokes):
+            block = t.top + i * stokes * stokes
+            for a in range(stokes):
+                k = <size_t>j * n + i * stokes + a
+                scratch[k] = 0.0
+                for b in range(stokes):
+                    scratch[k] -= block[a * stokes + b] * below[<size_t>j * n + i * stokes + b]
+        scratch[<size_t>j * n + j] += 1.0
+    for j in range(t.n_rhs):
+        for i in range(n // stokes):
+            block = t.top + i * stokes * stokes
+            for a in range(stokes):
+                k = <size_t>j * n + i * stokes + a
+                down[k] = 0.0
+                for b in range(stokes):
+                    down[k] += block[a * stokes + b] * up[<size_t>j * n + i * stokes + b]
+    copy(nn, scratch, kept)
+    copy(nr, down, spare)
+    info = factorise(n, scratch, n, pivots)
+    if info != 0:
+        return info
+    solve(b"N", n, t.n_rhs, scratch, n, pivots, down, n)
+    largest = largest_of(nr, spare)
+    multiply(n, t.n_rhs, n, -1.0, kept, down, 1.0, spare)
+    missing[0] = largest_of(nr, spare) / largest if largest > NO_LIGHT else 0.0
     return 0
 
 

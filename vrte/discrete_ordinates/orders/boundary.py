@@ -25,8 +25,14 @@ class Amplitudes:
     residual: Array
 
 
-def solve_boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base: Base, run: Run) -> Amplitudes:
-    """Solves the boundary systems of every order. Raises AccuracyError where one is singular."""
+NO_SURFACE = np.zeros((0, 1, 1))
+
+
+def solve_boundary(
+    problem: Problem, orders: IntArray, modes: Modes, beam: Beam, base: Base, run: Run, top: Array = NO_SURFACE
+) -> Amplitudes:
+    """Solves the boundary systems of every order; ``top`` (N, S, S): what an interface above sends back down along each
+    node. Raises AccuracyError where one is singular."""
     n, n_layer, n_rhs = problem.size, problem.albedo.size, problem.n_rhs
     shape = (orders.size, n_layer, n_rhs, n)
     result = Amplitudes(
@@ -53,6 +59,7 @@ def solve_boundary(problem: Problem, orders: IntArray, modes: Modes, beam: Beam,
             base_row=base.row[orders],
             base=base.matrix,
             base_source=base.source,
+            top=top,
             even=result.even,
             odd=result.odd,
             base_down=result.base_down,

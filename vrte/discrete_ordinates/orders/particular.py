@@ -1,10 +1,10 @@
 """Section 2.C.2, particular solution, in the coordinates of the modes and without a resonance."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vrte.basics.arrays import Array
+from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.homogeneous import Modes
 from vrte.discrete_ordinates.orders.phase_assembly import Assembled
@@ -41,3 +41,18 @@ def find_beam_field(problem: Problem, matrices: Assembled, modes: Modes, run: Ru
             zeta=beam.zeta,
         )
     return beam
+
+
+def copy_to_layers(kinds: IntArray, matrices: Assembled, modes: Modes, beam: Beam) -> tuple[Assembled, Modes, Beam]:
+    """What was found for each material, in the layers made of it, (order, layer, ...): what the next stages read."""
+    return (
+        replace(matrices, G_E=np.take(matrices.G_E, kinds, axis=1), G_F=np.take(matrices.G_F, kinds, axis=1)),
+        replace(
+            modes,
+            lam_re=np.take(modes.lam_re, kinds, axis=1),
+            lam_im=np.take(modes.lam_im, kinds, axis=1),
+            X=np.take(modes.X, kinds, axis=1),
+            Y=np.take(modes.Y, kinds, axis=1),
+        ),
+        Beam(np.take(beam.c, kinds, axis=1), np.take(beam.zeta, kinds, axis=1)),
+    )

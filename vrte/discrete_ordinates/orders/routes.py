@@ -1,6 +1,5 @@
 """The two exact routes from the discrete problem to its field, order by order, behind one signature."""
 
-from dataclasses import replace
 from functools import partial
 from typing import ClassVar
 
@@ -12,11 +11,10 @@ from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.doubling import double_slabs
-from vrte.discrete_ordinates.orders.homogeneous import Modes as Eigenmodes
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.invariance import find_flux_up, reflect_endless
-from vrte.discrete_ordinates.orders.particular import Beam, find_beam_field
-from vrte.discrete_ordinates.orders.phase_assembly import Assembled, assemble
+from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
+from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
 from vrte.discrete_ordinates.orders.refracting import Refracting
@@ -24,6 +22,7 @@ from vrte.discrete_ordinates.orders.responses import respond
 from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials, join_pile, merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.storage import count_doubles_of_doubling, count_doubles_of_modes
+from vrte.discrete_ordinates.orders.surfaced import Surfaced, is_under_one_surface
 from vrte.scene.boundary import Boundary
 
 QUICK = 3e-12  # accuracy that the symmetric eigensolver is good for on 16 nodes; ten times the largest error measured
@@ -65,23 +64,6 @@ class Modes:
             "residual_of_boundary": amplitudes.residual.max(axis=1),
         }
         return Orders(kernels, *find_nodal_fluxes(self.problem, orders, modes, beam, amplitudes), residuals)
-
-
-def copy_to_layers(
-    kinds: IntArray, matrices: Assembled, modes: Eigenmodes, beam: Beam
-) -> tuple[Assembled, Eigenmodes, Beam]:
-    """What was found for each material, in the layers made of it, (order, layer, ...): what the next stages read."""
-    return (
-        replace(matrices, G_E=np.take(matrices.G_E, kinds, axis=1), G_F=np.take(matrices.G_F, kinds, axis=1)),
-        replace(
-            modes,
-            lam_re=np.take(modes.lam_re, kinds, axis=1),
-            lam_im=np.take(modes.lam_im, kinds, axis=1),
-            X=np.take(modes.X, kinds, axis=1),
-            Y=np.take(modes.Y, kinds, axis=1),
-        ),
-        Beam(np.take(beam.c, kinds, axis=1), np.take(beam.zeta, kinds, axis=1)),
-    )
 
 
 class Doubling:
@@ -140,7 +122,7 @@ class Invariance:
         return Orders(kernels, up, np.zeros_like(up), {"residual_of_invariance": found.residual})
 
 
-Route = Modes | Doubling | Invariance | Refracting
+Route = Modes | Doubling | Invariance | Refracting | Surfaced
 ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance]] = {
     "modes": Modes,
     "doubling": Doubling,
@@ -151,6 +133,8 @@ ROUTES: dict[str, type[Modes] | type[Doubling] | type[Invariance]] = {
 def make_route(name: str, problem: Problem, base: Boundary, n_order: int, accuracy: float) -> Route:
     """The named way through a problem, in one medium or in several."""
     if problem.media is not None:
+        if name == "modes" and is_under_one_surface(problem.media):
+            return Surfaced(problem, base, n_order, accuracy, is_quick(problem, accuracy))
         slabs = partial(respond, name, quick=is_quick(problem, accuracy))
         return Refracting(slabs, problem, base, n_order, accuracy)
     return ROUTES[name](problem, base, n_order, accuracy)
