@@ -62,12 +62,7 @@ class Passage:
         if not base.orders_reflected:
             return None
         index = self.media.scene.media[-1]
-        problem = self.of_medium(index, len(self.media.scene.media) - 1)
-        found = expand_base(base, problem, n_order, accuracy)
-        if base.mixes_stokes or not self.problem.is_refracted:
-            return found
-        white = 2.0 * float(problem.weights @ problem.nodes)  # 1 but for what the nodes miss: no light is lost by it
-        return replace(found, matrix=found.matrix / white, source=found.source / white, out=found.out / white)
+        return expand_lossless_base(base, self.of_medium(index, len(self.media.scene.media) - 1), n_order, accuracy)
 
     def reflect_on_base(self, order: int) -> tuple[Array | None, Array]:
         """The base's operator on all nodes (n, n), None for none, and its reflection of the beam, (n, r)."""
@@ -122,3 +117,12 @@ class Passage:
             for way, field in enumerate((rising, entering) if under else (leaving, arriving)):
                 found[way, t] = scale @ field[joint][:: len(self.problem.stokes)][-nodes.size :]
         return found
+
+
+def expand_lossless_base(base: Boundary, problem: Problem, n_order: int, accuracy: float) -> Base:
+    """A base's operators on nodes that are not Gauss's: one that reflects evenly loses no light by what they miss."""
+    found = expand_base(base, problem, n_order, accuracy)
+    if base.mixes_stokes or not base.orders_reflected or not problem.is_refracted:
+        return found
+    white = 2.0 * float(problem.weights @ problem.nodes)
+    return replace(found, matrix=found.matrix / white, source=found.source / white, out=found.out / white)

@@ -8,11 +8,11 @@ import numpy as np
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.base import expand_base
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
 from vrte.discrete_ordinates.orders.media import Media, list_sights
 from vrte.discrete_ordinates.orders.particular import copy_to_layers, find_beam_field
+from vrte.discrete_ordinates.orders.passage import expand_lossless_base
 from vrte.discrete_ordinates.orders.phase_assembly import assemble
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, reconstruct
@@ -71,7 +71,7 @@ class Surfaced:
         self.back = reflect_smooth(1.0 / index, mu_out)[:, members[0], members[1]]
         back = reflect_smooth(1.0 / index, nodes)[:, members[0], members[1]]
         self.top = np.ascontiguousarray(back * problem.flip)
-        self.base = expand_base(base, self.inside, n_order, accuracy)
+        self.base = expand_lossless_base(base, self.inside, n_order, accuracy)
         self.distinct, self.kinds = merge_materials(self.inside)
 
     def chunk(self, threads: int) -> int:
