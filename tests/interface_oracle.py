@@ -194,12 +194,12 @@ class Light:
         block = operator.reshape(self.directions.size, 4, self.directions.size, 4)
         return np.array([frame @ block[-k, :, -k] for k in range(beams, 0, -1)])
 
-    def flux(self, upward):
-        """Diffuse flux of unpolarized beams, through a horizontal plane, (beam,); order 0."""
+    def flux(self, upward, stokes=(1.0, 0.0, 0.0, 0.0)):
+        """Diffuse flux of beams of that flux vector, through a horizontal plane, (beam,); order 0."""
         mu, weights = np.nan_to_num(self.directions.cosines(self.n)), self.directions.weights(self.n)
         beams = len(self.directions.beams)
         operator = self.up if upward else self.down
-        return (weights * mu)[:-beams] @ operator[: -4 * beams : 4, -4 * beams :: 4]
+        return ((weights * mu)[:-beams] @ operator[: -4 * beams : 4, -4 * beams :]).reshape(beams, 4) @ stokes
 
 
 def media_of(scene):
