@@ -264,7 +264,7 @@ def test_a_first_surface_brings_its_binder() -> None:
     assert content["host_index"] == 1.5
     assert troubles(content) == {}
     content["host_index"] = 1.4
-    assert "layer 1 has the refractive index 1.4, and the interface above it has 1.5" in troubles(content)[""]
+    assert "layer 2 has the refractive index 1.4, and the interface above it has 1.5" in troubles(content)["layer[2]"]
     content["particles"]["gold"]["host_index"] = 1.5
     assert troubles(content) == {}
     content["layer"] = [{"interface": {"above": 1.0, "below": 1.5}}] * form.MOST_LAYERS

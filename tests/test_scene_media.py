@@ -90,6 +90,13 @@ def test_a_mirror_takes_what_particles_take(index: Any, expected: complex, tmp_p
     assert scene.base.index == pytest.approx(expected, abs=1e-12)
 
 
+def test_a_rough_base_takes_an_index_and_facets() -> None:
+    base = {"kind": "facets", "index": "gold", "roughness": 0.3}
+    assert read(PAINT, base=base).base == vrte.Facets(refractive_index("gold", 0.55).value, 0.3)
+    shadowed = base | {"distribution": "ggx", "shadowing": True}
+    assert read(PAINT, base=shadowed | {"index": 1.34}).base == vrte.Facets(1.34, 0.3, "ggx", True)
+
+
 def test_tables_and_wavelengths_of_media_are_found() -> None:
     content = make_content(between(1.0, "oil.csv"), {"phase": "fog.csv"}, base={"kind": "mirror", "index": "gold.csv"})
     content |= {"host_index": "wax.csv", "particles": {"glass": GLASS | {"host_index": "oil.csv"}}}
@@ -124,6 +131,9 @@ def test_tables_and_wavelengths_of_media_are_found() -> None:
         (make_content(PAINT, base={"kind": "mirror", "index": "gild"}), ("base", "index"), "is neither a known name"),
         (make_content(PAINT, base={"kind": "mirror", "index": [1.5, -1]}), ("base", "index"), "k from 0 to"),
         (make_content(PAINT, base={"kind": "mirror", "index": 1, "albedo": 1}), ("base", "albedo"), '"lambertian"'),
+        (make_content(PAINT, base={"kind": "facets", "index": 1.5}), ("base", "roughness"), "is missing"),
+        (make_content(PAINT, base={"kind": "facets", "index": 1.5, "roughness": 0}), ("base", "roughness"), "Mirror"),
+        (make_content(PAINT, base={"kind": "mirror", "index": 1, "roughness": 1}), ("base", "roughness"), '"facets"'),
         (make_content(PAINT, base={"kind": "black", "index": 1.5}), ("base", "index"), '"mirror"'),
         (make_content(PAINT, host_index="gold"), ("host_index",), "light goes through media with k from 0"),
         (make_content(PAINT, host_index=0), ("host_index",), "must be a real refractive index"),

@@ -112,6 +112,15 @@ def test_a_sweep_over_mirrors() -> None:
         np.testing.assert_allclose(table.specular_reflectance[place], expected, rtol=1e-13)
 
 
+def test_a_sweep_over_rough_bases() -> None:
+    base = {"kind": "facets", "index": 1.34, "roughness": 0.2}
+    table = make_sweep({"base.roughness": [0.2, 0.4]}, layer=[BINDER], base=base)
+    layer = vrte.Layer(vrte.rayleigh(), 0.9, 1.0)
+    for place, roughness in enumerate((0.2, 0.4)):
+        alone = vrte.brdf(vrte.Scene([layer], vrte.Facets(1.34, roughness)), MU, MU, nodes=4)
+        np.testing.assert_array_equal(table.mueller[place], alone.mueller)
+
+
 def test_a_sweep_of_fields_has_media_and_beams_both_ways() -> None:
     field = {"mu0": [0.6, 1.0], "mu": [-0.5, 0.5], "tau": [0.0, 0.5]}
     table = make_sweep({"below": {"key": "layer[1].interface.below", "values": [1.0, 1.5]}}, field=field)

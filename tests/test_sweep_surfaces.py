@@ -28,6 +28,9 @@ GLOSSY, ROUGH = {"layer[1].interface.below": [1.0, 1.33, 1.5]}, {"layer[1].inter
 DEPTH, MIRROR = {"layer[1].thickness": [0.5, 1.0]}, {"layer": [BINDER], "base": {"kind": "mirror", "index": 1.5}}
 
 
+FACETS = {"kind": "facets", "index": 1.34, "roughness": 0.1}
+
+
 @pytest.mark.parametrize(
     ("content", "names"),
     [
@@ -38,6 +41,7 @@ DEPTH, MIRROR = {"layer[1].thickness": [0.5, 1.0]}, {"layer": [BINDER], "base": 
         (make_content(DEPTH, **MIRROR), PLAIN | BEAMS),
         (make_content({"base.index": [1.4, 1.5]}, **MIRROR), PLAIN | BEAMS),
         (make_content(DEPTH, layer=[BINDER]), PLAIN),
+        (make_content({"base.roughness": [0.1, 0.2]}, layer=[BINDER], base=FACETS), PLAIN),
         (make_content(DEPTH, layer=[BINDER], field=FIELD), {"stokes", "flux_up", "flux_down", "direct"}),
         (make_content(GLOSSY, field=FIELD), {"stokes", "flux_up", "flux_down", "direct", "direct_up", "index"}),
     ],

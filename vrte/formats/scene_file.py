@@ -11,7 +11,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -53,6 +53,7 @@ from vrte.optics.spheres import Particles, mixture, spheres
 from vrte.request.how import AUTO, OPTIONS
 from vrte.request.request import SIDES
 from vrte.scene.boundary import Boundary, Lambertian
+from vrte.scene.facets import Facets
 from vrte.scene.interface import DISTRIBUTIONS, ROUGHNESS_ALLOWED, Interface
 from vrte.scene.layer import Layer
 from vrte.scene.mirror import Mirror
@@ -66,9 +67,14 @@ FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "render", "
 FILLINGS = ("particles", "volume_fractions", "phase")  # what a layer holds, in one of these ways
 THICKNESS_KEYS = ("thickness", "thickness_um", "volume_fraction")
 LAYER_KEYS = (*FILLINGS, "tolerance", "albedo", *THICKNESS_KEYS, "interface")
-FACET_KEYS = ("roughness", "distribution", "shadowing")
+FACET_KEYS = tuple(field.name for field in fields(Interface) if not field.name.startswith("index_"))
 INTERFACE_KEYS = ("above", "below", *FACET_KEYS)
-BASES: dict[str, tuple[str, ...]] = {"black": (), "lambertian": ("albedo",), "mirror": ("index",)}  # keys of each kind
+BASES: dict[str, tuple[str, ...]] = {  # keys of each kind
+    "black": (),
+    "lambertian": ("albedo",),
+    "mirror": ("index",),
+    "facets": ("index", *FACET_KEYS),
+}
 BASE_KEYS = ("kind", *dict.fromkeys(key for keys in BASES.values() for key in keys))
 # keys that say the same in another way: twice the radius, and the angle from the normal in place of its cosine
 ANGLES = {"mu_i": "angle_i_deg", "mu_o": "angle_o_deg", "mu0": "angle0_deg"}
@@ -392,9 +398,8 @@ def _read_facets(table: Table) -> dict[str, Any]:
     readers: dict[str, Callable[[str], Any]] = {
         "roughness": lambda key: table.number(key, ROUGHNESS_ALLOWED),
         "distribution": lambda key: table.choice(key, DISTRIBUTIONS),
-        "shadowing": table.flag,
     }
-    return {key: readers[key](key) for key in FACET_KEYS if key in table}
+    return {key: readers.get(key, table.flag)(key) for key in FACET_KEYS if key in table}
 
 
 def _read_lengths(layer: Table) -> dict[str, float]:
@@ -498,6 +503,8 @@ def _read_base(file: Table, folder: Path) -> Boundary | None:
         albedo = base.share("albedo", ALBEDO)
         with locate_errors(base.place, BASE_KEYS):
             return Lambertian(albedo)
-    index = find_index(file, base, "index", folder)
+    if kind == "facets":
+        base.required("roughness", ROUGHNESS_ALLOWED)
+    index, facets = find_index(file, base, "index", folder), _read_facets(base)
     with locate_errors(base.place, BASE_KEYS):
-        return Mirror(index)
+        return Facets(index, **facets) if kind == "facets" else Mirror(index)
