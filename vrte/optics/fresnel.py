@@ -29,29 +29,30 @@ def refract_cosine(index: complex | Any, mu: Any) -> NDArray[np.complex128]:
     return np.where(root.imag < 0.0, -root, root) / index
 
 
-def reflect_smooth(index: complex | Any, mu: Any) -> Array:
-    """Mueller matrices of reflection, of radiance and of power alike, (..., 4, 4).
+def reflect_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
+    """Mueller matrices of reflection, of radiance and of power alike, (..., 4, 4); ``behind``: the cosine
+    there, where it is known better than mu tells.
 
     >>> reflect_smooth(1.5, 1.0)[0, 0].round(12).item(), reflect_smooth(1.0 / 1.5, 0.6)[0, 0].round(12).item()
     (0.04, 1.0)
     """
-    mu, behind = np.asarray(mu, float), refract_cosine(index, mu)
+    mu, behind = np.asarray(mu, float), refract_cosine(index, mu) if behind is None else behind
     s = (mu - index * behind) / (mu + index * behind)
     p = (index * mu - behind) / (index * mu + behind)
     return make_mueller(p, s)
 
 
-def transmit_smooth(index: complex | Any, mu: Any) -> Array:
+def transmit_smooth(index: complex | Any, mu: Any, behind: Any = None) -> Array:
     """Mueller matrices of the power that gets through, (..., 4, 4): zero under total reflection, radiance is index^2
-    times as much.
+    times as much. ``behind``: the cosine there, where it is known better than mu tells.
 
     >>> transmit_smooth(1.5, 1.0)[0, 0].round(12).item(), transmit_smooth(1.0 / 1.5, 0.6)[0, 0].item()
     (0.96, 0.0)
     """
-    mu, behind = np.asarray(mu, float), refract_cosine(index, mu)
+    mu, behind = np.asarray(mu, float), refract_cosine(index, mu) if behind is None else behind
     s = 2.0 * mu / (mu + index * behind)
     p = 2.0 * mu / (index * mu + behind)
-    share: Array = (index * behind).real / mu
+    share: Array = np.real(index * behind) / mu
     return share[..., None, None] * make_mueller(p, s)
 
 

@@ -120,8 +120,9 @@ def check_side(side: Any, scene: Scene, tau: Array, illuminate: str) -> BoolArra
     under = np.full(tau.size, (side == "below") != turned)
     if side == "below":
         levels = scene.thickness - tau if turned else tau
-        joints = locate_depths(scene, levels, under).joint
-        if not any(joint >= 0 and scene.interfaces[joint] is not None for joint in joints.tolist()):
+        upper, lower = (locate_depths(scene, levels, np.full(tau.size, way)).joint.tolist() for way in (False, True))
+        joints = {k for top, bottom in zip(upper, lower, strict=True) if top >= 0 for k in range(top, bottom + 1)}
+        if not any(scene.interfaces[k] is not None for k in joints):
             raise SceneError.of("side", "'below' is for depths tau at an interface, and none of these is at one")
     return under
 

@@ -63,9 +63,11 @@ def make_joints(scene: Scene, cosines: Array) -> Joints:
                 (media[k + 1], media[k], cosines[k + 1], cosines[k], found.below, found.up),
             )
             for index, behind, here, there, reflected, passed in ways:
-                lit, through = here > 0.0, (here > 0.0) & (there > 0.0)
-                reflected[k, lit] = FLIP[:, None] * reflect_smooth(behind / index, here[lit])
-                passed[k, through] = transmit_smooth(behind / index, here[through])
+                through, turned = (here > 0.0) & (there > 0.0), (here > 0.0) & (there == 0.0)
+                both = behind / index, here[through], there[through]  # grazing, neither cosine tells the other
+                passed[k, through] = transmit_smooth(*both)
+                reflected[k, through] = FLIP[:, None] * reflect_smooth(*both)
+                reflected[k, turned] = FLIP[:, None] * reflect_smooth(behind / index, here[turned])
     if scene.base is not None:
         lit = cosines[-1] > 0.0
         found.down[-1] = found.up[-1] = 0.0
