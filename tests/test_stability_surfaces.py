@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.studies.stability import corners, surfaces
+from vrte.studies.stability.covering import find_uncovered_cells
 
 from .interface_oracle import brdf_orders
 from .oracle import azimuthal_sum
@@ -29,3 +31,38 @@ def test_light_on_few_nodes_is_the_literal_solvers(algorithm: str) -> None:
     np.testing.assert_allclose(found.mueller, azimuthal_sum(right.reflected, np.array(phi)), atol=1e-14)
     np.testing.assert_allclose(found.specular, right.specular, atol=1e-15)
     np.testing.assert_allclose(found.reflectance, right.reflectance, atol=1e-14)
+
+
+def test_light_on_either_side_where_nothing_scatters() -> None:
+    """A layer without thickness under a surface: both sides of it are at one depth."""
+    scene = vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(vrte.isotropic(), 0.0, 0.0)], vrte.Lambertian(0.5))
+    outside, inside = (vrte.radiance(scene, 0.6, mu=0.9, nodes=16, side=side) for side in ("above", "below"))
+    assert (outside.index[0], inside.index[0]) == (1.0, 1.5)
+    net = [field.flux_down + field.direct - field.flux_up - field.direct_up for field in (outside, inside)]
+    np.testing.assert_allclose(*net, atol=1e-14)
+    np.testing.assert_allclose(inside.flux_up, 0.5 * (inside.flux_down + inside.direct), rtol=1e-13)
+
+
+@pytest.mark.parametrize("mu0", [1e-8, 1e-3])
+def test_grazing_light_is_reciprocal_through_a_surface(mu0: float) -> None:
+    """Into the surface and out of it along one direction: inside it is the critical one, which tells nothing of mu0."""
+    mu = [mu0, 0.5]
+    pile = [vrte.Interface(1.0, 1.5), vrte.Layer(make_turning_matrix(), 0.9, 1.0), vrte.Interface(1.5, 1.0)]
+    found = vrte.brdf(vrte.Scene(pile), mu, mu, 30.0, nodes=8).mueller[:, :, 0]
+    q = np.diag([1.0, 1.0, 1.0, -1.0])
+    np.testing.assert_allclose(found[0, 1], q @ found[1, 0].T @ q, rtol=1e-11, atol=1e-12 * found[0, 1, 0, 0])
+
+
+def test_the_covering_array_covers_every_pair_of_values() -> None:
+    rows = surfaces.make_surface_rows()
+    sizes = [len(values) for values in surfaces.AXES.values()]
+    assert not find_uncovered_cells(rows, sizes, 2)
+    assert len(rows) == len(set(rows)) == surfaces.SCENES
+
+
+def test_the_critical_angle_is_hit_to_the_last_bit() -> None:
+    """From inside glass one unit in the last place decides whether light gets out."""
+    case = next(case for case in corners.SURFACE_CORNERS if case.name == "n=1.5, view at the critical cosine")
+    sines = 1.5 * np.sqrt((1.0 - case.mu) * (1.0 + case.mu))
+    assert (np.abs(sines - 1.0) < 5e-16).sum() >= 4
+    assert case.mu0 == 0.6

@@ -3,6 +3,7 @@
 A study adds what it asks of a scene: directions, depths, nodes, options. Tests and benchmarks take theirs here, too.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,8 +16,10 @@ from vrte.basics.arrays import Array
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.size_distribution import Gamma, Tabulated
 from vrte.optics.spheres import Particles, spheres
-from vrte.scene.boundary import Lambertian, MuellerBase
+from vrte.scene.boundary import Boundary, Lambertian, MuellerBase
+from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
+from vrte.scene.mirror import Mirror
 from vrte.scene.scene import Scene
 
 POLARIZED = (1.0, 0.3, -0.2, 0.1)  # a beam's Stokes vector [W m-2]
@@ -151,7 +154,8 @@ class Slab:
         return Layer(find_phase_matrix(self.phase), self.albedo, self.thickness)
 
 
-Base = float | str | None  # nothing, the albedo of a Lambertian base, or "lobe"
+PERFECT = 1e-3 + 1e3j  # a mirror that keeps 4e-9 of the light
+Base = float | str | None  # nothing, the albedo of a Lambertian base, "lobe", "mirror" of METAL, or "perfect mirror"
 
 
 def evaluate_mueller_lobe(mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
@@ -169,14 +173,23 @@ def evaluate_mueller_lobe(mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
     return LOBE_AMPLITUDE * np.exp(-away / math.radians(LOBE_WIDTH_DEG) ** 2)[..., None, None] * LOBE_MATRIX
 
 
-def make_scene(slabs: tuple[Slab, ...], base: Base = None) -> Scene:
-    """The slabs, top first, over a base.
+def make_scene(slabs: tuple[Slab, ...], base: Base = None, media: tuple[float, ...] = ()) -> Scene:
+    """The slabs, top first, over a base; ``media``: refractive indices above, of each slab and below, if not all 1.
 
     >>> make_scene((Slab("rayleigh", 0.9, 1.0),), 1.0).base
     Lambertian(albedo=1.0)
+    >>> make_scene((Slab("rayleigh", 0.9, 1.0),), None, (1.0, 1.5, 1.0)).indices
+    (1.5,)
     """
-    below = MuellerBase(evaluate_mueller_lobe) if base == "lobe" else None if base is None else Lambertian(float(base))
-    return Scene([slab.layer for slab in slabs], below)
+    below: Boundary | None = None
+    if base == "lobe":
+        below = MuellerBase(evaluate_mueller_lobe)
+    elif base in ("mirror", "perfect mirror"):
+        below = Mirror(METAL if base == "mirror" else PERFECT)
+    elif base is not None:
+        below = Lambertian(float(base))
+    interfaces = [Interface(*pair) if pair[0] != pair[1] else None for pair in itertools.pairwise(media)]
+    return Scene([slab.layer for slab in slabs], below, interfaces)
 
 
 def make_one_slab(phase: str, albedo: float, thickness: float, base: Base = None) -> tuple[tuple[Slab, ...], Base]:

@@ -15,7 +15,7 @@ import numpy as np
 from vrte import _core
 from vrte.basics.arrays import Array
 from vrte.basics.polarization import FLIP
-from vrte.basics.quadrature import make_double_gauss
+from vrte.basics.quadrature import make_double_gauss, make_refracted_nodes
 from vrte.discrete_ordinates.planning.choice import THIN
 from vrte.scene.scene import Scene
 from vrte.studies.cases import LOBE_AMPLITUDE, LOBE_MATRIX, LOBE_WIDTH_DEG, Base, Slab, find_phase_matrix, make_scene
@@ -30,7 +30,13 @@ GROUPS = {
     "Mie dielectric": tuple(f"glass-x{size}" for size in SIZES),
 }
 COSINES = ("1", "1-1e-12", "0.5", "node", "eigenvalue", "1e-3", "1e-8")
-BASES: dict[str, Base] = {"black": None, "white": 1.0, "lobe": "lobe"}
+BASES: dict[str, Base] = {
+    "black": None,
+    "white": 1.0,
+    "lobe": "lobe",
+    "mirror": "mirror",
+    "perfect mirror": "perfect mirror",
+}
 LAYERINGS = ("one", "two", "hundred", "thick-between-thin", "identical-neighbours", "clear-between")
 NODES = (1, 2, 8, 16, 40, 128)
 AXES: dict[str, tuple[Any, ...]] = {
@@ -39,7 +45,7 @@ AXES: dict[str, tuple[Any, ...]] = {
     "phase": tuple(name for names in GROUPS.values() for name in names),
     "sun": COSINES,
     "view": COSINES,
-    "base": tuple(BASES),
+    "base": ("black", "white", "lobe"),
     "layering": LAYERINGS,
     "nodes": NODES,
 }
@@ -55,7 +61,8 @@ class Case:
 
     ``slabs``, top first; ``main``, which of them the axes describe; ``sun`` and ``view``, one of COSINES or a number;
     ``beam``, the incident Stokes vector [W m-2]; ``base_kind``, one of BASES; ``nodes`` a hemisphere; ``orders``, the
-    Fourier orders looked at; ``reason``, of a corner: what makes it hard; ``extra_mu``, further signed cosines.
+    Fourier orders looked at; ``reason``, of a corner: what makes it hard; ``extra_mu``, further signed cosines;
+    ``media``, refractive indices above, of every slab and below, and ``pile``, what that is, where light is refracted.
     """
 
     name: str
@@ -70,6 +77,8 @@ class Case:
     extra_mu: tuple[float, ...] = ()
     reason: str = ""
     layering: str = field(default="one", compare=False)
+    media: tuple[float, ...] = ()
+    pile: str = field(default="", compare=False)
 
     @property
     def layers(self) -> list[tuple[Array, float, float]]:
@@ -84,7 +93,7 @@ class Case:
     @cached_property
     def scene(self) -> Scene:
         """The scene as a user would write it."""
-        return make_scene(self.slabs, self.base)
+        return make_scene(self.slabs, self.base, self.media)
 
     @property
     def thickness(self) -> float:
@@ -105,10 +114,18 @@ class Case:
     def cosine(self, kind: str | float) -> float:
         """The number behind one of COSINES."""
         if kind == "node":
-            return float(make_double_gauss(self.nodes)[0][self.nodes // 2])
+            return float(self.find_nodes()[self.nodes // 2])
         if kind == "eigenvalue":
             return find_eigen_cosine(self.slabs[self.main], self.nodes)
+        if kind == "critical":
+            return find_critical_cosine(self.media)
         return 1.0 - 1e-12 if kind == "1-1e-12" else float(kind)
+
+    def find_nodes(self) -> Array:
+        """The nodes' cosines, (nodes,): of the densest medium, where there are several."""
+        if self.media:
+            return make_refracted_nodes(self.media, self.nodes).carried(max(self.media))[0]
+        return make_double_gauss(self.nodes)[0]
 
     @property
     def levels(self) -> list[tuple[int, float]]:
@@ -140,7 +157,10 @@ class Case:
 
     @property
     def resolved(self) -> bool:
-        """Whether the nodes carry all terms, without which the cut phase matrix may be negative somewhere."""
+        """Whether the nodes carry all terms, without which the cut phase matrix may be negative somewhere; and, where
+        surfaces send it back and forth, the lobe."""
+        if self.media:
+            return self.terms <= self.nodes and self.base_kind != "lobe"
         return self.terms <= 2 * self.nodes
 
     @property
@@ -161,12 +181,19 @@ class Case:
     @property
     def group(self) -> str:
         """The group of phase matrices it counts for."""
-        return next(title for title, names in GROUPS.items() if self.slabs[self.main].phase in names)
+        phase = self.slabs[self.main].phase
+        return next((title for title, names in GROUPS.items() if phase in names), phase)
 
     @property
     def conditions(self) -> list[str]:
         """The rows of the table it counts for."""
-        return [name for name, holds in CONDITIONS.items() if holds(self)] or [ORDINARY]
+        known = SURFACE_CONDITIONS if self.media else CONDITIONS
+        return [name for name, holds in known.items() if holds(self)] or [ORDINARY]
+
+    @property
+    def index(self) -> float:
+        """Refractive index of the medium of the slab that the axes describe."""
+        return self.media[self.main + 1] if self.media else 1.0
 
     @cached_property
     def key(self) -> str:
@@ -174,7 +201,7 @@ class Case:
         digest = hashlib.sha256()
         for coefficients, albedo, thickness in self.layers:
             digest.update(np.ascontiguousarray(coefficients).tobytes() + np.array([albedo, thickness]).tobytes())
-        numbers = [self.mu0, *self.mu, *self.tau, *self.beam, *self.orders, self.nodes]
+        numbers = [self.mu0, *self.mu, *self.tau, *self.beam, *self.orders, self.nodes, *self.media]
         if self.base_kind == "lobe":
             numbers += [LOBE_WIDTH_DEG, LOBE_AMPLITUDE, *LOBE_MATRIX.ravel()]
         digest.update(np.array(numbers, dtype=np.float64).tobytes() + self.base_kind.encode())
@@ -193,6 +220,19 @@ CONDITIONS = {
     "sun or view at mu >= 1-1e-12": lambda case: max(case.mu0, case.cosine(case.view)) > 1.0 - 1e-6,
     "sun or view at mu <= 1e-3": lambda case: min(case.mu0, case.cosine(case.view)) <= 1e-3,
 }
+SURFACE_CONDITIONS = {
+    "thickness 1e-6": lambda case: case.slabs[case.main].thickness <= 1e-6,
+    "thickness 1e4, 1e6": lambda case: 1e4 <= case.thickness < math.inf,
+    "infinite": lambda case: math.isinf(case.thickness),
+    "omega = 1": lambda case: case.slabs[case.main].albedo == 1.0,
+    "omega = 1, over a mirror": lambda case: (
+        case.slabs[case.main].albedo == 1.0 and "mirror" in case.base_kind and math.isfinite(case.thickness)
+    ),
+    "sun or view at the critical angle": lambda case: "critical" in (case.sun, case.view),
+    "sun or view on a node": lambda case: "node" in (case.sun, case.view),
+    "sun or view at mu <= 1e-3": lambda case: min(case.mu0, case.cosine(case.view)) <= 1e-3,
+    "sun or view at mu = 1": lambda case: max(case.mu0, case.cosine(case.view)) == 1.0,
+}
 
 
 def find_slab_tops(slabs: tuple[Slab, ...]) -> Array:
@@ -202,6 +242,16 @@ def find_slab_tops(slabs: tuple[Slab, ...]) -> Array:
     [0.0, 1.0]
     """
     return np.concatenate([[0.0], np.cumsum([slab.thickness for slab in slabs[:-1]])])
+
+
+def find_critical_cosine(media: tuple[float, ...]) -> float:
+    """The cosine in the densest medium at which the rarest one's light goes along the surface.
+
+    >>> round(find_critical_cosine((1.0, 1.25)), 15)
+    0.6
+    """
+    low, high = min(media), max(media)
+    return math.sqrt((high - low) * (high + low)) / high
 
 
 def find_eigen_cosine(slab: Slab, nodes: int) -> float:

@@ -35,6 +35,7 @@ from vrte.studies.stability.solving import (
 
 TARGET = 1e-10
 ENERGY = 1e-13
+SURFACE_ENERGY = 1e-12  # light comes back to the same place n^2 times as often
 TRANSMITTED = 1e-8
 UNIT = 2.0**-53  # the last place of a number near 1, relative
 NOTHING = 1e-290  # light fainter than this, for a beam of 1 W m-2, is none
@@ -110,10 +111,17 @@ def check_all_orders(case: Case, oracle: OracleAnswer | None, options: Options, 
     yield Check("layer cut otherwise, fluxes", measure_flux_gap(other, field), limit)
     alone = oracle is None and not case.is_thin
     yield from check_other_algorithm(case, field, phi[few], few, options, limit, alone)
-    yield from check_energy(case, field.flux_down + field.direct - field.flux_up, field.direct[0])
+    net = field.flux_down + field.direct - field.flux_up - (0.0 if field.direct_up is None else field.direct_up)
+    for part, where in zip(np.split(net, net.size // case.tau.size), ("", " on lower sides"), strict=False):
+        yield from check_energy(case, part, field.direct[0], where)
     yield from check_closed_scene(case, brdf)
     yield Check("reciprocity", measure_reciprocity_gap(brdf), limit)
+    if case.media and case.base is None and brdf.transmission is not None:
+        from_below = solve_brdf(case, options, phi[few], "bottom")
+        yield Check("reciprocity of what gets through", measure_passing_gap(case, brdf, from_below), limit)
     yield Check("mirror symmetry", measure_mirror_gap(brdf), TARGET)
+    if brdf.specular is not None:
+        yield Check("physical beams", measure_unphysical_matrix(brdf.specular[:, None]), TARGET, kind="other")
     yield Check("physical BRDF", measure_unphysical_matrix(brdf.mueller), TARGET, case.resolved, "other")
     yield Check("physical light", measure_unphysical_light(field.stokes), TARGET, case.resolved, "other")
 
@@ -274,12 +282,14 @@ def check_energy(case: Case, net: Array, entering: float, which: str = "") -> It
     growth = [net[k + 1] - net[k] for k, _ in steps]
     if growth:
         most = max(0.0, float(np.max(growth))) if np.isfinite(growth).all() else math.nan
-        yield Check(f"net flux grows{which}", most / entering, ENERGY, case.resolved, "other")
+        limit = SURFACE_ENERGY if case.media else ENERGY
+        yield Check(f"net flux grows{which}", most / entering, limit, case.resolved, "other")
 
 
 def choose_energy_limit(case: Case) -> float:
-    """What energy may be off by: 1e-13, or the general target where the nodes do not carry all terms."""
-    return ENERGY if case.resolved else TARGET
+    """What energy may be off by: 1e-13, 1e-12 under surfaces, or the general target where the nodes do not carry all
+    terms."""
+    return (SURFACE_ENERGY if case.media else ENERGY) if case.resolved else TARGET
 
 
 def check_closed_scene(case: Case, brdf: Brdf) -> Iterator[Check]:
@@ -287,7 +297,7 @@ def check_closed_scene(case: Case, brdf: Brdf) -> Iterator[Check]:
     if case.reflects_everything and case.is_white((0, 0.0)):
         yield Check(
             "reflectance of 1",
-            find_largest(np.abs(brdf.reflectance - 1.0)),
+            find_largest(np.abs(brdf.total_reflectance - 1.0)),
             choose_energy_limit(case),
             kind="energy",
         )
@@ -299,6 +309,19 @@ def measure_reciprocity_gap(brdf: Brdf) -> float:
     f = brdf.mueller[:, places]  # (a, b, phi, 4, 4)
     back = SIGN[:, None] * f.transpose(1, 0, 2, 4, 3) * SIGN
     return measure_pairwise_gap(f, back, np.abs(brdf.mueller).max(axis=(1, 2, 3, 4)))
+
+
+def measure_passing_gap(case: Case, down: Brdf, up: Brdf) -> float:
+    """t_down(a, b) = n^2 Q t_up(b, a)^T Q, n the index below over that above, relative to the largest element that
+    either direction sends anywhere."""
+    assert down.transmission is not None
+    assert up.transmission is not None
+    places = [down.mu_o.tolist().index(mu) for mu in down.mu_i]
+    ratio = (case.media[-1] / case.media[0]) ** 2
+    back = ratio * SIGN[:, None] * up.transmission[:, places].transpose(1, 0, 2, 4, 3) * SIGN
+    sizes = [np.abs(each).max(axis=(1, 2, 3, 4)) for each in (down.transmission, ratio * up.transmission)]
+    gap = np.abs(down.transmission[:, places] - back).max(axis=(2, 3, 4))
+    return find_largest(gap / np.maximum(np.maximum(sizes[0][:, None], sizes[1]), NOTHING))
 
 
 def measure_pairwise_gap(f: Array, other: Array, size: Array) -> float:

@@ -7,9 +7,11 @@ from typing import Any
 
 from vrte.basics.errors import SceneError
 from vrte.studies.cases import Slab
-from vrte.studies.stability.cases import ORACLE_NODES, Case, arrange_slabs, make_covering_cases
+from vrte.studies.stability.cases import ORACLE_NODES, Case, arrange_slabs, find_critical_cosine, make_covering_cases
+from vrte.studies.stability.surfaces import make_surface_cases
 
 QUICK_SCENES = 24  # of the covering array, beside the corners
+QUICK_SURFACES = ("n=4, trapped over a perfect mirror", "n=1.5, view at the critical cosine")
 
 
 def define(
@@ -21,11 +23,15 @@ def define(
     layering: str = "one",
     slabs: tuple[Slab, ...] = (),
     base: str = "black",
+    media: tuple[float, ...] = (),
     **asked: Any,
 ) -> Case:
-    """A `Case` in short: of slabs, or of a stack of one phase matrix."""
+    """A `Case` in short: of slabs, or of a stack of one phase matrix; ``media``: where light is refracted."""
     slabs, main = (slabs, 0) if slabs else arrange_slabs(phase, albedo, thickness, layering)
-    asked = {"nodes": 8, "sun": 0.6} | asked
+    asked = {"nodes": 12 if media else 8, "sun": 0.6} | asked
+    if media:
+        asked = {"media": media, "pile": "corner"} | asked
+        layering = ""
     return Case(name, slabs=slabs, main=main, base_kind=base, layering=layering, reason=reason, **asked)
 
 
@@ -118,17 +124,62 @@ CORNERS: tuple[Case, ...] = (
            phase="glass-x200", albedo=0.5, nodes=16),
     define("haze L, conservative, thick", "a forward peak, 1e4 deep", phase="haze-L", thickness=1e4, nodes=16),
 )
+GLASS, DENSE = (1.0, 1.5, 1.5), (1.0, 4.0, 4.0)  # media: under a surface
+CRITICAL = find_critical_cosine(GLASS)
+SURFACE_CORNERS: tuple[Case, ...] = (
+    define("n=4, trapped over a perfect mirror", "15 of 16 parts of the light are turned back, none is lost",
+           media=DENSE, base="perfect mirror", phase="metal-x1"),
+    define("n=4, trapped over a perfect mirror, thin", "no place where light is scattered out of the trap but 1e-6",
+           media=DENSE, base="perfect mirror", thickness=1e-6),
+    define("n=4, trapped over a perfect mirror, thick", "it finds its way out from 1e6 deep",
+           media=DENSE, base="perfect mirror", thickness=1e6),
+    define("n=4, trapped over a metal", "every way back to the surface passes an absorbing mirror",
+           media=DENSE, base="mirror", phase="spheroids"),
+    define("n=4, a closed box", "a white base under a white slab, and a surface that hardly opens",
+           media=DENSE, base="white", phase="spheroids", thickness=1e2),
+    define("n=4, infinite, conservative", "everything comes out again, sooner or later", media=DENSE, thickness=INF),
+    define("n=4, plate between mirrors of itself", "both faces reflect totally below the same cosine",
+           media=(1.0, 4.0, 1.0), phase="glass-x1"),
+    define("n=1.5, view at the critical cosine", "T of the surface has a square-root edge, hit to the last bit",
+           media=GLASS, view="critical",
+           extra_mu=(math.nextafter(CRITICAL, 1.0), -math.nextafter(CRITICAL, 1.0), math.nextafter(CRITICAL, 0.0))),
+    define("n=1/1.5, sun at the critical cosine", "the refracted beam goes along the surface",
+           media=(1.5, 1.0, 1.0), sun="critical", view="critical"),
+    define("n=1/1.5, sun above the critical cosine", "one unit in the last place: cosine 2e-8 behind the surface",
+           media=(1.5, 1.0, 1.0), sun=math.nextafter(CRITICAL, 1.0)),
+    define("n=1/1.5, sun below the critical cosine", "one unit in the last place: all of the beam is reflected",
+           media=(1.5, 1.0, 1.0), sun=math.nextafter(CRITICAL, 0.0)),
+    define("n=1.5, sun grazing", "it enters at the critical angle", media=GLASS, sun="1e-8", view="1e-8", albedo=0.99),
+    define("n=1.5, sun grazing, thin plate", "what enters is 1e-8 of it, and crosses 1e-6",
+           media=(1.0, 1.5, 1.0), sun="1e-8", view="1e-8", base="white", albedo=0.99, thickness=1e-6),
+    define("n=1.0001, grazing", "a surface that reflects nothing but what is beyond 89 degrees",
+           media=(1.0, 1.0001, 1.0001), sun="1e-8", view="critical"),
+    define("n=1.0001, conservative, thick", "one panel of nodes is 0.014 wide, thickness 1e6",
+           media=(1.0, 1.0001, 1.0001), thickness=1e6),
+    define("n=1/1.5, gap of air in glass", "light of the gap is all that gets across", phase="metal-x1",
+           media=(1.5, 1.0, 1.5), view="critical"),
+    define("n=1/1.5, empty gap of air in glass", "nothing scatters, and most is reflected totally", albedo=0.0,
+           thickness=0.0, media=(1.5, 1.0, 1.5), sun="critical", view="critical"),
+    define("n=2.7, thickness 0 over a white base", "the surface and the base alone",
+           media=(1.0, 2.7, 2.7), thickness=0.0, base="white"),
+    define("n=1.5, hundred layers", "99 joints that are none, and one", media=(1.0,) + 101 * (1.5,),
+           layering="hundred", thickness=1e2, nodes=8),
+    define("n=1, over a perfect mirror", "nothing refracts: the mirror alone turns beams", media=(1.0, 1.0, 1.0),
+           base="perfect mirror", thickness=1e2),
+    define("n=1.33, haze L on few nodes", "82 terms where 16 are carried",
+           phase="haze-L", media=(1.0, 1.33, 1.33), nodes=16, albedo=0.9),
+)
 # fmt: on
 
 
 @cache
 def list_all_cases() -> tuple[Case, ...]:
-    """The corners and the covering array, names unique.
+    """The corners and the covering array, without surfaces and then with them, names unique.
 
-    >>> len(list_all_cases()) >= 340
+    >>> len(list_all_cases()) >= 450
     True
     """
-    return (*CORNERS, *make_covering_cases())
+    return (*CORNERS, *make_covering_cases(), *SURFACE_CORNERS, *make_surface_cases())
 
 
 def list_oracle_cases() -> tuple[Case, ...]:
@@ -137,19 +188,21 @@ def list_oracle_cases() -> tuple[Case, ...]:
     >>> max(case.nodes for case in list_oracle_cases())
     16
     """
-    return tuple(case for case in list_all_cases() if case.nodes <= ORACLE_NODES)
+    return tuple(case for case in list_all_cases() if case.nodes <= ORACLE_NODES and not case.media)
 
 
 def choose_quick_cases() -> tuple[Case, ...]:
-    """Every second corner and some scenes, of at most 16 nodes that carry all terms, without a hundred layers.
+    """Every second corner and some scenes, of at most 16 nodes that carry all terms, without a hundred layers; and two
+    under surfaces.
 
     >>> 40 <= len(choose_quick_cases()) <= 60
     True
     """
     small = [case for case in list_oracle_cases() if case.resolved and case.layering != "hundred"]
     corners = [case for case in small if case.reason]
+    surfaces = [case for case in SURFACE_CORNERS if case.name in QUICK_SURFACES]
     scenes = [case for case in small if not case.reason]
-    return (*corners[::2], *scenes[:: len(scenes) // QUICK_SCENES][:QUICK_SCENES])
+    return (*corners[::2], *scenes[:: len(scenes) // QUICK_SCENES][:QUICK_SCENES], *surfaces)
 
 
 def find_matching_cases(pattern: str, quick: bool = False) -> list[Case]:

@@ -25,10 +25,24 @@ NO_ANSWER = (
     "the phase matrix cut at 2 N terms is negative over wide angles, a mode swings instead of fading, and the discrete "
     "problem is next to singular or, without end, has no solution; both algorithms say so"
 )
+TRAPPED = (
+    "light that both faces of a plate reflect totally leaves it by being scattered alone, 1e-6 of it a crossing, and "
+    "the last places of what is not are rounded: some 2e-16 n^2/thickness of what comes out"
+)
 KNOWN: tuple[tuple[str, str, str], ...] = (
     ("HG*", "refused", NO_ANSWER),
     ("g = *", "refused", NO_ANSWER),
     ("*-x200 *", "refused", NO_ANSWER),
+    *(
+        (name, check, TRAPPED)
+        for name in (
+            "n=* plate: * t=1e-06 *",
+            "n=* t=1e-06 perfect mirror *",
+            "n=4, trapped *, thin",
+            "n=1.5, * thin plate",
+        )
+        for check in ("BRDF and *", "BTDF and *", "layer cut *", "both algorithms*", "reciprocity*")
+    ),
 )
 
 
@@ -36,7 +50,7 @@ KNOWN: tuple[tuple[str, str, str], ...] = (
 class Record:
     """What became of a case: its checks, or ``trouble`` where there was no answer; ``c``, ``oracle`` as in `Examined`.
 
-    ``seconds`` of wall time; ``whole``, whether all Fourier orders were solved.
+    ``seconds`` of wall time; ``whole``, whether all Fourier orders were solved; ``pile``, "" where nothing refracts.
     """
 
     name: str
@@ -52,6 +66,8 @@ class Record:
     c: float = 0.0
     checks: list[Check] = field(default_factory=list)
     trouble: str = ""
+    pile: str = ""
+    index: float = 1.0
     fingerprint: str = ""
 
     def __post_init__(self) -> None:
@@ -147,7 +163,8 @@ def record_case(case: Case, table: Table, options: Options, mark: str = "") -> R
             found["trouble"] = f"{type(error).__name__}: {error}"
     if caught and "checks" in found:
         text = " ".join(str(caught[0].message).split())
-        found["checks"].append(Check(f"warnings ({text})", float(len(caught)), 0.0, kind="other"))
+        told = Check(f"warnings ({text})", float(len(caught)), 0.0, case.resolved or not case.media, "other")
+        found["checks"].append(told)
     return Record(
         name=case.name,
         group=case.group,
@@ -156,6 +173,8 @@ def record_case(case: Case, table: Table, options: Options, mark: str = "") -> R
         layering=case.layering,
         nodes=case.nodes,
         reason=case.reason,
+        pile=case.pile,
+        index=case.index,
         whole=is_whole(case),
         seconds=time.perf_counter() - start,
         fingerprint=mark,

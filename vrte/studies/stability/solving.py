@@ -39,13 +39,14 @@ class Options:
 
 
 def is_whole(case: Case) -> bool:
-    """Whether all Fourier orders are solved, from a rough estimate of the time they take on two cores.
+    """Whether all Fourier orders are solved, from a rough estimate of the time they take on two cores; under surfaces
+    they always are.
 
     >>> from vrte.studies.cases import Slab
     >>> is_whole(Case("small", 8, (Slab("rayleigh", 1.0, 1.0),)))
     True
     """
-    return estimate_seconds(case, min(case.terms, 2 * case.nodes)) <= WHOLE_UP_TO
+    return bool(case.media) or estimate_seconds(case, min(case.terms, 2 * case.nodes)) <= WHOLE_UP_TO
 
 
 def estimate_seconds(case: Case, orders: int) -> float:
@@ -66,16 +67,23 @@ def choose_few_azimuths(phi: Array) -> Array:
 
 
 def solve_field(case: Case, scene: Scene, phi: Array, algorithm: str, threads: int | None) -> Field:
-    """What the case asks of a scene, at the given azimuths."""
-    directions: dict[str, Any] = {"mu0": case.mu0, "stokes": case.beam, "mu": case.mu, "phi": phi, "tau": case.tau}
-    return radiance(scene, **directions, **EVERYTHING, nodes=case.nodes, algorithm=algorithm, threads=threads)
+    """What the case asks of a scene, at the given azimuths; where light is refracted at depths twice: on the upper side
+    of interfaces, then on the lower."""
+    asked: dict[str, Any] = {"mu0": case.mu0, "stokes": case.beam, "mu": case.mu, "phi": phi, "tau": case.tau}
+    asked |= EVERYTHING | {"nodes": case.nodes, "algorithm": algorithm, "threads": threads}
+    if not scene.has_interfaces:
+        return radiance(scene, **asked)
+    fields = [radiance(scene, side=side, **asked) for side in ("above", "below")]
+    names = ("stokes", "flux_up", "flux_down", "direct", "direct_up", "index", "tau")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(field, name) for field in fields]) for name in names}
+    return replace(fields[0], **joined)
 
 
-def solve_brdf(case: Case, options: Options, phi: Array) -> Brdf:
+def solve_brdf(case: Case, options: Options, phi: Array, illuminate: str = "top") -> Brdf:
     """The BRDF and, of a finite scene, BTDF for the sun's direction and the second one, out to all of the case's."""
     directions: dict[str, Any] = {"mu_i": [case.mu0, SECOND_DIRECTION], "mu_o": case.mu[case.mu > 0.0], "phi": phi}
     directions |= {"transmission": math.isfinite(case.thickness)}
-    how: dict[str, Any] = {"algorithm": options.algorithm, "threads": options.threads}
+    how: dict[str, Any] = {"algorithm": options.algorithm, "threads": options.threads, "illuminate": illuminate}
     return brdf(case.scene, **directions, **EVERYTHING, nodes=case.nodes, **how)
 
 
@@ -120,8 +128,10 @@ def cut_layers_otherwise(case: Case) -> Scene:
     """The same scene with its layers cut otherwise: identical neighbours joined, or the described slab in two."""
     if case.layering == "identical-neighbours":
         whole = math.fsum(slab.thickness for slab in case.slabs)
-        return make_scene((replace(case.slabs[0], thickness=whole),), case.base)
+        return make_scene((replace(case.slabs[0], thickness=whole),), case.base, case.media)
     slab = case.slabs[case.main]
     upper = min(slab.thickness / 2.0, 1.0)
     parts = (replace(slab, thickness=upper), replace(slab, thickness=slab.thickness - upper))
-    return make_scene((*case.slabs[: case.main], *parts, *case.slabs[case.main + 1 :]), case.base)
+    after = case.main + 1
+    media = (*case.media[:after], *case.media[after : after + 1], *case.media[after:])  # the described one's twice
+    return make_scene((*case.slabs[: case.main], *parts, *case.slabs[after:]), case.base, media)

@@ -13,7 +13,7 @@ from vrte.studies.pages import (
     write_rows,
     write_text,
 )
-from vrte.studies.stability.cases import AXES, CONDITIONS, GROUPS, ORDINARY
+from vrte.studies.stability.cases import AXES, CONDITIONS, GROUPS, ORDINARY, SURFACE_CONDITIONS
 from vrte.studies.stability.run import Record
 
 KINDS = ("oracle", "consistency", "energy")
@@ -65,6 +65,27 @@ def make_rows_by_axis(records: Sequence[Record]) -> list[list[str]]:
     return [*rows, *([make_table_row("all", "", records)] if records else [])]
 
 
+def make_rows_by_surface(records: Sequence[Record]) -> list[list[str]]:
+    """A row for each condition, pile, refractive index and number of nodes under surfaces, and one for all of them."""
+    rows = [
+        make_table_row("surfaces", condition, chosen)
+        for condition in (*SURFACE_CONDITIONS, ORDINARY)
+        if (chosen := [record for record in records if condition in record.conditions])
+    ]
+    rows += [
+        make_table_row(axis, f"{value:.5g}" if isinstance(value, float) else str(value), chosen)
+        for axis in ("pile", "index", "base", "nodes")
+        for value in dict.fromkeys(sorted(getattr(record, axis) for record in records))
+        if (chosen := [record for record in records if getattr(record, axis) == value])
+    ]
+    return [*rows, *([make_table_row("all under surfaces", "", records)] if records else [])]
+
+
+def split_records(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+    """Those where nothing is refracted, and those under surfaces."""
+    return [record for record in records if not record.pile], [record for record in records if record.pile]
+
+
 def find_largest_given(values: Iterable[float | None]) -> float | None:
     """The largest that is there, NaN if one is NaN; None of nothing.
 
@@ -84,9 +105,15 @@ def show_number(value: float | None) -> str:
     return "nan" if value is not None and math.isnan(value) else show_two_digits(value)
 
 
+def make_all_rows(records: Sequence[Record]) -> list[list[str]]:
+    """All rows of the table."""
+    plain, under = split_records(records)
+    return [*make_rows_by_condition(plain), *make_rows_by_axis(plain), *make_rows_by_surface(under)]
+
+
 def describe_records(records: Sequence[Record]) -> str:
     """The table for a terminal, and what falls short."""
-    rows = [list(COLUMNS), *make_rows_by_condition(records), *make_rows_by_axis(records)]
+    rows = [list(COLUMNS), *make_all_rows(records)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     texts = [
         "  "
@@ -108,6 +135,7 @@ def describe_records(records: Sequence[Record]) -> str:
 
 def make_markdown(records: Sequence[Record], settings: str) -> str:
     """The whole table, the corners one by one, what falls short, and where and with what it was made."""
+    plain, under = split_records(records)
     corners = [list_corner_cells(record) for record in records if record.reason]
     short, known = (
         make_markdown_list(
@@ -120,9 +148,10 @@ def make_markdown(records: Sequence[Record], settings: str) -> str:
         describe_run(records, settings),
         "## By what scatters and under which condition\n",
         "A case counts in every row that it belongs to.\n",
-        make_markdown_table(COLUMNS, make_rows_by_condition(records)),
+        make_markdown_table(COLUMNS, make_rows_by_condition(plain)),
         "## By base, layering and number of nodes\n",
-        make_markdown_table(COLUMNS, make_rows_by_axis(records)),
+        make_markdown_table(COLUMNS, make_rows_by_axis(plain)),
+        *(["## Under surfaces\n", make_markdown_table(COLUMNS, make_rows_by_surface(under))] if under else []),
         *(["## Corners\n", make_markdown_table(CORNER_COLUMNS, corners)] if corners else []),
         "## What falls short\n",
         short or "Nothing.\n",
@@ -156,7 +185,7 @@ def write_tables(records: Sequence[Record], folder: str | os.PathLike[str], sett
     """
     paths = [Path(folder) / name for name in ("stability.md", "stability.csv", "stability_cases.csv")]
     write_text(paths[0], make_markdown(records, settings))
-    rows = [*make_rows_by_condition(records), *make_rows_by_axis(records)]
+    rows = make_all_rows(records)
     write_rows(paths[1], ["scenes", "condition", *COLUMNS[2:]], rows)
     write_rows(paths[2], CASE_COLUMNS, [list_case_cells(record) for record in records])
     return paths
