@@ -7,6 +7,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.memory import count_orders_at_once
+from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
 from vrte.discrete_ordinates.orders.boundary import solve_boundary
 from vrte.discrete_ordinates.orders.homogeneous import find_modes
@@ -19,8 +20,7 @@ from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, rec
 from vrte.discrete_ordinates.orders.slabs import merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.storage import count_doubles_of_modes
-from vrte.optics.fresnel import reflect_smooth, transmit_smooth
-from vrte.scene.beams import find_cosines, find_fading
+from vrte.scene.beams import find_cosines, find_fading, make_joints
 from vrte.scene.boundary import Boundary
 
 
@@ -42,7 +42,7 @@ class Surfaced:
         scene, members = self.media.scene, np.ix_(problem.stokes, problem.stokes)
         into = find_cosines(scene.media, scene.index_above, problem.mu0)
         index = scene.indices[0] / scene.index_above
-        down = transmit_smooth(index, problem.mu0)[:, members[0], members[1]] @ problem.columns.T
+        down = make_joints(scene, into).down[0][:, members[0], members[1]] @ problem.columns.T
         lit = into[1] > 0.0
         mu_in = np.where(lit, into[1], 1.0)
         self.flux = down * (lit * problem.mu0 / mu_in)[:, None, None]  # across the refracted beam, (n_in, S, n_col)
@@ -66,10 +66,11 @@ class Surfaced:
             level, layer = np.concatenate([[0.0], problem.level]), np.concatenate([[0], problem.level_layer])
             self.inside = replace(self.inside, level=level, level_layer=layer.astype(np.int32))
         # of radiance that leaves, and that comes back (public frame: what comes up has not turned over yet)
-        self.through = transmit_smooth(1.0 / index, mu_out)[:, members[0], members[1]] / index**2
-        self.through *= (self.sights.cosines[0] * self.sights.cosines[1] > 0.0)[:, None, None]
-        self.back = reflect_smooth(1.0 / index, mu_out)[:, members[0], members[1]]
-        back = reflect_smooth(1.0 / index, nodes)[:, members[0], members[1]]
+        along, on_nodes = (make_joints(scene, cosines) for cosines in (self.sights.cosines, self.media.cosines))
+        self.through = along.up[0][:, members[0], members[1]] / index**2
+        self.back = FLIP[:, None] * along.below[0]
+        self.back = self.back[:, members[0], members[1]]
+        back = (FLIP[:, None] * on_nodes.below[0])[-nodes.size :, members[0], members[1]]
         self.top = np.ascontiguousarray(back * problem.flip)
         self.base = expand_lossless_base(base, self.inside, n_order, accuracy)
         self.distinct, self.kinds = merge_materials(self.inside)
