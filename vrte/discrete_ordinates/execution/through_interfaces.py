@@ -9,11 +9,21 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.media import Cut, Media, Sights, cut_pieces, find_beams, find_escapes, list_sights
-from vrte.discrete_ordinates.orders.passage import ARRIVING, LEAVING, RISING
+from vrte.discrete_ordinates.orders.media import (
+    Cut,
+    Media,
+    Sights,
+    cut_pieces,
+    find_beams,
+    find_escapes,
+    find_rough_places,
+    list_sights,
+)
+from vrte.discrete_ordinates.orders.passage import ARRIVING, ENTERING, LEAVING, RISING
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin
+from vrte.optics.facets import RoughSurface
 from vrte.scene.boundary import Boundary
 
 COLUMNS = np.arange(4, dtype=np.int32)
@@ -30,6 +40,7 @@ class Vertex:
     power: Array
     escapes: Array
     scatter: Scatter
+    is_surface: bool = False
 
 
 def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run) -> tuple[Sights, list[Vertex]]:
@@ -40,6 +51,9 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
     into, beams = find_beams(media, cut, problem.mu0)
     sights = list_sights(media, problem.mu_out)
     sources = [source for k in range(cut.layer.size) for source in ((k, RISING), (k + 1, ARRIVING))]
+    rough = find_rough_places(media, cut)
+    first_rough = len(sources)
+    sources += [source for place in rough for source in ((place, LEAVING), (place, ENTERING))]
     if base.orders_reflected:
         sources.append((cut.joint.size - 1, LEAVING))
     escapes = find_escapes(media, cut, sights, problem.n_up, list(ALL), np.array(sources))
@@ -55,6 +69,14 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
                 if beam.any() and seen.any():
                     scatter = make_scatterer(problem, media, cut, k, into, sights, azimuths, int(end != below), run)
                     found.append(Vertex(lit * (beam @ columns), seen, scatter))
+    for k, place in enumerate(rough):
+        for light, side in ((beams.arriving[place], 0), (beams.rising[place], 1)):
+            for transmitted in (False, True):
+                seen = escapes[:, :, :, first_rough + 2 * k + (side ^ transmitted)]
+                if light.any() and seen.any():
+                    joint = int(cut.joint[place])
+                    scatter = make_facet_scatterer(media, joint, side, transmitted, into, sights, azimuths)
+                    found.append(Vertex(lit * (light @ columns), seen, scatter, is_surface=True))
     if base.orders_reflected and beams.arriving[-1].any():
         found.append(
             Vertex(
@@ -110,6 +132,27 @@ def make_scatterer(
                 out=found,
             )
         return found[0] if way else FLIP[:, None] * found[0]
+
+    return scatter
+
+
+def make_facet_scatterer(
+    media: Media, joint: int, side: int, transmitted: bool, into: Array, sights: Sights, azimuths: Azimuths
+) -> Scatter:
+    """Of a rough interface, for light from above (side 0) or below (1)."""
+    interface = media.scene.interfaces[joint]
+    assert interface is not None
+    here, there = joint + side, joint + (side ^ transmitted)
+    index, behind = media.scene.media[here], media.scene.media[joint + 1 - side]
+    surface = RoughSurface(index, behind, interface.roughness, interface.distribution, interface.shadowing)
+    lit, out = into[here] > 0.0, sights.cosines[there] > 0.0
+    mu_in, mu_out = np.where(lit, into[here], 1.0), np.where(out, sights.cosines[there], 1.0)
+
+    def scatter(first: int, last: int) -> Array:
+        given = mu_in[first:last, None, None], mu_out[:, None], azimuths.phi
+        found = surface.transmit(*given) if transmitted else FLIP[:, None] * surface.reflect(*given)
+        found = found * (lit[first:last, None] & out)[..., None, None, None]
+        return found / media.scene.media[there] ** 2
 
     return scatter
 

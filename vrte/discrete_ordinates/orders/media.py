@@ -75,6 +75,13 @@ def cut_pieces(depths: Depths, thickness: Array, level: Array) -> Cut:
     return Cut(np.array(layers, np.int32), np.array(lengths), np.array(joints, np.int32), at)
 
 
+def find_rough_places(media: Media, cut: Cut) -> list[int]:
+    """Which joints of the pieces are rough interfaces."""
+    kinds = media.scene.interfaces
+    rough = {k for k, kind in enumerate(kinds) if kind is not None and not kind.is_smooth}
+    return [place for place, joint in enumerate(cut.joint.tolist()) if joint in rough]
+
+
 @dataclass(frozen=True, eq=False)
 class Sights:
     """Directions that light is seen along, off the nodes: cosines (medium, n_sight), 0 where they do not go; place

@@ -7,8 +7,9 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.base import Base, expand_base
-from vrte.discrete_ordinates.orders.media import cut_pieces, find_beams, find_escapes, list_sights
+from vrte.discrete_ordinates.orders.media import cut_pieces, find_beams, find_escapes, find_rough_places, list_sights
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.discrete_ordinates.orders.rough_joints import make_rough_joint
 from vrte.scene.boundary import Boundary
 
 RISING, ARRIVING, LEAVING, ENTERING = range(4)  # ways of light at a joint, see `find_escapes`
@@ -31,11 +32,36 @@ class Passage:
         self.falling = lit * (beams.entering[:-1][..., members[0], members[1]] @ columns)
         self.mirrored = lit * (beams.leaving[1:][..., members[0], members[1]] @ columns)
         self.arriving = lit * (beams.arriving[-1][..., members[0], members[1]] @ columns)
+        self.beams = beams
         self.sources = self.list_sources(base)
         self.escapes = find_escapes(
             self.media, self.cut, self.sights, problem.n_up, list(problem.stokes), np.array(self.sources)
         )
         self.base = self.expand(base, n_order, accuracy)
+        self.rough_joints = {
+            place: make_rough_joint(
+                self.media,
+                int(self.cut.joint[place]),
+                self.into,
+                self.sights.cosines,
+                list(problem.stokes),
+                n_order,
+                accuracy,
+            )
+            for place in self.rough
+        }
+
+    @property
+    def rough(self) -> list[int]:
+        """Which joints of the pieces are rough."""
+        return find_rough_places(self.media, self.cut)
+
+    def power_at(self, place: int, way: int) -> Array:
+        """Power of beams at a joint, (n_in, S, n_col), coming up below it or down above it."""
+        members, part = np.ix_(self.problem.stokes, self.problem.stokes), self.beams
+        light = (part.rising if way == RISING else part.arriving)[place]
+        found: Array = self.problem.mu0[:, None, None] * (light[..., members[0], members[1]] @ self.problem.columns.T)
+        return found
 
     def of_medium(self, index: float, place: int) -> Problem:
         """The problem as one medium has it: its nodes, and the directions off them that go there (others point along
@@ -55,6 +81,7 @@ class Passage:
     def list_sources(self, base: Boundary) -> list[tuple[int, int]]:
         """Where light sets out for directions off the nodes: the joint and the way."""
         found = [source for piece in range(self.cut.layer.size) for source in ((piece, RISING), (piece + 1, ARRIVING))]
+        found += [source for place in self.rough for source in ((place, LEAVING), (place, ENTERING))]
         return [*found, (self.cut.joint.size - 1, LEAVING)] if base.orders_reflected else found
 
     def expand(self, base: Boundary, n_order: int, accuracy: float) -> Base | None:

@@ -15,7 +15,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.errors import AccuracyError
 from vrte.basics.memory import count_orders_at_once
 from vrte.basics.running import Run
-from vrte.discrete_ordinates.orders.passage import Passage
+from vrte.discrete_ordinates.orders.passage import ARRIVING, RISING, Passage
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.responses import Response
 from vrte.discrete_ordinates.orders.slabs import find_materials, select_materials
@@ -98,8 +98,10 @@ class Refracting(Passage):
         joints = make_joints(self.media.scene, self.media.cosines)
         members = np.ix_(self.problem.stokes, self.problem.stokes)
         found: list[Sharing | None] = []
-        for joint in self.cut.joint.tolist():
-            if joint < 0 or (self.media.scene.interfaces[joint] is None and joint < len(self.media.scene.layers)):
+        scene = self.media.scene
+        for place, joint in enumerate(self.cut.joint.tolist()):
+            mere_cut = joint < 0 or (scene.interfaces[joint] is None and joint < len(scene.layers))
+            if mere_cut or place in self.rough:
                 found.append(None)
                 continue
             parts = [part[joint][:, members[0], members[1]] for part in vars(joints).values()]
@@ -160,7 +162,11 @@ class Refracting(Passage):
         for k, piece in enumerate(pieces):
             up, down = piece.send(pile.entering[k], pile.leaving[k + 1], self.falling[k], self.mirrored[k])
             sent[2 * k], sent[2 * k + 1] = up, down
-        if len(self.sources) > 2 * len(pieces):
+        for k, (place, rough) in enumerate(self.rough_joints.items(), len(pieces)):
+            arriving, rising = pile.arriving[place], pile.rising[place]
+            sent[2 * k] = rough.above.send(pile.order, arriving) + rough.up.send(pile.order, rising)
+            sent[2 * k + 1] = rough.below.send(pile.order, rising) + rough.down.send(pile.order, arriving)
+        if self.base is not None:
             sent[-1] = self.leave_base(pile.order, pile.arriving[-1])
         return self.look(sent)
 
@@ -282,6 +288,15 @@ class NodalPile:
         ]
         count = len(pieces) + 1
         dark = np.zeros((self.n, self.r))
+        self.sharings = list(route.sharings)
+        # what beams send to the nodes where they meet a rough joint, going up above it and down below it
+        self.leaving_beams, self.entering_beams = [dark] * count, [dark] * count
+        for place, rough in route.rough_joints.items():
+            ways = (rough.above, rough.below, rough.down, rough.up)
+            self.sharings[place] = Sharing(*(way.nodes[order] for way in ways))
+            falls, rises = route.power_at(place, ARRIVING), route.power_at(place, RISING)
+            self.leaving_beams[place] = rough.above.collect(order, falls) + rough.up.collect(order, rises)
+            self.entering_beams[place] = rough.down.collect(order, falls) + rough.below.collect(order, rises)
         self.arriving, self.leaving, self.entering, self.rising = ([dark] * count for _ in range(4))
         # of what lies below: seen (n, n) or None, own (n, r); above each joint, and below it
         self.seen: list[Array | None] = [None] * count
@@ -318,12 +333,12 @@ class NodalPile:
     def needs_matrix(self, k: int) -> bool:
         """Whether anything looks at the reflection of what lies below joint k: not through a first one that sends
         nothing back down."""
-        sharing = self.route.sharings[k]
+        sharing = self.sharings[k]
         return k > 0 or (sharing is not None and sharing.below is not None)
 
     def put_joint(self, k: int, last: int) -> None:
         """What joint k does to what lies below it."""
-        sharing = self.route.sharings[k]
+        sharing = self.sharings[k]
         if k == last and self.route.base is not None:
             self.seen[k], self.own[k] = self.route.reflect_on_base(self.order)
             return
@@ -333,14 +348,16 @@ class NodalPile:
         seen, own = self.seen_below[k], self.own_below[k]
         above = None if sharing.above is None else np.asarray(expand_blocks(sharing.above))
         if seen is None:
-            self.seen[k], self.own[k] = above, share(sharing.up, own)
+            self.seen[k], self.own[k] = above, share(sharing.up, own) + self.leaving_beams[k]
             return
+        if self.entering_beams[k].any():
+            own = own + seen @ self.entering_beams[k]
         if sharing.below is not None:
             factors = self.at_joint[k] = Factors(share_columns(seen, sharing.below), self.order)
             found = factors.solve(own)
             self.residual = max(self.residual, factors.residual(own, found))
             own = found
-        self.own[k] = share(sharing.up, own)
+        self.own[k] = share(sharing.up, own) + self.leaving_beams[k]
         if k > 0 and sharing.down is not None:
             through = share_columns(seen, sharing.down)
             through = self.at_joint[k].solve(through) if self.at_joint[k] else through  # type: ignore[union-attr]
@@ -360,7 +377,7 @@ class NodalPile:
 
     def cross_joint(self, k: int) -> None:
         """Rising, leaving and entering light from what arrives."""
-        arriving, sharing = self.arriving[k], self.route.sharings[k]
+        arriving, sharing = self.arriving[k], self.sharings[k]
         seen = self.seen_below[k]
         lit = bool(arriving.any())
         if k == len(self.pieces) and (self.route.base is not None):
@@ -373,11 +390,11 @@ class NodalPile:
             self.rising[k] = rising + seen @ arriving if seen is not None and lit else rising
             self.leaving[k] = self.rising[k]
             return
-        through = share(sharing.down, arriving)
-        right = self.own_below[k] if seen is None or not lit else self.own_below[k] + seen @ through
+        through = share(sharing.down, arriving) + self.entering_beams[k]
+        right = self.own_below[k] if seen is None or not through.any() else self.own_below[k] + seen @ through
         factors = self.at_joint[k]
         self.rising[k] = right if factors is None else factors.solve(right)
-        self.leaving[k] = share(sharing.up, self.rising[k]) + share(sharing.above, arriving)
+        self.leaving[k] = share(sharing.up, self.rising[k]) + share(sharing.above, arriving) + self.leaving_beams[k]
         self.entering[k] = through + share(sharing.below, self.rising[k])
 
     def cross_slab(self, k: int) -> Array:
