@@ -11,7 +11,7 @@ BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 
 help:
 	@echo "make demo         the BRDF of a gold powder: out/gold_powder.nc, .csv and .png"
-	@echo "make gallery      lobes and spheres of powders and paints, spheres under a polarized sky: out/gallery"
+	@echo "make gallery      lobes and spheres of powders and paints, with and without surfaces, under a polarized sky: out/gallery"
 	@echo "make test         style, types and the quick tests"
 	@echo "make test-all     style, types and every test"
 	@echo "make test-lowest  tests of what others' packages do, with the oldest of them that pyproject.toml allows: .venv-lowest"
@@ -74,11 +74,14 @@ demo: $(VENV)/demo.stamp
 
 # The paper's figure 10, and how polarized the light of three of its spheres is; docs/images has copies.
 IN_GALLERY = gold gold_coarse copper hematite rutile alumina mixture_on_black mixture_on_white
+WITH_SURFACES = paint_bare paint_smooth powder_dry powder_wet
 gallery: $(VENV)/gallery.stamp
 	@mkdir -p out/gallery
 	$(BIN)/vrte render $(IN_GALLERY:%=vrte/app/gallery/%.toml) --sheet --size 300 -o out/gallery/gallery.png
 	$(BIN)/vrte render vrte/app/gallery/gold.toml vrte/app/gallery/mixture_on_black.toml vrte/app/gallery/rutile.toml \
 		--size 320 -o out/gallery/gallery_polarization.png
+	$(BIN)/vrte render $(WITH_SURFACES:%=vrte/app/gallery/%.toml) --size 240 -o out/gallery/gallery_surfaces.png
+	$(BIN)/vrte render examples/black_lacquer.toml examples/white_gloss.toml --size 240 -o out/gallery/gallery_brewster.png
 
 tables: $(VENV)/tables.stamp
 	@mkdir -p out

@@ -237,7 +237,7 @@ def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
         None,
         {"above": 1.4, "below": 1.0},
     ]
-    assert form.name_layers(content["layer"]) == ["interface", "layer 1", "interface"]
+    assert form.name_layers(content["layer"]) == ["interface", "layer 2", "interface"]
     for place in (0, 2):
         surface = content["layer"][place]["interface"]
         form.set_rough(surface, True)
@@ -264,9 +264,9 @@ def test_a_first_surface_brings_its_binder() -> None:
     assert content["host_index"] == 1.5
     assert troubles(content) == {}
     content["host_index"] = 1.4
-    assert "layer 2 has the refractive index 1.4, and the interface above it has 1.5" in troubles(content)["layer[2]"]
+    assert problems(content) == {"layer[2]": "layer 2 has the refractive index 1.4, and the interface above it has 1.5"}
     content["particles"]["gold"]["host_index"] = 1.5
-    assert troubles(content) == {}
+    assert problems(content) == {}
     content["layer"] = [{"interface": {"above": 1.0, "below": 1.5}}] * form.MOST_LAYERS
     for add in (form.add_interface, form.add_layer):
         with pytest.raises(vrte.SceneError, match="at most 30 layers"):
@@ -293,9 +293,12 @@ def test_what_is_wrong_with_an_interface_is_said_at_its_field(key: str, text: st
     assert words in found[f"layer[1].interface.{key}"]
 
 
-def test_a_mirror_is_a_base() -> None:
+@pytest.mark.parametrize("kind", ["mirror", "facets"])
+def test_mirrors_and_facets_are_bases(kind: str) -> None:
     content = fresh()
-    form.set_base(content, "mirror")
+    form.set_base(content, kind)
+    if kind == "facets":
+        content["base"] |= {"distribution": "ggx", "shadowing": True}
     content["base"]["index"] = "silver"
     assert tomllib.loads(write_content(content)) == content
     assert troubles(content) == {}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vrte
-from tests.test_render import COARSE, normals_of, sky_coherency, view
+from tests.test_render import COARSE, normals_of, sky_coherency, table, view
 from vrte.basics.arrays import Array
 from vrte.optics.fresnel import reflect_smooth
 from vrte.render.geometry import place_camera
@@ -71,6 +71,15 @@ def test_in_a_furnace_a_mirror_shows_its_reflectance() -> None:
     np.testing.assert_allclose(np.hypot(found[:, 1], found[:, 2]), -expected[:, 1, 0], atol=2e-4)
 
 
+def test_nothing_absorbs_so_a_shiny_paint_cannot_be_told_from_a_furnace() -> None:
+    """What the surface mirrors and what comes out below it make up for each other at every angle."""
+    layers = [vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 1.0)]
+    here = table(vrte.Scene(layers, vrte.Lambertian(1.0)))
+    assert here.specular is not None
+    found = view(make_sky("uniform", [0.5], 30.0, 0.0)).stokes(here, 0)
+    assert np.abs(found - [1.0, 0.0, 0.0, 0.0]).max() < 2e-3
+
+
 @pytest.mark.parametrize("size", [16, 60, 600])
 def test_the_suns_image_holds_what_a_sphere_mirrors(size: int) -> None:
     """E/4 times the cross section, R of half the angle between sun and camera, where the normal halves it."""
@@ -105,7 +114,9 @@ def rough_table(surface: RoughSurface) -> Table:
     return replace(mirror_table(1.5), specular=None, facets=surface)
 
 
-@pytest.mark.parametrize(("distribution", "roughness"), [("beckmann", 0.3), ("ggx", 0.3)])
+@pytest.mark.parametrize(
+    ("distribution", "roughness"), [("beckmann", 0.3), pytest.param("ggx", 0.3, marks=pytest.mark.slow)]
+)
 def test_in_a_furnace_facets_show_what_they_reflect(distribution: str, roughness: float) -> None:
     surface = RoughSurface(1.5, roughness, distribution, shadowing=True)
     seen = view(make_sky("uniform", [0.5], 30.0, 0.0))

@@ -89,11 +89,12 @@ def field_polar(field: Field, quantity: str = "I", over_largest: bool = False, d
     beam = float(np.degrees(np.arccos(mu0)))  # from straight up, where it goes
     beam = beam if field.diagnostics.get("illuminate") == "bottom" else 180.0 - beam
     shown = "" if len(depths) == field.tau.size else f"; {len(depths)} of {field.tau.size} depths"
+    outside = "" if field.index is None else ", outside"
     what = f"{quantity}, each depth over its largest" if over_largest else label_quantity(quantity)
     return make_plotly_figure(
-        [*make_zero_line(low, 180.0), *curves, make_arrow(beam, (low, high), "the beam")],
+        [*make_zero_line(low, 180.0), *curves, make_arrow(beam, (low, high), f"the beam{outside}")],
         f"{name_field(field)}: {what}",
-        f"μ<sub>0</sub> = {mu0:.4g}{'' if field.index is None else ', outside'}; above: going up; {SIDES}{shown}",
+        f"μ<sub>0</sub> = {mu0:.4g}{outside}; above: going up; {SIDES}{shown}",
         polar=make_polar_axes(low, high),
         legend=LEGEND,
     )

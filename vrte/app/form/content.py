@@ -1,7 +1,6 @@
 """The content of a scene file as a form changes it: a plain dict, in which a field is named by its place."""
 
 import copy
-import itertools
 import math
 import re
 from typing import Any
@@ -49,6 +48,7 @@ BASES: dict[str, tuple[str, Content]] = {  # what lies beneath: in words, and wh
     "black": ("black", {}),
     "lambertian": ("white or grey (Lambertian)", {"albedo": 0.5}),
     "mirror": ("smooth metal or glass (a mirror)", {"index": [1.5, 0.0]}),
+    "facets": ("rough metal or glass (facets)", {"index": [1.5, 0.0], "roughness": ROUGHNESS}),
 }
 SIZES: dict[str, tuple[str, Content]] = {  # how a size is told: in words, and what it begins with
     "radius": ("one radius", {"radius_um": 0.3}),
@@ -115,13 +115,12 @@ def is_interface(layer: Content) -> bool:
 
 
 def name_layers(layers: list[Content]) -> list[str]:
-    """What layers are called: those with something in them are counted, as a scene does it.
+    """What layers are called, counted as messages about a file do it.
 
     >>> name_layers([{"interface": {}}, {"phase": "rayleigh"}])
-    ['interface', 'layer 1']
+    ['interface', 'layer 2']
     """
-    filled = itertools.count(1)
-    return ["interface" if is_interface(layer) else f"layer {next(filled)}" for layer in layers]
+    return ["interface" if is_interface(layer) else f"layer {place}" for place, layer in enumerate(layers, 1)]
 
 
 def add_interface(content: Content) -> None:

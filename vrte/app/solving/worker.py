@@ -147,7 +147,7 @@ def describe_inside(content: Content, scene: Scene) -> Inside:
     >>> fog = vrte.Layer(vrte.rayleigh(), 1.0, 1.0)
     >>> scene = Scene([vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.33), fog])
     >>> describe_inside({"layer": [{"interface": {}}, {"interface": {}}, {"phase": "rayleigh"}]}, scene).names
-    ('layer 1: rayleigh',)
+    ('layer 3: rayleigh',)
     """
     tables = content["layer"]
     called = zip(name_layers(tables), tables, strict=True)
