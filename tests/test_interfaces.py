@@ -37,6 +37,7 @@ SCENES = {
     "varnish over paint on metal": ([(1.0, 1.34), (RAYLEIGH, 0.5, 0.1), (1.34, 1.5), (SHORT, 0.9, 0.5)], METAL),
     "a bubble": ([(1.5, 1.0), (SHORT, 1.0, 0.7), (1.0, 1.5)], None),
     "lit from glass, over glass": ([(1.5, 1.25), (SPHEROIDS, 0.9, 0.5)], vrte.Mirror(1.4)),
+    "towards a thinner medium": ([(1.33, 0.7), (SHORT, 0.5, 0.3)], None),
     "three media": (
         [(RAYLEIGH, 0.9, 0.3), (1.0, 1.5), (SHORT, 1.0, 1.0), (1.5, 1.3), (RAYLEIGH, 0.9, 0.4)],
         vrte.Lambertian(0.5),
@@ -356,3 +357,11 @@ def test_polarized_monte_carlo_of_mitsuba(place: str) -> None:
     gaps = (means * [1, 1, -1, 1] - found.reshape(-1, 4)) / errors
     assert np.abs(gaps).max() < 3.0
     assert np.sqrt(np.mean(gaps**2)) < 1.2
+
+
+def test_media_too_much_alike_are_refused() -> None:
+    """Nodes that lie almost along an interface cost the modes their digits: 5e-3 of the light at a step of 1e-12."""
+    alike = [vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.5 + 1e-7)]
+    with pytest.raises(vrte.SceneError, match=r"1\.5 and 1\.5000001 are too much alike to tell apart"):
+        vrte.Scene(alike)
+    assert vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.5 + 2e-6)]).index_below == 1.5 + 2e-6

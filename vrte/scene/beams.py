@@ -44,7 +44,8 @@ def find_cosines(media: tuple[float, ...], index: float, mu: Array) -> Array:
     """Cosines (medium, n) of directions mu (n,) in a medium of that index, by Snell's law; 0 where they do not go."""
     indices = np.array(media)[:, None]
     square = (indices - index) * (indices + index) + (index * mu) ** 2
-    cosines = np.where(indices == index, mu, np.sqrt(np.maximum(square, 0.0)) / indices)
+    kept = (indices == index) | (mu == 1.0)  # the normal to the last place: odd orders would see the rest
+    cosines = np.where(kept, mu, np.sqrt(np.maximum(square, 0.0)) / indices)
     return np.where(cosines < LOWEST, 0.0, np.minimum(cosines, 1.0))
 
 

@@ -1,5 +1,6 @@
 """What light meets: layers of particles, top first, and what bounds them."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from vrte.scene.layer import Layer
 
 MOST_LAYERS = 10_000
 SAME_INDEX = 1e-9  # relative: of two media that are one
+LEAST_STEP = 1e-6  # relative, of two that are not: nodes between lie along interfaces, down to the root of it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -235,4 +237,11 @@ def find_media(
         if interfaces[k] is None:
             settle(k + 1, media[k], f"{names[k]}, without an interface between,")
             settle(k, media[k + 1], f"{names[k + 1]}, without an interface between,")
-    return tuple(1.0 if index is None else index for index in media)
+    settled = tuple(1.0 if index is None else index for index in media)
+    for low, high in itertools.pairwise(sorted(set(settled))):
+        if high - low < LEAST_STEP * high:
+            raise SceneError(
+                f"media of the refractive indices {low:.12g} and {high:.12g} are too much alike to tell apart: give "
+                f"them one index, or indices that differ by {LEAST_STEP:g} of themselves"
+            )
+    return settled
