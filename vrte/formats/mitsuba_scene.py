@@ -41,7 +41,7 @@ def write_nested_scene(
     OSError.
 
     >>> write_nested_scene("paint.xml", "paint.bsdf", 1.0, 1.5)
-    >>> '<float name="int_ior" value="1.5"/>' in open("paint.xml").read()
+    >>> '<float name="int_ior" value="1.5"/>' in Path("paint.xml").read_text()
     True
     """
     name = quoteattr(Path(table).name)

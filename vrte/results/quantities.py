@@ -69,7 +69,8 @@ def of_brdf(brdf: Brdf, name: str, stokes: Any = (1.0, 0.0, 0.0, 0.0), transmitt
 
     ``name`` is one of QUANTITIES. A Mueller element, "f00" to "f33" [1/sr] (row: out, column: in), does not depend on
     ``stokes``; "reflectance factor" is pi times the radiance over the incident irradiance, 1 for a white Lambertian
-    surface. ``transmitted``: of the BTDF. Raises SceneError for another name, for light without intensity, where there
+    surface. Of diffuse light alone: beams that smooth surfaces mirror are in none of them, but in ``brdf.specular``.
+    ``transmitted``: of the BTDF. Raises SceneError for another name, for light without intensity, where there
     is no transmission.
 
     >>> import vrte
