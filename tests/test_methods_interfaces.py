@@ -12,6 +12,7 @@ from vrte.request.how import AUTO, EXACT, METHODS
 FINE = {
     "adding-doubling": ({"start": 4}, 1e-12),
     "matrix-operator": ({}, 1e-13),
+    "successive-orders": ({"tolerance": 1e-12, "levels": 64}, 1e-11),
 }
 OTHERS = tuple(name for name in METHODS if name != EXACT)
 TAKEN = [name for name in OTHERS if find_method(name).interfaces != "none"]
@@ -50,7 +51,12 @@ def compare(method: str, scene: vrte.Scene, **asked: object) -> None:
         np.testing.assert_allclose(getattr(found, name), getattr(exact, name), rtol=0, atol=left)
 
 
-@pytest.mark.parametrize("name", SAME)
+LONGER = {"over white", "plate", "aerosol over sea", "white, without end"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in LONGER else []) for name in SAME]
+)
 @pytest.mark.parametrize("method", FINE)
 def test_the_same_on_the_same_nodes(method: str, name: str) -> None:
     """Fields of polarized beams at the faces and inside, on either side of the interfaces."""
@@ -89,6 +95,18 @@ def test_circular_polarization_on_nodes_of_two_media(algorithm: str) -> None:
     np.testing.assert_allclose(exact.stokes[..., 3], found.stokes[..., 3], rtol=0, atol=1e-9 * exact.stokes.max())
 
 
+@pytest.mark.parametrize("accuracy", [1e-3, pytest.param(1e-6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", TAKEN)
+def test_accuracy(method: str, accuracy: float) -> None:
+    """Of the continuous problem, on nodes chosen for it."""
+    scene = SAME["aerosol over sea"]
+    asked = {"stokes": STOKES, "mu": [0.1, 1.0, -0.3], "tau": [0.0, 1.3]}
+    right = vrte.radiance(scene, 0.6, **asked, nodes=40).stokes
+    found = vrte.radiance(scene, 0.6, **asked, accuracy=accuracy, method=method)
+    assert np.abs(found.stokes - right).max() <= accuracy * right[..., 0].max()
+    assert found.diagnostics["promised"], found.diagnostics["notes"]
+
+
 @pytest.mark.parametrize("method", [name for name in TAKEN if find_method(name).conserves_energy])
 @pytest.mark.parametrize("base", [None, vrte.Lambertian(1.0)], ids=["plate", "over white"])
 def test_energy(method: str, base: vrte.Lambertian | None) -> None:
@@ -97,9 +115,22 @@ def test_energy(method: str, base: vrte.Lambertian | None) -> None:
     scene = vrte.Scene([GLASS, *layers, *([] if base else [vrte.Interface(1.2, 1.0)])], base)
     nets = []
     for side, tau in (("above", [0.0, 0.2, 0.5, 40.5]), ("below", [0.0, 0.5])):
-        field = vrte.radiance(scene, 0.3, mu=[], tau=tau, side=side, method=method, nodes=12)
+        field = vrte.radiance(scene, 0.3, mu=[], tau=tau, side=side, method=method, nodes=6)
         nets += (field.flux_down + field.direct - field.flux_up - field.direct_up).ravel().tolist()
     np.testing.assert_allclose(nets, 0.0 if base else nets[0], rtol=0, atol=1e-12)
+
+
+def test_orders_count_scatterings_whatever_is_reflected() -> None:
+    """Between a surface and a mirror the s-th order is still albedo^s times that of albedo 1, and all add up."""
+    by_albedo = []
+    for albedo in (1.0, 0.5):
+        scene = vrte.Scene([GLASS, vrte.Layer(RAYLEIGH, albedo, 1.0)], SILVER)
+        asked = {"mu_i": [0.2, 0.9], "mu_o": [0.3, 1.0], "phi": [0.0, 50.0], "nodes": 4, "method": "successive-orders"}
+        found = [vrte.brdf(scene, **asked, settings={"orders": s, "tolerance": 1e-15}).mueller for s in (1, 2, 3)]
+        once, twice, thrice = found
+        by_albedo.append(np.stack([once / albedo, (twice - once) / albedo**2, (thrice - twice) / albedo**3]))
+    np.testing.assert_allclose(*by_albedo, rtol=0, atol=1e-14)
+    assert (np.abs(by_albedo[0]).max(axis=(1, 2, 3, 4, 5)) > 1e-2).all()
 
 
 @pytest.mark.parametrize("method", OTHERS)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import vrte
-from vrte.methods import matrix_operator, successive_orders
-from vrte.methods.parts import imbedding, on_nodes, operators
+from vrte.methods import matrix_operator
+from vrte.methods.parts import imbedding, on_nodes, operators, panels
 from vrte.studies.methods import operations, reference, scenes
 
 TALLY = [0.0]
@@ -79,8 +79,8 @@ def tally(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     monkeypatch.setattr(on_nodes.OnNodes, "scattered", watched)
     monkeypatch.setattr(imbedding, "compute_step_weights", weighed)
     for name in ("weigh_downward", "weigh_upward"):
-        plain = getattr(successive_orders, name)
-        monkeypatch.setattr(successive_orders, name, lambda *given, plain=plain: plain(*given).view(Tallied))
+        plain = getattr(panels, name)
+        monkeypatch.setattr(panels, name, lambda *given, plain=plain: plain(*given).view(Tallied))
     TALLY[0] = 0.0
     return TALLY
 

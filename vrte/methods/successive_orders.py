@@ -4,7 +4,6 @@ import math
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -15,19 +14,16 @@ from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import AccuracyWarning
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.planning.needs import find_needs
-from vrte.methods.parts.in_depth import find_gauss_depths, weigh_downward, weigh_upward
+from vrte.methods.parts.convergence import Convergence, sum_scatterings
+from vrte.methods.parts.in_depth import find_gauss_depths
 from vrte.methods.parts.method import Answer, Method, Setting, Settings
 from vrte.methods.parts.on_nodes import OnNodes, Scattered, find_distinct_directions, solve_in_turn
+from vrte.methods.parts.orders_between_interfaces import solve_between_interfaces
+from vrte.methods.parts.panels import FINEST_SCALE, MOST_LEVELS, POINTS, Light, Pair, Way, divide_into_panels
 from vrte.methods.parts.task import Task
-from vrte.request.how import EXACT
 
-POINTS = 4  # Gauss depths of a panel: error of the 8th order in its thickness
-FINEST_SCALE = 1e-3  # panels at a face are no finer than light along the lowest cosine asks for, nor than this
 LEFT_OUT = 30.0  # what the orders left out add, over what they are estimated to: 13 was seen
-MOST_ORDERS, MOST_LEVELS = 100_000, 4096
-FINE_DEPTHS = 20_001
-DENSITY = 1.5  # panels for a factor e of distance to a face, and for an optical depth of 1
-Pair = tuple[Array, Array]
+MOST_ORDERS = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,146 +61,6 @@ def choose_depths(problem: Problem, levels: int | None) -> Depths:
         top += edges[:-1].tolist()
         size += np.diff(edges).tolist()
     return Depths(np.array(layer, np.int32), np.array(top), np.array(size), place)
-
-
-def divide_into_panels(thickness: float, scale: float, levels: int | None) -> Array:
-    """Edges of panels from 0 to the thickness: about as thick as the distance to the nearer face, not below ``scale``,
-    nor above 1 where ``levels`` is None."""
-    if thickness == 0.0:
-        return np.zeros(1)
-    # depths to look up, far closer than panels and evenly spaced where panels are
-    steps = np.linspace(-1.0, 1.0, FINE_DEPTHS) * math.log1p(thickness / scale)
-    depths = np.clip((thickness + 2.0 * scale) / (1.0 + np.exp(-steps)) - scale, 0.0, thickness)
-    depths[0], depths[-1] = 0.0, thickness
-    count = steps - steps[0] + depths  # of panels above a depth
-    panels = math.ceil(DENSITY * count[-1] if levels is None else levels / POINTS)
-    edges: Array = np.interp(np.linspace(0.0, count[-1], min(panels, MOST_LEVELS // POINTS) + 1), count, depths)
-    return edges
-
-
-@dataclass(frozen=True, eq=False)
-class Way:
-    """Light carried along the cosines of some rows through all panels, (2:25)-(2:26).
-
-    falls, rises (panel, POINTS + 1, POINTS, r): weights of the source for light down and up at the Gauss points and
-    where the panel is left; to_points, to_points_up (panel, POINTS, r) and passed (panel, r): what is left of light
-    that enters.
-    """
-
-    falls: Array
-    rises: Array
-    to_points: Array
-    to_points_up: Array
-    passed: Array
-
-    @staticmethod
-    def along(cosines: Array, size: Array) -> "Way":
-        """For rows (r,) and panels (panel,)."""
-        z = size[:, None] / cosines
-        x = find_gauss_depths(POINTS)[:, None]
-        falls, rises = (np.moveaxis(weights(z, POINTS), 2, 0) for weights in (weigh_downward, weigh_upward))
-        thickness = size[:, None, None, None]
-        near, far = np.exp(-x * z[:, None]), np.exp(-(1.0 - x) * z[:, None])
-        return Way(thickness * falls, thickness * rises, near, far, np.exp(-z))
-
-    def down(self, source: Array, enters: Array) -> Pair:
-        """Light at the Gauss points (panel, POINTS, r, b) and at the edges (panel + 1, r, b) from source (panel,
-        POINTS, r, b) and what enters at the top (r, b)."""
-        made = np.einsum("pkjr,pjrb->pkrb", self.falls, source)
-        edges = np.empty((source.shape[0] + 1, *enters.shape))
-        edges[0] = enters
-        for p, passed in enumerate(self.passed):
-            edges[p + 1] = passed[:, None] * edges[p] + made[p, -1]
-        return made[:, :-1] + self.to_points[..., None] * edges[:-1, None], edges
-
-    def up(self, source: Array, enters: Array) -> Pair:
-        """The same for what enters at the bottom."""
-        made = np.einsum("pkjr,pjrb->pkrb", self.rises, source)
-        edges = np.empty((source.shape[0] + 1, *enters.shape))
-        edges[-1] = enters
-        for p in range(source.shape[0] - 1, -1, -1):
-            edges[p] = self.passed[p, :, None] * edges[p + 1] + made[p, -1]
-        return made[:, :-1] + self.to_points_up[..., None] * edges[1:, None], edges
-
-
-@dataclass(frozen=True, eq=False)
-class Light:
-    """Diffuse light down and up, at the Gauss points (2, panel, POINTS, r, b) and edges (2, panel + 1, r, b)."""
-
-    points: Array
-    edges: Array
-
-    @staticmethod
-    def of(down: Pair, up: Pair) -> "Light":
-        """From what a `Way` gives."""
-        return Light(np.stack([down[0], up[0]]), np.stack([down[1], up[1]]))
-
-    def __add__(self, other: "Light") -> "Light":
-        return Light(self.points + other.points, self.edges + other.edges)
-
-    @property
-    def largest(self) -> float:
-        """In size."""
-        return float(max(np.abs(self.points).max(initial=0.0), np.abs(self.edges).max()))
-
-
-@dataclass(eq=False)
-class Convergence:
-    """Orders of scattering summed, at most of any Fourier order and of all together; what the last one added, relative
-    to the largest light of Fourier order 0, and what those left out would add as a geometric series; whether that is
-    little enough."""
-
-    largest: float = 0.0
-    used: int = 1
-    total: int = 0
-    last: float = 0.0
-    remainder: float = 0.0
-    converged: bool = True
-
-    def remainder_of(self, added: list[float], total: Light, order: int) -> float:
-        """What the orders that follow would add, relative to the largest light of Fourier order 0."""
-        largest = total.largest if order == 0 else self.largest
-        return estimate_remainder(added) / largest if largest > 0.0 else 0.0
-
-    def note(self, added: list[float], total: Light, order: int, tolerance: float) -> None:
-        """One Fourier order is done."""
-        if order == 0:
-            self.largest = total.largest
-        remainder = self.remainder_of(added, total, order)
-        self.used = max(self.used, len(added))
-        self.total += len(added)
-        self.last = max(self.last, added[-1] / self.largest if self.largest > 0.0 else 0.0)
-        self.remainder = max(self.remainder, remainder)
-        self.converged = self.converged and remainder <= tolerance
-
-    def diagnostics(self, settings: Settings) -> dict[str, Any]:
-        """In words and numbers."""
-        notes = [] if self.converged else [self.told(settings)]
-        return {
-            "scattering_orders": self.used,
-            "scatterings": self.total,
-            "last_ratio": self.last,
-            "remainder": self.remainder,
-            "converged": self.converged,
-            "promised": self.converged,
-            "notes": notes,
-        }
-
-    def told(self, settings: Settings) -> str:
-        """What is missing, and what to do about it."""
-        return (
-            f"method 'successive-orders' has not converged: {settings['orders']} orders of scattering leave out about "
-            f"{self.remainder:.1e} of the light, and energy is not conserved to better than that; ask for more by its "
-            f"setting 'orders', or for {EXACT!r}"
-        )
-
-
-def estimate_remainder(added: list[float]) -> float:
-    """What the orders that follow would add as a geometric series, and no less than what the last one added."""
-    before, last = added[-2] if len(added) > 1 else added[-1], added[-1]
-    if last == 0.0:
-        return 0.0
-    return last * max(1.0, last / (before - last)) if last < before else math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,15 +110,13 @@ class Orders:
         others what is scattered more than once: the sum (2:21) of what (2:22)-(2:23) make of each other."""
         n, problem = self.on_nodes.n, self.on_nodes.problem
         scattered = [self.on_nodes.scattered(order, layer) for layer in range(problem.albedo.size)]
-        light = self.once(scattered, base)
-        # what the source function of the wanted directions is made of: one order fewer than they have
-        lit, total, added = None, light, [light.largest]
-        while len(added) < settings["orders"] and convergence.remainder_of(added, total, order) > settings["tolerance"]:
-            lit = total
-            light = self.scatter(scattered, light, self.nodes, base[:n, :n], slice(0, n))
-            total = total + light
-            added.append(light.largest)
-        convergence.note(added, total, order, settings["tolerance"])
+        total, lit = sum_scatterings(
+            self.once(scattered, base),
+            lambda light: self.scatter(scattered, light, self.nodes, base[:n, :n], slice(0, n)),
+            order,
+            settings,
+            convergence,
+        )
         wanted = total.edges[:, self.depths.place]
         if lit is None:
             more = np.zeros((*wanted.shape[:2], self.on_nodes.rows.size - n, wanted.shape[3]))
@@ -320,9 +174,13 @@ def solve_by_successive_orders(task: Task) -> Answer:
         return up, down
 
     with keep_to_one_thread():
-        scene = Orders.of(on_nodes, settings["levels"])
-        kernels, fluxes = solve_in_turn(task, on_nodes, out, field_of)
-    more = {"levels": int(scene.depths.layer.size * POINTS), **convergence.diagnostics(settings)}
+        if task.problem.media is not None:
+            kernels, fluxes, panels = solve_between_interfaces(task, convergence)
+        else:
+            scene = Orders.of(on_nodes, settings["levels"])
+            kernels, fluxes = solve_in_turn(task, on_nodes, out, field_of)
+            panels = scene.depths.layer.size
+    more = {"levels": int(panels * POINTS), **convergence.diagnostics(settings)}
     for note in () if "orders" in task.request.settings else more["notes"]:  # who says how many knows what they are
         warnings.warn(note, AccuracyWarning, stacklevel=2)
     return task.answer_on_nodes(kernels, fluxes, **more)
@@ -334,7 +192,9 @@ def predict_operations(task: Task) -> float:
     n, _, c = OnNodes(problem, task.request.scene.below).sizes
     levels = choose_depths(problem, settings["levels"]).layer.size * POINTS
     depth = float(problem.thickness.sum())
-    kept = 1.0 - min(0.5, math.pi**2 / (3.0 * (depth + 1.42) ** 2))
+    media = task.request.scene.media
+    # of what comes to a surface from within, about so much gets out
+    kept = 1.0 - min(0.5, math.pi**2 / (3.0 * (depth + 1.42) ** 2)) * (min(media) / max(media)) ** 2
     ratio = np.clip(find_needs(problem, task.run).strength * kept, 1e-6, 1.0 - 1e-9)
     scatterings = np.minimum(settings["orders"], 1.0 + math.log(settings["tolerance"]) / np.log(ratio)).sum()
     a_row = levels * (8.0 * n + 4.0 * (POINTS + 1)) * (c - n)
@@ -348,6 +208,7 @@ METHOD = Method(
     conserves="nothing at low orders: light scattered more often than they say is lost; flux once they have converged",
     source="(2:21)-(2:27)",
     endless=False,
+    interfaces="smooth",
     options=("nodes", "accuracy", "backend"),
     finest=1e-7,
     operations=predict_operations,

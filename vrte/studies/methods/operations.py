@@ -16,8 +16,8 @@ import numpy as np
 from vrte.calls.plan import make_request, plan
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.slabs import cut_layers, find_materials
-from vrte.methods import adding_doubling, find_method, matrix_operator, successive_orders
-from vrte.methods.parts import imbedding
+from vrte.methods import adding_doubling, find_method, matrix_operator
+from vrte.methods.parts import imbedding, panels
 from vrte.methods.parts.on_nodes import OnNodes
 from vrte.methods.parts.task import discretise_request
 from vrte.request.how import EXACT
@@ -158,7 +158,7 @@ def count_successive_orders(
     """Every scattering but the first, along the nodes, and the last one into the wanted directions: four products at
     each of the levels, and integrals over each panel."""
     n, b, levels = shape.n, shape.beams, said["levels"]
-    a_row = levels * (8.0 * n * b + 4.0 * (successive_orders.POINTS + 1) * b)
+    a_row = levels * (8.0 * n * b + 4.0 * (panels.POINTS + 1) * b)
     return float((said["scatterings"] - shape.orders) * n * a_row + shape.orders * shape.out * a_row)
 
 
