@@ -121,6 +121,18 @@ def test_a_sweep_over_rough_bases() -> None:
         np.testing.assert_array_equal(table.mueller[place], alone.mueller)
 
 
+def test_a_sweep_from_smooth_to_rough() -> None:
+    table = make_sweep({"layer[1].interface.roughness": [0.0, 0.4]}, brdf={"mu_i": MU, "mu_o": MU})
+    for place, roughness in enumerate((0.0, 0.4)):
+        pile: list[Any] = [vrte.Interface(1.0, 1.5, roughness), vrte.Layer(vrte.rayleigh(), 0.9, 1.0)]
+        alone = vrte.brdf(vrte.Scene(pile), MU, MU, nodes=4)
+        np.testing.assert_array_equal(table.mueller[place], alone.mueller)
+        np.testing.assert_array_equal(table.total_reflectance[place], alone.total_reflectance)
+        assert alone.surface is None  # where a method tells it apart, sweeps must keep it: describe_results
+    assert (table.specular_reflectance[0] > 0.0).all()
+    assert not table.specular_reflectance[1].any()
+
+
 def test_a_sweep_of_fields_has_media_and_beams_both_ways() -> None:
     field = {"mu0": [0.6, 1.0], "mu": [-0.5, 0.5], "tau": [0.0, 0.5]}
     table = make_sweep({"below": {"key": "layer[1].interface.below", "values": [1.0, 1.5]}}, field=field)
