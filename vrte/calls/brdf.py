@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import freeze_copy, settle_array
-from vrte.basics.running import Progress, run_interruptible
+from vrte.basics.running import Progress, run_interruptible, start_run
+from vrte.discrete_ordinates.execution.through_interfaces import see_rough_surfaces
 from vrte.methods import choose_method, make_run, solve_request
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
@@ -104,6 +105,10 @@ def make_brdf(request: Request, solution: Solution) -> Brdf:
         specular = direct[0, :, 0] if direct[0, :, 0].any() else None
         share = direct[1, :, 1, 0, 0] if direct.shape[0] > 1 else np.zeros_like(into)
         through = direct[1, :, 1] if share.any() else None
+    surface = None
+    if request.scene.is_rough:
+        surface = see_rough_surfaces(request.scene, into, directions[directions > 0.0], request.phi, start_run(1))
+        surface = mirror_mueller(surface) if request.illuminate == "bottom" else surface
     for values in matrices:
         warn_of_negative(request, values[..., 0, 0], solution.diagnostics)
     return Brdf(
@@ -116,5 +121,6 @@ def make_brdf(request: Request, solution: Solution) -> Brdf:
         phi=request.phi,
         diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
         specular=None if specular is None else freeze_copy(specular),
+        surface=None if surface is None else freeze_copy(surface),
         specular_transmission=None if through is None else freeze_copy(through),
     )

@@ -9,6 +9,7 @@ from vrte import _core
 from vrte.basics.arrays import Array, IntArray
 from vrte.basics.polarization import FLIP
 from vrte.basics.running import Run
+from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.media import (
     Cut,
     Media,
@@ -22,9 +23,10 @@ from vrte.discrete_ordinates.orders.media import (
 from vrte.discrete_ordinates.orders.passage import ARRIVING, ENTERING, LEAVING, RISING
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
-from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin
+from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin, fold_azimuths
 from vrte.optics.facets import RoughSurface
 from vrte.scene.boundary import Boundary
+from vrte.scene.scene import Scene
 
 COLUMNS = np.arange(4, dtype=np.int32)
 Scatter = Callable[[int, int], Array]
@@ -185,3 +187,15 @@ def show_vertices(
             if escape.any():
                 light = scattered[:, sights.place[level, rows]] @ vertex.power[first:last, None, None]
                 yield t, escape[:, None] @ light
+
+
+def see_rough_surfaces(scene: Scene, mu_i: Array, mu_o: Array, phi: Array, run: Run) -> Array:
+    """What rough interfaces send back to the top of beams that met no particle, f [1/sr], (mu_i, mu_o, phi, 4, 4)."""
+    problem = discretise_scene(scene, mu_i, np.eye(4), mu_o, np.zeros(1), 2)
+    sights, vertices = list_vertices(problem, scene.below, fold_azimuths(phi, True), run)
+    surfaces = [vertex for vertex in vertices if vertex.is_surface]
+    found = np.zeros((mu_i.size, mu_o.size, phi.size, 4, 4))
+    level, rows = np.zeros(1, np.int32), np.arange(mu_o.size, dtype=np.int32)
+    for _, light in show_vertices(sights, surfaces, mu_o.size, level, rows, 0, mu_i.size):
+        found += light / mu_i[:, None, None, None, None]
+    return found

@@ -1,5 +1,7 @@
 """From a scene and a request to the arrays that every stage works on."""
 
+import math
+
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray, IntArray
@@ -8,8 +10,11 @@ from vrte.discrete_ordinates.orders.media import Media
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.truncating import count_terms_carried, truncate_layers
 from vrte.scene.beams import locate_depths
+from vrte.scene.interface import Interface
 from vrte.scene.scene import Scene
 
+LOBE = 6.0  # orders of a lobe, times its width
+MOST_SURFACE_ORDERS = 256
 LAST_PLACES = 4.0  # what sums of thicknesses may be off by
 
 
@@ -37,7 +42,7 @@ def discretise_scene(
         points, weights = make_double_gauss(nodes)
     layers = truncate_layers(scene, peaks, nodes)
     terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
-    coefficients = np.zeros((len(scene.layers), int(terms.max()), 6))
+    coefficients = np.zeros((len(scene.layers), max(int(terms.max()), count_surface_orders(scene)), 6))
     for k, layer in enumerate(layers):
         coefficients[k, : terms[k]] = layer.coefficients
     given = np.array([layer.thickness for layer in scene.layers])
@@ -84,3 +89,19 @@ def place_levels(tau: Array, above: Array, thickness: Array, total: float) -> tu
     level = np.where(level <= rounding, 0.0, level)
     level = np.where(thickness[at] - level <= rounding, thickness[at], level)
     return np.where(tau >= total, thickness[-1], level), at
+
+
+def count_surface_orders(scene: Scene) -> int:
+    """Fourier orders in which light goes to and fro between surfaces, one of them rough, without meeting a particle: as
+    many as lobes of that width have; 0 where none does."""
+    rough = [interface for interface in scene.interfaces if interface is not None and not interface.is_smooth]
+    surfaces = sum(interface is not None for interface in scene.interfaces)
+    if not rough or surfaces + (scene.below.keeps_beams or scene.below.mixes_stokes) < 2:
+        return 0
+    return min(max(math.ceil(LOBE / find_lobe_width(interface)) for interface in rough), MOST_SURFACE_ORDERS)
+
+
+def find_lobe_width(interface: Interface) -> float:
+    """About the width [rad] of what a rough interface makes of a beam that goes through it."""
+    ratio = interface.index_below / interface.index_above
+    return interface.roughness * min(1.0, abs(1.0 - 1.0 / ratio), abs(1.0 - ratio))

@@ -62,7 +62,7 @@ def look_inside(problem: Problem, mu: Array) -> tuple[Problem, Array]:
 
 def find_needs(problem: Problem, run: Run) -> Needs:
     """Strength of each order, and bounds on what it adds and on what passes by way of each node."""
-    n_order, directions = int(problem.terms.max()), problem.directions
+    n_order, directions = problem.coefficients.shape[1], problem.directions
     by_layer = np.empty((problem.albedo.size, n_order))
     bounds, effect = np.empty(n_order), np.empty((n_order, problem.nodes.size))
     if directions.size * n_order**2 < cost.WORTH_THREADS_BOUNDS:

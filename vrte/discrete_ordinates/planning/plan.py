@@ -198,7 +198,7 @@ def make_plan(
     bounds = find_bounds_at(needs, problem.depth if problem.media is None else np.zeros(problem.level.size))
     base, mixes = scene.below, scene.below.mixes_stokes or scene.is_rough
     stages: tuple[int, ...] = ()
-    last, left_out = int(problem.terms.max()) - 1, {}
+    last, left_out = problem.coefficients.shape[1] - 1, {}
     if request.fluxes_only and leave_out.fluxes and not mixes:
         count, left_out["fluxes"] = 1, "all orders but 0: fluxes alone are asked for"
     elif mixes or not leave_out.orders:
