@@ -7,7 +7,7 @@ import numpy as np
 
 from vrte.basics.arrays import freeze_copy, settle_array
 from vrte.basics.running import Progress, run_interruptible, start_run
-from vrte.discrete_ordinates.execution.through_interfaces import see_rough_surfaces
+from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
 from vrte.methods import choose_method, make_run, solve_request
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
@@ -107,7 +107,7 @@ def make_brdf(request: Request, solution: Solution) -> Brdf:
         through = direct[1, :, 1] if share.any() else None
     surface = None
     if request.scene.is_rough:
-        surface = see_rough_surfaces(request.scene, into, directions[directions > 0.0], request.phi, start_run(1))
+        surface = find_rough_reflection(request.scene, into, directions[directions > 0.0], request.phi, start_run(1))
         surface = mirror_mueller(surface) if request.illuminate == "bottom" else surface
     for values in matrices:
         warn_of_negative(request, values[..., 0, 0], solution.diagnostics)

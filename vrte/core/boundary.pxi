@@ -152,7 +152,7 @@ cdef int boundary_one(const void* task, int item, Desk desk) noexcept nogil:
         if t.clear[layer]:
             join_clear_layer(&slab, below, up)
             continue
-        info = join_layer(&slab, pivots_below, below, up, scratch, spare)
+        info = join_layer(&slab, row < 0 and layer == n_layer - 1, pivots_below, below, up, scratch, spare)
         if info != 0:
             return info
     set_zero(nr, down)
@@ -314,9 +314,12 @@ cdef int fading_slab(const Slab* slab, ints pivots_inner, doubles scratch, doubl
 
 
 # (1:57)-(1:65)
-cdef int join_layer(const Slab* slab, ints pivots_below, doubles below, doubles up, doubles scratch,
+cdef int join_layer(const Slab* slab, bint lowest, ints pivots_below, doubles below, doubles up, doubles scratch,
                     doubles spare) noexcept nogil:
-    """R and T of the layer, then (star product) what lies below its top: `below` its reflection, `up` its emission."""
+    """R and T of the layer, then (star product) what lies below its top: `below` its reflection, `up` its emission.
+
+    lowest: nothing lies below it, and both are zero.
+    """
     cdef const Modes* a = &slab.modes
     cdef int n = a.n, n_rhs = slab.n_rhs, j, info
     cdef size_t nn = <size_t>n * n, nr = <size_t>n * n_rhs, i
@@ -343,6 +346,12 @@ cdef int join_layer(const Slab* slab, ints pivots_below, doubles below, doubles 
     multiply(n, n_rhs, n, -1.0, R, slab.rising, 1.0, slab.emitted)
     multiply(n, n_rhs, n, -1.0, R, slab.top, 1.0, spare)
     multiply(n, n_rhs, n, -1.0, T, slab.rising, 1.0, spare)
+    if lowest:
+        set_zero(nn, G)
+        set_zero(nr, g)
+        copy(nn, R, below)
+        copy(nr, spare, up)
+        return 0
     # between the layer and what lies below: (1 - below R)^-1
     one_minus_product(n, below, R, inner)
     info = factorise(n, inner, n, pivots_below)

@@ -189,7 +189,7 @@ def show_vertices(
                 yield t, escape[:, None] @ light
 
 
-def see_rough_surfaces(scene: Scene, mu_i: Array, mu_o: Array, phi: Array, run: Run) -> Array:
+def find_rough_reflection(scene: Scene, mu_i: Array, mu_o: Array, phi: Array, run: Run) -> Array:
     """What rough interfaces send back to the top of beams that met no particle, f [1/sr], (mu_i, mu_o, phi, 4, 4)."""
     problem = discretise_scene(scene, mu_i, np.eye(4), mu_o, np.zeros(1), 2)
     sights, vertices = list_vertices(problem, scene.below, fold_azimuths(phi, True), run)
