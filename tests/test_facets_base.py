@@ -20,6 +20,7 @@ SEEN: dict[str, Any] = {"mu_i": [0.5, 0.9], "mu_o": [0.2, 0.6, 0.95], "phi": [0.
         ((1.5, 0.0), "base: roughness must be above 0: vrte.Mirror"),
         ((1.5, 2.0), "base: roughness must be 0 .smooth. or from"),
         ((1.5, 0.1, "gauss"), "base: distribution must be 'beckmann' or 'ggx'"),
+        ((1.5, 0.1, "beckmann", False, True), "base: conserving gives back what is lost, and facets without shadows"),
         ((0.0, 0.1), "base: index must be n or n"),
         (((1.5, -1.0), 0.1), "base: index must be n or n"),
     ],
@@ -68,3 +69,18 @@ def test_forty_orders_of_a_rough_base_are_quick() -> None:
     start = time.process_time()
     reflect_off_facets(surface, nodes, mu, mu, 40, 1e-6)
     assert time.process_time() - start < 1.0
+
+
+def test_what_bounces_between_facets_is_given_back() -> None:
+    """All of it where facets reflect everything, less of it where each bounce takes its share; f stays reciprocal."""
+    mu = [0.1, 0.5, 1.0]
+    once, all_ = (vrte.Facets((0.2, 3.0), 0.5, "ggx", True, conserving) for conserving in (False, True))
+    assert (once.reflectance(mu) < all_.reflectance(mu)).all()
+    assert (all_.reflectance(mu) < 0.95).all()  # 0.92 after one bounce at most
+    perfect = vrte.Facets((0.001, 1000.0), 0.5, "ggx", shadowing=True, conserving=True)
+    np.testing.assert_allclose(perfect.reflectance(mu), 1.0, atol=1e-6)
+    there, back = (all_.reflect(np.array(a), np.array(b), np.array(40.0))[0, 0] for a, b in ((0.2, 0.7), (0.7, 0.2)))
+    assert there == pytest.approx(back, rel=1e-12)
+    scenes = [vrte.Scene([AIR], all_), vrte.Scene([AIR], vrte.MuellerBase(all_.reflect))]
+    found, expected = (vrte.brdf(scene, **SEEN, nodes=16, accuracy=1e-8).mueller for scene in scenes)
+    assert np.abs(found - expected).max() <= 1e-6 * expected.max()

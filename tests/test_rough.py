@@ -1,6 +1,7 @@
 """Rough interfaces order by order: the published rough sea over water by a literal adding, limits, reciprocity."""
 
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -133,3 +134,33 @@ def test_interfaces_are_reciprocal_and_keep_what_facets_do(distribution: str) ->
     expected = 2.0 * np.pi * share @ sum(way[..., 0, 0].mean(axis=1) for way in ways)
     assert power == pytest.approx(expected, abs=2e-6)
     assert 0.9 < power < 1.0
+
+
+@pytest.mark.parametrize(("index", "roughness", "distribution"), [(1.5, 0.3, "beckmann"), (1.1, 1.0, "ggx")])
+def test_single_bounces_lose_energy_that_can_be_given_back(index: float, roughness: float, distribution: Any) -> None:
+    once = vrte.Interface(1.0, index, roughness, distribution, shadowing=True)
+    kept = vrte.Interface(1.0, index, roughness, distribution, shadowing=True, conserving=True)
+    mu = np.array([0.02, 0.1, 0.5, 1.0])
+    for surface in (once, once.turned):
+        total = np.sum(surface.share(mu), axis=0)
+        assert (total < 1.0).all()
+        assert total.min() < 0.96
+    for surface in (kept, kept.turned):
+        np.testing.assert_allclose(np.sum(surface.share(mu), axis=0), 1.0, atol=1e-14)
+    there, back = kept.facets.transmit(0.3, 0.8, 20.0), kept.turned.facets.transmit(0.8, 0.3, 20.0)
+    assert there[0, 0] / index**2 == pytest.approx(back[0, 0], rel=1e-12)
+    nodes, beam = make_refracted_nodes([1.0, index], 24), np.array([0.3])
+    found = expand_interface(kept, nodes, (beam, beam), (NONE, NONE), 1, 1e-8)
+    powers = [mu * weights for mu, weights in (nodes.carried(1.0), nodes.carried(index))]
+    for side in (0, 1):
+        total = found.reflected[side][0, -1, :, 0, 0] @ powers[side]
+        assert total + found.transmitted[side][0, -1, :, 0, 0] @ powers[1 - side] == pytest.approx(1.0, abs=5e-5)
+
+
+def test_smooth_interfaces_tell_their_shares_too() -> None:
+    reflected, through = vrte.Interface(1.5, 1.0).share([0.5, 1.0])
+    np.testing.assert_allclose((reflected, through), [(1.0, 0.04), (0.0, 0.96)], atol=1e-15)
+    with pytest.raises(vrte.SceneError, match="mu must be above 0 and at most 1, not 0"):
+        vrte.Interface(1.0, 1.5).share([0.0, 1.0])
+    with pytest.raises(vrte.SceneError, match="interface: conserving is for facets"):
+        vrte.Interface(1.0, 1.5, conserving=True)

@@ -77,7 +77,7 @@ def gather_orders(
     for place, panel, x_node in list_panels(nodes, surface.index_from):
         out, x, share = spread_points(panel, x_node, met, surface, transmitted, mu_out, points, reach)
         depth, rate = panel.spread(x)
-        mu = np.sqrt((surface.index_from - panel.high) * (surface.index_from + panel.high) + depth) / surface.index_from
+        mu = find_cosines(surface.index_from, panel, depth)
         share = share * rate / surface.index_from**2
         sine, sine_node = np.sqrt((1.0 - mu) * (1.0 + mu)), np.sqrt((1.0 - mu_node[place]) * (1.0 + mu_node[place]))
         even = share[:, None] * interpolate_nodes(x_node, x)
@@ -119,8 +119,8 @@ def find_pieces(surface: RoughSurface, transmitted: bool, mu_out: Array) -> Arra
     slopes = surface.roughness * SLOPES[surface.distribution]
     tilt = np.broadcast_to(np.arctan(np.concatenate([-slopes, [0.0], slopes])), (mu_out.size, 2 * slopes.size + 1))
     ratio = surface.ratio.real
-    edge = 0.5 * np.pi if transmitted and ratio < 1.0 else math.asin(min(ratio, 1.0 / ratio))
     if transmitted or surface.reflects_totally:
+        edge = 0.5 * np.pi if transmitted and ratio < 1.0 else math.asin(min(ratio, 1.0 / ratio))
         tilt = np.concatenate([tilt, edge + CLOSE - theta, -edge - CLOSE - theta], axis=1)
     local = theta + tilt  # from the facet's normal to the outgoing direction
     if transmitted:
@@ -151,21 +151,26 @@ def spread_points(
     between = np.append(0.5 * (x_node[:-1] + x_node[1:])[NODES_AT_ONCE - 1 :: NODES_AT_ONCE], [0.0, 1.0])
     inside = panel.locate((panel.high - met) * (panel.high + met))
     edges = np.sort(np.concatenate([inside, np.broadcast_to(between, (met.shape[0], between.size))], axis=1), axis=1)
-    out, piece = np.nonzero(np.diff(edges, axis=1) > 1e-12)
+    out, piece = np.nonzero(np.diff(edges, axis=1) > 2e-16)
     start, size = edges[out, piece], np.diff(edges, axis=1)[out, piece]
     x = (start[:, None] + size[:, None] * x_piece).ravel()
     share = (size[:, None] * w_piece).ravel()
     out = np.repeat(out, points)
     if surface.distribution == "beckmann":  # facets too steep to be there
         depth, _ = panel.spread(x)
-        index, ratio = surface.index_from, surface.ratio.real if transmitted else 1.0
-        mu = np.sqrt((index - panel.high) * (index + panel.high) + depth) / index
+        ratio = surface.ratio.real if transmitted else 1.0
+        mu = find_cosines(surface.index_from, panel, depth)
         mu_o = mu_out[out]
         across = np.sqrt((1.0 - mu) * (1.0 + mu)) - ratio * np.sqrt((1.0 - mu_o) * (1.0 + mu_o))
         along = mu - ratio * mu_o if transmitted else mu + mu_o
         there = across**2 < (reach * surface.roughness * along) ** 2
         out, x, share = out[there], x[there], share[there]
     return out, x, share
+
+
+def find_cosines(index: float, panel: Panel, depth: Array) -> Array:
+    """Cosines in a medium of that index, at most 1, of directions of a panel."""
+    return np.minimum(np.sqrt((index - panel.high) * (index + panel.high) + depth) / index, 1.0)
 
 
 def interpolate_nodes(x_node: Array, x: Array) -> Array:

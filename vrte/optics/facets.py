@@ -11,7 +11,7 @@ Source: Cox and Munk, J. Opt. Soc. Am. 44, 838 (1954); Walter et al., Microfacet
 shadowing is Smith's of either direction by itself.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,13 +22,22 @@ from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 
 @dataclass(frozen=True)
 class RoughSurface:
-    """Facets as light from one medium meets them; index: of what lies behind, complex where no light gets out again."""
+    """Facets as light from one medium meets them; index: of what lies behind, complex where no light gets out again;
+    conserving: what single bounces lose is given back (vrte/optics/facet_energy.py); ``closed``: light that gets in
+    stays there."""
 
     index_from: float
     index: complex
     roughness: float
     distribution: str = "beckmann"
     shadowing: bool = False
+    conserving: bool = False
+    closed: bool = False
+
+    @property
+    def turned(self) -> "RoughSurface":
+        """The same as light from the other side meets it."""
+        return replace(self, index_from=self.index.real, index=self.index_from)
 
     @property
     def ratio(self) -> complex:
@@ -42,12 +51,22 @@ class RoughSurface:
 
     def reflect(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """Mueller matrices f_r [1/sr], (..., 4, 4)."""
-        return reflect_facets(self.ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadowing)
+        f = reflect_facets(self.ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadowing)
+        return self.restore_lost(f, mu_i, mu_o, False)
 
     def transmit(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """Mueller matrices f_t [1/sr], (..., 4, 4)."""
         ratio = self.ratio.real
-        return transmit_facets(ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadowing)
+        f = transmit_facets(ratio, self.roughness, mu_i, mu_o, phi_deg, self.distribution, self.shadowing)
+        return self.restore_lost(f, mu_i, mu_o, True)
+
+    def restore_lost(self, f: Array, mu_i: Any, mu_o: Any, transmitted: bool) -> Array:
+        """f (..., 4, 4) with what single bounces lose, where that is asked for."""
+        if self.conserving:
+            from vrte.optics.facet_energy import restore_lost  # which integrates what is here
+
+            f[..., 0, 0] += restore_lost(self, np.asarray(mu_i, float), np.asarray(mu_o, float), transmitted)
+        return f
 
 
 def reflect_facets(

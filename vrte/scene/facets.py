@@ -3,15 +3,17 @@
 import copy
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array, BoolArray
 from vrte.basics.errors import SceneError
+from vrte.optics.facet_energy import restore_lost, share_energy
 from vrte.optics.facet_integrals import integrate_azimuths
 from vrte.optics.facets import RoughSurface
 from vrte.scene.boundary import Allowed, Boundary
-from vrte.scene.interface import Distribution, check_facets
+from vrte.scene.interface import Distribution, check_cosines, check_facets
 from vrte.scene.mirror import check_complex_index
 
 
@@ -29,6 +31,9 @@ class Facets(Boundary):
         Of the facets' slopes: Gaussian (a sea: alpha^2 = 0.003 + 0.00512 wind [m/s]), or with GGX's long tails.
     shadowing : bool, optional
         Whether facets hide each other (Smith's factors); without, they reflect too much near the horizon.
+    conserving : bool, optional
+        Whether what bounces between facets is given back, unpolarized; facets that reflect everything then lose
+        nothing. With shadowing alone.
 
     Raises
     ------
@@ -46,6 +51,7 @@ class Facets(Boundary):
     roughness: float
     distribution: Distribution = "beckmann"
     shadowing: bool = False
+    conserving: bool = False
 
     orders_reflected = math.inf
     mixes_stokes = True
@@ -66,7 +72,16 @@ class Facets(Boundary):
 
     @property
     def facets(self) -> RoughSurface:  # type: ignore[override]
-        return RoughSurface(self.medium, self.index, self.roughness, self.distribution, self.shadowing)
+        how = self.roughness, self.distribution, self.shadowing, self.conserving
+        return RoughSurface(self.medium, self.index, *how, closed=True)
+
+    def reflectance(self, mu_i: Any) -> Array:
+        """Share of unpolarized light along ``mu_i`` (n,) that comes back, (n,).
+
+        >>> Facets((0.2, 3.0), 0.5, shadowing=True).reflectance([0.3, 1.0]).round(3).tolist()
+        [0.821, 0.87]
+        """
+        return share_energy(self.facets, check_cosines("mu_i", mu_i))[0]
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
         return self.facets.reflect(mu_i, mu_o, phi_deg)
@@ -77,5 +92,7 @@ class Facets(Boundary):
         here, there = np.nonzero(pairs)
         found = np.zeros((n_order, mu_i.size, mu_o.size, 4, 4))
         orders = integrate_azimuths(self.facets, False, mu_i[here], mu_o[there], n_order, 1e-12)
+        if self.conserving:
+            orders[:, 0, 0] += 2.0 * np.pi * restore_lost(self.facets, mu_i[here], mu_o[there], False)
         found[:, here, there] = orders.reshape(-1, n_order, 4, 4).swapaxes(0, 1)
         return found, 0

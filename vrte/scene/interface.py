@@ -1,10 +1,13 @@
 """An interface between two media: where light is refracted and reflected, smooth or rough."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
-from vrte.basics.arrays import check_flag, check_number, show_value
+from vrte.basics.arrays import Array, check_flag, check_number, check_vector, show_value
 from vrte.basics.errors import SceneError
+from vrte.optics.facet_energy import share_energy
+from vrte.optics.facets import RoughSurface
+from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 
 Distribution = Literal["beckmann", "ggx"]
 DISTRIBUTIONS = ("beckmann", "ggx")
@@ -27,6 +30,9 @@ class Interface:
         Of the facets' slopes: Gaussian (a sea: alpha^2 = 0.003 + 0.00512 wind [m/s]), or with GGX's long tails.
     shadowing : bool, optional
         Whether facets hide each other (Smith's factors); without, they reflect too much near the horizon.
+    conserving : bool, optional
+        Whether what bounces between facets is given back, unpolarized, so that all light that comes is reflected or let
+        through. With shadowing alone.
 
     Raises
     ------
@@ -44,6 +50,7 @@ class Interface:
     roughness: float = 0.0
     distribution: Distribution = "beckmann"
     shadowing: bool = False
+    conserving: bool = False
 
     def __post_init__(self) -> None:
         allowed = f"a real refractive index from {LOWEST_INDEX:g} to {HIGHEST_INDEX:g}"
@@ -58,9 +65,29 @@ class Interface:
         return self.roughness == 0.0
 
     @property
+    def facets(self) -> RoughSurface:
+        """What light from above meets, where it is rough."""
+        how = self.roughness, self.distribution, self.shadowing, self.conserving
+        return RoughSurface(self.index_above, self.index_below, *how)
+
+    def share(self, mu: Any) -> tuple[Array, Array]:
+        """Shares R, T of unpolarized light from above along ``mu`` (n,), reflected and let through, (n,) each; what
+        they lack of 1 is lost with bounces between facets.
+
+        >>> reflected, through = Interface(1.0, 1.5, 0.5, shadowing=True).share([0.3, 1.0])
+        >>> (reflected + through).round(3).tolist()
+        [0.954, 0.997]
+        """
+        mu = check_cosines("mu", mu)
+        if self.is_smooth:
+            index = self.index_below / self.index_above
+            return reflect_smooth(index, mu)[:, 0, 0], transmit_smooth(index, mu)[:, 0, 0]
+        return share_energy(self.facets, mu)
+
+    @property
     def turned(self) -> "Interface":
         """The same, upside down."""
-        return Interface(self.index_below, self.index_above, self.roughness, self.distribution, self.shadowing)
+        return replace(self, index_above=self.index_below, index_below=self.index_above)
 
     @property
     def in_words(self) -> str:
@@ -70,12 +97,13 @@ class Interface:
         'interface, index 1 above and 1.5 below, roughness 0.1 (beckmann)'
         """
         shadows = ", shadowing" if self.shadowing else ""
+        shadows += ", conserving" if self.conserving else ""
         rough = "" if self.is_smooth else f", roughness {self.roughness:g} ({self.distribution}{shadows})"
         return f"interface, index {self.index_above:g} above and {self.index_below:g} below{rough}"
 
 
 def check_facets(what: str, given: object) -> None:
-    """Settles roughness, distribution and shadowing of a frozen dataclass, or raises a SceneError that names them."""
+    """Settles what is said of the facets of a frozen dataclass, or raises a SceneError that names the field."""
     roughness = vars(given)["roughness"]
     alpha = check_number(f"{what}: roughness", roughness, 0.0, MOST_ROUGHNESS, ROUGHNESS_ALLOWED)
     if 0.0 < alpha < LEAST_ROUGHNESS:
@@ -85,8 +113,22 @@ def check_facets(what: str, given: object) -> None:
     if distribution not in DISTRIBUTIONS:
         words = f"must be {' or '.join(map(repr, DISTRIBUTIONS))}, not {show_value(distribution)}"
         raise SceneError.of(f"{what}: distribution", words)
-    shadowing = check_flag(f"{what}: shadowing", vars(given)["shadowing"])
-    object.__setattr__(given, "shadowing", shadowing)
-    if alpha == 0.0 and (distribution != "beckmann" or shadowing):
-        unused = "shadowing" if shadowing else "distribution"
-        raise SceneError.of(f"{what}: {unused}", "is for facets: give a roughness above 0 as well")
+    for name in ("shadowing", "conserving"):
+        object.__setattr__(given, name, check_flag(f"{what}: {name}", vars(given)[name]))
+    if alpha == 0.0:
+        for name, usual in (("distribution", "beckmann"), ("shadowing", False), ("conserving", False)):
+            if vars(given)[name] != usual:
+                raise SceneError.of(f"{what}: {name}", "is for facets: give a roughness above 0 as well")
+    if vars(given)["conserving"] and not vars(given)["shadowing"]:
+        words = (
+            "gives back what is lost, and facets without shadows get more than there is: give shadowing=True as well"
+        )
+        raise SceneError.of(f"{what}: conserving", words)
+
+
+def check_cosines(name: str, values: Any) -> Array:
+    """Cosines above 0, up to 1, (n,). Raises SceneError."""
+    mu = check_vector(name, values)
+    if not ((mu > 0.0) & (mu <= 1.0)).all():
+        raise SceneError.of(name, f"must be above 0 and at most 1, not {mu[(mu <= 0.0) | (mu > 1.0)][0]:g}")
+    return mu

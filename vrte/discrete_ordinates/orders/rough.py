@@ -14,6 +14,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import RefractedNodes
+from vrte.optics.facet_energy import restore_lost
 from vrte.optics.facet_integrals import gather_orders
 from vrte.optics.facets import RoughSurface
 from vrte.scene.interface import Interface
@@ -45,10 +46,7 @@ def expand_interface(
 ) -> RoughOrders:
     """What a rough interface does in the orders 0 .. n_order - 1; ``beams``, ``seen``: cosines above and below."""
     indices = interface.index_above, interface.index_below
-    sides = [
-        RoughSurface(here, there, interface.roughness, interface.distribution, interface.shadowing)
-        for here, there in (indices, indices[::-1])
-    ]
+    sides = [interface.facets, interface.turned.facets]
     carried = [nodes.carried(index) for index in indices]
     out = [np.concatenate([carried[k][0], seen[k], beams[k]]) for k in (0, 1)]
 
@@ -59,7 +57,7 @@ def expand_interface(
     reflected, transmitted = ([gather(side, way) for side in (0, 1)] for way in (False, True))
     gains = [(indices[1] / indices[0]) ** 2, (indices[0] / indices[1]) ** 2]
     sizes = [(carried[side][0].size, seen[side].size, beams[side].size) for side in (0, 1)]
-    return RoughOrders(
+    found = RoughOrders(
         (
             join_ways(reflected[0], reflected[0], sizes[0], sizes[0], REFLECTED),
             join_ways(reflected[1], reflected[1], sizes[1], sizes[1], REFLECTED),
@@ -69,6 +67,22 @@ def expand_interface(
             join_ways(transmitted[1], gains[1] * transmitted[0], sizes[1], sizes[0], TRANSMITTED),
         ),
     )
+    if interface.conserving:
+        mu = [nodes_here for nodes_here, _ in carried]
+        for k in (0, 1):
+            add_lost(found.reflected[k], sides[k], False, (mu[k], beams[k]), (mu[k], seen[k]))
+            add_lost(found.transmitted[k], sides[k], True, (mu[k], beams[k]), (mu[1 - k], seen[1 - k]))
+    return found
+
+
+def add_lost(
+    found: Array, surface: RoughSurface, transmitted: bool, into: tuple[Array, Array], out: tuple[Array, Array]
+) -> None:
+    """Adds to R^m (order, into, out, 4, 4), in place, what single bounces lose; into, out: nodes, and cosines off
+    them, between which nothing is added."""
+    more = 2.0 * np.pi * restore_lost(surface, np.concatenate(into)[:, None], np.concatenate(out), transmitted)
+    more[into[0].size :, out[0].size :] = 0.0
+    found[0, ..., 0, 0] += more
 
 
 def reflect_off_facets(
@@ -77,9 +91,12 @@ def reflect_off_facets(
     """R^m of a rough base, (order, into, out, 4, 4), into and out as in `RoughOrders`; the medium above it has all of
     the cosines."""
     mu, _ = nodes.carried(surface.index_from)
-    found = gather_orders(surface, False, nodes, np.concatenate([mu, seen, beams]), n_order, accuracy)
     sizes = mu.size, seen.size, beams.size
-    return join_ways(found, found, sizes, sizes, REFLECTED)
+    gathered = gather_orders(surface, False, nodes, np.concatenate([mu, seen, beams]), n_order, accuracy)
+    found = join_ways(gathered, gathered, sizes, sizes, REFLECTED)
+    if surface.conserving:
+        add_lost(found, surface, False, (mu, beams), (mu, seen))
+    return found
 
 
 def join_ways(

@@ -1,0 +1,95 @@
+"""What facets do with the energy of light: shares reflected and let through once, and what they lose given back.
+
+A facet sends some light at its neighbours, from which it leaves after more bounces; single ones count it as lost,
+l(mu) = 1 - R - T. Given back it is unpolarized and even but for what makes it reciprocal, f = c l(mu_i) l(mu_o) on
+either side: with L the integral of l mu over the hemisphere, c = (1 - t)/L on the side it came from, t/L' on the other,
+so that R + T = 1 for every mu_i. t and t' are as large as exchange between both sides, t n^2 L = t' n'^2 L', and the
+shares let through of light from everywhere allow. Where light that gets in stays there, l is that of facets which
+reflect everything, and each further bounce takes its mean share.
+
+Source: Kulla and Conty, Revisiting physically based shading at Imageworks (2017), for one side.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.quadrature import make_double_gauss, make_refracted_nodes
+from vrte.optics.facet_integrals import gather_orders
+from vrte.optics.facets import RoughSurface
+from vrte.optics.fresnel import reflect_smooth
+
+NODES, FINE = 40, 1e-9
+EVERYTHING = 1e6j  # times the index before: facets that reflect all, whatever the angle
+
+
+def share_energy(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
+    """Shares R, T of unpolarized light along mu (n,) that facets reflect and let through, (n,) each.
+
+    >>> reflected, through = share_energy(RoughSurface(1.0, 1.5, 0.3, shadowing=True), np.array([0.2, 1.0]))
+    >>> (reflected + through).round(4).tolist()
+    [0.9497, 1.0]
+    """
+    reflected, through = share_once(surface, mu)
+    if not surface.conserving:
+        return reflected, through
+    own, other = find_strengths(surface)
+    lost = find_lost(surface, mu)
+    reflected = reflected + own * lost * weigh_lost(surface)
+    return reflected, through if surface.closed else through + other * lost * weigh_lost(surface.turned)
+
+
+def restore_lost(surface: RoughSurface, mu_i: Array, mu_o: Array, transmitted: bool) -> Array:
+    """What single bounces lose, given back: f_00 [1/sr] on the shape of the directions, mu_o on the side it goes to."""
+    strength = find_strengths(surface)[transmitted]
+    return strength * find_lost(surface, mu_i) * find_lost(surface.turned if transmitted else surface, mu_o)
+
+
+def share_once(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
+    """R and T of single bounces by reciprocity: what evenly lit facets send along mu."""
+    closed = surface.closed or complex(surface.index).imag != 0.0
+    nodes = make_refracted_nodes([surface.index_from] if closed else [surface.index_from, surface.index.real], NODES)
+    cosines, weights = nodes.carried(surface.index_from)
+    reflected = (weights * cosines) @ gather_orders(surface, False, nodes, mu, 1, FINE)[0, ..., 0, 0]
+    if closed:
+        return reflected, np.zeros_like(reflected)
+    cosines, weights = nodes.carried(surface.index.real)
+    through = (weights * cosines) @ gather_orders(surface.turned, True, nodes, mu, 1, FINE)[0, ..., 0, 0]
+    return reflected, surface.ratio.real**2 * through
+
+
+def find_lost(surface: RoughSurface, mu: Array) -> Array:
+    """1 - R - T of single bounces along mu (...), of facets that reflect everything where light that gets in stays."""
+    once = replace(surface, conserving=False)
+    cosines, place = np.unique(mu, return_inverse=True)
+    lit = replace(once, index=EVERYTHING * surface.index_from) if surface.closed else once
+    reflected, through = share_once(lit, cosines)
+    found: Array = (1.0 - reflected - through)[place].reshape(np.shape(mu))
+    return found
+
+
+@lru_cache(maxsize=64)
+def weigh_lost(surface: RoughSurface) -> float:
+    """L, the integral of l mu over the hemisphere."""
+    mu, weights = make_double_gauss(NODES)
+    return float(2.0 * np.pi * (weights * mu) @ find_lost(surface, mu))
+
+
+@lru_cache(maxsize=64)
+def find_strengths(surface: RoughSurface) -> tuple[float, float]:
+    """c on the side that light comes from, and on the other."""
+    mu, weights = make_double_gauss(NODES)
+    mean = 2.0 * weights * mu
+    lost = weigh_lost(surface)
+    if surface.closed:
+        each, kept = float(mean @ reflect_smooth(surface.ratio, mu)[:, 0, 0]), 1.0 - lost / np.pi
+        return each**2 * kept / (1.0 - each * (1.0 - kept)) / lost, 0.0
+    sides = surface, surface.turned
+    most = []
+    for side in sides:
+        reflected, through = (float(mean @ share) for share in share_once(side, mu))
+        most.append(through / (reflected + through) * side.index_from**2 * weigh_lost(side))
+    through = min(most) / (surface.index_from**2 * lost)
+    return (1.0 - through) / lost, through / weigh_lost(sides[1])
