@@ -19,9 +19,20 @@ from typing import Any, NoReturn, TextIO
 from vrte import __version__
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.basics.starting import WORDS, end
-from vrte.commands import devices, material, render, report, solve, stability, sweep, tables, view
+from vrte.commands import benchmarks, devices, material, render, report, solve, stability, sweep, tables, view
 
-COMMANDS = (solve, sweep, view, render, material, stability, tables, report, devices)  # as --help lists them
+COMMANDS = (
+    solve,
+    sweep,
+    view,
+    render,
+    material,
+    stability,
+    benchmarks,
+    tables,
+    report,
+    devices,
+)  # as --help lists them
 
 IMPATIENT = 1.0  # seconds after which a second Ctrl-C is one
 

@@ -1,0 +1,160 @@
+"""The benchmarks of docs/benchmarks: computed again, changed digits found, the literal solver, the convention card."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.studies import benchmarks
+
+from .conftest import call
+from .interface_oracle import brdf_orders, light_orders
+from .oracle import D, azimuthal_sum
+
+FOLDER = Path(vrte.__file__).parents[1] / "docs" / "benchmarks"
+PATHS = benchmarks.find_benchmarks()
+SMOOTH = [path for path in PATHS if "rough" not in path.stem]
+
+
+def make_small(folder: Path) -> Path:
+    """The smallest benchmark on few nodes, its numbers computed here."""
+    benchmark = benchmarks.read_benchmark(FOLDER / "rayleigh_under_a_surface.csv")
+    shutil.copy(benchmark.path, folder)
+    return rewrite(folder / benchmark.path.name, 12)
+
+
+def rewrite(path: Path, nodes: int) -> Path:
+    """A file's numbers on so many nodes in place of its own."""
+    path.write_text(re.sub(r"nodes = \d+", f"nodes = {nodes}", path.read_text()))
+    benchmarks.compare_benchmark(path, folder=path.parent)
+    return path
+
+
+def test_a_changed_digit_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = make_small(tmp_path)
+    assert call("benchmarks", "--folder", tmp_path) == 0
+    told = capsys.readouterr()
+    assert "as told" in told.out
+    right = path.read_text()
+    last = right.splitlines()[-1]  # the last reflectance
+    digit = int(last.rstrip(",")[-1])
+    path.write_text(right.replace(last, f"{last.rstrip(',')[:-1]}{(digit + 5) % 10},,,"))
+    assert call("benchmarks", "--folder", tmp_path, "--scene", "rayleigh_under_a_surface") == 1
+    told = capsys.readouterr()
+    assert "2 changed" in told.out
+    assert re.fullmatch(
+        r"vrte: error: 2 numbers are not as they were, the first: \w+, modes: reflectance 0.9 I I: .*\n", told.err
+    )
+    path.write_text(right.replace(last + "\n", ""))
+    assert call("benchmarks", "--folder", tmp_path) == 1
+    assert "not in the file" in capsys.readouterr().err
+
+
+def test_what_it_writes_is_what_it_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = make_small(tmp_path)
+    assert call("benchmarks", "--folder", tmp_path, "-o", tmp_path / "again") == 0
+    assert (tmp_path / "again" / path.name).read_text() == path.read_text()
+    capsys.readouterr()
+
+
+def test_bad_options_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, message in (
+        (("--scene", "nothing"), "--scene must be one of field_in_glass, "),
+        (("--folder", tmp_path), "no benchmarks in"),
+    ):
+        assert call("benchmarks", *arguments) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert message in line
+
+
+def test_there_are_ten_and_the_page_names_them() -> None:
+    page = (FOLDER / "README.md").read_text()
+    assert len(PATHS) == 10
+    for path in PATHS:
+        assert f"]({path.name})" in page
+
+
+def test_the_card_quotes_the_files() -> None:
+    """Each row of the convention card is a number of a file, named by its row and Stokes parameter."""
+    rows = re.findall(
+        r"^\| \d+ \| `(\w+)` \| `([^`]+)` \| ([IQUV]) \| (\S+) \|", (FOLDER / "README.md").read_text(), re.M
+    )
+    assert len(rows) == 10
+    for name, key, parameter, number in rows:
+        numbers = benchmarks.read_benchmark(FOLDER / f"{name}.csv").numbers
+        assert numbers[tuple(key.split(","))][benchmarks.STOKES.index(parameter)] == number
+
+
+@pytest.mark.slow
+def test_all_of_them_are_as_they_were(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("benchmarks") == 0
+    assert capsys.readouterr().out.count("as told") == 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SMOOTH, ids=lambda path: path.stem)
+def test_the_literal_solver_has_the_same_numbers(path: Path, tmp_path: Path) -> None:
+    """On 26 nodes, which carry all terms, a second program has every matrix and every radiance."""
+    for table in FOLDER.glob("*.csv"):
+        shutil.copy(table, tmp_path)
+    small = benchmarks.read_benchmark(rewrite(tmp_path / path.name, 26))
+    (file,) = small.make_files()
+    scene, request = file.scene, file.request
+    n_order = max(layer.phase_matrix.terms for layer in scene.layers if layer.albedo > 0.0)
+    phi = np.array(request["phi"], float)
+    numbers = benchmarks.compute_numbers(small, "doubling")
+    if file.kind == "brdf":
+        from_below = file.options.get("illuminate") == "bottom"
+        right = brdf_orders(scene.turned() if from_below else scene, request["mu_i"], request["mu_o"], 26, n_order)
+        flip = D if from_below else np.eye(4)  # a scene upside down is seen in a horizontal mirror
+        found = vrte.Brdf(
+            flip @ azimuthal_sum(right.reflected, phi) @ flip,
+            right.reflectance,
+            np.array(request["mu_i"]),
+            np.array(request["mu_o"]),
+            phi,
+            {},
+            transmission=flip @ azimuthal_sum(right.transmitted, phi) @ flip,
+            specular=flip @ right.specular @ flip,
+            specular_transmission=flip @ right.specular_transmission @ flip,
+        )
+        expected = benchmarks.list_brdf_numbers(found)
+    else:
+        expected = find_literal_field(file, n_order)
+    compared = [key for key in numbers if key in expected]
+    assert len(compared) >= 8
+    size = max(np.nanmax(np.abs(values)) for values in expected.values())
+    for key in compared:
+        np.testing.assert_allclose(numbers[key], expected[key], rtol=0.0, atol=1e-11 * size, err_msg=str(key))
+
+
+def find_literal_field(file: benchmarks.SceneFile, n_order: int) -> dict[benchmarks.Key, np.ndarray]:
+    """Radiances at the depths of a file, at interfaces on their lower sides as well."""
+    scene, asked = file.scene, file.request
+    mu, phi, stokes = np.array(asked["mu"]), np.array(asked["phi"], float), np.array(asked["stokes"])
+    tops = np.concatenate([[0.0], np.cumsum([layer.thickness for layer in scene.layers])])
+    found = {}
+    media = [scene.index_above, *scene.indices, scene.index_below]
+    for tau in asked["tau"]:
+        for side in ("above", "below"):
+            under = side == "below"
+            layer = int(np.searchsorted(tops[1:-1], tau, side="right" if under else "left"))
+            level = (layer, tau - tops[layer])
+            if tau == 0.0 and not under:
+                level = (-1, 0.0)
+            index = media[level[0] + 1]
+            seen = [(index, abs(one)) for one in mu]
+            orders = light_orders(scene, [asked["mu0"]], seen, [level], 26, n_order)
+            parts = {
+                upward: np.array([order[0].radiance(slice(0, mu.size), upward) for order in orders])
+                for upward in (True, False)
+            }
+            light = {upward: azimuthal_sum(part, phi)[0] @ stokes for upward, part in parts.items()}
+            for k, one in enumerate(mu):
+                for p, angle in enumerate(phi):
+                    key = (*map(benchmarks.show_key, (asked["mu0"], one, angle, tau)), side, "")
+                    found[("radiance", *key)] = light[one > 0.0][k, p]
+    return found
