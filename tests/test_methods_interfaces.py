@@ -8,6 +8,8 @@ from vrte.basics.errors import SceneError
 from vrte.methods import find_method
 from vrte.request.how import AUTO, EXACT, METHODS
 
+from .test_methods import depolarizing_base
+
 # settings, and the error that they leave then, relative to the largest I
 FINE = {
     "adding-doubling": ({"start": 4}, 1e-12),
@@ -131,6 +133,21 @@ def test_orders_count_scatterings_whatever_is_reflected() -> None:
         by_albedo.append(np.stack([once / albedo, (twice - once) / albedo**2, (thrice - twice) / albedo**3]))
     np.testing.assert_allclose(*by_albedo, rtol=0, atol=1e-14)
     assert (np.abs(by_albedo[0]).max(axis=(1, 2, 3, 4, 5)) > 1e-2).all()
+
+
+@pytest.mark.parametrize("method", [EXACT, *FINE])
+def test_a_base_sends_all_its_orders_to_and_fro(method: str) -> None:
+    """Below a surface also where no particle scatters that many: the clear layer's number of terms means nothing."""
+    base, found = depolarizing_base(), []
+    settings = FINE[method][0] if method in FINE else {}
+    for phase in (vrte.isotropic(), vrte.henyey_greenstein(0.5, 6)):
+        scene = vrte.Scene([GLASS, vrte.Layer(phase, 0.0, 0.1)], base)
+        asked = {"mu_i": [0.3, 0.8], "mu_o": [0.2, 0.9], "phi": [0.0, 70.0], "nodes": 6, "truncation": "none"}
+        asked |= {"method": method, "settings": settings} if settings else {"method": method}
+        if method != EXACT:
+            del asked["truncation"]
+        found.append(vrte.brdf(scene, **asked).mueller)
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-11 * found[0].max())
 
 
 @pytest.mark.parametrize("method", OTHERS)

@@ -42,7 +42,7 @@ def discretise_scene(
         points, weights = make_double_gauss(nodes)
     layers = truncate_layers(scene, peaks, nodes)
     terms = np.array([layer.coefficients.shape[0] for layer in layers], np.int32)
-    coefficients = np.zeros((len(scene.layers), max(int(terms.max()), count_surface_orders(scene)), 6))
+    coefficients = np.zeros((len(scene.layers), max(int(terms.max()), count_surface_orders(scene, nodes)), 6))
     for k, layer in enumerate(layers):
         coefficients[k, : terms[k]] = layer.coefficients
     given = np.array([layer.thickness for layer in scene.layers])
@@ -91,14 +91,16 @@ def place_levels(tau: Array, above: Array, thickness: Array, total: float) -> tu
     return np.where(tau >= total, thickness[-1], level), at
 
 
-def count_surface_orders(scene: Scene) -> int:
-    """Fourier orders in which light goes to and fro between surfaces, one of them rough, without meeting a particle: as
-    many as lobes of that width have; 0 where none does."""
+def count_surface_orders(scene: Scene, nodes: int) -> int:
+    """Fourier orders in which light goes to and fro between surfaces without meeting a particle, one of them rough or a
+    base that scatters unevenly: as many as lobes of that width have, or as nodes carry; 0 where none does."""
     rough = [interface for interface in scene.interfaces if interface is not None and not interface.is_smooth]
     surfaces = sum(interface is not None for interface in scene.interfaces)
-    if not rough or surfaces + (scene.below.keeps_beams or scene.below.mixes_stokes) < 2:
+    uneven = scene.below.orders_reflected > 1
+    if surfaces + (scene.below.keeps_beams or uneven) < 2 or not (rough or uneven):
         return 0
-    return min(max(math.ceil(LOBE / find_lobe_width(interface)) for interface in rough), MOST_SURFACE_ORDERS)
+    by_lobes = [math.ceil(LOBE / find_lobe_width(interface)) for interface in rough]
+    return min(max([count_terms_carried(scene, nodes) * uneven, *by_lobes]), MOST_SURFACE_ORDERS)
 
 
 def find_lobe_width(interface: Interface) -> float:

@@ -18,7 +18,7 @@ def join_through_interfaces(task: Task, respond: Responder) -> tuple[Array, tupl
     slabs as ``respond`` finds them, interfaces and mirrors as slabs without thickness between them. Raises
     AccuracyError where a joint is not solved."""
     problem, run = task.problem, task.run
-    count = int(problem.terms.max())
+    count = problem.coefficients.shape[1]
     route = Refracting(respond, problem, task.request.scene.below, count, UNTOLD)
     shape = problem.level.size, problem.mu0.size, problem.columns.shape[0]
     kernels = np.empty((count, *shape, problem.mu_out.size, len(ALL)))

@@ -32,7 +32,7 @@ def solve_between_interfaces(task: Task, convergence: Convergence) -> tuple[Arra
     """Kernels of all Fourier orders (order, n_tau, n_in, n_col, n_out, 4), fluxes up and down (n_tau, n_in, n_col), and
     how many panels there are."""
     problem, settings = task.problem, task.settings
-    count = int(problem.terms.max())
+    count = problem.coefficients.shape[1]
     shape = problem.level.size, problem.mu0.size, problem.columns.shape[0]
     kernels = np.empty((count, *shape, problem.mu_out.size, len(ALL)))
     fluxes = np.zeros(shape), np.zeros(shape)
