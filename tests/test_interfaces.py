@@ -75,7 +75,7 @@ def slow_but(*quick: str) -> list[object]:
 @pytest.mark.parametrize("algorithm", ["doubling", "modes"])
 @pytest.mark.parametrize("name", slow_but(*QUICK))
 def test_the_literal_solver_says_the_same(name: str, algorithm: str) -> None:
-    """All that leaves, as beams too. Measured: 5e-14 of the largest."""
+    """All that leaves, as beams too. Measured: 5e-15 of the largest."""
     scene = make_scene(name)
     nodes = terms = max(layer.phase_matrix.terms for layer in scene.layers)
     nodes = max(nodes, 6)
@@ -127,7 +127,7 @@ def test_it_says_the_same_of_the_light_inside(name: str, algorithm: str) -> None
     [(1.5, 1.0), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((1.5, 0.95), (1.0001, 1.0), (2.7, 0.95)))],
 )
 def test_ball_arithmetic_says_the_same(index: float, albedo: float) -> None:
-    """256 bits, 8 nodes: order by order, outside and from within. Measured: 3e-15 of the largest."""
+    """256 bits, 8 nodes: order by order, outside and from within. Measured: 5e-14 of the largest."""
     layer, base = ball_oracle.Layer(SHORT.coefficients, albedo, 0.8), 0.4
     scene = make_film(index, albedo, 0.8, vrte.Lambertian(base))
     unit, phi = tuple(map(tuple, np.eye(4).tolist())), np.arange(8) * 45.0
@@ -365,3 +365,43 @@ def test_media_too_much_alike_are_refused() -> None:
     with pytest.raises(vrte.SceneError, match=r"1\.5 and 1\.5000001 are too much alike to tell apart"):
         vrte.Scene(alike)
     assert vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Interface(1.5, 1.5 + 2e-6)]).index_below == 1.5 + 2e-6
+
+
+def make_random_scene(draw: np.random.Generator) -> vrte.Scene:
+    """One to four interfaces with a layer or two between, over nothing, a Lambertian base or a mirror."""
+    index, pile = 1.0, []
+    for _ in range(draw.integers(1, 5)):
+        below = float(draw.choice([0.7, 1.0, 1.01, 1.33, 1.5, 2.7, 4.0]))
+        for _ in range(draw.integers(1, 3)):
+            albedo, thickness = draw.choice([0.0, 0.5, 0.99, 1.0 - 1e-6, 1.0]), draw.choice([0.0, 1e-4, 0.3, 2.0, 8.0])
+            pile.append(vrte.Layer(SHORT if draw.random() < 0.5 else RAYLEIGH, float(albedo), float(thickness)))
+        pile += [vrte.Layer(RAYLEIGH, 0.5, 0.1), vrte.Interface(index, below)]  # between two mirrors light gets lost
+        index = below
+    bases = [None, vrte.Lambertian(0.3), vrte.Lambertian(1.0), vrte.Mirror(1.2), METAL, vrte.Mirror(1e-3 + 1e3j)]
+    base = bases[draw.integers(len(bases))]
+    return vrte.Scene(pile if base is None else [*pile, vrte.Layer(RAYLEIGH, 0.5, 0.1)], base)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(40))
+def test_random_piles(seed: int) -> None:
+    """From above or from below, by either algorithm and by two other methods: the literal solver's. Measured on 1,500:
+    1e-11 of the largest at worst."""
+    draw = np.random.default_rng(seed)
+    scene, mu_i = make_random_scene(draw), [float(draw.choice([1e-3, 0.11, 0.37, 0.83])), 1.0]
+    side = "bottom" if scene.base is None and seed % 2 else "top"
+    right = brdf_orders(scene.turned() if side == "bottom" else scene, mu_i, MU_O, 6, 3)
+    flip = np.diag([1.0, 1.0, -1.0, -1.0]) if side == "bottom" else np.eye(4)  # as seen in a horizontal mirror
+    expected = flip @ azimuthal_sum(right.reflected, PHI) @ flip
+    through = flip @ azimuthal_sum(right.transmitted, PHI) @ flip
+    ways: list[dict[str, Any]] = [{"algorithm": name} for name in ("doubling", "modes")]
+    ways += [{"method": name, "accuracy": 1e-12} for name in ("matrix-operator", "adding-doubling")]
+    for how in ways:
+        solve = vrte.brdf if "method" in how else exact.brdf
+        f = solve(scene, mu_i, MU_O, PHI, nodes=6, transmission=scene.base is None, illuminate=side, **how)
+        allowed = 1e-10 if "method" in how else 2e-11
+        assert np.abs(f.mueller - expected).max() < allowed * max(np.abs(expected).max(), 1e-3)
+        if scene.has_interfaces:
+            assert np.abs(f.specular - flip @ right.specular @ flip).max() < 1e-12
+        if f.transmission is not None:
+            assert np.abs(f.transmission - through).max() < allowed * max(np.abs(through).max(), 1e-3)
