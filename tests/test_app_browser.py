@@ -466,3 +466,19 @@ def test_a_result_file_is_shown_from_the_start(open_tab: Callable[..., Tab], tmp
         tab = open_tab(address)
         assert "Subsurface BRDF" in tab.wait_for_figure()["title"]
         tab.context.close()
+
+
+@pytest.mark.slow
+def test_a_surface_is_added_and_its_beam_is_an_arrow(tab: Tab) -> None:
+    fill_a_small_scene(tab)
+    tab.button("add a surface or interface").click()
+    tab.says("Interface", exact=True)
+    assert tab.value("refractive index of the host medium") == "1.5"
+    tab.solve()
+    tab.page.wait_for_function(
+        """() => [...document.querySelectorAll('.js-plotly-plot')].some(p => p.offsetParent
+        && (p.getAttribute('aria-label') || '').includes('% mirrored'))"""
+    )
+    assert "without the mirrored beam" in tab.figure()["title"]
+    tab.page.get_by_role("tab", name="Reflectance").click()
+    tab.says("without what is mirrored as a beam")
