@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.optics.facets import reflect_facets, tell_density
+from vrte.optics.facets import RoughSurface, tell_density
 from vrte.render.geometry import UP, Camera, compute_normals, convert_to_polar, find_turn, turn_stokes
 from vrte.render.sky import STEEPEST, Sky, make_horizon_angles
 from vrte.results.splines import compute_coefficients, make_spline_matrix, repeat_grid
@@ -108,36 +108,18 @@ SLOPES = {"beckmann": 10, "ggx": 14}  # of a quadrature over slopes: sizes, and
 AROUND = 16  # their directions
 
 
-@dataclass(frozen=True)
-class RoughSurface:
-    """A rough surface: ``index`` is that of the medium behind over that before it, the rest as in `vrte.Interface`."""
-
-    index: float
-    roughness: float
-    distribution: str
-    shadowing: bool
-
-    def reflect(self, mu_i: Array, mu_o: Array, phi: Array) -> Array:
-        """Mueller BRDF (n, 4, 4) [1/sr], phi in radians."""
-        slopes = self.distribution, self.shadowing
-        return reflect_facets(self.index, self.roughness, mu_i, mu_o, np.degrees(phi), *slopes)
-
-    def sample_slopes(self) -> tuple[Array, Array, Array]:
-        """Slopes of facets (n,) along x and y, and weights of a quadrature that have the slopes' density in them."""
-        count = SLOPES[self.distribution]
-        if self.distribution == "beckmann":
-            square, share = np.polynomial.laguerre.laggauss(count)
-        else:
-            points, share = np.polynomial.legendre.leggauss(count)
-            square, share = (1.0 + points) / (1.0 - points), 0.5 * share
-        turned = 2.0 * np.pi * (np.arange(AROUND) + 0.5 * (np.arange(count) % 2)[:, None]) / AROUND
-        slope = self.roughness * np.sqrt(square)[:, None]
-        weights = np.repeat(share, AROUND) / AROUND
-        return (slope * np.cos(turned)).ravel(), (slope * np.sin(turned)).ravel(), weights
-
-    def density(self, square: Array) -> Array:
-        """Of slopes, by their squares."""
-        return tell_density(self.roughness, self.distribution, square)
+def sample_slopes(surface: RoughSurface) -> tuple[Array, Array, Array]:
+    """Slopes of facets (n,) along x and y, and weights of a quadrature that have the slopes' density in them."""
+    count = SLOPES[surface.distribution]
+    if surface.distribution == "beckmann":
+        square, share = np.polynomial.laguerre.laggauss(count)
+    else:
+        points, share = np.polynomial.legendre.leggauss(count)
+        square, share = (1.0 + points) / (1.0 - points), 0.5 * share
+    turned = 2.0 * np.pi * (np.arange(AROUND) + 0.5 * (np.arange(count) % 2)[:, None]) / AROUND
+    slope = surface.roughness * np.sqrt(square)[:, None]
+    weights = np.repeat(share, AROUND) / AROUND
+    return (slope * np.cos(turned)).ravel(), (slope * np.sin(turned)).ravel(), weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +149,7 @@ class RoughGloss:
         _, pixel_theta, pixel_psi = view.pixels
         normal, x = compute_normals(view.camera, pixel_theta[lit], pixel_psi[lit])
         _, azimuth, _ = convert_to_polar(view.sky.beam, x, np.cross(normal, x), normal)
-        sunlight = surface.reflect(mu_i, mu_o, -azimuth)[:, :, 0] * mu_i[:, None]
+        sunlight = surface.reflect(mu_i, mu_o, -np.degrees(azimuth))[:, :, 0] * mu_i[:, None]
         sunlit = lit, turn_stokes(sunlight, pixel_psi[lit] - 0.5 * np.pi)
         return cls(theta, psi, rings, sunlit, not surface.shadowing)
 
@@ -196,7 +178,7 @@ def look_at_facets(view: "View", surface: RoughSurface, theta: float, psi: Array
     """One of `RoughGloss.rings`."""
     normal, x = compute_normals(view.camera, np.full(psi.shape, theta), psi)
     y = np.cross(normal, x)
-    along, across, share = surface.sample_slopes()
+    along, across, share = sample_slopes(surface)
     facet = normal[:, None] - along[:, None] * x[:, None] - across[:, None] * y[:, None]
     upright = 1.0 / np.linalg.norm(facet, axis=-1)  # mu_n
     facet = (facet * upright[..., None]).reshape(-1, 3)
@@ -208,8 +190,9 @@ def look_at_facets(view: "View", surface: RoughSurface, theta: float, psi: Array
     lit = (cosine > 0.0) & (mu < 0.0)
     mu_i, mu_o = np.where(lit, -mu, 1.0), np.full(lit.shape, np.cos(theta))
     upright, share = upright.ravel(), np.tile(share, psi.size)
-    weights = share / surface.density(1.0 / upright**2 - 1.0) * upright**3 * 4.0 * cosine * mu_i
-    matrices = surface.reflect(mu_i, mu_o, -azimuth) * np.where(lit, weights, 0.0)[:, None, None]
+    density = tell_density(surface.roughness, surface.distribution, 1.0 / upright**2 - 1.0)
+    weights = share / density * upright**3 * 4.0 * cosine * mu_i
+    matrices = surface.reflect(mu_i, mu_o, -np.degrees(azimuth)) * np.where(lit, weights, 0.0)[:, None, None]
     turns = make_turns(find_turn(travel, in_world, on_facet))
     back = make_turns(np.repeat(psi - 0.5 * np.pi, share.size // psi.size))
     above = make_spline_matrix((view.sky.theta,), (np.arccos(np.clip(-height, STEEPEST, 1.0)),))

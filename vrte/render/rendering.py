@@ -1,18 +1,18 @@
 """From scene files to what a picture shows: colours and luminance-weighted Stokes vectors of each sphere."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.optics.facets import RoughSurface
 from vrte.render import colour
 from vrte.render.geometry import UP, place_camera
-from vrte.render.gloss import RoughSurface
 from vrte.render.setting import Material, Setting
 from vrte.render.sky import make_sky
-from vrte.render.spheres import Resolution, Table, View, compute_irradiance, tabulate_brdf
+from vrte.render.spheres import Resolution, Table, View, compute_irradiance, leave_out_facets, tabulate_brdf
 from vrte.results.brdf import Brdf
 
 RESOLUTIONS = (Resolution(), Resolution(48, 180), Resolution(64, 240))
@@ -94,12 +94,13 @@ def _tabulate_material(material: Material, wavelength_um: float, resolution: Res
 
 
 def find_facets(brdf: Brdf, surface: RoughSurface | None) -> RoughSurface | None:
-    """The rough surface on top where it is all that reflects without any particle: its part is known in closed form."""
-    if surface is None or brdf.surface is None:
+    """The surface's facets, each by itself, where it is all that reflects without any particle: in closed form."""
+    if surface is None:
         return None
-    directions = np.meshgrid(brdf.mu_i, brdf.mu_o, np.radians(brdf.phi), indexing="ij")
-    alone = surface.reflect(*directions)
-    return surface if np.allclose(brdf.surface, alone, rtol=1e-6, atol=1e-6 * np.abs(alone).max()) else None
+    alone = surface.reflect(brdf.mu_i[:, None, None], brdf.mu_o[:, None], brdf.phi)
+    found = brdf.mueller if brdf.surface is None else brdf.surface
+    known = np.allclose(found, alone, rtol=1e-6, atol=1e-6 * np.abs(alone).max())
+    return replace(surface, conserving=False) if known else None
 
 
 def measure_interpolation_error(material: Material, wavelength_um: float, table: Table) -> float:
@@ -109,12 +110,10 @@ def measure_interpolation_error(material: Material, wavelength_um: float, table:
     mu_i, mu_o = draw.uniform(0.05, 1.0, (2, 8))
     phi = draw.uniform(0.0, 180.0, 8)
     brdf = material.brdf(wavelength_um, mu_i, mu_o, phi)
-    directions = np.meshgrid(mu_i, mu_o, np.radians(phi), indexing="ij")
-    splined = brdf.mueller if table.facets is None else brdf.mueller - table.facets.reflect(*directions)
-    exact = splined * mu_i[:, None, None, None, None]
-    points = [part.ravel() for part in directions]
+    exact = leave_out_facets(brdf, table.facets) * mu_i[:, None, None, None, None]
+    points = [part.ravel() for part in np.meshgrid(mu_i, mu_o, np.radians(phi), indexing="ij")]
     found = table.mueller(*points).reshape(exact.shape) * mu_i[:, None, None, None, None]
-    largest = float(np.abs(exact).max())
+    largest = float(np.abs(brdf.mueller * mu_i[:, None, None, None, None]).max())
     error = float(np.abs(found - exact).max()) / largest if largest else 0.0
     if brdf.specular is None or table.specular is None:
         return error

@@ -10,6 +10,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.spectrum import spectrum
+from vrte.formats.media import list_materials
 from vrte.formats.scene_file import (
     FILE_KEYS,
     find_known_wavelengths,
@@ -18,9 +19,9 @@ from vrte.formats.scene_file import (
     read_listed_wavelengths,
 )
 from vrte.formats.toml_table import Table
+from vrte.optics.facets import RoughSurface
 from vrte.optics.spheres import check_spheres
 from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, choose_wavelengths
-from vrte.render.gloss import RoughSurface
 from vrte.render.sky import KINDS
 from vrte.results.brdf import Brdf
 from vrte.results.spectrum import check_ascending
@@ -77,18 +78,19 @@ class Material:
             raise SceneError(f"{self.path}: {error}{hint}") from error
 
     def surface(self, wavelength_um: float) -> RoughSurface | None:
-        """The rough surface on top of all, if there is one. Raises SceneError."""
+        """The rough surface that light meets first, of an interface or a bare base. Raises SceneError."""
         content = {"wavelength_um": wavelength_um, "brdf": {"mu_i": 1.0, "mu_o": 1.0}}
         content = {**self.content, **content}
-        top = make_scene_file(content, "brdf", self.path.parent, check_spheres).scene.interfaces[0]
-        if top is None or top.is_smooth:
-            return None
-        return RoughSurface(top.index_below / top.index_above, top.roughness, top.distribution, top.shadowing)
+        scene = make_scene_file(content, "brdf", self.path.parent, check_spheres).scene
+        top = scene.interfaces[0]
+        if top is None:
+            return None if scene.thickness else scene.below.facets
+        return None if top.is_smooth else top.facets
 
     @property
     def coloured(self) -> bool:
         """Whether anything in it depends on the wavelength."""
-        return "particles" in self.content
+        return "particles" in self.content or any(True for _ in list_materials(self.content))
 
 
 def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material], Setting]:

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.optics.facets import RoughSurface
 from vrte.render.geometry import UP, Camera, compute_normals, convert_to_polar, find_turn, turn_stokes
-from vrte.render.gloss import Gloss, RoughGloss, RoughSurface
+from vrte.render.gloss import Gloss, RoughGloss
 from vrte.render.sky import Sky, make_horizon_angles
 from vrte.results.brdf import Brdf
 from vrte.results.splines import compute_coefficients, extend_azimuths, make_spline_matrix, repeat_grid
@@ -104,14 +105,20 @@ def tabulate_brdf(brdf: Brdf, resolution: Resolution, facets: RoughSurface | Non
     assert brdf.direct_transmittance is not None
     thickness = float(-np.log(brdf.direct_transmittance[0])) if brdf.direct_transmittance[0] else np.inf
     plain = Table(np.empty(0), thickness, resolution)
-    below = brdf.mueller if facets is None or brdf.surface is None else brdf.mueller - brdf.surface
-    half = below / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
+    half = leave_out_facets(brdf, facets) / plain.slab(brdf.mu_i[:, None], brdf.mu_o)[:, :, None, None, None]
     _, full = extend_azimuths(brdf.phi, half)
     grids = resolution.theta, resolution.theta, resolution.turn
     splines = compute_coefficients(grids, full.reshape(*full.shape[:3], 16))
     beams = brdf.specular
     specular = None if beams is None else compute_coefficients(grids[:1], beams.reshape(-1, 16))
     return replace(plain, splines=splines, specular=specular, facets=facets)
+
+
+def leave_out_facets(brdf: Brdf, facets: RoughSurface | None) -> Array:
+    """The Mueller matrices of a BRDF without what these facets reflect, each by itself."""
+    if facets is None:
+        return brdf.mueller
+    return brdf.mueller - facets.reflect(brdf.mu_i[:, None, None], brdf.mu_o[:, None], brdf.phi)
 
 
 def make_steps_around(count: int) -> tuple[Array, Any]:
