@@ -26,7 +26,7 @@ class Brdf(Result):
     Where light meets interfaces: ``specular`` (mu_i, 4, 4) or None is the share of a beam's power that comes back as a
     beam, mirrored, and ``specular_transmission`` (mu_i, 4, 4) or None the share that leaves the other face as one;
     neither is in ``mueller``, ``transmission`` or ``reflectance``. ``surface`` (shape of mueller) or None is the part
-    of ``mueller`` that rough surfaces send back without any particle. mu_i and mu_o are cosines outside.
+    of ``mueller`` that rough interfaces send back without any particle. mu_i and mu_o are cosines outside.
     """
 
     mueller: Array

@@ -73,7 +73,7 @@ def get_values(found: Brdf | Field, name: str) -> Array | float:
     return 0.0 if values is None else values
 
 
-def describe_results(file: SceneFile, roughnesses: set[float]) -> Results:
+def describe_results(file: SceneFile, roughnesses: set[float], has_rough_interfaces: bool = False) -> Results:
     """What the scenes of a sweep bring, by the first of them, whose particles nobody needs to know yet, and by the
     roughnesses of the surfaces of all."""
     if file.kind == "brdf":
@@ -85,7 +85,7 @@ def describe_results(file: SceneFile, roughnesses: set[float]) -> Results:
             left_out += ("specular_transmission",)
         left_out += () if request.tau.size > 1 else ("transmission",)  # the bottom, too
         left_out += () if 0.0 in roughnesses else OF_BEAMS
-        left_out += ("surface",)  # no method tells it apart yet (tests/test_surface_commands.py notices when one does)
+        left_out += () if has_rough_interfaces else ("surface",)
         return lay_out_results(BRDF, coordinates, left_out, ("stokes_out", "stokes_in"), {})
     # how deep the scene is, its particles say: each scene will check its own
     alone = {name: value for name, value in file.request.items() if name != "side"}

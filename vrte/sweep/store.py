@@ -46,7 +46,9 @@ BEGUN = "sweep"
 def describe_sweep_results(sweep: Sweep) -> Results:
     """What each of its scenes brings."""
     return describe_results(
-        make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles), list_roughnesses(sweep)
+        make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles),
+        list_roughnesses(sweep),
+        any(list_roughnesses(sweep, with_base=False)),
     )
 
 

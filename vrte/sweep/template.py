@@ -231,7 +231,9 @@ def check(sweep: Sweep) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # each scene will say it
         first = make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles)
-        for name in describe_results(first, list_roughnesses(sweep)).variables:
+        for name in describe_results(
+            first, list_roughnesses(sweep), any(list_roughnesses(sweep, with_base=False))
+        ).variables:
             if any(name in (axis.name, axis.dimension) for axis in sweep.axes):
                 raise SceneError(f"axes.{name}: this name is taken by the table itself")
         for axis in sweep.axes:
@@ -282,12 +284,13 @@ def check_values(sweep: Sweep, axis: Axis) -> None:
             raise error.behind(f"axes.{axis.name}, value {value + 1}") from error
 
 
-def list_roughnesses(sweep: Sweep) -> set[float]:
-    """Of all surfaces that refract or mirror in any of its scenes: 0 is smooth; none where there is no such surface."""
+def list_roughnesses(sweep: Sweep, with_base: bool = True) -> set[float]:
+    """Of all surfaces that refract or mirror in any of its scenes, the base among them or not: 0 is smooth; none where
+    there is no such surface."""
     layers, base = sweep.template["layer"], sweep.template.get("base", {})
     surfaces: dict[tuple[Place, ...], Any] = {("layer", k, "interface"): one for k, one in enumerate(layers)}
     tables = {place: one["interface"] for place, one in surfaces.items() if "interface" in one}
-    tables |= {("base",): base} if base.get("kind") in SURFACES else {}
+    tables |= {("base",): base} if with_base and base.get("kind") in SURFACES else {}
     changed = {axis.places[:-1]: axis.values for axis in sweep.axes if axis.places[-1] == "roughness"}
     values = [changed.get(place, [table.get("roughness", 0.0)]) for place, table in tables.items()]
     return {float(value) for some in values for value in some}
