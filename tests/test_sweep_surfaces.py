@@ -35,8 +35,8 @@ FACETS = {"kind": "facets", "index": 1.34, "roughness": 0.1}
     ("content", "names"),
     [
         (make_content(GLOSSY), PLAIN | BEAMS),
-        (make_content(ROUGH), PLAIN),
-        (make_content({"layer[1].interface.roughness": [0.0, 0.1]}), PLAIN | BEAMS),
+        (make_content(ROUGH), PLAIN | {"surface"}),
+        (make_content({"layer[1].interface.roughness": [0.0, 0.1]}), PLAIN | BEAMS | {"surface"}),
         (make_content(GLOSSY, brdf=BRDF | {"transmission": True}), {"transmission", "specular_transmission"}),
         (make_content(DEPTH, **MIRROR), PLAIN | BEAMS),
         (make_content({"base.index": [1.4, 1.5]}, **MIRROR), PLAIN | BEAMS),
