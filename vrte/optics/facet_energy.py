@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.quadrature import make_double_gauss, make_refracted_nodes
+from vrte.basics.quadrature import RefractedNodes, make_double_gauss, make_refracted_nodes
 from vrte.optics.facet_integrals import gather_orders
 from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth
@@ -49,11 +49,10 @@ def restore_lost(surface: RoughSurface, mu_i: Array, mu_o: Array, transmitted: b
 
 def share_once(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
     """R and T of single bounces by reciprocity: what evenly lit facets send along mu."""
-    closed = surface.closed or complex(surface.index).imag != 0.0
-    nodes = make_refracted_nodes([surface.index_from] if closed else [surface.index_from, surface.index.real], NODES)
+    nodes = place_nodes(surface)
     cosines, weights = nodes.carried(surface.index_from)
     reflected = (weights * cosines) @ gather_orders(surface, False, nodes, mu, 1, FINE)[0, ..., 0, 0]
-    if closed:
+    if is_closed(surface):
         return reflected, np.zeros_like(reflected)
     cosines, weights = nodes.carried(surface.index.real)
     through = (weights * cosines) @ gather_orders(surface.turned, True, nodes, mu, 1, FINE)[0, ..., 0, 0]
@@ -73,23 +72,34 @@ def find_lost(surface: RoughSurface, mu: Array) -> Array:
 @lru_cache(maxsize=64)
 def weigh_lost(surface: RoughSurface) -> float:
     """L, the integral of l mu over the hemisphere."""
-    mu, weights = make_double_gauss(NODES)
+    mu, weights = place_nodes(surface).carried(surface.index_from)
     return float(2.0 * np.pi * (weights * mu) @ find_lost(surface, mu))
 
 
 @lru_cache(maxsize=64)
 def find_strengths(surface: RoughSurface) -> tuple[float, float]:
     """c on the side that light comes from, and on the other."""
-    mu, weights = make_double_gauss(NODES)
-    mean = 2.0 * weights * mu
     lost = weigh_lost(surface)
     if surface.closed:
+        mu, weights = make_double_gauss(NODES)
+        mean = 2.0 * weights * mu
         each, kept = float(mean @ reflect_smooth(surface.ratio, mu)[:, 0, 0]), 1.0 - lost / np.pi
         return each**2 * kept / (1.0 - each * (1.0 - kept)) / lost, 0.0
     sides = surface, surface.turned
     most = []
     for side in sides:
-        reflected, through = (float(mean @ share) for share in share_once(side, mu))
+        mu, weights = place_nodes(side).carried(side.index_from)
+        reflected, through = (float((weights * mu) @ share) for share in share_once(side, mu))
         most.append(through / (reflected + through) * side.index_from**2 * weigh_lost(side))
     through = min(most) / (surface.index_from**2 * lost)
     return (1.0 - through) / lost, through / weigh_lost(sides[1])
+
+
+def is_closed(surface: RoughSurface) -> bool:
+    """Whether light that gets in stays there."""
+    return surface.closed or complex(surface.index).imag != 0.0
+
+
+def place_nodes(surface: RoughSurface) -> RefractedNodes:
+    """Nodes of the medium that light comes from, and of the one behind where light comes back from there."""
+    return make_refracted_nodes([surface.index_from, *([] if is_closed(surface) else [surface.index.real])], NODES)

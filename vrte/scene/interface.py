@@ -89,6 +89,13 @@ class Interface:
         """The same, upside down."""
         return replace(self, index_above=self.index_below, index_below=self.index_above)
 
+    def put_between(self, above: float, below: float) -> "Interface | None":
+        """The same between media as a scene has them, of indices like its own; none where nothing is refracted."""
+        if self.index_above == self.index_below:
+            return None
+        alike = (above, below) == (self.index_above, self.index_below)
+        return self if alike else replace(self, index_above=above, index_below=below)
+
     @property
     def in_words(self) -> str:
         """Both indices, and how rough it is.

@@ -76,7 +76,9 @@ class Scene:
         object.__setattr__(self, "layers", layers)
         numbered = tuple(range(len(layers))) if self.interfaces else places
         object.__setattr__(self, "_media", find_media(layers, interfaces, numbered))
-        refracting = (i if i is not None and i.index_above != i.index_below else None for i in interfaces)
+        refracting = (
+            i and i.put_between(*sides) for i, sides in zip(interfaces, itertools.pairwise(self.media), strict=True)
+        )
         object.__setattr__(self, "interfaces", tuple(refracting))
 
     @property

@@ -24,7 +24,6 @@ from vrte.discrete_ordinates.orders.passage import ARRIVING, ENTERING, LEAVING, 
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin, fold_azimuths
-from vrte.optics.facets import RoughSurface
 from vrte.scene.boundary import Boundary
 from vrte.scene.scene import Scene
 
@@ -145,8 +144,7 @@ def make_facet_scatterer(
     interface = media.scene.interfaces[joint]
     assert interface is not None
     here, there = joint + side, joint + (side ^ transmitted)
-    index, behind = media.scene.media[here], media.scene.media[joint + 1 - side]
-    surface = RoughSurface(index, behind, interface.roughness, interface.distribution, interface.shadowing)
+    surface = (interface.turned if side else interface).facets
     lit, out = into[here] > 0.0, sights.cosines[there] > 0.0
     mu_in, mu_out = np.where(lit, into[here], 1.0), np.where(out, sights.cosines[there], 1.0)
 
