@@ -81,6 +81,8 @@ gallery: $(VENV)/gallery.stamp
 	$(BIN)/vrte render vrte/app/gallery/gold.toml vrte/app/gallery/mixture_on_black.toml vrte/app/gallery/rutile.toml \
 		--size 320 -o out/gallery/gallery_polarization.png
 	$(BIN)/vrte render $(WITH_SURFACES:%=vrte/app/gallery/%.toml) --size 240 -o out/gallery/gallery_surfaces.png
+	$(BIN)/vrte render vrte/app/gallery/paint_smooth.toml examples/satin_paint.toml examples/matt_paint.toml \
+		--size 240 -o out/gallery/gallery_gloss.png
 	$(BIN)/vrte render examples/black_lacquer.toml examples/white_gloss.toml --size 240 -o out/gallery/gallery_brewster.png
 
 tables: $(VENV)/tables.stamp
