@@ -66,3 +66,16 @@ def test_the_critical_angle_is_hit_to_the_last_bit() -> None:
     sines = 1.5 * np.sqrt((1.0 - case.mu) * (1.0 + case.mu))
     assert (np.abs(sines - 1.0) < 5e-16).sum() >= 4
     assert case.mu0 == 0.6
+
+
+def test_facets_that_create_light_without_end_are_told() -> None:
+    """Steep facets without shadowing return more than they get: between a dense medium and a white base that grows."""
+    layer, white = vrte.Layer(make_turning_matrix(), 1.0, 1.0), vrte.Lambertian(1.0)
+
+    def solve(shadowing: bool) -> vrte.Brdf:
+        steep = vrte.Interface(1.0, 4.0, roughness=1.0, distribution="ggx", shadowing=shadowing)
+        return vrte.brdf(vrte.Scene([steep, layer], white), 0.5, [0.3, 0.5], nodes=16)
+
+    with pytest.warns(vrte.AccuracyWarning, match="give the interface shadowing"):
+        assert solve(False).reflectance[0] < 0.0
+    assert 0.0 < solve(True).reflectance[0] < 1.0

@@ -23,6 +23,7 @@ from vrte.request.request import Request
 from vrte.results.solution import NO_LIGHT, Solution
 
 GOOD = 1e-2  # accuracy that nodes are told for where there are too few
+RUNAWAY = 1e-3  # of the largest light: negative light of rough surfaces beyond is no matter of accuracy
 
 
 def solve_by_discrete_ordinates(task: Task) -> Answer:
@@ -70,11 +71,21 @@ def verify_solution(task: Task) -> Answer:
 
 def warn_of_negative(request: Request, intensity: Array, diagnostics: Mapping[str, Any]) -> None:
     """Warns (AccuracyWarning) where light of the exact method is less than nothing, by more than the accuracy of the
-    largest for the same beam, axis 0, and terms of phase matrices are cut."""
-    if request.method != EXACT or not (diagnostics["terms_cut"] and intensity.size):
+    largest for the same beam, axis 0, and terms of phase matrices are cut; or much less, under a rough surface."""
+    if request.method != EXACT or not intensity.size:
         return
     each = intensity.reshape(intensity.shape[0], -1)
     least = (each.min(axis=1) / np.maximum(np.abs(each).max(axis=1), NO_LIGHT)).min()
+    if request.scene.is_rough and least < -RUNAWAY:
+        warnings.warn(
+            f"light comes out negative, {least:.1g} of the largest: facets without shadowing send back more than they "
+            "get, and what they hold down grows without end; give the interface shadowing = True",
+            AccuracyWarning,
+            stacklevel=4,
+        )
+        return
+    if not diagnostics["terms_cut"]:
+        return
     if least < -request.accuracy:
         mu = np.concatenate([OF_NODES, -OF_NODES]) if request.mu is None else request.mu
         enough = estimate_nodes(request.scene, request.mu0, mu, request.tau, CAREFUL * GOOD)
