@@ -157,6 +157,16 @@ def test_single_bounces_lose_energy_that_can_be_given_back(index: float, roughne
         assert total + found.transmitted[side][0, -1, :, 0, 0] @ powers[1 - side] == pytest.approx(1.0, abs=5e-5)
 
 
+def test_white_stays_white_under_facets_that_conserve() -> None:
+    """Rayleigh's light inside is polarized, and loses another share of itself than unpolarized light."""
+    base, layer = vrte.Lambertian(1.0), vrte.Layer(vrte.rayleigh(), 1.0, 1.0)
+    for conserving, allowed in ((True, 2e-5), (False, 0.4)):
+        surface = vrte.Interface(1.0, 1.5, 0.5, shadowing=True, conserving=conserving)
+        f = vrte.brdf(vrte.Scene([surface, layer], base), mu_i=[0.2, 1.0], mu_o=0.5, phi=0.0, nodes=24)
+        np.testing.assert_allclose(f.reflectance, 1.0, atol=allowed)
+    assert f.reflectance.max() < 0.8
+
+
 def test_smooth_interfaces_tell_their_shares_too() -> None:
     reflected, through = vrte.Interface(1.5, 1.0).share([0.5, 1.0])
     np.testing.assert_allclose((reflected, through), [(1.0, 0.04), (0.0, 0.96)], atol=1e-15)

@@ -1,8 +1,8 @@
 """What facets do with the energy of light: shares reflected and let through once, and what they lose given back.
 
 A facet sends some light at its neighbours, from which it leaves after more bounces; single ones count it as lost,
-l(mu) = 1 - R - T. Given back it is unpolarized and even but for what makes it reciprocal, f = c l(mu_i) l(mu_o) on
-either side: with L the integral of l mu over the hemisphere, c = (1 - t)/L on the side it came from, t/L' on the other,
+l(mu) = 1 - R - T, of I and Q. Given back it is even but for what makes it reciprocal, f = c l(mu_o) l(mu_i)^T on either
+side: with L the integral of l mu over the hemisphere, c = (1 - t)/L on the side it came from, t/L' on the other,
 so that R + T = 1 for every mu_i. t and t' are as large as exchange between both sides, t n^2 L = t' n'^2 L', and the
 shares let through of light from everywhere allow. Where light that gets in stays there, l is that of facets which
 reflect everything, and each further bounce takes its mean share.
@@ -32,40 +32,45 @@ def share_energy(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
     >>> (reflected + through).round(4).tolist()
     [0.9497, 1.0]
     """
-    reflected, through = share_once(surface, mu)
+    reflected, through = (part[:, 0] for part in share_once(surface, mu))
     if not surface.conserving:
         return reflected, through
     own, other = find_strengths(surface)
-    lost = find_lost(surface, mu)
+    lost = find_lost(surface, mu)[:, 0]
     reflected = reflected + own * lost * weigh_lost(surface)
     return reflected, through if surface.closed else through + other * lost * weigh_lost(surface.turned)
 
 
 def restore_lost(surface: RoughSurface, mu_i: Array, mu_o: Array, transmitted: bool) -> Array:
-    """What single bounces lose, given back: f_00 [1/sr] on the shape of the directions, mu_o on the side it goes to."""
-    strength = find_strengths(surface)[transmitted]
-    return strength * find_lost(surface, mu_i) * find_lost(surface.turned if transmitted else surface, mu_o)
+    """What single bounces lose, given back: f of I and Q [1/sr], (..., 2, 2) on the shape of the directions, mu_o on
+    the side it goes to."""
+    there = find_lost(surface.turned if transmitted else surface, mu_o)
+    both: Array = there[..., :, None] * find_lost(surface, mu_i)[..., None, :]
+    return find_strengths(surface)[transmitted] * both
 
 
 def share_once(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
-    """R and T of single bounces by reciprocity: what evenly lit facets send along mu."""
+    """R and T of single bounces, of I and of what Q adds, (n, 2) each, by reciprocity: the I and Q that evenly lit
+    facets send along mu."""
     nodes = place_nodes(surface)
     cosines, weights = nodes.carried(surface.index_from)
-    reflected = (weights * cosines) @ gather_orders(surface, False, nodes, mu, 1, FINE)[0, ..., 0, 0]
+    sent = gather_orders(surface, False, nodes, mu, 1, FINE)[0, ..., :2, 0]
+    reflected = np.tensordot(weights * cosines, sent, 1)
     if is_closed(surface):
         return reflected, np.zeros_like(reflected)
     cosines, weights = nodes.carried(surface.index.real)
-    through = (weights * cosines) @ gather_orders(surface.turned, True, nodes, mu, 1, FINE)[0, ..., 0, 0]
-    return reflected, surface.ratio.real**2 * through
+    sent = gather_orders(surface.turned, True, nodes, mu, 1, FINE)[0, ..., :2, 0]
+    return reflected, surface.ratio.real**2 * np.tensordot(weights * cosines, sent, 1)
 
 
 def find_lost(surface: RoughSurface, mu: Array) -> Array:
-    """1 - R - T of single bounces along mu (...), of facets that reflect everything where light that gets in stays."""
+    """1 - R - T of single bounces along mu (...), of I and of what Q adds, (..., 2), of facets that reflect everything
+    where light that gets in stays."""
     once = replace(surface, conserving=False)
     cosines, place = np.unique(mu, return_inverse=True)
     lit = replace(once, index=EVERYTHING * surface.index_from) if surface.closed else once
     reflected, through = share_once(lit, cosines)
-    found: Array = (1.0 - reflected - through)[place].reshape(np.shape(mu))
+    found: Array = (np.array([1.0, 0.0]) - reflected - through)[place].reshape(*np.shape(mu), 2)
     return found
 
 
@@ -73,7 +78,7 @@ def find_lost(surface: RoughSurface, mu: Array) -> Array:
 def weigh_lost(surface: RoughSurface) -> float:
     """L, the integral of l mu over the hemisphere."""
     mu, weights = place_nodes(surface).carried(surface.index_from)
-    return float(2.0 * np.pi * (weights * mu) @ find_lost(surface, mu))
+    return float(2.0 * np.pi * (weights * mu) @ find_lost(surface, mu)[:, 0])
 
 
 @lru_cache(maxsize=64)
@@ -89,7 +94,7 @@ def find_strengths(surface: RoughSurface) -> tuple[float, float]:
     most = []
     for side in sides:
         mu, weights = place_nodes(side).carried(side.index_from)
-        reflected, through = (float((weights * mu) @ share) for share in share_once(side, mu))
+        reflected, through = (float((weights * mu) @ share[:, 0]) for share in share_once(side, mu))
         most.append(through / (reflected + through) * side.index_from**2 * weigh_lost(side))
     through = min(most) / (surface.index_from**2 * lost)
     return (1.0 - through) / lost, through / weigh_lost(sides[1])

@@ -65,7 +65,7 @@ class RoughSurface:
         if self.conserving:
             from vrte.optics.facet_energy import restore_lost  # which integrates what is here
 
-            f[..., 0, 0] += restore_lost(self, np.asarray(mu_i, float), np.asarray(mu_o, float), transmitted)
+            f[..., :2, :2] += restore_lost(self, np.asarray(mu_i, float), np.asarray(mu_o, float), transmitted)
         return f
 
 

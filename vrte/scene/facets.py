@@ -32,8 +32,8 @@ class Facets(Boundary):
     shadowing : bool, optional
         Whether facets hide each other (Smith's factors); without, they reflect too much near the horizon.
     conserving : bool, optional
-        Whether what bounces between facets is given back, unpolarized; facets that reflect everything then lose
-        nothing. With shadowing alone.
+        Whether what bounces between facets is given back; facets that reflect everything then lose nothing. With
+        shadowing alone.
 
     Raises
     ------
@@ -93,6 +93,7 @@ class Facets(Boundary):
         found = np.zeros((n_order, mu_i.size, mu_o.size, 4, 4))
         orders = integrate_azimuths(self.facets, False, mu_i[here], mu_o[there], n_order, 1e-12)
         if self.conserving:
-            orders[:, 0, 0] += 2.0 * np.pi * restore_lost(self.facets, mu_i[here], mu_o[there], False)
+            more = 2.0 * np.pi * restore_lost(self.facets, mu_i[here], mu_o[there], False)
+            orders[:, 0, [0, 1, 4, 5]] += more.reshape(-1, 4)
         found[:, here, there] = orders.reshape(-1, n_order, 4, 4).swapaxes(0, 1)
         return found, 0

@@ -31,8 +31,8 @@ class Interface:
     shadowing : bool, optional
         Whether facets hide each other (Smith's factors); without, they reflect too much near the horizon.
     conserving : bool, optional
-        Whether what bounces between facets is given back, unpolarized, so that all light that comes is reflected or let
-        through. With shadowing alone.
+        Whether what bounces between facets is given back, so that all light that comes is reflected or let through.
+        With shadowing alone.
 
     Raises
     ------
