@@ -31,11 +31,6 @@ def problems(content: form.Content, *about: Any) -> dict[str, str]:
     return {show_place(place): message for place, message in checks.find_problems(content, *about).items()}
 
 
-def troubles(content: form.Content) -> dict[str, str]:
-    """The same, but for what a method says to interfaces."""
-    return {place: message for place, message in problems(content).items() if place != "method"}
-
-
 def fresh(**changes: Any) -> form.Content:
     return copy.deepcopy(form.START) | changes
 
@@ -242,8 +237,8 @@ def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
         surface = content["layer"][place]["interface"]
         form.set_rough(surface, True)
         assert form.is_rough(surface)
-        surface |= {"distribution": "ggx", "shadowing": True}
-        assert troubles(content) == {}
+        surface |= {"distribution": "ggx", "shadowing": True, "conserving": True}
+        assert problems(content) == {}
         assert tomllib.loads(write_content(content)) == content
         form.set_rough(surface, False)
         assert surface.keys() == {"above", "below"}
@@ -253,16 +248,16 @@ def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
         form.remove_layer(content, 1)
     form.remove_layer(content, 1)
     assert len(content["layer"]) == 1
-    assert troubles(content) == {}  # an interface by itself
+    assert problems(content) == {}  # an interface by itself
     form.add_layer(content)
-    assert troubles(content) == {}
+    assert problems(content) == {}
 
 
 def test_a_first_surface_brings_its_binder() -> None:
     content = fresh()
     form.add_interface(content)
     assert content["host_index"] == 1.5
-    assert troubles(content) == {}
+    assert problems(content) == {}
     content["host_index"] = 1.4
     assert problems(content) == {"layer[2]": "layer 2 has the refractive index 1.4, and the interface above it has 1.5"}
     content["particles"]["gold"]["host_index"] = 1.5
@@ -288,7 +283,7 @@ def test_what_is_wrong_with_an_interface_is_said_at_its_field(key: str, text: st
     form.add_interface(content)
     form.set_rough(content["layer"][0]["interface"], True)
     form.put(content, ("layer", 0, "interface", key), parse_field_text(text))
-    found = troubles(content)
+    found = problems(content)
     assert list(found) == ["nodes", f"layer[1].interface.{key}"]  # and the others all the same
     assert words in found[f"layer[1].interface.{key}"]
 
@@ -301,9 +296,9 @@ def test_mirrors_and_facets_are_bases(kind: str) -> None:
         content["base"] |= {"distribution": "ggx", "shadowing": True}
     content["base"]["index"] = "silver"
     assert tomllib.loads(write_content(content)) == content
-    assert troubles(content) == {}
+    assert problems(content) == {}
     content["base"]["index"] = [1.5, -1.0]
-    assert list(troubles(content)) == ["base.index"]
+    assert list(problems(content)) == ["base.index"]
 
 
 def test_a_kind_is_renamed_where_it_is_held_and_stays_while_it_is() -> None:

@@ -186,6 +186,9 @@ class FormPanel:
         self.choice(SLOPES, slopes, "slopes of facets", partial(form.put, table, ("distribution",)))
         shadowing = partial(form.put, table, ("shadowing",))
         self.switch("facets hide each other (Smith)", table.get("shadowing") is True, shadowing)
+        if table.get("shadowing") is True or "conserving" in table:
+            conserving = partial(form.put, table, ("conserving",))
+            self.switch("light lost between facets is given back", table.get("conserving") is True, conserving)
 
     def _medium(self, place: int, layer: form.Content, medium: str) -> None:
         kinds = list(self.bench.content.get("particles", {}))
