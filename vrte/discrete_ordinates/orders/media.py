@@ -1,6 +1,6 @@
 """Directions of a problem whose layers lie in several media, linked by Snell's law in this one place."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -28,6 +28,14 @@ class Media:
     scene: Scene
     nodes: RefractedNodes
     depths: Depths
+    _known: dict[bytes, Joints] = field(default_factory=dict)
+
+    def joints_along(self, cosines: Array) -> Joints:
+        """The scene's joints along directions (medium, n), found once: all blocks of orders ask for the same."""
+        key = cosines.tobytes()
+        if key not in self._known:
+            self._known[key] = make_joints(self.scene, cosines)
+        return self._known[key]
 
     @cached_property
     def cosines(self) -> Array:
@@ -119,7 +127,7 @@ def find_fading_of_pieces(cut: Cut, cosines: Array) -> Array:
 def find_beams(media: Media, cut: Cut, mu0: Array) -> tuple[Array, Passing]:
     """Cosines (medium, n_in) of the incident directions, and Mueller matrices of beams at every joint of the pieces."""
     cosines = find_cosines(media.scene.media, media.scene.index_above, mu0)
-    joints = join_pieces(make_joints(media.scene, cosines), cut)
+    joints = join_pieces(media.joints_along(cosines), cut)
     return cosines, follow_beams(joints, find_fading_of_pieces(cut, cosines))
 
 
@@ -128,7 +136,7 @@ def find_escapes(media: Media, cut: Cut, sights: Sights, n_up: int, members: lis
 
     sources (source, 2): at which joint, and on which way: 0 coming up below it, 1 coming down above it, 2 going up
     above it, 3 going down below it; the first n_up outgoing directions see light going up."""
-    joints = join_pieces(make_joints(media.scene, sights.cosines), cut)
+    joints = join_pieces(media.joints_along(sights.cosines), cut)
     chosen = np.ix_(members, members)
     joints = Joints(*(part[..., chosen[0], chosen[1]] for part in vars(joints).values()))
     n_joint, n_sight, size = cut.joint.size, sights.cosines.shape[1], len(members)

@@ -20,7 +20,6 @@ from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.responses import Response
 from vrte.discrete_ordinates.orders.slabs import find_materials, select_materials
 from vrte.discrete_ordinates.orders.solved import Orders
-from vrte.scene.beams import make_joints
 from vrte.scene.boundary import Boundary
 
 # R and T of slabs (slab,) of a problem's layers, taken as materials: problem, material, thickness, orders, run
@@ -95,7 +94,7 @@ class Refracting(Passage):
 
     def find_sharings(self) -> list[Sharing | None]:
         """Of smooth joints, in the order of the pieces; None for mere cuts."""
-        joints = make_joints(self.media.scene, self.media.cosines)
+        joints = self.media.joints_along(self.media.cosines)
         members = np.ix_(self.problem.stokes, self.problem.stokes)
         found: list[Sharing | None] = []
         scene = self.media.scene

@@ -20,7 +20,7 @@ from vrte.discrete_ordinates.orders.reconstruction import find_nodal_fluxes, rec
 from vrte.discrete_ordinates.orders.slabs import merge_materials
 from vrte.discrete_ordinates.orders.solved import Orders
 from vrte.discrete_ordinates.orders.storage import count_doubles_of_modes
-from vrte.scene.beams import find_cosines, find_fading, make_joints
+from vrte.scene.beams import find_cosines, find_fading
 from vrte.scene.boundary import Boundary
 
 
@@ -42,7 +42,7 @@ class Surfaced:
         scene, members = self.media.scene, np.ix_(problem.stokes, problem.stokes)
         into = find_cosines(scene.media, scene.index_above, problem.mu0)
         index = scene.indices[0] / scene.index_above
-        down = make_joints(scene, into).down[0][:, members[0], members[1]] @ problem.columns.T
+        down = self.media.joints_along(into).down[0][:, members[0], members[1]] @ problem.columns.T
         lit = into[1] > 0.0
         mu_in = np.where(lit, into[1], 1.0)
         self.flux = down * (lit * problem.mu0 / mu_in)[:, None, None]  # across the refracted beam, (n_in, S, n_col)
@@ -66,7 +66,7 @@ class Surfaced:
             level, layer = np.concatenate([[0.0], problem.level]), np.concatenate([[0], problem.level_layer])
             self.inside = replace(self.inside, level=level, level_layer=layer.astype(np.int32))
         # of radiance that leaves, and that comes back (public frame: what comes up has not turned over yet)
-        along, on_nodes = (make_joints(scene, cosines) for cosines in (self.sights.cosines, self.media.cosines))
+        along, on_nodes = map(self.media.joints_along, (self.sights.cosines, self.media.cosines))
         self.through = along.up[0][:, members[0], members[1]] / index**2
         self.back = FLIP[:, None] * along.below[0]
         self.back = self.back[:, members[0], members[1]]

@@ -8,10 +8,12 @@ import numpy as np
 from vrte.basics import cost
 from vrte.basics.arrays import Array, IntArray
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
+from vrte.discrete_ordinates.orders.surfaced import is_under_one_surface
 from vrte.discrete_ordinates.planning.choice import Choice, choose_algorithms
 from vrte.discrete_ordinates.planning.needs import Needs, count_layers_reached, count_nodes_seen, list_stokes_sets
 from vrte.scene.boundary import BLACK, Boundary
 
+TRAPPED = 30.0  # times as much light comes back from a depth, at most, where a surface keeps it
 STEPS = 10  # numbers of nodes that orders are sorted into
 
 
@@ -64,16 +66,17 @@ def make_blocks(
         nodes = choose_node_counts(
             problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)
         )
-    layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy)
+    surfaced = problem.media is not None
+    layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / (TRAPPED if surfaced else 1.0))
+    if problem.media is not None:  # the layers stay those that the surfaces lie between
+        endless = is_under_one_surface(problem.media)
+        has_end = [end or not endless or k < problem.albedo.size for k, end in zip(layers, has_end, strict=True)]
+        layers = [problem.albedo.size] * len(layers)
     along_normal = leave_out.normal and bool((problem.mu0 == 1.0).all() or (problem.mu_out == 1.0).all())
     to_the_end = problem.albedo.size, not bool(np.isinf(problem.thickness[-1]))
     parts: dict[Part, list[int]] = {}
     for order in orders.tolist():
-        reached = (
-            (layers[order], has_end[order])
-            if leave_out.depth and not fed_back and problem.media is None
-            else to_the_end
-        )
+        reached = (layers[order], has_end[order]) if leave_out.depth and not fed_back else to_the_end
         stage, straight = sum(order >= first for first in stages), find_normal_stokes(order) if along_normal else ALL
         for stokes in sets[order]:
             parts.setdefault(Part(stage, stokes, straight, nodes[order], *reached), []).append(order)

@@ -53,7 +53,8 @@ def choose_algorithms(
         reason = f"auto: what scatters is thinner than {THIN:g}, where modes lose digits of the fluxes"
         return [(every, Choice("doubling", reason))]
     first = strength.size
-    if algorithm == "auto" and is_top_only(problem) and accuracy >= FINEST:
+    # under a surface the nodes' own light would have to be found as well, as of so many beams
+    if algorithm == "auto" and is_top_only(problem) and accuracy >= FINEST and problem.media is None:
         share = count_operations_of_invariance(problem, strength, accuracy) / count_operations_of_modes(problem)
         first = int(np.count_nonzero((share >= 1.0) | (strength > STRONGEST)))
     parts = [(slice(0, first), choose_modes_or_doubling(problem))] if first else []

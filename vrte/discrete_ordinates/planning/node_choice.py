@@ -38,6 +38,7 @@ TERM = 0.3  # what a degree that the nodes do not carry changes at most, over it
 SMALL = 0.4  # of what the nodes may spend: what terms that are cut change at most is added, and more is looked into
 BELIEF = 0.8  # in that most: its power in the first number of nodes
 OF_MEAN = 1.5  # plus the largest asymmetry: error of the whole field over that of the mean over azimuth of I, at most
+OF_SURFACES = 3.0  # the same, where light is totally reflected
 OF_SUM = 1.2  # the same over that of a sum of Fourier orders of I
 STEP = 3  # from one Fourier order that is looked at to the next
 WIDE_ENOUGH, WIDER = 1.25, 1.4  # nodes compared with, over those they are compared with: at least, and where solved
@@ -45,6 +46,7 @@ LOOKS = 6  # numbers of nodes whose error is looked at, at most
 LESS = 0.8  # the next number of nodes, at most, where terms are cut: errors fall less steeply than what they change
 CLOSE = 0.95  # of a number of nodes that is enough: as few are worth no other look
 FAR = 0.9  # as few are worth one where the solve is not among the smallest
+FARTHER = 0.7  # the same where looks take twice as long
 BEAMS, DIRECTIONS, DEPTHS = 3, 5, 6  # of the check, at most
 OF_NODES = np.array([LOWEST, 0.1, 0.35, 0.7, 1.0])  # directions of the check where the nodes themselves are asked for
 AZIMUTHS = np.array([22.5, 67.5, 112.5, 157.5])  # that a base is averaged over
@@ -188,7 +190,8 @@ class Search:
             nodes = max(nodes, (high + 1) // 2, FEWEST)
         cubes = count_cubes(self.scene, high)
         saved = cubes - count_cubes(self.scene, nodes)
-        far = nodes < FAR * high and cubes > cost.NOT_SMALLEST
+        # under surfaces a look is two solves
+        far = nodes < (FARTHER if self.scene.keeps_beams else FAR) * high and cubes > cost.NOT_SMALLEST
         return nodes if far or (nodes < CLOSE * high and saved > cost.WORTH_LOOK) else 0
 
     def solve(self, nodes: int) -> tuple[Array, Array] | None:
@@ -208,7 +211,8 @@ class Search:
             return math.inf
         gap = np.abs(few[0] - many[0]) / many[1]
         forward = max(abs(layer.phase_matrix.asymmetry) for layer in self.scene.layers)
-        mean = (OF_MEAN + forward) * float(gap[0].max())
+        most = OF_SURFACES if self.scene.keeps_beams else OF_MEAN
+        mean = (most + forward) * float(gap[0].max())
         if self.orders.size == 1:
             return mean + float(self.cut[nodes - FEWEST])
         return max(mean, OF_SUM * float(np.tensordot(weigh_orders(self.orders), gap, axes=1).max()))

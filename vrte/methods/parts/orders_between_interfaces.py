@@ -21,7 +21,7 @@ from vrte.methods.parts.method import Settings
 from vrte.methods.parts.on_nodes import OnNodes, Scattered
 from vrte.methods.parts.panels import FINEST_SCALE, POINTS, Light, Way, divide_into_panels
 from vrte.methods.parts.task import Task
-from vrte.scene.beams import Passing, make_joints, pass_along
+from vrte.scene.beams import Passing, pass_along
 from vrte.scene.boundary import BLACK
 
 ROUNDING = 1e-12  # edges of panels that are the same
@@ -143,7 +143,7 @@ class Sections:
 
     def __init__(self, passage: Passage, levels: int | None) -> None:
         self.passage, problem, media, cut = passage, passage.problem, passage.media, passage.cut
-        self.joints = join_pieces(make_joints(media.scene, media.cosines), cut)
+        self.joints = join_pieces(media.joints_along(media.cosines), cut)
         self.fade = find_fading_of_pieces(cut, media.cosines)
         self.scale = np.repeat(np.sqrt(media.nodes.measure), len(ALL))[:, None]
         on_nodes = {
