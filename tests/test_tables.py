@@ -115,7 +115,11 @@ def test_each_process_has_its_own_simd(both: dict[str, Child]) -> None:
 
 
 @needs_baseline
-@pytest.mark.parametrize("problem", [SIEWERT, GOLD, MUELLER], ids=lambda problem: problem.name)
+@pytest.mark.parametrize(
+    "problem",
+    [pytest.param(SIEWERT, marks=pytest.mark.slow), GOLD, MUELLER],
+    ids=lambda problem: problem.name,
+)
 def test_every_configuration_gives_the_default_answer(problem: paper.Problem, both: dict[str, Child]) -> None:
     found = measuring.measure(both, [problem], choose_configurations()[0], threads=2, rounds=0)
     measuring.require_right_answers(found)

@@ -272,9 +272,13 @@ def prepare_vertices(target: Target, run: Run) -> Adder:
 
     def add(share: Share) -> None:
         part, (first, last) = share.part, (share.first, share.last)
-        scale = wanted.scale[first:last, None, None, None]
+        scale = wanted.scale[first:last, None, None, None, None]
+        apart = wanted.place.size == part.values.shape[-1] and bool((np.diff(wanted.place) == 1).all())
         for t, light in show_vertices(sights, vertices, n_up, part.levels, part.rows, first, last):
+            if apart:  # each column has its own place, in order
+                part.values[t, first:last] += scale * light
+                continue
             for column, at in enumerate(wanted.place.tolist()):
-                part.values[t, first:last, ..., at] += scale * light[..., column]
+                part.values[t, first:last, ..., at] += scale[..., 0] * light[..., column]
 
     return add

@@ -183,8 +183,13 @@ def show_vertices(
         for t, level in enumerate(levels.tolist()):
             escape = flip[:, :, None] * vertex.escapes[level, rows] * sights.index[level] ** 2
             if escape.any():
-                light = scattered[:, sights.place[level, rows]] @ vertex.power[first:last, None, None]
-                yield t, escape[:, None] @ light
+                light = scattered[:, sights.place[level, rows]]
+                n_in, n_row, n_phi = light.shape[:3]
+                light = light.reshape(n_in, -1, 4) @ vertex.power[first:last]  # few large products, not many of 4 x 4
+                columns = light.shape[-1]
+                light = light.reshape(n_in, n_row, n_phi, 4, columns).transpose(1, 3, 0, 2, 4)
+                seen = (escape @ light.reshape(n_row, 4, -1)).reshape(n_row, 4, n_in, n_phi, columns)
+                yield t, seen.transpose(2, 0, 3, 1, 4)
 
 
 def find_rough_reflection(scene: Scene, mu_i: Array, mu_o: Array, phi: Array, run: Run) -> Array:

@@ -305,7 +305,7 @@ def make_indicator(
     run: Run,
     peaks: str,
     orders: IntArray,
-    under: BoolArray | None,
+    under: BoolArray | None = None,
 ) -> Indicator:
     """What solves some Fourier orders of I, without polarization, for a few of the beams, directions and depths.
 
