@@ -405,3 +405,31 @@ def test_random_piles(seed: int) -> None:
             assert np.abs(f.specular - flip @ right.specular @ flip).max() < 1e-12
         if f.transmission is not None:
             assert np.abs(f.transmission - through).max() < allowed * max(np.abs(through).max(), 1e-3)
+
+
+def test_rough_interfaces_tell_what_facets_lose() -> None:
+    """R + T of the beams that reach them, outside and through what lies above."""
+    rough = vrte.Interface(1.0, 1.5, roughness=0.5, distribution="ggx", shadowing=True)
+    layer = vrte.Layer(RAYLEIGH, 0.9, 1.0)
+    found = vrte.brdf(vrte.Scene([rough, layer]), [0.2, 1.0], 0.5, nodes=6).diagnostics
+    assert found["facets_send_on"] == {
+        "1": [round(sum(parts), 6) for parts in zip(*map(list, rough.share([0.2, 1.0])), strict=True)]
+    }
+    assert found["interfaces"] == [rough.in_words]
+    assert "interfaces" not in vrte.brdf(vrte.Scene([layer]), 0.5, 0.5, nodes=4).diagnostics
+    assert "facets of rough interface 1 send on" in str(
+        vrte.plan("brdf", vrte.Scene([rough, layer]), 0.5, 0.5, nodes=6)
+    )
+
+
+def test_brdf_surface_is_the_facets_alone() -> None:
+    """By itself what facets send back of a beam, less with a layer above; the rest of the matrix is of particles."""
+    rough, mu = vrte.Interface(1.0, 1.5, roughness=0.3), np.array([0.3, 0.8])
+    bare = vrte.brdf(vrte.Scene([rough]), mu, mu, [0.0, 70.0], nodes=6)
+    closed = rough.facets.reflect(mu[:, None, None], mu[:, None], np.array([0.0, 70.0]))
+    np.testing.assert_allclose(bare.surface, closed, atol=1e-14 * closed.max())
+    np.testing.assert_allclose(bare.mueller, closed, atol=1e-14 * closed.max())
+    fog = vrte.brdf(vrte.Scene([vrte.Layer(RAYLEIGH, 1.0, 0.5), rough]), mu, mu, [0.0, 70.0], nodes=6)
+    fade = np.exp(-0.5 / mu[:, None, None] - 0.5 / mu[:, None])[..., None, None]
+    np.testing.assert_allclose(fog.surface, fade * closed, atol=1e-14 * closed.max())
+    assert (fog.mueller[..., 0, 0] > fog.surface[..., 0, 0]).all()

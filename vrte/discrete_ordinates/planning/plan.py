@@ -36,6 +36,7 @@ from vrte.discrete_ordinates.planning.plan_table import list_plan_facts, write_n
 from vrte.request.how import EXACT
 from vrte.request.request import Request
 from vrte.request.wanted import Wanted
+from vrte.scene.beams import find_cosines
 from vrte.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -127,6 +128,7 @@ class Plan:
             "truncation_rule": self.truncation.reason,
             "peak_fractions": self.problem.fraction.tolist(),
             "base": describe_base(self.request.scene),
+            **describe_interfaces(self.request.scene, self.request.mu0),
         }
 
 
@@ -135,6 +137,25 @@ def describe_base(scene: Scene) -> str:
     if scene.base is None or scene.base_is_reached:
         return scene.below.name
     return f"{scene.base.name}, not reached below an infinite layer"
+
+
+def describe_interfaces(scene: Scene, mu0: Array) -> dict[str, Any]:
+    """What refracts, from the top, and what facets of rough ones make of the beams that reach them: by the interface's
+    number, the share R + T (n_in,) that they send on, 1 but for what they lose, or without shadows gain, between them;
+    nothing where nothing refracts."""
+    there = [(k, interface) for k, interface in enumerate(scene.interfaces) if interface is not None]
+    if not there:
+        return {}
+    cosines = find_cosines(scene.media, scene.index_above, mu0)
+    found: dict[str, Any] = {"interfaces": [interface.in_words for _, interface in there]}
+    shares = {}
+    for number, (k, interface) in enumerate(there, 1):
+        lit = cosines[k] > 0.0
+        if not interface.is_smooth and lit.any():
+            sent = np.full(mu0.size, np.nan)
+            sent[lit] = sum(interface.share(cosines[k][lit]))
+            shares[str(number)] = [None if np.isnan(part) else round(float(part), 6) for part in sent]
+    return found | ({"facets_send_on": shares} if shares else {})
 
 
 def plan_request(request: Request, run: Run) -> Plan:

@@ -126,6 +126,8 @@ def write_head(plan: "Plan") -> list[str]:
     """What is asked for."""
     request, base = plan.request, plan.diagnostics()["base"]
     layers = write_count(len(request.scene.layers), "layer")
+    refracting = sum(interface is not None for interface in request.scene.interfaces)
+    layers += f", {write_count(refracting, 'interface')}" if refracting else ""
     into, out, depths = request.mu0.size, plan.mu.size, write_count(request.tau.size, "depth")
     if request.kind == "brdf":
         out //= request.tau.size
@@ -160,6 +162,12 @@ def list_remarks(plan: "Plan") -> list[str]:
     chosen = request.nodes is None or bool(request.method_rule)
     found = [request.method_rule] if request.method_rule else []
     found += [f"nodes: {plan.choice.rule}", *plan.notes] if chosen else [*plan.notes]
+    for number, shares in plan.diagnostics().get("facets_send_on", {}).items():
+        known = [share for share in shares if share is not None]
+        found.append(
+            f"facets of rough interface {number} send on {min(known):.3g} to {max(known):.3g} of a beam's light; what "
+            "is missing is lost between facets, what is beyond 1 gained where they cast no shadows"
+        )
     if plan.truncation.name != "none":
         found.append(f"Truncation: {plan.truncation.name} ({plan.truncation.reason})")
     if plan.counts_again and plan.orders > 1:
