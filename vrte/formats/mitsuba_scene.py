@@ -5,8 +5,8 @@ follows the light through it, and up and down between the two as often as it goe
 """
 
 import os
+from html import escape
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 from vrte.formats.atomic import write_atomically
 
@@ -44,7 +44,7 @@ def write_nested_scene(
     >>> '<float name="int_ior" value="1.5"/>' in Path("paint.xml").read_text()
     True
     """
-    name = quoteattr(Path(table).name)
+    name = f'"{escape(Path(table).name)}"'
     text = TEMPLATE.format(above=index_above, below=index_below, table=name, inside=1.0 - GAP)
     with write_atomically(path) as part:
         Path(part).write_text(text, encoding="utf-8")

@@ -5,7 +5,6 @@ both are the same on either side of an interface, which then only shares out wha
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -124,6 +123,8 @@ class Refracting(Passage):
 
         with run.booked("joining"):
             if run.threads > 1 and orders.size > 1:
+                from concurrent.futures import ThreadPoolExecutor  # takes as long to import as a tenth of vrte
+
                 with ThreadPoolExecutor(run.threads) as pool:
                     list(pool.map(join, range(orders.size)))
             else:
