@@ -151,6 +151,7 @@ def test_series_hold_median_and_extremes() -> None:
     assert [values.tolist() for values in (total.x, total.least, total.seconds, total.greatest)] == [[9], [1], [2], [5]]
 
 
+@pytest.mark.slow
 def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "new"
     assert call("tables", "--figures", "--quick", "--threads", "1", "-o", folder) == 0

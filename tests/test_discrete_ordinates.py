@@ -444,7 +444,9 @@ except KeyboardInterrupt:
 """
 
 
-@pytest.mark.parametrize(("algorithm", "nodes"), [("modes", 200), ("doubling", 200)])
+@pytest.mark.parametrize(
+    ("algorithm", "nodes"), [("modes", 200), pytest.param("doubling", 200, marks=pytest.mark.slow)]
+)
 def test_interrupt_stops_a_long_solve_within_a_second(algorithm: str, nodes: int) -> None:
     """SIGINT two seconds into minutes of work, where one eigenproblem takes more than a second."""
     import subprocess

@@ -74,7 +74,7 @@ def form(request: pytest.FixtureRequest, opencl: Session, monkeypatch: pytest.Mo
         monkeypatch.setattr(device, "open_session", lambda: replace(opencl, form=wanted))
 
 
-@pytest.mark.parametrize("form", ["cpu", "gpu"], indirect=True)
+@pytest.mark.parametrize("form", ["cpu", pytest.param("gpu", marks=pytest.mark.slow)], indirect=True)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("engine", OTHER_ENGINES)

@@ -278,6 +278,7 @@ class TestProcesses:
         assert len(folders & set(kept.glob("process-*"))) == 2
         finished(living)
 
+    @pytest.mark.slow
     def test_one_that_ends_while_its_driver_compiles(self, pocl: None, tmp_path: Path) -> None:
         """What was enqueued and not waited for is compiled while the process ends."""
         home = tmp_path / "home"

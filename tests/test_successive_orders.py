@@ -91,6 +91,7 @@ def test_it_says_that_it_did_not_converge() -> None:
     assert settled["notes"] == []
 
 
+@pytest.mark.slow
 def test_the_cap_of_orders_that_nobody_asked_for_is_a_warning() -> None:
     scene = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 100.0)])
     with pytest.warns(vrte.AccuracyWarning, match=r"1000 orders of scattering leave out about .* its setting 'orders'"):

@@ -174,7 +174,7 @@ DASK = ("--engine", "dask", "--workers", "2")
 
 @pytest.mark.parametrize(
     ("table", "kills", "engine"),
-    [(64, 2, ()), pytest.param(400, 10, (), marks=SLOW), pytest.param(400, 10, DASK, marks=SLOW)],
+    [(64, 1, ()), pytest.param(400, 10, (), marks=SLOW), pytest.param(400, 10, DASK, marks=SLOW)],
     indirect=["table"],
 )
 def test_process_killed(table: Table, kills: int, engine: tuple[str, ...]) -> None:
