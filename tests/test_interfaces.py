@@ -433,3 +433,30 @@ def test_brdf_surface_is_the_facets_alone() -> None:
     fade = np.exp(-0.5 / mu[:, None, None] - 0.5 / mu[:, None])[..., None, None]
     np.testing.assert_allclose(fog.surface, fade * closed, atol=1e-14 * closed.max())
     assert (fog.mueller[..., 0, 0] > fog.surface[..., 0, 0]).all()
+
+
+@pytest.mark.parametrize("backend", ["opencl", "opencl+lapack", "sequential"])
+def test_devices_solve_the_slabs_too(backend: str, opencl: object) -> None:
+    """Interfaces, smooth and rough, and scenes without any in one call: 1e-12 of the largest."""
+    layer = vrte.Layer(RAYLEIGH, 1.0, 0.5)
+    piles = (
+        [vrte.Interface(1.0, 1.5), layer, vrte.Interface(1.5, 1.33), layer],
+        [vrte.Interface(1.0, 1.5, roughness=0.4), layer],
+        [vrte.Interface(1.0, 1.5), vrte.Layer(RAYLEIGH, 0.9, np.inf)],
+        [layer],
+    )
+    scenes = [vrte.Scene(pile) for pile in piles]
+    there, here = (vrte.brdfs(scenes, 0.5, [0.2, 0.7], [0.0, 40.0], nodes=8, backend=name) for name in (backend, None))
+    for found, expected in zip(there, here, strict=True):
+        scale = np.abs(expected.mueller).max()
+        assert np.abs(found.mueller - expected.mueller).max() < 1e-12 * scale
+        assert np.abs(found.reflectance - expected.reflectance).max() < 1e-12
+    assert there[0].diagnostics["backend"] == backend
+
+
+def test_verify_compares_algorithms_under_surfaces() -> None:
+    layer = vrte.Layer(RAYLEIGH, 1.0, 0.5)
+    for pile in ([vrte.Interface(1.0, 1.5), layer], [layer, vrte.Interface(1.0, 1.34), layer]):
+        found = vrte.brdf(vrte.Scene(pile, vrte.Lambertian(0.5)), 0.5, [0.2, 0.7], nodes=8, verify=True).diagnostics
+        assert found["agreement"]["radiance"] < 1e-12
+        assert found["agreement"]["flux"] < 1e-12
