@@ -190,6 +190,7 @@ def test_little_room_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> Non
     close(vrte.brdf(scene, MU, MU, PHI, nodes=6, backend="opencl").mueller, whole.mueller, 1e-14)
 
 
+@pytest.mark.slow
 def test_the_form_for_a_gpu_solves_too(monkeypatch: pytest.MonkeyPatch, opencl: Session) -> None:
     from vrte.discrete_ordinates.execution.engines import opencl as engine
 

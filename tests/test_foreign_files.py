@@ -133,6 +133,7 @@ def test_a_result_larger_than_is_read_says_how_it_is(good: Path, tmp_path: Path)
         vrte.load(good, most_bytes=-1)
 
 
+@pytest.mark.slow
 def test_a_large_table_is_refused_in_little_memory(tmp_path: Path) -> None:
     """5 GB declared in a header, and 0.6 GB in one line, with 0.4 GB to take."""
     header = '# vrte result, format 1\n# kind = "brdf"\n# diagnostics = {}\n'

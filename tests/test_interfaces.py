@@ -435,7 +435,7 @@ def test_brdf_surface_is_the_facets_alone() -> None:
     assert (fog.mueller[..., 0, 0] > fog.surface[..., 0, 0]).all()
 
 
-@pytest.mark.parametrize("backend", ["opencl", "opencl+lapack", "sequential"])
+@pytest.mark.parametrize("backend", ["opencl", pytest.param("opencl+lapack", marks=pytest.mark.slow), "sequential"])
 def test_devices_solve_the_slabs_too(backend: str, opencl: object) -> None:
     """Interfaces, smooth and rough, and scenes without any in one call: 1e-12 of the largest."""
     layer = vrte.Layer(RAYLEIGH, 1.0, 0.5)

@@ -255,7 +255,8 @@ class TestPlace:
 
 
 class TestProcesses:
-    @pytest.mark.parametrize("count", [2, pytest.param(6, marks=pytest.mark.slow)])
+    @pytest.mark.slow
+    @pytest.mark.parametrize("count", [2, 6])
     def test_several_compile_at_once(self, count: int, tmp_path: Path) -> None:
         home = tmp_path / "home"
         home.mkdir()

@@ -44,6 +44,7 @@ def test_at_a_scene_of_the_table_it_is_that_scene(table: Any) -> None:
     assert found.depth.item() == table.depth[3].item()
 
 
+@pytest.mark.slow
 def test_between_it_is_close_and_closer_in_a_finer_table(table: Any) -> None:
     coarse, fine = held_out(table, 10), held_out(table_of(17, 9), 10)
     assert coarse.largest < 5e-3

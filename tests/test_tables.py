@@ -221,6 +221,7 @@ def is_there(pid: int) -> bool:
         return False
 
 
+@pytest.mark.slow
 @needs_baseline
 def test_the_quick_run_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     folder = tmp_path / "new"
