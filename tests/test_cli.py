@@ -315,6 +315,7 @@ def test_warnings_and_signals_are_as_they_were() -> None:
     assert (warnings.showwarning, signal.getsignal(signal.SIGTERM)) == before
 
 
+@pytest.mark.slow
 def test_a_bar_on_a_terminal_and_none_in_a_pipe(scene: Path) -> None:
     command = [*VRTE, "field", str(scene), "-o", str(scene.parent / "out.nc")]
     assert subprocess.run(command, check=True, capture_output=True, timeout=60).stderr == b""

@@ -112,6 +112,7 @@ def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")
 class TestWheel:
+    @pytest.mark.slow
     def test_it_works_elsewhere_with_its_data_files(self, tmp_path: Path) -> None:
         sources = copy_of_the_sources(tmp_path / "sources")
         reuse_the_compiled_core(sources)

@@ -35,7 +35,7 @@ class Panel:
 
     @property
     def size(self) -> float:
-        """high^2 - low^2."""
+        """How far the panel reaches in s^2: high^2 - low^2."""
         return (self.high - self.low) * (self.high + self.low)
 
     @property

@@ -175,7 +175,7 @@ class View:
 
     @cached_property
     def gloss(self) -> Gloss:
-        """What the pixels mirror."""
+        """Light that smooth surfaces mirror into the pixels."""
         return Gloss.of(self)
 
     @cached_property

@@ -86,7 +86,7 @@ class Interface:
 
     @property
     def turned(self) -> "Interface":
-        """The same, upside down."""
+        """The interface as a scene upside down has it, its media exchanged."""
         return replace(self, index_above=self.index_below, index_below=self.index_above)
 
     def put_between(self, above: float, below: float) -> "Interface | None":
