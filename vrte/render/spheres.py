@@ -140,7 +140,7 @@ class View:
 
     @property
     def radius(self) -> float:
-        """Of the sphere [pixels]."""
+        """The sphere's radius in the picture [pixels]."""
         return 0.5 * MARGIN * self.size
 
     @cached_property

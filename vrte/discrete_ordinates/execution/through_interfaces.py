@@ -158,7 +158,7 @@ def make_facet_scatterer(
 
 
 def make_base_reflector(base: Boundary, media: Media, into: Array, sights: Sights, azimuths: Azimuths) -> Scatter:
-    """Of the base."""
+    """How the base scatters a beam that falls on it."""
     index = media.scene.media[-1]
     lit, out = into[-1] > 0.0, sights.cosines[-1] > 0.0
     mu_in, mu_out = np.where(lit, into[-1], 1.0), np.where(out, sights.cosines[-1], 1.0)

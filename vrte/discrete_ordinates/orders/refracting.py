@@ -111,8 +111,8 @@ class Refracting(Passage):
         responses = [
             self.respond(one, material, thickness, orders, run) for _, one, material, thickness in self.places.media
         ]
-        problem, size = self.problem, self.problem
-        shape = (orders.size, size.level.size, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size)
+        problem = self.problem
+        shape = (orders.size, problem.level.size, problem.mu0.size, problem.columns.shape[0], problem.mu_out.size)
         kernels = np.empty((*shape, len(problem.stokes)))
         fluxes = np.zeros((2, problem.level.size, problem.n_rhs))
         residual = np.zeros(orders.size)

@@ -66,8 +66,8 @@ def make_blocks(
         nodes = choose_node_counts(
             problem.nodes.size, needed, max((len(found) for order in sets for found in order), default=1)
         )
-    surfaced = problem.media is not None
-    layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / (TRAPPED if surfaced else 1.0))
+    careful = TRAPPED if problem.media is not None else 1.0
+    layers, has_end = count_layers_reached(problem, needs.by_layer, accuracy / careful)
     if problem.media is not None:  # the layers stay those that the surfaces lie between
         endless = is_under_one_surface(problem.media)
         has_end = [end or not endless or k < problem.albedo.size for k, end in zip(layers, has_end, strict=True)]
