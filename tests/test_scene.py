@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from vrte.basics.errors import SceneError
+from vrte.optics.crowding import IndependentScatteringWarning
+from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic, rayleigh
-from vrte.optics.spheres import Particles, spheres
+from vrte.optics.spheres import spheres
 from vrte.scene.boundary import Lambertian, MuellerBase
-from vrte.scene.layer import IndependentScatteringWarning, Layer
+from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene
 
 DUST = Particles(rayleigh(), 0.9, 0.0, extinction_um2=2.0, scattering_um2=1.8, volume_um3=0.5)
@@ -70,7 +72,7 @@ ONE, EITHER = Layer(rayleigh(), 1, 1), "either thickness, or thickness_um togeth
         (lambda: Layer(np.ones(3), 0.5, 1.0), "phase_matrix must be a vrte.PhaseMatrix, not ndarray"),
         (lambda: Layer.of(DUST), EITHER),
         (lambda: Layer.of(DUST, thickness=1.0, thickness_um=1.0, volume_fraction=0.05), EITHER),
-        (lambda: Layer.of(DUST, thickness=1.0, volume_fraction=0.05), EITHER),
+        (lambda: Layer.of(DUST, thickness=1.0, volume_fraction=0.05), "volume_fraction beside thickness is not used"),
         (lambda: Layer.of(DUST, thickness_um=1.0), EITHER),
         (lambda: Layer.of(DUST, volume_fraction=0.05), EITHER),
         *(

@@ -23,7 +23,7 @@ VERBS = set(
     extend fetch fill find finish fit fix flatten flush fold follow foretell forget format freeze gather get group
     grow guard guess halve has hash identify import integrate interleave interpolate invert is iterate join judge
     keep label launch lay leave let light limit list load locate lock look make mark mask measure merge mirror mix
-    move multiply name note number open order own pad pair parse pass perform pick place plan plot predict prepare
+    move multiply name note number open order own pack pad pair parse pass perform pick place plan plot predict prepare
     print project put query quote raise rank read receive reconstruct record recover reduce refine reflect refract
     refresh remove rename repair repeat replace report require respond restore resume round run sample save say
     scale scatter seal select send serve set settle shade shape share shorten show solve sort split spread stack

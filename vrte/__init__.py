@@ -34,10 +34,12 @@ from vrte.calls.views import views
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.formats import load
 from vrte.formats.index_table import read_index
+from vrte.optics.crowding import IndependentScatteringWarning
+from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
 from vrte.optics.refractive_index import IndexTable, UnitsWarning, refractive_index
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse
-from vrte.optics.spheres import Particles, mixture, spheres
+from vrte.optics.spheres import spheres
 from vrte.results import over_hemisphere, quantities
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
@@ -47,7 +49,7 @@ from vrte.scene.boundary import Lambertian, MuellerBase
 from vrte.scene.facets import Facets
 from vrte.scene.illumination import hemisphere
 from vrte.scene.interface import Interface
-from vrte.scene.layer import IndependentScatteringWarning, Layer
+from vrte.scene.layer import Layer
 from vrte.scene.mirror import Mirror
 from vrte.scene.scene import Scene
 from vrte.sweep import interpolate, sweep

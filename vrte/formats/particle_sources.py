@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from vrte.formats.media import ONE_WAVELENGTH, WAVE_KEYS, check_material, find_clear_index, read_material
 from vrte.formats.toml_table import Table, locate_errors
+from vrte.optics.particles import Particles
 from vrte.optics.size_distribution import Gamma, Lognormal
-from vrte.optics.spheres import Particles
 
 Make = Callable[[], Particles]
 SIZES: dict[str, tuple[Callable[..., Lognormal | Gamma], tuple[str, ...]]] = {

@@ -40,6 +40,7 @@ from vrte.formats.toml_table import (
     suggest_nearest,
     translate_error,
 )
+from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import (
     MOST_TERMS,
     PhaseMatrix,
@@ -49,7 +50,7 @@ from vrte.optics.phase_matrix import (
     rayleigh,
 )
 from vrte.optics.refractive_index import find_wavelength_range
-from vrte.optics.spheres import Particles, mixture, spheres
+from vrte.optics.spheres import spheres
 from vrte.request.how import AUTO, OPTIONS
 from vrte.request.request import SIDES
 from vrte.scene.boundary import Boundary, Lambertian
@@ -402,7 +403,7 @@ def _read_facets(table: Table) -> dict[str, Any]:
     return {key: readers.get(key, table.flag)(key) for key in FACET_KEYS if key in table}
 
 
-def _read_lengths(layer: Table) -> dict[str, float]:
+def _read_lengths(layer: Table) -> dict[str, Any]:
     """How thick a layer of particles is, and how densely they lie."""
     optical, geometrical, by_volume = "thickness" in layer, "thickness_um" in layer, "volume_fractions" in layer
     if by_volume and "volume_fraction" in layer:
@@ -410,7 +411,7 @@ def _read_lengths(layer: Table) -> dict[str, float]:
     if optical == geometrical or ("volume_fraction" in layer) != (geometrical and not by_volume):
         alone = "" if by_volume else " with volume_fraction"
         raise layer.unfit(f"either thickness (optical) or thickness_um{alone} is needed")
-    found = {key: layer.number(key, "a number >= 0") for key in THICKNESS_KEYS[:2] if key in layer}
+    found: dict[str, Any] = {key: layer.number(key, "a number >= 0") for key in THICKNESS_KEYS[:2] if key in layer}
     return found | {key: layer.share(key, PART) for key in THICKNESS_KEYS[2:] if key in layer}
 
 

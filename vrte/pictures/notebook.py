@@ -14,8 +14,8 @@ import numpy as np
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.polarization import find_degree_of_linear_polarization
 from vrte.discrete_ordinates.planning.plan import Plan
+from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
-from vrte.optics.spheres import Particles
 from vrte.pictures.figures import finish, make_figure
 from vrte.pictures.lobes import choose_depth_colour, draw_depth, draw_spectrum, name_brdf, name_field, spread
 from vrte.pictures.phase_pictures import draw_phase_matrix

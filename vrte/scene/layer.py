@@ -1,22 +1,20 @@
 """A layer of particles."""
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
 from vrte.basics.arrays import check_number
 from vrte.basics.errors import SceneError
 from vrte.basics.views import view
-from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.optics.spheres import HOST_ALLOWED, Particles
+from vrte.optics.crowding import INDEPENDENT, check_packing, pack
+from vrte.optics.particles import HOST_ALLOWED, Particles
+from vrte.optics.phase_matrix import PhaseMatrix, isotropic
+from vrte.optics.refractive_index import Material
+from vrte.optics.spheres import find_absorption, find_host_index
 
-INDEPENDENT_UP_TO = 0.1  # volume fraction
+CLEAR_HOST = 1e-4  # absorption of a medium [1/um] that a layer of a given optical thickness leaves out: water's is less
 LARGEST_THICKNESS = 1e12  # of a layer that ends; beyond, one without end is meant
-
-
-class IndependentScatteringWarning(UserWarning):
-    """The particles are so close that they no longer scatter independently of each other."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,11 +78,33 @@ class Layer:
         *,
         thickness_um: float | None = None,
         volume_fraction: float | None = None,
+        packing: str = "independent",
     ) -> "Layer":
-        """A layer of ``particles``: optical ``thickness``, or ``thickness_um`` and ``volume_fraction``.
+        """A layer of particles in their host medium.
 
-        The volume fraction lies between 0 and 1; above 0.1 it warns (IndependentScatteringWarning). Raises
-        SceneError for both or neither.
+        Parameters
+        ----------
+        particles : Particles
+        thickness : float
+            Optical, >= 0 or inf; or
+        thickness_um : float
+            Geometrical [um], together with volume_fraction.
+        volume_fraction : float
+            What part of the layer is particles, between 0 and 1. With ``thickness`` it is needed where the host absorbs
+            or the packing is not independent, and refused elsewhere.
+        packing : {"independent", "percus-yevick", "effective-medium"}
+            How their being close is reckoned with (docs/particles.md); independently, with an
+            IndependentScatteringWarning above a volume fraction of 0.1.
+
+        Returns
+        -------
+        Layer
+            What the host absorbs between the particles counts as extinction without scattering.
+
+        Raises
+        ------
+        SceneError
+            For both thicknesses or neither, a volume fraction missing or not used, and what a packing cannot do.
 
         >>> from vrte.optics.phase_matrix import rayleigh
         >>> dust = Particles(rayleigh(), 1.0, 0.0, extinction_um2=0.5, scattering_um2=0.5, volume_um3=0.1)
@@ -93,30 +113,65 @@ class Layer:
         """
         if not isinstance(particles, Particles):
             raise SceneError(f"layer: particles must be vrte.spheres(...) or a mixture, not {type(particles).__name__}")
-        geometric = thickness_um is not None or volume_fraction is not None
-        if (thickness is not None) == geometric or (geometric and (thickness_um is None or volume_fraction is None)):
+        if (thickness is None) == (thickness_um is None) or (thickness_um is not None and volume_fraction is None):
             raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
+        check_packing(packing)
+        needed = packing != INDEPENDENT or particles.host_absorption > CLEAR_HOST
+        if thickness is not None and needed != (volume_fraction is not None):
+            why = "is needed: the host absorbs, or packing asks for it"
+            unused = "is not used: the host is clear, and packing independent"
+            raise SceneError.of("layer: volume_fraction", f"beside thickness {why if needed else unused}")
+        if volume_fraction is None:
+            return Layer(particles.phase_matrix, particles.albedo, thickness or 0.0, particles.host_index)
+        allowed = "above 0 and below 1"
+        fraction = check_number("layer: volume_fraction", volume_fraction, 5e-324, 1.0 - 2.0**-53, allowed)
+        packed = pack(particles, fraction, packing)
+        number, absorbed = fraction / packed.volume_um3, (1.0 - fraction) * particles.host_absorption
+        albedo = packed.albedo
+        if absorbed:
+            albedo = min(1.0, number * packed.scattering_um2 / (number * packed.extinction_um2 + absorbed))
         if thickness is None:
-            thickness = _find_optical_thickness(particles, thickness_um, volume_fraction)
-        return Layer(particles.phase_matrix, particles.albedo, thickness, particles.host_index)
+            allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
+            length = _check_extent("layer: thickness_um", thickness_um, allowed)
+            thickness = length * fraction / packed.volume_um3 * packed.extinction_um2 + (
+                length * absorbed if absorbed else 0.0
+            )
+        return Layer(packed.phase_matrix, albedo, thickness, particles.host_index)
+
+    @staticmethod
+    def clear(thickness_um: float, host_index: Material, wavelength_um: float) -> "Layer":
+        """A layer without particles: a clear coat, or a tinted one that absorbs and does not scatter.
+
+        Parameters
+        ----------
+        thickness_um : float
+            Geometrical [um].
+        host_index : str, complex, pair, IndexTable or RefractiveIndex
+            Of what it consists of, n + ik with k up to 0.01 n.
+        wavelength_um : float
+            In vacuum [um].
+
+        Returns
+        -------
+        Layer
+            Of the optical thickness 4 pi k/wavelength times its own.
+
+        Raises
+        ------
+        SceneError
+            Naming the argument.
+
+        >>> round(Layer.clear(100.0, (1.5, 1e-4), 0.5).thickness, 6)
+        0.251327
+        """
+        host = find_host_index(host_index, check_number("wavelength_um", wavelength_um, 0.0, math.inf, "a length"))
+        length = check_number(
+            "layer: thickness_um", thickness_um, 0.0, LARGEST_THICKNESS, "a length in micrometres >= 0"
+        )
+        return Layer(isotropic(), 0.0, length * find_absorption(host, wavelength_um), host.n)
 
 
 def _check_extent(name: str, value: Any, allowed: str) -> float:
     """From 0 to LARGEST_THICKNESS, or infinite."""
     extent = check_number(name, value, 0.0, math.inf, allowed)
     return extent if math.isinf(extent) else check_number(name, value, 0.0, LARGEST_THICKNESS, allowed)
-
-
-def _find_optical_thickness(particles: Particles, thickness_um: Any, volume_fraction: Any) -> float:
-    """Extinction cross section times number density (volume fraction over particle volume) times length."""
-    allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
-    length = _check_extent("layer: thickness_um", thickness_um, allowed)
-    fraction = check_number("layer: volume_fraction", volume_fraction, 5e-324, 1.0 - 2.0**-53, "above 0 and below 1")
-    if fraction > INDEPENDENT_UP_TO:
-        warnings.warn(
-            f"layer: a volume_fraction of {fraction:g} is above {INDEPENDENT_UP_TO}: independent scattering, "
-            "which is assumed here, is doubtful",
-            IndependentScatteringWarning,
-            stacklevel=3,
-        )
-    return length * fraction / particles.volume_um3 * particles.extinction_um2

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import PhaseMatrix, henyey_greenstein, isotropic, rayleigh
 from vrte.optics.size_distribution import Gamma, Tabulated
-from vrte.optics.spheres import Particles, spheres
+from vrte.optics.spheres import spheres
 from vrte.scene.boundary import Boundary, Lambertian, MuellerBase
 from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer

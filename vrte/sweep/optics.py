@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
-from vrte.optics.spheres import Particles, spheres
+from vrte.optics.spheres import spheres
 from vrte.sweep.sealed import DamagedError, is_whole, read_sealed, write_sealed
 
 IN_MEMORY = 256  # kinds of particle that a process remembers, some 10 kB each
-NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um3", "host_index")
+NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um3", "host_index", "host_absorption")
 
 
 class Optics:
@@ -75,7 +76,7 @@ def read(path: Path) -> Particles:
     with np.load(io.BytesIO(read_sealed(path)), allow_pickle=False) as file:
         matrix = PhaseMatrix(**{name: file[name] for name in SEQUENCES})
         numbers = {name: float(file[name]) for name in NUMBERS}
-        return Particles(matrix, **numbers, description=str(file["description"]))
+        return Particles(matrix, description=str(file["description"]), **numbers)  # type: ignore[arg-type]
 
 
 @contextmanager

@@ -26,8 +26,8 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.formats.scene_file import SceneFile, find_named_tables, make_scene_file, read_content
 from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
+from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic
-from vrte.optics.spheres import Particles
 from vrte.sweep.results import RESERVED, describe_results
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")

@@ -1,0 +1,152 @@
+"""How one kind of particle scatters, or several side by side: what a layer needs to know of them."""
+
+import math
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from vrte.basics.arrays import check_number, put_in_one_line
+from vrte.basics.errors import SceneError
+from vrte.basics.views import view
+from vrte.optics.phase_matrix import PhaseMatrix, check_mixture, mix
+from vrte.optics.populations import Ball
+
+LARGEST_AREA = 1e100  # cross section [um2] and volume [um3] of a particle: products stay far below overflow
+LARGEST_ABSORPTION = 1e6  # of a medium [1/um]
+HOST_ALLOWED = 1e-3, 1e3, "a real refractive index from 0.001 to 1000"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Particles:
+    """How one kind of particle scatters, averaged over its sizes: what a Layer needs to know of it.
+
+    Parameters
+    ----------
+    phase_matrix : PhaseMatrix
+    albedo, asymmetry : float
+        Of single scattering; g.
+    extinction_um2, scattering_um2, volume_um3 : float
+        Mean cross sections [um2] and volume [um3] of one particle.
+    description : str
+        In words, what it is and where its refractive index comes from.
+    host_index : float or None
+        Refractive index of the medium that they lie in; None: any.
+    host_absorption : float
+        Of that medium [1/um], 4 pi k/wavelength: what it takes of the light between them.
+    balls : tuple of (Ball, float)
+        What spheres among them are made of, with number shares; empty where that is not known, or not all are spheres.
+
+    Raises
+    ------
+    SceneError
+        Naming the field.
+
+    >>> from vrte.optics.phase_matrix import rayleigh
+    >>> Particles(rayleigh(), 0.5, 0.0, extinction_um2=0.4, scattering_um2=0.2, volume_um3=0.1).albedo
+    0.5
+    """
+
+    phase_matrix: PhaseMatrix
+    albedo: float
+    asymmetry: float
+    extinction_um2: float
+    scattering_um2: float
+    volume_um3: float
+    description: str = ""
+    host_index: float | None = None
+    host_absorption: float = 0.0
+    balls: tuple[tuple[Ball, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.phase_matrix, PhaseMatrix):
+            given = type(self.phase_matrix).__name__
+            raise SceneError(f"particles: phase_matrix must be a vrte.PhaseMatrix, not {given}")
+        above_zero = f"above 0 and at most {LARGEST_AREA:g}"
+        ranges = {
+            "albedo": (0.0, 1.0, "between 0 and 1"),
+            "asymmetry": (-1.001, 1.001, "a mean cosine, between -1 and 1"),  # published tables are rounded
+            "extinction_um2": (1.0 / LARGEST_AREA, LARGEST_AREA, above_zero),
+            "scattering_um2": (0.0, LARGEST_AREA, f"between 0 and {LARGEST_AREA:g}"),
+            "volume_um3": (1.0 / LARGEST_AREA, LARGEST_AREA, above_zero),
+            "host_absorption": (0.0, LARGEST_ABSORPTION, f"between 0 and {LARGEST_ABSORPTION:g} a micrometre"),
+        }
+        for name, (low, high, allowed) in ranges.items():
+            object.__setattr__(self, name, check_number(f"particles: {name}", getattr(self, name), low, high, allowed))
+        if self.host_index is not None:
+            host = check_number("particles: host_index", self.host_index, *HOST_ALLOWED)
+            object.__setattr__(self, "host_index", host)
+
+    def __repr__(self) -> str:
+        return (
+            f"Particles: {put_in_one_line(str(self.description), 300) or 'given by their phase matrix'}\n"
+            f"  albedo {self.albedo:.6g}, {self.phase_matrix.in_words}\n"
+            f"  extinction {self.extinction_um2:.5g} um2, scattering {self.scattering_um2:.5g} um2, "
+            f"volume {self.volume_um3:.5g} um3"
+        )
+
+    def _repr_html_(self) -> str:
+        return view(self, "_repr_html_")
+
+
+def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
+    """Several kinds of particles side by side.
+
+    Parameters
+    ----------
+    parts : sequence of (Particles, float)
+        Each with its number fraction, of which only the ratios matter.
+
+    Returns
+    -------
+    Particles
+        Cross sections and volume are means over all particles; each kind's phase matrix counts by what it scatters.
+
+    Raises
+    ------
+    SceneError
+        For an empty list, something else than pairs, or fractions that are negative or all zero.
+
+    >>> from vrte.optics.spheres import spheres
+    >>> small, large = (spheres(1.5, radius_um=r, wavelength_um=0.5) for r in (0.1, 0.3))
+    >>> mixture([(small, 0.5), (large, 0.5)]).volume_um3 == (small.volume_um3 + large.volume_um3) / 2
+    True
+    """
+    pairs: list[tuple[Particles, float]] = check_mixture(parts, "particles, number fraction")
+    for kind, _ in pairs:
+        if not isinstance(kind, Particles):
+            raise SceneError(f"a mixture needs pairs (particles, number fraction), not {type(kind).__name__}")
+    hosts = [kind.host_index for kind, _ in pairs if kind.host_index is not None]
+    if hosts and max(hosts) != min(hosts):
+        raise SceneError(
+            f"particles of a mixture lie in one medium: the host_index must not be {min(hosts):g} of one kind and "
+            f"{max(hosts):g} of another"
+        )
+    if len({kind.host_absorption for kind, _ in pairs if kind.host_index is not None}) > 1:
+        raise SceneError("particles of a mixture lie in one medium: their host must absorb the same")
+    shares = [check_number("number fraction", share, 0.0, sys.float_info.max, "a number >= 0") for _, share in pairs]
+    largest = max(shares)
+    if largest == 0.0:
+        raise SceneError("number fraction: at least one kind of particle in a mixture needs more than 0")
+    # of the largest: only ratios matter, and what is made of these neither overflows nor vanishes
+    pairs = [(kind, share / largest) for (kind, _), share in zip(pairs, shares, strict=True)]
+    total = math.fsum(share for _, share in pairs)
+
+    def mean(value: Callable[[Particles], float]) -> float:
+        return math.fsum(value(kind) * share for kind, share in pairs) / total
+
+    extinction, scattering = mean(lambda kind: kind.extinction_um2), mean(lambda kind: kind.scattering_um2)
+    phase_matrix = mix([(kind.phase_matrix, share * kind.scattering_um2) for kind, share in pairs])
+    return Particles(
+        phase_matrix=phase_matrix,
+        albedo=min(1.0, scattering / extinction),
+        asymmetry=phase_matrix.asymmetry,
+        extinction_um2=extinction,
+        scattering_um2=scattering,
+        volume_um3=mean(lambda kind: kind.volume_um3),
+        host_index=hosts[0] if hosts else None,
+        host_absorption=max(kind.host_absorption for kind, _ in pairs),
+        balls=tuple((ball, share * inner) for kind, share in pairs for ball, inner in kind.balls)
+        if all(kind.balls for kind, _ in pairs)
+        else (),
+        description="; ".join(f"{share / total:.6g} of {kind.description}" for kind, share in pairs),
+    )

@@ -1,0 +1,231 @@
+"""Spheres of many sizes: from the coefficients a_n and b_n of each to what a layer needs to know of all.
+
+What a sphere is made of is a `Ball`, which knows its coefficients at any radius. Amplitudes S1 and S2 and coefficients
+are those of Bohren and Huffman, "Absorption and scattering of light by small particles" (1983), chapter 4, for a
+refractive index n + i k.
+"""
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics import cost
+from vrte.basics.arrays import Array, check_vector
+from vrte.basics.errors import LongSolveWarning, SceneError
+from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
+from vrte.optics.phase_matrix import PAIRS, PhaseMatrix
+from vrte.optics.size_distribution import SizeDistribution
+
+Complex = NDArray[np.complex128]
+
+LARGEST_SIZE = 1e4  # size parameter 2 pi r/wavelength: beyond, an expansion of 2e4 terms helps nobody
+NEGLIGIBLE = 1e-16  # of the largest |a_n|, |b_n|: what the orders left out may hold
+LEFT_OUT = 1e-12  # what an expansion coefficient left out may hold; a1[0] is 1
+FEWEST_RADII, MOST_RADII = 129, 2049
+SETTLED = np.array([1e-6, 1e-6, 1e-6, 1e-4])  # relative: extinction, scattering, asymmetry, backscattering
+DOUBTFUL = 1e-2  # relative change of a cross section at MOST_RADII from which the user is warned
+ALL_SIZES_UP_TO = 100.0  # size parameter from which radii follow the sum of r^4 instead of r^6
+ANGLES_AT_ONCE, SIZES_AT_ONCE = 512, 256  # bound the memory
+
+
+class SizeAverageWarning(UserWarning):
+    """The average over sizes still changes with the number of radii (sharp resonances of clear spheres)."""
+
+
+class Ball(Protocol):
+    """One kind of sphere: what it is made of, what is around it, and how large it is, by `size`."""
+
+    @property
+    def size(self) -> SizeDistribution:
+        """The distribution of outer radii."""
+
+    @property
+    def host(self) -> float:
+        """The real refractive index around it."""
+
+    @property
+    def wavelength_um(self) -> float:
+        """In vacuum [um]."""
+
+    @property
+    def absorbs(self) -> bool:
+        """Whether extinction is more than scattering."""
+
+    @property
+    def in_words(self) -> str:
+        """What it is, but for sizes and light."""
+
+    def check_radii(self, radii: Array) -> None:
+        """Raises SceneError where the largest of ascending radii [um] is too large."""
+
+    def find_coefficients(self, radius_um: float) -> tuple[Complex, Complex]:
+        """a_n and b_n from n = 1 of a sphere of this outer radius."""
+
+    def put_in(self, host: float) -> "Ball":
+        """The same in a medium of another index."""
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Spheres of many sizes: radii [um], size parameters and weights (sizes,); a_n, b_n (sizes, orders), n >= 1."""
+
+    radii: Array
+    sizes: Array
+    weights: Array
+    a: Complex
+    b: Complex
+
+
+def find_wavenumber(ball: Ball) -> float:
+    """k = 2 pi n/wavelength in the medium around a ball [1/um]."""
+    return 2.0 * math.pi * ball.host / ball.wavelength_um
+
+
+def drop_negligible(a: Complex, b: Complex) -> tuple[Complex, Complex]:
+    """a_n and b_n without the orders at the end that hold nothing."""
+    strength = np.maximum(np.abs(a), np.abs(b))
+    orders = 1 + int(np.flatnonzero(strength > NEGLIGIBLE * strength.max())[-1])
+    return a[:orders], b[:orders]
+
+
+def settle_population(ball: Ball) -> tuple[Population, Array]:
+    """As many radii as it takes, and the relative change of (extinction, scattering, g, back) by the last step."""
+    coarsest = check_quadrature(ball.size, 2, 6)[0]
+    moment = 6 if find_wavenumber(ball) * coarsest[-1] <= ALL_SIZES_UP_TO else 4
+    known: dict[float, tuple[Complex, Complex]] = {}
+    count = max(FEWEST_RADII, coarsest.size)
+    most = max(MOST_RADII, 2 * count - 1)
+    population = make_population(ball, check_quadrature(ball.size, count, moment), known)
+    changes = np.zeros(4)
+    sums = sum_bulk(population)
+    while population.sizes.size > 1 and count < most:
+        count = 2 * count - 1
+        population = make_population(ball, check_quadrature(ball.size, count, moment), known)
+        before, sums = sums, sum_bulk(population)
+        changes = np.abs(sums - before) / sums[[0, 1, 1, 3]]
+        if np.all(changes <= SETTLED):
+            break
+    return population, changes
+
+
+def check_quadrature(distribution: SizeDistribution, count: int, moment: int) -> tuple[Array, Array]:
+    """Radii and weights, checked: a distribution may be anybody's."""
+    try:
+        radii, weights = distribution.quadrature(count, moment)
+    except Exception as reason:
+        name = type(distribution).__name__
+        raise SceneError(f"spheres: size: {name}.quadrature failed with {type(reason).__name__}") from reason
+    radii, weights = (
+        check_vector("spheres: size: the radii", radii),
+        check_vector("spheres: size: the weights", weights),
+    )
+    if radii.size != weights.size or radii[0] <= 0.0 or (np.diff(radii) < 0.0).any():
+        raise SceneError("spheres: size: the radii must increase from above 0, with one weight for each")
+    if (weights < 0.0).any() or not weights.any():
+        raise SceneError("spheres: size: the weights must be >= 0 and not all zero")
+    return radii, weights
+
+
+def make_population(
+    ball: Ball, quadrature: tuple[Array, Array], known: dict[float, tuple[Complex, Complex]]
+) -> Population:
+    """Mie coefficients at all the radii, padded with zeros; those not ``known`` are worked out and kept there."""
+    radii, weights = quadrature
+    ball.check_radii(radii)
+    for radius in radii:
+        if radius not in known:
+            known[radius] = ball.find_coefficients(radius)
+    orders = max(known[radius][0].size for radius in radii)
+    a, b = np.zeros((2, radii.size, orders), dtype=np.complex128)
+    for row, radius in enumerate(radii):
+        found = known[radius]
+        a[row, : found[0].size], b[row, : found[1].size] = found
+    return Population(radii, find_wavenumber(ball) * radii, weights, a, b)
+
+
+def check_size_parameter(ball: Ball, radii: Array) -> float:
+    """The size parameter of the largest of ascending radii [um]. Raises SceneError where it is too large."""
+    size = float(find_wavenumber(ball) * radii[-1])
+    if size > LARGEST_SIZE:
+        raise SceneError(
+            f"spheres: the size parameter 2 pi r/wavelength must be at most {LARGEST_SIZE:g}, not {size:.4g} "
+            f"(a radius of {radii[-1]:.4g} um: did you mean nanometres, {radii[-1] / 1e3:.4g} um?)"
+        )
+    return size
+
+
+def sum_bulk(population: Population) -> Array:
+    """Extinction, scattering, asymmetry x scattering and backscattering, averaged; cross sections k^2/(2 pi).
+
+    Source: Bohren and Huffman (1983), (4.61), (4.62), section 4.5 (asymmetry and backscattering).
+    """
+    a, b = population.a, population.b
+    order = np.arange(1.0, a.shape[1] + 1.0)
+    twice = 2.0 * order + 1.0
+    extinction = (a + b).real @ twice
+    scattering = (np.abs(a) ** 2 + np.abs(b) ** 2) @ twice
+    neighbours = (a[:, :-1] * a[:, 1:].conj() + b[:, :-1] * b[:, 1:].conj()).real
+    asymmetry = neighbours @ (order * (order + 2.0) / (order + 1.0))[:-1]
+    asymmetry += (a * b.conj()).real @ (twice / (order * (order + 1.0)))
+    back = np.abs((a - b) @ (twice * (-1.0) ** order)) ** 2
+    return population.weights @ np.stack([extinction, scattering, 2.0 * asymmetry, 0.5 * back], axis=1)
+
+
+def expand_population(population: Population) -> PhaseMatrix:
+    """The six sequences, by Gauss-Legendre quadrature over the cosine of the scattering angle.
+
+    The elements of F are polynomials of degree 2 n in the cosine (n orders), so 2 n + 1 nodes and as many terms
+    are exact. Source: de Rooij and van der Stap (1984), section 3.
+    """
+    terms = 2 * population.a.shape[1] + 1
+    seconds = cost.SECONDS_OF_TERMS * terms**2
+    if seconds > cost.LONG:
+        told = f"this will take about {seconds:.0f} s, most of it for a phase matrix of {terms} terms"
+        warnings.warn(f"{told}; smaller particles, or a smaller host_index, take less", LongSolveWarning, stacklevel=3)
+    cosine, weights = find_gauss_legendre(terms)
+    pieces = range(0, terms, ANGLES_AT_ONCE)
+    elements = [compute_scattering_elements(population, cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]
+    plus, minus, f12, f34 = weights * np.concatenate(elements, axis=1)
+    plain, crossed = 0.5 * np.stack([plus + minus, plus - minus], axis=1), -np.stack([f12, f34], axis=1)
+    sums = np.empty((terms, 6))
+    for first, block in compute_wigner_functions(PAIRS, terms, cosine):
+        rows = slice(first, first + len(block))
+        sums[rows, :2], sums[rows, 2:4] = block[:, 0] @ plain, block[:, 1] @ crossed
+        sums[rows, 4], sums[rows, 5] = block[:, 2] @ plus, block[:, 3] @ minus
+    sums *= (2.0 * np.arange(terms)[:, None] + 1.0) / sums[0, 0]
+    kept = 1 + int(np.flatnonzero(np.abs(sums).max(axis=1) > LEFT_OUT)[-1])
+    a1, a4, b1, b2, total, difference = sums[:kept].T
+    return PhaseMatrix(a1, 0.5 * (total + difference), 0.5 * (total - difference), a4, b1, b2)
+
+
+def compute_scattering_elements(population: Population, cosine: Array) -> Array:
+    """F11 + F33, F11 - F33, F12 and F34 at ``cosine`` (angles,), ascending, averaged over sizes: (4, angles).
+
+    Times k^2. With S1 + S2 = sum (2n+1)(a_n + b_n) d^n_11 and S1 - S2 = sum (2n+1)(a_n - b_n) d^n_1,-1, which are
+    Bohren and Huffman (1983), (4.74), with pi_n +- tau_n = n(n+1) d^n_1,+-1; the elements are their (4.77).
+    """
+    orders = population.a.shape[1]
+    blocks = [block for _, block in compute_wigner_functions(((1, 1), (1, -1)), orders + 1, cosine)]
+    functions = np.concatenate(blocks)[1:] * (2.0 * np.arange(1, orders + 1)[:, None, None] + 1.0)
+    elements = np.zeros((4, cosine.size))
+    for start in range(0, population.sizes.size, SIZES_AT_ONCE):
+        rows = slice(start, start + SIZES_AT_ONCE)
+        a, b, weights = population.a[rows], population.b[rows], population.weights[rows]
+        total, difference = _multiply_real(a + b, functions[:, 0]), _multiply_real(a - b, functions[:, 1])
+        cross = weights @ (total * difference.conj())
+        elements[0] += 0.5 * (weights @ np.abs(total) ** 2)
+        elements[1] += 0.5 * (weights @ np.abs(difference) ** 2)
+        elements[2:] += 0.5 * np.stack([-cross.real, cross.imag])
+    return elements
+
+
+def _multiply_real(coefficients: Complex, functions: Array) -> Complex:
+    """(sizes, orders) complex times (orders, angles) real, as one product of real matrices."""
+    both = np.concatenate([coefficients.real, coefficients.imag]) @ functions
+    result = np.empty((len(coefficients), functions.shape[1]), dtype=np.complex128)
+    result.real, result.imag = both[: len(coefficients)], both[len(coefficients) :]
+    return result
