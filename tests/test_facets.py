@@ -9,7 +9,7 @@ from vrte.basics.quadrature import make_double_gauss
 from vrte.basics.running import Crew
 from vrte.optics.facets import RoughSurface, shade_facets
 from vrte.optics.fresnel import reflect_smooth, transmit_smooth
-from vrte.scene.boundary import PAULI, find_coherency
+from vrte.scene.base_checks import PAULI, find_coherency
 
 D, Q = np.diag([1.0, 1.0, -1.0, -1.0]), np.diag([1.0, 1.0, 1.0, -1.0])
 SURFACES = [

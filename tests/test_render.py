@@ -16,6 +16,7 @@ import vrte
 from vrte import cli
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
+from vrte.basics.splines import make_spline_matrix
 from vrte.render import colour, rendering
 from vrte.render.geometry import Camera, compute_normals, place_camera
 from vrte.render.picture import Sheet, colour_angles
@@ -23,7 +24,6 @@ from vrte.render.rendering import compute_spheres, measure_interpolation_error
 from vrte.render.setting import Setting, read
 from vrte.render.sky import Sky, compute_optical_thickness, make_sky
 from vrte.render.spheres import MARGIN, Resolution, Table, View, compute_irradiance, tabulate_brdf
-from vrte.results.splines import make_spline_matrix
 
 COARSE = Resolution(angles=20, azimuths=36, around=24, along=12, across=8)
 WHITE = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(1.0))

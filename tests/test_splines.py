@@ -8,11 +8,11 @@ import pytest
 
 import vrte
 from vrte.basics.arrays import Array
+from vrte.basics.splines import compute_weights, extend_azimuths, repeat_grid
 from vrte.formats.between_directions import Splines, directions
 from vrte.formats.measured_polarized import make_unit_vectors
 from vrte.render.spheres import Resolution, tabulate_brdf
 from vrte.results.over_hemisphere import stokes_over_hemisphere
-from vrte.results.splines import compute_weights, extend_azimuths, repeat_grid
 
 LIGHT = np.array([1.0, 0.3, -0.4, 0.5])
 

@@ -8,9 +8,18 @@ horizon, where f (mu_i + mu_o) is an even function of 1 - s.
 import numpy as np
 
 from vrte.basics.arrays import Array, check_whole
+from vrte.basics.splines import (
+    MIRROR,
+    compute_coefficients,
+    extend_azimuths,
+    extend_over_horizon,
+    extend_over_pole,
+    make_cosines,
+    make_spline_matrix,
+    stretch_cosines,
+)
 from vrte.request.request import SMALLEST_COSINE
 from vrte.results.brdf import Brdf
-from vrte.results.splines import MIRROR, compute_coefficients, extend_azimuths, extend_over_pole, make_spline_matrix
 
 COSINES, AZIMUTHS = 48, 73  # to solve for, by default
 FEWEST, MOST = 8, 1024
@@ -27,8 +36,7 @@ def directions(cosines: int = COSINES, azimuths: int = AZIMUTHS) -> dict[str, Ar
     >>> {name: values.size for name, values in directions().items()}
     {'mu_i': 48, 'mu_o': 48, 'phi': 73}
     """
-    middles = (np.arange(check_whole("cosines", cosines, FEWEST, MOST)) + 0.5) / cosines
-    mu = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * middles))
+    mu = make_cosines(check_whole("cosines", cosines, FEWEST, MOST))
     return {"mu_i": mu, "mu_o": mu, "phi": np.linspace(0.0, 180.0, check_whole("azimuths", azimuths, FEWEST, MOST))}
 
 
@@ -39,10 +47,8 @@ class Splines:
         s, weighted = stretch_cosines(one.mu_o), one.mueller * (one.mu_i[:, None] + one.mu_o)[:, :, None, None, None]
         for axis in (0, 1):
             polar, weighted = extend_over_pole(s, weighted, np.flip(weighted, 2) * MIRROR, axis, MARGIN)
-            horizon = np.flip(weighted.take(range(-min(MARGIN, s.size), 0), axis), axis)
-            weighted = np.concatenate([weighted, horizon], axis)
+            polar, weighted = extend_over_horizon(polar, weighted, axis, MARGIN)
         azimuths, weighted = extend_azimuths(one.phi, weighted, 0.0, 180.0, MARGIN)
-        polar = np.concatenate([polar, 2.0 - s[: -MARGIN - 1 : -1]])
         self.grids = polar, polar, azimuths
         self.there = weighted.any(axis=(0, 1, 2))  # elements that are not zero throughout
         # one after another: all at once would take five times the memory
@@ -66,9 +72,3 @@ class Splines:
         matrices /= (mu_i + mu_o)[:, None, None]
         matrices[phi < 0.0] *= MIRROR
         return matrices
-
-
-def stretch_cosines(mu: Array) -> Array:
-    """s from 0 at the pole to 1 at the horizon."""
-    found: Array = np.arcsin(np.minimum(np.arccos(mu) / (0.5 * np.pi), 1.0)) / (0.5 * np.pi)
-    return found

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from vrte.basics.arrays import Array, check_number
 from vrte.basics.errors import SceneError
+from vrte.basics.splines import MIRROR
 from vrte.formats.between_directions import FEWEST, MOST, Splines, directions
 from vrte.formats.contents import describe_result
 from vrte.formats.mitsuba_tensor import write_tensors
 from vrte.results.spectrum import Spectrum
-from vrte.results.splines import MIRROR
 from vrte.scene.illumination import SAME
 
 WAVELENGTHS = 5  # in Mitsuba's code

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.basics.splines import compute_coefficients, make_spline_matrix, repeat_grid
 from vrte.optics.facets import RoughSurface, tell_density
 from vrte.render.geometry import UP, Camera, compute_normals, convert_to_polar, find_turn, turn_stokes
 from vrte.render.sky import STEEPEST, Sky, make_horizon_angles
-from vrte.results.splines import compute_coefficients, make_spline_matrix, repeat_grid
 
 if TYPE_CHECKING:
     from vrte.render.spheres import View

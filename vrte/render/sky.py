@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.basics.splines import compute_coefficients
 from vrte.calls.radiance import radiance
 from vrte.optics.phase_matrix import rayleigh
-from vrte.results.splines import compute_coefficients
 from vrte.scene.boundary import Lambertian
 from vrte.scene.layer import Layer
 from vrte.scene.scene import Scene

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
+from vrte.basics.splines import compute_coefficients, extend_azimuths, make_spline_matrix, repeat_grid
 from vrte.optics.facets import RoughSurface
 from vrte.render.geometry import UP, Camera, compute_normals, convert_to_polar, find_turn, turn_stokes
 from vrte.render.gloss import Gloss, RoughGloss
 from vrte.render.sky import Sky, make_horizon_angles
 from vrte.results.brdf import Brdf
-from vrte.results.splines import compute_coefficients, extend_azimuths, make_spline_matrix, repeat_grid
 
 STEEPEST = 1e-3  # smallest cosine of a BRDF's table; light that grazes even more is given the value there
 MARGIN = 0.94  # of a square picture's half side: the sphere's radius

@@ -10,8 +10,8 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
+from vrte.basics.splines import compute_weights, extend_azimuths, extend_over_pole, mirror_azimuths
 from vrte.results.brdf import Brdf
-from vrte.results.splines import compute_weights, extend_azimuths, extend_over_pole, mirror_azimuths
 
 EDGE = 1e-9  # [degrees] beyond the last mu_o: rounding
 HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to it: a spline across would be invention

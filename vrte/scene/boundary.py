@@ -20,20 +20,13 @@ from vrte.basics.arrays import (
     check_numbers,
     check_vector,
     put_in_one_line,
-    settle_array,
 )
 from vrte.basics.errors import AccuracyError, SceneError
 from vrte.optics.facets import RoughSurface
-from vrte.optics.phase_matrix import NEGATIVE_ALLOWED
+from vrte.scene.base_checks import CHECKED_COSINES, LARGEST_BASE, check_energy, check_physical, make_exit_rule
 
-LARGEST_BASE = 1e100  # of an element of a base's Mueller matrix [1/sr]
-CHECKED_COSINES = settle_array(np.array([0.01, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0]))  # mu_i of a base's energy
-GRAZING = 0.05  # mu_i below which a base may give back more than it gets
-ENERGY_ALLOWED = 1e-3  # relative: what quadratures of coarse functions leave
-COARSE = 24  # points of a first look at a base's energy
 FEWEST_AZIMUTHS, MOST_AZIMUTHS = 32, 1 << 13  # from 0 to 180 degrees
 SAMPLES_AT_ONCE = 1 << 16  # of 4 x 4 numbers
-PAULI = np.array([[[1, 0], [0, 1]], [[1, 0], [0, -1]], [[0, 1], [1, 0]], [[0, -1j], [1j, 0]]])  # of I, Q, U, V
 
 Allowed = Callable[[Array], Array]  # how far R^m may be off, (in, out), from the largest element of each, (in, out)
 
@@ -188,40 +181,8 @@ class MuellerBase(Boundary):
                 "base: f(-phi) must equal D f(phi) D with D = diag(1, 1, -1, -1), as for every "
                 f"mirror-symmetric surface; the given function breaks this by {gap:.3g}"
             )
-        self._check_physical(there, *np.broadcast_arrays(mu_i, mu_o, phi))
-        self._check_energy()
-
-    def _check_physical(self, f: Array, mu_i: Array, mu_o: Array, phi: Array) -> None:
-        """Sums of what single reflections do to the field have coherency matrices without negative eigenvalues."""
-        lowest, intensity = np.linalg.eigvalsh(find_coherency(f))[..., 0], f[..., 0, 0]
-        floor = -NEGATIVE_ALLOWED * intensity - 1e-12 * np.abs(f).max()
-        worst = np.unravel_index(np.argmin(lowest - floor), lowest.shape)
-        if lowest[worst] < floor[worst]:
-            raise SceneError(
-                f"base: the Mueller matrix from mu_i {mu_i[worst]:g} to mu_o {mu_o[worst]:g} at phi_deg {phi[worst]:g} "
-                f"is not physical: its coherency matrix has the eigenvalue {lowest[worst]:.3g} where f_00 is "
-                f"{intensity[worst]:.3g}; at least -{NEGATIVE_ALLOWED:g} f_00 is allowed (check signs and order)"
-            )
-
-    def _check_energy(self) -> None:
-        """Looks closer, until the quadrature settles, only at what seems to be too much."""
-        most = (1.0 + ENERGY_ALLOWED) * np.maximum(1.0, GRAZING / CHECKED_COSINES)
-        excess = self.reflectance(CHECKED_COSINES, COARSE) / most
-        for place in np.argsort(-excess)[: np.count_nonzero(excess > 1.0)]:  # the worst first
-            mu_i, before = CHECKED_COSINES[place : place + 1], np.inf
-            for points in (2 * COARSE, 4 * COARSE, 8 * COARSE, 16 * COARSE):
-                now = self.reflectance(mu_i, points)[0]
-                if now <= most[place] or abs(now - before) <= ENERGY_ALLOWED * now:
-                    break
-                before = now
-            else:
-                continue  # too narrow for this quadrature: the solver's own will tell
-            if now > most[place]:
-                raise SceneError(
-                    f"base: the function gives back {now:.4g} of the light that comes along mu_i = {mu_i[0]:g}, and "
-                    f"at most {most[place]:.4g} is allowed there (facets without shadows give back too much near the "
-                    "horizon)"
-                )
+        check_physical(there, *np.broadcast_arrays(mu_i, mu_o, phi))
+        check_energy(self.reflectance)
 
     def reflectance(self, mu_i: Any, points: int = 64) -> Array:
         """Share of unpolarized light along ``mu_i`` (n,) that comes back into all directions, (n,).
@@ -231,11 +192,10 @@ class MuellerBase(Boundary):
         >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0])).reflectance([0.5]).round(12) / np.pi
         array([0.1])
         """
-        root, weight = np.polynomial.legendre.leggauss(points)
-        mu_o = (0.5 * (root + 1.0)) ** 2  # dense at the horizon, where lobes of grazing light are
+        mu_o, weight = make_exit_rule(points)
         phi, share = make_azimuth_rule(np.arange(1, points), points)
         found = self(check_vector("mu_i", mu_i)[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]
-        total: Array = 2.0 * (found @ share) @ (weight * np.sqrt(mu_o) * mu_o)
+        total: Array = 2.0 * (found @ share) @ weight
         return total
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
@@ -337,19 +297,6 @@ class MuellerBase(Boundary):
                 f"base: the MuellerBase function {name} cannot be pickled: {put_in_one_line(str(reason), 200)}"
             ) from reason
         return (MuellerBase, (self.function,))
-
-
-def find_coherency(mueller: Array) -> NDArray[np.complex128]:
-    """H = sum_ij f_ij (sigma_i x sigma_j^*)/4 of Mueller matrices (..., 4, 4), Hermitian, of trace f_00: (..., 4, 4).
-
-    What a mixture of Jones matrices does has eigenvalues >= 0. Source: Cloude, Optik 75, 26 (1986).
-
-    >>> np.linalg.eigvalsh(find_coherency(np.eye(4))).round(12).tolist()  # one Jones matrix, that changes nothing
-    [0.0, 0.0, 0.0, 1.0]
-    """
-    products = 0.25 * np.einsum("iab,jcd->ijacbd", PAULI, PAULI.conj()).reshape(4, 4, 4, 4)
-    found: NDArray[np.complex128] = np.einsum("...ij,ijab->...ab", mueller, products)
-    return found
 
 
 def make_azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:

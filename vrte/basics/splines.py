@@ -1,8 +1,9 @@
-"""The one spline of a BRDF: cubic in the angles from the normal and in the azimuth, for pictures, tables and renderers.
+"""The one spline of a BRDF, in angles from the normal and azimuth: for pictures, tables, renderers and bases.
 
-Directions do not depend on the wavelength, values do: a spline is its `coefficients`, and a sparse matrix, `rows`, that
-takes them to directions; `weights` is both in one, for few points. Grids go on beyond the data: `around` periodically
-in azimuth, `extend_over_pole` along great circles.
+Directions do not depend on the wavelength, values do: a spline is its coefficients, and a sparse matrix that takes them
+to directions; `compute_weights` is both in one, for few points. Grids go on beyond the data: `repeat_grid` periodically
+in azimuth, `extend_over_pole` along great circles, `extend_over_horizon` as the mirror image that a function of the
+cosine is in the variable of `stretch_cosines`.
 """
 
 from typing import Any
@@ -17,20 +18,21 @@ from vrte.basics.polarization import FLIP
 MARGIN = 16  # points repeated beyond each end: what the ends spoil has faded to 1e-9 there
 MIRROR = np.outer(FLIP, FLIP)  # f(-phi) = f(phi) times this
 POLE = 1e-6  # of the unit of a grid: nearer to the normal is on it
+DEGREE = 3  # of the polynomials
 
 
-def compute_coefficients(grids: tuple[Array, ...], values: Array) -> Array:
+def compute_coefficients(grids: tuple[Array, ...], values: Array, degree: int = DEGREE) -> Array:
     """B-spline coefficients of ``values`` (n_1, n_2, ..., more) on ascending grids (n_1,), (n_2,), ...: as many."""
     from scipy.interpolate import make_interp_spline
 
     with keep_to_one_thread():  # of BLAS: its threads wait for each other longer than banded systems take
         for axis, grid in enumerate(grids):
-            spline = make_interp_spline(grid, np.moveaxis(values, axis, 0), k=choose_degree(grid))
+            spline = make_interp_spline(grid, np.moveaxis(values, axis, 0), k=choose_degree(grid, degree))
             values = np.moveaxis(spline.c, 0, axis)
     return values
 
 
-def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...]) -> Any:
+def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...], degree: int = DEGREE) -> Any:
     """The sparse matrix (n, n_1 n_2 ...) that takes flattened coefficients to the points, one coordinate (n,) a grid.
 
     Points beyond a grid are taken at its end.
@@ -40,8 +42,9 @@ def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...]) -> A
 
     columns, shares = np.zeros((points[0].size, 1), dtype=np.int32), np.ones((points[0].size, 1))
     for grid, point in zip(grids, points, strict=True):
-        knots = make_interp_spline(grid, np.zeros(grid.size), k=choose_degree(grid)).t
-        one = BSpline.design_matrix(np.clip(point, grid[0], grid[-1]), knots, choose_degree(grid))
+        here = choose_degree(grid, degree)
+        knots = make_interp_spline(grid, np.zeros(grid.size), k=here).t
+        one = BSpline.design_matrix(np.clip(point, grid[0], grid[-1]), knots, here)
         place, share = (part.reshape(len(point), -1) for part in (one.indices.astype(np.int32), one.data))
         columns = (columns[:, :, None] * np.int32(grid.size) + place[:, None, :]).reshape(len(point), -1)
         shares = (shares[:, :, None] * share[:, None, :]).reshape(len(point), -1)
@@ -51,19 +54,21 @@ def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...]) -> A
     return csr_array((shares.ravel(), columns.ravel(), starts), shape=shape)
 
 
-def compute_weights(grid: Array, points: Array) -> Array:
-    """The weight (points, n) of each value on a grid (n,) at the points; polynomials through all of up to four values.
+def compute_weights(grid: Array, points: Array, degree: int = DEGREE) -> Array:
+    """The weight (points, n) of each value on a grid (n,) at the points; one polynomial goes through all values where
+    they are no more than its degree needs.
 
     >>> compute_weights(np.array([0.0, 1.0, 2.0]), np.array([0.5])).tolist()
     [[0.375, 0.75, -0.125]]
     """
-    found: Array = make_spline_matrix((grid,), (points,)) @ compute_coefficients((grid,), np.eye(grid.size))
+    coefficients = compute_coefficients((grid,), np.eye(grid.size), degree)
+    found: Array = make_spline_matrix((grid,), (points,), degree) @ coefficients
     return found
 
 
-def choose_degree(grid: Array) -> int:
-    """Of the polynomials: 3 where there are enough points."""
-    return min(3, grid.size - 1)
+def choose_degree(grid: Array, degree: int) -> int:
+    """Of the polynomials: that degree where there are enough points."""
+    return min(degree, grid.size - 1)
 
 
 def repeat_grid(
@@ -116,3 +121,32 @@ def extend_over_pole(
     """
     behind = np.flatnonzero(theta > POLE)[:margin][::-1]  # the pole itself counts once
     return np.concatenate([-theta[behind], theta]), np.concatenate([opposite.take(behind, axis), here], axis)
+
+
+def extend_over_horizon(s: Array, values: Array, axis: int = 0, margin: int = MARGIN) -> tuple[Array, Array]:
+    """Variables (m,) of `stretch_cosines` and values beyond the horizon, s = 1, whose mirror image they are: even in
+    1 - s. ``s`` (n,) ascends, from wherever, to 1 or below; ``values`` have it as their ``axis``.
+
+    >>> extend_over_horizon(np.array([0.5, 0.9]), np.array([1.0, 2.0]))[0].tolist()
+    [0.5, 0.9, 1.1, 1.5]
+    """
+    there = np.flatnonzero(s < 1.0 - POLE)[-margin:][::-1]
+    return np.concatenate([s, 2.0 - s[there]]), np.concatenate([values, values.take(there, axis)], axis)
+
+
+def stretch_cosines(mu: Array) -> Array:
+    """s from 0 at the normal to 1 at the horizon, theta = 90 degrees sin(pi s/2): as good as theta at the normal, as
+    the root of the cosine at the horizon."""
+    found: Array = np.arcsin(np.minimum(np.arccos(mu) / (0.5 * np.pi), 1.0)) / (0.5 * np.pi)
+    return found
+
+
+def make_cosines(count: int) -> Array:
+    """So many cosines (count,), descending, evenly spaced in s of `stretch_cosines`, half a step from both its ends.
+
+    >>> make_cosines(3).round(4).tolist()
+    [0.9185, 0.444, 0.0535]
+    """
+    middles = (np.arange(count) + 0.5) / count
+    found: Array = np.cos(0.5 * np.pi * np.sin(0.5 * np.pi * middles))
+    return found
