@@ -18,9 +18,10 @@ from vrte.app.form import content as form
 from vrte.app.form.fields import parse_field_text, write_field_text
 from vrte.app.form.files import MOST_OF_AXIS, adopt_and_tell, adopt_content, write_content
 from vrte.basics.errors import Place
-from vrte.formats.scene_file import FILE_KEYS, LAYER_KEYS, make_scene_file, read_content
+from vrte.formats.layers import LAYER_KEYS
+from vrte.formats.particle_sources import check_particles
+from vrte.formats.scene_file import FILE_KEYS, make_scene_file, read_content
 from vrte.formats.toml_table import show_place
-from vrte.optics.spheres import check_spheres
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 GALLERY = sorted((Path(vrte.__file__).parent / "app" / "gallery").glob("*.toml"))
@@ -107,7 +108,7 @@ def test_a_wrong_field_gets_the_librarys_message(place: Place, text: str, words:
 
 def test_the_message_is_that_of_the_solver_and_may_be_about_all_of_a_kind() -> None:
     with pytest.raises(vrte.SceneError) as told:
-        make_scene_file(fresh(nodes=10**6), "brdf", spheres_of=check_spheres)
+        make_scene_file(fresh(nodes=10**6), "brdf", compute=check_particles)
     assert problems(fresh(nodes=10**6)) == {"nodes": str(told.value)}
     content = fresh(particles={"gold": {"index": "gold", "radius_um": 1e5}})
     assert "size parameter" in problems(content)["particles.gold"]
@@ -217,7 +218,7 @@ def test_every_choice_is_right_from_the_start() -> None:
         form.set_geometric(layer, medium != "particles")
         form.set_medium(content, 0, medium)
         assert problems(content) == {}
-    for mode in form.SIZES:
+    for mode in form.SIZE_MODES:
         form.set_size_mode(kind, mode)
         assert (form.get_size_mode(kind), problems(content)) == (mode, {})
     form.set_base(content, "lambertian")

@@ -432,7 +432,7 @@ def test_files_that_are_no_text(tmp_path: Path) -> None:
 
 
 def test_nothing_is_computed_for_a_scene_with_a_mistake(read: Reader, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vrte.formats.scene_file.spheres", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.setitem(SOURCES, "spheres", SOURCES["spheres"]._replace(make=lambda **_: pytest.fail("computed")))
     second = '[[layer]]\nparticles = "gold"\n'
     with pytest.raises(vrte.SceneError, match=r"layer\[2\]: either thickness"):
         read(SCENE, ("[base]", second + "[base]"))
@@ -441,7 +441,9 @@ def test_nothing_is_computed_for_a_scene_with_a_mistake(read: Reader, monkeypatc
 @pytest.mark.parametrize("name", SOURCES)
 def test_every_source_of_particles_fills_a_layer(name: str) -> None:
     """By its example: named or, for spheres, not, in a scene that loses no energy; other keys are refused by name."""
-    kind = {"source": name, **SOURCES[name].example}
+    row = SOURCES[name]
+    kind = {"source": name, **{key: one.start for key, one in row.keys.items() if one.start is not None}}
+    kind |= {"radius_um": 0.1} if row.sized else {}
     rest = {"wavelength_um": 0.5, "nodes": 8, "layer": [{"particles": "one", "thickness": 0.5}], "field": {"mu0": 0.6}}
     found = make_scene_file({**rest, "particles": {"one": kind}})
     (layer,) = found.scene.layers

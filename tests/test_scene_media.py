@@ -9,7 +9,8 @@ import pytest
 
 import vrte
 from vrte.basics.errors import Place
-from vrte.formats.scene_file import find_known_wavelengths, find_named_tables, make_scene_file
+from vrte.formats.named import find_known_wavelengths, find_named_tables
+from vrte.formats.scene_file import make_scene_file
 from vrte.formats.scene_writer import write_toml
 from vrte.formats.toml_table import show_place
 from vrte.optics.refractive_index import refractive_index
@@ -118,8 +119,8 @@ def test_tables_and_wavelengths_of_media_are_found() -> None:
         (make_content({"interface": {"above": 1.0}}), ("layer", 0, "interface", "below"), "is missing"),
         (make_content(between(1.0, 0.05)), ("layer", 0, "interface", "below"), "a real refractive index from 0.1"),
         (make_content(between(1.0, True)), ("layer", 0, "interface", "below"), "must be the name of a material"),
-        (make_content(between(1.0, "gold")), ("layer", 0, "interface", "below"), 'can be the base, kind = "mirror"'),
-        (make_content(between(1.0, [1.5, 0.01])), ("layer", 0, "interface", "below"), "1.5 + 0.01i"),
+        (make_content(between(1.0, "gold")), ("layer", 0, "interface", "below"), "what absorbs more is for bases"),
+        (make_content(between(1.0, [1.5, 0.1])), ("layer", 0, "interface", "below"), "1.5 + 0.1i"),
         (make_content(between(1.0, "wter")), ("layer", 0, "interface", "below"), "is neither a known name"),
         (make_content(between(1.0, "lost.csv")), ("layer", 0, "interface", "below"), "cannot be read"),
         (make_content(between("rutile", 1.0), wavelength_um=0.4), ("layer", 0, "interface", "above"), "from 0.43"),
@@ -173,6 +174,51 @@ def test_media_must_fit_together() -> None:
 
 def test_particles_kept_by_a_sweep_keep_their_medium(tmp_path: Path) -> None:
     optics = Optics(tmp_path)
-    kept = optics.keep(1.7, radius_um=0.1, wavelength_um=0.55, host_index=1.5)
-    assert kept.host_index == optics(1.7, radius_um=0.1, wavelength_um=0.55, host_index=1.5).host_index == 1.5
+    given = {"index": 1.7, "radius_um": 0.1, "wavelength_um": 0.55, "host_index": 1.5}
+    kept = optics.keep("spheres", given)
+    assert kept.host_index == optics("spheres", given).host_index == 1.5
     assert len(list(tmp_path.glob("*.lock"))) == 1
+
+
+def test_one_kind_lies_in_two_media_and_a_clear_coat_has_none() -> None:
+    """A layer's own host wins over the file's; interfaces fit; a tinted coat absorbs 4 pi k/wavelength a micrometre."""
+    content = make_content(
+        between(1.0, 1.5),
+        {"host_index": [1.5, 1e-4], "thickness_um": 100.0},
+        {**PAINT, "host_index": [1.5, 0.0]},
+        between(1.5, "water"),
+        {**PAINT, "host_index": "water"},
+    )
+    scene = make_scene_file(content).scene
+    assert scene.indices[:2] == (1.5, 1.5)
+    assert scene.layers[0].thickness == pytest.approx(100.0 * 4e-4 * np.pi / content["wavelength_um"])
+    assert scene.layers[0].albedo == 0.0
+    assert scene.layers[1].phase_matrix.asymmetry != scene.layers[2].phase_matrix.asymmetry
+
+
+@pytest.mark.parametrize(
+    ("layer", "key", "complaint"),
+    [
+        ({"host_index": 1.5, "thickness": 1.0}, "thickness", "a clear layer has none"),
+        ({"host_index": 1.5}, "thickness_um", "is missing"),
+        ({"host_index": [1.5, 0.1], "thickness_um": 1.0}, "host_index", "k from 0 to 0.01 n"),
+        ({**PAINT, "host_index": [1.5, 1e-3]}, "volume_fraction", "the host absorbs"),
+        ({**PAINT, "packing": "dense"}, "packing", '"independent"'),
+        ({**PAINT, "volume_fraction": 0.1}, "volume_fraction", "is not used"),
+    ],
+)
+def test_what_is_wrong_with_a_layers_medium_is_named(layer: dict[str, Any], key: str, complaint: str) -> None:
+    with pytest.raises(vrte.SceneError, match=complaint) as caught:
+        make_scene_file(make_content(layer))
+    assert caught.value.place == ("layer", 0, key)
+
+
+def test_a_sweep_finds_particles_in_the_media_of_their_layers() -> None:
+    content = make_content({**PAINT, "host_index": 1.5})
+    content["axes"] = {"n": {"key": "layer[1].host_index", "values": [1.3, 1.4]}}
+    table = vrte.sweep(content)
+    one = vrte.brdf(
+        make_scene_file(make_content({**PAINT, "host_index": 1.4})).scene,
+        **make_scene_file(content := make_content(PAINT)).request,
+    )
+    np.testing.assert_allclose(table.mueller.sel(n=1.4), one.mueller, rtol=1e-5, atol=1e-7)

@@ -22,6 +22,7 @@ import xarray
 import vrte
 from tests.helpers import run, wait_until
 from vrte.basics.errors import SceneError, SweepError
+from vrte.formats.particle_sources import make_particles
 from vrte.sweep import optics, store
 from vrte.sweep.engines.threads import Cores
 from vrte.sweep.grid import Grid, cut_grid
@@ -264,11 +265,11 @@ def test_optics_are_computed_once_for_each_particle_and_wavelength(
 ) -> None:
     asked: list[tuple[Any, ...]] = []
 
-    def counted(material: Any, **how: Any) -> vrte.Particles:
-        asked.append((material, *how.values()))
-        return vrte.spheres(material, **how)
+    def counted(source: str, given: dict[str, Any]) -> vrte.Particles:
+        asked.append((source, *given.values()))
+        return make_particles(source, given)
 
-    monkeypatch.setattr(optics, "spheres", counted)
+    monkeypatch.setattr(optics, "make_particles", counted)
     vrte.sweep(file, workers=2, chunk=1)
     # gold: 2 wavelengths x 2 radii, glass: 2 wavelengths; of 24 scenes
     assert len(asked) == len(set(asked)) == 4 + 2
@@ -277,15 +278,18 @@ def test_optics_are_computed_once_for_each_particle_and_wavelength(
 def test_particles_kept_on_disk_are_the_same(tmp_path: Path) -> None:
     known = optics.Optics(tmp_path)
     gold = vrte.spheres("gold", radius_um=0.1, wavelength_um=0.64)
-    kept = known.keep("gold", radius_um=0.1, wavelength_um=0.64)
-    again = optics.Optics(tmp_path)("gold", radius_um=0.1, wavelength_um=0.64)
+    given = {"index": "gold", "radius_um": 0.1, "wavelength_um": 0.64}
+    kept = known.keep("spheres", given)
+    again = optics.Optics(tmp_path)("spheres", given)
     for found in (kept, again):
         np.testing.assert_array_equal(found.phase_matrix.coefficients, gold.phase_matrix.coefficients)
         for name in (*optics.NUMBERS, "description"):
             assert getattr(found, name) == getattr(gold, name)
     assert [path.suffix for path in sorted(tmp_path.iterdir())] == ["", ".lock"]
     sizes = [vrte.Lognormal(0.1, 1.3), vrte.Lognormal(0.1, np.nextafter(1.3, 2)), vrte.Gamma(0.1, 0.3)]
-    names = {optics.make_file_name((1.5, 0.0), {"size": size, "wavelength_um": 0.6}) for size in sizes}
+    names = {
+        optics.make_file_name("spheres", {"index": (1.5, 0.0), "size": size, "wavelength_um": 0.6}) for size in sizes
+    }
     assert len(names) == 3
 
 

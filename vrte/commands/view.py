@@ -57,7 +57,8 @@ def make_first_benches(path: Path | None) -> Any:
     from vrte.app.solving.bench import Benches
     from vrte.app.solving.worker import make_outcome
     from vrte.formats import load
-    from vrte.formats.scene_file import find_named_tables, read_content
+    from vrte.formats.named import find_named_tables
+    from vrte.formats.scene_file import read_content
 
     if path is None:
         return Benches()

@@ -1,13 +1,13 @@
 """Refractive indices in a scene file, of particles, media and bases: numbers, pairs [n, k], names, tables of one's own.
 
-The index of a medium that light goes through is real: what absorbs without particles is nothing that is solved here.
+A medium that light goes through may absorb a little: its absorption is counted, and refraction takes its index as real.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from vrte.basics.errors import Place, SceneError
+from vrte.basics.errors import SceneError
 from vrte.formats.index_table import read_index
 from vrte.formats.toml_table import Table, is_number, locate_errors
 from vrte.optics.refractive_index import Material, refractive_index
@@ -51,18 +51,6 @@ def find_index(file: Table, table: Table, key: str, folder: Path) -> complex:
         return refractive_index(material, wavelength).value
 
 
-def find_clear_index(file: Table, table: Table, key: str, folder: Path) -> float:
-    """The real index of the medium at a key. Raises SceneError where it absorbs."""
-    index = find_index(file, table, key, folder)
-    if not 0.0 <= index.imag <= CLEAR:
-        raise table.wrong(
-            key,
-            f"its index is {index.real:.6g} + {index.imag:.3g}i, and light goes through media with k from 0 to "
-            f'{CLEAR:g} only; what absorbs can be the base, kind = "mirror"',
-        )
-    return index.real
-
-
 def read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Path) -> Read:
     """What is in the file that a key names, beside the scene file."""
     try:
@@ -71,24 +59,3 @@ def read_beside(table: Table, key: str, read: Callable[[Path], Read], folder: Pa
         raise table.wrong(key, str(error)) from error
     except OSError as error:
         raise table.wrong(key, f"the file cannot be read: {error.strerror}") from error
-
-
-def list_materials(content: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
-    """Names of materials, and of tables of one's own, with the places of a scene file that have them, whatever else is
-    in it.
-
-    >>> layers = [{"interface": {"above": 1.0, "below": "water"}}]
-    >>> list(list_materials({"particles": {"clay": {"index": "clay.csv"}}, "layer": layers}))
-    [(('particles', 'clay', 'index'), 'clay.csv'), (('layer', 0, 'interface', 'below'), 'water')]
-    """
-    kinds, layers = content.get("particles"), content.get("layer")
-    named = kinds.items() if isinstance(kinds, dict) else ()
-    places: list[tuple[Place, Any]] = [((), content)]
-    places += [(("particles", name), kind) for name, kind in named]
-    for number, layer in enumerate(layers if isinstance(layers, list) else []):
-        places.append((("layer", number, "interface"), layer.get("interface") if isinstance(layer, dict) else None))
-    places.append((("base",), content.get("base")))
-    for place, table in places:
-        for key in ("host_index", "index", "above", "below") if isinstance(table, dict) else ():
-            if isinstance(table.get(key), str):
-                yield (*place, key), table[key]

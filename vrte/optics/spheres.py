@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from vrte._core import sphere_coefficients
-from vrte.basics.arrays import Array, check_number
+from vrte.basics.arrays import Array, check_number, show_value
 from vrte.basics.errors import SceneError
 from vrte.optics.particles import HOST_ALLOWED, Particles
 from vrte.optics.phase_matrix import rayleigh
@@ -25,7 +25,7 @@ from vrte.optics.populations import (
     settle_population,
     sum_bulk,
 )
-from vrte.optics.refractive_index import Material, RefractiveIndex, refractive_index
+from vrte.optics.refractive_index import IndexTable, Material, RefractiveIndex, refractive_index
 from vrte.optics.size_distribution import Monodisperse, SizeDistribution
 
 LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's recurrence takes as many steps
@@ -163,17 +163,18 @@ def find_host_index(host_index: Material, wavelength_um: float) -> RefractiveInd
     (1.5+0.0001j)
     """
     low, high, allowed = HOST_ALLOWED
-    if isinstance(host_index, (int, float)):
-        check_number("host_index", host_index, low, high, allowed)
     try:
         found = refractive_index(host_index, wavelength_um)
+        check_number("host_index", found.n, low, high, allowed)
     except SceneError as error:
-        raise SceneError(f"host_{error}", "host_index") from error
-    check_number("host_index", found.n, low, high, allowed)
+        if isinstance(host_index, (str, IndexTable)):
+            raise SceneError(f"host_{error}", "host_index") from error
+        given = f"{allowed}, or n + ik that absorbs little, not {show_value(host_index)}"
+        raise SceneError.of("host_index", f"must be {given}") from None
     if found.k > ABSORBING_UP_TO * found.n:
         raise SceneError(
-            f"host_index: {found.n:.6g} + {found.k:.3g}i absorbs too much for particles in it: k is allowed up to "
-            f"{ABSORBING_UP_TO:g} n, where taking it as clear around a sphere is wrong by as large a share",
+            f"host_index: {found.n:.6g} + {found.k:.3g}i absorbs too much: light goes through media with k from 0 to "
+            f"{ABSORBING_UP_TO:g} n, taken as clear around particles and at surfaces; what absorbs more is for bases",
             "host_index",
         )
     return found

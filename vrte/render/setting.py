@@ -10,17 +10,16 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.spectrum import spectrum
-from vrte.formats.media import list_materials
+from vrte.formats.named import find_known_wavelengths, list_materials
+from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import (
     FILE_KEYS,
-    find_known_wavelengths,
     make_scene_file,
     read_content,
     read_listed_wavelengths,
 )
 from vrte.formats.toml_table import Table
 from vrte.optics.facets import RoughSurface
-from vrte.optics.spheres import check_spheres
 from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, choose_wavelengths
 from vrte.render.sky import KINDS
 from vrte.results.brdf import Brdf
@@ -81,7 +80,7 @@ class Material:
         """The rough surface that light meets first, of an interface or a bare base. Raises SceneError."""
         content = {"wavelength_um": wavelength_um, "brdf": {"mu_i": 1.0, "mu_o": 1.0}}
         content = {**self.content, **content}
-        scene = make_scene_file(content, "brdf", self.path.parent, check_spheres).scene
+        scene = make_scene_file(content, "brdf", self.path.parent, check_particles).scene
         top = scene.interfaces[0]
         if top is None:
             return None if scene.thickness else scene.below.facets

@@ -116,7 +116,7 @@ class Layer:
         if (thickness is None) == (thickness_um is None) or (thickness_um is not None and volume_fraction is None):
             raise SceneError("layer: give either thickness, or thickness_um together with volume_fraction")
         check_packing(packing)
-        needed = packing != INDEPENDENT or particles.host_absorption > CLEAR_HOST
+        needed = is_fraction_needed(particles, packing)
         if thickness is not None and needed != (volume_fraction is not None):
             why = "is needed: the host absorbs, or packing asks for it"
             unused = "is not used: the host is clear, and packing independent"
@@ -169,6 +169,17 @@ class Layer:
             "layer: thickness_um", thickness_um, 0.0, LARGEST_THICKNESS, "a length in micrometres >= 0"
         )
         return Layer(isotropic(), 0.0, length * find_absorption(host, wavelength_um), host.n)
+
+
+def is_fraction_needed(particles: Particles, packing: str) -> bool:
+    """Whether a layer of a given optical thickness depends on its volume fraction: the host absorbs, or packing asks.
+
+    >>> from vrte.optics.spheres import spheres
+    >>> tinted = spheres(1.5, radius_um=0.1, wavelength_um=0.5, host_index=1.3 + 1e-3j)
+    >>> is_fraction_needed(tinted, "independent")
+    True
+    """
+    return packing != INDEPENDENT or particles.host_absorption > CLEAR_HOST
 
 
 def _check_extent(name: str, value: Any, allowed: str) -> float:

@@ -68,9 +68,24 @@ def prepare(work: Work, task: Task) -> None:
         key: content[key] for key in ("wavelength_um", "host_index", work.sweep.kind) if key in content
     }
     alone["particles"] = {task.particles: content["particles"][task.particles]}
-    alone["layer"] = [{"particles": task.particles, "thickness": 1.0}]
+    alone["layer"] = [
+        {"particles": task.particles, "thickness": 1.0}
+        | ({"host_index": layer["host_index"]} if "host_index" in layer else {})
+        for layer in content["layer"]
+        if task.particles in list_held(layer)
+    ]
     with suppress(SceneError), collect_warnings({}):
         make_scene_file(alone, work.sweep.kind, work.sweep.folder, work.optics.keep)
+
+
+def list_held(layer: dict[str, Any]) -> list[str]:
+    """The kinds of particles in a layer.
+
+    >>> list_held({"particles": "gold"}), list_held({"volume_fractions": {"gold": 0.1, "glass": 0.2}})
+    (['gold'], ['gold', 'glass'])
+    """
+    held = layer.get("particles", layer.get("volume_fractions", []))
+    return [held] if isinstance(held, str) else list(held)
 
 
 def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from vrte.formats.particle_sources import check_particles, make_particles
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
-from vrte.optics.spheres import spheres
 from vrte.sweep.sealed import DamagedError, is_whole, read_sealed, write_sealed
 
 IN_MEMORY = 256  # kinds of particle that a process remembers, some 10 kB each
@@ -21,26 +21,27 @@ NUMBERS = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "volume_um
 
 
 class Optics:
-    """Called like `vrte.spheres`, but looks for the answer first in ``folder``, whose last ones it remembers."""
+    """Makes particles of a source and its keywords, but looks first in ``folder``, whose last ones it remembers."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._read = lru_cache(IN_MEMORY)(read)
 
-    def __call__(self, material: Any, **how: Any) -> Particles:
+    def __call__(self, source: str, given: dict[str, Any]) -> Particles:
         try:
-            return self._read(self._path(material, how))
+            found = self._read(self._path(source, given))
         except DamagedError:
-            return spheres(material, **how)
+            return make_particles(source, given)
+        return dataclasses.replace(found, balls=check_particles(source, given).balls)  # a recipe, and no work
 
-    def keep(self, material: Any, **how: Any) -> Particles:
+    def keep(self, source: str, given: dict[str, Any]) -> Particles:
         """The same, put on disk where it was not; of several that ask at once, one computes."""
-        path = self._path(material, how)
+        path = self._path(source, given)
         if not path.is_file():
             with lock_file(path.with_suffix(".lock")):
                 if not path.is_file():
-                    write(spheres(material, **how), path)
-        return self(material, **how)
+                    write(make_particles(source, given), path)
+        return self(source, given)
 
     def forget_damaged(self) -> int:
         """Takes away what cannot be read any more; how many files that were."""
@@ -49,16 +50,21 @@ class Optics:
             path.unlink()
         return len(damaged)
 
-    def _path(self, material: Any, how: dict[str, Any]) -> Path:
-        return self.folder / make_file_name(material, how)
+    def _path(self, source: str, given: dict[str, Any]) -> Path:
+        return self.folder / make_file_name(source, given)
 
 
-def make_file_name(material: Any, how: dict[str, Any]) -> str:
+def make_file_name(source: str, given: dict[str, Any]) -> str:
     """A file's name that stands for the values, all digits of them, and for what is kept of them."""
-    size = how.get("size")
-    given = [NUMBERS, material, how["wavelength_um"], how.get("host_index", 1.0), how.get("radius_um")]
-    given += [] if size is None else [type(size).__name__, dataclasses.astuple(size)]
-    return hashlib.sha256(repr(given).encode()).hexdigest()[:40]
+    said = [NUMBERS, source, sorted((name, describe_value(value)) for name, value in given.items())]
+    return hashlib.sha256(repr(said).encode()).hexdigest()[:40]
+
+
+def describe_value(value: Any) -> Any:
+    """A value as its ``repr`` tells it from every other: fields of a class, and numbers of an array, one by one."""
+    if dataclasses.is_dataclass(value):
+        return type(value).__name__, [describe_value(getattr(value, field.name)) for field in dataclasses.fields(value)]
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def write(particles: Particles, path: Path) -> None:

@@ -24,10 +24,13 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.formats.scene_file import SceneFile, find_named_tables, make_scene_file, read_content
+from vrte.formats.named import find_named_tables
+from vrte.formats.particle_sources import Compute
+from vrte.formats.scene_file import SceneFile, make_scene_file, read_content
 from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic
+from vrte.optics.spheres import find_host_index
 from vrte.sweep.results import RESERVED, describe_results
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
@@ -296,14 +299,15 @@ def list_roughnesses(sweep: Sweep, with_base: bool = True) -> set[float]:
     return {float(value) for some in values for value in some}
 
 
-def make_unseen_particles(*_: Any, host_index: float = 1.0, **__: Any) -> Particles:
+def make_unseen_particles(source: str, given: dict[str, Any]) -> Particles:
     """What stands for particles while only the form of a file is looked at, and which media fit together."""
-    return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0, host_index=host_index)
+    host = find_host_index(given.get("host_index", 1.0), given["wavelength_um"])
+    return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0, host_index=host.n)
 
 
-def make_scene_at(sweep: Sweep, place: tuple[int, ...], spheres_of: Any) -> SceneFile:
+def make_scene_at(sweep: Sweep, place: tuple[int, ...], compute: Compute) -> SceneFile:
     """The scene at a place of the grid. Raises SceneError."""
-    return make_scene_file(sweep.content(place), sweep.kind, sweep.folder, spheres_of)
+    return make_scene_file(sweep.content(place), sweep.kind, sweep.folder, compute)
 
 
 def list_particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
@@ -319,7 +323,9 @@ def list_shared_particles(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]
         moved_by = {
             axis.dimension
             for axis in sweep.axes
-            if axis.places in (("wavelength_um",), ("host_index",)) or axis.places[:2] == ("particles", name)
+            if axis.places in (("wavelength_um",), ("host_index",))
+            or axis.places[:2] == ("particles", name)
+            or (axis.places[0] == "layer" and axis.places[-1] == "host_index")
         }
         lengths = tuple(length if name in moved_by else 1 for name, length in sweep.dimensions.items())
         if math.prod(lengths) < sweep.count:

@@ -19,10 +19,11 @@ from vrte.app.form.content import (
 from vrte.app.form.fields import find_field
 from vrte.basics.errors import Place, SceneError
 from vrte.calls.plan import make_request
-from vrte.formats.scene_file import ANGLES, find_named_tables, make_scene_file
+from vrte.formats.named import find_named_tables
+from vrte.formats.particle_sources import check_particles
+from vrte.formats.scene_file import ANGLES, make_scene_file
 from vrte.formats.toml_table import is_number, show_place, show_toml
 from vrte.optics.phase_matrix import MOST_TERMS, count_henyey_greenstein_terms
-from vrte.optics.spheres import check_spheres
 
 MOST_DIRECTIONS = 10_000
 LARGEST_RESULT = 2e8  # bytes
@@ -48,7 +49,7 @@ def find_problems(content: Content, folder: Path = Path(), tables: frozenset[str
             break
         except SceneError as error:
             place, message = error.place, str(error)
-        if place[:-1] and find_field(place[:-1]).label:  # start, stop or count of a range
+        if place[:-1] and find_field(place[:-1], trial).label:  # start, stop or count of a range
             place = place[:-1]
         if place in found:
             break
@@ -67,7 +68,7 @@ def repair_field(content: Content, place: Place) -> None:
     kind = next(iter(kinds), "") if isinstance(kinds, dict) else ""
     held = {"particles": kind, "volume_fractions": {kind: 0.01}}
     whole = held.get(str(place[2])) if place[0] == "layer" and len(place) == 3 else None
-    put(content, place, copy.deepcopy(find_field(place).right) if whole is None else whole)
+    put(content, place, copy.deepcopy(find_field(place, content).right) if whole is None else whole)
 
 
 def check(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> None:
@@ -83,7 +84,7 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
         content = {**content, "layer": [keep_one_term(layer) for layer in layers]}
     for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):  # tables are ranges: the ends will do
         for kind in ("brdf", "field") if "field" in content else ("brdf",):
-            file = make_scene_file(select_wavelength(content, wavelength), kind, folder, check_spheres)
+            file = make_scene_file(select_wavelength(content, wavelength), kind, folder, check_particles)
             keywords = choose_keywords(file)
             if any(is_geometric(layer) for layer in content["layer"]):
                 keywords.pop("tau", None)  # how deep that is optically is not known yet

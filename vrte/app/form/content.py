@@ -3,13 +3,18 @@
 import copy
 import math
 import re
+from collections.abc import Iterator
 from typing import Any
 
 from vrte.app.form.fields import list_places
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.particle_sources import DIAMETERS
-from vrte.formats.scene_file import ANGLES, FACET_KEYS, FILLINGS, REQUEST_KEYS, SceneFile, read_listed_wavelengths
+from vrte.formats.bases import BASES, FACETS, ROUGHNESS
+from vrte.formats.layers import FILLINGS
+from vrte.formats.particle_sources import SOURCES, SPHERES
+from vrte.formats.phases import PHASES
+from vrte.formats.scene_file import ANGLES, REQUEST_KEYS, SceneFile, read_listed_wavelengths
 from vrte.formats.scene_writer import write_toml
+from vrte.formats.sizes import DIAMETERS, ONE, SIZE_KEYS, SIZES
 from vrte.formats.toml_table import is_number, show_key
 from vrte.optics.refractive_index import MATERIALS
 from vrte.results.spectrum import check_ascending
@@ -37,30 +42,36 @@ MEDIA: dict[str, tuple[str, Any]] = {  # what fills a layer: in words, and the p
     "particles": ("particles of one kind", None),
     "mixture": ("a mixture, by number", None),
     "volumes": ("a mixture, by volume", None),
-    "isotropic": ("isotropic scatterers", "isotropic"),
-    "rayleigh": ("Rayleigh scatterers", {"rayleigh": 0.0}),
-    "henyey_greenstein": ("Henyey-Greenstein scatterers", {"henyey_greenstein": 0.8}),
-    "table": ("a table of coefficients", None),
+    **{name: (row.words, row.start or name) for name, row in PHASES.items()},
+    "coefficients": ("a table of coefficients", None),
 }
 SURFACES = {"smooth": "smooth: beams stay beams", "rough": "rough: many small facets"}
-ROUGHNESS = 0.1  # that a rough surface begins with
-BASES: dict[str, tuple[str, Content]] = {  # what lies beneath: in words, and what it begins with
-    "black": ("black", {}),
-    "lambertian": ("white or grey (Lambertian)", {"albedo": 0.5}),
-    "mirror": ("smooth metal or glass (a mirror)", {"index": [1.5, 0.0]}),
-    "facets": ("rough metal or glass (facets)", {"index": [1.5, 0.0], "roughness": ROUGHNESS}),
-}
-SIZES: dict[str, tuple[str, Content]] = {  # how a size is told: in words, and what it begins with
-    "radius": ("one radius", {"radius_um": 0.3}),
-    "diameter": ("one diameter", {"diameter_um": 0.6}),
-    "lognormal": ("lognormal radii", {"size": {"lognormal": {"median_um": 0.2, "sigma": 1.4}}}),
-    "lognormal, diameters": (
-        "lognormal diameters",
-        {"size": {"lognormal": {"median_diameter_um": 0.4, "sigma": 1.4}}},
-    ),
-    "gamma": ("gamma radii", {"size": {"gamma": {"r_eff_um": 0.2, "v_eff": 0.07}}}),
-    "gamma, diameters": ("gamma diameters", {"size": {"gamma": {"d_eff_um": 0.4, "v_eff": 0.07}}}),
-}
+
+
+def list_size_modes() -> Iterator[tuple[str, tuple[str, Content]]]:
+    """How a size can be told: in words, and what it begins with."""
+    yield "radius", ("one radius", {"radius_um": ONE["radius_um"].start})
+    yield "diameter", ("one diameter", {"diameter_um": ONE["diameter_um"].start})
+    for name, row in SIZES.items():
+        start = {key: one.start for key, one in row.keys.items()}
+        if name in row.keys:
+            yield name, (row.words, {"size": start})
+            continue
+        yield name, (f"{row.words} radii", {"size": {name: dict(start)}})
+        doubled = {DIAMETERS[key]: double(start.pop(key)) for key in list(start) if key in DIAMETERS} | start
+        yield f"{name}, diameters", (f"{row.words} diameters", {"size": {name: doubled}})
+
+
+def double(value: Any) -> Any:
+    """Twice a number, or each of a list.
+
+    >>> double([0.5, 1.0])
+    [1.0, 2.0]
+    """
+    return [2.0 * one for one in value] if isinstance(value, list) else 2.0 * value
+
+
+SIZE_MODES: dict[str, tuple[str, Content]] = dict(list_size_modes())
 
 
 def get_value(content: Content, place: Place) -> Any:
@@ -154,7 +165,7 @@ def set_rough(table: Content, rough: bool) -> None:
     if rough:
         table.setdefault("roughness", ROUGHNESS)
         return
-    for key in FACET_KEYS:
+    for key in FACETS:
         table.pop(key, None)
 
 
@@ -182,8 +193,8 @@ def get_medium(layer: Content) -> str:
         return "volumes" if "volume_fractions" in layer else several
     phase = layer["phase"]
     if isinstance(phase, dict):
-        return "henyey_greenstein" if "henyey_greenstein" in phase else "rayleigh"
-    return phase if phase in ("isotropic", "rayleigh") else "table"
+        return next((name for name in PHASES if name in phase), "isotropic")
+    return phase if phase in PHASES else "coefficients"
 
 
 def set_medium(content: Content, place: int, medium: str) -> None:
@@ -293,12 +304,31 @@ def name_after(content: Content, name: str, before: Any) -> None:
     rename_kind(content, name, next(one for one in free if one not in others))
 
 
+def get_source(kind: Content) -> str:
+    """Where particles of a kind come from, one of SOURCES."""
+    source = kind.get("source", SPHERES)
+    return source if source in SOURCES else SPHERES
+
+
+def set_source(kind: Content, source: str) -> None:
+    """Another source; what both know of stays."""
+    row = SOURCES[source]
+    for key in kind.keys() - {*row.allowed}:
+        del kind[key]
+    kind["source"] = source
+    for key, one in row.keys.items():
+        if one.start is not None:
+            kind.setdefault(key, copy.deepcopy(one.start))
+    if row.sized and not any(key in kind for key in SIZE_KEYS):
+        kind.update(copy.deepcopy(SIZE_MODES["radius"][1]))
+
+
 def get_size_mode(kind: Content) -> str:
-    """How a kind's size is told, one of SIZES."""
+    """How a kind's size is told, one of SIZE_MODES."""
     size = kind.get("size")
     if not isinstance(size, dict):
         return "diameter" if "diameter_um" in kind else "radius"
-    name = "gamma" if "gamma" in size else "lognormal"
+    name = next((one for one in SIZES if one in size), next(iter(SIZES)))
     by_diameter = any(place[-1] in DIAMETERS.values() for place in list_places(size.get(name), name))
     return f"{name}, diameters" if by_diameter else name
 
@@ -309,7 +339,7 @@ def set_size_mode(kind: Content, mode: str) -> None:
     if mode == before:
         return
     told = {key: kind.pop(key, None) for key in ("radius_um", "diameter_um", "size")}
-    kind.update(copy.deepcopy(SIZES[mode][1]))
+    kind.update(copy.deepcopy(SIZE_MODES[mode][1]))
     size: Any = told.get(f"{before}_um")
     if mode in ("radius", "diameter") and is_number(size):
         kind[f"{mode}_um"] = size * (2.0 if mode == "diameter" else 0.5)
@@ -321,7 +351,8 @@ def set_size_mode(kind: Content, mode: str) -> None:
 def set_base(content: Content, kind: str) -> None:
     """What lies beneath; mirror and facets keep their substance."""
     index = get_value(content, ("base", "index"))
-    content["base"] = {"kind": kind} | copy.deepcopy(BASES[kind][1])
+    start = {key: one.start for key, one in BASES[kind].keys.items() if one.needed}
+    content["base"] = {"kind": kind} | copy.deepcopy(start)
     if index is not None and "index" in content["base"]:
         content["base"]["index"] = index
 

@@ -2,10 +2,15 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from vrte.basics.errors import Place
+from vrte.formats.bases import BASES, INTERFACE
+from vrte.formats.keys import Key
+from vrte.formats.particle_sources import SOURCES, SPHERES
+from vrte.formats.phases import PHASES
+from vrte.formats.sizes import DIAMETER_LABELS, DIAMETERS, ONE, SIZES
 from vrte.formats.toml_table import RANGE_KEYS
 
 LONGEST_TEXT = 4000  # characters of a field
@@ -29,16 +34,8 @@ FIELDS = {  # by place; * is any layer, any kind of particle
     "wavelength_um": Field("wavelengths in vacuum [µm]", "one, several with commas, or start:stop:count", right=0.5),
     "host_index": Field("refractive index of the host medium", empty="1 if empty"),
     "particles.*": Field(right={"index": [3.1, 0.1], "radius_um": 0.1}),
-    "particles.*.index": Field("substance", "a name, a database path, or n, k", right=[3.1, 0.1]),
-    "particles.*.radius_um": Field("radius [µm]", right=0.1),
-    "particles.*.diameter_um": Field("diameter [µm]", right=0.1),
-    "particles.*.size.lognormal.median_um": Field("median radius [µm]", right=0.1),
-    "particles.*.size.lognormal.median_diameter_um": Field("median diameter [µm]", right=0.1),
-    "particles.*.size.lognormal.sigma": Field("sigma", right=1.2),
-    "particles.*.size.gamma.r_eff_um": Field("r_eff [µm]", right=0.1),
-    "particles.*.size.gamma.d_eff_um": Field("d_eff [µm]", right=0.1),
-    "particles.*.size.gamma.v_eff": Field("v_eff", right=0.1),
     "particles.*.host_index": Field("refractive index around it", empty="that of the host"),
+    "layer.*.host_index": Field("refractive index around", "a number or a substance", empty="that of the host"),
     "layer.*.interface.above": Field("refractive index above", "a number or a substance"),
     "layer.*.interface.below": Field("refractive index below", "that of what follows"),
     "layer.*.interface.roughness": Field("roughness", "slopes' rms times √2, 0.01 to 1.5"),
@@ -46,16 +43,11 @@ FIELDS = {  # by place; * is any layer, any kind of particle
     "layer.*.particles.*": Field("{}: number fraction", right=1.0),
     "layer.*.volume_fractions.*": Field("{}: of the volume", right=1e-3, empty=SHARE),
     "layer.*.phase": Field(right="isotropic"),
-    "layer.*.phase.henyey_greenstein": Field("asymmetry g", right=0.5),
-    "layer.*.phase.rayleigh": Field("depolarization", right=0.0),
     "layer.*.albedo": Field("single-scattering albedo", right=0.5),
     "layer.*.thickness": Field("optical thickness", "inf: without end", right=1.0),
     "layer.*.thickness_um": Field("thickness [µm]", right=1.0),
     "layer.*.volume_fraction": Field("volume fraction", SHARE, right=0.01),
     "base.kind": Field(right="black"),
-    "base.albedo": Field("albedo of the base", right=0.5),
-    "base.index": Field("substance", "a name, a database path, or n, k", right=[1.5, 0.0]),
-    "base.roughness": Field("roughness", "slopes' rms times √2, 0.01 to 1.5", right=0.1),
     "brdf": Field(right={"mu_i": 0.5, "mu_o": 0.5}),
     "brdf.mu_i": Field("cosines of incidence µ_i", right=0.5),
     "brdf.angle_i_deg": Field("angles of incidence [°]", right=60.0),
@@ -74,18 +66,44 @@ FIELDS = {  # by place; * is any layer, any kind of particle
 }
 
 
-def find_field(place: Place) -> Field:
-    """What is declared of a place; nothing of one that has no field.
+def find_field(place: Place, content: dict[str, Any]) -> Field:
+    """What is declared of a place in a content: in FIELDS or in a registry; nothing of one that has no field.
 
-    >>> find_field(("layer", 3, "particles", "gold")).label
+    >>> find_field(("layer", 3, "particles", "gold"), {}).label
     '{}: number fraction'
+    >>> find_field(("base", "albedo"), {"base": {"kind": "lambertian"}}).label
+    'albedo of the base'
     """
+    if key := find_key(place, content):
+        return Field(key.label, key.hint, key.start, key.empty)
     steps = [str(step) for step in place]
     if place[0] in ("layer", "particles"):
         steps[1:2] = "*" * len(steps[1:2])
     if place[2:3] in (("particles",), ("volume_fractions",)):
         steps[3:4] = "*" * len(steps[3:4])
     return FIELDS.get(".".join(steps), Field())
+
+
+def find_key(place: Place, content: dict[str, Any]) -> Key | None:
+    """The key of a registry at a place: of the base, of the particles' source or size, of a phase."""
+    name = str(place[-1])
+    if place[0] == "base":
+        base = content.get("base")
+        row = BASES.get(base.get("kind", "black")) if isinstance(base, dict) else None
+        return row.keys.get(name) if row else None
+    if place[0] == "layer" and place[2:3] in (("phase",), ("interface",)) and len(place) == 4:
+        found = [row.keys[name] for row in PHASES.values() if name in row.keys]
+        return INTERFACE.get(name) if place[2] == "interface" else next(iter(found), None)
+    if place[0] == "particles" and len(place) == 3:
+        kind = content.get("particles", {}).get(place[1])
+        source = SOURCES.get(kind.get("source", SPHERES)) if isinstance(kind, dict) else None
+        return {**ONE, **(source.keys if source else {})}.get(name)
+    if place[0] == "particles" and place[3:4] and place[2] == "size":
+        size = SIZES.get(str(place[3]))
+        radius = next((one for one, other in DIAMETERS.items() if other == name), name)
+        key = size.keys.get(radius) if size else None
+        return replace(key, label=DIAMETER_LABELS.get(radius, key.label)) if key and radius != name else key
+    return None
 
 
 def list_places(table: Any, *place: str) -> Iterator[Place]:

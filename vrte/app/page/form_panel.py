@@ -10,14 +10,16 @@ from nicegui import ui
 
 from vrte.app.form import content as form
 from vrte.app.form.checks import find_problems
-from vrte.app.form.fields import LONGEST_TEXT, find_field, list_places, parse_field_text, write_field_text
+from vrte.app.form.fields import LONGEST_TEXT, find_field, find_key, list_places, parse_field_text, write_field_text
 from vrte.app.solving.bench import Bench
 from vrte.basics.errors import Place, SceneError
+from vrte.formats.bases import BASES, FACETS, SLOPES
+from vrte.formats.keys import Choice, Flag, Substance
+from vrte.formats.particle_sources import SOURCES
 from vrte.formats.scene_file import ANGLES
 from vrte.optics.refractive_index import MATERIALS
 from vrte.optics.truncation import CHOICES
 
-SLOPES = {"beckmann": "Gaussian (Beckmann)", "ggx": "with long tails (GGX)"}
 LIST_HINT = "one number, several with commas, or start:stop:count"
 
 
@@ -113,16 +115,34 @@ class FormPanel:
             if name not in content["particles"]:
                 self.draw()
 
-        self._substance("particles", name, "index", chosen=name_after)
-        mode = form.get_size_mode(kind)
-        names = {mode: words for mode, (words, _) in form.SIZES.items()}
-        self.choice(names, mode, "size", partial(form.set_size_mode, kind))
-        with make_row():
-            for below in list_places(form.SIZES[mode][1]):
-                self.field("particles", name, *below)
+        source = form.get_source(kind)
+        self.choice({one: row.words for one, row in SOURCES.items()}, source, "what", partial(form.set_source, kind))
+        for key in SOURCES[source].keys:
+            self._key("particles", name, key, chosen=name_after)
+        if SOURCES[source].sized:
+            mode = form.get_size_mode(kind)
+            names = {mode: words for mode, (words, _) in form.SIZE_MODES.items()}
+            self.choice(names, mode, "size", partial(form.set_size_mode, kind))
+            with make_row():
+                for below in list_places(form.SIZE_MODES[mode][1]):
+                    self._key("particles", name, *below)
         if "host_index" in kind or any(map(form.is_interface, self.bench.content["layer"])):
             self.field("particles", name, "host_index")
         self.complaint("particles", name)
+
+    def _key(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
+        """What a registry's key is entered by."""
+        key, table = find_key(place, self.bench.content), form.get_value(self.bench.content, place[:-1])
+        value = form.get_value(self.bench.content, place)
+        put = partial(form.put, table, (place[-1],))
+        if isinstance(key, Substance):
+            self._substance(*place, chosen=chosen)
+        elif isinstance(key, Choice):
+            self.choice(dict(key.names), value or next(iter(key.names)), key.label, put)
+        elif isinstance(key, Flag):
+            self.switch(key.label, value is True, put)
+        else:
+            self.field(*place)
 
     def _substance(self, *place: str | int, chosen: Callable[[], None] = lambda: None) -> None:
         """A field for a substance, with a menu of those that have names; ``chosen`` is called once there is one."""
@@ -165,7 +185,7 @@ class FormPanel:
             self.complaint("layer", place)
             return
         medium = form.get_medium(layer)
-        names = {name: words for name, (words, _) in form.MEDIA.items() if name != "table" or medium == "table"}
+        names = {name: words for name, (words, _) in form.MEDIA.items() if name != "coefficients" or medium == name}
         self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
         self._medium(place, layer, medium)
         self._thickness(place, layer, medium)
@@ -197,7 +217,7 @@ class FormPanel:
             put = partial(form.put, layer, ("particles",))
             self.enter(("layer", place, "particles"), self.choice({name: name for name in kinds}, value, "kind", put))
             return
-        if medium == "table":
+        if medium == "coefficients":
             ui.label(str(layer["phase"])).classes("vrte-note")
         with make_row("" if medium in ("mixture", "volumes") else "no-wrap"):
             if medium in ("mixture", "volumes"):
@@ -206,7 +226,8 @@ class FormPanel:
                     self.field("layer", place, key, name, classes="w-[150px]")
             else:
                 if isinstance(layer["phase"], dict):
-                    self.field("layer", place, "phase", medium)
+                    for key in layer["phase"]:
+                        self._key("layer", place, "phase", key)
                 self.field("layer", place, "albedo")
 
     def _thickness(self, place: int, layer: form.Content, medium: str) -> None:
@@ -222,13 +243,13 @@ class FormPanel:
         content = self.bench.content
         with self.section("Base", "horizontal_rule"):
             kind = content.get("base", {}).get("kind", "black")
-            names = {name: words for name, (words, _) in form.BASES.items()}
+            names = {name: row.words for name, row in BASES.items()}
             self.choice(names, kind, "what lies beneath", partial(form.set_base, content))
-            if kind == "lambertian":
-                self.field("base", "albedo")
-            if kind in ("mirror", "facets"):
-                self._substance("base", "index")
-            if kind == "facets":
+            keys = BASES[kind].keys if kind in BASES else {}
+            for key in keys:
+                if key not in FACETS:
+                    self._key("base", key)
+            if keys.keys() >= FACETS.keys():
                 self._facets(content["base"], "base")
             self.complaint("base")
 
@@ -288,7 +309,8 @@ class FormPanel:
 
     def field(self, *place: str | int, classes: str = "") -> Any:
         """A text that is read, put in its place and checked while somebody types."""
-        about, content = find_field(place), self.bench.content
+        content = self.bench.content
+        about = find_field(place, content)
 
         def typed(event: Any) -> None:
             form.put(content, place, parse_field_text(str(event.value or "")))

@@ -10,7 +10,7 @@ from vrte.app.form.content import START, Content
 from vrte.app.solving.job import Job, find_memory_share
 from vrte.app.solving.messages import Outcome, Solve, Task
 from vrte.basics.errors import Place
-from vrte.formats.scene_file import find_named_tables
+from vrte.formats.named import find_named_tables
 
 MOST_TABS = 100
 MOST_BYTES = 2e9  # of all results together; the tabs that were not used for longest lose theirs first

@@ -34,7 +34,8 @@ from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import spectrum
 from vrte.formats import load
-from vrte.formats.scene_file import FILLINGS, SceneFile, make_scene_file, parse_toml
+from vrte.formats.layers import FILLINGS
+from vrte.formats.scene_file import SceneFile, make_scene_file, parse_toml
 from vrte.formats.scene_writer import write_toml
 from vrte.formats.toml_table import show_key
 from vrte.request.how import AUTO, EXACT

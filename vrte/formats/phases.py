@@ -1,0 +1,78 @@
+"""Phase functions and matrices of a layer in a scene file, by name. A new one is a function and a row in `PHASES`."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+from vrte.formats.coefficient_table import read_coefficients
+from vrte.formats.keys import Key, Number, Reading, Whole, read_keys
+from vrte.formats.media import TABLE, read_beside
+from vrte.formats.toml_table import Table, locate_errors, suggest_nearest
+from vrte.optics import phase_matrix as optics
+from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
+
+
+class PhaseRow(NamedTuple):
+    """``words`` of a form; what makes the phase matrix, called with the values of its keys by their names. A row is
+    written phase = { name = value, ... }, or phase = "name" where no key is needed."""
+
+    words: str
+    make: Callable[..., PhaseMatrix]
+    keys: dict[str, Key]
+
+    @property
+    def start(self) -> dict[str, object]:
+        """What a form begins with."""
+        return {name: key.start for name, key in self.keys.items() if key.start is not None}
+
+
+TERMS = Whole("terms", needed=False, limits=(1, MOST_TERMS))
+PHASES: dict[str, PhaseRow] = {
+    "isotropic": PhaseRow("isotropic scatterers", optics.isotropic, {}),
+    "rayleigh": PhaseRow(
+        "Rayleigh scatterers",
+        lambda rayleigh=0.0: optics.rayleigh(rayleigh),
+        {"rayleigh": Number("depolarization", 0.0, needed=False)},
+    ),
+    "henyey_greenstein": PhaseRow(
+        "Henyey-Greenstein scatterers",
+        lambda henyey_greenstein, terms=None: optics.henyey_greenstein(henyey_greenstein, terms),
+        {
+            "henyey_greenstein": Number("asymmetry g", 0.8),
+            "terms": Whole("terms", needed=False, limits=(1, MOST_TERMS)),
+        },
+    ),
+}
+
+
+def describe_phases() -> str:
+    """How a phase can be written, in words."""
+    named = [f'"{name}"' for name, row in PHASES.items() if not any(key.needed for key in row.keys.values())]
+    tables = [f"{{ {name} = {row.keys[name].label or '...'} }}" for name, row in PHASES.items() if row.keys]
+    return f"{', '.join(named + tables)} or the path of a .csv with the columns l, a1, a2, a3, a4, b1, b2"
+
+
+def read_phase(layer: Table, reading: Reading) -> PhaseMatrix:
+    """The phase matrix of a layer's key ``phase``. Raises SceneError."""
+    value = layer.content["phase"]
+    if isinstance(value, dict):
+        return read_phase_table(layer, reading)
+    row = PHASES.get(value) if isinstance(value, str) else None
+    if row is not None and not any(key.needed for key in row.keys.values()):
+        return row.make()
+    if not isinstance(value, str) or not value.endswith(TABLE):
+        hint = suggest_nearest(value, PHASES) if isinstance(value, str) else ""
+        raise layer.wrong("phase", f"must be {describe_phases()}{hint}")
+    tolerance = layer.number("tolerance") if "tolerance" in layer else 0.0
+    return read_beside(layer, "phase", partial(read_coefficients, tolerance=tolerance), reading.folder)
+
+
+def read_phase_table(layer: Table, reading: Reading) -> PhaseMatrix:
+    """The phase matrix of a table phase = { name = value, ... }."""
+    table = layer.table("phase", tuple(dict.fromkeys(key for row in PHASES.values() for key in row.keys)))
+    names = [name for name in PHASES if name in table]
+    if len(names) != 1 or any(key not in PHASES[names[0]].keys for key in table.content):
+        raise layer.wrong("phase", f"must be {describe_phases()}")
+    values = read_keys(PHASES[names[0]].keys, table, reading)
+    with locate_errors((*table.place, names[0])):
+        return PHASES[names[0]].make(**values)
