@@ -34,11 +34,12 @@ from vrte.calls.views import views
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.formats import load
 from vrte.formats.index_table import read_index
+from vrte.optics.coated_spheres import coated_spheres
 from vrte.optics.crowding import IndependentScatteringWarning
 from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
 from vrte.optics.refractive_index import IndexTable, UnitsWarning, refractive_index
-from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse
+from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse, Tabulated
 from vrte.optics.spheres import spheres
 from vrte.results import over_hemisphere, quantities
 from vrte.results.brdf import Brdf
@@ -83,10 +84,12 @@ __all__ = [
     "SceneError",
     "Spectrum",
     "SweepError",
+    "Tabulated",
     "UnitsWarning",
     "Views",
     "brdf",
     "brdfs",
+    "coated_spheres",
     "hemisphere",
     "henyey_greenstein",
     "interpolate",

@@ -1,4 +1,15 @@
-# A sphere: Bohren and Huffman, "Absorption and scattering of light by small particles" (1983), chapter 4.
+# Spheres: Bohren and Huffman, "Absorption and scattering of light by small particles" (1983), chapter 4, and, with a
+# shell, section 8.1. psi_n(z) = z j_n(z) and xi_n(z) = z (j_n(z) + i y_n(z)) are their Riccati-Bessel functions.
+
+cdef double LARGEST_WAVE = 1e60   # beyond it xi_n is scaled down: it grows like (2n/z)^n
+
+
+cdef struct Waves:
+    cplx z                # where
+    cplx psi, psi_slope   # psi_n(z) exp(-Im z) and its derivative, times what xi is scaled down by
+    cplx xi, xi_slope     # xi_n(z) exp(Im z) and its derivative, scaled down
+    double scale          # of xi, by the last step
+
 
 cdef inline int first_settled(double size, int orders) noexcept nogil:
     """The degree from which recurrences downward, begun there with anything, have forgotten it at `orders` and at
@@ -6,39 +17,113 @@ cdef inline int first_settled(double size, int orders) noexcept nogil:
     return <int>(fmax(size, orders) + 8.0 * cbrt(size) + 16.0)
 
 
-def sphere_coefficients(cplx relative_index, double size, int orders):
-    """a_n and b_n, (2, orders) from n = 1, of a sphere of size parameter `size`; Bohren and Huffman (4.88).
+cdef void find_slopes(cplx z, int orders, cplx *slope) noexcept nogil:
+    """slope[n] = D_n(z) = psi_n'/psi_n for n = 1 .. orders, downward; (4.89)."""
+    cdef cplx d = make(0.0, 0.0), sum_
+    cdef int n
+    for n in range(first_settled(size_of(z), orders), 0, -1):
+        if n <= orders:
+            slope[n] = d
+        sum_ = d + over(make(n, 0.0), z)
+        if size_of(sum_) == 0.0:
+            sum_ = make(1e-30, 0.0)   # a pole of the next D, on its very place
+        d = over(make(n, 0.0), z) - over(make(1.0, 0.0), sum_)
 
-    Each recurrence runs the way it is stable: D_n(mx) = psi_n'/psi_n downward (4.89), y_n upward, psi_n upward to n = x
-    and beyond it by psi_n/psi_(n-1), found downward.
+
+cdef void match_outside(double size, int orders, double *ratio, cplx[:, ::1] found) noexcept nogil:
+    """a_n and b_n in `found`, in the place of the slopes u'/u of the field within the surface, divided by the relative
+    index there (a_n) and times it (b_n); (4.88).
+
+    y_n goes upward, psi_n upward to n = x and beyond it by psi_n/psi_(n-1), found downward.
     """
+    cdef double r = 0.0, psi, psi_before, psi_next, y, y_before, y_next, over_x
+    cdef cplx factor
+    cdef int n, kind
+    for n in range(first_settled(size, orders), 0, -1):
+        r = 1.0 / ((2 * n + 1) / size - r)
+        if n <= orders:
+            ratio[n] = r
+    psi_before, psi = cos(size), sin(size)            # psi_-1, psi_0
+    y_before, y = sin(size), -cos(size)               # x y_-1, x y_0: xi_n = psi_n + i x y_n
+    for n in range(1, orders + 1):
+        over_x = n / size
+        psi_next = (2 * n - 1) / size * psi - psi_before if n <= size else ratio[n] * psi
+        y_next = (2 * n - 1) / size * y - y_before
+        psi_before, psi, y_before, y = psi, psi_next, y, y_next
+        for kind in range(2):
+            factor = found[kind, n - 1] + over_x
+            found[kind, n - 1] = over(
+                factor * psi - psi_before, times(factor, make(psi, y)) - make(psi_before, y_before))
+
+
+def sphere_coefficients(cplx relative_index, double size, int orders):
+    """a_n and b_n, (2, orders) from n = 1, of a sphere of size parameter `size`; Bohren and Huffman (4.88)."""
     cdef cplx[:, ::1] found = np.empty((2, orders), np.complex128)
     cdef cplx[::1] slope = np.empty(orders + 1, np.complex128)
     cdef double[::1] ratio = np.empty(orders + 1)
-    cdef cplx z = times(relative_index, make(size, 0.0)), d = make(0.0, 0.0), sum_, factor
-    cdef double r = 0.0, psi, psi_before, psi_next, y, y_before, y_next, over_x
     cdef int n
     with nogil:
-        for n in range(first_settled(size_of(z), orders), 0, -1):
-            if n <= orders:
-                slope[n] = d
-            sum_ = d + over(make(n, 0.0), z)
-            if size_of(sum_) == 0.0:
-                sum_ = make(1e-30, 0.0)   # a pole of the next D, on its very place
-            d = over(make(n, 0.0), z) - over(make(1.0, 0.0), sum_)
-        for n in range(first_settled(size, orders), 0, -1):
-            r = 1.0 / ((2 * n + 1) / size - r)
-            if n <= orders:
-                ratio[n] = r
-        psi_before, psi = cos(size), sin(size)            # psi_-1, psi_0
-        y_before, y = sin(size), -cos(size)               # x y_-1, x y_0: xi_n = psi_n + i x y_n
+        find_slopes(times(relative_index, make(size, 0.0)), orders, &slope[0])
         for n in range(1, orders + 1):
-            over_x = n / size
-            psi_next = (2 * n - 1) / size * psi - psi_before if n <= size else ratio[n] * psi
-            y_next = (2 * n - 1) / size * y - y_before
-            psi_before, psi, y_before, y = psi, psi_next, y, y_next
-            factor = over(slope[n], relative_index) + over_x
-            found[0, n - 1] = over(factor * psi - psi_before, times(factor, make(psi, y)) - make(psi_before, y_before))
-            factor = times(slope[n], relative_index) + over_x
-            found[1, n - 1] = over(factor * psi - psi_before, times(factor, make(psi, y)) - make(psi_before, y_before))
+            found[0, n - 1] = over(slope[n], relative_index)
+            found[1, n - 1] = times(slope[n], relative_index)
+        match_outside(size, orders, &ratio[0], found)
+    return np.asarray(found)
+
+
+cdef Waves begin_waves(cplx z) noexcept nogil:
+    """Of n = 0, where xi_0 = -i exp(iz) and xi_0' = exp(iz)."""
+    cdef Waves waves
+    waves.z, waves.scale = z, 1.0
+    waves.xi_slope = make(cos(z.real), sin(z.real))
+    waves.xi = make(sin(z.real), -cos(z.real))
+    return waves
+
+
+cdef void climb(Waves *waves, int n, cplx slope) noexcept nogil:
+    """From n - 1 to n: xi upward, where it grows, and psi, whose D_n is `slope`, by psi xi' - psi' xi = i."""
+    cdef cplx over_z = over(make(n, 0.0), waves.z), before = waves.xi
+    waves.xi = times(over_z, before) - waves.xi_slope
+    waves.scale = 1.0 / LARGEST_WAVE if size_of(waves.xi) > LARGEST_WAVE else 1.0
+    waves.xi, before = waves.xi * waves.scale, before * waves.scale
+    waves.xi_slope = before - times(over_z, waves.xi)
+    waves.psi = over(make(0.0, 1.0), waves.xi_slope - times(slope, waves.xi))
+    waves.psi_slope = times(slope, waves.psi)
+
+
+def coated_sphere_coefficients(cplx core_index, cplx shell_index, double core_size, double size, int orders):
+    """a_n and b_n, (2, orders) from n = 1, of a core in a shell, `size` the size parameter of the whole and both
+    indices relative to the host's; Bohren and Huffman (8.2).
+
+    In the shell the field is u = A psi_n + B xi_n; A and B are Wronskians of u at the core with xi_n and psi_n there,
+    which lose nothing where a function has a zero or the shell is thin. Both are kept without the exponential growth
+    of psi_n and decay of xi_n in a medium that absorbs, and without the growth of xi_n beyond n = |z|.
+    """
+    cdef cplx[:, ::1] found = np.empty((2, orders), np.complex128)
+    cdef cplx[:, ::1] slopes = np.empty((3, orders + 1), np.complex128)   # core; shell inside, outside
+    cdef double[::1] ratio = np.empty(orders + 1)
+    cdef cplx core = times(core_index, make(core_size, 0.0))
+    cdef Waves inside = begin_waves(times(shell_index, make(core_size, 0.0)))
+    cdef Waves outside = begin_waves(times(shell_index, make(size, 0.0)))
+    cdef double spread = exp(2.0 * (inside.z.imag - outside.z.imag))   # what B xi is worth beside A psi outside
+    cdef cplx contrast = over(shell_index, core_index), at_core, a, b, u
+    cdef int n, kind
+    with nogil:
+        find_slopes(core, orders, &slopes[0, 0])
+        find_slopes(inside.z, orders, &slopes[1, 0])
+        find_slopes(outside.z, orders, &slopes[2, 0])
+        for n in range(1, orders + 1):
+            climb(&inside, n, slopes[1, n])
+            climb(&outside, n, slopes[2, n])
+            spread = spread * (inside.scale / outside.scale) * (inside.scale / outside.scale)
+            for kind in range(2):
+                at_core = times(slopes[0, n], contrast) if kind == 0 else over(slopes[0, n], contrast)   # u'/u
+                a = inside.xi_slope - times(at_core, inside.xi)
+                b = (times(at_core, inside.psi) - inside.psi_slope) * spread
+                u = times(a, outside.psi) + times(b, outside.xi)
+                if size_of(u) == 0.0:
+                    u = make(1e-30 * (size_of(a) + size_of(b)), 0.0)
+                u = over(times(a, outside.psi_slope) + times(b, outside.xi_slope), u)
+                found[kind, n - 1] = over(u, shell_index) if kind == 0 else times(u, shell_index)
+        match_outside(size, orders, &ratio[0], found)
     return np.asarray(found)

@@ -45,7 +45,7 @@ class Monodisperse:
     radius_um: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius_um", _check_length("radius_um", self.radius_um))
+        object.__setattr__(self, "radius_um", check_length("radius_um", self.radius_um))
 
     def quadrature(self, count: int = 1, moment: int = 6) -> tuple[Array, Array]:
         """The one radius, with the weight 1."""
@@ -74,7 +74,7 @@ class Lognormal:
     sigma: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "median_um", _check_length("lognormal: median_um", self.median_um))
+        object.__setattr__(self, "median_um", check_length("lognormal: median_um", self.median_um))
         allowed = "a geometric standard deviation above 1 (and at most 10)"
         object.__setattr__(self, "sigma", check_number("lognormal: sigma", self.sigma, 1.0 + 1e-9, 10.0, allowed))
 
@@ -108,7 +108,7 @@ class Gamma:
     v_eff: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "r_eff_um", _check_length("gamma: r_eff_um", self.r_eff_um))
+        object.__setattr__(self, "r_eff_um", check_length("gamma: r_eff_um", self.r_eff_um))
         allowed = "an effective variance of at least 1e-6 and below 0.5"
         object.__setattr__(self, "v_eff", check_number("gamma: v_eff", self.v_eff, 1e-6, 0.5 - 1e-6, allowed))
 
@@ -126,33 +126,47 @@ class Gamma:
 
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """A measured number density per length of radius, linear between the radii given, zero outside.
+    """A measured size distribution: number density over radius, linear between the radii given, zero outside.
 
-    ``radius_um``: at least two, increasing; ``number``: at each of them, >= 0, in any unit. Raises SceneError
-    for anything else.
+    Parameters
+    ----------
+    radius_um : array_like (radii,)
+        Radii [um], at least two, increasing.
+    density : array_like (radii,)
+        How many particles there are a length of radius, in any unit, >= 0 and not zero everywhere; numbers in bins are
+        divided by the bins' widths first.
 
-    >>> radii, weights = Tabulated([0.1, 0.3], [1.0, 1.0]).quadrature(65)
+    Raises
+    ------
+    SceneError
+        Naming the argument, for anything else.
+
+    >>> radii, weights = Tabulated(radius_um=[0.1, 0.3], density=[1.0, 1.0]).quadrature(65)
     >>> f"{weights @ radii:.6f}"
     '0.200000'
     """
 
     radius_um: Sequence[float] | Array
-    number: Sequence[float] | Array
+    density: Sequence[float] | Array
 
     def __post_init__(self) -> None:
-        radii, density = check_vector("radius_um", self.radius_um), check_vector("number", self.number)
+        radii, density = (
+            check_vector("tabulated: radius_um", self.radius_um),
+            check_vector("tabulated: density", self.density),
+        )
         if radii.size < 2 or radii.size != density.size:
             raise SceneError(
-                f"tabulated: radius_um and number must be equally long, at least 2, not {radii.size} and {density.size}"
+                f"tabulated: radius_um and density must be equally long, at least 2, not {radii.size} and "
+                f"{density.size}"
             )
         if not np.all(np.diff(radii) > 0.0):
-            raise SceneError("tabulated: radius_um must increase from each to the next")
+            raise SceneError.of("tabulated: radius_um", "must increase from each to the next")
         for end in (radii[0], radii[-1]):
-            _check_length("tabulated: radius_um", float(end))
+            check_length("tabulated: radius_um", float(end))
         if (density < 0.0).any() or not density.any():
-            raise SceneError("tabulated: number must be >= 0 everywhere and not zero everywhere")
+            raise SceneError.of("tabulated: density", "must be >= 0 everywhere and not zero everywhere")
         object.__setattr__(self, "radius_um", radii)
-        object.__setattr__(self, "number", density)
+        object.__setattr__(self, "density", density)
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
         """The trapezoidal rule: each stretch of the table in 2^k equal parts, about ``count`` radii in all."""
@@ -161,7 +175,9 @@ class Tabulated:
         inside = np.arange(parts) / parts
         radii = np.append((knots[:-1, None] + np.diff(knots)[:, None] * inside).ravel(), knots[-1])
         gaps = np.diff(radii, prepend=radii[0], append=radii[-1])
-        density = np.asarray(self.number) / np.max(self.number)  # in any unit, so as large or small as a double may be
+        density = np.asarray(self.density) / np.max(
+            self.density
+        )  # in any unit, so as large or small as a double may be
         weights = np.interp(radii, knots, density) * 0.5 * (gaps[:-1] + gaps[1:])
         return radii, weights / weights.sum()
 
@@ -174,7 +190,8 @@ class Tabulated:
             object.__setattr__(self, name, freeze_copy(values))  # pickle forgets that an array is read-only
 
 
-def _check_length(name: str, value: object) -> float:
+def check_length(name: str, value: object) -> float:
+    """A length [um] that a particle can have. Raises SceneError."""
     return check_number(name, value, SMALLEST_UM, LARGEST_UM, f"a length from {SMALLEST_UM:g} to {LARGEST_UM:g} um")
 
 

@@ -56,12 +56,7 @@ class HomogeneousBall:
         return f"index {self.index.n:.6g} + {self.index.k:.6g}i ({self.index.source})"
 
     def check_radii(self, radii: Array) -> None:
-        largest = self.relative_index.real * check_size_parameter(self, radii)
-        if largest > LARGEST_PHASE:
-            raise SceneError(
-                f"spheres: the index relative to the host times the size parameter must be at most {LARGEST_PHASE:g}, "
-                f"not {largest:.4g} (a radius of {radii[-1]:.4g} um)"
-            )
+        check_phase(self.relative_index.real, check_size_parameter(self, radii), radii[-1])
 
     def find_coefficients(self, radius_um: float) -> tuple[Complex, Complex]:
         return compute_mie_coefficients(self.relative_index, find_wavenumber(self) * radius_um)
@@ -150,6 +145,15 @@ def _make_ball(
     return HomogeneousBall(index, wavelength, host.n, choose_distribution(radius_um, size)), host
 
 
+def check_phase(relative_index: float, size: float, radius_um: float) -> None:
+    """Raises SceneError where a relative index times the size parameter of a radius is too large."""
+    if relative_index * size > LARGEST_PHASE:
+        raise SceneError(
+            f"spheres: the index relative to the host times the size parameter must be at most {LARGEST_PHASE:g}, "
+            f"not {relative_index * size:.4g} (a radius of {radius_um:.4g} um)"
+        )
+
+
 def check_light(wavelength_um: Any, host_index: Material) -> tuple[RefractiveIndex, float]:
     """The index of the medium around particles, and the wavelength in vacuum [um]. Raises SceneError."""
     wavelength = check_number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
@@ -230,15 +234,23 @@ def check_ball(ball: Ball, host: RefractiveIndex) -> Particles:
 def compute_mie_coefficients(relative_index: complex, size: float) -> tuple[Complex, Complex]:
     """a_n and b_n from n = 1 of a sphere with the size parameter ``size``, index relative to the host.
 
-    Wiscombe's number of orders leaves out some 1e-8 of an amplitude, so more are asked for and those that
-    hold nothing are dropped. Source: Bohren and Huffman (1983), (4.53).
+    Source: Bohren and Huffman (1983), (4.53).
 
     >>> a, b = compute_mie_coefficients(1.5 + 1.0j, 1e-3)
     >>> f"{1.5j * a[0] / 1e-9:.5f}"  # (m^2 - 1)/(m^2 + 2) of the dipole
     '0.50160+0.46006j'
     """
-    a, b = sphere_coefficients(complex(relative_index), size, int(size + 6.0 * size ** (1.0 / 3.0) + 8.0))
-    return drop_negligible(a, b)
+    return drop_negligible(*sphere_coefficients(complex(relative_index), size, count_orders(size)))
+
+
+def count_orders(size: float) -> int:
+    """How many a_n and b_n to work out: Wiscombe's number of orders leaves out some 1e-8 of an amplitude, so more are
+    asked for, and those that hold nothing are dropped.
+
+    >>> count_orders(1.0)
+    15
+    """
+    return int(size + 6.0 * size ** (1.0 / 3.0) + 8.0)
 
 
 def choose_distribution(radius_um: float | None, size: SizeDistribution | None) -> SizeDistribution:
