@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 import vrte
+from vrte.formats.bases import BASES
+from vrte.formats.keys import FilePath
 from vrte.methods import find_method
 from vrte.request.how import EXACT, METHODS
-from vrte.scene.boundary import BLACK, TRANSPARENT, Boundary, Lambertian, MuellerBase
+from vrte.scene.boundary import BLACK, TRANSPARENT, Boundary, Lambertian, MuellerBase, make_azimuth_rule
 
 DIRECTIONS: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 1.0], "phi": [0.0, 70.0]}
 PILE = [vrte.Layer(vrte.rayleigh(), 0.9, 0.4)]
@@ -50,6 +52,34 @@ def test_orders_add_up_to_the_reflection_of_a_beam(boundary: Boundary) -> None:
         summed[..., :seen, :seen], np.broadcast_to(f, summed[..., :seen, :seen].shape), atol=1e-13
     )
     assert not summed[..., seen:, :].any()
+
+
+NAMED = {
+    kind: row.make(**{name: key.start for name, key in row.keys.items() if key.needed})
+    for kind, row in BASES.items()
+    if not any(isinstance(key, FilePath) for key in row.keys.values())
+}
+
+
+@pytest.mark.parametrize("kind", [kind for kind, base in NAMED.items() if base is not None])
+def test_orders_of_every_named_base_are_the_integrals_of_its_reflection(kind: str) -> None:
+    """R^m, (1:35), by a literal sum over azimuths; half of it is the share of light that comes back, at most 1."""
+    base = NAMED[kind]
+    assert base is not None
+    mu_i, mu_o, n_order = np.array([0.25, 0.8]), np.array([0.4, 0.95]), 4
+    pairs = np.ones((2, 2), bool)
+    orders, _ = base.reflect_orders(mu_i, mu_o, pairs, n_order, lambda size: 1e-9 * (1.0 + size))
+    phi, weight = make_azimuth_rule(np.arange(1, 8192), 8192)
+    f = np.zeros((phi.size, 2, 2, 4, 4))
+    found = base.reflect(mu_i[:, None], mu_o, np.degrees(phi)[:, None, None])
+    seen = found.shape[-1]
+    f[..., :seen, :seen] = found
+    for m in range(n_order):
+        cosine, sine = (np.einsum("p,pioab->ioab", 2.0 * weight * wave(m * phi), f) for wave in (np.cos, np.sin))
+        expected = cosine.copy()
+        expected[..., 2:, :2], expected[..., :2, 2:] = sine[..., 2:, :2], -sine[..., :2, 2:]
+        given = orders[m] if m < len(orders) else np.zeros((2, 2, 4, 4))
+        np.testing.assert_allclose(given, expected, atol=2e-7 * max(1.0, np.abs(expected).max()))
 
 
 def test_light_goes_straight_through_what_is_transparent_alone() -> None:
