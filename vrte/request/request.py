@@ -47,7 +47,7 @@ class Request(How):
 def estimate_operations(request: Request) -> float:
     """Predicted of a request, roughly, whichever way it is solved; infinite where that takes a plan to say."""
     scene, mu = request.scene, request.mu
-    if scene.below.mixes_stokes or request.nodes is None or mu is None:
+    if scene.below.is_uneven or request.nodes is None or mu is None:
         return math.inf
     scalar = all(layer.phase_matrix.is_scalar for layer in scene.layers)
     terms = max(layer.phase_matrix.terms for layer in scene.layers)

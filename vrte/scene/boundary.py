@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vrte.basics.arrays import (
     Array,
@@ -21,14 +20,10 @@ from vrte.basics.arrays import (
     check_vector,
     put_in_one_line,
 )
-from vrte.basics.errors import AccuracyError, SceneError
+from vrte.basics.errors import SceneError
 from vrte.optics.facets import RoughSurface
+from vrte.scene.azimuths import Allowed, integrate_orders, make_azimuth_rule
 from vrte.scene.base_checks import CHECKED_COSINES, LARGEST_BASE, check_energy, check_physical, make_exit_rule
-
-FEWEST_AZIMUTHS, MOST_AZIMUTHS = 32, 1 << 13  # from 0 to 180 degrees
-SAMPLES_AT_ONCE = 1 << 16  # of 4 x 4 numbers
-
-Allowed = Callable[[Array], Array]  # how far R^m may be off, (in, out), from the largest element of each, (in, out)
 
 
 class Boundary:
@@ -51,6 +46,11 @@ class Boundary:
     def name(self) -> str:
         """What it is called in diagnostics, and in the lists of boundaries that methods take."""
         return "black" if type(self) is Boundary else type(self).__name__
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether light comes back in other ways than evenly and unpolarized."""
+        return self.mixes_stokes or self.orders_reflected > 1
 
     @property
     def even_albedo(self) -> float:
@@ -138,8 +138,48 @@ class Lambertian(Boundary):
         return orders, 0
 
 
+class SampledBase(Boundary):
+    """A base that is known by its f of any two directions: made from this class, it has `reflect` and no more.
+
+    >>> class Chalk(SampledBase):
+    ...     def reflect(self, mu_i, mu_o, phi_deg):
+    ...         return (0.2 + 0.0 * (mu_i + mu_o + phi_deg))[..., None, None]
+    >>> chalk, cosine = Chalk(), np.array([0.5])
+    >>> orders, azimuths = chalk.reflect_orders(cosine, cosine, np.ones((1, 1), bool), 2, lambda size: 1e-9 * size)
+    >>> (orders[:, 0, 0, 0, 0] / np.pi).round(12) + 0.0
+    array([0.4, 0. ])
+    """
+
+    orders_reflected = math.inf
+
+    def reflectance(self, mu_i: Any, points: int = 64) -> Array:
+        """Share of unpolarized light along ``mu_i`` (n,) that comes back into all directions, (n,).
+
+        Parameters: ``points``, of the quadrature over mu_o and over half of the azimuths. Source: (1:35), order 0.
+
+        >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0])).reflectance([0.5]).round(12) / np.pi
+        array([0.1])
+        """
+        mu_o, weight = make_exit_rule(points)
+        phi, share = make_azimuth_rule(np.arange(1, points), points)
+        found = self.reflect(check_vector("mu_i", mu_i)[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]
+        total: Array = 2.0 * (found @ share) @ weight
+        return total
+
+    def reflect_orders(
+        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
+    ) -> tuple[Array, int]:
+        found, azimuths = integrate_orders(self.reflect, mu_i, mu_o, pairs, n_order, allowed)
+        seen = found.shape[-1]
+        if seen == 4:
+            return found, azimuths
+        orders = np.zeros((*found.shape[:3], 4, 4))
+        orders[..., :seen, :seen] = found
+        return orders, azimuths
+
+
 @dataclass(frozen=True)
-class MuellerBase(Boundary):
+class MuellerBase(SampledBase):
     """A base with any mirror-symmetric Mueller BRDF.
 
     Parameters
@@ -165,7 +205,6 @@ class MuellerBase(Boundary):
 
     function: Callable[[Any, Any, Any], Any]
 
-    orders_reflected = math.inf
     mixes_stokes = True
 
     def __post_init__(self) -> None:
@@ -184,74 +223,8 @@ class MuellerBase(Boundary):
         check_physical(there, *np.broadcast_arrays(mu_i, mu_o, phi))
         check_energy(self.reflectance)
 
-    def reflectance(self, mu_i: Any, points: int = 64) -> Array:
-        """Share of unpolarized light along ``mu_i`` (n,) that comes back into all directions, (n,).
-
-        Parameters: ``points``, of the quadrature over mu_o and over half of the azimuths. Source: (1:35), order 0.
-
-        >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0])).reflectance([0.5]).round(12) / np.pi
-        array([0.1])
-        """
-        mu_o, weight = make_exit_rule(points)
-        phi, share = make_azimuth_rule(np.arange(1, points), points)
-        found = self(check_vector("mu_i", mu_i)[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]
-        total: Array = 2.0 * (found @ share) @ weight
-        return total
-
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
         return self(mu_i, mu_o, phi_deg)
-
-    def reflect_orders(
-        self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
-    ) -> tuple[Array, int]:
-        """R^m of (1:35), the integral of f with cos, sin(m phi): each pair of directions is sampled until twice as many
-        azimuths change it by no more than it may be off. Raises AccuracyError where MOST_AZIMUTHS do not settle it."""
-        here, there = np.nonzero(pairs)
-        into, out = mu_i[here], mu_o[there]
-        azimuths = FEWEST_AZIMUTHS
-        while azimuths < n_order:
-            azimuths *= 2
-        before = self.sum_over_azimuths(into, out, n_order, np.arange(1, azimuths), azimuths)
-        found = np.zeros((n_order, mu_i.size, mu_o.size, 4, 4))
-        left = np.arange(here.size)
-        while azimuths < MOST_AZIMUTHS:
-            azimuths *= 2
-            between = self.sum_over_azimuths(into[left], out[left], n_order, np.arange(1, azimuths, 2), azimuths)
-            now = 0.5 * before + between
-            found[:, here[left], there[left]] = now
-            error = np.abs(now - before).max(axis=(0, 2, 3))
-            most = allowed(np.abs(found).max(axis=(0, 3, 4)))[here, there][left]
-            open_ = error > most
-            if not open_.any():
-                return found, azimuths
-            before, left, error, most = now[:, open_], left[open_], error[open_], most[open_]
-        worst = int(np.argmax(error / most))
-        pair = left[worst]
-        raise AccuracyError(
-            f"the base's azimuthal orders do not settle with {azimuths} azimuths: from mu_i {into[pair]:.3g} to mu_o "
-            f"{out[pair]:.3g} they change by {error[worst]:.2g}, and {most[worst]:.2g} is allowed"
-        )
-
-    def sum_over_azimuths(
-        self, mu_i: Array, mu_o: Array, n_order: int, steps: NDArray[np.int64], azimuths: int
-    ) -> Array:
-        """What ``steps`` of the rule of so many azimuths add to R^m of each pair of directions, (n_order, pair, 4, 4).
-
-        cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V), as in (1:6); azimuths
-        beyond 180 degrees are the mirror image.
-        """
-        phi, weight = make_azimuth_rule(steps, azimuths)
-        angle = np.arange(n_order)[:, None] * phi
-        cosine, sine = 2.0 * weight * np.cos(angle), 2.0 * weight * np.sin(angle)
-        sums = np.empty((n_order, mu_i.size, 4, 4))
-        for part in np.array_split(
-            np.arange(mu_i.size), -(-mu_i.size * steps.size // SAMPLES_AT_ONCE)
-        ):  # bounds memory
-            f = self(mu_i[part], mu_o[part], np.degrees(phi)[:, None]).reshape(steps.size, -1)
-            even, odd = ((matrix @ f).reshape(n_order, part.size, 4, 4) for matrix in (cosine, sine))
-            even[..., 2:, :2], even[..., :2, 2:] = odd[..., 2:, :2], -odd[..., :2, 2:]
-            sums[:, part] = even
-        return sums
 
     def __call__(self, mu_i: Any, mu_o: Any, phi_deg: Any) -> Array:
         """f on the broadcast shape of the arguments, checked: (..., 4, 4), 1/sr."""
@@ -297,16 +270,3 @@ class MuellerBase(Boundary):
                 f"base: the MuellerBase function {name} cannot be pickled: {put_in_one_line(str(reason), 200)}"
             ) from reason
         return (MuellerBase, (self.function,))
-
-
-def make_azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
-    """Azimuths from 0 to pi [rad] and weights of the trapezoidal rule in t, phi = t - sin(2 t)/2, t = pi steps/count.
-
-    Dense at both ends, where surfaces have their lobes, narrow at grazing angles, and their cusps, of which t leaves
-    little. The ends themselves, steps 0 and ``count``, weigh nothing.
-
-    >>> round(float(make_azimuth_rule(np.arange(1, 4), 4)[1].sum()), 12)
-    3.14159265359
-    """
-    t = np.pi * steps / count
-    return t - 0.5 * np.sin(2.0 * t), 2.0 * np.pi / count * np.sin(t) ** 2

@@ -1,22 +1,25 @@
 """Section 3.C.1, base reflection: what the boundary below sends back, order by order, as the stages take it."""
 
+import warnings
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from vrte.basics.arrays import Array, IntArray
-from vrte.basics.errors import AccuracyError
+from vrte.basics.errors import AccuracyError, AccuracyWarning
 from vrte.basics.polarization import FLIP
 from vrte.basics.quadrature import make_refracted_nodes
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.rough import reflect_off_facets
+from vrte.scene.azimuths import UnsettledError
 from vrte.scene.boundary import Boundary
 
 SHARE = 0.1  # of the accuracy asked for, that the Fourier integrals of a base may use up
 UNTOLD = 1e-9  # accuracy of methods that are not asked for one
 FINEST = 1e-12  # relative error that is always allowed
 ROUNDING = 1e-13  # of R^m itself
+LARGEST_ERROR = 1e-3  # of light, by what integrals do not settle to, beyond which there is no answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +95,15 @@ def find_reflected_orders(
     allowed = partial(find_allowed_errors, problem, accuracy)
     try:
         return boundary.reflect_orders(into, out, pairs, n_order, allowed)
-    except AccuracyError as error:
-        raise AccuracyError(
-            f"{error} at accuracy {accuracy:g}: ask for a coarser one, or give a smoother function"
-        ) from None
+    except UnsettledError as error:
+        reached = error.excess * max(SHARE * accuracy, FINEST)
+        words = f"{error} at accuracy {accuracy:g}"
+        if reached > LARGEST_ERROR:
+            raise AccuracyError(f"{words}: ask for a coarser one, or give a smoother function") from None
+        warnings.warn(
+            AccuracyWarning(f"{words}: what the base adds to light has the accuracy {reached:.1g}"), stacklevel=2
+        )
+        return error.found
 
 
 def find_allowed_errors(problem: Problem, accuracy: float, size: Array) -> Array:

@@ -149,7 +149,7 @@ class Passage:
 def expand_lossless_base(base: Boundary, problem: Problem, n_order: int, accuracy: float) -> Base:
     """A base's operators on nodes that are not Gauss's: one that reflects evenly loses no light by what they miss."""
     found = expand_base(base, problem, n_order, accuracy)
-    if base.mixes_stokes or not base.orders_reflected or not problem.is_refracted:
+    if base.is_uneven or not base.orders_reflected or not problem.is_refracted:
         return found
     white = 2.0 * float(problem.weights @ problem.nodes)
     return replace(found, matrix=found.matrix / white, source=found.source / white, out=found.out / white)

@@ -57,9 +57,9 @@ def make_blocks(
 ) -> list[Block]:
     """All orders, sorted into blocks; ascending, and I before V. No block goes across the orders in ``stages``."""
     rough = problem.media is not None and problem.media.scene.is_rough
-    fed_back, leave_out = base.mixes_stokes or rough, problem.leave_out
+    fed_back, mixed, leave_out = base.is_uneven or rough, base.mixes_stokes or rough, problem.leave_out
     everywhere = fed_back or not leave_out.nodes or problem.media is not None
-    sets = list_stokes_sets(problem) if leave_out.stokes and not fed_back else [(ALL,)] * problem.coefficients.shape[1]
+    sets = list_stokes_sets(problem) if leave_out.stokes and not mixed else [(ALL,)] * problem.coefficients.shape[1]
     nodes = [problem.nodes.size] * len(sets)
     if not everywhere:
         needed = count_nodes_seen(needs, brightest, accuracy)[: orders.size]

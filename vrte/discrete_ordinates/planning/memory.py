@@ -38,7 +38,7 @@ def count_doubles_needed(
     """Doubles at the peak: one block after another, beside what they add up to."""
     sums = threads * (TILE_DOUBLES + 8.0 * problem.columns.shape[0] * azimuths.distinct.size)
     base = 0.0
-    if any(block.base.mixes_stokes for block in blocks):  # its samples for one piece of the result
+    if any(block.base.is_uneven for block in blocks):  # its samples for one piece of the result
         base = 4.0 * max(4.0 * result / problem.mu0.size, PIECE_BYTES / BYTES)
     kernels = sum(count_doubles_of_kernels(block) for block in blocks)
     matrices = max((count_doubles_of_block(block, threads) for block in blocks), default=0.0)
@@ -56,6 +56,6 @@ def count_doubles_of_block(block: Block, threads: int) -> float:
     problem, n_order = block.problem, float(block.orders.size)
     per_order, per_thread = count_doubles_of_route(block.choice.name, problem)
     base = 0.0
-    if block.base.mixes_stokes:
+    if block.base.is_uneven:
         base = n_order * 48.0 * (problem.nodes.size + problem.mu0.size) * (problem.nodes.size + problem.mu_out.size)
     return min(n_order, count_orders_at_once(per_order, threads)) * per_order + threads * per_thread + base

@@ -111,7 +111,7 @@ def choose_check_orders(scene: Scene, nodes: int, cut: float, aim: float) -> Int
     """0 alone, or with a geometric series of others where what is ``cut`` by so many nodes matters. What a Mueller base
     does to others takes too long to find, and of many layers they take too much memory."""
     others = STEP ** np.arange(math.ceil(math.log(2 * nodes, STEP)), dtype=np.int32)
-    too_much = scene.below.mixes_stokes or count_check_bytes(scene, nodes) * others.size > CHECKED_BYTES
+    too_much = scene.below.is_uneven or count_check_bytes(scene, nodes) * others.size > CHECKED_BYTES
     return np.concatenate([np.zeros(1, np.int32), others[: 0 if cut < SMALL * aim or too_much else None]])
 
 

@@ -97,8 +97,8 @@ class Plan:
 
     @property
     def fed_back(self) -> bool:
-        """Whether the base mixes orders and Stokes parameters as it likes."""
-        return self.request.scene.below.mixes_stokes or self.request.scene.is_rough
+        """Whether the base, or a rough surface, sends back orders or Stokes parameters that no layer scatters."""
+        return self.request.scene.below.is_uneven or self.request.scene.is_rough
 
     @property
     def counts_again(self) -> bool:
@@ -217,12 +217,12 @@ def make_plan(
     brightest = find_brightness(scene, within, seen, request.phi, run)
     # mirrored light fades no more the deeper it is
     bounds = find_bounds_at(needs, problem.depth if problem.media is None else np.zeros(problem.level.size))
-    base, mixes = scene.below, scene.below.mixes_stokes or scene.is_rough
+    base, uneven = scene.below, scene.below.is_uneven or scene.is_rough
     stages: tuple[int, ...] = ()
     last, left_out = problem.coefficients.shape[1] - 1, {}
-    if request.fluxes_only and leave_out.fluxes and not mixes:
+    if request.fluxes_only and leave_out.fluxes and not uneven:
         count, left_out["fluxes"] = 1, "all orders but 0: fluxes alone are asked for"
-    elif mixes or not leave_out.orders:
+    elif uneven or not leave_out.orders:
         count = last + 1
     else:
         count = count_orders_that_matter(bounds, brightest, accuracy)

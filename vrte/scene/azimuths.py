@@ -1,0 +1,179 @@
+"""Fourier integrals over azimuth of what a surface does, as closely as is allowed and no closer.
+
+Each pair of directions is sampled by itself: by a rule that settles at once on smooth functions, and where that does
+not settle, since f jumps or bends at some azimuth, in pieces that are halved where it does.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics.arrays import Array, BoolArray
+from vrte.basics.errors import AccuracyError
+
+FEWEST_AZIMUTHS, MOST_AZIMUTHS = 32, 1 << 9  # of the rule for smooth functions, from 0 to 180 degrees
+MOST_SAMPLES = 1 << 14  # of a pair, in pieces
+FEWEST_PIECES = 4
+NARROW = 1.0 / 32.0  # of a half turn: pieces below have a share of the error of their own
+SMALLEST = 2.0**-44  # of a half turn: f that jumps there is settled to that
+SAMPLES_AT_ONCE = 1 << 16  # of 4 x 4 numbers
+SMOOTH = 200.0  # how much closer 15 points are than 7 where both are close, as in QUADPACK's error
+
+# Gauss and Kronrod's rules of 7 and 15 points on (-1, 1): Kronrod's points from 0 on, and the weights of both
+KRONROD = np.array(
+    [
+        [0.0, 0.209482141084727828, 0.417959183673469388],
+        [0.207784955007898468, 0.204432940075298892, 0.0],
+        [0.405845151377397167, 0.190350578064785410, 0.381830050505118945],
+        [0.586087235467691130, 0.169004726639267903, 0.0],
+        [0.741531185599394440, 0.140653259715525919, 0.279705391489276668],
+        [0.864864423359769073, 0.104790010322250184, 0.0],
+        [0.949107912342758525, 0.063092092629978553, 0.129484966168869693],
+        [0.991455371120812640, 0.022935322010529225, 0.0],
+    ]
+)
+POINTS = np.concatenate([-KRONROD[:0:-1, 0], KRONROD[:, 0]])
+WEIGHTS, FEWER = (np.concatenate([KRONROD[:0:-1, rule], KRONROD[:, rule]]) for rule in (1, 2))
+CROSSING = np.kron([[0.0, -1.0], [1.0, 0.0]], np.ones((2, 2)))  # sign of sin(m phi) in R^m, 0 where it is cos, (1:6)
+
+Allowed = Callable[[Array], Array]  # how far R^m may be off, (in, out), from the largest element of each, (in, out)
+Sample = Callable[[Array, Array, Array], Array]  # f (..., S, S) of mu_i, mu_o, phi_deg that broadcast
+
+
+class UnsettledError(AccuracyError):
+    """Fourier integrals that do not settle: what was found of them, R^m with the most azimuths it took, and how many
+    times further off it may be than is allowed."""
+
+    def __init__(self, message: str, found: tuple[Array, int], excess: float) -> None:
+        super().__init__(message)
+        self.found, self.excess = found, excess
+
+
+def integrate_orders(
+    sample: Sample, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
+) -> tuple[Array, int]:
+    """R^m of (1:35), the integral of f with cos, sin(m phi), (order, in, out, S, S), and the most azimuths of a pair.
+
+    Twice as many azimuths are taken until they change a pair by no more than it may be off; what is left after
+    MOST_AZIMUTHS is integrated in pieces. Raises UnsettledError where MOST_SAMPLES do not settle it.
+    """
+    here, there = np.nonzero(pairs)
+    into, out = mu_i[here], mu_o[there]
+    azimuths = FEWEST_AZIMUTHS
+    while azimuths < n_order:
+        azimuths *= 2
+    before = sum_over_azimuths(sample, into, out, n_order, np.arange(1, azimuths), azimuths)
+    found = np.zeros((n_order, mu_i.size, mu_o.size, *before.shape[2:]))
+    left = np.arange(here.size)
+    while azimuths < max(MOST_AZIMUTHS, 2 * n_order):
+        azimuths *= 2
+        between = sum_over_azimuths(sample, into[left], out[left], n_order, np.arange(1, azimuths, 2), azimuths)
+        now = 0.5 * before + between
+        found[:, here[left], there[left]] = now
+        error = np.abs(now - before).max(axis=(0, 2, 3))
+        most = allowed(np.abs(found).max(axis=(0, 3, 4)))[here, there][left]
+        open_ = error > most
+        if not open_.any():
+            return found, azimuths
+        before, left, most = now[:, open_], left[open_], most[open_]
+    into, out = into[left], out[left]
+    sums, error, samples = sum_pieces(sample, into, out, n_order, most)
+    found[:, here[left], there[left]] = sums
+    worst = int(np.argmax(error / most))
+    if error[worst] > most[worst]:
+        raise UnsettledError(
+            f"the base's azimuthal orders do not settle with {azimuths + samples} azimuths: from mu_i "
+            f"{into[worst]:.3g} to mu_o {out[worst]:.3g} they may be off by {error[worst]:.2g}, and {most[worst]:.2g} is "
+            "allowed",
+            (found, azimuths + samples),
+            error[worst] / most[worst],
+        )
+    return found, azimuths + samples
+
+
+def sum_over_azimuths(
+    sample: Sample, mu_i: Array, mu_o: Array, n_order: int, steps: NDArray[np.int64], azimuths: int
+) -> Array:
+    """What ``steps`` of the rule of so many azimuths add to R^m of each pair of directions, (n_order, pair, S, S).
+
+    cos in the blocks (I,Q)-(I,Q) and (U,V)-(U,V), sin in (U,V)-(I,Q), -sin in (I,Q)-(U,V), as in (1:6); azimuths
+    beyond 180 degrees are the mirror image.
+    """
+    phi, weight = make_azimuth_rule(steps, azimuths)
+    angle = np.arange(n_order)[:, None] * phi
+    cosine, sine = 2.0 * weight * np.cos(angle), 2.0 * weight * np.sin(angle)
+    parts = []
+    for part in np.array_split(
+        np.arange(mu_i.size), max(1, -(-mu_i.size * steps.size // SAMPLES_AT_ONCE))
+    ):  # bounds memory
+        f = sample(mu_i[part], mu_o[part], np.degrees(phi)[:, None])
+        shape, f = f.shape[2:], f.reshape(steps.size, -1)
+        even, odd = ((matrix @ f).reshape(n_order, part.size, *shape) for matrix in (cosine, sine))
+        even[..., 2:, :2], even[..., :2, 2:] = odd[..., 2:, :2], -odd[..., :2, 2:]
+        parts.append(even)
+    return np.concatenate(parts, axis=1)
+
+
+def sum_pieces(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, most: Array) -> tuple[Array, Array, int]:
+    """R^m of pairs of directions (pair,), (n_order, pair, S, S), how far each may be off, (pair,), and samples of one.
+
+    Pieces in t of `make_azimuth_rule`, whose ends are dense; a piece is halved until Gauss's 7 points and Kronrod's 15
+    agree, so that around a jump each half turn less takes one piece more.
+    """
+    pieces = max(FEWEST_PIECES, n_order // 2)
+    pair = np.repeat(np.arange(mu_i.size), pieces)
+    first, size = np.tile(np.arange(pieces) / pieces, mu_i.size), np.full(pair.size, 1.0 / pieces)
+    sums, errors = np.zeros((0, 0, 0, 0)), np.zeros(mu_i.size)
+    taken = np.zeros(mu_i.size, np.int64)
+    while pair.size:
+        taken += POINTS.size * np.bincount(pair, minlength=mu_i.size)
+        split = np.zeros(pair.size, bool)
+        for part in np.array_split(np.arange(pair.size), -(-pair.size * POINTS.size // SAMPLES_AT_ONCE)):
+            own = pair[part]
+            values, error = sum_piece(sample, mu_i[own], mu_o[own], n_order, first[part], size[part])
+            may = (size[part] > SMALLEST) & (taken[own] < MOST_SAMPLES)
+            split[part] = (error > 0.5 * most[own] * np.maximum(size[part], NARROW)) & may
+            if not sums.size:
+                sums = np.zeros((mu_i.size, *values.shape[1:]))
+            if (done := ~split[part]).any():
+                ended, start = np.unique(own[done], return_index=True)  # pieces of a pair lie side by side
+                sums[ended] += np.add.reduceat(values[done], start)
+                errors[ended] += np.add.reduceat(error[done], start)
+        half = 0.5 * size[split]
+        pair = np.repeat(pair[split], 2)
+        first, size = np.stack([first[split], first[split] + half], axis=1).ravel(), np.repeat(half, 2)
+    return sums.swapaxes(0, 1), errors, int(taken.max())
+
+
+def sum_piece(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, first: Array, size: Array) -> tuple[Array, Array]:
+    """What pieces of azimuth (piece,), in half turns of t, add to R^m, (piece, n_order, S, S), and how far that may be
+    off, (piece,)."""
+    t = np.pi * (first + 0.5 * size * (1.0 + POINTS[:, None]))
+    phi, rate = t - 0.5 * np.sin(2.0 * t), np.pi * size * 2.0 * np.sin(t) ** 2  # both halves of the turn
+    f = sample(mu_i, mu_o, np.degrees(phi)) * rate[..., None, None]  # (point, piece, S, S)
+    shape = f.shape[2:]
+    crossing = CROSSING[: shape[0], : shape[1]].ravel()
+    by_rule = np.einsum("kpe,kr->pkre", f.reshape(*phi.shape, -1), np.stack([WEIGHTS, WEIGHTS - FEWER], axis=1))
+    angle = np.arange(n_order)[:, None] * phi.T[:, None]
+    summed = np.empty((mu_i.size, n_order, 2, crossing.size))
+    for turn, places in ((np.cos, crossing == 0.0), (np.sin, crossing != 0.0)):
+        if places.any():
+            part = turn(angle) @ by_rule[..., places].reshape(mu_i.size, POINTS.size, -1)
+            summed[..., places] = part.reshape(*summed.shape[:3], -1)
+    values, gap = summed[:, :, 0] * np.where(crossing == 0.0, 1.0, crossing), np.abs(summed[:, :, 1]).max(axis=(1, 2))
+    whole = np.maximum(np.einsum("kpab,k->pab", np.abs(f), WEIGHTS).max(axis=(1, 2)), 1e-300)
+    return values.reshape(*values.shape[:2], *shape), np.minimum(gap, whole * (SMOOTH * gap / whole) ** 1.5)
+
+
+def make_azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
+    """Azimuths from 0 to pi [rad] and weights of the trapezoidal rule in t, phi = t - sin(2 t)/2, t = pi steps/count.
+
+    Dense at both ends, where surfaces have their lobes, narrow at grazing angles, and their cusps, of which t leaves
+    little. The ends themselves, steps 0 and ``count``, weigh nothing.
+
+    >>> round(float(make_azimuth_rule(np.arange(1, 4), 4)[1].sum()), 12)
+    3.14159265359
+    """
+    t = np.pi * steps / count
+    return t - 0.5 * np.sin(2.0 * t), 2.0 * np.pi / count * np.sin(t) ** 2
