@@ -5,36 +5,24 @@ not settle, since f jumps or bends at some azimuth, in pieces that are halved wh
 """
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vrte.basics.arrays import Array, BoolArray
+from vrte.basics.arrays import Array, BoolArray, settle_array
 from vrte.basics.errors import AccuracyError
 
-FEWEST_AZIMUTHS, MOST_AZIMUTHS = 32, 1 << 9  # of the rule for smooth functions, from 0 to 180 degrees
+FEWEST_AZIMUTHS, ENOUGH, MOST_AZIMUTHS = 32, 1 << 9, 1 << 11  # of the rule for smooth functions, from 0 to 180 degrees
+WORTH = 0.1  # of the error, that twice as many azimuths may leave
 MOST_SAMPLES = 1 << 14  # of a pair, in pieces
 FEWEST_PIECES = 4
 NARROW = 1.0 / 32.0  # of a half turn: pieces below have a share of the error of their own
 SMALLEST = 2.0**-44  # of a half turn: f that jumps there is settled to that
 SAMPLES_AT_ONCE = 1 << 16  # of 4 x 4 numbers
-SMOOTH = 200.0  # how much closer 15 points are than 7 where both are close, as in QUADPACK's error
+SMOOTH = 200.0  # how much closer all points are than half of them where both are close, as QUADPACK has it
 
-# Gauss and Kronrod's rules of 7 and 15 points on (-1, 1): Kronrod's points from 0 on, and the weights of both
-KRONROD = np.array(
-    [
-        [0.0, 0.209482141084727828, 0.417959183673469388],
-        [0.207784955007898468, 0.204432940075298892, 0.0],
-        [0.405845151377397167, 0.190350578064785410, 0.381830050505118945],
-        [0.586087235467691130, 0.169004726639267903, 0.0],
-        [0.741531185599394440, 0.140653259715525919, 0.279705391489276668],
-        [0.864864423359769073, 0.104790010322250184, 0.0],
-        [0.949107912342758525, 0.063092092629978553, 0.129484966168869693],
-        [0.991455371120812640, 0.022935322010529225, 0.0],
-    ]
-)
-POINTS = np.concatenate([-KRONROD[:0:-1, 0], KRONROD[:, 0]])
-WEIGHTS, FEWER = (np.concatenate([KRONROD[:0:-1, rule], KRONROD[:, rule]]) for rule in (1, 2))
+INTERVALS = 16  # of a piece, halved for the error: points at its ends, where no jump can hide
 CROSSING = np.kron([[0.0, -1.0], [1.0, 0.0]], np.ones((2, 2)))  # sign of sin(m phi) in R^m, 0 where it is cos, (1:6)
 
 Allowed = Callable[[Array], Array]  # how far R^m may be off, (in, out), from the largest element of each, (in, out)
@@ -55,8 +43,9 @@ def integrate_orders(
 ) -> tuple[Array, int]:
     """R^m of (1:35), the integral of f with cos, sin(m phi), (order, in, out, S, S), and the most azimuths of a pair.
 
-    Twice as many azimuths are taken until they change a pair by no more than it may be off; what is left after
-    MOST_AZIMUTHS is integrated in pieces. Raises UnsettledError where MOST_SAMPLES do not settle it.
+    Twice as many azimuths are taken until they change a pair by no more than it may be off. Where that hardly helps
+    from ENOUGH of them on, f is not smooth, and it is integrated in pieces. Raises UnsettledError where MOST_SAMPLES do
+    not settle it.
     """
     here, there = np.nonzero(pairs)
     into, out = mu_i[here], mu_o[there]
@@ -65,31 +54,34 @@ def integrate_orders(
         azimuths *= 2
     before = sum_over_azimuths(sample, into, out, n_order, np.arange(1, azimuths), azimuths)
     found = np.zeros((n_order, mu_i.size, mu_o.size, *before.shape[2:]))
-    left = np.arange(here.size)
-    while azimuths < max(MOST_AZIMUTHS, 2 * n_order):
+    left, torn = np.arange(here.size), np.zeros(0, np.int64)
+    last = np.full(here.size, np.inf)
+    while left.size:
         azimuths *= 2
         between = sum_over_azimuths(sample, into[left], out[left], n_order, np.arange(1, azimuths, 2), azimuths)
         now = 0.5 * before + between
         found[:, here[left], there[left]] = now
         error = np.abs(now - before).max(axis=(0, 2, 3))
-        most = allowed(np.abs(found).max(axis=(0, 3, 4)))[here, there][left]
-        open_ = error > most
-        if not open_.any():
-            return found, azimuths
-        before, left, most = now[:, open_], left[open_], most[open_]
-    into, out = into[left], out[left]
+        open_ = error > allowed(np.abs(found).max(axis=(0, 3, 4)))[here, there][left]
+        stuck = open_ & (azimuths >= ENOUGH) & ((error > WORTH * last) | (azimuths >= MOST_AZIMUTHS))
+        torn, open_ = np.concatenate([torn, left[stuck]]), open_ & ~stuck
+        before, left, last = now[:, open_], left[open_], error[open_]
+    if not torn.size:
+        return found, azimuths
+    into, out = into[torn], out[torn]
+    most = allowed(np.abs(found).max(axis=(0, 3, 4)))[here, there][torn]
     sums, error, samples = sum_pieces(sample, into, out, n_order, most)
-    found[:, here[left], there[left]] = sums
+    found[:, here[torn], there[torn]] = sums
+    azimuths += samples
     worst = int(np.argmax(error / most))
     if error[worst] > most[worst]:
         raise UnsettledError(
-            f"the base's azimuthal orders do not settle with {azimuths + samples} azimuths: from mu_i "
-            f"{into[worst]:.3g} to mu_o {out[worst]:.3g} they may be off by {error[worst]:.2g}, and {most[worst]:.2g} is "
-            "allowed",
-            (found, azimuths + samples),
+            f"the base's azimuthal orders do not settle with {azimuths} azimuths: from mu_i {into[worst]:.3g} to mu_o "
+            f"{out[worst]:.3g} they may be off by {error[worst]:.2g}, and {most[worst]:.2g} is allowed",
+            (found, azimuths),
             error[worst] / most[worst],
         )
-    return found, azimuths + samples
+    return found, azimuths
 
 
 def sum_over_azimuths(
@@ -118,8 +110,8 @@ def sum_over_azimuths(
 def sum_pieces(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, most: Array) -> tuple[Array, Array, int]:
     """R^m of pairs of directions (pair,), (n_order, pair, S, S), how far each may be off, (pair,), and samples of one.
 
-    Pieces in t of `make_azimuth_rule`, whose ends are dense; a piece is halved until Gauss's 7 points and Kronrod's 15
-    agree, so that around a jump each half turn less takes one piece more.
+    Pieces in t of `make_azimuth_rule`, whose ends are dense; a piece is halved until all of Clenshaw and Curtis's
+    points agree with every other, so that the error at a jump falls with each piece by half.
     """
     pieces = max(FEWEST_PIECES, n_order // 2)
     pair = np.repeat(np.arange(mu_i.size), pieces)
@@ -127,9 +119,9 @@ def sum_pieces(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, most: Arr
     sums, errors = np.zeros((0, 0, 0, 0)), np.zeros(mu_i.size)
     taken = np.zeros(mu_i.size, np.int64)
     while pair.size:
-        taken += POINTS.size * np.bincount(pair, minlength=mu_i.size)
+        taken += (INTERVALS + 1) * np.bincount(pair, minlength=mu_i.size)
         split = np.zeros(pair.size, bool)
-        for part in np.array_split(np.arange(pair.size), -(-pair.size * POINTS.size // SAMPLES_AT_ONCE)):
+        for part in np.array_split(np.arange(pair.size), -(-pair.size * (INTERVALS + 1) // SAMPLES_AT_ONCE)):
             own = pair[part]
             values, error = sum_piece(sample, mu_i[own], mu_o[own], n_order, first[part], size[part])
             may = (size[part] > SMALLEST) & (taken[own] < MOST_SAMPLES)
@@ -149,21 +141,40 @@ def sum_pieces(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, most: Arr
 def sum_piece(sample: Sample, mu_i: Array, mu_o: Array, n_order: int, first: Array, size: Array) -> tuple[Array, Array]:
     """What pieces of azimuth (piece,), in half turns of t, add to R^m, (piece, n_order, S, S), and how far that may be
     off, (piece,)."""
-    t = np.pi * (first + 0.5 * size * (1.0 + POINTS[:, None]))
-    phi, rate = t - 0.5 * np.sin(2.0 * t), np.pi * size * 2.0 * np.sin(t) ** 2  # both halves of the turn
+    points, weights = make_piece_rule(INTERVALS)
+    fewer = np.zeros(points.size)
+    fewer[::2] = make_piece_rule(INTERVALS // 2)[1]
+    t = np.pi * (first + size * points[:, None])
+    phi, rate = t - 0.5 * np.sin(2.0 * t), np.pi * size * 4.0 * np.sin(t) ** 2  # both halves of the turn
     f = sample(mu_i, mu_o, np.degrees(phi)) * rate[..., None, None]  # (point, piece, S, S)
     shape = f.shape[2:]
     crossing = CROSSING[: shape[0], : shape[1]].ravel()
-    by_rule = np.einsum("kpe,kr->pkre", f.reshape(*phi.shape, -1), np.stack([WEIGHTS, WEIGHTS - FEWER], axis=1))
+    by_rule = np.einsum("kpe,kr->pkre", f.reshape(*phi.shape, -1), np.stack([weights, weights - fewer], axis=1))
     angle = np.arange(n_order)[:, None] * phi.T[:, None]
     summed = np.empty((mu_i.size, n_order, 2, crossing.size))
     for turn, places in ((np.cos, crossing == 0.0), (np.sin, crossing != 0.0)):
         if places.any():
-            part = turn(angle) @ by_rule[..., places].reshape(mu_i.size, POINTS.size, -1)
+            part = turn(angle) @ by_rule[..., places].reshape(mu_i.size, points.size, -1)
             summed[..., places] = part.reshape(*summed.shape[:3], -1)
     values, gap = summed[:, :, 0] * np.where(crossing == 0.0, 1.0, crossing), np.abs(summed[:, :, 1]).max(axis=(1, 2))
-    whole = np.maximum(np.einsum("kpab,k->pab", np.abs(f), WEIGHTS).max(axis=(1, 2)), 1e-300)
+    whole = np.maximum(np.einsum("kpab,k->pab", np.abs(f), weights).max(axis=(1, 2)), 1e-300)
     return values.reshape(*values.shape[:2], *shape), np.minimum(gap, whole * (SMOOTH * gap / whole) ** 1.5)
+
+
+@cache
+def make_piece_rule(intervals: int) -> tuple[Array, Array]:
+    """Clenshaw and Curtis's points from 0 to 1, both among them, and weights; ``intervals`` even.
+
+    >>> points, weights = make_piece_rule(16)
+    >>> (weights @ points**15).round(14).item()
+    0.0625
+    """
+    k = np.arange(intervals + 1)
+    j = np.arange(1, intervals // 2 + 1)
+    share = np.where(j == intervals // 2, 1.0, 2.0) / (4.0 * j**2 - 1.0)
+    inner = np.where(k % intervals == 0, 0.5, 1.0) / intervals
+    weights = inner * (1.0 - np.cos(2.0 * np.pi * np.outer(k, j) / intervals) @ share)
+    return settle_array(np.sin(0.5 * np.pi * k / intervals) ** 2), settle_array(weights)
 
 
 def make_azimuth_rule(steps: NDArray[np.int64], count: int) -> tuple[Array, Array]:
