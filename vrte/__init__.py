@@ -35,6 +35,7 @@ from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.formats import load
 from vrte.formats.index_table import read_index
 from vrte.optics.coated_spheres import coated_spheres
+from vrte.optics.convention_card import recognise_convention
 from vrte.optics.crowding import IndependentScatteringWarning
 from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
@@ -103,6 +104,7 @@ __all__ = [
     "radiance",
     "rayleigh",
     "read_index",
+    "recognise_convention",
     "refractive_index",
     "spectrum",
     "spheres",

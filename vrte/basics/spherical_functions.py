@@ -16,17 +16,18 @@ DEGREES_AT_ONCE = 256  # bounds the memory, whatever the number of terms
 
 
 def compute_wigner_functions(
-    pairs: Sequence[tuple[int, int]], terms: int, cosine: Array
+    pairs: Sequence[tuple[int, int]], terms: int, cosine: Array, gap: Array | None = None
 ) -> Iterator[tuple[int, Array]]:
     """d^l_mn at ``cosine`` (n,), ascending, for each (m, n) of ``pairs``, l < ``terms``, by blocks of degrees.
 
+    ``gap`` is 1 - |cosine|, of which a cosine near 1 has few digits, for who knows it better (`find_gap`).
     Yields (first l, (l, pair, n)). A pair is (0, n), or (m, m) and (m, -m) next to each other.
     Source: Hovenier and van der Mee, Astron. Astrophys. 128, 1 (1983).
 
     >>> [(first, block.shape) for first, block in compute_wigner_functions([(0, 0)], 300, np.array([0.5]))]
     [(0, (256, 1, 1)), (256, (44, 1, 1))]
     """
-    gap, behind = 1.0 - np.abs(cosine), int(np.searchsorted(cosine, 0.0))
+    gap, behind = 1.0 - np.abs(cosine) if gap is None else gap, int(np.searchsorted(cosine, 0.0))
     gain, shift, memory = _find_recurrence(pairs, terms)
     step, change = np.zeros((2, len(pairs), cosine.size))
     now = np.zeros_like(step)
@@ -46,6 +47,15 @@ def compute_wigner_functions(
         now = now.copy()
         _turn_back(block[:, :, :behind], pairs, degrees)
         yield first, block
+
+
+def find_gap(angle: Array) -> Array:
+    """1 - |cos(angle)| of angles from 0 to pi, to the last digits.
+
+    >>> bool(find_gap(np.array([1e-9]))[0] == 5e-19)
+    True
+    """
+    return 2.0 * np.sin(0.5 * np.minimum(angle, np.pi - angle)) ** 2
 
 
 def _find_recurrence(pairs: Sequence[tuple[int, int]], terms: int) -> tuple[Array, Array, Array]:

@@ -17,7 +17,8 @@ from vrte.basics import cost
 from vrte.basics.arrays import Array, check_vector
 from vrte.basics.errors import LongSolveWarning, SceneError
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
-from vrte.optics.phase_matrix import PAIRS, PhaseMatrix
+from vrte.optics.expansion import arrange_coefficients, project_elements
+from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.optics.size_distribution import SizeDistribution
 
 Complex = NDArray[np.complex128]
@@ -191,15 +192,10 @@ def expand_population(population: Population) -> PhaseMatrix:
     elements = [compute_scattering_elements(population, cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]
     plus, minus, f12, f34 = weights * np.concatenate(elements, axis=1)
     plain, crossed = 0.5 * np.stack([plus + minus, plus - minus], axis=1), -np.stack([f12, f34], axis=1)
-    sums = np.empty((terms, 6))
-    for first, block in compute_wigner_functions(PAIRS, terms, cosine):
-        rows = slice(first, first + len(block))
-        sums[rows, :2], sums[rows, 2:4] = block[:, 0] @ plain, block[:, 1] @ crossed
-        sums[rows, 4], sums[rows, 5] = block[:, 2] @ plus, block[:, 3] @ minus
+    sums = project_elements(cosine, plain, crossed, plus, minus, terms)
     sums *= (2.0 * np.arange(terms)[:, None] + 1.0) / sums[0, 0]
     kept = 1 + int(np.flatnonzero(np.abs(sums).max(axis=1) > LEFT_OUT)[-1])
-    a1, a4, b1, b2, total, difference = sums[:kept].T
-    return PhaseMatrix(a1, 0.5 * (total + difference), 0.5 * (total - difference), a4, b1, b2)
+    return PhaseMatrix(*arrange_coefficients(sums[:kept]))
 
 
 def compute_scattering_elements(population: Population, cosine: Array) -> Array:

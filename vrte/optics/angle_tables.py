@@ -1,0 +1,331 @@
+"""Scattering matrices tabulated over angle: checked, made whole, and expanded.
+
+Where the table's angles are those of an exact quadrature (Gauss-Legendre, or evenly spaced from 0 to 180 degrees or
+over the middles of even steps) and its spectrum has decayed, what lies between the angles is known, and the expansion
+is right to rounding; elsewhere it is a spline of log F11 and of the ratios F_ij/F11 with zero slope at both ends.
+"""
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array, check_flag, check_number, check_vector, freeze_copy, settle_array, show_value
+from vrte.basics.errors import AccuracyWarning, SceneError
+from vrte.basics.spherical_functions import find_gap
+from vrte.optics.conventions import ELEMENTS, Convention, find_convention
+from vrte.optics.expansion import arrange_coefficients
+from vrte.optics.phase_matrix import NEGATIVE_ALLOWED, PhaseMatrix, find_lowest_coherency_eigenvalue
+from vrte.optics.table_interpolation import ElementSpline, count_terms, follow_errors, integrate_exactly
+
+MOST_ANGLES = 20_000
+MEAN_ALLOWED = 0.05  # how far the mean of F11 may be from what the convention says
+NO_MORE_TERMS = 1e-12  # a coefficient where the table is exact, unless the user wants fewer
+NOISE = 10.0  # times what the last quarter of an exact spectrum holds: what is less is no signal
+ROUNDED = 1e-12  # of the largest F11: how far below zero rounding may bring one
+FINE_ENOUGH = 5e-5  # error of an expansion of a spline, unless the user wants another
+FIRST_TERMS, LAST_TERMS = 64, 4096
+MISSED = 0.2  # relative change of the integral without every other angle from which a peak may have been missed
+UNRESOLVED = math.log(2.0)  # of F11 at an angle left out: the same, since a spline of all is some 16 times better
+FEW = 9  # angles below which that says nothing
+EXTRAPOLATE, FORWARD, BACKWARD = "extrapolate", "short", "beyond"
+
+
+@dataclass(frozen=True, eq=False)
+class ScatteringTable:
+    """A scattering matrix at angles [degrees]: each element (angles,), the mean of F11 over the sphere is 1.
+
+    In vrte's signs: docs/conventions.md.
+
+    >>> from vrte.optics.phase_matrix import rayleigh
+    >>> rayleigh().to_angles([0.0, 90.0]).F11.tolist()
+    [1.5, 0.75]
+    """
+
+    angle_deg: Array
+    F11: Array
+    F12: Array
+    F22: Array
+    F33: Array
+    F34: Array
+    F44: Array
+
+    @property
+    def elements(self) -> Array:
+        """(6, angles) in the order of ELEMENTS."""
+        return np.stack([getattr(self, name) for name in ELEMENTS])
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """How a phase matrix came from a table over angle.
+
+    Parameters
+    ----------
+    table : ScatteringTable
+        As it was given, normalised, in vrte's signs.
+    convention : str
+        The name of the table's own.
+    integral : float
+        The mean of its F11 over the sphere, over what the convention says it is (over 1 where that says nothing).
+    way : str
+        How it was integrated, and what was assumed beyond its ends.
+    error : array (angles,)
+        The largest |difference| of an element over F11, at each angle of the table; over 1e-3 where F11 is less.
+    lowest_eigenvalue, lowest_angle_deg : float
+        The table's lowest coherency eigenvalue, over F11, and where; particles have none below 0.
+    """
+
+    table: ScatteringTable
+    convention: str
+    integral: float
+    way: str
+    error: Array
+    lowest_eigenvalue: float
+    lowest_angle_deg: float
+
+    @property
+    def largest_error(self) -> float:
+        """Over all angles."""
+        return float(self.error.max())
+
+    @property
+    def largest_error_angle_deg(self) -> float:
+        """Where it is."""
+        return float(self.table.angle_deg[np.argmax(self.error)])
+
+
+def tabulate_phase_matrix(phase_matrix: PhaseMatrix, angle_deg: Any) -> ScatteringTable:
+    """The elements of a phase matrix at angles [degrees], by default so many that the way back is exact."""
+    if angle_deg is None:
+        count = 180 * math.ceil(1.5 * max(phase_matrix.terms, 8) / 180.0)
+        angles = 180.0 * np.arange(count + 1) / count
+    else:
+        angles = check_vector("angle_deg", angle_deg)
+    theta = np.radians(angles % 360.0)
+    theta = np.minimum(theta, 2.0 * np.pi - theta)
+    order = np.argsort(-theta)
+    found = np.empty((6, angles.size))
+    found[:, order] = phase_matrix.compute_elements(np.cos(theta[order]), find_gap(theta[order]))
+    a1, a2, a3, a4, b1, b2 = found
+    return ScatteringTable(freeze_copy(angles), *map(freeze_copy, (a1, b1, a2, a3, b2, a4)))
+
+
+def expand_table(
+    angle_deg: Any,
+    columns: Sequence[Any],
+    *,
+    convention: str,
+    normalise: bool,
+    spheres: bool,
+    ends: str | None,
+    accuracy: float | None,
+    tolerance: float,
+) -> PhaseMatrix:
+    """The phase matrix of a table over angle: see `PhaseMatrix.from_angles`."""
+    about = find_convention(convention)
+    check_number("tolerance", tolerance, 0.0, 1.0, "between 0 and 1, of the mean of F11 over the sphere")
+    if accuracy is not None:
+        accuracy = check_number("accuracy", accuracy, 1e-12, 0.1, "from 1e-12 to 0.1, of F11")
+    if ends not in (None, EXTRAPOLATE):
+        raise SceneError.of("ends", f'must be "{EXTRAPOLATE}" or left out, not {show_value(ends)}')
+    normalise = check_flag("normalise", normalise)
+    angles = check_angles(angle_deg)
+    elements = read_elements(angles, columns, about, check_flag("spheres", spheres))
+    sums = integrate_exactly(angles, elements)
+    way, spline = f"exact quadrature over {angles.size} angles", None
+    if sums is None:
+        whole_angles, whole, way = fill_ends(angles, elements, ends)
+        spline = ElementSpline(whole_angles, whole)
+        sums = spline.integrate(1)
+    elif ends is not None:
+        raise SceneError.of("ends", "fills what a table leaves out, and this one leaves out nothing")
+    mean = 0.5 * float(sums[0, 0])
+    integral = check_integral(mean, about, convention, normalise)
+    table = ScatteringTable(angles, *(freeze_copy(row) for row in elements / mean))
+    lowest, where = check_coherency(table, tolerance)
+    if spline is None:
+        coefficients = cut_exact_terms(sums / mean, table, accuracy)
+    else:
+        warn_of_coarse_steps(whole_angles, whole, sums[0, 0])
+        coefficients = expand_spline(spline, mean, whole_angles, whole / mean, accuracy or FINE_ENOUGH)
+    error = settle_array(follow_errors(coefficients, angles, table.elements)[1])
+    told = Expansion(table, convention, integral, way, error, lowest, where)
+    if told.largest_error > (accuracy or FINE_ENOUGH):
+        warnings.warn(
+            f"the expansion of a table over angle is off by {told.largest_error:.2g} of F11 at "
+            f"{told.largest_error_angle_deg:g} degrees, with {len(coefficients)} terms; {accuracy or FINE_ENOUGH:g} "
+            "was asked for (accuracy=)",
+            AccuracyWarning,
+            stacklevel=3,
+        )
+    return PhaseMatrix(*arrange_coefficients(coefficients), tolerance=tolerance, expansion=told)
+
+
+def check_angles(angle_deg: Any) -> Array:
+    """Scattering angles [degrees], ascending from 0 to 180 at most. Raises SceneError."""
+    angles = check_vector("angle_deg", angle_deg)
+    if not 2 <= angles.size <= MOST_ANGLES:
+        raise SceneError.of("angle_deg", f"must be 2 to {MOST_ANGLES} angles, not {angles.size}")
+    if angles[0] < 0.0 or angles[-1] > 180.0 or (np.diff(angles) <= 0.0).any():
+        wrong = angles[1:][np.diff(angles) <= 0.0]
+        given = f"{wrong[0]:g} behind a larger or the same one" if wrong.size else f"{angles[0]:g} to {angles[-1]:g}"
+        raise SceneError.of("angle_deg", f"must ascend from 0 to 180 degrees, not be {given}")
+    return angles
+
+
+def read_elements(angles: Array, columns: Sequence[Any], about: Convention, spheres: bool) -> Array:
+    """vrte's elements (6, angles), not normalised, from six columns in the order of ELEMENTS, None where missing."""
+    found = [
+        None if column is None else check_vector(name, column) for name, column in zip(ELEMENTS, columns, strict=True)
+    ]
+    for name, column in zip(ELEMENTS, found, strict=True):
+        if column is not None and column.size != angles.size:
+            raise SceneError.of(name, f"must have a value for each of {angles.size} angles, not {column.size}")
+    given = [name for name, column in zip(ELEMENTS, found, strict=True) if column is not None]
+    if spheres:
+        if len(given) == len(ELEMENTS):
+            raise SceneError.of("spheres", "fills columns that are missing, and none is")
+        if len(given) > 1:
+            found = about.fill_in_spheres(found)
+    missing = [name for name, column in zip(ELEMENTS, found, strict=True) if column is None]
+    if missing and (len(given) > 1 or spheres):
+        cure = "" if spheres else "; of spheres F22 = F11 and F44 = F33, which spheres=True takes for granted"
+        raise SceneError.of(
+            missing[0], f"is missing: all six elements are needed, or F11 alone (a scalar phase function){cure}"
+        )
+    if missing and about.columns[0] != "F11":
+        raise SceneError.of("F12", "is missing: in the convention F11 alone is not the intensity")
+    elements = about.read(np.stack([np.zeros_like(angles) if column is None else column for column in found]))
+    worst = int(np.argmin(elements[0]))
+    if elements[0, worst] < -ROUNDED * elements[0].max() or elements[0].max() <= 0.0:
+        raise SceneError.of("F11", f"must be positive, not {elements[0, worst]:.6g} at {angles[worst]:g} degrees")
+    return elements
+
+
+def fill_ends(angles: Array, elements: Array, ends: str | None) -> tuple[Array, Array, str]:
+    """Angles and elements from 0 to 180 degrees, and in words what was done."""
+    worst = int(np.argmin(elements[0]))
+    if elements[0, worst] <= 0.0:
+        raise SceneError.of("F11", f"must be above 0: it is {elements[0, worst]:.3g} at {angles[worst]:g} degrees")
+    gaps = [name for name, gap in ((FORWARD, angles[0] > 0.0), (BACKWARD, angles[-1] < 180.0)) if gap]
+    way = f"a spline over {angles.size} angles"
+    if not gaps:
+        if ends is not None:
+            raise SceneError.of("ends", "fills what a table leaves out, and this one reaches from 0 to 180 degrees")
+        return angles, elements, way
+    if ends is None:
+        raise SceneError.of(
+            "angle_deg",
+            f"must reach from 0 to 180 degrees, not from {angles[0]:g} to {angles[-1]:g}: what lies beyond is unknown, "
+            f'and may be most of the light; ends="{EXTRAPOLATE}" goes on with log F11 and the ratios as parabolas',
+        )
+    if angles.size < 3:
+        raise SceneError.of("angle_deg", "must be at least 3 angles where the ends are extrapolated")
+    for name in gaps:
+        theta = np.radians(angles if name == FORWARD else 180.0 - angles[::-1])
+        end = extend_to_end(theta, elements if name == FORWARD else elements[:, ::-1], forward=name == FORWARD)
+        angles = np.append(0.0, angles) if name == FORWARD else np.append(angles, 180.0)
+        elements = np.hstack([end, elements] if name == FORWARD else [elements, end])
+    said = " and ".join(f"{name} of {angles[1 if name == FORWARD else -2]:g} degrees" for name in gaps)
+    return angles, elements, f"{way}, extrapolated {said}"
+
+
+def extend_to_end(theta: Array, elements: Array, forward: bool) -> Array:
+    """Elements (6, 1) in the exact forward or backward direction, ``theta`` (n,) [radians] away from it, ascending.
+
+    log F11 and the ratios of the diagonal are even functions of theta, here parabolas through what lies within twice
+    the first angle; F12 and F34 vanish, F22 = +-F33, and F44 = +-(2 F22) -+ F11 as for any mirror-symmetric collection.
+    Source: Hovenier and Mackowski, JQSRT 60, 483 (1998).
+    """
+    near = theta <= max(2.0 * theta[0], theta[2])
+    shape = np.vstack([np.log(elements[:1, near]), elements[[2, 3], :][:, near] / elements[0, near]])
+    log_f11, f22, f33 = np.linalg.lstsq(np.stack([np.ones(near.sum()), theta[near] ** 2], axis=1), shape.T, rcond=None)[
+        0
+    ][0]
+    sign = 1.0 if forward else -1.0
+    ratio = float(np.clip(0.5 * (f22 + sign * f33), 0.0, 1.0))
+    scalar = not elements[1:].any()
+    ratios = [1.0, 0.0, ratio, sign * ratio, 0.0, 0.0 if scalar else sign * (2.0 * ratio - 1.0)]
+    return np.exp(log_f11) * np.array(ratios)[:, None]
+
+
+def check_integral(mean: float, about: Convention, name: str, normalise: bool) -> float:
+    """The mean of F11 over what it should be. Raises SceneError where that is too far from 1, or nothing is known."""
+    if about.mean is None:
+        if normalise:
+            return mean
+        raise SceneError.of(
+            "normalise",
+            f'must be True for the convention "{name}", which leaves the mean of F11 over the sphere open; here it is '
+            f"{mean:.6g}",
+        )
+    integral = mean / about.mean
+    if abs(integral - 1.0) > MEAN_ALLOWED and not normalise:
+        raise SceneError.of(
+            "F11",
+            f"has a mean over the sphere of {integral:.6g} times what it should be in the convention "
+            f'"{name}": a peak is missed by the steps of the table, or it is of another convention; normalise=True '
+            "divides by it all the same",
+        )
+    return integral
+
+
+def check_coherency(table: ScatteringTable, tolerance: float) -> tuple[float, float]:
+    """The lowest coherency eigenvalue of a normalised table over F11, and its angle. Raises SceneError."""
+    f11, f12, f22, f33, f34, f44 = table.elements
+    lowest = find_lowest_coherency_eigenvalue(f11, f22, f33, f44, f12, f34)
+    beyond = lowest + np.maximum(NEGATIVE_ALLOWED * f11 + ROUNDED * f11.max(), tolerance)
+    worst = int(np.argmin(beyond))
+    if beyond[worst] < 0.0:
+        raise SceneError(
+            f"the table is not physical: at {table.angle_deg[worst]:g} degrees its coherency matrix has the eigenvalue "
+            f"{lowest[worst]:.3g} where F11 is {f11[worst]:.3g}; at least -{NEGATIVE_ALLOWED:g} F11 is allowed (check "
+            f"the signs and the convention; tolerance={-1.1 * float(lowest.min()):.2g} takes it)"
+        )
+    relative = lowest / np.where(f11 > 0.0, f11, 1.0)
+    place = int(np.argmin(relative))
+    return float(relative[place]), float(table.angle_deg[place])
+
+
+def warn_of_coarse_steps(angles: Array, elements: Array, integral: float) -> None:
+    """Says so where a spline through every other angle has another integral, or is far off at those left out."""
+    if angles.size < FEW:
+        return
+    kept = np.zeros(angles.size, dtype=bool)
+    kept[::2] = kept[-1] = True
+    fewer = ElementSpline(angles[kept], elements[:, kept])
+    ratio, off = fewer.integrate(1)[0, 0] / integral, fewer.compare(angles[~kept], elements[0, ~kept])
+    if abs(ratio - 1.0) > MISSED or off > UNRESOLVED:
+        warnings.warn(
+            f"the steps of a table over angle are coarse: without every other angle the mean of F11 is {ratio:.3g} "
+            f"times as large, and F11 at those left out is missed by up to a factor of {math.exp(min(off, 99.0)):.3g}; "
+            "what lies between its angles is as uncertain, a peak above all",
+            AccuracyWarning,
+            stacklevel=4,
+        )
+
+
+def cut_exact_terms(sums: Array, table: ScatteringTable, accuracy: float | None) -> Array:
+    """Coefficients (terms, 6) from integrals: those above noise, or as few as an accuracy takes."""
+    coefficients = (np.arange(len(sums)) + 0.5)[:, None] * sums
+    if accuracy is not None:
+        worst, _ = follow_errors(coefficients, table.angle_deg, table.elements)
+        return coefficients[: count_terms(worst, accuracy)]
+    size = np.abs(coefficients).max(axis=1)
+    noise = max(NO_MORE_TERMS, NOISE * float(size[3 * len(size) // 4 :].max()))
+    return coefficients[: 1 + int(np.flatnonzero(size > noise)[-1])]
+
+
+def expand_spline(spline: ElementSpline, mean: float, angles: Array, elements: Array, accuracy: float) -> Array:
+    """Coefficients (terms, 6), as many as the accuracy takes at the angles of the table, or MOST_TERMS."""
+    terms = FIRST_TERMS
+    while True:
+        coefficients = (np.arange(terms) + 0.5)[:, None] * spline.integrate(terms) / mean
+        worst, _ = follow_errors(coefficients, angles, elements)
+        if worst[-1] <= accuracy or terms == LAST_TERMS:
+            return coefficients[: count_terms(worst, accuracy)]
+        terms *= 2

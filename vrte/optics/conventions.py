@@ -1,0 +1,173 @@
+"""How other codes and databases write a scattering matrix over angle: a row each, by name.
+
+vrte's own elements are F11, F12, F22, F33, F34, F44 in the signs of docs/conventions.md, the mean of F11 over the
+sphere 1. A row says what the columns of a table mean, where that is known from, and how F11 is scaled. A sign that
+could not be looked up is not in here: docs/importing.md has a sphere by which to recognise a code's convention.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array, show_value
+from vrte.basics.errors import SceneError
+
+ELEMENTS = ("F11", "F12", "F22", "F33", "F34", "F44")
+RATIOS = ("F11", "F12/F11", "F22/F11", "F33/F11", "F34/F11", "F44/F11")
+DEGREE = (RATIOS[0], "-F12/F11", *RATIOS[2:])
+SCALES = {  # the scale of F11 in words; the mean of F11 over the sphere where that fixes it
+    "mean": ("the mean of F11 over all directions is 1", 1.0),
+    "solid-angle": ("the integral of F11 over the solid angle is 1", 0.25 / np.pi),
+    "amplitudes": ("F11 is (|S1|^2 + |S2|^2)/2 of dimensionless amplitudes", None),
+    "forward": ("F11 is 1 at 0 degrees", None),
+    "30-degrees": ("F11 is 1 at 30 degrees", None),
+    "cross-section": ("F11 is the differential scattering cross section [um2/sr]", None),
+}
+
+
+@dataclass(frozen=True)
+class Convention:
+    """One way of writing a scattering matrix.
+
+    words, source: what uses it, and where that is said. columns: what its six columns hold, in the order of ELEMENTS
+    (Pll and Prr are intensities along and across the scattering plane, Plr what goes from one to the other). scale: a
+    key of SCALES. circular: its sign of F34.
+    """
+
+    words: str
+    source: str
+    scale: str = "mean"
+    columns: tuple[str, ...] = ELEMENTS
+    circular: int = 1
+
+    @property
+    def mean(self) -> float | None:
+        """The mean of F11 over the sphere; None where the convention leaves it open."""
+        return SCALES[self.scale][1]
+
+    @property
+    def in_words(self) -> str:
+        """Its columns, scale and signs.
+
+        >>> CONVENTIONS["miev0"].in_words
+        'F11, F12, F22, F33, -F34, F44; F11 is (|S1|^2 + |S2|^2)/2 of dimensionless amplitudes'
+        """
+        columns = [f"-{name}" if name.startswith("F34") and self.circular < 0 else name for name in self.columns]
+        return f"{', '.join(columns)}; {SCALES[self.scale][0]}"
+
+    def read(self, columns: Array) -> Array:
+        """vrte's six elements, but for the scale, from what six columns (6, angles) hold."""
+        found = columns.copy()
+        if self.columns[0] == "Pll":
+            along, exchanged, across = columns[:3]
+            found[:3] = 0.5 * np.stack(
+                [along + across + 2.0 * exchanged, along - across, along + across - 2 * exchanged]
+            )
+        for place, name in enumerate(self.columns):
+            found[place] *= -1.0 if name.startswith("-") else 1.0
+            found[place] *= found[0] if name.endswith("/F11") else 1.0
+        found[4] *= self.circular
+        return found
+
+    def write(self, elements: Array) -> Array:
+        """What the six columns hold, from vrte's six elements (6, angles) in the convention's scale."""
+        found = elements.copy()
+        found[4] *= self.circular
+        for place, name in enumerate(self.columns):
+            found[place] *= -1.0 if name.startswith("-") else 1.0
+            found[place] /= elements[0] if name.endswith("/F11") else 1.0
+        if self.columns[0] == "Pll":
+            f11, f12, f22 = elements[:3]
+            found[:3] = 0.5 * np.stack([f11 + f22 + 2.0 * f12, f11 - f22, f11 + f22 - 2.0 * f12])
+        return found
+
+    def fill_in_spheres(self, columns: Sequence[Array | None]) -> list[Array | None]:
+        """The columns with what spheres leave out: F22 = F11 and F44 = F33, or Plr = 0 and F44 = F33."""
+        found = list(columns)
+        f11 = found[0]
+        if self.columns[0] == "Pll" and found[1] is None and f11 is not None:
+            found[1] = np.zeros_like(f11)
+        elif found[2] is None and f11 is not None:
+            found[2] = np.ones_like(f11) if self.columns[2].endswith("/F11") else f11
+        found[5] = found[3] if found[5] is None else found[5]
+        return found
+
+
+CONVENTIONS: dict[str, Convention] = {
+    "vrte": Convention(
+        "vrte; Hovenier and van der Mee; de Rooij and van der Stap; the expansions that Mishchenko's programs print",
+        "docs/conventions.md; their published expansions are reproduced (tests/test_phase_matrix.py)",
+    ),
+    "bohren-huffman": Convention(
+        "Bohren and Huffman's Mueller matrix S11, S12, S33, S34; MatrixElements of PyMieScatt; Draine's callbhmie",
+        "Bohren and Huffman (1983), (4.77); the sources of PyMieScatt and callbhmie",
+        "amplitudes",
+    ),
+    "bhmie": Convention(
+        "what the program of Bohren and Huffman's appendix A prints: S11 over that at 0 degrees, POL, S33, S34",
+        "Bohren and Huffman (1983), appendix A, CALLBH",
+        "forward",
+        DEGREE,
+    ),
+    "granada": Convention(
+        "measured tables of the Amsterdam-Granada database, from 3 to 177 degrees at most",
+        "Munoz et al., JQSRT 113, 565 (2012)",
+        "30-degrees",
+        DEGREE,
+    ),
+    "granada-synthetic": Convention(
+        "synthetic matrices of the same database, from 0 to 180 degrees; GRASP's relative elements",
+        "iaa.es/scattering, Synthetic matrix; the settings of GRASP",
+        "mean",
+        DEGREE,
+    ),
+    "ice": Convention(
+        "Yang's and Baum's ice crystals and TAMUdust2020: P11, P12/P11, P22/P11, P33/P11, P43/P11, P44/P11",
+        "the manual of TAMUdust2020 (P43 = -P34); PyMieDAP, which reads the SSEC files",
+        "mean",
+        RATIOS,
+        circular=-1,
+    ),
+    "chandrasekhar": Convention(
+        "Stokes vectors (I_l, I_r, U, V) in place of (I, Q, U, V); the sign of V as vrte has it",
+        "Chandrasekhar, Radiative transfer (1950), section 15",
+        "mean",
+        ("Pll", "Plr", "Prr", "F33", "F34", "F44"),
+    ),
+    "solid-angle": Convention(
+        "phase functions in 1/sr of ocean optics and renderers",
+        "by definition",
+        "solid-angle",
+    ),
+    "miepython": Convention(
+        'phase_matrix of miepython with norm="one" (its own default, "albedo", is that times the albedo)',
+        "miepython 3.3.0 was run",
+        "solid-angle",
+        circular=-1,
+    ),
+    "miev0": Convention(
+        "Bohren and Huffman's formulas with amplitudes of fields that go as exp(+i omega t), indices n - ik: MIEV0",
+        "the amplitudes that Wiscombe's MIEV0 prints for x = 1, 1.5 - 1i",
+        "amplitudes",
+        circular=-1,
+    ),
+    "perpendicular": Convention(
+        "Stokes vectors with Q = I_r - I_l: axes across the scattering plane, as Mitsuba's measured_polarized has them",
+        "docs/exports.md, tried by a render",
+        "mean",
+        ("F11", "-F12", "F22", "F33", "F34", "F44"),
+    ),
+    "cross-section": Convention(
+        "differential cross sections, as in the scattering data of ARTS (there in m2/sr)",
+        "mie_phase_mat of atmlab; signs by definition",
+        "cross-section",
+    ),
+}
+
+
+def find_convention(name: object) -> Convention:
+    """The row of a name. Raises SceneError with all names."""
+    if not isinstance(name, str) or name not in CONVENTIONS:
+        raise SceneError.of("convention", f"must be one of {', '.join(CONVENTIONS)}, not {show_value(name)}")
+    return CONVENTIONS[name]
