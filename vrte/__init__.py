@@ -34,6 +34,7 @@ from vrte.calls.views import views
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.formats import load
 from vrte.formats.index_table import read_index
+from vrte.formats.size_table import read_sizes
 from vrte.optics.coated_spheres import coated_spheres
 from vrte.optics.convention_card import recognise_convention
 from vrte.optics.crowding import IndependentScatteringWarning
@@ -104,6 +105,7 @@ __all__ = [
     "radiance",
     "rayleigh",
     "read_index",
+    "read_sizes",
     "recognise_convention",
     "refractive_index",
     "spectrum",

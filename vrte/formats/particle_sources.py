@@ -8,10 +8,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from vrte.basics.errors import SceneError
-from vrte.formats.keys import SUBSTANCE_HINT, Key, Reading, Substance, check_keys, read_keys
+from vrte.formats.keys import SUBSTANCE_HINT, Key, Number, Reading, Substance, check_keys, read_keys
 from vrte.formats.media import ONE_WAVELENGTH, WAVE_KEYS, check_material, read_material
 from vrte.formats.sizes import HALVED, SIZE_KEYS, read_size
 from vrte.formats.toml_table import Table, locate_errors
+from vrte.optics.coated_spheres import check_coated_spheres, coated_spheres
 from vrte.optics.particles import Particles
 from vrte.optics.spheres import check_spheres, spheres
 
@@ -41,8 +42,16 @@ def put_index_first(make: Callable[..., Particles]) -> Callable[..., Particles]:
 
 
 INDEX = Substance("substance", "rutile", hint=SUBSTANCE_HINT)
+COATED: dict[str, Key] = {
+    "core": Substance("substance of the core", "rutile", hint=SUBSTANCE_HINT),
+    "shell": Substance("substance of the shell", "silica", hint=SUBSTANCE_HINT),
+    "shell_um": Number("thickness of the shell [µm]", 0.02, hint="this, or one of the next two", needed=False),
+    "core_ratio": Number("radius of the core over the whole", needed=False),
+    "core_radius_um": Number("radius of the core [µm]", needed=False),
+}
 SOURCES: dict[str, Source] = {
     SPHERES: Source("spheres", put_index_first(spheres), put_index_first(check_spheres), {"index": INDEX}),
+    "coated-spheres": Source("coated spheres", coated_spheres, check_coated_spheres, COATED),
 }
 Compute = Callable[[str, dict[str, Any]], Particles]  # a source's name and its keywords: the particles
 Make = Callable[[Table], Particles]  # the same, of the layer that they lie in

@@ -6,9 +6,10 @@ A new distribution is a class with a ``quadrature``, and a row in `SIZES` (docs/
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from vrte.formats.keys import Key, Number, Reading, read_keys
+from vrte.formats.keys import FilePath, Key, Number, Numbers, Reading, read_keys
+from vrte.formats.size_table import read_sizes
 from vrte.formats.toml_table import Table, locate_errors
-from vrte.optics.size_distribution import Gamma, Lognormal, SizeDistribution
+from vrte.optics.size_distribution import Gamma, Lognormal, SizeDistribution, Tabulated
 
 SIZE_KEYS = ("radius_um", "diameter_um", "size")
 # who is told of the one wrote the other
@@ -30,9 +31,15 @@ SIZES: dict[str, SizeRow] = {
         "lognormal", Lognormal, {"median_um": Number("median radius [µm]", 0.2), "sigma": Number("sigma", 1.4)}
     ),
     "gamma": SizeRow("gamma", Gamma, {"r_eff_um": Number("r_eff [µm]", 0.2), "v_eff": Number("v_eff", 0.07)}),
+    "tabulated": SizeRow(
+        "tabulated",
+        Tabulated,
+        {"radius_um": Numbers("radii [µm]", [0.1, 0.2, 0.4]), "density": Numbers("number density", [0.0, 1.0, 0.0])},
+    ),
+    "table": SizeRow("a table of sizes", lambda table: table, {"table": FilePath("file", open=read_sizes)}),
 }
 ONE: dict[str, Key] = {"radius_um": Number("radius [µm]", 0.3), "diameter_um": Number("diameter [µm]", 0.6)}
-DIAMETER_LABELS = {"median_um": "median diameter [µm]", "r_eff_um": "d_eff [µm]"}
+DIAMETER_LABELS = {"radius_um": "diameters [µm]", "median_um": "median diameter [µm]", "r_eff_um": "d_eff [µm]"}
 
 
 def read_size(table: Table, reading: Reading) -> dict[str, Any]:

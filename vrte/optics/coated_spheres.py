@@ -57,7 +57,7 @@ class CoatedBall:
         size = check_size_parameter(self, radii)
         if self.find_core_radius(float(radii[0])) <= 0.0:
             raise SceneError.of(
-                "coated_spheres: shell_um",
+                "shell_um",
                 f"must be less than the smallest radius that is averaged over, {radii[0]:.4g} um, not "
                 f"{self.shell_um:.4g}: sizes are those of whole spheres, and core_ratio fits all of them",
             )
@@ -151,7 +151,7 @@ def check_coated_spheres(
 
     >>> check_coated_spheres(2.7, 1.5, core_radius_um=0.2, radius_um=0.1, wavelength_um=0.5)
     Traceback (most recent call last):
-    vrte.SceneError: coated_spheres: core_radius_um must be above 0 and less than radius_um, 0.1 um, not 0.2
+    vrte.SceneError: core_radius_um must be above 0 and less than radius_um, 0.1 um, not 0.2
     """
     return check_ball(
         *_make_ball(core, shell, wavelength_um, core_radius_um, shell_um, core_ratio, radius_um, size, host_index)
@@ -187,19 +187,17 @@ def _make_ball(
 def _find_shape(core_radius_um: Any, shell_um: Any, core_ratio: Any, radius_um: Any) -> tuple[float, float]:
     """``core_ratio`` and ``shell_um`` of a CoatedBall, from the one of three that is given; the radius is checked."""
     if shell_um is not None:
-        return 1.0, check_length("coated_spheres: shell_um", shell_um)
+        return 1.0, check_length("shell_um", shell_um)
     if core_ratio is not None:
         allowed = f"a ratio of radii from {SMALLEST_RATIO:g} to below 1"
-        return check_number("coated_spheres: core_ratio", core_ratio, SMALLEST_RATIO, BELOW_ONE, allowed), 0.0
+        return check_number("core_ratio", core_ratio, SMALLEST_RATIO, BELOW_ONE, allowed), 0.0
     if radius_um is None:
-        raise SceneError.of(
-            "coated_spheres: core_radius_um", "goes with radius_um; spheres of many sizes need shell_um or core_ratio"
-        )
+        raise SceneError.of("core_radius_um", "goes with radius_um; spheres of many sizes need shell_um or core_ratio")
     radius = float(radius_um)
     allowed = f"above 0 and less than radius_um, {radius:g} um"
-    core = check_number("coated_spheres: core_radius_um", core_radius_um, SMALLEST_RATIO * radius, radius, allowed)
+    core = check_number("core_radius_um", core_radius_um, SMALLEST_RATIO * radius, radius, allowed)
     if core == radius:
-        raise SceneError.of("coated_spheres: core_radius_um", f"must be {allowed}, not {core:g}")
+        raise SceneError.of("core_radius_um", f"must be {allowed}, not {core:g}")
     return core / radius, 0.0
 
 

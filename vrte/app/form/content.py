@@ -9,6 +9,7 @@ from typing import Any
 from vrte.app.form.fields import list_places
 from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES, FACETS, ROUGHNESS
+from vrte.formats.keys import FilePath, Substance
 from vrte.formats.layers import FILLINGS
 from vrte.formats.particle_sources import SOURCES, SPHERES
 from vrte.formats.phases import PHASES
@@ -60,6 +61,13 @@ def list_size_modes() -> Iterator[tuple[str, tuple[str, Content]]]:
         yield name, (f"{row.words} radii", {"size": {name: dict(start)}})
         doubled = {DIAMETERS[key]: double(start.pop(key)) for key in list(start) if key in DIAMETERS} | start
         yield f"{name}, diameters", (f"{row.words} diameters", {"size": {name: doubled}})
+
+
+def list_size_choices(mode: str) -> dict[str, str]:
+    """The ways to tell a size that a page offers beside the one taken: a page reads no files, but shows them."""
+    rows = {name: words for name, (words, _) in SIZE_MODES.items()}
+    files = {name for name, row in SIZES.items() if any(isinstance(key, FilePath) for key in row.keys.values())}
+    return {name: words for name, words in rows.items() if name not in files or name == mode}
 
 
 def double(value: Any) -> Any:
@@ -294,7 +302,7 @@ def name_of_substance(index: Any) -> str:
 
 def name_after(content: Content, name: str, before: Any) -> None:
     """Calls a kind after its substance where it was called after the one ``before``, and not by hand."""
-    index = content["particles"][name]["index"]
+    index = get_substance(content["particles"][name])
     wanted, first = name_of_substance(index), name_of_substance(before)
     by_itself = NUMBERED.fullmatch(name) or (first and NUMBERED_AFTER.sub("", name) == first)
     if not wanted or not by_itself or index == before:
@@ -308,6 +316,16 @@ def get_source(kind: Content) -> str:
     """Where particles of a kind come from, one of SOURCES."""
     source = kind.get("source", SPHERES)
     return source if source in SOURCES else SPHERES
+
+
+def get_substance(kind: Content) -> Any:
+    """What a kind of particle consists of, a coated one inside; None where it says none.
+
+    >>> get_substance({"source": "coated-spheres", "core": "rutile", "shell": "silica"})
+    'rutile'
+    """
+    keys = SOURCES[get_source(kind)].keys
+    return next((kind.get(name) for name, key in keys.items() if isinstance(key, Substance)), None)
 
 
 def set_source(kind: Content, source: str) -> None:

@@ -107,7 +107,7 @@ class FormPanel:
             label.classes("vrte-name grow").tooltip("the name of this kind")
             label.on("change", lambda: self.change(form.rename_kind, content, name, str(label.value)))
             make_icon("close", "remove this kind", lambda: self.change(form.remove_kind, content, name))
-        before = kind.get("index")
+        before = form.get_substance(kind)
 
         def name_after() -> None:
             """Once it is typed or chosen; a card that has its name by hand keeps it."""
@@ -121,8 +121,7 @@ class FormPanel:
             self._key("particles", name, key, chosen=name_after)
         if SOURCES[source].sized:
             mode = form.get_size_mode(kind)
-            names = {mode: words for mode, (words, _) in form.SIZE_MODES.items()}
-            self.choice(names, mode, "size", partial(form.set_size_mode, kind))
+            self.choice(form.list_size_choices(mode), mode, "size", partial(form.set_size_mode, kind))
             with make_row():
                 for below in list_places(form.SIZE_MODES[mode][1]):
                     self._key("particles", name, *below)
