@@ -218,7 +218,7 @@ def test_every_choice_is_right_from_the_start() -> None:
         form.set_geometric(layer, medium != "particles")
         form.set_medium(content, 0, medium)
         assert problems(content) == {}
-    for mode in form.SIZE_MODES:
+    for mode in form.list_size_choices("radius"):
         form.set_size_mode(kind, mode)
         assert (form.get_size_mode(kind), problems(content)) == (mode, {})
     form.set_base(content, "lambertian")
