@@ -29,6 +29,7 @@ from vrte.calls.brdfs import brdfs
 from vrte.calls.mitsuba import to_mitsuba
 from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
+from vrte.calls.solve_base import solve_base
 from vrte.calls.spectrum import spectrum
 from vrte.calls.views import views
 from vrte.discrete_ordinates.planning.plan import Plan
@@ -55,6 +56,7 @@ from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
 from vrte.scene.mirror import Mirror
 from vrte.scene.scene import Scene
+from vrte.scene.tabulated_base import CoarseTableWarning, TabulatedBase
 from vrte.sweep import interpolate, sweep
 
 __version__ = "0.1.0"
@@ -63,6 +65,7 @@ __all__ = [
     "AccuracyError",
     "AccuracyWarning",
     "Brdf",
+    "CoarseTableWarning",
     "DeviceError",
     "Facets",
     "Field",
@@ -87,6 +90,7 @@ __all__ = [
     "Spectrum",
     "SweepError",
     "Tabulated",
+    "TabulatedBase",
     "UnitsWarning",
     "Views",
     "brdf",
@@ -108,6 +112,7 @@ __all__ = [
     "read_sizes",
     "recognise_convention",
     "refractive_index",
+    "solve_base",
     "spectrum",
     "spheres",
     "sweep",

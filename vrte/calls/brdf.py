@@ -109,6 +109,7 @@ def make_brdf(request: Request, solution: Solution) -> Brdf:
     if request.scene.is_rough:
         surface = find_rough_reflection(request.scene, into, directions[directions > 0.0], request.phi, start_run(1))
         surface = mirror_mueller(surface) if request.illuminate == "bottom" else surface
+    outside = request.scene.index_below if request.illuminate == "bottom" else request.scene.index_above
     for values in matrices:
         warn_of_negative(request, values[..., 0, 0], solution.diagnostics)
     return Brdf(
@@ -119,7 +120,7 @@ def make_brdf(request: Request, solution: Solution) -> Brdf:
         mu_i=into,
         mu_o=directions[directions > 0.0],
         phi=request.phi,
-        diagnostics=solution.diagnostics | {"illuminate": request.illuminate},
+        diagnostics=solution.diagnostics | {"illuminate": request.illuminate, "index_outside": outside},
         specular=None if specular is None else freeze_copy(specular),
         surface=None if surface is None else freeze_copy(surface),
         specular_transmission=None if through is None else freeze_copy(through),

@@ -9,6 +9,7 @@ from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.results.result import Result
 from vrte.scene.illumination import check_azimuths, choose_weights, sample_incident_light, sum_outgoing_light
+from vrte.scene.tabulated_base import TabulatedBase
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,6 +64,17 @@ class Brdf(Result):
     def total_reflectance(self) -> Array:
         """The share (mu_i,) of unpolarized light that comes back, as a beam and diffuse."""
         return self.reflectance if self.specular is None else self.reflectance + self.specular[:, 0, 0]
+
+    def as_base(self) -> TabulatedBase:
+        """What was solved, as the base of another stack: `vrte.Scene` asks for it where a Brdf is its base.
+
+        It lies in the medium that the light came from. The grid of directions counts: `vrte.solve_base` chooses one.
+        Raises SceneError where the light came from the bottom, and as `vrte.TabulatedBase` does; warns as that does.
+        """
+        if self.diagnostics.get("illuminate", "top") != "top":
+            raise SceneError("base: a BRDF that is lit from the bottom is no base; solve the stack upside down")
+        index = self.diagnostics.get("index_outside")
+        return TabulatedBase(self.mu_i, self.mu_o, self.phi, self.mueller, self.specular, index)
 
     def under(self, light: Any, weights: Any = None, transmitted: bool = False, mirrored: bool = False) -> Array:
         """Stokes radiance (mu_o, phi, 4) that comes out under any incident light, (2:2).

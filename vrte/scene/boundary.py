@@ -31,7 +31,8 @@ class Boundary:
 
     ``orders_reflected``: of how many Fourier orders light comes back (0: none, 1: evenly, math.inf: all);
     ``mixes_stokes``: whether it comes back, or gets through, as other Stokes parameters than it came; ``keeps_beams``:
-    whether a beam comes back as one, as `reflect_beam` says.
+    whether a beam comes back as one, as `reflect_beam` says; ``index_above``: refractive index of the medium that it
+    has to lie in, None for any.
 
     >>> bool(Boundary().transmit_straight(np.array([0.5])).any()), Boundary().name
     (False, 'black')
@@ -41,6 +42,7 @@ class Boundary:
     mixes_stokes: bool = False
     keeps_beams: bool = False
     facets: RoughSurface | None = None
+    index_above: float | None = None
 
     @property
     def name(self) -> str:

@@ -12,6 +12,7 @@ from vrte.optics.fresnel import reflect_smooth, transmit_smooth
 Distribution = Literal["beckmann", "ggx"]
 DISTRIBUTIONS = ("beckmann", "ggx")
 LOWEST_INDEX, HIGHEST_INDEX = 0.1, 10.0
+INDEX_ALLOWED = f"a real refractive index from {LOWEST_INDEX:g} to {HIGHEST_INDEX:g}"
 LEAST_ROUGHNESS, MOST_ROUGHNESS = 0.01, 1.5  # alpha: below, facets are as good as a smooth interface
 ROUGHNESS_ALLOWED = f"0 (smooth) or from {LEAST_ROUGHNESS:g} to {MOST_ROUGHNESS:g}"
 
@@ -53,9 +54,9 @@ class Interface:
     conserving: bool = False
 
     def __post_init__(self) -> None:
-        allowed = f"a real refractive index from {LOWEST_INDEX:g} to {HIGHEST_INDEX:g}"
         for name in ("index_above", "index_below"):
-            index = check_number(f"interface: {name}", getattr(self, name), LOWEST_INDEX, HIGHEST_INDEX, allowed)
+            given = getattr(self, name)
+            index = check_number(f"interface: {name}", given, LOWEST_INDEX, HIGHEST_INDEX, INDEX_ALLOWED)
             object.__setattr__(self, name, index)
         check_facets("interface", self)
 

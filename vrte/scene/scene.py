@@ -26,8 +26,9 @@ class Scene:
     ----------
     layers : sequence of Layer and Interface
         Top first; one alone will do. What follows an interface lies in the medium below it.
-    base : None, Lambertian, MuellerBase, Mirror, Facets or another Boundary
-        What lies beneath; None is black, in the medium of what lies above it.
+    base : None, Lambertian, MuellerBase, Mirror, Facets, TabulatedBase, Brdf or another Boundary
+        What lies beneath; None is black, in the medium of what lies above it. What is no Boundary itself is asked for
+        one by its method ``as_base()``, as the `vrte.Brdf` of another stack is.
     interfaces : sequence of Interface or None, optional
         Above each layer and below the last, one more than layers, which are then no interfaces themselves: what the
         scene makes of a list with interfaces among its layers. Between two without a layer it puts a clear one of no
@@ -63,10 +64,13 @@ class Scene:
             if isinstance(part, Layer) and math.isinf(part.thickness) and position < len(pile):
                 place = "layer", position - 1, "thickness"
                 raise SceneError(f"layer {position}: thickness inf is allowed for the last layer only", *place)
+        as_base = getattr(self.base, "as_base", None)
+        if as_base is not None:
+            object.__setattr__(self, "base", as_base())
         if not isinstance(self.base, Boundary | None):
             raise SceneError(
-                "base must be None (black), vrte.Lambertian, vrte.MuellerBase, vrte.Mirror or vrte.Facets, not "
-                f"{type(self.base).__name__}"
+                "base must be None (black), vrte.Lambertian, vrte.MuellerBase, vrte.Mirror, vrte.Facets, "
+                f"vrte.TabulatedBase or a vrte.Brdf, not {type(self.base).__name__}"
             )
         if self.interfaces:
             pile = interleave(pile, check_list("interfaces", self.interfaces, MOST_LAYERS + 1))
@@ -75,7 +79,7 @@ class Scene:
             raise SceneError(f"interface {len(layers) + 1}: no light gets there through a layer without end")
         object.__setattr__(self, "layers", layers)
         numbered = tuple(range(len(layers))) if self.interfaces else places
-        object.__setattr__(self, "_media", find_media(layers, interfaces, numbered))
+        object.__setattr__(self, "_media", find_media(layers, interfaces, numbered, self.base))
         refracting = (
             i and i.put_between(*sides) for i, sides in zip(interfaces, itertools.pairwise(self.media), strict=True)
         )
@@ -213,13 +217,19 @@ def sort_pile(
 
 
 def find_media(
-    layers: Sequence[Layer], interfaces: Sequence[Interface | None], places: Sequence[int | None]
+    layers: Sequence[Layer],
+    interfaces: Sequence[Interface | None],
+    places: Sequence[int | None],
+    base: Boundary | None = None,
 ) -> tuple[float, ...]:
     """Refractive indices: above the top, of each layer, below the last. Raises SceneError where they do not fit, which
     names a layer by its place in the list that was given."""
     media: list[float | None] = [None, *(layer.host_index for layer in layers), None]
     between = ["the medium between two interfaces" if place is None else f"layer {place + 1}" for place in places]
-    names = ["the medium above", *between, "the medium below"]
+    base_index = None if base is None else base.index_above
+    if base_index is not None and places[-1] is None:
+        between[-1] = "the medium above it"
+    names = ["the medium above", *between, "the medium below" if base_index is None else "the base"]
 
     def settle(place: int, index: float | None, source: str) -> None:
         known = media[place]
@@ -235,6 +245,7 @@ def find_media(
         if interface is not None:
             settle(k, interface.index_above, "the interface below it")
             settle(k + 1, interface.index_below, "the interface above it")
+    settle(len(media) - 1, base_index, "what the base was found in")
     for k in (*range(len(interfaces)), *range(len(interfaces) - 1, -1, -1)):  # down, then up
         if interfaces[k] is None:
             settle(k + 1, media[k], f"{names[k]}, without an interface between,")

@@ -340,7 +340,11 @@ class NodalPile:
         """What joint k does to what lies below it."""
         sharing = self.sharings[k]
         if k == last and self.route.base is not None:
-            self.seen[k], self.own[k] = self.route.reflect_on_base(self.order)
+            matrix, self.own[k] = self.route.reflect_on_base(self.order)
+            if sharing is not None and sharing.above is not None:  # what it mirrors beside what it scatters
+                mirror = np.asarray(expand_blocks(sharing.above))
+                matrix = mirror if matrix is None else matrix + mirror
+            self.seen[k] = matrix
             return
         if sharing is None:
             self.seen[k], self.own[k] = self.seen_below[k], self.own_below[k]

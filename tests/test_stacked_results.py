@@ -1,0 +1,168 @@
+"""A pile solved at once, and in two parts: the result of the lower one is the base of the upper one."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from tests.samples import largest_gap, spheroids
+from vrte.basics.splines import make_cosines
+from vrte.calls import solve_base
+
+WHERE: dict[str, Any] = {"mu_i": [0.15, 0.6, 1.0], "mu_o": [0.1, 0.3, 0.95], "phi": [0.0, 70.0, 180.0]}
+AZIMUTHS = np.linspace(0.0, 180.0, 15)  # the phase matrix has 12 terms
+SURFACE = vrte.Interface(1.0, 1.5)
+
+
+def of_spheroids(thickness: float = 1.0, albedo: float = 0.97, **more: Any) -> vrte.Layer:
+    """Siewert's: b2 != 0, so that U and V mix."""
+    return vrte.Layer(spheroids(), albedo, thickness, **more)
+
+
+def solve_on(scene: vrte.Scene, cosines: int, nodes: int) -> vrte.Brdf:
+    mu = make_cosines(cosines)
+    return vrte.brdf(scene, mu, mu, AZIMUTHS, nodes=nodes)
+
+
+def over(upper: Any, base: Any, nodes: int, **more: Any) -> vrte.Brdf:
+    return vrte.brdf(vrte.Scene(upper, base), **WHERE, nodes=nodes, **more)
+
+
+def test_a_pile_at_once_is_its_upper_layer_on_the_result_of_its_lower_one() -> None:
+    """All 16 elements, over a Lambertian ground; the error falls with the grid of the lower result."""
+    ground, upper, lower = vrte.Lambertian(0.3), [of_spheroids(0.4)], [of_spheroids(2.0, 0.9)]
+    whole = over([*upper, *lower], ground, 24)
+    assert np.abs(whole.mueller[..., 3, 2]).max() > 1e-4 * whole.mueller.max()
+    gaps = []
+    for cosines in (8, 16, 32):
+        below = solve_on(vrte.Scene(lower, ground), cosines, 24)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", vrte.CoarseTableWarning)
+            found = over(upper, below, 24)
+        gaps.append(largest_gap(found.mueller, whole.mueller))
+    assert gaps[0] < 2e-3
+    assert gaps[1] < 1e-4
+    assert gaps[2] < 1e-6
+    np.testing.assert_allclose(found.reflectance, whole.reflectance, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", ["discrete-ordinates", "adding-doubling", "successive-orders"])
+def test_a_result_under_a_smooth_surface_mirrors_beams(method: str) -> None:
+    """Its mirrored beam comes back as a beam, and diffuse light is mirrored on every node."""
+    upper, lower = [of_spheroids(0.4)], [SURFACE, of_spheroids(2.0, 0.9)]
+    how = {} if method == "discrete-ordinates" else {"method": method}
+    whole, below = over([*upper, *lower], None, 24), solve_on(vrte.Scene(lower), 16, 24)
+    found = over(upper, below, 24, **how)
+    assert found.specular is not None
+    assert whole.specular is not None
+    assert whole.specular[..., 0, 0].max() > 0.01
+    np.testing.assert_allclose(found.specular, whole.specular, rtol=0, atol=1e-8)
+    assert largest_gap(found.mueller, whole.mueller) < 1e-6
+    np.testing.assert_allclose(found.reflectance, whole.reflectance, rtol=0, atol=2e-6)
+
+
+def test_beams_in_a_field_are_mirrored_by_a_result() -> None:
+    upper, lower = [of_spheroids(0.4)], [SURFACE, of_spheroids(2.0, 0.9)]
+    below = solve_on(vrte.Scene(lower), 16, 24)
+    given: Any = 0.6, [1.0, 0.2, 0.1, 0.3], [-0.4, 0.3, 0.9], [0.0, 50.0], [0.0, 0.2]
+    found, whole = (
+        vrte.radiance(vrte.Scene(pile, base), *given, nodes=24)
+        for pile, base in ((upper, below), ([*upper, *lower], None))
+    )
+    assert largest_gap(found.stokes, whole.stokes) < 1e-5
+    np.testing.assert_allclose(found.direct_up, whole.direct_up, rtol=1e-6)
+
+
+def test_what_absorbs_nothing_gives_all_back() -> None:
+    """Conservative layers on the result of conservative layers over white ground, and over the like under a surface."""
+    lower: list[list[Any]] = [[of_spheroids(1.0, 1.0)], [SURFACE, of_spheroids(1.0, 1.0)]]
+    for pile in lower:
+        below = solve_on(vrte.Scene(pile, vrte.Lambertian(1.0)), 24, 24)
+        found = over([of_spheroids(0.5, 1.0)], below, 24)
+        np.testing.assert_allclose(found.total_reflectance, 1.0, rtol=0, atol=3e-6)
+        base = below.as_base()
+        np.testing.assert_allclose(base.reflectance([0.3, 0.7, 1.0]), 1.0, rtol=0, atol=1e-6)
+
+
+def test_three_layers_one_after_another() -> None:
+    layers = [of_spheroids(0.3), vrte.Layer(vrte.rayleigh(), 0.99, 0.5), of_spheroids(1.0, 0.8)]
+    whole = over(layers, vrte.Lambertian(0.2), 16)
+    lowest = solve_on(vrte.Scene(layers[2:], vrte.Lambertian(0.2)), 24, 16)
+    middle = solve_on(vrte.Scene(layers[1:2], lowest), 24, 16)
+    assert largest_gap(over(layers[:1], middle, 16).mueller, whole.mueller) < 3e-5
+
+
+def test_a_result_lies_in_the_medium_that_it_was_found_in() -> None:
+    """In air above its surface, in a binder without one: another is refused, and one that nobody names is its own."""
+    in_air = solve_on(vrte.Scene([SURFACE, of_spheroids()]), 12, 8)
+    in_binder = solve_on(vrte.Scene([of_spheroids(host_index=1.5)]), 12, 8)
+    assert (in_air.diagnostics["index_outside"], in_binder.diagnostics["index_outside"]) == (1.0, 1.5)
+    words = r"the base has the refractive index 1, and the medium above it, .* between, has 1\.5"
+    with pytest.raises(vrte.SceneError, match=words):
+        vrte.Scene([SURFACE], in_air)
+    with pytest.raises(vrte.SceneError, match=r"the base has the refractive index 1, and layer 1, .* has 1\.33"):
+        vrte.Scene([of_spheroids(host_index=1.33)], in_air)
+    assert vrte.Scene([of_spheroids()], in_binder).media == (1.5, 1.5, 1.5)
+    whole = over([SURFACE, of_spheroids(0.4), of_spheroids()], None, 24)
+    below = solve_on(vrte.Scene([of_spheroids(host_index=1.5)]), 24, 24)
+    assert largest_gap(over([SURFACE, of_spheroids(0.4)], below, 24).mueller, whole.mueller) < 2e-5
+
+
+def test_results_that_are_no_base_are_refused() -> None:
+    scene = vrte.Scene([of_spheroids()])
+    mu = make_cosines(6)
+    from_below = vrte.brdf(scene, mu, mu, [0, 90, 180], nodes=4, illuminate="bottom")
+    with pytest.raises(vrte.SceneError, match="base: a BRDF that is lit from the bottom is no base"):
+        vrte.Scene([of_spheroids()], from_below)  # type: ignore[arg-type]
+    few = vrte.brdf(scene, 0.5, mu, [0, 90, 180], nodes=4)
+    with pytest.raises(vrte.SceneError, match="base: mu_i must be at least two different cosines"):
+        vrte.Scene([of_spheroids()], few)  # type: ignore[arg-type]
+    with pytest.raises(vrte.SceneError, match=r"vrte\.TabulatedBase or a vrte\.Brdf, not int"):
+        vrte.Scene([of_spheroids()], 3)  # type: ignore[arg-type]
+
+
+def test_a_result_from_a_file_is_the_same_base(tmp_path: Path) -> None:
+    below = solve_on(vrte.Scene([SURFACE, of_spheroids()]), 12, 8)
+    below.save(tmp_path / "below.nc")
+    loaded = vrte.load(tmp_path / "below.nc")
+    found, expected = (over([of_spheroids(0.4)], base, 8) for base in (loaded, below))
+    np.testing.assert_array_equal(found.mueller, expected.mueller)
+
+
+def test_a_base_is_solved_to_the_accuracy_asked_for() -> None:
+    """As many cosines as it takes; how far it is off is measured at directions of the test's own."""
+    scene = vrte.Scene([of_spheroids(2.0, 0.9)], vrte.Lambertian(0.3))
+    dice = np.random.default_rng(7)
+    mu, phi = np.sort(dice.uniform(0.1, 1.0, 5)), dice.uniform(0.0, 360.0, 4)
+    exact = vrte.brdf(scene, mu, mu, phi, nodes=12).mueller
+    sizes = []
+    for accuracy in (1e-3, 1e-5):
+        base = vrte.solve_base(scene, accuracy, nodes=12)
+        sizes.append(base.mu_i.size)
+        assert largest_gap(base.reflect(mu[:, None, None], mu[:, None], phi), exact) < 2 * accuracy
+    assert sizes[0] < sizes[1]
+
+
+def test_a_base_that_stays_off_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solve_base, "COSINES", (6, 8))
+    scene = vrte.Scene([of_spheroids(2.0, 0.9)])
+    with pytest.warns(vrte.AccuracyWarning, match=r"the base is off by \S+ between its 8 cosines and \d+ azimuths"):
+        vrte.solve_base(scene, 1e-7, nodes=6)
+
+
+def test_narrow_lobes_take_more_azimuths() -> None:
+    """A rough surface has more orders than the particles below it."""
+    rough = vrte.Interface(1.0, 1.5, roughness=0.4, shadowing=True)
+    base = vrte.solve_base(vrte.Scene([rough, vrte.Layer(vrte.isotropic(), 0.9, 1.0)]), 1e-2, nodes=8)
+    assert base.phi_deg.size > solve_base.FEWEST_AZIMUTHS
+
+
+@pytest.mark.parametrize(
+    ("given", "words"), [({"mu_i": 0.5}, "mu_i is not asked for"), ({"accuracy": 1.0}, "accuracy")]
+)
+def test_what_a_solved_base_does_not_take_is_refused(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=words):
+        vrte.solve_base(vrte.Scene([of_spheroids()]), **given)

@@ -1,0 +1,318 @@
+"""Tables as bases: against functions that they are tables of, and what is refused."""
+
+import pickle
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+import vrte
+from vrte.basics.splines import make_cosines, stretch_cosines
+from vrte.methods import find_method
+from vrte.request.how import EXACT, METHODS
+from vrte.scene.base_checks import PAULI
+from vrte.scene.tabulated_base import expand_azimuths, foretell_error
+
+Function = Callable[..., np.ndarray]
+EVEN = np.linspace(0.0, 180.0, 9)
+Q = np.diag([1.0, 1.0, 1.0, -1.0])
+
+
+def dipoles(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
+    """A layer without end of dipoles that turn the phase of what is perpendicular to the meridian plane, seen by single
+    scattering, with some white: smooth, reciprocal, and all 16 elements but the mirror's are there."""
+    mu_i, mu_o, phi = np.broadcast_arrays(mu_i, mu_o, np.radians(phi_deg))
+
+    def frame(mu: Any, azimuth: Any, up: float) -> tuple[np.ndarray, np.ndarray]:
+        across = np.sqrt(1.0 - mu**2)
+        cosine, sine = np.cos(azimuth), np.sin(azimuth)
+        travel = np.stack([across * cosine, across * sine, up * mu], -1)
+        along = np.stack([up * mu * cosine, up * mu * sine, -across], -1)
+        return along, np.cross(along, travel)
+
+    into, out = frame(mu_i, 0.0 * phi, -1.0), frame(mu_o, phi, 1.0)
+    jones = np.stack([np.stack([(a * b).sum(-1) for b in into], -1) for a in out], -2).astype(complex)
+    turned = np.array([1.0, np.exp(0.4j)])
+    jones = turned[:, None] * jones * turned
+    mueller = 0.5 * np.einsum("iab,...bc,jcd,...ad->...ij", PAULI, jones, PAULI, jones.conj()).real
+    white = np.diag([0.05, 0.0, 0.0, 0.0])
+    return 0.12 * mueller / (mu_i + mu_o)[..., None, None] + white
+
+
+def tabulate(function: Function, mu: np.ndarray, phi: np.ndarray = EVEN, **more: Any) -> vrte.TabulatedBase:
+    return vrte.TabulatedBase(mu, mu, phi, function(mu[:, None, None], mu[:, None], phi), **more)
+
+
+def directions(count: int = 40, lowest: float = 0.1) -> tuple[np.ndarray, ...]:
+    dice = np.random.default_rng(3)
+    return dice.uniform(lowest, 1.0, count), dice.uniform(lowest, 1.0, count), dice.uniform(-180.0, 360.0, count)
+
+
+@pytest.fixture(scope="module")
+def table() -> vrte.TabulatedBase:
+    return tabulate(dipoles, make_cosines(24))
+
+
+def test_a_lambertian_table_is_exact() -> None:
+    mu = np.array([0.8, 0.03, 0.4, 0.97])
+    base = tabulate(lambda i, o, p: np.broadcast_to(np.diag([0.7 / np.pi, 0, 0, 0]), (4, 4, 3, 4, 4)), mu, EVEN[::4])
+    assert base.interpolation_error < 1e-14
+    layers = [vrte.Layer(vrte.rayleigh(), 0.9, 0.4)]
+    found, expected = (
+        vrte.brdf(vrte.Scene(layers, one), [0.02, 0.9], [0.01, 0.5, 1.0], [0.0, 70.0], nodes=8)
+        for one in (base, vrte.Lambertian(0.7))
+    )
+    np.testing.assert_allclose(found.mueller, expected.mueller, rtol=0, atol=2e-15)
+    np.testing.assert_allclose(found.reflectance, expected.reflectance, rtol=1e-13)
+
+
+@pytest.mark.parametrize("grid", [make_cosines, lambda n: np.linspace(0.02, 1.0, n)], ids=["own grid", "even cosines"])
+def test_the_error_falls_with_the_sixth_power_of_the_step(grid: Callable[[int], np.ndarray]) -> None:
+    """Splines of degree 5, against the function itself at cosines above 0.1; in even cosines the step is that at the
+    normal, where s goes as the root."""
+    where = directions()
+    exact = dipoles(*where)
+    error = [np.abs(tabulate(dipoles, grid(n)).reflect(*where) - exact).max() / exact.max() for n in (10, 20, 40)]
+    assert error[1] < error[0] / 20
+    assert error[2] < error[1] / 20
+    assert error[2] < 1e-6
+
+
+def test_the_interpolation_is_that_of_splines_one_after_another(table: vrte.TabulatedBase) -> None:
+    """A literal oracle at the table's own azimuths: f times the cosines' sum, over s of one direction and then of the
+    other, on great circles over the normal and mirrored at the horizon."""
+    mu, s = table.mu_i, stretch_cosines(table.mu_i)
+    mirror = np.outer([1, 1, -1, -1], [1, 1, -1, -1])
+
+    def along(values: np.ndarray, opposite: np.ndarray, at: float) -> np.ndarray:
+        grid = np.concatenate([-s[15::-1], s, 2.0 - s[:-17:-1]])
+        return make_interp_spline(grid, np.concatenate([opposite[15::-1], values, values[:-17:-1]]), k=5)(at)
+
+    def opposite(values: np.ndarray) -> np.ndarray:  # half a turn on: 180 - phi, mirrored
+        return values[..., ::-1, :, :] * mirror
+
+    both = (mu[:, None] + mu)[:, :, None, None, None]
+    for mu_i, mu_o in ((0.31, 0.77), (0.999, 0.04)):
+        at_i, at_o = stretch_cosines(np.array([mu_i, mu_o]))
+        first = along(table.mueller * both, opposite(table.mueller * both), at_i)
+        found = along(first, opposite(first), at_o) / (along(mu, mu, at_i) + along(mu, mu, at_o))
+        np.testing.assert_allclose(
+            table.reflect(np.array([[mu_i]]), np.array([[mu_o]]), EVEN)[0], found, rtol=0, atol=1e-14
+        )
+
+
+def test_the_table_itself_is_given_back(table: vrte.TabulatedBase) -> None:
+    found = table.reflect(table.mu_i[:, None, None], table.mu_o[:, None], table.phi_deg)
+    np.testing.assert_allclose(found, table.mueller, rtol=1e-13, atol=1e-14)
+
+
+def test_orders_are_those_of_the_function(table: vrte.TabulatedBase) -> None:
+    """Against the quadrature over azimuths of a `MuellerBase`."""
+    into, out = np.array([0.15, 0.6, 0.98]), np.array([0.2, 1.0])
+    given = into, out, np.ones((3, 2), bool), 6, lambda size: 1e-13 * (1.0 + size)
+    (found, _), (expected, _) = (one.reflect_orders(*given) for one in (table, vrte.MuellerBase(dipoles)))
+    assert len(found) == 3  # all that there are
+    np.testing.assert_allclose(found, expected[:3], rtol=0, atol=2e-5)
+    assert np.abs(expected[3:]).max() < 1e-13
+
+
+def test_orders_come_to_the_accuracy_asked_for_and_no_further() -> None:
+    """A glossy table has many orders; those left out are within what is allowed."""
+
+    def glossy(mu_i: Any, mu_o: Any, phi_deg: Any) -> np.ndarray:
+        lobe = np.exp(8.0 * (np.cos(np.radians(phi_deg)) - 1.0)) * np.sqrt((1 - mu_i**2) * (1 - mu_o**2))
+        return (0.02 + 0.2 * lobe)[..., None, None] * np.diag([1.0, 0, 0, 0])
+
+    base = tabulate(glossy, make_cosines(12), np.linspace(0.0, 180.0, 61))
+    given: tuple[Any, ...] = np.array([0.3]), np.array([0.5]), np.ones((1, 1), bool), 60
+    every, coarse, fine = (
+        base.reflect_orders(*given, lambda size, most=most: most * size)[0] for most in (0.0, 1e-2, 1e-6)
+    )
+    assert len(coarse) < len(fine) < len(every)
+    for most, some in ((1e-2, coarse), (1e-6, fine)):
+        np.testing.assert_array_equal(some, every[: len(some)])
+        assert np.abs(every[len(some) :]).max() <= most * np.abs(every).max()
+        assert np.abs(some[-1]).max() > most * np.abs(every).max()
+
+
+def test_reciprocity_is_kept(table: vrte.TabulatedBase) -> None:
+    """f(mu_i, mu_o, phi) = Q f(mu_o, mu_i, phi)^T Q, between the directions of the table too."""
+    mu_i, mu_o, phi = directions(lowest=0.005)
+    there, back = table.reflect(mu_i, mu_o, phi), table.reflect(mu_o, mu_i, phi)
+    np.testing.assert_allclose(there, Q @ back.swapaxes(1, 2) @ Q, rtol=0, atol=1e-14 * np.abs(there).max())
+    assert np.abs(there[:, 2, 3]).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("phi", "allowed"),
+    [
+        (np.arange(0.0, 360.0, 45.0), 1e-14),
+        (np.linspace(0.0, 360.0, 9), 1e-14),
+        (np.arange(15.0, 180.0, 30.0), 1e-14),
+        (np.sort(np.random.default_rng(1).uniform(0.0, 180.0, 60)), 2e-3),
+    ],
+    ids=["all around", "both ends", "half a step off", "uneven"],
+)
+def test_azimuths_are_those_of_the_table(phi: np.ndarray, allowed: float, table: vrte.TabulatedBase) -> None:
+    """Evenly spaced ones give the same orders wherever they begin; through others a spline runs."""
+    found = tabulate(dipoles, make_cosines(24), phi)
+    where = directions()
+    np.testing.assert_allclose(found.reflect(*where), table.reflect(*where), rtol=0, atol=allowed)
+
+
+def test_the_highest_order_of_few_azimuths_passes_through_them() -> None:
+    phi = np.array([0.0, 60.0, 120.0, 180.0])
+    f = np.zeros((1, 1, 4, 4, 4))
+    f[..., 0, 0] = np.cos(3 * np.radians(phi))
+    orders, azimuths = expand_azimuths(phi, f, False)
+    assert azimuths == 6
+    np.testing.assert_allclose(orders[:, 0, 0, 0, 0], [0, 0, 0, 0.5], atol=1e-15)
+
+
+def test_mirror_images_that_differ_are_refused_or_averaged(table: vrte.TabulatedBase) -> None:
+    phi, mu = np.arange(0.0, 360.0, 45.0), make_cosines(24)
+    noise = 1e-4 * np.random.default_rng(5).uniform(-1.0, 1.0, (24, 24, 8, 4, 4))
+    measured = dipoles(mu[:, None, None], mu[:, None], phi) * (1.0 + noise)
+    with pytest.raises(vrte.SceneError, match=r"base: f\(-phi\) must equal D f\(phi\) D .* breaks this by"):
+        vrte.TabulatedBase(mu, mu, phi, measured)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vrte.CoarseTableWarning)
+        mean = vrte.TabulatedBase(mu, mu, phi, measured, average_mirrored=True)
+    where = mu[:, None, None], mu[:, None], phi
+    assert 0.0 < np.abs(mean.reflect(*where) - table.reflect(*where)).max() < 1e-4 * table.mueller.max()
+    flip = np.diag([1.0, 1.0, -1.0, -1.0])
+    np.testing.assert_allclose(mean.reflect(where[0], where[1], -phi), flip @ mean.reflect(*where) @ flip, atol=1e-15)
+
+
+@pytest.mark.parametrize("count", [16, 32])
+def test_the_error_told_is_about_the_error_made(count: int) -> None:
+    """Root mean square, both cosines as weights, on a grid ten times as fine."""
+    base, mu, phi = tabulate(dipoles, make_cosines(count)), np.linspace(0.005, 1.0, 80), np.linspace(7.0, 172.0, 4)
+    where = mu[:, None, None], mu[:, None], phi
+    weight = np.sqrt(mu[:, None] * mu)[:, :, None, None, None]
+    exact = dipoles(*where)
+    made = np.linalg.norm(weight * (base.reflect(*where) - exact)) / np.linalg.norm(weight * exact)
+    assert made / 8 < base.interpolation_error < 8 * made
+
+
+def test_errors_are_carried_on_at_the_rate_at_which_they_fall() -> None:
+    assert foretell_error(1e-3, 1e-1) == pytest.approx(1e-5)
+    assert foretell_error(0.3, 0.2) == 0.3  # noise does not fall
+    assert foretell_error(0.0, 0.0) == 0.0
+
+
+def test_below_the_smallest_cosine_f_is_constant(table: vrte.TabulatedBase) -> None:
+    lowest = table.mu_i.min()
+    low, at = (table.reflect(np.array(mu), np.array(0.5), np.array(30.0)) for mu in (1e-4 * lowest, lowest))
+    np.testing.assert_array_equal(low, at)
+
+
+@pytest.mark.parametrize(
+    ("mu", "words"),
+    [
+        (np.linspace(0.1, 1.0, 12), r"begins at the cosine 0\.1: what falls in or leaves below is taken for that"),
+        (np.linspace(0.01, 0.8, 30), r"has no direction nearer to the normal than 36\.9 degrees"),
+        (np.linspace(0.04, 1.0, 5), r"is off by about 0\.\d+ of itself between its directions"),
+    ],
+)
+def test_what_a_table_does_not_reach_is_told(mu: np.ndarray, words: str) -> None:
+    with pytest.warns(vrte.CoarseTableWarning, match=words):
+        tabulate(dipoles, mu)
+
+
+MU = make_cosines(6)
+GOOD: dict[str, Any] = {
+    "mu_i": MU,
+    "mu_o": MU,
+    "phi_deg": [0, 90, 180],
+    "mueller": np.broadcast_to(np.diag([0.1, 0.0, 0.0, 0.0]), (6, 6, 3, 4, 4)),
+}
+
+
+def of_diagonal(*values: float) -> np.ndarray:
+    return np.broadcast_to(np.diag(values), (6, 6, 3, 4, 4))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"mu_i": [0.5]}, "base: mu_i must be at least two different cosines above 0, up to 1"),
+        ({"mu_o": [0.5] * 6}, "base: mu_o must be at least two different cosines above 0, up to 1"),
+        ({"mu_o": MU - 0.2}, "base: mu_o must be at least two different cosines above 0, up to 1"),
+        ({"mu_i": [0.1, np.nan]}, "base: mu_i must be finite numbers"),
+        (
+            {"phi_deg": [0, 30, 60]},
+            r"base: phi_deg must be at least 3 azimuths, .* images counted, not 240",
+        ),
+        ({"phi_deg": [0, 180]}, "base: mueller must have the shape"),
+        ({"mueller": np.zeros((6, 6, 4, 4))}, r"base: mueller must have the shape \(6, 6, 3, 4, 4\) to fit its"),
+        ({"mueller": np.full((6, 6, 3, 4, 4), np.nan)}, "base: mueller must be finite"),
+        ({"mueller": of_diagonal(-0.1, 0, 0, 0)}, r"base: mueller must have f_00 >= 0, not -0\.1"),
+        ({"mueller": of_diagonal(0.5, 0, 0, 0)}, r"base: it gives back 1\.571 of the light that comes along mu_i = "),
+        ({"mueller": of_diagonal(0.1, 0.2, 0, 0)}, r"is not physical: .* eigenvalue -0\.025 where f_00 is 0\.1;"),
+        ({"mueller": "all"}, "base: mueller must be real numbers, not 'all'"),
+        ({"mueller": np.full((6, 6, 3, 4, 4), 0.01)}, r"base: f\(-phi\) must equal D f\(phi\) D"),
+        ({"specular": np.zeros((5, 4, 4))}, r"base: specular must have the shape \(6, 4, 4\)"),
+        ({"specular": 0.9 * np.broadcast_to(np.eye(4), (6, 4, 4))}, r"base: it gives back 1\.214 of the light"),
+        ({"index_above": 0.0}, r"base: index_above must be a real refractive index from 0\.1 to 10, not 0\.0"),
+        ({"average_mirrored": 1}, "base: average_mirrored must be True or False, not 1"),
+    ],
+)
+def test_what_is_no_table_of_a_surface_is_refused(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=words):
+        vrte.TabulatedBase(**(GOOD | change))
+
+
+def test_it_is_said_in_few_words_and_goes_through_pickle(table: vrte.TabulatedBase) -> None:
+    assert repr(table) == "TabulatedBase(24 mu_i, 24 mu_o, 3 Fourier orders)"
+    again = pickle.loads(pickle.dumps(table))
+    where = directions(5)
+    np.testing.assert_array_equal(again.reflect(*where), table.reflect(*where))
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.4)], again)
+    assert scene.base_in_words == repr(table)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"method": name}
+        for name in METHODS
+        if name not in (EXACT, "diffusion", "two-stream") and find_method(name).base == "any"
+    ]
+    + [{"algorithm": "modes"}, {"algorithm": "doubling"}, {"verify": True}],
+    ids=str,
+)
+def test_all_that_take_any_base_take_a_table(how: dict[str, Any], table: vrte.TabulatedBase) -> None:
+    """The same as over the function, by the same method."""
+    layers = [vrte.Layer(vrte.rayleigh(), 0.9, 0.4)]
+    asked: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 1.0], "phi": [0.0, 70.0], "nodes": 6}
+    found, expected = (
+        vrte.brdf(vrte.Scene(layers, base), **asked, **how) for base in (table, vrte.MuellerBase(dipoles))
+    )
+    np.testing.assert_allclose(found.mueller, expected.mueller, rtol=0, atol=2e-6 * expected.mueller.max())
+
+
+def test_fields_and_plans_have_tables(table: vrte.TabulatedBase) -> None:
+    layers, given = (
+        [vrte.Layer(vrte.rayleigh(), 0.9, 0.4)],
+        (0.5, [1, 0.2, 0.1, 0.3], [-0.4, 0.3, 1.0], [0, 50], [0, 0.4]),
+    )
+    found, expected = (
+        vrte.radiance(vrte.Scene(layers, base), *given, nodes=6) for base in (table, vrte.MuellerBase(dipoles))
+    )
+    np.testing.assert_allclose(found.stokes, expected.stokes, rtol=0, atol=1e-6 * expected.stokes.max())
+    np.testing.assert_allclose(found.flux_up, expected.flux_up, rtol=1e-6)
+    plan = vrte.plan("radiance", vrte.Scene(layers, table), 0.5, mu=[0.3], nodes=6)
+    assert plan.diagnostics()["base"] == "TabulatedBase"
+
+
+@pytest.mark.slow
+def test_a_device_takes_a_table(table: vrte.TabulatedBase) -> None:
+    pytest.importorskip("pyopencl")
+    scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 0.4)], table)
+    asked: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 1.0], "phi": [0.0, 70.0], "nodes": 6}
+    found, expected = (vrte.brdf(scene, **asked, backend=name) for name in ("opencl", "sequential"))
+    np.testing.assert_allclose(found.mueller, expected.mueller, rtol=0, atol=1e-12)

@@ -1,0 +1,108 @@
+"""vrte.solve_base: a stack solved as the base of others, at as many directions as its accuracy takes."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array, check_number, settle_array
+from vrte.basics.errors import AccuracyWarning, SceneError
+from vrte.basics.splines import make_cosines
+from vrte.calls.brdf import brdf
+from vrte.request.how import EXACT
+from vrte.results.brdf import Brdf
+from vrte.scene.scene import Scene
+from vrte.scene.tabulated_base import CoarseTableWarning, TabulatedBase
+
+COSINES = (12, 24, 48, 96)  # one after another, until the table is good enough
+FEWEST_AZIMUTHS, MOST_AZIMUTHS = 9, 361  # from 0 to 180 degrees
+CHECKED, CHECKED_FROM = 6, 0.1  # cosines to check a table with, and the smallest of them
+CHECKED_AZIMUTHS = settle_array(np.array([2.3, 17.1, 71.9, 133.7, 174.9]))
+FINEST = 1e-8  # accuracy of a table
+
+
+def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedBase:
+    """A stack, solved once, as the base of many others.
+
+    Parameters
+    ----------
+    scene : Scene
+        What the base consists of, with whatever lies below it.
+    accuracy : float, optional
+        How far the table may be off between its directions, 1e-8 to 0.1, of the largest f_00: as measured at others,
+        with cosines above 0.1. The light over such a base is off by less.
+    **asked
+        Keywords of `vrte.brdf` but for the directions.
+
+    Returns
+    -------
+    TabulatedBase
+        At 12, 24, 48 or 96 cosines each, the fewest that do, and as many azimuths as it takes, up to 361.
+
+    Raises
+    ------
+    SceneError
+        As `vrte.brdf` does.
+
+    Warns
+    -----
+    AccuracyWarning
+        Where 96 cosines and 361 azimuths are not enough.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> haze = vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=0.5)
+    >>> ground = solve_base(vrte.Scene([haze], vrte.Lambertian(0.3)), accuracy=1e-4, nodes=8)
+    >>> vrte.brdf(vrte.Scene([haze], ground), 0.5, 0.5, nodes=8).mueller.shape
+    (1, 1, 1, 4, 4)
+    """
+    wanted = check_number("accuracy", accuracy, FINEST, 0.1, f"between {FINEST:g} and 0.1")
+    for name in {"mu_i", "mu_o", "phi", "transmission", "illuminate"} & asked.keys():
+        raise SceneError.of(name, "is not asked for here: a base has directions of its own, and is lit from the top")
+    checked = np.random.default_rng(0).uniform(CHECKED_FROM, 1.0, CHECKED)
+    first = brdf(scene, checked, checked, **asked)
+    if asked.get("method", EXACT) == EXACT:
+        asked["nodes"] = first.diagnostics["nodes"]  # left to itself, a solve for grazing cosines would take many more
+    azimuths = int(np.clip(first.diagnostics.get("orders_of_phase_matrix", 0) + 1, FEWEST_AZIMUTHS, MOST_AZIMUTHS))
+    place, more = 0, True
+    while more:
+        mu = np.concatenate([make_cosines(COSINES[place]), checked])
+        phi = np.concatenate([np.linspace(0.0, 180.0, azimuths), CHECKED_AZIMUTHS])
+        base, off, off_azimuths = split_checked(brdf(scene, mu, mu, phi, **asked), COSINES[place], azimuths)
+        if max(off, off_azimuths) <= wanted:
+            return base
+        finer = min(place + (off > wanted), len(COSINES) - 1), min(2 * azimuths - 1, MOST_AZIMUTHS)
+        more = finer[0] > place or (off_azimuths > wanted and finer[1] > azimuths)
+        place, azimuths = finer[0], finer[1] if off_azimuths > wanted else azimuths
+    warnings.warn(
+        f"the base is off by {max(off, off_azimuths):.2g} between its {COSINES[place]} cosines and {azimuths} "
+        f"azimuths, and {wanted:g} was asked for",
+        AccuracyWarning,
+        stacklevel=2,
+    )
+    return base
+
+
+def split_checked(found: Brdf, cosines: int, azimuths: int) -> tuple[TabulatedBase, float, float]:
+    """The table of the first cosines and azimuths, and how far it is off at the other cosines, and at other azimuths
+    from its own cosines above CHECKED_FROM, of the largest f_00."""
+    mu, phi, own = found.mu_i[:cosines], found.phi[:azimuths], found.mueller[:cosines, :cosines, :azimuths]
+    specular = None if found.specular is None else found.specular[:cosines]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", CoarseTableWarning)  # how good it is, is measured here
+        base = TabulatedBase(mu, mu, phi, own, specular, found.diagnostics["index_outside"])
+    others, steep = found.mu_i[cosines:], mu > CHECKED_FROM
+    off = find_gap(
+        base.reflect(others[:, None, None], others[:, None], phi), found.mueller[cosines:, cosines:, :azimuths]
+    )
+    if found.specular is not None:
+        off = max(off, find_gap(base.reflect_beam(1.0, others), found.specular[cosines:]))
+    between = base.reflect(mu[steep][:, None, None], mu[steep][:, None], found.phi[azimuths:])
+    there = found.mueller[:cosines, :cosines, azimuths:][steep][:, steep]
+    return base, off, find_gap(between, there)
+
+
+def find_gap(found: Array, wanted: Array) -> float:
+    """The largest difference of Mueller matrices, over the largest f_00."""
+    return float(np.abs(found - wanted).max() / max(wanted[..., 0, 0].max(), 1e-300))
