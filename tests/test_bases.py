@@ -13,6 +13,7 @@ import vrte
 from vrte.discrete_ordinates.orders.base import find_reflected_orders
 from vrte.discrete_ordinates.orders.discretise import discretise_scene
 from vrte.discrete_ordinates.orders.problem import Problem
+from vrte.scene.boundary import Boundary
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 Function = Callable[..., np.ndarray]
@@ -42,13 +43,14 @@ def problem_over(base: Function, nodes: int, mu0: list[float], mu: list[float]) 
     return scene.base, discretise_scene(scene, np.array(mu0), np.eye(4), np.array(mu), np.array([0.0]), nodes)
 
 
-def test_disort_problem_6d() -> None:
+@pytest.mark.parametrize("base", [vrte.MuellerBase(hapke), vrte.Hapke(0.6, linear=0.5)], ids=["function", "named"])
+def test_disort_problem_6d(base: Boundary) -> None:
     """Stamnes, Tsay, Wiscombe and Laszlo, DISORT report v1.1 (2000): a beam of 200 along mu0 0.5 through an absorbing
     layer of thickness 1 onto a Hapke surface; flux up, and intensity at mu 0.1 and 1, phi 90, tau 0, 0.5, 1.
 
     Its 16 streams sum 16 Fourier orders. So many of ours are its six digits; all of them are 1e-5 away at mu 0.1.
     """
-    scene, tau, phi = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.0, 1.0)], vrte.MuellerBase(hapke)), [0.0, 0.5, 1.0], 90
+    scene, tau, phi = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.0, 1.0)], base), [0.0, 0.5, 1.0], 90
     field = vrte.radiance(scene, 0.5, (200, 0, 0, 0), [0.1, 1.0], np.arange(0, 360, 2), tau, nodes=8)
     published = np.array([[6.80068e-5, 3.15441e-1], [1.00931e-2, 5.20074e-1], [1.49795, 8.57458e-1]])
     orders = np.fft.rfft(field.stokes[..., 0], axis=2)

@@ -302,7 +302,7 @@ def test_a_table_that_was_cut_short_is_taken_where_the_file_says_so(read: Reader
         ("radius_um = 0.1\n", "", "particles.gold: exactly one of radius_um, diameter_um and size is needed"),
         ("thickness = 2.0", "thickness_um = 2.0", "layer[1]: either thickness (optical) or thickness_um with"),
         ("thickness = 2.0", "thickness = 1\nalbedo = 1", "layer[1].albedo = 1: goes with phase only"),
-        ('kind = "lambertian"', 'kind = "black"', 'base.albedo = 0.3: goes with kind = "lambertian" only'),
+        ('kind = "lambertian"', 'kind = "black"', 'base.albedo = 0.3: goes with kind = "lambertian" or "hapke" only'),
         ('kind = "lambertian"', 'kind = "labmertian"', 'base.kind = "labmertian": must be'),
         ("albedo = 0.3", "", "base.albedo: is missing; it must be a number between 0 and 1"),
         ("albedo = 0.3", "albedo = 1.3", "base.albedo must be between 0 and 1, not 1.3"),

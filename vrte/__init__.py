@@ -19,6 +19,7 @@ from vrte.basics.errors import (
     AccuracyError,
     AccuracyWarning,
     DeviceError,
+    FittedRangeWarning,
     LongSolveWarning,
     MissingExtraError,
     SceneError,
@@ -50,11 +51,15 @@ from vrte.results.field import Field
 from vrte.results.spectrum import Spectrum
 from vrte.results.views import Views
 from vrte.scene.boundary import Lambertian, MuellerBase
+from vrte.scene.cox_munk import cox_munk
 from vrte.scene.facets import Facets
+from vrte.scene.hapke import Hapke
 from vrte.scene.illumination import hemisphere
 from vrte.scene.interface import Interface
 from vrte.scene.layer import Layer
 from vrte.scene.mirror import Mirror
+from vrte.scene.ross_li import RossLi
+from vrte.scene.rpv import RPV
 from vrte.scene.scene import Scene
 from vrte.scene.tabulated_base import CoarseTableWarning, TabulatedBase
 from vrte.sweep import interpolate, sweep
@@ -62,6 +67,7 @@ from vrte.sweep import interpolate, sweep
 __version__ = "0.1.0"
 
 __all__ = [
+    "RPV",
     "AccuracyError",
     "AccuracyWarning",
     "Brdf",
@@ -69,7 +75,9 @@ __all__ = [
     "DeviceError",
     "Facets",
     "Field",
+    "FittedRangeWarning",
     "Gamma",
+    "Hapke",
     "IndependentScatteringWarning",
     "IndexTable",
     "Interface",
@@ -85,6 +93,7 @@ __all__ = [
     "Particles",
     "PhaseMatrix",
     "Plan",
+    "RossLi",
     "Scene",
     "SceneError",
     "Spectrum",
@@ -96,6 +105,7 @@ __all__ = [
     "brdf",
     "brdfs",
     "coated_spheres",
+    "cox_munk",
     "hemisphere",
     "henyey_greenstein",
     "interpolate",

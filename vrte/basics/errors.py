@@ -39,6 +39,10 @@ class AccuracyWarning(UserWarning):
     """The answer is there and not as good as was asked for."""
 
 
+class FittedRangeWarning(UserWarning):
+    """A formula that was fitted to measurements is used beyond them: where, and what is done there."""
+
+
 class LongSolveWarning(UserWarning):
     """A solve will take more than 20 seconds: how long, what takes it, and what to change."""
 

@@ -7,9 +7,13 @@ from typing import NamedTuple
 from vrte.formats.keys import SUBSTANCE_HINT, Choice, Flag, Index, Key, Number, Reading, Share, read_keys
 from vrte.formats.toml_table import Table, locate_errors
 from vrte.scene.boundary import Boundary, Lambertian
+from vrte.scene.cox_munk import cox_munk
 from vrte.scene.facets import Facets
+from vrte.scene.hapke import Hapke
 from vrte.scene.interface import ROUGHNESS_ALLOWED
 from vrte.scene.mirror import Mirror
+from vrte.scene.ross_li import RossLi
+from vrte.scene.rpv import RPV
 
 ALBEDO = 'a number between 0 and 1, or per cent in quotes, "30 %"'
 ROUGHNESS = 0.1  # that a rough surface begins with
@@ -38,6 +42,49 @@ BASES: dict[str, BaseRow] = {
     ),
     "mirror": BaseRow("smooth metal or glass (a mirror)", Mirror, {"index": SUBSTANCE}),
     "facets": BaseRow("rough metal or glass (facets)", Facets, {"index": SUBSTANCE, **FACETS}),
+    "cox-munk": BaseRow(
+        "rough sea, by the wind (Cox and Munk)",
+        cox_munk,
+        {
+            "wind": Number("wind", 7.0, hint="m/s, 0 to 40; measured up to 14"),
+            "index": Index("water", [1.34, 0.0], hint=SUBSTANCE_HINT, empty="1.34", needed=False),
+            "shadowing": FACETS["shadowing"],
+        },
+    ),
+    "rpv": BaseRow(
+        "vegetation, soil, snow (Rahman, Pinty, Verstraete)",
+        RPV,
+        {
+            "rho_0": Number("amplitude ρ0", 0.1, hint="0 to 10"),
+            "k": Number("bowl or bell k", 0.7, hint="below 1 brighter to the horizon, 0 to 3"),
+            "asymmetry": Number("asymmetry Θ", -0.1, hint="-1 to 1; below 0 sends light back", needed=False),
+            "rho_c": Number("hot spot ρc", hint="0 to 2; 1: none", empty="as ρ0", needed=False),
+        },
+    ),
+    "ross-li": BaseRow(
+        "land as MODIS has it (Ross-Li)",
+        RossLi,
+        {
+            "f_iso": Number("even f_iso", 0.2, hint="0 to 10"),
+            "f_vol": Number("leaves f_vol", 0.1, hint="-10 to 10"),
+            "f_geo": Number("crowns f_geo", 0.0, hint="-10 to 10; above 0 negative f at the horizon is cut"),
+            "crown_height": Number("crown height h/b", hint="0 to 10", empty="2", needed=False),
+            "crown_shape": Number("crown shape b/r", hint="0.1 to 10", empty="1", needed=False),
+            "hot_spot": Flag("hot spot of leaves (Maignan)", needed=False),
+        },
+    ),
+    "hapke": BaseRow(
+        "regolith, powder (Hapke)",
+        Hapke,
+        {
+            "albedo": Share("albedo of a grain", 0.6, allowed=ALBEDO),
+            "opposition": Number("opposition effect B0", hint="0 to 3", empty="1", needed=False),
+            "width": Number("its width h", hint="0.001 to 10", empty="0.06", needed=False),
+            "linear": Number("phase function: cos g", hint="-2 to 2", empty="0", needed=False),
+            "quadratic": Number("phase function: (3 cos² g - 1)/2", hint="-1 to 2", empty="0", needed=False),
+            "asymmetry": Number("or its asymmetry", hint="-1 to 1; below 0 sends light back", empty="0", needed=False),
+        },
+    ),
 }
 
 

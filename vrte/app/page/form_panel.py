@@ -245,10 +245,11 @@ class FormPanel:
             names = {name: row.words for name, row in BASES.items()}
             self.choice(names, kind, "what lies beneath", partial(form.set_base, content))
             keys = BASES[kind].keys if kind in BASES else {}
+            has_facets = keys.keys() >= FACETS.keys()
             for key in keys:
-                if key not in FACETS:
+                if not (has_facets and key in FACETS):
                     self._key("base", key)
-            if keys.keys() >= FACETS.keys():
+            if has_facets:
                 self._facets(content["base"], "base")
             self.complaint("base")
 

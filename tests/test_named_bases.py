@@ -1,0 +1,272 @@
+"""Bases with names: their formulas word for word and as published, reciprocal, and solved as functions of one's own."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.formats.scene_file import make_scene_file
+from vrte.methods import find_method
+from vrte.request.how import EXACT, METHODS
+from vrte.scene.boundary import Boundary
+from vrte.scene.ross_li import compute_li_sparse, compute_ross_thick
+from vrte.scene.scalar import ScalarBase, find_angles
+
+REGOLITH = vrte.Hapke(0.6, linear=0.5)
+SOIL = vrte.RPV(0.076, 0.648, -0.29, rho_c=0.6)
+LAND = vrte.RossLi(0.2, 0.1, 0.0, hot_spot=True)
+SCALAR: dict[str, ScalarBase] = {
+    "hapke": REGOLITH,
+    "hapke, Henyey-Greenstein": vrte.Hapke(0.8, 0.4, 0.2, asymmetry=-0.3),
+    "rpv": SOIL,
+    "rpv, bell": vrte.RPV(0.3, 1.2, 0.1),
+    "ross-li": LAND,
+}
+
+
+def measure_phase(mu_i: float, mu_o: float, phi: float) -> float:
+    """The angle between where light comes from and where it goes."""
+    cosine = mu_i * mu_o - math.sqrt((1 - mu_i**2) * (1 - mu_o**2)) * math.cos(phi)
+    return math.acos(min(max(cosine, -1.0), 1.0))
+
+
+def tell_hapke(base: vrte.Hapke, mu_i: float, mu_o: float, phi: float) -> float:
+    g, gamma = measure_phase(mu_i, mu_o, phi), math.sqrt(1 - base.albedo)
+    if base.asymmetry:
+        p = (1 - base.asymmetry**2) / (1 + 2 * base.asymmetry * math.cos(g) + base.asymmetry**2) ** 1.5
+    else:
+        p = 1 + base.linear * math.cos(g) + base.quadratic * (1.5 * math.cos(g) ** 2 - 0.5)
+    b = base.opposition / (1 + math.tan(g / 2) / base.width)
+    h_i, h_o = (1 + 2 * mu_i) / (1 + 2 * mu_i * gamma), (1 + 2 * mu_o) / (1 + 2 * mu_o * gamma)
+    return base.albedo / (4 * math.pi * (mu_i + mu_o)) * ((1 + b) * p + h_i * h_o - 1)
+
+
+def tell_rpv(base: vrte.RPV, mu_i: float, mu_o: float, phi: float) -> float:
+    tan_i, tan_o = math.tan(math.acos(mu_i)), math.tan(math.acos(mu_o))
+    m = (mu_i * mu_o) ** (base.k - 1) / (mu_i + mu_o) ** (1 - base.k)
+    scattering = math.pi - measure_phase(mu_i, mu_o, phi)
+    theta = base.asymmetry
+    f = (1 - theta**2) / (1 + theta**2 - 2 * theta * math.cos(scattering)) ** 1.5
+    g = math.sqrt(max(tan_i**2 + tan_o**2 - 2 * tan_i * tan_o * math.cos(math.pi - phi), 0.0))
+    hot = base.rho_0 if base.rho_c is None else base.rho_c
+    return base.rho_0 * m * f * (1 + (1 - hot) / (1 + g)) / math.pi
+
+
+def tell_ross_li(base: vrte.RossLi, mu_i: float, mu_o: float, phi: float) -> float:
+    xi = measure_phase(mu_i, mu_o, phi)
+    ross = ((math.pi / 2 - xi) * math.cos(xi) + math.sin(xi)) / (mu_i + mu_o)
+    volume = ross - math.pi / 4
+    if base.hot_spot:
+        volume = 4 / (3 * math.pi) * ross * (1 + 1 / (1 + xi / math.radians(1.5))) - 1 / 3
+    i, o = (math.atan(base.crown_shape * math.tan(math.acos(mu))) for mu in (mu_i, mu_o))
+    away = math.pi - phi  # azimuth between where light comes from and where it goes
+    bent = math.acos(max(min(math.cos(i) * math.cos(o) + math.sin(i) * math.sin(o) * math.cos(away), 1.0), -1.0))
+    d2 = max(math.tan(i) ** 2 + math.tan(o) ** 2 - 2 * math.tan(i) * math.tan(o) * math.cos(away), 0.0)
+    seen = 1 / math.cos(i) + 1 / math.cos(o)
+    length = math.sqrt(d2 + (math.tan(i) * math.tan(o) * math.sin(away)) ** 2)
+    t = math.acos(min(base.crown_height * length / seen, 1.0))
+    overlap = (t - math.sin(t) * math.cos(t)) * seen / math.pi
+    crowns = overlap - seen + 0.5 * (1 + math.cos(bent)) / (math.cos(i) * math.cos(o))
+    return max((base.f_iso + base.f_vol * volume + base.f_geo * crowns) / math.pi, 0.0)
+
+
+ORACLES: dict[type, Callable[..., float]] = {vrte.Hapke: tell_hapke, vrte.RPV: tell_rpv, vrte.RossLi: tell_ross_li}
+
+
+def make_directions(count: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cosines from 0.05 to 1 and azimuths, by chance."""
+    mu = np.random.default_rng(18).uniform(0.05, 1.0, (2, count))
+    return mu[0], mu[1], np.random.default_rng(7).uniform(0.0, 360.0, count)
+
+
+@pytest.mark.parametrize("name", [*SCALAR, "ross-li, crowns"])
+def test_formulas_are_those_written_out_word_for_word(name: str) -> None:
+    if name == "ross-li, crowns":
+        with pytest.warns(vrte.FittedRangeWarning):
+            base: ScalarBase = vrte.RossLi(0.3, 0.1, 0.03, crown_height=1.5, crown_shape=1.2)
+    else:
+        base = SCALAR[name]
+    mu_i, mu_o, phi = make_directions()
+    expected = [ORACLES[type(base)](base, i, o, p) for i, o, p in zip(mu_i, mu_o, np.radians(phi), strict=True)]
+    found = base.reflect(mu_i, mu_o, phi)
+    assert found.shape == (mu_i.size, 1, 1)
+    np.testing.assert_allclose(found[:, 0, 0], expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("base", [*SCALAR.values(), vrte.cox_munk(7.0, shadowing=True)], ids=lambda base: base.name)
+def test_light_may_go_either_way(base: Boundary) -> None:
+    """f(mu_i, mu_o, phi) = Q f(mu_o, mu_i, phi)^T Q, Q = diag(1, 1, 1, -1), and no more comes back than falls in."""
+    mu_i, mu_o, phi = make_directions()
+    there, back = base.reflect(mu_i, mu_o, phi), base.reflect(mu_o, mu_i, phi)
+    turn = np.array([1.0, 1.0, 1.0, -1.0])[: there.shape[-1]]
+    np.testing.assert_allclose(there, turn[:, None] * back.swapaxes(-1, -2) * turn, rtol=1e-9, atol=1e-12)
+    shares = base.reflectance([0.05, 0.3, 1.0])  # type: ignore[attr-defined]
+    assert (shares > 0.0).all()
+    assert (shares <= 1.0).all()
+
+
+# Spurr and Christi, VLIDORT 2.8.3 (2021), saved results of its test of BRDF kernels: pi f of light that falls in at 35
+# and leaves at 10 degrees from the zenith, at azimuths 0, 79 and 180
+PUBLISHED = {
+    "Hapke": (vrte.Hapke(0.6, linear=0.5), [1.8610989e-1, 1.9240737e-1, 2.0588793e-1]),
+    "Rahman": (vrte.RPV(0.1, 0.5, -0.5), [2.2996659e-1, 2.9928158e-1, 4.9078988e-1]),
+    "Cox-Munk": (
+        vrte.Facets(1.341, math.sqrt(0.003 + 0.00512 * 15.0), shadowing=True),
+        [4.9703953e-2, 2.9087331e-2, 1.3190549e-2],
+    ),
+}
+IN, OUT, PHI = math.cos(math.radians(35.0)), math.cos(math.radians(10.0)), np.array([0.0, 79.0, 180.0])
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_published_values(name: str) -> None:
+    base, expected = PUBLISHED[name]
+    found = np.pi * base.reflect(np.array(IN), np.array(OUT), PHI)[:, 0, 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-6 if name == "Cox-Munk" else 5e-8)  # its index has six digits
+
+
+def test_published_kernels_of_ross_and_li() -> None:
+    """VLIDORT's, as above (h/b = 1, b/r = 2), and the integrals over all directions that MODIS's albedo has, with its
+    polynomials in the zenith angle, which were fitted."""
+    angles = find_angles(np.array(IN), np.array(OUT), PHI)
+    for found, expected in (
+        (compute_ross_thick(angles, False), [-8.5567075e-2, -4.7821989e-2, 1.8828091e-2]),
+        (compute_ross_thick(angles, True), [-2.6734584e-2, -8.4174208e-3, 2.7311129e-2]),
+        (compute_li_sparse(angles, 1.0, 2.0), [-1.2621230, -9.7622320e-1, -3.8220779e-1]),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=5e-8)  # half a unit of the last digit
+    x, weight = np.polynomial.legendre.leggauss(60)
+    theta = 0.25 * np.pi * (1.0 + x)
+    share = 0.5 * np.pi * weight * np.sin(theta) * np.cos(theta)  # 2 mu dmu
+    angles = find_angles(np.cos(theta)[:, None, None], np.cos(theta)[:, None], 90.0 * (1.0 + x))
+    for kernel, whole, powers, allowed in (
+        (compute_ross_thick(angles, False), 0.189184, (-0.007574, -0.070987, 0.307588), 0.025),
+        (compute_li_sparse(angles, 2.0, 1.0), -1.377622, (-1.284909, -0.166314, 0.041840), 0.01),
+    ):
+        black_sky = (kernel @ (0.5 * weight)) @ share
+        assert share @ black_sky == pytest.approx(whole, abs=4e-5)
+        fitted = powers[0] + powers[1] * theta**2 + powers[2] * theta**3
+        assert np.abs(black_sky - fitted)[theta < np.radians(75.0)].max() < allowed
+
+
+def wrap_base(base: ScalarBase) -> vrte.MuellerBase:
+    """The same as a function of one's own."""
+    return vrte.MuellerBase(lambda i, o, p: base.reflect(i, o, p) * np.diag([1.0, 0.0, 0.0, 0.0]))
+
+
+PILES: dict[str, list[Any]] = {
+    "scalar": [vrte.Layer(vrte.henyey_greenstein(0.4, 20), 0.9, 0.6)],
+    "polarizing": [vrte.Layer(vrte.rayleigh(), 1.0, 0.4)],
+    "under glass": [vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 0.4, host_index=1.5)],
+}
+
+
+@pytest.mark.parametrize("pile", PILES)
+@pytest.mark.parametrize("base", [REGOLITH, SOIL], ids=["hapke", "rpv"])
+def test_light_is_that_over_a_function_of_ones_own(base: ScalarBase, pile: str) -> None:
+    """Though I alone is solved for where nothing else is scattered: reflection, transmission, and the field inside."""
+    given: dict[str, Any] = {"nodes": 8, "accuracy": 1e-8}
+    seen: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 0.6, 1.0], "phi": [0.0, 70.0, 180.0]}
+    scenes = [vrte.Scene(PILES[pile], one) for one in (base, wrap_base(base))]
+    found, expected = (vrte.brdf(scene, **seen, **given) for scene in scenes)
+    assert np.abs(found.mueller - expected.mueller).max() <= 2e-8 * expected.mueller.max()
+    np.testing.assert_allclose(found.reflectance, expected.reflectance, rtol=2e-8)
+    inside: dict[str, Any] = {"mu": [0.9, -0.4], "phi": [0.0, 120.0], "tau": [0.0, 0.2, 0.4]}
+    ours, theirs = (vrte.radiance(scene, 0.6, [1.0, 0.3, 0.1, 0.2], **inside, **given) for scene in scenes)
+    assert np.abs(ours.stokes - theirs.stokes).max() <= 2e-8 * theirs.stokes.max()
+    np.testing.assert_allclose(ours.flux_up, theirs.flux_up, rtol=2e-8)
+    np.testing.assert_allclose(ours.flux_down, theirs.flux_down, rtol=2e-8, atol=1e-12)
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if name != EXACT and find_method(name).base == "any"])
+def test_every_method_that_takes_any_base_takes_a_scalar_one(method: str) -> None:
+    how: dict[str, Any] = {"method": method, "mu_i": [0.5], "mu_o": [0.3, 0.8], "phi": [0.0, 90.0]}
+    how |= {"nodes": 6} if method != "diffusion" else {}
+    for pile in ("scalar", "polarizing"):
+        found, expected = (vrte.brdf(vrte.Scene(PILES[pile], base), **how) for base in (REGOLITH, wrap_base(REGOLITH)))
+        assert np.abs(found.mueller - expected.mueller).max() <= 1e-6 * expected.mueller.max(), pile
+
+
+@pytest.mark.parametrize("how", [{"algorithm": name} for name in ("direct", "modes", "doubling")] + [{"verify": True}])
+def test_every_algorithm_takes_a_scalar_base(how: dict[str, Any]) -> None:
+    given: dict[str, Any] = {"mu_i": [0.5], "mu_o": [0.3, 0.8], "phi": [0.0, 90.0], "nodes": 6, "accuracy": 1e-8}
+    expected = vrte.brdf(vrte.Scene(PILES["scalar"], wrap_base(SOIL)), **given).mueller
+    found = vrte.brdf(vrte.Scene(PILES["scalar"], SOIL), **given, **how).mueller
+    assert np.abs(found - expected).max() <= 1e-7 * expected.max()
+
+
+def test_what_is_negative_is_told_and_cut_near_the_horizon_and_refused_elsewhere() -> None:
+    words = (
+        r"base: f of RossLi is negative near the horizon, and taken as 0 there: below a cosine of about 0\.06, -0\.\d"
+    )
+    with pytest.warns(vrte.FittedRangeWarning, match=words):
+        base = vrte.RossLi(0.2, 0.1, 0.03)
+    f = base.reflect(np.array([0.02, 0.1, 1.0]), np.array([0.5]), np.array([0.0]))[:, 0, 0]
+    assert f[0] == 0.0
+    assert (f[1:] > 0.0).all()
+    with pytest.raises(
+        vrte.SceneError, match=r"must be at least 0 for zenith angles up to 75, not -0\.\d+ 1/sr from mu"
+    ):
+        vrte.RossLi(0.1, 0.1, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: vrte.RPV(-0.1, 0.7), r"base: rho_0 must be from 0 to 10, not -0\.1"),
+        (lambda: vrte.RPV(0.1, 0.7, 1.0), r"base: asymmetry must be between -1 and 1, not closer than 0\.001"),
+        (lambda: vrte.RPV(0.1, 0.7, rho_c=3.0), r"base: rho_c must be from 0 to 2, not 3"),
+        (lambda: vrte.RPV(0.9, 0.5), r"base: it gives back \d\.\d+ of the light that comes along mu_i = "),
+        (lambda: vrte.Hapke(1.1), r"base: albedo must be between 0 and 1, not 1\.1"),
+        (lambda: vrte.Hapke(1.0), r"base: it gives back 1\.06\d of the light that comes along mu_i = 1"),
+        (lambda: vrte.Hapke(0.5, linear=1.5), r"base: linear must give a phase function of at least 0 .* not -0\.5"),
+        (lambda: vrte.Hapke(0.5, linear=0.5, asymmetry=0.1), r"base: asymmetry is instead of linear and quadratic"),
+        (lambda: vrte.Hapke(0.5, width=0.0), r"base: width must be from 0\.001 to 10, not 0"),
+        (lambda: vrte.RossLi(0.1, 0.1, 0.0, hot_spot=1), r"base: hot_spot must be True or False, not 1"),  # type: ignore[arg-type]
+        (lambda: vrte.RossLi(0.1, 0.1, 0.0, crown_shape=0.0), r"base: crown_shape must be from 0\.1 to 10, not 0"),
+        (lambda: vrte.cox_munk(-1.0), r"base: wind must be a speed in m/s from 0 to 40, not -1"),
+        (lambda: vrte.cox_munk(5.0, index=0.0), r"base: index must be n or n \+ ik"),
+    ],
+)
+def test_what_no_surface_has_is_refused(make: Callable[[], Any], words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=words):
+        make()
+
+
+def test_a_sea_is_facets_by_the_wind() -> None:
+    assert vrte.cox_munk(7.0) == vrte.Facets(1.34, math.sqrt(0.003 + 0.00512 * 7.0))
+    with pytest.warns(vrte.FittedRangeWarning, match="measured up to a wind of 14 m/s, and are extrapolated to 20 m/s"):
+        vrte.cox_munk(20.0)
+
+
+@pytest.mark.parametrize(
+    ("base", "expected"),
+    [
+        ({"kind": "rpv", "rho_0": 0.076, "k": 0.648, "asymmetry": -0.29, "rho_c": 0.6}, SOIL),
+        ({"kind": "hapke", "albedo": "60 %", "linear": 0.5}, REGOLITH),
+        ({"kind": "ross-li", "f_iso": 0.2, "f_vol": 0.1, "f_geo": 0, "hot_spot": True}, LAND),
+        ({"kind": "cox-munk", "wind": 7}, vrte.cox_munk(7.0)),
+    ],
+)
+def test_scene_files_know_them_by_name(base: dict[str, Any], expected: Boundary) -> None:
+    content = {"layer": [{"phase": "rayleigh", "albedo": 1, "thickness": 0.1}], "base": base}
+    brdf = {"mu_i": 0.5, "mu_o": 0.5}
+    assert make_scene_file(content | {"brdf": brdf}).scene.base == expected
+
+
+def test_a_sweep_over_the_numbers_of_a_base() -> None:
+    content = {
+        "nodes": 4,
+        "layer": [{"phase": "rayleigh", "albedo": 1, "thickness": 0.1}],
+        "base": {"kind": "rpv", "rho_0": 0.1, "k": 0.7},
+        "brdf": {"mu_i": 0.5, "mu_o": [0.3, 0.8]},
+        "axes": {"base.k": [0.6, 0.9]},
+    }
+    table = vrte.sweep(content, workers=1)
+    for k in (0.6, 0.9):
+        scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.1)], vrte.RPV(0.1, k))
+        expected = vrte.brdf(scene, 0.5, [0.3, 0.8], nodes=4).mueller
+        np.testing.assert_allclose(table["mueller"].sel({"base.k": k}).values, expected, rtol=1e-12)

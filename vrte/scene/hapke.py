@@ -1,0 +1,84 @@
+"""Hapke's base: a regolith, powder without end whose grains hide their shadows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array, check_number
+from vrte.basics.errors import SceneError
+from vrte.scene.scalar import Angles, ScalarBase
+
+
+@dataclass(frozen=True)
+class Hapke(ScalarBase):
+    """A smooth regolith after Hapke, f = w/(4 pi (mu_i + mu_o)) ((1 + B) P + H(mu_i) H(mu_o) - 1); reciprocal and
+    unpolarized.
+
+    B = B_0/(1 + tan(g/2)/h) is the opposition effect at a phase angle g, P the phase function of a grain, either 1 +
+    linear cos g + quadratic (3 cos^2 g - 1)/2 or Henyey and Greenstein's; H(mu) = (1 + 2 mu)/(1 + 2 mu sqrt(1 - w))
+    is within 4 per cent of that of grains that scatter evenly: white powder gives back up to 1.06, and is refused.
+
+    Parameters
+    ----------
+    albedo : float
+        Of a grain, w, 0 to 1.
+    opposition : float, optional
+        Strength of the opposition effect, B_0, 0 to 3; grains that do not let light through have 1.
+    width : float, optional
+        Its width, h, 0.001 to 10.
+    linear, quadratic : float, optional
+        Of the phase function in cos g, which must not be negative: above 0, ``linear`` sends light back.
+    asymmetry : float, optional
+        Of Henyey and Greenstein's, between -1 and 1, instead: below 0 it sends light back.
+
+    Raises
+    ------
+    SceneError
+        Naming the field, or where more light comes back than falls in, as with MuellerBase.
+
+    Source: Hapke, Theory of Reflectance and Emittance Spectroscopy (1993), (8.89), without roughness.
+
+    >>> Hapke(0.6, linear=0.5).reflectance([0.5, 1.0]).round(4)
+    array([0.2452, 0.1994])
+    """
+
+    albedo: float
+    opposition: float = 1.0
+    width: float = 0.06
+    linear: float = 0.0
+    quadratic: float = 0.0
+    asymmetry: float = 0.0
+
+    def __post_init__(self) -> None:
+        limits = {
+            "albedo": (0.0, 1.0, "between 0 and 1"),
+            "opposition": (0.0, 3.0, "from 0 to 3"),
+            "width": (1e-3, 10.0, "from 0.001 to 10"),
+            "linear": (-2.0, 2.0, "from -2 to 2"),
+            "quadratic": (-1.0, 2.0, "from -1 to 2"),
+            "asymmetry": (-0.999, 0.999, "between -1 and 1, not closer than 0.001"),
+        }
+        for name, limit in limits.items():
+            object.__setattr__(self, name, check_number(f"base: {name}", getattr(self, name), *limit))
+        if self.asymmetry and (self.linear or self.quadratic):
+            raise SceneError.of("base: asymmetry", "is instead of linear and quadratic: give one of both")
+        lowest = self.compute_phase_function(np.linspace(-1.0, 1.0, 2001)).min()
+        if lowest < 0.0:
+            words = f"must give a phase function of at least 0 together with quadratic, not {lowest:.3g}"
+            raise SceneError.of("base: linear", words)
+        self.check_formula()
+
+    def compute_phase_function(self, cosine: Array) -> Array:
+        """P of the cosine of the phase angle, its mean over the sphere 1."""
+        a = self.asymmetry
+        legendre = 1.0 + self.linear * cosine + self.quadratic * 0.5 * (3.0 * cosine**2 - 1.0)
+        found: Array = legendre * (1.0 - a * a) / (1.0 + a * a + 2.0 * a * cosine) ** 1.5
+        return found
+
+    def compute_f(self, angles: Angles) -> Array:
+        absorbed = np.sqrt(1.0 - self.albedo)
+        many_i, many_o = ((1.0 + 2.0 * mu) / (1.0 + 2.0 * mu * absorbed) for mu in (angles.mu_i, angles.mu_o))
+        opposition = self.opposition * self.width / (self.width + np.tan(0.5 * angles.phase))
+        once = (1.0 + opposition) * self.compute_phase_function(np.cos(angles.phase))
+        found: Array = self.albedo / (4.0 * np.pi) / (angles.mu_i + angles.mu_o) * (once + many_i * many_o - 1.0)
+        return found
