@@ -27,6 +27,7 @@ from vrte.basics.errors import (
 )
 from vrte.calls.brdf import brdf
 from vrte.calls.brdfs import brdfs
+from vrte.calls.material import material
 from vrte.calls.mitsuba import to_mitsuba
 from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
@@ -36,6 +37,7 @@ from vrte.calls.views import views
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.formats import load
 from vrte.formats.index_table import read_index
+from vrte.formats.materials import list_materials as materials
 from vrte.formats.size_table import read_sizes
 from vrte.optics.coated_spheres import coated_spheres
 from vrte.optics.convention_card import recognise_convention
@@ -111,6 +113,8 @@ __all__ = [
     "interpolate",
     "isotropic",
     "load",
+    "material",
+    "materials",
     "mix",
     "mixture",
     "over_hemisphere",

@@ -20,7 +20,7 @@ from vrte.scene.scene import MOST_LAYERS
 
 FILLINGS = ("particles", "volume_fractions", "phase")  # what a layer holds, in one of these ways; or nothing
 THICKNESS_KEYS = ("thickness", "thickness_um", "volume_fraction")
-LAYER_KEYS = (*FILLINGS, "tolerance", "albedo", *THICKNESS_KEYS, "packing", "host_index", "interface")
+LAYER_KEYS = ("material", *FILLINGS, "tolerance", "albedo", *THICKNESS_KEYS, "packing", "host_index", "interface")
 INTERFACE_KEYS = ("above", "below", *INTERFACE)
 SHARE = "a number fraction >= 0"
 PART = 'from 0 to below 1, or per cent in quotes, "5 %"'

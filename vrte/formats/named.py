@@ -10,6 +10,7 @@ from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES
 from vrte.formats.index_table import read_index
 from vrte.formats.keys import FilePath, Key, Substance
+from vrte.formats.materials import SUFFIX, expand_materials
 from vrte.formats.media import TABLE
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
@@ -17,6 +18,7 @@ from vrte.formats.sizes import SIZES
 from vrte.optics.refractive_index import find_wavelength_range
 
 MEDIUM: dict[str, Key] = {"host_index": Substance()}
+LAYER: dict[str, Key] = {"phase": FilePath(), "material": FilePath(suffixes=(SUFFIX,))}
 SIDES: dict[str, Key] = {"above": Substance(), "below": Substance()}
 
 
@@ -36,7 +38,7 @@ def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
                 yield from list_given((*place, "size", word), size.get(word), row.keys)
     for number, layer in enumerate(layers if isinstance(layers, list) else []):
         place = ("layer", number)
-        yield from list_given(place, layer, {"phase": FilePath(), **MEDIUM})
+        yield from list_given(place, layer, {**LAYER, **MEDIUM})
         if isinstance(layer, dict):
             yield from list_given((*place, "interface"), layer.get("interface"), SIDES)
             for phase in PHASES.values():
@@ -83,6 +85,8 @@ def find_known_wavelengths(content: Mapping[str, Any], folder: Path = Path()) ->
     """The wavelengths [um] from and to which all indices of a scene file are known, and the last substance that ends
     them; (0, inf, "") where none does. Indices that are wrong count as known. Raises OSError."""
     found = (0.0, math.inf, "")
+    with suppress(SceneError):
+        content = expand_materials(content, folder)
     for _, index in list_materials(content):
         with suppress(SceneError):
             low, high = find_wavelength_range(read_index(folder / index) if index.endswith(TABLE) else index)

@@ -7,35 +7,26 @@ looked for beside the scene file.
 
 import math
 import os
-import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import SceneError
 from vrte.formats.bases import list_base_keys, read_base
 from vrte.formats.keys import Reading
 from vrte.formats.layers import Kinds, prepare_layer, read_layer_tables
+from vrte.formats.materials import expand_materials, locate_material_errors
 from vrte.formats.media import WAVE_KEYS
 from vrte.formats.particle_sources import Compute, make_particles
 from vrte.formats.text_file import read_text
-from vrte.formats.toml_table import (
-    Table,
-    show_toml,
-    translate_error,
-)
+from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, translate_error
 from vrte.optics.particles import Particles
 from vrte.request.how import AUTO, OPTIONS
 from vrte.request.request import SIDES
 from vrte.scene.scene import Scene
 
-LARGEST_FILE = 10_000_000  # bytes
-# a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
-LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 OPTION_KEYS = ("nodes", "accuracy", "truncation", "method", "illuminate", "settings")
 FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "render", "brdf", "field")
 # keys that say the same in another way: twice the radius, and the angle from the normal in place of its cosine
@@ -197,7 +188,7 @@ def make_scene_file(
     >>> make_scene_file({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness
     0.5
     """
-    file = Table((), content, FILE_KEYS)
+    file = Table((), expand_materials(content, folder), FILE_KEYS)
     kind = _choose_kind(file, kind)
     request = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
     asked = {
@@ -207,29 +198,15 @@ def make_scene_file(
     }
     options = {name: _read_option(file, name) for name in OPTION_KEYS if name in file}
     reading = Reading(file, folder)
-    kinds = Kinds(compute, reading)
-    layers = read_layer_tables(file)
-    base = read_base(file.table("base", list_base_keys()), reading) if "base" in file else None
-    makers = [prepare_layer(layer, kinds, reading) for layer in layers]  # all are checked before one is made
-    pile: list[Any] = [made() for made in makers]
+    with locate_material_errors(content):
+        kinds = Kinds(compute, reading)
+        layers = read_layer_tables(file)
+        base = read_base(file.table("base", list_base_keys()), reading) if "base" in file else None
+        makers = [prepare_layer(layer, kinds, reading) for layer in layers]  # all are checked before one is made
+        pile: list[Any] = [made() for made in makers]
     scene = Scene(pile, base)
     angles = frozenset(name for name, key in ANGLES.items() if key in request)
     return SceneFile(scene, kind, asked, options, kinds.computed, angles=angles)
-
-
-def parse_toml(text: str) -> dict[str, Any]:
-    """TOML, parsed; what would keep the parser busy for minutes is refused first. Raises SceneError."""
-    long_key = LONG_KEY.search(text)
-    if long_key:
-        raise SceneError(f"not a scene: a key of more than 30 parts, {show_toml(long_key[0])}")
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"not valid TOML: {put_in_one_line(str(error), 200)}") from error
-    except ValueError as error:
-        raise SceneError("not valid TOML: a whole number of more than 4000 digits") from error
-    except RecursionError as error:
-        raise SceneError("not a scene: tables or lists nested too deeply") from error
 
 
 def _choose_kind(file: Table, kind: str | None) -> str:

@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,13 +14,32 @@ from typing import Any
 
 import numpy as np
 
+from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import Place, SceneError
 
+LARGEST_FILE = 10_000_000  # bytes
+# a key of so many parts is no key of a scene, and takes the parser a time that grows with the square of their number
+LONG_KEY = re.compile(r"(?<![^\s,=\[{])(?:[^\s.,=\[{]+[ \t]*\.[ \t]*){32}")
 LARGEST_COUNT = 1_000_000
 RANGE_KEYS = ("start", "stop", "count")
 SHOWN, SHOWN_KEY, SHOWN_DEPTH = 80, 60, 8  # characters of a value and of a key in a complaint, tables in tables
 PER_CENT = re.compile(r"\s*([0-9]{1,12}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})\s*%\s*")
 NUMBERS = "a number, a list of numbers or { start, stop, count }"
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """TOML, parsed; what would keep the parser busy for minutes is refused first. Raises SceneError."""
+    long_key = LONG_KEY.search(text)
+    if long_key:
+        raise SceneError(f"not a scene: a key of more than 30 parts, {show_toml(long_key[0])}")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"not valid TOML: {put_in_one_line(str(error), 200)}") from error
+    except ValueError as error:
+        raise SceneError("not valid TOML: a whole number of more than 4000 digits") from error
+    except RecursionError as error:
+        raise SceneError("not a scene: tables or lists nested too deeply") from error
 
 
 def suggest_nearest(word: str, choices: Iterable[str]) -> str:

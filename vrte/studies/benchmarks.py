@@ -21,8 +21,9 @@ from vrte.basics.errors import AccuracyError, SceneError
 from vrte.calls.brdf import brdf
 from vrte.calls.radiance import radiance
 from vrte.formats.atomic import write_atomically
-from vrte.formats.scene_file import SceneFile, make_scene_file, parse_toml
+from vrte.formats.scene_file import SceneFile, make_scene_file
 from vrte.formats.text_file import read_text
+from vrte.formats.toml_table import parse_toml
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.studies.timing import Tick

@@ -13,9 +13,9 @@ from vrte.app.form.checks import check
 from vrte.app.form.content import START, Content, count_of, list_page_wavelengths
 from vrte.app.form.fields import write_field_text
 from vrte.basics.errors import SceneError
-from vrte.formats.scene_file import parse_toml
+from vrte.formats.materials import expand_materials, list_named
 from vrte.formats.scene_writer import write_toml
-from vrte.formats.toml_table import RANGE_KEYS, show_key
+from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key
 
 MOST_OF_AXIS = 10  # wavelengths that are taken of a sweep's
 VISIBLE: Content = {"start": 0.43, "stop": 0.7, "count": 7}  # um: makes a colour, within the tables of all pigments
@@ -35,6 +35,7 @@ def adopt_and_tell(
     found = copy.deepcopy(content)
     told = (*remove_axes(found), *add_defaults(found))
     check(found, folder, tables)
+    found = expand_materials(found, folder)  # the form shows particles, one by one
     found.setdefault("base", {"kind": "black"})
     for layer in found["layer"]:
         if layer.get("phase") == "rayleigh":
@@ -68,7 +69,7 @@ def add_defaults(content: Content) -> Iterator[str]:
     if "brdf" not in content:
         content["brdf"] = copy.deepcopy(START["brdf"])
         yield "[brdf] is missing: directions all over the hemisphere are taken"
-    if "wavelength_um" not in content and "particles" in content:
+    if "wavelength_um" not in content and ("particles" in content or any(True for _ in list_named(content))):
         render = content.get("render")
         listed = render.get("wavelengths_um") if isinstance(render, dict) else None
         content["wavelength_um"] = copy.deepcopy(VISIBLE if listed is None else listed)

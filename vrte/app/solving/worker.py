@@ -35,9 +35,9 @@ from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import spectrum
 from vrte.formats import load
 from vrte.formats.layers import FILLINGS
-from vrte.formats.scene_file import SceneFile, make_scene_file, parse_toml
+from vrte.formats.scene_file import SceneFile, make_scene_file
 from vrte.formats.scene_writer import write_toml
-from vrte.formats.toml_table import show_key
+from vrte.formats.toml_table import parse_toml, show_key
 from vrte.request.how import AUTO, EXACT
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field, require_one_beam

@@ -1,0 +1,259 @@
+"""Ready materials: their files, what they come to, how scene files, sweeps and Python name them."""
+
+import math
+import tomllib
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import SceneError
+from vrte.app.form.files import adopt_and_tell
+from vrte.formats.materials import KEYS, expand_materials, find_material, list_materials
+from vrte.formats.named import find_known_wavelengths, find_named_tables
+from vrte.formats.particle_sources import make_particles
+from vrte.formats.scene_file import make_scene_file
+from vrte.optics.refractive_index import MATERIALS, find_wavelength_range, refractive_index
+from vrte.sweep.template import make_scene_at, read_sweep
+
+FOLDER = Path(vrte.__file__).parent / "materials"
+MADE = sorted(list_materials())
+BEAM = {"brdf": {"mu_i": 0.5, "mu_o": 0.5}}
+
+
+def of(material: str, wavelength_um: float | None = 0.55, **given):
+    content = {"layer": [{"material": material, **given}], **BEAM}
+    return content if wavelength_um is None else content | {"wavelength_um": wavelength_um}
+
+
+# ---- substances
+
+
+@pytest.mark.parametrize("name", sorted(MATERIALS))
+def test_a_named_substance_is_known_over_most_of_the_visible(name: str) -> None:
+    low, high = find_wavelength_range(name)
+    assert low <= 0.45
+    assert high >= 0.7
+    indices = [refractive_index(name, wavelength) for wavelength in np.linspace(max(low, 0.4), 0.7, 7)]
+    assert all(0.03 <= index.n < 3.5 and 0.0 <= index.k < 5.0 for index in indices)
+
+
+# n_D or n at the wavelength, from elsewhere than the page
+# acrylic, polystyrene, polycarbonate, BK7: common values of n_D; ice: Hobbs, Ice Physics (1974), 1.3091 for the
+# ordinary ray at the D line and 1.3105 for the other; calcite:
+# 1.6584 and 1.4864 at the D line, mean permittivity 1.6030
+@pytest.mark.parametrize(
+    ("name", "n", "within"),
+    [
+        ("acrylic", 1.491, 0.003),
+        ("polystyrene", 1.590, 0.003),
+        ("polycarbonate", 1.585, 0.008),
+        ("glass", 1.5168, 0.0002),
+        ("ice", 1.3096, 0.001),
+        ("calcite", 1.6030, 0.0005),
+    ],
+)
+def test_substances_have_the_index_that_is_known_at_the_d_line(name: str, n: float, within: float) -> None:
+    assert refractive_index(name, 0.5893).n == pytest.approx(n, abs=within)
+
+
+def test_a_substance_without_a_page_says_where_its_number_comes_from_and_how_far() -> None:
+    assert refractive_index("air", 10.0).value == 1.0
+    assert "typical" in refractive_index("alkyd", 0.55).source
+    with pytest.raises(SceneError, match=r"^index: alkyd goes from 0\.4 to 0\.7 um; a wavelength of 1 um is outside$"):
+        refractive_index("alkyd", 1.0)
+
+
+# ---- the files
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_file_says_what_it_is_how_far_and_from_where(name: str) -> None:
+    content = tomllib.loads((FOLDER / f"{name.replace(' ', '_')}.toml").read_text(encoding="utf-8"))
+    assert tuple(content) == KEYS
+    material = list_materials()[name]
+    assert material.title
+    assert material.description.endswith(".")
+    assert material.approximations
+    assert material.sources
+    for words in material.sources:  # a year, or the word that it is typical
+        assert words.startswith("typical") or any(f"({year})" in words for year in range(1950, 2026))
+
+
+def check_physics(name: str, wavelength_um: float) -> None:
+    file = make_scene_file(of(name, wavelength_um))
+    (layer,) = file.scene.layers
+    assert layer.thickness > 1.0
+    assert 0.0 < layer.albedo <= 1.0
+    assert 0.0 < layer.phase_matrix.asymmetry < 0.95
+    for particles in file.particles.values():
+        assert particles.host_index == layer.host_index
+
+
+@pytest.mark.parametrize("name", sorted(set(MADE) - {"cumulus cloud", "old snow"}))  # which take some seconds
+def test_it_is_physical_in_red_light_and_warns_of_nothing(name: str) -> None:
+    check_physics(name, 0.69)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MADE)
+def test_it_is_physical_over_the_visible_and_warns_of_nothing(name: str) -> None:
+    low, high, _ = find_known_wavelengths(of(name, None))
+    for wavelength in (max(low, 0.4), 0.55, min(high, 0.7)):
+        check_physics(name, wavelength)
+
+
+# ---- in scene files
+
+
+def test_a_layer_that_names_one_is_the_same_as_its_tables_written_out() -> None:
+    host, rutile = {"host_index": "alkyd"}, list_materials()["rutile in alkyd"].particles["rutile"]
+    layer = {"volume_fractions": {"white": 0.10}, "thickness_um": 60.0, **host}
+    written = {"wavelength_um": 0.55, "particles": {"white": rutile}, "layer": [layer], **BEAM}
+    one, other = (make_scene_file(content).scene.layers[0] for content in (written, of("rutile in alkyd")))
+    assert (one.thickness, one.albedo, one.host_index) == (other.thickness, other.albedo, other.host_index)
+    assert (one.phase_matrix.a1 == other.phase_matrix.a1).all()
+
+
+def test_thickness_and_density_can_be_others() -> None:
+    def thickness(**given) -> float:
+        return make_scene_file(of("hematite in acrylic", **given)).scene.layers[0].thickness
+
+    assert thickness(thickness=7.0) == 7.0
+    assert thickness(thickness_um=10.0) == pytest.approx(thickness() / 4.0)
+    fifth = pytest.approx(thickness() / 5.0, rel=1e-4)  # what the resin absorbs is not much
+    assert thickness(volume_fraction=0.01) == fifth
+    assert thickness(volume_fraction="1 %", thickness_um=80.0) / 2.0 == fifth
+    powder = make_scene_file(of("chalk", thickness_um=10.0, volume_fraction=0.1)).scene.layers[0]
+    assert 1.0 < powder.thickness < 10.0
+
+
+def test_shares_of_several_kinds_are_scaled_together(tmp_path: Path) -> None:
+    (tmp_path / "pink.toml").write_text(
+        'title = "Pink"\n[particles.red]\nindex = "hematite"\nradius_um = 0.05\n[particles.white]\nindex = "rutile"\n'
+        "radius_um = 0.1\n[layer]\nvolume_fractions = { red = 0.01, white = 0.03 }\nthickness_um = 50\n"
+    )
+    (layer,) = expand_materials(of("pink.toml", volume_fraction=0.08), tmp_path)["layer"]
+    assert layer["volume_fractions"] == pytest.approx({"pink.toml: red": 0.02, "pink.toml: white": 0.06})
+    assert vrte.Layer is type(make_scene_file(of("pink.toml"), folder=tmp_path).scene.layers[0])
+    assert find_named_tables(of("pink.toml")) == {("layer", 0, "material"): "pink.toml"}
+
+
+def test_two_layers_of_one_material_share_its_particles_and_the_file_keeps_its_own() -> None:
+    own = {"dust": {"index": 1.5, "radius_um": 0.1}}
+    layers = [{"material": "chalk", "thickness": 1.0}, {"particles": "dust", "thickness": 1.0}, {"material": "chalk"}]
+    content = {"wavelength_um": 0.55, "particles": own, "layer": layers, **BEAM}
+    file = make_scene_file(content)
+    assert set(file.particles) == {"dust", "chalk: calcite"}
+    assert [layer.thickness for layer in file.scene.layers] == [1.0, 1.0, math.inf]
+    assert content["layer"] is layers  # what was given stays as it was
+    assert "material" in layers[0]
+
+
+def test_known_wavelengths_are_those_of_what_it_consists_of() -> None:
+    assert find_known_wavelengths(of("rutile in alkyd", None))[:2] == (0.43, 0.7)
+
+
+def test_spectra_and_sweeps_take_it(tmp_path: Path) -> None:
+    black = of("titanium black in acrylic", None, volume_fraction=0.05)
+    found = vrte.spectrum(black | {"nodes": 4}, [0.45, 0.65])
+    assert all(0.005 < brdf.mueller[0, 0, 0, 0, 0] < 0.05 for brdf in found)
+    axes = {"layer[1].volume_fraction": [0.01, 0.05], "wavelength_um": [0.45, 0.65]}
+    sweep = read_sweep(black | {"wavelength_um": 0.45, "axes": axes}, tmp_path)
+    thin, thick = (make_scene_at(sweep, place, make_particles).scene for place in ((0, 1), (1, 1)))
+    assert thick.thickness == pytest.approx(5.0 * thin.thickness, rel=1e-4)  # what the resin absorbs is not much
+
+
+def test_the_page_shows_its_particles_one_by_one() -> None:
+    content, told = adopt_and_tell(of("hematite in acrylic", None))
+    assert "wavelength_um is missing" in told[0]
+    assert list(content["particles"]) == ["hematite in acrylic: hematite"]
+    assert "material" not in content["layer"][0]
+
+
+def test_a_stranger_names_no_material_of_the_machine() -> None:
+    with pytest.raises(SceneError, match="reads no files of the machine"):
+        adopt_and_tell(of("/etc/own.toml"))
+
+
+# ---- what is wrong
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (of("chalkk"), r'^layer\[1\]\.material = "chalkk": must be .* did you mean \'chalk\'\?$'),
+        (of(3), r"^layer\[1\]\.material = 3: must be a \.toml beside the scene file or one of alumina powder, "),
+        (of("nowhere.toml"), r'^layer\[1\]\.material = "nowhere\.toml": the file cannot be read: No such file'),
+        (of("chalk", albedo=1.0), r"^layer\[1\]\.albedo = 1\.0: unknown key"),
+        (of("chalk", thickness_um=1.0), r"^layer\[1\]: either thickness \(optical\) or thickness_um with volume_fr"),
+        (
+            of("rutile in alkyd", volume_fraction=1.0),
+            r"^layer\[1\]\.volume_fraction = 1\.0: must be above 0 and below 1",
+        ),
+        (
+            of("rutile in alkyd", 0.41),
+            r'^layer\[1\]\.material = "rutile in alkyd": particles\."rutile in alkyd: rutile"\.index: the table '
+            r"main/TiO2/Devore-o goes from 0\.43 to 1\.53 um; a wavelength of 0\.41 um is outside$",
+        ),
+        (of("rutile in alkyd", 0.75), r"alkyd goes from 0\.4 to 0\.7 um; a wavelength of 0\.75 um is outside$"),
+        (of("chalk") | {"particles": {"chalk: calcite": {}}}, r"calls its particles .chalk: calcite., as a table of"),
+    ],
+)
+def test_what_is_wrong_is_said_with_the_layers_place(content, said: str) -> None:
+    with pytest.raises(SceneError, match=said) as caught:
+        make_scene_file(content)
+    assert caught.value.place[:2] == ("layer", 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("title = 3\n[particles.a]\n[layer]\n", "title = 3: must be a text"),
+        ("[particles.a]\n", r"layer: is missing; it must be a table \[layer\]"),
+        ("colour = 1\n[particles.a]\n[layer]\n", "colour = 1: unknown key"),
+        ("[particles]\na = 1\n[layer]\n", r"must be tables headed \[particles\.NAME\]"),
+        (
+            '[particles.a]\nindex = "a.csv"\n[layer]\n',
+            r"particles\.a\.index = .a\.csv.: a material names no other files",
+        ),
+        ('[particles.a]\n[layer]\nmaterial = "chalk"\n', "a material is not made of another"),
+        (
+            "[particles.a]\nindex = 1.5\nradius_um = 1\n[layer]\nthicknes = 1\n",
+            r"layer\[1\]\.thicknes = 1: unknown key",
+        ),
+        ("[layer\n", "not valid TOML"),
+    ],
+)
+def test_a_file_of_ones_own_that_is_wrong_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(text)
+    with pytest.raises(SceneError, match=said):
+        make_scene_file(of("own.toml"), folder=tmp_path)
+
+
+# ---- from Python
+
+
+def test_python_has_them_by_name() -> None:
+    layer = vrte.material("rutile-in_Alkyd", 0.55, thickness_um=30.0)
+    assert layer.host_index == 1.52
+    assert layer.thickness == pytest.approx(vrte.material("rutile in alkyd", 0.55).thickness / 2.0)
+    assert list(vrte.materials()) == MADE
+    assert find_material("gold") is None
+    with pytest.raises(SceneError, match=r'^material = "no such": must be'):
+        vrte.material("no such", 0.55)
+    with pytest.raises(SceneError, match=r"^volume_fraction must be a number >= 0, not -1"):
+        vrte.material("chalk", 0.55, volume_fraction=-1.0)
+
+
+@pytest.mark.slow
+def test_clean_snow_has_the_albedo_that_is_published() -> None:
+    """Visible: 0.96 to 0.99 for pure snow after Wiscombe and Warren (1980), as Warren and Wiscombe (1980) sum it up."""
+    for name, low in (("fresh snow", 0.96), ("old snow", 0.96)):
+        layer = vrte.material(name, 0.5)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = vrte.brdf(vrte.Scene([layer]), mu_i=[0.5], mu_o=[1.0], nodes=16)
+        assert low < found.reflectance[0] < 1.0
