@@ -12,7 +12,8 @@ from vrte.app.form import content as form
 from vrte.app.form.checks import check_tables, find_problems
 from vrte.basics.errors import SceneError
 from vrte.formats.named import find_named_tables, list_materials
-from vrte.formats.scene_file import make_scene_file, read_scene
+from vrte.formats.scene_file import make_scene_file, parse_toml, read_scene
+from vrte.formats.scene_writer import write_toml
 from vrte.sweep.optics import make_file_name
 from vrte.sweep.template import read_sweep
 
@@ -163,6 +164,7 @@ def test_spectra_know_what_core_and_shell_consist_of(tmp_path: Path) -> None:
         ("particles", "one", "core"): "rutile",
         ("particles", "one", "shell"): "silica",
     }
+    assert find_named_tables(make_scene(kind | {"core": "clay.csv"})) == {("particles", "one", "core"): "clay.csv"}
     path = tmp_path / "paint.toml"
     path.write_text(
         SCENE.replace('size = { table = "sizes.csv" }', "radius_um = 0.12\nshell_um = 0.01").replace(
@@ -246,6 +248,13 @@ def test_the_form_turns_spheres_into_coated_ones_and_measured_sizes() -> None:
     assert list(content["particles"]) == ["rutile"]
     form.set_source(content["particles"]["rutile"], "spheres")
     assert "shell" not in content["particles"]["rutile"]
+
+
+def test_what_the_form_holds_is_a_scene_file() -> None:
+    content = make_scene(
+        HOLLOW | {"shell_um": 0.05, "size": {"tabulated": {"radius_um": [0.2, 0.3], "density": [1, 1]}}}
+    )
+    assert parse_toml(write_toml(content)) == content
 
 
 def test_the_form_offers_no_file_but_shows_the_one_that_is_there() -> None:
