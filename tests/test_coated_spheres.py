@@ -301,6 +301,13 @@ def test_hollow_spheres_in_resin_scatter_by_their_voids():
     assert hollow[-1] > 10.0 * solid
 
 
+def test_air_is_a_core() -> None:
+    how = {"core_ratio": 0.8, "radius_um": 0.25, "wavelength_um": 0.55, "host_index": 1.5}
+    air, nothing = (vrte.coated_spheres(core, 1.59, **how) for core in ("air", 1.0))
+    assert air.extinction_um2 == nothing.extinction_um2
+    assert "index 1 + 0i (air" in air.description
+
+
 def test_particles_say_what_they_are():
     how = {"radius_um": 0.2, "wavelength_um": 0.55, "host_index": 1.5}
     said = vrte.coated_spheres("rutile", (1.46, 0.0), core_ratio=0.9, **how).description

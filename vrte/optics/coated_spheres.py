@@ -91,7 +91,7 @@ def coated_spheres(
 ) -> Particles:
     """Spheres of a core and a shell, of one radius or of a size distribution, in a host medium.
 
-    Hollow spheres have air for their core: 1.0.
+    Hollow spheres have "air", or 1.0, for their core.
 
     Parameters
     ----------
