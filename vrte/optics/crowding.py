@@ -1,30 +1,164 @@
 """Particles close to each other: how they scatter where the light of neighbours interferes, by a named model each."""
 
+import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from vrte.basics.arrays import show_value
+import numpy as np
+
+from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError
-from vrte.optics.particles import Particles
+from vrte.optics.hard_spheres import join_amplitudes
+from vrte.optics.particles import Particles, mixture
+from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
+from vrte.optics.populations import (
+    LEFT_OUT,
+    Ball,
+    Population,
+    compute_angular_functions,
+    count_terms,
+    expand_elements,
+    find_amplitudes,
+    find_wavenumber,
+    make_phase_matrix,
+    settle_population,
+    sum_amplitudes,
+    sum_bulk,
+)
+from vrte.optics.refractive_index import RefractiveIndex
+from vrte.optics.spheres import average_ball
 
-INDEPENDENT = "independent"
+INDEPENDENT, PERCUS_YEVICK, EFFECTIVE_MEDIUM = "independent", "percus-yevick", "effective-medium"
 INDEPENDENT_UP_TO = 0.1  # volume fraction
+CROWDED_UP_TO = 0.3  # volume fraction of the models of crowding
+RANDOM_CLOSE_PACKING = 0.64  # volume fraction: hard spheres of one size fill no more at random
+# |m - 1|, index relative to the host: at 30 % by volume of m = 1.35 the wavenumber between the spheres, which the
+# structure factor takes for the host's, is by Maxwell Garnett's rule a tenth larger
+SOFT = 0.35
+HALF_A_WAVE = math.pi / 2.0  # size parameter: Maxwell Garnett's spheres are small
+MORE_TERMS = 2  # times those of one sphere to begin with
+ROUNDED = 1e-16  # of a coefficient over (2 l + 1) n^2, n orders: rounding of the cosine near a forward peak leaves less
 
 
-class IndependentScatteringWarning(UserWarning):
+class PackingWarning(UserWarning):
+    """Particles lie closer, or are larger or of a higher index, than the model of their packing allows."""
+
+
+class IndependentScatteringWarning(PackingWarning):
     """The particles are so close that they no longer scatter independently of each other."""
 
 
 def scatter_independently(particles: Particles, volume_fraction: float) -> Particles:
     """As if each were alone, which warns above a volume fraction of 0.1."""
     if volume_fraction > INDEPENDENT_UP_TO:
+        others = " or ".join(f'packing="{name}"' for name in PACKINGS if name != INDEPENDENT)
         warnings.warn(
             f"layer: a volume_fraction of {volume_fraction:g} is above {INDEPENDENT_UP_TO}: independent scattering, "
-            "which is assumed here, is doubtful",
+            f"which is assumed here, is doubtful; {others} reckons with neighbours",
             IndependentScatteringWarning,
             stacklevel=4,
         )
+    return particles
+
+
+def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Particles:
+    """Percus-Yevick's hard spheres in the host: amplitudes of all sizes interfere, absorption stays each one's own.
+
+    F11 = 1/2 sum over pairs of sqrt(n_i n_j) (S1_i S1_j* + S2_i S2_j*) S_ij(q), with q = 2 k sin(theta/2) in the host
+    and diameters of the spheres, the other elements likewise; of one size it is S(q) F. Expanded anew, with twice as
+    many terms until those left out are below 1e-12. Raises SceneError above random close packing, 0.64.
+    """
+    kinds = _list_balls(particles, PERCUS_YEVICK)
+    if volume_fraction > RANDOM_CLOSE_PACKING:
+        raise SceneError.of(
+            "layer: volume_fraction",
+            f'must be at most {RANDOM_CLOSE_PACKING} for packing="{PERCUS_YEVICK}", not {volume_fraction:g}: hard '
+            "spheres fill no more at random",
+        )
+    _warn_beyond(PERCUS_YEVICK, volume_fraction)
+    for ball, _ in kinds:
+        contrast = abs(_find_relative_index(ball) - 1.0)
+        if contrast > SOFT:
+            _warn(
+                f'packing="{PERCUS_YEVICK}" is meant for spheres of nearly their host\'s index: |m - 1| is '
+                f'{contrast:.2g} here, and up to {SOFT} allowed; packing="{EFFECTIVE_MEDIUM}" is another guess'
+            )
+    populations = [settle_population(ball)[0] for ball, _ in kinds]
+    factor = 2.0 * math.pi / find_wavenumber(kinds[0][0]) ** 2
+    absorbed = 0.0
+    for (ball, share), population in zip(kinds, populations, strict=True):
+        extinction, scattering, _, _ = sum_bulk(population)
+        absorbed += share * factor * max(0.0, extinction - scattering) if ball.absorbs else 0.0
+    everything = _join_populations(populations, [share for _, share in kinds])
+    phase_matrix, integral = _expand_until_settled(everything, volume_fraction)
+    scattering = factor * integral
+    return replace(
+        particles,
+        phase_matrix=phase_matrix,
+        albedo=min(1.0, scattering / (scattering + absorbed)),
+        asymmetry=phase_matrix.asymmetry,
+        extinction_um2=scattering + absorbed,
+        scattering_um2=scattering,
+        volume_um3=4.0 / 3.0 * math.pi * float(everything.weights @ everything.radii**3),
+        description=f"{particles.description}, hard spheres at {volume_fraction:g} of the volume after Percus and Yevick",
+    )
+
+
+def _expand_until_settled(population: Population, volume_fraction: float) -> tuple[PhaseMatrix, float]:
+    """The six sequences and the integral of F11, with as many nodes as S(q), which is no polynomial, takes."""
+    find_elements = partial(_compute_joined_elements, population, volume_fraction)
+    orders = population.a.shape[1]
+    terms = MORE_TERMS * (2 * orders + 1)
+    while terms <= MOST_TERMS:
+        sums, integral = expand_elements(find_elements, terms)
+        kept = count_terms(sums, np.maximum(LEFT_OUT, ROUNDED * (orders + 4) ** 2 * (2.0 * np.arange(terms) + 1.0)))
+        if kept <= 3 * terms // 4:
+            return make_phase_matrix(sums[:kept]), integral
+        terms *= 2
+    raise SceneError(
+        f'layer: packing="{PERCUS_YEVICK}" would take more than {MOST_TERMS} terms for spheres so large and so close',
+        "packing",
+    )
+
+
+def _compute_joined_elements(population: Population, volume_fraction: float, cosine: Array) -> Array:
+    """As `compute_scattering_elements`, of spheres whose light interferes."""
+    wavenumber = float(population.sizes[0] / population.radii[0])
+    functions = compute_angular_functions(population.a.shape[1], cosine)
+    alone = np.stack(find_amplitudes(population.a, population.b, functions)) * np.sqrt(population.weights)[:, None]
+    q = wavenumber * np.sqrt(2.0 * (1.0 - cosine))  # 2 k sin(theta/2)
+    total, difference = join_amplitudes(alone, q, population.radii, population.weights, volume_fraction)
+    return sum_amplitudes(total, difference, np.ones(population.radii.size))
+
+
+def _join_populations(populations: Sequence[Population], shares: Sequence[float]) -> Population:
+    """Spheres of several kinds as one population; the sum of shares is 1."""
+    orders = max(one.a.shape[1] for one in populations)
+
+    def join(name: str) -> Any:
+        return np.concatenate([getattr(one, name) for one in populations])
+
+    def pad(name: str) -> Any:
+        return np.concatenate(
+            [np.pad(getattr(one, name), ((0, 0), (0, orders - one.a.shape[1]))) for one in populations]
+        )
+
+    weights = np.concatenate([share * one.weights for one, share in zip(populations, shares, strict=True)])
+    return Population(join("radii"), join("sizes"), weights, pad("a"), pad("b"))
+
+
+def scatter_in_effective_medium(particles: Particles, volume_fraction: float) -> Particles:
+    """Each sphere alone in a medium of Maxwell Garnett's index, that of host and small spheres together.
+
+    (e - e_h)/(e + 2 e_h) = sum over kinds of f (e_k - e_h)/(e_k + 2 e_h); its real part is the index around the
+    spheres. Source: Bohren and Huffman (1983), section 8.5.
+    """
+    kinds = _list_balls(particles, EFFECTIVE_MEDIUM)
+    _warn_beyond(EFFECTIVE_MEDIUM, volume_fraction)
+    index = find_maxwell_garnett_index(kinds, volume_fraction)
     return particles
 
 
@@ -32,6 +166,8 @@ PACKINGS: dict[
     str, Callable[[Particles, float], Particles]
 ] = {  # by name: particles at a volume fraction, as they scatter
     INDEPENDENT: scatter_independently,
+    PERCUS_YEVICK: scatter_as_hard_spheres,
+    EFFECTIVE_MEDIUM: scatter_in_effective_medium,
 }
 
 
@@ -51,3 +187,26 @@ def pack(particles: Particles, volume_fraction: float, packing: str) -> Particle
     1.0
     """
     return PACKINGS[packing](particles, volume_fraction)
+
+
+def _list_balls(particles: Particles, packing: str) -> list[tuple[Ball, float]]:
+    """What the particles are made of, with number shares that sum to 1. Raises SceneError where that is not known."""
+    if not particles.balls:
+        raise SceneError(
+            f'layer: packing="{packing}" needs spheres of known substance and size, as from vrte.spheres: for other '
+            f'particles there is packing="{INDEPENDENT}"',
+            "packing",
+        )
+    if len({ball.wavelength_um for ball, _ in particles.balls}) > 1:
+        raise SceneError(f'layer: packing="{packing}" needs particles of one wavelength', "packing")
+    total = math.fsum(share for _, share in particles.balls)
+    return [(ball, share / total) for ball, share in particles.balls if share > 0.0]
+
+
+def _warn(words: str) -> None:
+    warnings.warn(f"layer: {words}", PackingWarning, stacklevel=5)
+
+
+def _warn_beyond(packing: str, volume_fraction: float) -> None:
+    if volume_fraction > CROWDED_UP_TO:
+        _warn(f'a volume_fraction of {volume_fraction:g} is above {CROWDED_UP_TO}, up to which packing="{packing}" holds')

@@ -7,7 +7,9 @@ refractive index n + i k.
 
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -177,46 +179,77 @@ def sum_bulk(population: Population) -> Array:
 
 
 def expand_population(population: Population) -> PhaseMatrix:
-    """The six sequences, by Gauss-Legendre quadrature over the cosine of the scattering angle.
+    """The six sequences of spheres that scatter independently.
 
     The elements of F are polynomials of degree 2 n in the cosine (n orders), so 2 n + 1 nodes and as many terms
-    are exact. Source: de Rooij and van der Stap (1984), section 3.
+    are exact.
     """
     terms = 2 * population.a.shape[1] + 1
+    return make_phase_matrix(expand_elements(partial(compute_scattering_elements, population), terms)[0])
+
+
+def expand_elements(find_elements: Callable[[Array], Array], terms: int) -> tuple[Array, float]:
+    """a1, a4, b1, b2, a2 + a3 and a2 - a3 (terms, 6), by Gauss-Legendre quadrature, and the integral of F11.
+
+    ``find_elements`` gives F11 + F33, F11 - F33, F12 and F34 (4, angles) at ascending cosines of the scattering angle.
+    Source: de Rooij and van der Stap (1984), section 3.
+    """
     seconds = cost.SECONDS_OF_TERMS * terms**2
     if seconds > cost.LONG:
         told = f"this will take about {seconds:.0f} s, most of it for a phase matrix of {terms} terms"
-        warnings.warn(f"{told}; smaller particles, or a smaller host_index, take less", LongSolveWarning, stacklevel=3)
+        warnings.warn(f"{told}; smaller particles, or a smaller host_index, take less", LongSolveWarning, stacklevel=4)
     cosine, weights = find_gauss_legendre(terms)
     pieces = range(0, terms, ANGLES_AT_ONCE)
-    elements = [compute_scattering_elements(population, cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]
+    elements = [find_elements(cosine[start : start + ANGLES_AT_ONCE]) for start in pieces]
     plus, minus, f12, f34 = weights * np.concatenate(elements, axis=1)
     plain, crossed = 0.5 * np.stack([plus + minus, plus - minus], axis=1), -np.stack([f12, f34], axis=1)
     sums = project_elements(cosine, plain, crossed, plus, minus, terms)
-    sums *= (2.0 * np.arange(terms)[:, None] + 1.0) / sums[0, 0]
-    kept = 1 + int(np.flatnonzero(np.abs(sums).max(axis=1) > LEFT_OUT)[-1])
-    return PhaseMatrix(*arrange_coefficients(sums[:kept]))
+    integral = float(sums[0, 0])
+    sums *= (2.0 * np.arange(terms)[:, None] + 1.0) / integral
+    return sums, integral
+
+
+def make_phase_matrix(sums: Array) -> PhaseMatrix:
+    """Of what `expand_elements` found, without the terms at the end that hold nothing."""
+    return PhaseMatrix(*arrange_coefficients(sums[: count_terms(sums, LEFT_OUT)]))
+
+
+def count_terms(sums: Array, left_out: float | Array) -> int:
+    """Up to the last one that holds more than what may be left out."""
+    return 1 + int(np.flatnonzero(np.abs(sums).max(axis=1) > left_out)[-1])
 
 
 def compute_scattering_elements(population: Population, cosine: Array) -> Array:
-    """F11 + F33, F11 - F33, F12 and F34 at ``cosine`` (angles,), ascending, averaged over sizes: (4, angles).
-
-    Times k^2. With S1 + S2 = sum (2n+1)(a_n + b_n) d^n_11 and S1 - S2 = sum (2n+1)(a_n - b_n) d^n_1,-1, which are
-    Bohren and Huffman (1983), (4.74), with pi_n +- tau_n = n(n+1) d^n_1,+-1; the elements are their (4.77).
-    """
-    orders = population.a.shape[1]
-    blocks = [block for _, block in compute_wigner_functions(((1, 1), (1, -1)), orders + 1, cosine)]
-    functions = np.concatenate(blocks)[1:] * (2.0 * np.arange(1, orders + 1)[:, None, None] + 1.0)
+    """F11 + F33, F11 - F33, F12 and F34 at ``cosine`` (angles,), ascending, averaged over sizes: (4, angles), by k^2."""
+    functions = compute_angular_functions(population.a.shape[1], cosine)
     elements = np.zeros((4, cosine.size))
     for start in range(0, population.sizes.size, SIZES_AT_ONCE):
         rows = slice(start, start + SIZES_AT_ONCE)
-        a, b, weights = population.a[rows], population.b[rows], population.weights[rows]
-        total, difference = _multiply_real(a + b, functions[:, 0]), _multiply_real(a - b, functions[:, 1])
-        cross = weights @ (total * difference.conj())
-        elements[0] += 0.5 * (weights @ np.abs(total) ** 2)
-        elements[1] += 0.5 * (weights @ np.abs(difference) ** 2)
-        elements[2:] += 0.5 * np.stack([-cross.real, cross.imag])
+        total, difference = find_amplitudes(population.a[rows], population.b[rows], functions)
+        elements += sum_amplitudes(total, difference, population.weights[rows])
     return elements
+
+
+def compute_angular_functions(orders: int, cosine: Array) -> Array:
+    """(2n+1) d^n_11 and (2n+1) d^n_1,-1 of ``cosine`` (angles,), ascending, n >= 1: (orders, 2, angles)."""
+    blocks = [block for _, block in compute_wigner_functions(((1, 1), (1, -1)), orders + 1, cosine)]
+    return np.concatenate(blocks)[1:] * (2.0 * np.arange(1, orders + 1)[:, None, None] + 1.0)
+
+
+def find_amplitudes(a: Complex, b: Complex, functions: Array) -> tuple[Complex, Complex]:
+    """S1 + S2 and S1 - S2 of spheres (sizes, orders), both (sizes, angles).
+
+    S1 + S2 = sum (2n+1)(a_n + b_n) d^n_11 and S1 - S2 = sum (2n+1)(a_n - b_n) d^n_1,-1, which are Bohren and Huffman
+    (1983), (4.74), with pi_n +- tau_n = n(n+1) d^n_1,+-1.
+    """
+    return _multiply_real(a + b, functions[:, 0]), _multiply_real(a - b, functions[:, 1])
+
+
+def sum_amplitudes(total: Complex, difference: Complex, weights: Array) -> Array:
+    """F11 + F33, F11 - F33, F12 and F34 of S1 + S2 and S1 - S2: Bohren and Huffman (1983), (4.77)."""
+    cross = weights @ (total * difference.conj())
+    both = np.stack([weights @ np.abs(total) ** 2, weights @ np.abs(difference) ** 2])
+    return 0.5 * np.concatenate([both, [-cross.real, cross.imag]])
 
 
 def _multiply_real(coefficients: Complex, functions: Array) -> Complex:
