@@ -41,7 +41,7 @@ from vrte.formats.materials import list_materials as materials
 from vrte.formats.size_table import read_sizes
 from vrte.optics.coated_spheres import coated_spheres
 from vrte.optics.convention_card import recognise_convention
-from vrte.optics.crowding import IndependentScatteringWarning
+from vrte.optics.crowding import IndependentScatteringWarning, PackingWarning
 from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
 from vrte.optics.refractive_index import IndexTable, UnitsWarning, refractive_index
@@ -92,6 +92,7 @@ __all__ = [
     "Monodisperse",
     "MuellerBase",
     "NegativeScatteringWarning",
+    "PackingWarning",
     "Particles",
     "PhaseMatrix",
     "Plan",

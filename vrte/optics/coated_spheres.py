@@ -73,6 +73,13 @@ class CoatedBall:
             wavenumber * radius_um,
         )
 
+    def find_permittivity(self, radius_um: float) -> complex:
+        """Source: Bohren and Huffman (1983), (5.36), solved for one substance."""
+        share = (self.find_core_radius(radius_um) / radius_um) ** 3
+        core, shell = self.core.value**2, self.shell.value**2
+        dipole = share * (core - shell) / (core + 2.0 * shell)
+        return shell * (1.0 + 2.0 * dipole) / (1.0 - dipole)
+
     def put_in(self, host: float) -> "CoatedBall":
         return replace(self, host=host)
 

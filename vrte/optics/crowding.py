@@ -5,12 +5,18 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError
+from vrte.optics.effective_medium import (
+    Kinds,
+    find_coherent_potential_index,
+    find_maxwell_garnett_index,
+    list_sizes,
+)
 from vrte.optics.hard_spheres import join_amplitudes
 from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
@@ -31,14 +37,15 @@ from vrte.optics.populations import (
 from vrte.optics.refractive_index import RefractiveIndex
 from vrte.optics.spheres import average_ball
 
-INDEPENDENT, PERCUS_YEVICK, EFFECTIVE_MEDIUM = "independent", "percus-yevick", "effective-medium"
+INDEPENDENT, PERCUS_YEVICK = "independent", "percus-yevick"
+EFFECTIVE_MEDIUM, COHERENT_POTENTIAL = "effective-medium", "coherent-potential"
 INDEPENDENT_UP_TO = 0.1  # volume fraction
 CROWDED_UP_TO = 0.3  # volume fraction of the models of crowding
 RANDOM_CLOSE_PACKING = 0.64  # volume fraction: hard spheres of one size fill no more at random
 # |m - 1|, index relative to the host: at 30 % by volume of m = 1.35 the wavenumber between the spheres, which the
 # structure factor takes for the host's, is by Maxwell Garnett's rule a tenth larger
 SOFT = 0.35
-HALF_A_WAVE = math.pi / 2.0  # size parameter: Maxwell Garnett's spheres are small
+SMALL = 2.0  # size parameter in the host: Maxwell Garnett's rule is for small spheres (docs/particles.md)
 MORE_TERMS = 2  # times those of one sphere to begin with
 ROUNDED = 1e-16  # of a coefficient over (2 l + 1) n^2, n orders: rounding of the cosine near a forward peak leaves less
 
@@ -51,17 +58,41 @@ class IndependentScatteringWarning(PackingWarning):
     """The particles are so close that they no longer scatter independently of each other."""
 
 
-def scatter_independently(particles: Particles, volume_fraction: float) -> Particles:
-    """As if each were alone, which warns above a volume fraction of 0.1."""
+def scatter_alone(particles: Particles, volume_fraction: float) -> Particles:
+    """Each as if there were no others, whatever the volume fraction."""
+    return particles
+
+
+def check_alone(particles: Particles, volume_fraction: float) -> None:
+    """Warns above a volume fraction of 0.1."""
     if volume_fraction > INDEPENDENT_UP_TO:
         others = " or ".join(f'packing="{name}"' for name in PACKINGS if name != INDEPENDENT)
-        warnings.warn(
-            f"layer: a volume_fraction of {volume_fraction:g} is above {INDEPENDENT_UP_TO}: independent scattering, "
-            f"which is assumed here, is doubtful; {others} reckons with neighbours",
+        _warn(
+            f"a volume_fraction of {volume_fraction:g} is above {INDEPENDENT_UP_TO}: independent scattering, which is "
+            f"assumed here, is doubtful; {others} reckons with neighbours",
             IndependentScatteringWarning,
-            stacklevel=4,
         )
-    return particles
+
+
+def check_hard_spheres(particles: Particles, volume_fraction: float) -> None:
+    """Warns above a volume fraction of 0.3 and an |m - 1| of 0.35. Raises SceneError above random close packing."""
+    if volume_fraction > RANDOM_CLOSE_PACKING:
+        raise SceneError.of(
+            "layer: volume_fraction",
+            f'must be at most {RANDOM_CLOSE_PACKING} for packing="{PERCUS_YEVICK}", not {volume_fraction:g}: hard '
+            "spheres fill no more at random",
+        )
+    if volume_fraction > CROWDED_UP_TO:
+        _warn(
+            f'a volume_fraction of {volume_fraction:g} is above {CROWDED_UP_TO}, where packing="{PERCUS_YEVICK}" ends'
+        )
+    if particles.balls:
+        contrast = float(np.abs(np.sqrt(list_sizes(particles.balls)[2]) / particles.balls[0][0].host - 1.0).max())
+        if contrast > SOFT:
+            _warn(
+                f'packing="{PERCUS_YEVICK}" is meant for spheres of nearly their host\'s index: |m - 1| is '
+                f'{contrast:.2g} here, and up to {SOFT} allowed; packing="{COHERENT_POTENTIAL}" takes more'
+            )
 
 
 def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Particles:
@@ -69,23 +100,9 @@ def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Par
 
     F11 = 1/2 sum over pairs of sqrt(n_i n_j) (S1_i S1_j* + S2_i S2_j*) S_ij(q), with q = 2 k sin(theta/2) in the host
     and diameters of the spheres, the other elements likewise; of one size it is S(q) F. Expanded anew, with twice as
-    many terms until those left out are below 1e-12. Raises SceneError above random close packing, 0.64.
+    many nodes until the terms left out are below 1e-12, or what rounding leaves of them.
     """
-    kinds = _list_balls(particles, PERCUS_YEVICK)
-    if volume_fraction > RANDOM_CLOSE_PACKING:
-        raise SceneError.of(
-            "layer: volume_fraction",
-            f'must be at most {RANDOM_CLOSE_PACKING} for packing="{PERCUS_YEVICK}", not {volume_fraction:g}: hard '
-            "spheres fill no more at random",
-        )
-    _warn_beyond(PERCUS_YEVICK, volume_fraction)
-    for ball, _ in kinds:
-        contrast = abs(_find_relative_index(ball) - 1.0)
-        if contrast > SOFT:
-            _warn(
-                f'packing="{PERCUS_YEVICK}" is meant for spheres of nearly their host\'s index: |m - 1| is '
-                f'{contrast:.2g} here, and up to {SOFT} allowed; packing="{EFFECTIVE_MEDIUM}" is another guess'
-            )
+    kinds = _share_out(particles)
     populations = [settle_population(ball)[0] for ball, _ in kinds]
     factor = 2.0 * math.pi / find_wavenumber(kinds[0][0]) ** 2
     absorbed = 0.0
@@ -103,7 +120,7 @@ def scatter_as_hard_spheres(particles: Particles, volume_fraction: float) -> Par
         extinction_um2=scattering + absorbed,
         scattering_um2=scattering,
         volume_um3=4.0 / 3.0 * math.pi * float(everything.weights @ everything.radii**3),
-        description=f"{particles.description}, hard spheres at {volume_fraction:g} of the volume after Percus and Yevick",
+        description=f"{particles.description}, {PERCUS_YEVICK} at {volume_fraction:g} of the volume",
     )
 
 
@@ -150,24 +167,61 @@ def _join_populations(populations: Sequence[Population], shares: Sequence[float]
     return Population(join("radii"), join("sizes"), weights, pad("a"), pad("b"))
 
 
-def scatter_in_effective_medium(particles: Particles, volume_fraction: float) -> Particles:
-    """Each sphere alone in a medium of Maxwell Garnett's index, that of host and small spheres together.
+def check_effective_medium(particles: Particles, volume_fraction: float) -> None:
+    """Warns above a volume fraction of 0.3 and an effective radius of size parameter 2."""
+    check_coherent_potential(particles, volume_fraction, EFFECTIVE_MEDIUM, stacklevel=6)
+    if particles.balls:
+        radii, weights, _ = list_sizes(particles.balls)
+        effective = float(weights @ radii**3) / float(weights @ radii**2)
+        size = find_wavenumber(particles.balls[0][0]) * effective
+        if size > SMALL:
+            _warn(
+                f'packing="{EFFECTIVE_MEDIUM}" is meant for small spheres: the size parameter of their effective '
+                f'radius is {size:.3g} here, and up to {SMALL:g} allowed; packing="{COHERENT_POTENTIAL}" takes more'
+            )
 
-    (e - e_h)/(e + 2 e_h) = sum over kinds of f (e_k - e_h)/(e_k + 2 e_h); its real part is the index around the
-    spheres. Source: Bohren and Huffman (1983), section 8.5.
-    """
-    kinds = _list_balls(particles, EFFECTIVE_MEDIUM)
-    _warn_beyond(EFFECTIVE_MEDIUM, volume_fraction)
-    index = find_maxwell_garnett_index(kinds, volume_fraction)
-    return particles
+
+def check_coherent_potential(
+    particles: Particles, volume_fraction: float, packing: str = COHERENT_POTENTIAL, stacklevel: int = 5
+) -> None:
+    """Warns above a volume fraction of 0.3."""
+    if volume_fraction > CROWDED_UP_TO:
+        said = f'a volume_fraction of {volume_fraction:g} is above {CROWDED_UP_TO}, where packing="{packing}" ends'
+        _warn(said, stacklevel=stacklevel)
 
 
-PACKINGS: dict[
-    str, Callable[[Particles, float], Particles]
-] = {  # by name: particles at a volume fraction, as they scatter
-    INDEPENDENT: scatter_independently,
-    PERCUS_YEVICK: scatter_as_hard_spheres,
-    EFFECTIVE_MEDIUM: scatter_in_effective_medium,
+def scatter_in_medium(
+    particles: Particles, volume_fraction: float, find_index: Callable[[Kinds, float], float]
+) -> Particles:
+    """Each sphere alone, in a medium whose index is that of host and spheres together."""
+    kinds = _share_out(particles)
+    around = RefractiveIndex(find_index(kinds, volume_fraction), 0.0, "of host and spheres together")
+    alone = mixture([(average_ball(ball.put_in(around.n), around), share) for ball, share in kinds])
+    return replace(
+        alone,
+        host_index=particles.host_index,
+        host_absorption=particles.host_absorption,
+        balls=particles.balls,
+        description=f"{alone.description}: what {volume_fraction:g} of the volume make of their medium",
+    )
+
+
+class Packing(NamedTuple):
+    """A model of crowding: what it refuses and warns of, and particles at a volume fraction as they scatter there."""
+
+    check: Callable[[Particles, float], None]
+    scatter: Callable[[Particles, float], Particles]
+
+
+PACKINGS: dict[str, Packing] = {
+    INDEPENDENT: Packing(check_alone, scatter_alone),
+    PERCUS_YEVICK: Packing(check_hard_spheres, scatter_as_hard_spheres),
+    EFFECTIVE_MEDIUM: Packing(
+        check_effective_medium, partial(scatter_in_medium, find_index=find_maxwell_garnett_index)
+    ),
+    COHERENT_POTENTIAL: Packing(
+        check_coherent_potential, partial(scatter_in_medium, find_index=find_coherent_potential_index)
+    ),
 }
 
 
@@ -186,27 +240,25 @@ def pack(particles: Particles, volume_fraction: float, packing: str) -> Particle
     >>> pack(spheres(1.5, radius_um=0.1, wavelength_um=0.5), 0.01, "independent").albedo
     1.0
     """
-    return PACKINGS[packing](particles, volume_fraction)
-
-
-def _list_balls(particles: Particles, packing: str) -> list[tuple[Ball, float]]:
-    """What the particles are made of, with number shares that sum to 1. Raises SceneError where that is not known."""
-    if not particles.balls:
+    if packing != INDEPENDENT and not (particles.balls or particles.stands_in):
         raise SceneError(
-            f'layer: packing="{packing}" needs spheres of known substance and size, as from vrte.spheres: for other '
-            f'particles there is packing="{INDEPENDENT}"',
+            f'layer: packing="{packing}" needs spheres of known substance and size, as from vrte.spheres: other '
+            f'particles take packing="{INDEPENDENT}"',
             "packing",
         )
-    if len({ball.wavelength_um for ball, _ in particles.balls}) > 1:
-        raise SceneError(f'layer: packing="{packing}" needs particles of one wavelength', "packing")
+    if len({ball.wavelength_um for ball, _ in particles.balls}) > 1 and packing != INDEPENDENT:
+        raise SceneError(f'layer: packing="{packing}" needs particles at one wavelength', "packing")
+    model = PACKINGS[packing]
+    model.check(particles, volume_fraction)
+    return particles if particles.stands_in else model.scatter(particles, volume_fraction)
+
+
+def _share_out(particles: Particles) -> list[tuple[Ball, float]]:
+    """What spheres are made of, with number shares that sum to 1."""
     total = math.fsum(share for _, share in particles.balls)
     return [(ball, share / total) for ball, share in particles.balls if share > 0.0]
 
 
-def _warn(words: str) -> None:
-    warnings.warn(f"layer: {words}", PackingWarning, stacklevel=5)
-
-
-def _warn_beyond(packing: str, volume_fraction: float) -> None:
-    if volume_fraction > CROWDED_UP_TO:
-        _warn(f'a volume_fraction of {volume_fraction:g} is above {CROWDED_UP_TO}, up to which packing="{packing}" holds')
+def _warn(words: str, category: type[Warning] = PackingWarning, stacklevel: int = 5) -> None:
+    """Where `Layer.of` is called: that calls `pack`, which calls a check, which calls this."""
+    warnings.warn(f"layer: {words}", category, stacklevel=stacklevel)

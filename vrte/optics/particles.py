@@ -35,6 +35,8 @@ class Particles:
         Of that medium [1/um], 4 pi k/wavelength: what it takes of the light between them.
     balls : tuple of (Ball, float)
         What spheres among them are made of, with number shares; empty where that is not known, or not all are spheres.
+    stands_in : bool
+        Whether these are none, but something to go on with while a scene is only checked.
 
     Raises
     ------
@@ -56,6 +58,7 @@ class Particles:
     host_index: float | None = None
     host_absorption: float = 0.0
     balls: tuple[tuple[Ball, float], ...] = ()
+    stands_in: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.phase_matrix, PhaseMatrix):
@@ -148,5 +151,6 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
         balls=tuple((ball, share * inner) for kind, share in pairs for ball, inner in kind.balls)
         if all(kind.balls for kind, _ in pairs)
         else (),
+        stands_in=any(kind.stands_in for kind, _ in pairs),
         description="; ".join(f"{share / total:.6g} of {kind.description}" for kind, share in pairs),
     )

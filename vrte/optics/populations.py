@@ -68,6 +68,9 @@ class Ball(Protocol):
     def find_coefficients(self, radius_um: float) -> tuple[Complex, Complex]:
         """a_n and b_n from n = 1 of a sphere of this outer radius."""
 
+    def find_permittivity(self, radius_um: float) -> complex:
+        """Of a homogeneous sphere that a static field polarizes as much as one of this outer radius."""
+
     def put_in(self, host: float) -> "Ball":
         """The same in a medium of another index."""
 
@@ -220,7 +223,10 @@ def count_terms(sums: Array, left_out: float | Array) -> int:
 
 
 def compute_scattering_elements(population: Population, cosine: Array) -> Array:
-    """F11 + F33, F11 - F33, F12 and F34 at ``cosine`` (angles,), ascending, averaged over sizes: (4, angles), by k^2."""
+    """F11 + F33, F11 - F33, F12 and F34 at ``cosine`` (angles,), ascending, averaged over sizes: (4, angles).
+
+    Times k^2.
+    """
     functions = compute_angular_functions(population.a.shape[1], cosine)
     elements = np.zeros((4, cosine.size))
     for start in range(0, population.sizes.size, SIZES_AT_ONCE):

@@ -61,6 +61,9 @@ class HomogeneousBall:
     def find_coefficients(self, radius_um: float) -> tuple[Complex, Complex]:
         return compute_mie_coefficients(self.relative_index, find_wavenumber(self) * radius_um)
 
+    def find_permittivity(self, radius_um: float) -> complex:
+        return self.index.value**2
+
     def put_in(self, host: float) -> "HomogeneousBall":
         return replace(self, host=host)
 
@@ -228,6 +231,7 @@ def check_ball(ball: Ball, host: RefractiveIndex) -> Particles:
         host_index=host.n,
         host_absorption=find_absorption(host, ball.wavelength_um),
         balls=((ball, 1.0),),
+        stands_in=True,
     )
 
 

@@ -92,14 +92,17 @@ class Layer:
         volume_fraction : float
             What part of the layer is particles, between 0 and 1. With ``thickness`` it is needed where the host absorbs
             or the packing is not independent, and refused elsewhere.
-        packing : {"independent", "percus-yevick", "effective-medium"}
-            How their being close is reckoned with (docs/particles.md); independently, with an
-            IndependentScatteringWarning above a volume fraction of 0.1.
+        packing : {"independent", "percus-yevick", "effective-medium", "coherent-potential"}
+            How their being close is reckoned with: not at all; by the structure factor of hard spheres, all sizes of
+            them; or by an effective index of the medium around each sphere, Maxwell Garnett's or the coherent
+            potential's. Each has its domain (docs/particles.md), outside of which a PackingWarning says so;
+            independence up to a volume fraction of 0.1, the others up to 0.3.
 
         Returns
         -------
         Layer
-            What the host absorbs between the particles counts as extinction without scattering.
+            What the host absorbs between the particles counts as extinction without scattering. Its ``host_index`` is
+            that of the host, whatever the packing: surfaces are of binder.
 
         Raises
         ------

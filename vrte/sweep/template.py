@@ -302,7 +302,7 @@ def list_roughnesses(sweep: Sweep, with_base: bool = True) -> set[float]:
 def make_unseen_particles(source: str, given: dict[str, Any]) -> Particles:
     """What stands for particles while only the form of a file is looked at, and which media fit together."""
     host = find_host_index(given.get("host_index", 1.0), given["wavelength_um"])
-    return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0, host_index=host.n)
+    return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0, host_index=host.n, stands_in=True)
 
 
 def make_scene_at(sweep: Sweep, place: tuple[int, ...], compute: Compute) -> SceneFile:
