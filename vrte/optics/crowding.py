@@ -45,7 +45,9 @@ RANDOM_CLOSE_PACKING = 0.64  # volume fraction: hard spheres of one size fill no
 # |m - 1|, index relative to the host: at 30 % by volume of m = 1.35 the wavenumber between the spheres, which the
 # structure factor takes for the host's, is by Maxwell Garnett's rule a tenth larger
 SOFT = 0.35
-SMALL = 2.0  # size parameter in the host: Maxwell Garnett's rule is for small spheres (docs/particles.md)
+# phase shift of light through a sphere, 2 k r |m - 1|: up to here and m = 1.8, Maxwell Garnett's index and the coherent
+# potential's lead to transport lengths within a quarter of each other
+SHIFTED = 3.0
 MORE_TERMS = 2  # times those of one sphere to begin with
 ROUNDED = 1e-16  # of a coefficient over (2 l + 1) n^2, n orders: rounding of the cosine near a forward peak leaves less
 
@@ -168,16 +170,17 @@ def _join_populations(populations: Sequence[Population], shares: Sequence[float]
 
 
 def check_effective_medium(particles: Particles, volume_fraction: float) -> None:
-    """Warns above a volume fraction of 0.3 and an effective radius of size parameter 2."""
+    """Warns above a volume fraction of 0.3, and where the phase shift 2 k r |m - 1| is above 3 for the mean sphere."""
     check_coherent_potential(particles, volume_fraction, EFFECTIVE_MEDIUM, stacklevel=6)
     if particles.balls:
-        radii, weights, _ = list_sizes(particles.balls)
-        effective = float(weights @ radii**3) / float(weights @ radii**2)
-        size = find_wavenumber(particles.balls[0][0]) * effective
-        if size > SMALL:
+        radii, weights, permittivities = list_sizes(particles.balls)
+        ball = particles.balls[0][0]
+        contrast = np.abs(np.sqrt(permittivities) / ball.host - 1.0)
+        shift = 2.0 * find_wavenumber(ball) * float(weights @ (radii**3 * contrast)) / float(weights @ radii**2)
+        if shift > SHIFTED:
             _warn(
-                f'packing="{EFFECTIVE_MEDIUM}" is meant for small spheres: the size parameter of their effective '
-                f'radius is {size:.3g} here, and up to {SMALL:g} allowed; packing="{COHERENT_POTENTIAL}" takes more'
+                f'packing="{EFFECTIVE_MEDIUM}" is for small spheres: the phase shift 2 k r |m - 1| is {shift:.3g} '
+                f'here, and up to {SHIFTED:g} allowed; packing="{COHERENT_POTENTIAL}" takes more'
             )
 
 

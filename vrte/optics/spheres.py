@@ -159,7 +159,7 @@ def check_phase(relative_index: float, size: float, radius_um: float) -> None:
 
 def check_light(wavelength_um: Any, host_index: Material) -> tuple[RefractiveIndex, float]:
     """The index of the medium around particles, and the wavelength in vacuum [um]. Raises SceneError."""
-    wavelength = check_number("wavelength_um", wavelength_um, 0.0, math.inf, "a length")
+    wavelength = check_number("wavelength_um", wavelength_um, 5e-324, math.inf, "a length above 0")
     return find_host_index(host_index, wavelength), wavelength
 
 

@@ -167,7 +167,9 @@ class Layer:
         >>> round(Layer.clear(100.0, (1.5, 1e-4), 0.5).thickness, 6)
         0.251327
         """
-        host = find_host_index(host_index, check_number("wavelength_um", wavelength_um, 0.0, math.inf, "a length"))
+        host = find_host_index(
+            host_index, check_number("wavelength_um", wavelength_um, 5e-324, math.inf, "a length above 0")
+        )
         length = check_number(
             "layer: thickness_um", thickness_um, 0.0, LARGEST_THICKNESS, "a length in micrometres >= 0"
         )

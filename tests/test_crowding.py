@@ -1,0 +1,310 @@
+"""Crowded particles: hard spheres of one and many sizes, effective media, and where each of them ends."""
+
+import math
+import warnings
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import vrte
+from tests.crowding_oracle import (
+    amplitudes_by_textbook,
+    structure_factor_by_wertheim,
+    structure_matrix_by_grid,
+    structure_matrix_by_integration,
+)
+from vrte.optics.coated_spheres import compute_coated_coefficients
+from vrte.optics.crowding import PACKINGS, pack
+from vrte.optics.effective_medium import find_coherent_potential_index, find_maxwell_garnett_index
+from vrte.optics.hard_spheres import compute_structure_factor, join_amplitudes
+from vrte.optics.spheres import compute_mie_coefficients
+from vrte.scene.layer import Layer
+
+ANGLES = np.array([0.0, 3.0, 20.0, 77.0, 121.0, 170.0, 180.0])
+SIZES = {"wavelength_um": 0.6, "host_index": 1.33}
+
+
+def latex(radius_um: float = 0.2, **how: Any) -> vrte.Particles:
+    """Polystyrene in water."""
+    return vrte.spheres(1.59, radius_um=radius_um, **(SIZES | how))
+
+
+def rutile(**how: Any) -> vrte.Particles:
+    """Titania in resin, in green light."""
+    return vrte.spheres(2.7, wavelength_um=0.55, host_index=1.5, **({"radius_um": 0.1} | how))
+
+
+def structure_matrix(q: float, radii: np.ndarray, shares: np.ndarray, fraction: float) -> np.ndarray:
+    """S_ij(q) as `join_amplitudes` has it: what becomes of one size's amplitude, for each size."""
+    one_each = np.eye(radii.size, dtype=np.complex128)[:, :, None]
+    joined = join_amplitudes(one_each, np.array([q]), radii, shares, fraction)[:, :, 0]
+    return joined @ joined.conj().T
+
+
+def test_structure_factor_of_one_size_has_its_known_values():
+    found = compute_structure_factor([2.0, 5.0, 7.0, 20.0], 0.5, 0.2)
+    np.testing.assert_allclose(found, [0.27826114, 1.00833682, 1.13690732, 1.00852169], atol=6e-9)
+    np.testing.assert_allclose(compute_structure_factor([7.0], 0.5, 0.4), 1.83438842, atol=6e-9)
+
+
+@pytest.mark.parametrize("fraction", [1e-6, 0.05, 0.2, 0.4, 0.6])
+def test_structure_factor_of_one_size_keeps_all_digits_at_any_angle(fraction):
+    x = [1e-8, 1e-5, 1e-3, 0.01, 0.1, 0.5, 1.0, 3.0, 7.0, 30.0, 500.0]
+    exact = [structure_factor_by_wertheim(one, fraction) for one in x]
+    np.testing.assert_allclose(compute_structure_factor(x, 0.5, fraction), exact, rtol=1e-12)
+    np.testing.assert_allclose(
+        compute_structure_factor([0.0], 0.5, fraction), (1.0 - fraction) ** 4 / (1.0 + 2.0 * fraction) ** 2, rtol=1e-13
+    )
+
+
+def test_two_equal_sizes_are_one():
+    q = np.linspace(0.0, 40.0, 9)
+    together = join_amplitudes(
+        np.sqrt([[[0.3]], [[0.7]]]).reshape(1, 2, 1) + 0j * q, q, np.full(2, 0.4), np.array([0.3, 0.7]), 0.3
+    )
+    np.testing.assert_allclose(
+        np.sum(np.abs(together[0]) ** 2, axis=0), compute_structure_factor(q, 0.4, 0.3), rtol=1e-12
+    )
+
+
+@pytest.mark.parametrize("q", [0.0, 0.7, 5.0, 31.0])
+def test_mixture_is_that_of_the_dense_matrix(q):
+    radii, shares, fraction = np.array([0.1, 0.25, 0.4, 0.41]), np.array([3.0, 1.0, 0.5, 0.2]), 0.35
+    densities = shares * fraction / (4.0 / 3.0 * math.pi * shares @ radii**3)
+    dense = structure_matrix_by_integration(q, 2.0 * radii, densities)
+    assert np.abs(dense.imag).max() < 1e-12
+    np.testing.assert_allclose(structure_matrix(q, radii, shares, fraction), dense, atol=1e-12)
+
+
+def test_mixture_obeys_the_ornstein_zernike_equation():
+    """A solution on a grid comes nearer with the square of its step."""
+    diameters, densities = np.array([0.6, 1.4]), np.array([0.3, 0.1])
+    fraction, errors = math.pi / 6.0 * densities @ diameters**3, []
+    for steps, points in ((21, 1024), (63, 4096)):  # 0.6, 1 and 1.4 lie halfway between points
+        q, found = structure_matrix_by_grid(diameters, densities, step=0.4 / steps, points=points, rounds=100)
+        near = np.searchsorted(q, [0.5, 2.0, 4.0, 6.5, 11.0])
+        exact = [structure_matrix(one, 0.5 * diameters, densities, fraction) for one in q[near]]
+        errors.append(np.abs(found[near] - exact).max())
+    assert errors[0] < 1e-4
+    assert errors[1] < errors[0] / 8.0
+
+
+def test_nothing_interferes_where_there_is_nobody():
+    alone = latex()
+    packed = pack(alone, 5e-324, "percus-yevick")
+    np.testing.assert_array_equal(compute_structure_factor([0.0, 1.0, 10.0], 0.3, 0.0), 1.0)
+    n = alone.phase_matrix.terms
+    assert packed.scattering_um2 == pytest.approx(alone.scattering_um2, rel=1e-14)
+    np.testing.assert_allclose(packed.phase_matrix.coefficients[:, :n], alone.phase_matrix.coefficients, atol=2e-13)
+    assert np.abs(packed.phase_matrix.coefficients[:, n:]).max(initial=0.0) < 2e-12
+    for name in ("effective-medium", "coherent-potential"):
+        assert pack(alone, 1e-12, name).scattering_um2 == pytest.approx(alone.scattering_um2, rel=1e-10)
+
+
+@pytest.mark.parametrize("fraction", [0.05, 0.3])
+def test_one_size_scatters_its_own_matrix_times_the_structure_factor(fraction):
+    alone = latex(index := 0.25)
+    packed = pack(alone, fraction, "percus-yevick")
+    q = 4.0 * math.pi * 1.33 / 0.6 * np.sin(np.radians(ANGLES) / 2.0)
+    expected = compute_structure_factor(q, index, fraction)[:, None, None] * alone.phase_matrix.scattering_matrix(
+        ANGLES
+    )
+    found = packed.phase_matrix.scattering_matrix(ANGLES) * packed.scattering_um2 / alone.scattering_um2
+    np.testing.assert_allclose(found, expected, atol=1e-10)
+
+
+def test_a_mixture_is_the_sum_over_all_pairs():
+    """Two substances and three sizes, every pair of amplitudes by itself: all elements of the matrix."""
+    radii, indices, shares = [0.1, 0.2, 0.3], [1.59, 1.45, 1.59 + 0.02j], [0.5, 0.3, 0.2]
+    kinds = [vrte.spheres(m, radius_um=r, **SIZES) for m, r in zip(indices, radii, strict=True)]
+    packed = pack(vrte.mixture(list(zip(kinds, shares, strict=True))), 0.25, "percus-yevick")
+    wavenumber = 2.0 * math.pi * 1.33 / 0.6
+    volume = 4.0 / 3.0 * math.pi * np.dot(shares, np.power(radii, 3))
+    densities = np.array(shares) * 0.25 / volume
+    for angle in ANGLES[1:-1]:
+        cosine = math.cos(math.radians(angle))
+        q = 2.0 * wavenumber * math.sin(math.radians(angle) / 2.0)
+        matrix = structure_matrix_by_integration(q, 2.0 * np.array(radii), densities).real
+        fields = [amplitudes_by_textbook(m / 1.33, wavenumber * r, cosine) for m, r in zip(indices, radii, strict=True)]
+        sums = np.zeros(3, dtype=np.complex128)
+        for i, (one, two) in enumerate(fields):
+            for j, (other, another) in enumerate(fields):
+                weight = math.sqrt(shares[i] * shares[j]) * matrix[i, j]
+                sums += weight * np.array([abs_product(one, other), abs_product(two, another), two * np.conj(other)])
+        first, second, cross = sums
+        f = np.array([0.5 * (first + second), 0.5 * (second - first), cross.real, cross.imag]).real
+        found = packed.phase_matrix.scattering_matrix(angle)[[0, 0, 2, 2], [0, 1, 2, 3]]
+        # of one particle: dC/dOmega = F11/k^2, whose mean over the sphere is C/(4 pi)
+        expected = 4.0 * math.pi / (wavenumber**2 * packed.scattering_um2) * f
+        np.testing.assert_allclose(found, expected, atol=1e-10 * expected[0])
+    absorbed = sum(
+        share * (kind.extinction_um2 - kind.scattering_um2) for kind, share in zip(kinds, shares, strict=True)
+    )
+    assert packed.extinction_um2 - packed.scattering_um2 == pytest.approx(absorbed, rel=1e-12)
+    assert packed.volume_um3 == pytest.approx(volume)
+    assert [ball.size.radius_um for ball, _ in packed.balls] == radii
+
+
+def abs_product(one: complex, other: complex) -> complex:
+    return one * np.conj(other)
+
+
+@pytest.mark.parametrize(("diameter", "wavelength"), [(0.3, 0.5), (0.46, 0.65)])
+@pytest.mark.parametrize("fraction", [0.01, 0.1, 0.2, 0.3, 0.4])
+def test_transport_length_of_a_latex_is_the_textbook_integral(diameter, wavelength, fraction):
+    """1/l* = n pi/k^6 int_0^2k F(q) S(q) q^3 dq, with F = (|S1|^2 + |S2|^2)/2 of amplitudes without dimension."""
+    radius, m = 0.5 * diameter, 1.59 / 1.33
+    k = 2.0 * math.pi * 1.33 / wavelength
+    number = fraction / (4.0 / 3.0 * math.pi * radius**3)
+
+    def integrand(q: float) -> float:
+        s1, s2 = amplitudes_by_textbook(m, k * radius, 1.0 - 0.5 * (q / k) ** 2)
+        return 0.5 * (abs(s1) ** 2 + abs(s2) ** 2) * structure_factor_by_wertheim(q * diameter, fraction) * q**3
+
+    # dsigma = F11/k^2 2 pi sin d(theta), 1 - cos = q^2/2k^2, sin d(theta) = q dq/k^2
+    rate = number * math.pi / k**6 * quad(integrand, 1e-9, 2.0 * k, epsabs=0.0, epsrel=1e-9, limit=200)[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", vrte.PackingWarning)
+        packed = pack(latex(radius, wavelength_um=wavelength), fraction, "percus-yevick")
+    found = fraction / packed.volume_um3 * packed.scattering_um2 * (1.0 - packed.asymmetry)
+    assert found == pytest.approx(rate, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", list(PACKINGS))
+def test_no_photon_is_lost_between_neighbours(name):
+    pigment = vrte.spheres(1.7, size=vrte.Lognormal(0.1, 1.3), wavelength_um=0.55, host_index=1.5)
+    layer = Layer.of(pigment, thickness_um=10.0, volume_fraction=0.08, packing=name)
+    assert (layer.albedo, layer.phase_matrix.a1[0]) == (1.0, 1.0)
+    field = vrte.radiance(vrte.Scene([layer], vrte.Lambertian(1.0)), 0.6, mu=[], tau=[0.0], nodes=8)
+    assert field.flux_up[0] == pytest.approx(0.6, rel=1e-10)
+
+
+@pytest.mark.parametrize("name", ["percus-yevick", "effective-medium", "coherent-potential"])
+def test_absorption_stays_and_host_and_recipe_are_kept(name):
+    brown = vrte.spheres((1.7, 0.05), size=vrte.Gamma(0.1, 0.1), wavelength_um=0.55, host_index=(1.5, 1e-4))
+    packed = pack(brown, 0.2, name)
+    assert (packed.host_index, packed.host_absorption, packed.balls) == (1.5, brown.host_absorption, brown.balls)
+    assert packed.volume_um3 == pytest.approx(brown.volume_um3, rel=1e-9)
+    absorbed = [one.extinction_um2 - one.scattering_um2 for one in (packed, brown)]
+    assert absorbed[0] == pytest.approx(absorbed[1], rel=1e-12 if name == "percus-yevick" else 0.05)
+
+
+def test_maxwell_garnett_is_the_rule_by_hand():
+    kinds = vrte.mixture([(latex(0.01), 0.25), (vrte.spheres((1.2, 2.0), radius_um=0.02, **SIZES), 0.75)]).balls
+    volumes = np.array([0.25 * 0.01**3, 0.75 * 0.02**3])
+    host, inside = 1.33**2, np.array([1.59, 1.2 + 2.0j]) ** 2
+    sums = 0.3 * (volumes / volumes.sum()) @ ((inside - host) / (inside + 2.0 * host))
+    # (e - h)/(e + 2 h) of the effective one, root of it
+    root = np.sqrt(find_maxwell_garnett_complex(host, sums))
+    assert find_maxwell_garnett_index(kinds, 0.3) == pytest.approx(root.real, rel=1e-13)
+
+
+def find_maxwell_garnett_complex(host: float, dipoles: complex) -> complex:
+    """Solved by bisection's cousin: Newton's steps on (e - h)/(e + 2 h) - dipoles."""
+    e = complex(host)
+    for _ in range(50):
+        e -= ((e - host) / (e + 2.0 * host) - dipoles) * (e + 2.0 * host) ** 2 / (3.0 * host)
+    return e
+
+
+def test_coherent_potential_of_small_spheres_is_maxwell_garnetts():
+    for fraction in (0.01, 0.2, 0.4):
+        small = rutile(radius_um=0.002).balls
+        expected = find_maxwell_garnett_index(small, fraction)
+        assert find_coherent_potential_index(small, fraction) == pytest.approx(
+            expected, abs=1e-4 * (expected - 1.5) + 2e-5
+        )
+
+
+def test_coherent_potential_of_few_spheres_is_van_de_hulsts():
+    """n = n_host (1 - 2 pi N Im S(0)/k^3): van de Hulst (1957), 4.3."""
+    some = vrte.spheres(2.7, radius_um=0.2, wavelength_um=0.55, host_index=1.5)
+    k = 2.0 * math.pi * 1.5 / 0.55
+    a, b = compute_mie_coefficients(2.7 / 1.5, 0.2 * k)
+    forward = 0.5 * np.sum((2 * np.arange(1, a.size + 1) + 1) * (a + b))
+    rise = -2.0 * math.pi * 1e-6 / (4.0 / 3.0 * math.pi * 0.2**3) * forward.imag / k**3 * 1.5
+    assert find_coherent_potential_index(some.balls, 1e-6) - 1.5 == pytest.approx(rise, rel=0.03)
+
+
+@pytest.mark.parametrize("fraction", [0.05, 0.3])
+def test_coherent_potential_leaves_the_phase_of_light_alone(fraction):
+    index = find_coherent_potential_index(rutile().balls, fraction)
+    k = 2.0 * math.pi * index / 0.55
+    a, b = compute_coated_coefficients(2.7 / index, 1.5 / index, k * 0.1, k * 0.1 * fraction ** (-1.0 / 3.0))
+    forward = np.sum((2 * np.arange(1, a.size + 1) + 1) * (a + b))
+    assert abs(forward.imag) < 1e-9 * abs(forward)
+    packed = pack(rutile(), fraction, "coherent-potential")
+    alone = vrte.spheres(2.7, radius_um=0.1, wavelength_um=0.55, host_index=index)
+    assert packed.scattering_um2 == pytest.approx(alone.scattering_um2, rel=1e-12)
+    np.testing.assert_allclose(packed.phase_matrix.a1, alone.phase_matrix.a1, atol=1e-12)
+
+
+def test_a_coated_sphere_has_the_permittivity_that_its_dipole_says():
+    tiny = vrte.coated_spheres((1.0, 0.0), 1.59, core_ratio=0.8, radius_um=1e-4, wavelength_um=0.55, host_index=1.33)
+    ((ball, _),) = tiny.balls
+    inside, host = ball.find_permittivity(1e-4), 1.33**2
+    a, _ = ball.find_coefficients(1e-4)
+    x = 2.0 * math.pi * 1.33 / 0.55 * 1e-4
+    assert a[0].imag == pytest.approx(-2.0 / 3.0 * x**3 * ((inside - host) / (inside + 2.0 * host)).real, rel=1e-5)
+    assert pack(tiny, 0.2, "coherent-potential").albedo == 1.0
+
+
+def test_no_word_is_said_within_the_domains():
+    Layer.of(latex(), thickness_um=1.0, volume_fraction=0.3, packing="percus-yevick")
+    Layer.of(rutile(), thickness_um=1.0, volume_fraction=0.3, packing="effective-medium")
+    Layer.of(rutile(radius_um=0.13), thickness=1.0, volume_fraction=0.3, packing="coherent-potential")
+
+
+@pytest.mark.parametrize(
+    ("particles", "fraction", "packing", "words"),
+    [
+        (latex, 0.11, "independent", r'0.11 is above 0.1: .*; packing="percus-yevick" or .* reckons with neighbours'),
+        (latex, 0.31, "percus-yevick", r"volume_fraction of 0.31 is above 0.3"),
+        (rutile, 0.2, "percus-yevick", r'\|m - 1\| is 0.8 here, and up to 0.35 allowed; packing="coherent-potential"'),
+        (latex, 0.31, "effective-medium", r"volume_fraction of 0.31 is above 0.3"),
+        (partial(rutile, radius_um=0.13), 0.2, "effective-medium", r"\|m - 1\| is 3.56 here, and up to 3 allowed"),
+        (latex, 0.31, "coherent-potential", r"volume_fraction of 0.31 is above 0.3"),
+    ],
+)
+def test_outside_of_a_domain_a_warning_says_what_is_allowed(particles, fraction, packing, words):
+    given = particles()
+    with pytest.warns(vrte.PackingWarning, match=words) as told:
+        Layer.of(given, thickness_um=1.0, volume_fraction=fraction, packing=packing)
+    assert told[0].filename == __file__
+
+
+@pytest.mark.parametrize(
+    ("particles", "fraction", "packing", "words"),
+    [
+        (latex, 0.65, "percus-yevick", r"volume_fraction must be at most 0.64 .*, not 0.65: hard spheres"),
+        (latex, 0.2, "crystal", r'packing must be "independent" or "percus-yevick" or .*, not \'crystal\''),
+        *(
+            (
+                lambda: vrte.Particles(vrte.rayleigh(), 1.0, 0.0, 1.0, 1.0, 1.0),
+                0.2,
+                packing,
+                r"of known substance and size",
+            )
+            for packing in PACKINGS
+            if packing != "independent"
+        ),
+        (lambda: vrte.spheres((0.2, 3.4), radius_um=0.05, wavelength_um=0.6), 0.5, "coherent-potential", "no solution"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::vrte.PackingWarning", "ignore::vrte.IndependentScatteringWarning")
+def test_what_a_packing_cannot_do_is_refused(particles, fraction, packing, words):
+    with pytest.raises(vrte.SceneError, match=words):
+        Layer.of(particles(), thickness_um=1.0, volume_fraction=fraction, packing=packing)
+
+
+@pytest.mark.slow
+def test_large_spheres_settle():
+    packed = pack(latex(1.5), 0.3, "percus-yevick")
+    q = 4.0 * math.pi * 1.33 / 0.6 * np.sin(np.radians(ANGLES) / 2.0)
+    alone = latex(1.5)
+    expected = compute_structure_factor(q, 1.5, 0.3) * alone.phase_matrix.scattering_matrix(ANGLES)[:, 0, 0]
+    found = packed.phase_matrix.scattering_matrix(ANGLES)[:, 0, 0] * packed.scattering_um2 / alone.scattering_um2
+    np.testing.assert_allclose(found, expected, atol=1e-8)

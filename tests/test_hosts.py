@@ -1,0 +1,158 @@
+"""Media around particles: what they absorb between them, clear and tinted coats, packing in scene files and sweeps."""
+
+import math
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.formats.scene_file import make_scene_file, read_scene
+from vrte.optics.crowding import PACKINGS, pack
+from vrte.optics.spheres import check_spheres, compute_mie_coefficients
+from vrte.scene.layer import Layer
+
+TINT = (1.5, 2e-4)
+ABSORBED = 4.0 * math.pi * 2e-4 / 0.55  # of the host [1/um]
+PIGMENT = {"index": [1.7, 0.0], "radius_um": 0.1}
+
+
+def pigment(host: Any = TINT, index: Any = 1.7) -> vrte.Particles:
+    """Spheres of 0.2 um in green light."""
+    return vrte.spheres(index, radius_um=0.1, wavelength_um=0.55, host_index=host)
+
+
+def file_with(layer: dict[str, Any], **more: Any) -> dict[str, Any]:
+    """A scene of one layer of particles in resin."""
+    content = {"wavelength_um": 0.55, "host_index": 1.5, "particles": {"white": PIGMENT}, "layer": [layer]}
+    return content | {"brdf": {"mu_i": 0.5, "mu_o": 1.0}, "nodes": 4} | more
+
+
+@pytest.mark.parametrize("index", [1.7, (1.7, 0.01)])
+def test_a_host_takes_what_lies_between_particles(index):
+    tinted, clear = pigment(index=index), pigment(1.5, index)
+    assert tinted.host_absorption == pytest.approx(ABSORBED, rel=1e-14)
+    assert tinted.extinction_um2 == clear.extinction_um2  # to the first order of k, the spheres do not notice
+    number = 0.05 / (4.0 / 3.0 * math.pi * 0.1**3)
+    extinction, scattering = number * tinted.extinction_um2 + 0.95 * ABSORBED, number * tinted.scattering_um2
+    layer = Layer.of(tinted, thickness_um=20.0, volume_fraction=0.05)
+    assert layer.thickness == pytest.approx(20.0 * extinction, rel=1e-13)
+    assert layer.albedo == pytest.approx(scattering / extinction, rel=1e-13)
+    assert layer.host_index == 1.5
+    optical = Layer.of(tinted, thickness=3.0, volume_fraction=0.05)
+    assert (optical.thickness, optical.albedo) == (3.0, layer.albedo)
+
+
+@pytest.mark.parametrize("name", [name for name in PACKINGS if name != "independent"])
+def test_a_crowd_and_its_host_absorb_each_on_its_own(name):
+    layer = Layer.of(pigment(), thickness_um=5.0, volume_fraction=0.25, packing=name)
+    clear = Layer.of(pigment(1.5), thickness_um=5.0, volume_fraction=0.25, packing=name)
+    assert clear.albedo == 1.0
+    assert layer.thickness - clear.thickness == pytest.approx(5.0 * 0.75 * ABSORBED, rel=1e-10)
+    assert layer.albedo == pytest.approx(clear.thickness / layer.thickness, rel=1e-12)
+
+
+def test_a_clear_host_takes_nothing():
+    layer = Layer.of(pigment(1.5), thickness_um=20.0, volume_fraction=0.05)
+    assert layer.albedo == 1.0
+    assert Layer.of(pigment(1.5), thickness=1.0).albedo == 1.0
+
+
+@pytest.mark.parametrize("k", [1e-3, 1e-2])
+def test_an_absorbing_host_is_wrong_by_a_share_of_the_order_of_k(k):
+    """Amplitudes of the sphere with its true relative index: what is left out is k/|m - 1| of them, over n."""
+    size, m = 2.0 * math.pi * 1.5 * 0.1 / 0.55, 1.7 / 1.5
+    a, b = compute_mie_coefficients(m, size)
+    other_a, other_b = compute_mie_coefficients(1.7 / (1.5 + 1j * k), size)
+    change = np.abs(np.concatenate([other_a - a, other_b - b])).max() / np.abs(np.concatenate([a, b])).max()
+    assert change == pytest.approx(k / 1.5 * m / (m - 1.0), rel=0.05)
+
+
+def test_a_tinted_coat_obeys_beers_law():
+    layer = Layer.clear(100.0, TINT, 0.55)
+    assert layer.thickness == pytest.approx(100.0 * ABSORBED, rel=1e-14)
+    mu0 = 0.5
+    field = vrte.radiance(vrte.Scene([layer]), mu0, mu=[], tau=[0.0, layer.thickness], nodes=4)
+    np.testing.assert_allclose(field.direct, mu0 * np.exp([0.0, -100.0 * ABSORBED / mu0]), rtol=1e-12)
+    np.testing.assert_array_equal(field.flux_down, 0.0)
+    assert Layer.clear(100.0, 1.5, 0.55).thickness == 0.0
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: Layer.of(pigment(), thickness=1.0), "volume_fraction beside thickness is needed: the host absorbs"),
+        (lambda: Layer.of(pigment(1.5), thickness=1.0, volume_fraction=0.1), "beside thickness is not used"),
+        (lambda: Layer.of(pigment(1.5), thickness=1.0, packing="percus-yevick"), "is needed: .* packing asks for it"),
+        (lambda: pigment((1.5, 0.1)), "host_index: 1.5 .* 0.1i absorbs too much"),
+        (lambda: Layer.clear(1.0, (1.5, 0.1), 0.55), "host_index: .* absorbs too much"),
+        (lambda: Layer.clear(-1.0, 1.5, 0.55), "thickness_um must be a length"),
+        (lambda: Layer.clear(1.0, 1.5, 0.0), "wavelength_um must be a length above 0"),
+        (lambda: vrte.mixture([(pigment(), 1.0), (pigment(1.33), 1.0)]), "lie in one medium"),
+    ],
+)
+def test_what_is_wrong_with_a_host_is_refused_in_words(call, words):
+    with pytest.raises(vrte.SceneError, match=words):
+        call()
+
+
+@pytest.mark.parametrize("name", list(PACKINGS))
+def test_scene_files_know_every_packing(name):
+    layer = {"particles": "white", "thickness_um": 5.0, "volume_fraction": 0.08, "packing": name}
+    (found,) = make_scene_file(file_with(layer)).scene.layers
+    expected = Layer.of(pigment(1.5), thickness_um=5.0, volume_fraction=0.08, packing=name)
+    assert (found.thickness, found.albedo) == (expected.thickness, expected.albedo)
+    np.testing.assert_array_equal(found.phase_matrix.coefficients, expected.phase_matrix.coefficients)
+
+
+def test_a_scene_file_names_the_key_of_a_packing_that_cannot_be(tmp_path: Path):
+    layer = {"particles": "white", "thickness_um": 5.0, "volume_fraction": 0.7, "packing": "percus-yevick"}
+    with pytest.raises(vrte.SceneError, match=r"layer\[1\].volume_fraction must be at most 0.64") as refused:
+        make_scene_file(file_with(layer))
+    assert refused.value.place == ("layer", 0, "volume_fraction")
+    with pytest.raises(vrte.SceneError, match=r"layer\[1\].packing = .loose.: must be .*percus-yevick"):
+        make_scene_file(file_with(layer | {"packing": "loose"}))
+
+
+def test_who_only_checks_a_crowd_does_no_work():
+    stand_in = check_spheres(1.59, radius_um=100.0, wavelength_um=0.55, host_index=1.33)
+    assert vrte.mixture([(stand_in, 1.0), (pigment(1.33), 1.0)]).stands_in
+    assert pack(stand_in, 0.3, "percus-yevick") is stand_in
+    with pytest.raises(vrte.SceneError, match=r"at most 0\.64"):
+        pack(stand_in, 0.7, "percus-yevick")
+    with pytest.warns(vrte.PackingWarning, match=r"above 0\.3"):
+        pack(stand_in, 0.4, "percus-yevick")
+
+
+def test_a_sweep_over_the_volume_fraction_and_a_spectrum_pack(tmp_path: Path):
+    scene = """
+nodes = 4
+wavelength_um = 0.55
+host_index = 1.5
+[particles.white]
+index = [1.7, 0.0]
+radius_um = 0.1
+[[layer]]
+particles = "white"
+thickness_um = 5.0
+volume_fraction = 0.1
+packing = "percus-yevick"
+[brdf]
+mu_i = [0.5]
+mu_o = [0.4, 0.8]
+"""
+    (tmp_path / "paint.toml").write_text(scene)
+    axes = '[axes]\ncrowd = { key = "layer[1].volume_fraction", values = [0.05, 0.3] }\n'
+    (tmp_path / "sweep.toml").write_text(scene + axes)
+    table = vrte.sweep(tmp_path / "sweep.toml", workers=1)
+    for row, fraction in enumerate((0.05, 0.3)):
+        layer = Layer.of(pigment(1.5), thickness_um=5.0, volume_fraction=fraction, packing="percus-yevick")
+        expected = vrte.brdf(vrte.Scene([layer]), [0.5], [0.4, 0.8], nodes=4)
+        np.testing.assert_allclose(table.mueller[row], expected.mueller, rtol=1e-12, atol=1e-14)
+    colours = vrte.spectrum(tmp_path / "paint.toml", [0.5, 0.6])
+    assert colours[0].mueller[0, 0, 0, 0, 0] > colours[1].mueller[0, 0, 0, 0, 0] > 0.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert read_scene(tmp_path / "paint.toml").scene.layers[0].host_index == 1.5
