@@ -198,9 +198,15 @@ def test_every_algorithm_takes_a_scalar_base(how: dict[str, Any]) -> None:
     assert np.abs(found - expected).max() <= 1e-7 * expected.max()
 
 
+def test_more_light_than_falls_in_is_told_near_the_horizon() -> None:
+    words = r"RPV was fitted to zenith angles up to about 75; beyond, 1\.05 of the light that comes along mu_i = 0\.05"
+    with pytest.warns(vrte.FittedRangeWarning, match=words):
+        assert vrte.RPV(0.3, 0.7).reflectance([0.3])[0] < 0.7
+
+
 def test_what_is_negative_is_told_and_cut_near_the_horizon_and_refused_elsewhere() -> None:
     words = (
-        r"base: f of RossLi is negative near the horizon, and taken as 0 there: below a cosine of about 0\.06, -0\.\d"
+        r"beyond, f is negative, and taken as 0, below a cosine of about 0\.06: -0\.7\d+ 1/sr from mu_i 0\.01 to mu_o "
     )
     with pytest.warns(vrte.FittedRangeWarning, match=words):
         base = vrte.RossLi(0.2, 0.1, 0.03)

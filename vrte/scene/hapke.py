@@ -34,7 +34,7 @@ class Hapke(ScalarBase):
     Raises
     ------
     SceneError
-        Naming the field, or where more light comes back than falls in, as with MuellerBase.
+        Naming the field, or where more light comes back than falls in.
 
     Source: Hapke, Theory of Reflectance and Emittance Spectroscopy (1993), (8.89), without roughness.
 

@@ -31,8 +31,8 @@ class RossLi(ScalarBase):
     Raises
     ------
     SceneError
-        Naming the field; where f is negative at zenith angles up to 75 degrees; where more light comes back than falls
-        in, as with MuellerBase.
+        Naming the field, or where f is negative, or more light comes back than falls in, at zenith angles up to 75
+        degrees.
 
     Source: Lucht, Schaaf and Strahler, IEEE Trans. Geosci. Remote Sens. 38, 977 (2000), (38), (39); Maignan, Breon
     and Lacaze, Remote Sens. Environ. 90, 210 (2004).

@@ -14,7 +14,8 @@ class RPV(ScalarBase):
 
     pi f = rho_0 (mu_i mu_o (mu_i + mu_o))^(k - 1) (1 - a^2)/(1 + a^2 + 2 a cos g)^(3/2) (1 + (1 - rho_c)/(1 + G)), with
     the asymmetry a, the phase angle g, and the distance G of both directions on a plane one unit above. Fitted to
-    zenith angles up to about 75 degrees; for k < 1 it grows without bound at the horizon.
+    zenith angles up to about 75 degrees; for k < 1 it grows without bound at the horizon, where a FittedRangeWarning
+    tells that more light comes back than falls in.
 
     Parameters
     ----------
@@ -30,7 +31,7 @@ class RPV(ScalarBase):
     Raises
     ------
     SceneError
-        Naming the field, or where more light comes back than falls in, as with MuellerBase.
+        Naming the field, or where more light comes back than falls in at zenith angles up to 75 degrees.
 
     Source: Rahman, Pinty and Verstraete, J. Geophys. Res. 98, 20791 (1993).
 

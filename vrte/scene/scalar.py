@@ -7,7 +7,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import FittedRangeWarning, SceneError
-from vrte.scene.base_checks import check_energy
+from vrte.scene.base_checks import CHECKED_COSINES, ENERGY_ALLOWED, GRAZING
 from vrte.scene.boundary import SampledBase
 
 LOOKED_AT = np.concatenate([[0.01, 0.03], np.arange(0.06, 1.01, 0.04), [1.0]])  # cosines where f is looked at
@@ -62,22 +62,39 @@ class ScalarBase(SampledBase):
         return found
 
     def check_formula(self) -> None:
-        """Raises SceneError where more light comes back than falls in, or f is negative where formulas were fitted;
-        warns where it is elsewhere."""
+        """Raises SceneError where f is negative, or more light comes back than falls in, at zenith angles up to 75;
+        warns where it does beyond, below mu_i = 0.05 of more than 0.05/mu_i times as much."""
         angles = find_angles(LOOKED_AT[:, None, None], LOOKED_AT[:, None], AZIMUTHS)
         f, lower = self.compute_f(angles), np.minimum(angles.mu_i, angles.mu_o)
-        negative = f < 0.0
-        if negative.any():
-            fitted = negative & (lower >= STEEPEST)
-            place = np.unravel_index(np.argmin(np.where(fitted if fitted.any() else negative, f, np.inf)), f.shape)
-            where = (
+        within, beyond = (np.where(there, f, 0.0) for there in (lower >= STEEPEST, lower < STEEPEST))
+
+        def name_lowest(values: Array) -> str:
+            place = np.unravel_index(np.argmin(values), f.shape)
+            return (
                 f"{f[place]:.3g} 1/sr from mu_i {angles.mu_i[place]:g} to mu_o {angles.mu_o[place]:g} at phi_deg "
                 f"{AZIMUTHS[place[-1]]:g}"
             )
-            if fitted.any():
-                raise SceneError(f"base: f of {self.name} must be at least 0 for zenith angles up to 75, not {where}")
-            words = (
-                f"base: f of {self.name} is negative near the horizon, and taken as 0 there: below a cosine of about"
+
+        if within.min() < 0.0:
+            raise SceneError(f"base: f must be at least 0 for zenith angles up to 75, not {name_lowest(within)}")
+        if beyond.min() < 0.0:
+            highest = lower[f < 0.0].max()
+            self.warn_beyond(
+                f"f is negative, and taken as 0, below a cosine of about {highest:.2g}: {name_lowest(beyond)}"
             )
-            warnings.warn(FittedRangeWarning(f"{words} {lower[negative].max():.2g}, {where} at worst"), stacklevel=4)
-        check_energy(self.reflectance)
+        shares = self.reflectance(CHECKED_COSINES) / np.maximum(1.0, GRAZING / CHECKED_COSINES)
+        worst = int(np.argmax(np.where(CHECKED_COSINES >= STEEPEST, shares, 0.0)))
+        if shares[worst] > 1.0 + ENERGY_ALLOWED:
+            raise SceneError(
+                f"base: it gives back {shares[worst]:.4g} of the light that comes along mu_i = "
+                f"{CHECKED_COSINES[worst]:g}, and at most 1 is allowed for zenith angles up to 75"
+            )
+        most = int(np.argmax(shares))
+        if shares[most] > 1.0 + ENERGY_ALLOWED:
+            share = self.reflectance(CHECKED_COSINES[most]).item()
+            self.warn_beyond(f"{share:.3g} of the light that comes along mu_i = {CHECKED_COSINES[most]:g} comes back")
+
+    def warn_beyond(self, words: str) -> None:
+        """Says what the formula does beyond the zenith angles that it was fitted to."""
+        where = f"base: {self.name} was fitted to zenith angles up to about 75; beyond, {words}"
+        warnings.warn(FittedRangeWarning(where), stacklevel=5)
