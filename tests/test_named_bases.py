@@ -183,11 +183,10 @@ def test_light_is_that_over_a_function_of_ones_own(base: ScalarBase, pile: str) 
 
 @pytest.mark.parametrize("method", [name for name in METHODS if name != EXACT and find_method(name).base == "any"])
 def test_every_method_that_takes_any_base_takes_a_scalar_one(method: str) -> None:
-    how: dict[str, Any] = {"method": method, "mu_i": [0.5], "mu_o": [0.3, 0.8], "phi": [0.0, 90.0]}
-    how |= {"nodes": 6} if method != "diffusion" else {}
-    for pile in ("scalar", "polarizing"):
-        found, expected = (vrte.brdf(vrte.Scene(PILES[pile], base), **how) for base in (REGOLITH, wrap_base(REGOLITH)))
-        assert np.abs(found.mueller - expected.mueller).max() <= 1e-6 * expected.mueller.max(), pile
+    how: dict[str, Any] = {"method": method, "mu_i": [0.5], "mu_o": [0.3, 0.8], "phi": [0.0, 90.0], "nodes": 4}
+    scenes = [vrte.Scene(PILES["scalar"], base) for base in (REGOLITH, wrap_base(REGOLITH))]
+    found, expected = (vrte.brdf(scene, **how).mueller for scene in scenes)
+    assert np.abs(found - expected).max() <= 1e-6 * expected.max()
 
 
 @pytest.mark.parametrize("how", [{"algorithm": name} for name in ("direct", "modes", "doubling")] + [{"verify": True}])
