@@ -45,6 +45,7 @@ from vrte.optics.crowding import IndependentScatteringWarning, PackingWarning
 from vrte.optics.particles import Particles, mixture
 from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix, henyey_greenstein, isotropic, mix, rayleigh
 from vrte.optics.refractive_index import IndexTable, UnitsWarning, refractive_index
+from vrte.optics.shapes import cylinders, spheroids
 from vrte.optics.size_distribution import Gamma, Lognormal, Monodisperse, Tabulated
 from vrte.optics.spheres import spheres
 from vrte.results import over_hemisphere, quantities
@@ -109,6 +110,7 @@ __all__ = [
     "brdfs",
     "coated_spheres",
     "cox_munk",
+    "cylinders",
     "hemisphere",
     "henyey_greenstein",
     "interpolate",
@@ -130,6 +132,7 @@ __all__ = [
     "solve_base",
     "spectrum",
     "spheres",
+    "spheroids",
     "sweep",
     "to_mitsuba",
     "views",

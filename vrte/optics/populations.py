@@ -118,21 +118,23 @@ def settle_population(ball: Ball) -> tuple[Population, Array]:
     return population, changes
 
 
-def check_quadrature(distribution: SizeDistribution, count: int, moment: int) -> tuple[Array, Array]:
+def check_quadrature(
+    distribution: SizeDistribution, count: int, moment: int, whose: str = "spheres"
+) -> tuple[Array, Array]:
     """Radii and weights, checked: a distribution may be anybody's."""
     try:
         radii, weights = distribution.quadrature(count, moment)
     except Exception as reason:
         name = type(distribution).__name__
-        raise SceneError(f"spheres: size: {name}.quadrature failed with {type(reason).__name__}") from reason
+        raise SceneError(f"{whose}: size: {name}.quadrature failed with {type(reason).__name__}") from reason
     radii, weights = (
-        check_vector("spheres: size: the radii", radii),
-        check_vector("spheres: size: the weights", weights),
+        check_vector(f"{whose}: size: the radii", radii),
+        check_vector(f"{whose}: size: the weights", weights),
     )
     if radii.size != weights.size or radii[0] <= 0.0 or (np.diff(radii) < 0.0).any():
-        raise SceneError("spheres: size: the radii must increase from above 0, with one weight for each")
+        raise SceneError(f"{whose}: size: the radii must increase from above 0, with one weight for each")
     if (weights < 0.0).any() or not weights.any():
-        raise SceneError("spheres: size: the weights must be >= 0 and not all zero")
+        raise SceneError(f"{whose}: size: the weights must be >= 0 and not all zero")
     return radii, weights
 
 

@@ -257,15 +257,17 @@ def count_orders(size: float) -> int:
     return int(size + 6.0 * size ** (1.0 / 3.0) + 8.0)
 
 
-def choose_distribution(radius_um: float | None, size: SizeDistribution | None) -> SizeDistribution:
+def choose_distribution(
+    radius_um: float | None, size: SizeDistribution | None, whose: str = "spheres"
+) -> SizeDistribution:
     """The distribution of radii that one of two arguments gives. Raises SceneError."""
     if (radius_um is None) == (size is None):
-        raise SceneError("spheres: give either radius_um or size")
+        raise SceneError(f"{whose}: give either radius_um or size")
     if size is None:
         return Monodisperse(radius_um)  # type: ignore[arg-type]
     if isinstance(size, type) or not callable(getattr(size, "quadrature", None)):
         raise SceneError(
-            f"spheres: size must be a Lognormal, Gamma, Monodisperse or Tabulated, not {type(size).__name__}"
+            f"{whose}: size must be a Lognormal, Gamma, Monodisperse or Tabulated, not {type(size).__name__}"
         )
     return size
 

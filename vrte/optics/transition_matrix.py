@@ -1,0 +1,309 @@
+"""Scattering by an axially symmetric particle in random orientation, from its transition matrix.
+
+The null-field solver of the extra "shapes" keeps the matrix to itself and gives amplitudes of one pair of directions.
+At Gauss-Legendre nodes of both polar angles and evenly spaced azimuths they are as many numbers as determine it, so it
+is found from them exactly, in the basis of helicity (Jacob and Wick, Ann. Phys. 7, 404 (1959)): with z the axis,
+
+    S_st(theta, phi; theta', 0) = sum over n, n', m of c^m_(n s, n' t) d^n_ms(theta) d^n'_mt(theta') exp(i m phi).
+
+Turned particles have the same c, and d^n_Mm(beta) between. All averages are polynomials, integrated without error.
+Lengths are in units of wavelength/2 pi in the medium around: a radius is a size parameter, a cross section is k^2 C.
+"""
+
+import math
+import os
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics import cost
+from vrte.basics.arrays import Array
+from vrte.basics.errors import import_extra
+from vrte.basics.running import count_usable_cpus
+from vrte.basics.spherical_functions import find_gauss_legendre
+from vrte.optics.expansion import project_elements
+
+Complex = NDArray[np.complex128]
+
+SPHEROID, CYLINDER = -1, -2  # the solver's names
+NUDGE = 1e-7  # by which the solver moves polar angles towards 90 degrees [rad]
+TOLERANCES = 10.0 ** -np.arange(3, 11)  # of its cross sections of order 0, ever finer
+ENOUGH = 1e-7  # of amplitudes: not reciprocal by so much is as good as a phase matrix needs
+MOST_NODES = 300  # of its integrals over half a surface, beyond which it gives up
+FAIR = 1e-3  # what edges and lost digits often allow; beyond it users are told
+SPARE_ORDERS = 30  # beyond those of a sphere around the particle
+TRIALS = 24  # directions at which reciprocity is measured
+ORIENTATIONS_AT_ONCE = 8  # bounds the memory
+
+_silencing = threading.Lock()
+
+
+class Average(NamedTuple):
+    """Over all orientations: k^2 times extinction and scattering; integrals (terms, 6) as `project_elements` has them,
+    of k^2 F; how far amplitudes are from reciprocal, as a share."""
+
+    extinction: float
+    scattering: float
+    sums: Array
+    error: float
+
+
+def average_orientations(shape: int, aspect_ratio: float, size: float, index: complex) -> Average | None:
+    """A particle's scattering in random orientation; None where the solver does not converge.
+
+    ``shape``: SPHEROID or CYLINDER; ``aspect_ratio``: its width across the axis over its length along it; ``size``: the
+    size parameter of the sphere of equal volume; ``index``: n + ik relative to the medium.
+    """
+    solver = import_solver()
+    found = choose_matrix(solver, shape, aspect_ratio, size, index)
+    if found is None:
+        return None
+    handle, error = found
+    amplitudes = sample_amplitudes(solver, handle)
+    matrix = project_amplitudes(amplitudes)
+    degrees = 2.0 * np.arange(1, matrix.shape[-1] + 1) + 1.0
+    forward = np.einsum("mnn->n", matrix[0]) / degrees  # optical theorem: S_++ ahead, averaged
+    sums = expand_average(matrix)
+    return Average(4.0 * math.pi * float(forward.sum().imag), 2.0 * math.pi * float(sums[0, 0]), sums, error)
+
+
+def import_solver() -> Any:
+    """The solver's compiled part. Raises MissingExtraError."""
+    return import_extra("rustmatrix._core", "scattering by spheroids and cylinders", "shapes")
+
+
+def count_orders(size: float) -> int:
+    """Orders that a sphere of a size parameter takes, as the solver counts them."""
+    return int(max(4.0, size + 4.05 * size ** (1.0 / 3.0)))
+
+
+def choose_matrix(
+    solver: Any, shape: int, aspect_ratio: float, size: float, index: complex
+) -> tuple[Any, float] | None:
+    """The most reciprocal of the matrices by ever finer tolerances, and how far it is from that; None without any.
+
+    Null fields of long or flat particles lose digits with every order, so that beyond some tolerance nothing converges;
+    what is cut off or lost breaks reciprocity, which each matrix is judged by.
+    """
+    nodes_an_order = max(2, min(8, MOST_NODES // (count_orders(find_reach(shape, aspect_ratio) * size) + SPARE_ORDERS)))
+    best: tuple[Any, float] | None = None
+    before = (0, 0)
+    for tolerance in TOLERANCES:
+        arguments = (size, 1.0, 2.0 * math.pi, index.real, index.imag, aspect_ratio, shape, tolerance, nodes_an_order)
+        handle = build_matrix(solver, arguments)
+        if handle is None or (best is not None and best[1] < FAIR and is_dear(handle.nmax, best[0].nmax)):
+            break
+        if (handle.nmax, handle.ngauss) == before:
+            continue
+        before = handle.nmax, handle.ngauss
+        error = measure_reciprocity(solver, handle)
+        if best is None or error < best[1]:
+            best = handle, error
+        if error < ENOUGH:
+            break
+    return best
+
+
+def is_dear(orders: int, enough: int) -> bool:
+    """Whether a few digits more would take five times as long, and more than a moment."""
+    return orders > 1.3 * enough and cost.SECONDS_OF_ORDERS * orders**6 > 0.2
+
+
+def find_reach(shape: int, aspect_ratio: float) -> float:
+    """The radius of the sphere around a particle over that of the sphere of equal volume."""
+    if shape == SPHEROID:
+        return max(aspect_ratio ** (1.0 / 3.0), aspect_ratio ** (-2.0 / 3.0))
+    return (2.0 / (3.0 * aspect_ratio**2)) ** (1.0 / 3.0) * math.hypot(1.0, aspect_ratio)
+
+
+def build_matrix(solver: Any, arguments: tuple[Any, ...]) -> Any:
+    """The solver's handle to a matrix, or None where it gives up, which it does by a panic."""
+    with silence_panic():
+        try:
+            return solver.calctmat(*arguments)[0]
+        except BaseException as error:
+            if type(error).__name__ != "PanicException":
+                raise
+            return None
+
+
+@contextmanager
+def silence_panic() -> Iterator[None]:
+    """Keeps what compiled code writes to standard error from the screen: whoever calls says it in words."""
+    with _silencing:
+        try:
+            kept = os.dup(2)
+        except OSError:  # a process without standard error
+            yield
+            return
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.close(nowhere)
+
+
+def measure_reciprocity(solver: Any, handle: Any) -> float:
+    """How far amplitudes at directions all over the sphere are from reciprocal: root of mean squares, as a share."""
+    steps = (np.arange(TRIALS)[:, None] + 0.5) * [0.5545497, 0.3087079, 0.6180340] % 1.0  # spread without a pattern
+    polar, incident = np.degrees(np.arccos(1.0 - 2.0 * steps[:, :2])).T
+    azimuth = 180.0 * steps[:, 2]
+    there, back = (
+        np.array([solver.calcampl_py(handle, 0.0, *angles, 0.0, 0.0)[0] for angles in zip(*given, strict=True)])
+        for given in (
+            (incident, polar, np.zeros(TRIALS), azimuth),
+            (polar, incident, np.zeros(TRIALS), azimuth),
+        )
+    )
+    gap = there - reciprocate(back)
+    error = float(np.linalg.norm(gap) / np.linalg.norm(there))
+    return error if math.isfinite(error) else math.inf
+
+
+def reciprocate(amplitudes: Complex) -> Complex:
+    """Of theta, theta' and phi, from those of theta', theta and phi: light that goes back, mirrored at the equator."""
+    return amplitudes.swapaxes(-1, -2) * OPPOSITE
+
+
+OPPOSITE = np.array([[1.0, -1.0], [-1.0, 1.0]])  # a mirror turns over the amplitudes between the polarizations
+
+
+def sample_amplitudes(solver: Any, handle: Any) -> Complex:
+    """S of both polarizations at nodes theta, theta' (ascending cosines) and azimuths: (n, n, azimuths, 2, 2).
+
+    The particle is its own mirror image at the equator, and light goes back the way it came: a quarter is asked for.
+    """
+    orders = handle.nmax
+    cosines, _ = find_nodes(orders)
+    angles = np.arccos(cosines)
+    polar = np.degrees(angles + np.copysign(NUDGE, angles - 0.5 * math.pi))
+    azimuths = np.degrees(find_azimuths(orders))
+    count, half = cosines.size, cosines.size // 2
+    amplitudes = np.empty((count, count, azimuths.size, 2, 2), dtype=np.complex128)
+
+    def fill_pair(incident: int, row: int) -> None:
+        for place, azimuth in enumerate(azimuths):
+            found = solver.calcampl_py(handle, 0.0, polar[incident], polar[row], 0.0, azimuth, 0.0, 0.0)[0]
+            amplitudes[row, incident, place] = found
+
+    with ThreadPoolExecutor(count_usable_cpus()) as pool:  # the solver lets go of Python's lock
+        for incident in range(half, count):
+            inner = range(half, incident + 1)
+            rows = [*inner, *(count - 1 - row for row in inner)]
+            list(pool.map(partial(fill_pair, incident), rows))  # so few at once that Ctrl-C is heard
+            for row in inner:
+                amplitudes[incident, row] = reciprocate(amplitudes[row, incident])
+                amplitudes[count - 1 - incident, row] = OPPOSITE * reciprocate(amplitudes[count - 1 - row, incident])
+    amplitudes[:, :half] = OPPOSITE * amplitudes[::-1, : half - 1 : -1]
+    return amplitudes
+
+
+def find_nodes(orders: int) -> tuple[Array, Array]:
+    """Gauss-Legendre nodes for products of two functions d^n, n <= ``orders``; none of them at the equator."""
+    return find_gauss_legendre(orders + 1 + (orders + 1) % 2)
+
+
+def find_azimuths(orders: int) -> Array:
+    """Azimuths [rad] within half a circle at which cosines and sines up to ``orders`` are told apart."""
+    return (np.arange(orders + 1) + 0.5) * math.pi / (orders + 1)
+
+
+def project_amplitudes(amplitudes: Complex) -> Complex:
+    """c^m_(n s, n' t) of s = 1 and t = 1, -1, n and n' from 1, m from -orders: (2, 2 orders + 1, orders, orders).
+
+    Those of s = -1 are c^-m_(n -s, n' -t): the particle is its own mirror image at planes through its axis.
+    """
+    orders = amplitudes.shape[2] - 1
+    cosines, weights = find_nodes(orders)
+    phases = np.outer(find_azimuths(orders), np.arange(orders + 1))
+    even, odd = np.cos(phases) / (orders + 1), np.sin(phases) / (orders + 1)
+
+    def find_modes(cosine_part: Complex, sine_part: Complex) -> Complex:
+        """Factors of exp(i m phi)."""
+        real, imaginary = cosine_part @ even, sine_part @ odd
+        return np.concatenate([(real - imaginary)[..., :0:-1], real + imaginary], axis=-1)
+
+    same = find_modes(amplitudes[..., 0, 0] + amplitudes[..., 1, 1], amplitudes[..., 0, 1] - amplitudes[..., 1, 0])
+    turned = find_modes(amplitudes[..., 0, 0] - amplitudes[..., 1, 1], -amplitudes[..., 0, 1] - amplitudes[..., 1, 0])
+    axes = [diagonalize_rotation(degree) for degree in range(1, orders + 1)]
+    factors = weights * (np.arange(1, orders + 1) + 0.5)[:, None]
+    up, down = (stack_functions(axes, helicity, -np.arccos(cosines)) * factors for helicity in (1, -1))
+    parts = [
+        up @ modes.transpose(2, 0, 1) @ incident.swapaxes(-1, -2) for modes, incident in ((same, up), (turned, down))
+    ]
+    return 0.5 * np.stack(parts)
+
+
+def diagonalize_rotation(degree: int) -> tuple[Array, Complex]:
+    """Eigenvalues (2 n + 1,) and eigenvectors (in columns) of J_y of degree n, m ascending; d^n = exp(-i beta J_y)."""
+    lower = np.arange(-degree, degree)
+    steps = 0.5j * np.sqrt(degree * (degree + 1.0) - lower * (lower + 1.0))
+    values, vectors = np.linalg.eigh(np.diag(steps, 1) + np.diag(-steps, -1))
+    return np.round(values), vectors
+
+
+def stack_functions(axes: list[tuple[Array, Complex]], row: int, angles: Array) -> Array:
+    """d^n_(row, m) of angles [rad], n from 1, m from -orders: (2 orders + 1, orders, angles), zero for |m| > n."""
+    orders = len(axes)
+    functions = np.zeros((2 * orders + 1, orders, angles.size))
+    for degree, (values, vectors) in enumerate(axes, 1):
+        turned = np.exp(-1j * np.outer(values, angles)) * vectors[degree + row, :, None]
+        functions[orders - degree : orders + degree + 1, degree - 1] = (vectors.conj() @ turned).real
+    return functions
+
+
+def expand_average(matrix: Complex) -> Array:
+    """Integrals as `project_elements` has them of k^2 F, averaged over all orientations.
+
+    The mean over the angle around the incident light leaves products of G^M and G^M', M - t = M' - t', with
+    G^M_st(Theta, beta) = sum d^n_Ms(Theta) d^n_Mm(beta) c^m_(n s, n' t) d^n'_tm(beta); the mean over beta is Gauss and
+    Legendre's over half the cosines, as beta and 180 degrees - beta are mirror images.
+    """
+    orders = matrix.shape[-1]
+    axes = [diagonalize_rotation(degree) for degree in range(1, orders + 1)]
+    cosines, weights = find_gauss_legendre(2 * orders + 2)
+    tilts, shares = np.arccos(cosines[orders + 1 :]), weights[orders + 1 :]
+    scattered, measure = find_gauss_legendre(2 * orders + 1)
+    outgoing = stack_functions(axes, 1, -np.arccos(scattered))  # d^n_M1 = d^n_1M of the opposite angle
+    elements = np.zeros((6, scattered.size))
+    for first in range(0, tilts.size, ORIENTATIONS_AT_ONCE):
+        part = slice(first, first + ORIENTATIONS_AT_ONCE)
+        incoming = np.stack([stack_functions(axes, helicity, tilts[part]) for helicity in (1, -1)])
+        fields = matrix @ incoming
+        for degree, (values, vectors) in enumerate(axes, 1):
+            inner = slice(orders - degree, orders + degree + 1)
+            phases = np.exp(-1j * np.outer(values, tilts[part]))
+            fields[:, inner, degree - 1] = vectors @ (phases * (vectors.conj().T @ fields[:, inner, degree - 1]))
+        same, turned = fields.swapaxes(-1, -2) @ outgoing
+        elements += multiply_fields(same, turned, shares[part])
+    f11, f44, plus, minus, f12, f34 = measure * elements
+    return project_elements(
+        scattered, np.stack([f11, f44], axis=1), -np.stack([f12, f34], axis=1), plus, minus, scattered.size
+    )
+
+
+def multiply_fields(same: Complex, turned: Complex, shares: Array) -> Array:
+    """F11, F44, F22 + F33, F22 - F33, F12 and F34 (6, angles), of G^M with s = 1 and t = 1 or -1: (M, beta, angles)."""
+    orders = len(same) // 2
+
+    def correlate(first: Complex, second: Complex, total: int) -> Complex:
+        """Mean over beta of the sum over M of G^M and the conjugate of G^(total - M), whose s and t are opposite."""
+        low, high = max(-orders, total - orders), min(orders, total + orders)
+        pair = first[low + orders : high + orders + 1] * second[low + orders : high + orders + 1][::-1].conj()
+        mean: Complex = shares @ pair.sum(axis=0)
+        return mean
+
+    kept = shares @ (np.abs(same) ** 2).sum(axis=0)
+    changed = shares @ (np.abs(turned) ** 2).sum(axis=0)
+    mixed = 2.0 * correlate(same, turned, 0)
+    plus, minus = 2.0 * correlate(same, same, 2).real, 2.0 * correlate(turned, turned, -2).real
+    return np.stack([kept + changed, kept - changed, plus, minus, mixed.real, -mixed.imag])
