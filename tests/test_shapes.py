@@ -1,15 +1,20 @@
 """Spheroids and cylinders: Mie and published coefficients, orientations one by one, energy, limits, bad input."""
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import vrte
+from vrte.basics.errors import SceneError
 from vrte.basics.spherical_functions import find_gauss_legendre
+from vrte.formats.scene_file import make_scene_file
 from vrte.optics import shape_sizes, shapes, transition_matrix
 from vrte.optics.populations import SizeAverageWarning
 from vrte.optics.transition_matrix import CYLINDER, SPHEROID
+from vrte.sweep.optics import make_file_name
 
 pytest.importorskip("rustmatrix")
 
@@ -97,7 +102,7 @@ def test_the_matrix_gives_back_amplitudes_where_none_was_asked_for(handle) -> No
     solver, matrix, _ = handle
     coefficients = transition_matrix.project_amplitudes(transition_matrix.sample_amplitudes(solver, matrix))
     orders = matrix.nmax
-    axes = [transition_matrix.diagonalize_rotation(degree) for degree in range(1, orders + 1)]
+    axes = [transition_matrix.find_rotation(degree) for degree in range(1, orders + 1)]
     for polar, incident, azimuth in ((20.0, 130.0, 40.0), (90.5, 60.0, 170.0), (140.0, 100.0, 77.0)):
         (vv, vh), (hv, hh) = solver.calcampl_py(matrix, 0.0, incident, polar, 0.0, azimuth, 0.0, 0.0)[0]
         expected = 0.5 * (vv + hh + 1j * (vh - hv)), 0.5 * (vv - hh - 1j * (vh + hv))
@@ -247,3 +252,53 @@ def test_a_layer_of_them_reflects_all_that_it_does_not_absorb() -> None:
     assert np.isfinite(found.mueller).all()
     with pytest.raises(vrte.SceneError):
         vrte.Layer.of(dust, volume_fraction=0.2, thickness_um=10.0, packing="percus-yevick")
+
+
+# ---- scene files, sweeps
+
+DUST: dict[str, Any] = {"source": "spheroids", "index": [1.5, 0.01], "aspect_ratio": 2.0, "radius_um": 0.05}
+
+
+def make_scene(kind: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "wavelength_um": 0.55,
+        "nodes": 4,
+        "particles": {"one": kind},
+        "layer": [{"particles": "one", "thickness": 1.0}],
+        "brdf": {"mu_i": 0.5, "mu_o": 0.5},
+    }
+
+
+@pytest.mark.parametrize("source", ["spheroids", "cylinders"])
+def test_scene_files_know_them(source: str) -> None:
+    found = make_scene_file(make_scene(DUST | {"source": source, "host_index": 1.33})).particles["one"]
+    expected = getattr(vrte, source)((1.5, 0.01), aspect_ratio=2.0, radius_um=0.05, wavelength_um=0.55, host_index=1.33)
+    assert found.extinction_um2 == expected.extinction_um2
+    assert found.description == expected.description
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ({"aspect_ratio": 20}, r"^particles\.one\.aspect_ratio must be a width over a length, from 0\.1 to 10, not 20"),
+        ({"aspect_ratio": "flat"}, r"^particles\.one\.aspect_ratio = \"flat\": must be a number"),
+        ({"radius_um": 200.0}, r"^particles\.one: spheroids: the size parameter .* must be at most 50"),
+        ({"core": 1.5}, r"particles\.one\.core = 1\.5: unknown key"),
+    ],
+)
+def test_what_is_wrong_in_a_scene_file_is_told_by_its_key(kind: dict[str, Any], said: str) -> None:
+    with pytest.raises(SceneError, match=said):
+        make_scene_file(make_scene(DUST | kind)).particles["one"]
+
+
+def test_a_sweep_over_the_aspect_ratio_keeps_each_shape_once(tmp_path: Path) -> None:
+    table = vrte.sweep(make_scene(DUST) | {"axes": {"particles.one.aspect_ratio": [0.5, 2.0]}}, tmp_path / "flat.zarr")
+    for place, aspect_ratio in enumerate((0.5, 2.0)):
+        alone = vrte.brdf(make_scene_file(make_scene(DUST | {"aspect_ratio": aspect_ratio})).scene, 0.5, 0.5, nodes=4)
+        assert table.mueller.values[place].ravel() == pytest.approx(alone.mueller.ravel(), rel=1e-12)
+    table.close()
+    given = {"index": 1.5, "radius_um": 0.1, "wavelength_um": 0.55}
+    names = {
+        make_file_name(kind, given | {"aspect_ratio": ratio}) for kind in ("spheroids", "cylinders") for ratio in (1, 2)
+    }
+    assert len(names) == 4

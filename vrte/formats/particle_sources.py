@@ -14,6 +14,7 @@ from vrte.formats.sizes import HALVED, SIZE_KEYS, read_size
 from vrte.formats.toml_table import Table, locate_errors
 from vrte.optics.coated_spheres import check_coated_spheres, coated_spheres
 from vrte.optics.particles import Particles
+from vrte.optics.shapes import check_cylinders, check_spheroids, cylinders, spheroids
 from vrte.optics.spheres import check_spheres, spheres
 
 SPHERES = "spheres"  # where a table names no source
@@ -49,9 +50,13 @@ COATED: dict[str, Key] = {
     "core_ratio": Number("radius of the core over the whole", needed=False),
     "core_radius_um": Number("radius of the core [µm]", needed=False),
 }
+WIDTH = Number("width over length along the axis", 1.5, hint="above 1 flat, below 1 long")
+SHAPED: dict[str, Key] = {"index": INDEX, "aspect_ratio": WIDTH}
 SOURCES: dict[str, Source] = {
     SPHERES: Source("spheres", put_index_first(spheres), put_index_first(check_spheres), {"index": INDEX}),
     "coated-spheres": Source("coated spheres", coated_spheres, check_coated_spheres, COATED),
+    "spheroids": Source("spheroids", put_index_first(spheroids), put_index_first(check_spheroids), SHAPED),
+    "cylinders": Source("cylinders", put_index_first(cylinders), put_index_first(check_cylinders), SHAPED),
 }
 Compute = Callable[[str, dict[str, Any]], Particles]  # a source's name and its keywords: the particles
 Make = Callable[[Table], Particles]  # the same, of the layer that they lie in

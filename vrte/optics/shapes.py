@@ -88,7 +88,7 @@ def check_spheroids(
 
     >>> check_spheroids(1.5, aspect_ratio=-2.0, radius_um=0.1, wavelength_um=0.5)
     Traceback (most recent call last):
-    vrte.SceneError: spheroids: aspect_ratio must be a width over a length, from 0.1 to 10, not -2.0
+    vrte.SceneError: aspect_ratio must be a width over a length, from 0.1 to 10, not -2.0
     """
     return check_shape(_make_shape(SPHEROID, material, wavelength_um, aspect_ratio, radius_um, size, host_index))
 
@@ -179,7 +179,7 @@ def _make_shape(
         raise SceneError(
             f"{words}: the particles have the refractive index of their host, {host.n:g}, so they scatter nothing"
         )
-    aspect = check_number(f"{words}: aspect_ratio", aspect_ratio, *ASPECT_ALLOWED)
+    aspect = check_number("aspect_ratio", aspect_ratio, *ASPECT_ALLOWED)
     shape = Shape(kind, index, wavelength, host, aspect, choose_distribution(radius_um, size, words))
     find_largest_radius(shape)
     import_solver()

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from vrte.basics import cost
 from vrte.basics.arrays import Array
+from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import import_extra
 from vrte.basics.running import count_usable_cpus
 from vrte.basics.spherical_functions import find_gauss_legendre
@@ -66,10 +67,11 @@ def average_orientations(shape: int, aspect_ratio: float, size: float, index: co
         return None
     handle, error = found
     amplitudes = sample_amplitudes(solver, handle)
-    matrix = project_amplitudes(amplitudes)
+    with keep_to_one_thread():
+        matrix = project_amplitudes(amplitudes)
+        sums = expand_average(matrix)
     degrees = 2.0 * np.arange(1, matrix.shape[-1] + 1) + 1.0
     forward = np.einsum("mnn->n", matrix[0]) / degrees  # optical theorem: S_++ ahead, averaged
-    sums = expand_average(matrix)
     return Average(4.0 * math.pi * float(forward.sum().imag), 2.0 * math.pi * float(sums[0, 0]), sums, error)
 
 
@@ -124,7 +126,7 @@ def find_reach(shape: int, aspect_ratio: float) -> float:
 
 def build_matrix(solver: Any, arguments: tuple[Any, ...]) -> Any:
     """The solver's handle to a matrix, or None where it gives up, which it does by a panic."""
-    with silence_panic():
+    with keep_quiet():
         try:
             return solver.calctmat(*arguments)[0]
         except BaseException as error:
@@ -134,7 +136,7 @@ def build_matrix(solver: Any, arguments: tuple[Any, ...]) -> Any:
 
 
 @contextmanager
-def silence_panic() -> Iterator[None]:
+def keep_quiet() -> Iterator[None]:
     """Keeps what compiled code writes to standard error from the screen: whoever calls says it in words."""
     with _silencing:
         try:
@@ -164,12 +166,12 @@ def measure_reciprocity(solver: Any, handle: Any) -> float:
             (polar, incident, np.zeros(TRIALS), azimuth),
         )
     )
-    gap = there - reciprocate(back)
+    gap = there - turn_around(back)
     error = float(np.linalg.norm(gap) / np.linalg.norm(there))
     return error if math.isfinite(error) else math.inf
 
 
-def reciprocate(amplitudes: Complex) -> Complex:
+def turn_around(amplitudes: Complex) -> Complex:
     """Of theta, theta' and phi, from those of theta', theta and phi: light that goes back, mirrored at the equator."""
     return amplitudes.swapaxes(-1, -2) * OPPOSITE
 
@@ -201,8 +203,8 @@ def sample_amplitudes(solver: Any, handle: Any) -> Complex:
             rows = [*inner, *(count - 1 - row for row in inner)]
             list(pool.map(partial(fill_pair, incident), rows))  # so few at once that Ctrl-C is heard
             for row in inner:
-                amplitudes[incident, row] = reciprocate(amplitudes[row, incident])
-                amplitudes[count - 1 - incident, row] = OPPOSITE * reciprocate(amplitudes[count - 1 - row, incident])
+                amplitudes[incident, row] = turn_around(amplitudes[row, incident])
+                amplitudes[count - 1 - incident, row] = OPPOSITE * turn_around(amplitudes[count - 1 - row, incident])
     amplitudes[:, :half] = OPPOSITE * amplitudes[::-1, : half - 1 : -1]
     return amplitudes
 
@@ -234,7 +236,7 @@ def project_amplitudes(amplitudes: Complex) -> Complex:
 
     same = find_modes(amplitudes[..., 0, 0] + amplitudes[..., 1, 1], amplitudes[..., 0, 1] - amplitudes[..., 1, 0])
     turned = find_modes(amplitudes[..., 0, 0] - amplitudes[..., 1, 1], -amplitudes[..., 0, 1] - amplitudes[..., 1, 0])
-    axes = [diagonalize_rotation(degree) for degree in range(1, orders + 1)]
+    axes = [find_rotation(degree) for degree in range(1, orders + 1)]
     factors = weights * (np.arange(1, orders + 1) + 0.5)[:, None]
     up, down = (stack_functions(axes, helicity, -np.arccos(cosines)) * factors for helicity in (1, -1))
     parts = [
@@ -243,7 +245,8 @@ def project_amplitudes(amplitudes: Complex) -> Complex:
     return 0.5 * np.stack(parts)
 
 
-def diagonalize_rotation(degree: int) -> tuple[Array, Complex]:
+@lru_cache(maxsize=128)
+def find_rotation(degree: int) -> tuple[Array, Complex]:
     """Eigenvalues (2 n + 1,) and eigenvectors (in columns) of J_y of degree n, m ascending; d^n = exp(-i beta J_y)."""
     lower = np.arange(-degree, degree)
     steps = 0.5j * np.sqrt(degree * (degree + 1.0) - lower * (lower + 1.0))
@@ -269,7 +272,7 @@ def expand_average(matrix: Complex) -> Array:
     Legendre's over half the cosines, as beta and 180 degrees - beta are mirror images.
     """
     orders = matrix.shape[-1]
-    axes = [diagonalize_rotation(degree) for degree in range(1, orders + 1)]
+    axes = [find_rotation(degree) for degree in range(1, orders + 1)]
     cosines, weights = find_gauss_legendre(2 * orders + 2)
     tilts, shares = np.arccos(cosines[orders + 1 :]), weights[orders + 1 :]
     scattered, measure = find_gauss_legendre(2 * orders + 1)
