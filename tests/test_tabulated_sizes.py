@@ -12,6 +12,7 @@ from vrte.app.form import content as form
 from vrte.app.form.checks import check_tables, find_problems
 from vrte.basics.errors import SceneError
 from vrte.formats.named import find_named_tables, list_materials
+from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import make_scene_file, parse_toml, read_scene
 from vrte.formats.scene_writer import write_toml
 from vrte.sweep.optics import make_file_name
@@ -51,26 +52,23 @@ def write_files(folder: Path, table: str, scene: str = SCENE) -> Path:
 
 
 def test_a_table_in_a_scene_file_by_radii_or_diameters(tmp_path: Path) -> None:
-    clay = {"index": [1.56, 0.0], "host_index": 1.33}
-    expected = vrte.spheres(
-        1.56, size=vrte.Tabulated([0.1, 0.2, 0.4, 0.5], [0, 5, 1, 0]), wavelength_um=0.55, host_index=1.33
-    )
-    for name, sizes in (("radius_um", [0.1, 0.2, 0.4, 0.5]), ("diameter_um", [0.2, 0.4, 0.8, 1.0])):
-        found = read_kind(**clay, size={"tabulated": {name: sizes, "density": [0, 5, 1, 0]}})
-        assert found.extinction_um2 == expected.extinction_um2
-        rows = "".join(f"{size},{number}\n" for size, number in zip(sizes, (0, 5, 1, 0), strict=True))
-        path = write_files(tmp_path, f"# a sieve\n{name},density\n{rows}")
-        assert read_scene(path).particles["clay"].extinction_um2 == expected.extinction_um2
-        assert read_scene(path).particles["clay"].description == expected.description
+    """And in a file beside it: the same sizes, which spheres are averaged over."""
+    radii, density = [0.05, 0.06, 0.07, 0.08], [0.0, 5.0, 1.0, 0.0]
+    for name, factor in (("radius_um", 1.0), ("diameter_um", 2.0)):
+        sizes = [factor * radius for radius in radii]
+        rows = "".join(f"{size!r},{number}\n" for size, number in zip(sizes, density, strict=True))
+        write_files(tmp_path, f"# a sieve\n{name},density\n{rows}")
+        for size in ({"tabulated": {name: sizes, "density": density}}, {"table": "sizes.csv"}):
+            content = make_scene({"index": 1.56, "size": size})
+            (found,) = make_scene_file(content, None, tmp_path, check_particles).particles["one"].balls
+            assert np.array_equal([found[0].size.radius_um, found[0].size.density], [radii, density])
+    expected = vrte.spheres(1.56, size=vrte.Tabulated(radii, density), wavelength_um=0.55, host_index=1.33)
+    assert read_scene(tmp_path / "scene.toml").particles["clay"].extinction_um2 == expected.extinction_um2
 
 
 def test_densities_count_by_their_ratios_alone() -> None:
-    how: dict[str, Any] = {"wavelength_um": 0.55}
-    one, other = (
-        vrte.spheres(1.5, size=vrte.Tabulated(radius_um=[0.1, 0.2, 0.3], density=[0, unit, 0]), **how)
-        for unit in (1.0, 1e12)
-    )
-    assert one.extinction_um2 == pytest.approx(other.extinction_um2, rel=1e-14)
+    one, other = (vrte.Tabulated([0.1, 0.2, 0.3], [0, unit, 0]).quadrature(65) for unit in (1.0, 1e12))
+    assert one[1] == pytest.approx(other[1], rel=1e-14)
 
 
 @pytest.mark.parametrize(
