@@ -36,6 +36,7 @@ from vrte.calls.spectrum import spectrum
 from vrte.calls.views import views
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.formats import load
+from vrte.formats.base_file import read_base
 from vrte.formats.index_table import read_index
 from vrte.formats.materials import list_materials as materials
 from vrte.formats.size_table import read_sizes
@@ -125,6 +126,7 @@ __all__ = [
     "quantities",
     "radiance",
     "rayleigh",
+    "read_base",
     "read_index",
     "read_sizes",
     "recognise_convention",

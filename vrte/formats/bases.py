@@ -1,10 +1,14 @@
 """Bases by the ``kind`` of a table [base]. A new one is a class and a row (docs/extending.md)."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
-from vrte.formats.keys import SUBSTANCE_HINT, Choice, Flag, Index, Key, Number, Reading, Share, read_keys
+from vrte.formats.base_file import TENSORS
+from vrte.formats.base_file import read_base as read_base_file
+from vrte.formats.keys import SUBSTANCE_HINT, Choice, FilePath, Flag, Index, Key, Number, Reading, Share, read_keys
+from vrte.formats.media import ONE_WAVELENGTH, read_beside
 from vrte.formats.toml_table import Table, locate_errors
 from vrte.scene.boundary import Boundary, Lambertian
 from vrte.scene.cox_munk import cox_munk
@@ -24,7 +28,24 @@ FACETS: dict[str, Key] = {  # how rough a surface is, of a base or an interface
     "shadowing": Flag("facets hide each other (Smith)", needed=False),
     "conserving": Flag("light lost between facets is given back", needed=False),
 }
+AVERAGED = "average_mirrored"
 SUBSTANCE = Index("substance", [1.5, 0.0], hint=SUBSTANCE_HINT)
+
+
+@dataclass(frozen=True)
+class BaseFile(FilePath):
+    """A file that holds a base, at the wavelength of the scene where it has one."""
+
+    suffixes: tuple[str, ...] = (".nc", ".csv", *TENSORS)
+
+    def read(self, table: Table, name: str, reading: Reading) -> Boundary:
+        self.check(table, name)
+        wavelength = None
+        if "wavelength_um" in reading.file:
+            wavelength = reading.file.number("wavelength_um", ONE_WAVELENGTH)
+        averaged = AVERAGED in table and table.flag(AVERAGED)
+        read = partial(read_base_file, wavelength_um=wavelength, average_mirrored=averaged)
+        return read_beside(table, name, read, reading.folder)
 
 
 class BaseRow(NamedTuple):
@@ -83,6 +104,14 @@ BASES: dict[str, BaseRow] = {
             "linear": Number("phase function: cos g", hint="-2 to 2", empty="0", needed=False),
             "quadratic": Number("phase function: (3 cos² g - 1)/2", hint="-1 to 2", empty="0", needed=False),
             "asymmetry": Number("or its asymmetry", hint="-1 to 1; below 0 sends light back", empty="0", needed=False),
+        },
+    ),
+    "table": BaseRow(
+        "a table of measured or solved Mueller matrices",
+        lambda file, average_mirrored=False: file,  # it was averaged where it was read
+        {
+            "file": BaseFile("file"),
+            AVERAGED: Flag("mirror images are averaged", needed=False),
         },
     ),
 }

@@ -204,7 +204,7 @@ def make_unit_vectors(mu: Array, azimuth: Array) -> Array:
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), mu], axis=1)
 
 
-def interpolate_table(table: NDArray[np.float32], angles: Angles, into: Array, out: Array) -> Array:
+def interpolate_table(table: NDArray[np.floating], angles: Angles, into: Array, out: Array) -> Array:
     """What Mitsuba makes of the table M at pairs of directions (n, 3), in the table's axes: (n, wavelength, 4, 4)."""
     from scipy.interpolate import RegularGridInterpolator
 

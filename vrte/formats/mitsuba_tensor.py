@@ -25,6 +25,7 @@ TYPES = dict(
 NUMBERS = {name: number for number, name in TYPES.items()}
 ALIGNMENT = 8  # bytes
 MOST_FIELDS, MOST_DIMENSIONS = 1000, 16
+LARGEST = 2e9  # bytes of a file
 
 
 def write_tensors(fields: Mapping[str, NDArray[Any]], path: str | os.PathLike[str]) -> None:
@@ -58,8 +59,9 @@ def _number(name: str, array: NDArray[Any]) -> int:
     return NUMBERS[kind]
 
 
-def read_tensors(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
-    """The arrays of a tensor file by their names. Raises SceneError for a file that is none or is cut off, OSError.
+def read_tensors(path: str | os.PathLike[str], most_bytes: float = LARGEST) -> dict[str, NDArray[Any]]:
+    """The arrays of a tensor file by their names. Raises SceneError for a file that is none, is cut off or is longer
+    than ``most_bytes``, OSError.
 
     >>> write_tensors({"wvls": np.array([450, 650], np.uint16)}, "nm.bsdf")
     >>> read_tensors("nm.bsdf")["wvls"].tolist()
@@ -67,13 +69,15 @@ def read_tensors(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
     """
     name = check_file_name(path)
     with open(name, "rb") as file:
-        content = file.read()
+        content = file.read(int(most_bytes) + 1)
+    if len(content) > most_bytes:
+        raise SceneError(f"{name}: the file is longer than the {most_bytes / 1e9:g} GB that are read")
     try:
         return _read_fields(content)
-    except (struct.error, UnicodeDecodeError) as error:
-        raise SceneError(f"{name} is no tensor file, or it is cut off") from error
     except SceneError as error:
         raise SceneError(f"{name}: {error}") from error
+    except (struct.error, ValueError, OverflowError) as error:  # a shape that no array has, among others
+        raise SceneError(f"{name} is no tensor file, or it is damaged") from error
 
 
 def _read_fields(content: bytes) -> dict[str, NDArray[Any]]:

@@ -65,16 +65,17 @@ class Brdf(Result):
         """The share (mu_i,) of unpolarized light that comes back, as a beam and diffuse."""
         return self.reflectance if self.specular is None else self.reflectance + self.specular[:, 0, 0]
 
-    def as_base(self) -> TabulatedBase:
+    def as_base(self, average_mirrored: bool = False) -> TabulatedBase:
         """What was solved, as the base of another stack: `vrte.Scene` asks for it where a Brdf is its base.
 
         It lies in the medium that the light came from. The grid of directions counts: `vrte.solve_base` chooses one.
-        Raises SceneError where the light came from the bottom, and as `vrte.TabulatedBase` does; warns as that does.
+        ``average_mirrored``, errors and warnings as for `vrte.TabulatedBase`; a SceneError where the light came from
+        the bottom.
         """
         if self.diagnostics.get("illuminate", "top") != "top":
             raise SceneError("base: a BRDF that is lit from the bottom is no base; solve the stack upside down")
         index = self.diagnostics.get("index_outside")
-        return TabulatedBase(self.mu_i, self.mu_o, self.phi, self.mueller, self.specular, index)
+        return TabulatedBase(self.mu_i, self.mu_o, self.phi, self.mueller, self.specular, index, average_mirrored)
 
     def under(self, light: Any, weights: Any = None, transmitted: bool = False, mirrored: bool = False) -> Array:
         """Stokes radiance (mu_o, phi, 4) that comes out under any incident light, (2:2).

@@ -66,8 +66,17 @@ def list_size_modes() -> Iterator[tuple[str, tuple[str, Content]]]:
 def list_size_choices(mode: str) -> dict[str, str]:
     """The ways to tell a size that a page offers beside the one taken: a page reads no files, but shows them."""
     rows = {name: words for name, (words, _) in SIZE_MODES.items()}
-    files = {name for name, row in SIZES.items() if any(isinstance(key, FilePath) for key in row.keys.values())}
-    return {name: words for name, words in rows.items() if name not in files or name == mode}
+    return {name: words for name, words in rows.items() if name == mode or not has_file(SIZES.get(name))}
+
+
+def list_base_choices(kind: str) -> dict[str, str]:
+    """The kinds of bases that a page offers beside the one taken."""
+    return {name: row.words for name, row in BASES.items() if name == kind or not has_file(row)}
+
+
+def has_file(row: Any) -> bool:
+    """Whether one of the keys of a registry's row is a file."""
+    return row is not None and any(isinstance(key, FilePath) for key in row.keys.values())
 
 
 def double(value: Any) -> Any:

@@ -242,7 +242,7 @@ class FormPanel:
         content = self.bench.content
         with self.section("Base", "horizontal_rule"):
             kind = content.get("base", {}).get("kind", "black")
-            names = {name: row.words for name, row in BASES.items()}
+            names = form.list_base_choices(kind)
             self.choice(names, kind, "what lies beneath", partial(form.set_base, content))
             keys = BASES[kind].keys if kind in BASES else {}
             has_facets = keys.keys() >= FACETS.keys()

@@ -1,0 +1,257 @@
+"""Bases from files: results of vrte and Mitsuba's tensor, in scene files and sweeps, and files that are damaged."""
+
+import os
+import random
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from tests.samples import largest_gap, spheroids
+from vrte.app.form import content as form
+from vrte.formats import base_file
+from vrte.formats.bases import BASES
+from vrte.formats.between_directions import directions
+from vrte.formats.measured_polarized import write_mitsuba
+from vrte.formats.mitsuba_tensor import read_tensors, write_tensors
+from vrte.formats.named import find_named_tables
+from vrte.formats.scene_file import make_scene_file
+from vrte.sweep.template import read_sweep
+
+WAVELENGTHS = [0.45, 0.5, 0.55, 0.6, 0.65]
+SCENE = vrte.Scene([vrte.Layer(spheroids(), 0.9, 2.0)], vrte.Lambertian(0.3))
+BRIGHTER = vrte.Scene([vrte.Layer(spheroids(), 0.99, 2.0)], vrte.Lambertian(0.3))
+MU, PHI = np.array([0.25, 0.5, 0.9]), np.array([5.0, 80.0, 165.0, 250.0])
+
+
+@pytest.fixture(scope="module")
+def spectrum() -> vrte.Spectrum:
+    """The third of five wavelengths is another scene."""
+    dark, bright = (vrte.brdf(scene, **directions(16, 15), nodes=8) for scene in (SCENE, BRIGHTER))
+    return vrte.Spectrum(WAVELENGTHS, [dark, dark, bright, dark, dark])
+
+
+@pytest.fixture(scope="module")
+def exact() -> np.ndarray:
+    return vrte.brdf(BRIGHTER, MU, MU, PHI, nodes=8).mueller
+
+
+@pytest.fixture(scope="module")
+def tensor(spectrum: vrte.Spectrum, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("measured") / "spheroids.bsdf"
+    write_mitsuba(spectrum, path, step_deg=7.5)
+    return path
+
+
+@pytest.fixture
+def few_directions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tensor is read at fewer directions than it has for accuracy's sake."""
+    monkeypatch.setattr(base_file, "directions", partial(directions, 24, 15))
+
+
+def found_at(base: vrte.TabulatedBase) -> np.ndarray:
+    return base.reflect(MU[:, None, None], MU[:, None], PHI)
+
+
+def test_the_tensor_of_a_result_is_that_result_as_a_base(tensor: Path, exact: np.ndarray) -> None:
+    """As far as 7.5 degrees between its angles go; all 16 elements with their signs, to 6 % of each."""
+    found = found_at(vrte.read_base(tensor, 0.55))
+    assert largest_gap(found, exact) < 0.03
+    along = np.einsum("iopab,iopab->ab", found, exact) / np.einsum("iopab,iopab->ab", exact, exact)
+    assert np.abs(along - 1.0).max() < 0.06
+
+
+@pytest.mark.slow
+def test_the_error_of_a_tensor_falls_with_the_square_of_its_step(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
+    """Median over other directions, of I; the spectrum's own grid is finer than the tensor's."""
+    one = vrte.brdf(BRIGHTER, **directions(32, 37), nodes=8)
+    dice = np.random.default_rng(2)
+    mu, phi = dice.uniform(0.15, 1.0, 8), dice.uniform(0.0, 360.0, 6)
+    exact = vrte.brdf(BRIGHTER, mu, mu, phi, nodes=8).mueller
+    off = []
+    for step in (10.0, 5.0, 2.5):
+        write_mitsuba(vrte.Spectrum(WAVELENGTHS, [one] * 5), tmp_path / "fine.bsdf", step_deg=step)
+        found = vrte.read_base(tmp_path / "fine.bsdf", 0.45).reflect(mu[:, None, None], mu[:, None], phi)
+        off.append(np.median(np.abs(found - exact).max(axis=(3, 4)) / exact[..., 0, 0]))
+    assert off[0] > 3.0 * off[1] > 9.0 * off[2]
+    assert off[2] < 2e-3
+
+
+def test_results_are_bases(spectrum: vrte.Spectrum, exact: np.ndarray, tmp_path: Path) -> None:
+    for suffix in (".nc", ".csv"):
+        spectrum[2].save(tmp_path / f"one{suffix}")
+        assert largest_gap(found_at(vrte.read_base(tmp_path / f"one{suffix}")), exact) < 1e-3
+    spectrum.save(tmp_path / "all.nc")
+    assert largest_gap(found_at(vrte.read_base(tmp_path / "all.nc", 0.55)), exact) < 1e-3
+    assert largest_gap(found_at(vrte.read_base(tmp_path / "all.nc", 0.5)), exact) > 1e-2
+
+
+@pytest.mark.usefixtures("few_directions")
+@pytest.mark.parametrize(
+    ("wavelength", "words"),
+    [
+        (0.7, r"wavelength_um must be one of the file's wavelengths, 0\.45, 0\.5, 0\.55, 0\.6, 0\.65, not 0\.7"),
+        (0.551, r"wavelength_um must be one of the file's wavelengths, .*, not 0\.551"),
+        (None, "wavelength_um is needed: one of the file's wavelengths"),
+        ("green", "wavelength_um must be a number"),
+    ],
+)
+def test_a_wavelength_that_a_file_has_not_is_refused(wavelength: Any, words: str, tensor: Path) -> None:
+    with pytest.raises(vrte.SceneError, match=words) as refused:
+        vrte.read_base(tensor, wavelength)
+    assert str(refused.value).count(str(tensor)) == 1
+
+
+def content(**base: Any) -> dict[str, Any]:
+    layer = {"phase": "rayleigh", "albedo": 0.9, "thickness": 0.3}
+    return {
+        "nodes": 6,
+        "wavelength_um": 0.55,
+        "layer": [layer],
+        "base": {"kind": "table", **base},
+        "brdf": {"mu_i": 0.5, "mu_o": 0.5},
+    }
+
+
+def test_scene_files_name_tables(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
+    spectrum.save(tmp_path / "all.nc")
+    read = make_scene_file(content(file="all.nc"), folder=tmp_path).scene
+    assert read.base is not None
+    expected = vrte.read_base(tmp_path / "all.nc", 0.55)
+    np.testing.assert_array_equal(found_at(read.base), found_at(expected))  # type: ignore[arg-type]
+    assert find_named_tables(content(file="all.nc")) == {("base", "file"): "all.nc"}
+    assert find_named_tables(content(file="paint.bsdf")) == {("base", "file"): "paint.bsdf"}
+
+
+@pytest.mark.parametrize(
+    ("base", "wavelength", "words"),
+    [
+        ({"file": "all.nc"}, 0.7, r'base\.file = "all\.nc": wavelength_um must be one of .*, not 0\.7'),
+        ({"file": "all.nc"}, None, r'base\.file = "all\.nc": wavelength_um is needed: one of'),
+        ({"file": "none.nc"}, 0.5, r'base\.file = "none\.nc": the file cannot be read: No such file'),
+        ({"file": "all.txt"}, 0.5, r"the path of a \.nc or \.csv or \.bsdf or \.pbsdf file beside the scene file"),
+        ({}, 0.5, r"base\.file"),
+        ({"file": "all.nc", "albedo": 0.5}, 0.5, r"base\.albedo = 0\.5: goes with kind = "),
+        ({"file": "all.nc", "average_mirrored": 1}, 0.5, r"base\.average_mirrored"),
+    ],
+)
+def test_what_a_scene_file_says_of_a_table_wrongly(
+    base: dict[str, Any], wavelength: float | None, words: str, spectrum: vrte.Spectrum, tmp_path: Path
+) -> None:
+    spectrum.save(tmp_path / "all.nc")
+    given = content(**base) | {"wavelength_um": wavelength}
+    if wavelength is None:
+        del given["wavelength_um"]
+    with pytest.raises(vrte.SceneError, match=words):
+        make_scene_file(given, folder=tmp_path)
+
+
+def test_a_sweep_has_the_table_in_its_fingerprint(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
+    axes = {"layer[1].thickness": [0.1, 0.2]}
+    prints = []
+    for one in (spectrum[0], spectrum[2]):
+        one.save(tmp_path / "one.nc")
+        prints.append(read_sweep(content(file="one.nc") | {"axes": axes}, tmp_path).fingerprint())
+    assert prints[0] != prints[1]
+
+
+@pytest.mark.slow
+def test_a_sweep_has_a_table_as_base(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
+    spectrum[2].save(tmp_path / "one.nc")
+    (tmp_path / "sweep.toml").write_text(
+        'nodes = 6\nwavelength_um = 0.55\nbase = { kind = "table", file = "one.nc" }\n'
+        '[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 0.1\n[brdf]\nmu_i = 0.5\nmu_o = 0.5\n'
+        '[axes]\n"layer[1].thickness" = [0.1, 0.3]\n'
+    )
+    found = vrte.sweep(tmp_path / "sweep.toml", workers=2)
+    alone = make_scene_file(content(file="one.nc"), folder=tmp_path)
+    expected = vrte.brdf(alone.scene, **alone.keywords({}))
+    np.testing.assert_array_equal(found.mueller.values[1], expected.mueller)
+
+
+def test_a_page_offers_no_files() -> None:
+    assert "table" not in form.list_base_choices("lambertian")
+    assert form.list_base_choices("table")["table"] == BASES["table"].words
+
+
+def test_a_radiance_field_is_no_base(tmp_path: Path) -> None:
+    vrte.radiance(SCENE, 0.5, mu=[0.5], nodes=2).save(tmp_path / "field.nc")
+    with pytest.raises(vrte.SceneError, match=r"field\.nc holds a radiance field, and a base is a BRDF"):
+        vrte.read_base(tmp_path / "field.nc")
+    os.mkfifo(tmp_path / "pipe.bsdf")
+    with pytest.raises(vrte.SceneError, match=r"pipe\.bsdf is no file"):
+        vrte.read_base(tmp_path / "pipe.bsdf")
+
+
+def nothing(fields: dict[str, Any]) -> None:
+    fields["M"] = np.full_like(fields["M"], np.nan)
+
+
+def leaning(fields: dict[str, Any]) -> None:
+    fields["M"] = fields["M"].copy()
+    fields["M"][0, ..., 0, 0] *= 1.1
+
+
+@pytest.mark.usefixtures("few_directions")
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda fields: fields.pop("wvls"),
+            "it has no field wvls: measured_polarized has phi_d, theta_d, theta_h, wvls",
+        ),
+        (
+            lambda fields: fields.update(M=fields["M"][1:]),
+            r"its field M must have the shape \(25, 13, 13, 5, 4, 4\) to fit",
+        ),
+        (nothing, "its field M must have values, all of them finite"),
+        (leaning, r"its mirror image, phi_d turned over, differs from it by .* \(average_mirrored takes the mean\)"),
+        (lambda fields: fields.update(theta_h=fields["theta_h"][:, ::-1]), r"theta_h must ascend from 0 to 1\.571 rad"),
+        (lambda fields: fields.update(theta_d=0.5 * fields["theta_d"]), r"theta_d must ascend from 0 to 1\.571 rad"),
+        (lambda fields: fields.update(wvls=fields["wvls"][:0]), "its field wvls must have values"),
+        (lambda fields: fields.update(M=np.negative(fields["M"])), "base: mueller must have f_00 >= 0"),
+        (lambda fields: fields.update(M=9 * fields["M"]), "base: it gives back "),
+    ],
+)
+def test_tensors_that_are_no_table_are_refused(change: Any, words: str, tensor: Path, tmp_path: Path) -> None:
+    fields: dict[str, Any] = dict(read_tensors(tensor))
+    change(fields)
+    write_tensors(fields, tmp_path / "changed.bsdf")
+    with pytest.raises(vrte.SceneError, match=words) as refused:
+        vrte.read_base(tmp_path / "changed.bsdf", 0.55)
+    assert str(refused.value).startswith(str(tmp_path / "changed.bsdf"))
+
+
+@pytest.mark.filterwarnings("ignore::vrte.CoarseTableWarning")
+@pytest.mark.usefixtures("few_directions")
+def test_what_leans_is_averaged_where_it_is_asked_for(tensor: Path, tmp_path: Path, exact: np.ndarray) -> None:
+    fields: dict[str, Any] = dict(read_tensors(tensor))
+    leaning(fields)
+    write_tensors(fields, tmp_path / "changed.bsdf")
+    assert largest_gap(found_at(vrte.read_base(tmp_path / "changed.bsdf", 0.55, average_mirrored=True)), exact) < 0.1
+
+
+def test_damaged_tensors_end_in_one_sentence(tensor: Path, tmp_path: Path) -> None:
+    """Cut anywhere, or with any byte of the head changed: refused, or read as what it then says."""
+    whole, path, dice = tensor.read_bytes(), tmp_path / "damaged.bsdf", random.Random(1)
+    head = min(len(whole), 400)
+    said = []
+    for turn in range(300):
+        place = dice.randrange(head)
+        damaged = bytearray(whole)
+        if turn % 3:
+            damaged[place] ^= 1 << dice.randrange(8)
+        else:
+            damaged = damaged[: dice.choice([place, dice.randrange(len(whole))])]
+        path.write_bytes(damaged)
+        try:
+            read_tensors(path)
+        except vrte.SceneError as error:
+            said.append(str(error))
+    assert len(said) > 100
+    assert all(words.startswith(str(path)) and words.isprintable() for words in said)
+    with pytest.raises(vrte.SceneError, match=r"longer than the 1e-06 GB that are read"):
+        read_tensors(tensor, most_bytes=1e3)

@@ -1,0 +1,149 @@
+"""A base from a file: a result of vrte, or a pBRDF that was measured, as Mitsuba's tensor file holds it."""
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vrte.basics.arrays import Array, check_number, put_in_one_line
+from vrte.basics.errors import SceneError
+from vrte.basics.splines import MIRROR
+from vrte.formats.between_directions import directions
+from vrte.formats.measured_polarized import Angles, interpolate_table, make_unit_vectors, turn_to_meridian_planes
+from vrte.formats.mitsuba_tensor import read_tensors
+from vrte.formats.result_file import load
+from vrte.formats.text_file import check_file_name
+from vrte.results.brdf import Brdf
+from vrte.results.spectrum import Spectrum
+from vrte.scene.tabulated_base import TabulatedBase
+
+TENSORS = (".bsdf", ".pbsdf")
+AXES = {"phi_d": (-np.pi, np.pi), "theta_d": (0.0, 0.5 * np.pi), "theta_h": (0.0, 0.5 * np.pi)}  # ends [rad]
+END = 1e-3  # rad that an angle may be off
+SAME_WAVELENGTH = 1e-6  # um
+SINGLE = 1e-5  # of the largest element: what single precision leaves of mirror symmetry
+ASIDE = 1e-3  # degrees from the azimuths at which both directions make no plane, or the half vector is the normal
+
+
+def read_base(
+    path: str | os.PathLike[str], wavelength_um: float | None = None, average_mirrored: bool = False
+) -> TabulatedBase:
+    """The base that a file holds: a BRDF, solved or measured.
+
+    Parameters
+    ----------
+    path : path
+        A result of `vrte.brdf` or `vrte.spectrum`, or a table of Mitsuba's BSDF ``measured_polarized``, whose name ends
+        in .bsdf or .pbsdf: between its angles it is interpolated linearly, as Mitsuba does.
+    wavelength_um : float, optional
+        Which of the file's wavelengths [um]; where it holds one BRDF, that is taken for any.
+    average_mirrored : bool, optional
+        As for `vrte.TabulatedBase`: for measured ones that are not quite mirror-symmetric.
+
+    Returns
+    -------
+    TabulatedBase
+        In air, or in the medium that the result was found in.
+
+    Raises
+    ------
+    SceneError
+        For a file that holds none, a wavelength that it has not, and what is no surface.
+    OSError
+
+    >>> import vrte
+    >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
+    >>> mu = np.linspace(0.02, 1.0, 12)
+    >>> vrte.brdf(haze, mu, mu, [0, 45, 90, 135, 180], nodes=4).save("haze.nc")
+    >>> read_base("haze.nc")
+    TabulatedBase(12 mu_i, 12 mu_o, 3 Fourier orders)
+    """
+    name = check_file_name(path)
+    if os.path.exists(name) and not os.path.isfile(name):
+        raise SceneError(f"{name} is no file")  # a device or a pipe may have no end
+    with open(name, "rb"):  # whether it is there
+        pass
+    if Path(name).suffix.lower() in TENSORS:
+        try:
+            return read_measured(name, wavelength_um, average_mirrored)
+        except SceneError as error:
+            raise error if str(error).startswith(name) else error.behind(name) from error
+    found = load(path)
+    if isinstance(found, Spectrum):
+        found = found[pick_wavelength(found.wavelength_um, wavelength_um)]
+    if not isinstance(found, Brdf):
+        raise SceneError(f"{name} holds a radiance field, and a base is a BRDF")
+    return found.as_base(average_mirrored)
+
+
+def pick_wavelength(own: Array, wanted: float | None) -> int:
+    """Which of a file's wavelengths is wanted; None will do where there is one. Raises SceneError."""
+    if wanted is None and own.size == 1:
+        return 0
+    listed = ", ".join(f"{one:g}" for one in own)
+    allowed = f"one of the file's wavelengths, {put_in_one_line(listed, 200)}"
+    if wanted is None:
+        raise SceneError.of("wavelength_um", f"is needed: {allowed}")
+    place = int(np.argmin(np.abs(own - check_number("wavelength_um", wanted, 0.0, math.inf, allowed))))
+    if abs(own[place] - wanted) > SAME_WAVELENGTH:
+        raise SceneError.of("wavelength_um", f"must be {allowed}, not {wanted:g}")
+    return place
+
+
+def read_measured(path: str | os.PathLike[str], wavelength_um: float | None, average_mirrored: bool) -> TabulatedBase:
+    """Of a tensor file, at the directions of vrte's own tables. Raises SceneError, OSError."""
+    fields = read_tensors(path)
+    angles = Angles(*(read_axis(fields, name, *ends) for name, ends in AXES.items()))
+    nanometres = read_field(fields, "wvls").ravel().astype(np.float64)
+    place = pick_wavelength(1e-3 * nanometres, wavelength_um)
+    shape = *angles.shape, nanometres.size, 4, 4
+    matrices = read_field(fields, "M")
+    if matrices.shape != shape:
+        raise SceneError(f"its field M must have the shape {shape} to fit its angles and wvls, not {matrices.shape}")
+    table = average_images(matrices[:, :, :, place].astype(np.float64), angles.phi_d, average_mirrored)
+    into, out, phi = (axis.ravel() for axis in np.meshgrid(*directions().values(), indexing="ij"))
+    aside = np.clip(phi, ASIDE, 180.0 - ASIDE)
+    light, view = make_unit_vectors(into, np.full_like(into, np.pi)), make_unit_vectors(out, np.radians(aside))
+    found = turn_to_meridian_planes(interpolate_table(table[:, :, :, None], angles, light, view), light, view)
+    mu_i, mu_o, azimuths = directions().values()
+    mueller = found.reshape(mu_i.size, mu_o.size, azimuths.size, 4, 4)
+    return TabulatedBase(mu_i, mu_o, azimuths, mueller, average_mirrored=True)  # which ASIDE is not, nearly
+
+
+def read_field(fields: Mapping[str, NDArray[Any]], name: str) -> NDArray[Any]:
+    """One array of a tensor file. Raises SceneError where it is not there, or has values that are not finite."""
+    if name not in fields:
+        raise SceneError(f"it has no field {name}: measured_polarized has {', '.join((*AXES, 'wvls', 'M'))}")
+    found = fields[name]
+    if found.size == 0 or not np.isfinite(found).all():
+        raise SceneError(f"its field {name} must have values, all of them finite")
+    return found
+
+
+def read_axis(fields: Mapping[str, NDArray[Any]], name: str, low: float, high: float) -> Array:
+    """The angles (n,) [rad] of an axis, which ascend from one end to the other. Raises SceneError."""
+    found = read_field(fields, name).ravel().astype(np.float64)
+    if found.size < 2 or (np.diff(found) <= 0.0).any() or max(abs(found[0] - low), abs(found[-1] - high)) > END:
+        raise SceneError(f"its field {name} must ascend from {low:.4g} to {high:.4g} rad")
+    found[[0, -1]] = low, high
+    return found
+
+
+def average_images(table: Array, phi_d: Array, average_mirrored: bool) -> Array:
+    """The mean of a table (phi_d, theta_d, theta_h, 4, 4) and its mirror image, phi_d turned over. Raises SceneError
+    where they differ by more than single precision does, or phi_d is not its own mirror image."""
+    if np.abs(phi_d + phi_d[::-1]).max() > END:
+        raise SceneError("its field phi_d must have -phi_d for each of its angles")
+    image = table[::-1] * MIRROR
+    gap, largest = np.abs(table - image).max(), np.abs(table).max()
+    if gap > SINGLE * largest and not average_mirrored:
+        raise SceneError(
+            f"its mirror image, phi_d turned over, differs from it by {gap:.3g}, and it is at most {largest:.3g} "
+            "(average_mirrored takes the mean)"
+        )
+    found: Array = 0.5 * (table + image)
+    return found
