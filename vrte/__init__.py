@@ -39,6 +39,7 @@ from vrte.formats import load
 from vrte.formats.base_file import read_base
 from vrte.formats.index_table import read_index
 from vrte.formats.materials import list_materials as materials
+from vrte.formats.scattering import read_scattering
 from vrte.formats.size_table import read_sizes
 from vrte.optics.coated_spheres import coated_spheres
 from vrte.optics.convention_card import recognise_convention
@@ -128,6 +129,7 @@ __all__ = [
     "rayleigh",
     "read_base",
     "read_index",
+    "read_scattering",
     "read_sizes",
     "recognise_convention",
     "refractive_index",

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -234,10 +235,13 @@ def read_stored(name: str, most_bytes: float) -> Stored:
         raise SceneError(f"is not a NetCDF file: {explain_error(error)}") from error
 
 
-def read_foreign(name: str, most_bytes: float) -> Stored:
-    """As `read_stored`, read by a process of its own, which has as much time and memory as such a file can take."""
+def read_foreign(name: str, most_bytes: float, reader: str = "vrte.formats.netcdf:read_stored") -> Stored:
+    """As `read_stored`, or another ``reader`` of vrte's, "module:function", in a process of its own.
+
+    It has as much time and memory as such a file can take.
+    """
     seconds = PATIENCE + os.path.getsize(name) / SLOWEST
-    asked = json.dumps([os.path.abspath(name), most_bytes, seconds])
+    asked = json.dumps([os.path.abspath(name), most_bytes, seconds, reader])
     command = [sys.executable, "-c", START.format(path=sys.path)]
     try:
         done = subprocess.run(command, input=asked.encode(), capture_output=True, timeout=seconds)
@@ -254,13 +258,14 @@ def read_foreign(name: str, most_bytes: float) -> Stored:
 
 def answer() -> None:
     """What the process for foreign files does: reads the name on its input, writes what is in the file."""
-    name, most_bytes, seconds = json.load(sys.stdin)
+    name, most_bytes, seconds, reader = json.load(sys.stdin)
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     limit_time(seconds)
     limit_memory(4 * most_bytes + SMALL)
     try:
-        told, arrays = read_stored(name, most_bytes)
+        module, function = reader.split(":")
+        told, arrays = getattr(import_module(module), function)(name, most_bytes)
     except (SceneError, MemoryError) as error:
         output.write((str(error) or "takes more memory than there is").encode(errors="replace"))
         output.flush()

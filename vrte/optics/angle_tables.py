@@ -77,6 +77,8 @@ class Expansion:
         The largest |difference| of an element over F11, at each angle of the table; over 1e-3 where F11 is less.
     lowest_eigenvalue, lowest_angle_deg : float
         The table's lowest coherency eigenvalue, over F11, and where; particles have none below 0.
+    albedo : float or None
+        Of single scattering, where the table's file says it.
     """
 
     table: ScatteringTable
@@ -86,6 +88,7 @@ class Expansion:
     error: Array
     lowest_eigenvalue: float
     lowest_angle_deg: float
+    albedo: float | None = None
 
     @property
     def largest_error(self) -> float:

@@ -6,8 +6,6 @@ their number.
 """
 
 import numpy as np
-from scipy.fft import dct
-from scipy.interpolate import CubicSpline
 
 from vrte.basics.arrays import Array
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gap, find_gauss_legendre
@@ -43,6 +41,8 @@ def integrate_exactly(angles: Array, elements: Array) -> Array | None:
     goes on beyond them. None where it is not so. Source: Clenshaw and Curtis, Numer. Math. 2, 197 (1960), for even
     steps.
     """
+    from scipy.fft import dct
+
     count = angles.size
     if count < FEWEST:
         return None
@@ -97,6 +97,8 @@ class ElementSpline:
 
     def __init__(self, angles: Array, elements: Array) -> None:
         """Of angles (n,) [degrees] and elements (6, n), F11 above 0."""
+        from scipy.interpolate import CubicSpline
+
         self.edges = np.radians(angles)
         shape = np.vstack([np.log(elements[:1]), elements[1:] / elements[0]])
         # zero slopes at both ends: Hovenier and Guirado, JQSRT 133, 596 (2014)

@@ -1,0 +1,338 @@
+"""Scattering matrices over angle in files: CSV by column names, NetCDF of libRadtran's and Eradiate's kinds."""
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import netcdf_file
+
+import vrte
+from vrte.basics.errors import SceneError
+from vrte.formats import scattering_netcdf
+from vrte.formats.scattering_table import read_angle_table
+from vrte.optics.convention_card import make_reference_sphere, tabulate_card
+from vrte.optics.conventions import CONVENTIONS, ELEMENTS
+from vrte.optics.phase_matrix import PhaseMatrix
+
+LETTERS = ("a1", "b1", "a2", "a3", "b2", "a4")
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process of its own takes half a second to start, and is tried once."""
+    monkeypatch.setattr(
+        scattering_netcdf, "read_foreign", lambda name, most, reader: scattering_netcdf.read_variables(name, most)
+    )
+
+
+def written(folder: Path, text: str, name: str = "table.csv") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def as_csv(folder: Path, names: Any, columns: Any, name: str = "table.csv") -> Path:
+    rows = "\n".join(",".join(repr(float(value)) for value in row) for row in np.transpose(columns))
+    return written(folder, f"# of another code\n{','.join(names)}\n{rows}\n", name)
+
+
+def powder(wavelength_um: float) -> vrte.Particles:
+    return vrte.spheres(1.5 + 0.01j, radius_um=0.2, wavelength_um=wavelength_um)
+
+
+def differ(first: PhaseMatrix, second: PhaseMatrix) -> float:
+    terms = max(first.terms, second.terms)
+    padded = [np.pad(one.coefficients, ((0, terms - one.terms), (0, 0))) for one in (first, second)]
+    return float(np.abs(padded[0] - padded[1]).max())
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_a_table_in_any_convention_is_read_by_the_names_of_its_columns(name: str, tmp_path: Path) -> None:
+    about, sphere = CONVENTIONS[name], make_reference_sphere().phase_matrix
+    angles = sphere.to_angles().angle_deg
+    order = [0, 3, 1, 5, 4, 2]
+    columns = tabulate_card(about, angles)[order]
+    path = as_csv(tmp_path, [*np.array(about.columns)[order], "angle_deg"], [*columns, angles])
+    found = vrte.read_scattering(path, convention=name, normalise=about.mean is None)
+    assert isinstance(found, PhaseMatrix)
+    assert differ(found, sphere) <= 1e-10
+
+
+@pytest.mark.parametrize("names", [ELEMENTS, LETTERS, ("P11", "P12", "P22", "P33", "P34", "P44")])
+@pytest.mark.parametrize("turned", [False, True])
+def test_cosines_and_other_letters_are_the_same(names: Any, turned: bool, tmp_path: Path) -> None:
+    matrix = powder(0.5).phase_matrix
+    u = np.polynomial.legendre.leggauss(60)[0][:: -1 if turned else 1]
+    path = as_csv(tmp_path, ["cosine", *names], [u, *matrix.to_angles(np.degrees(np.arccos(u))).elements])
+    found = vrte.read_scattering(path)
+    assert isinstance(found, PhaseMatrix)
+    assert differ(found, matrix) <= 1e-8  # of cosines the first digits of small angles are lost
+
+
+GOOD = "0,1.5\n90,0.75\n180,1.5\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the first line must name the columns, one of them angle_deg or cosine"),
+        ("F11\n1\n", "the first line must name the columns"),
+        ("angle_deg,cosine,F11\n1,1,1\n", "the first line must name the columns, one of them angle_deg or cosine"),
+        ("angle_deg,F12\n0,0\n", "the column F11 is missing: it is angle_deg, F12"),
+        ("angle_deg,F11,F11\n0,0,0\n", "the column F11 must be there once, not 2 times"),
+        ("angle_deg,F11,P11\n0,0,0\n", "the column F11 must be there once, not 2 times"),
+        ("angle_deg,F11,error\n0,0,0\n", "the column 'error' is not known: there may be angle_deg or cosine"),
+        ("angle_deg,F11,F13\n0,0,0\n", "the column 'F13' is not known"),
+        ("angle_deg,F11,-F12/F11\n0,0,0\n", 'the column -F12/F11 is F12 in the convention "vrte"'),
+        ("angle_deg,F11,F12/F11\n0,0,0\n", 'the column F12/F11 is F12 in the convention "vrte"'),
+        ("angle_deg,P11,P43\n0,0,0\n", 'the column P43 is F34 in the convention "vrte"'),
+        ("angle_deg,F11\n", "the table has no rows"),
+        (f"angle_deg,F11\n{GOOD}190,1\n", "line 5: angle_deg must be from 0 to 180, not 190"),
+        (f"angle_deg,F11\n-1,1\n{GOOD}", "line 2: angle_deg must be from 0 to 180, not -1"),
+        ("cosine,F11\n1.5,1\n", "line 2: cosine must be from -1 to 1, not 1.5"),
+        (f"angle_deg,F11\n{GOOD}30,1\n", "line 5: the angles must be ascending, each once; 180 and 30 degrees are not"),
+        ("cosine,F11\n0,1\n1,1\n0.5,1\n", "line 4: the angles must be in one order"),
+        ("angle_deg,F11\n0,1\n30,1\n30,1\n", "line 4: the angles must be ascending, each once; 30 and 30"),
+        ("angle_deg,F11\n0,1.5\n90,-0.75\n180,1.5\n", "line 3: F11 must not be negative, and is -0.75"),
+        ("angle_deg,F11\n0,1.5\n90,nan\n180,1.5\n", "line 3: F11 must be a finite number, not nan"),
+        ("angle_deg,F11\n0,1.5\n90,\n180,1.5\n", "line 3: '90,' holds something that is not a number"),
+        ("angle_deg,F11\n0,1.5\n90,1,1\n180,1.5\n", "line 3: 2 numbers are needed, not 3"),
+        ("angle_deg,F11,F12\n0,1.5,0\n90,1,0.5\n180,1.5,0\n", "F22 is missing: all six elements are needed"),
+        ("angle_deg,F11\n3,1.5\n90,1\n170,1.5\n", "angle_deg must reach from 0 to 180 degrees, not from 3 to 170"),
+    ],
+)
+def test_a_wrong_table_ends_in_one_sentence_with_its_line(text: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=re.escape(said)) as refused:
+        vrte.read_scattering(written(tmp_path, text))
+    assert str(refused.value).isprintable()
+
+
+def test_what_names_of_columns_say_must_be_what_the_convention_says(tmp_path: Path) -> None:
+    path = as_csv(
+        tmp_path, ["angle_deg", "P11", "P21/P11", "P43/P11"], [[0.0, 90.0, 180.0], [1, 1, 1], [0, 0, 0], [0, 0, 0]]
+    )
+    table = read_angle_table(path, "ice")
+    assert [column is None for column in table.columns] == [False, False, True, True, False, True]
+    with pytest.raises(SceneError, match="the column P43/P11 is F34/F11 in the convention"):
+        read_angle_table(path, "granada-synthetic")
+    with pytest.raises(SceneError, match=r"the column 'P11' is not known.*Pll, Plr, Prr"):
+        read_angle_table(path, "chandrasekhar")
+
+
+def test_files_that_are_no_tables(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"the file must end in \.csv, \.nc, \.nc4, \.cdf, not in '\.txt'"):
+        vrte.read_scattering(written(tmp_path, "", "table.txt"))
+    with pytest.raises(SceneError, match=r"wavelength_um must not be given with a \.csv, which holds one table"):
+        vrte.read_scattering(written(tmp_path, ""), wavelength_um=0.5)
+    with pytest.raises(SceneError, match="it is not a NetCDF file: it does not begin as one"):
+        vrte.read_scattering(written(tmp_path, "angle", "table.nc"))
+    with pytest.raises(FileNotFoundError):
+        vrte.read_scattering(tmp_path / "nowhere.csv")
+    os.mkfifo(tmp_path / "endless.csv")
+    with pytest.raises(SceneError, match="it is no file"):
+        vrte.read_scattering(tmp_path / "endless.csv")
+
+
+WAVELENGTHS = (0.45, 0.55, 0.65)
+RADII = (0.2, 0.3)
+MASS = 1e3  # 1/um of a substance of 1 g/cm3 is so many 1/km per g/m3
+
+
+def libradtran(path: Path, elements: tuple[int, ...] = (0, 1, 3, 4), **other: Any) -> Path:
+    """As its Mie tables are: NetCDF-3, angles from 180 to 0, fewer of them at longer wavelengths."""
+    arrays = {
+        "phase": np.zeros((3, 2, len(elements), 200), "f8"),
+        "theta": np.zeros((3, 2, len(elements), 200), "f8"),
+        "ntheta": np.zeros((3, 2, len(elements)), "i4"),
+        "ssa": np.zeros((3, 2)),
+        "ext": np.zeros((3, 2)),
+        "wavelen": np.array(WAVELENGTHS),
+        "reff": np.array(RADII),
+    }
+    for row, wavelength in enumerate(WAVELENGTHS):
+        for column, radius in enumerate(RADII):
+            found = vrte.spheres(1.5 + 0.01j, radius_um=radius, wavelength_um=wavelength)
+            count = 181 - 30 * row
+            table = found.phase_matrix.to_angles(np.linspace(0.0, 180.0, count))
+            arrays["ntheta"][row, column] = count
+            arrays["theta"][row, column, :, :count] = table.angle_deg[::-1]
+            arrays["phase"][row, column, :, :count] = table.elements[list(elements), ::-1]
+            arrays["ssa"][row, column] = found.albedo
+            arrays["ext"][row, column] = MASS * found.extinction_um2 / found.volume_um3
+    arrays |= other
+    with netcdf_file(path, "w") as file:
+        for name, values in arrays.items():
+            dims = []
+            for axis, size in enumerate(values.shape):
+                dims.append(f"{name}_{axis}")
+                file.createDimension(dims[-1], size)
+            file.createVariable(name, values.dtype, dims)[:] = values
+        file.variables["wavelen"].units = "micrometer"
+    return path
+
+
+@pytest.fixture(scope="module")
+def mie_table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return libradtran(tmp_path_factory.mktemp("mie") / "mie.cdf")
+
+
+def test_a_table_of_libradtran_gives_back_the_spheres(mie_table: Path) -> None:
+    expected = vrte.spheres(1.5 + 0.01j, radius_um=0.3, wavelength_um=0.55)
+    found = vrte.read_scattering(mie_table, wavelength_um=0.55, effective_radius_um=0.3, density_g_cm3=2.0)
+    assert isinstance(found, vrte.Particles)
+    assert differ(found.phase_matrix, expected.phase_matrix) <= 1e-10
+    assert found.albedo == pytest.approx(expected.albedo, rel=1e-12)
+    assert found.volume_um3 == pytest.approx(expected.volume_um3, rel=1e-12)
+    assert found.extinction_um2 == pytest.approx(2.0 * expected.extinction_um2, rel=1e-12)  # twice the mass a volume
+    assert found.scattering_um2 == pytest.approx(2.0 * expected.scattering_um2, rel=1e-12)
+
+
+def test_between_wavelengths_matrices_are_mixed_by_what_they_scatter(mie_table: Path) -> None:
+    found = vrte.read_scattering(mie_table, wavelength_um=0.5, effective_radius_um=0.2)
+    kinds = [vrte.spheres(1.5 + 0.01j, radius_um=0.2, wavelength_um=one) for one in WAVELENGTHS[:2]]
+    mixed = vrte.mixture([(kind, 1.0) for kind in kinds])
+    assert isinstance(found, PhaseMatrix)
+    assert differ(found, mixed.phase_matrix) <= 1e-10
+    assert found.expansion is not None
+    assert found.expansion.albedo == pytest.approx(mixed.albedo, rel=1e-12)
+    assert found.expansion.way.endswith("of 0.45 and 0.55 um")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            {"wavelength_um": 0.7, "effective_radius_um": 0.2},
+            "wavelength_um must be from 0.45 to 0.65 um, which the data are for, not 0.7",
+        ),
+        ({"effective_radius_um": 0.2}, "wavelength_um is missing: the file has 3, 0.45 to 0.65 um"),
+        ({"wavelength_um": 0.5}, "effective_radius_um is missing: the file has 0.2 to 0.3, 2 of them"),
+        (
+            {"wavelength_um": 0.5, "effective_radius_um": 0.24},
+            "effective_radius_um must be one of the file's, 0.2 is nearest, not 0.24",
+        ),
+        (
+            {"wavelength_um": 0.5, "effective_radius_um": 0.2, "humidity_percent": 50},
+            "humidity_percent must not be given",
+        ),
+        ({"wavelength_um": -1.0}, "wavelength_um must be a number above 0"),
+    ],
+)
+def test_what_is_not_in_the_data_is_refused(options: dict[str, Any], said: str, mie_table: Path) -> None:
+    with pytest.raises(SceneError, match=re.escape(said)):
+        vrte.read_scattering(mie_table, **options)
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"phase": np.ones((3, 2, 4))}, "its phase and theta must be of one shape"),
+        ({"phase": np.full((3, 2, 4, 200), np.nan)}, "its phase must be finite numbers at all its angles"),
+        ({"theta": np.ones((3, 2, 4, 200))}, "its angles must be in one order from 0 to 180 degrees, each once"),
+        ({"ntheta": np.ones((3, 2), "i4")}, "its ntheta must be of shape (3, 2, 4), not (3, 2)"),
+        ({"wavelen": np.array([0.5, 0.4, 0.6])}, "its wavelen must be 3 ascending wavelengths"),
+        ({"ssa": np.ones(3)}, "its ssa must be of shape (3, 2), not (3,)"),
+        ({"reff": np.ones(5)}, "effective_radius_um must not be given: the file has one table for all"),
+        ({"ext": np.full((3, 2), -1.0)}, "its extinction must be numbers >= 0"),
+    ],
+)
+def test_damaged_data_end_in_one_sentence(other: dict[str, Any], said: str, tmp_path: Path) -> None:
+    path = libradtran(tmp_path / "bad.cdf", **other)
+    with pytest.raises(SceneError, match=re.escape(said)):
+        vrte.read_scattering(path, wavelength_um=0.55, effective_radius_um=0.2)
+
+
+def test_six_elements_of_libradtran_are_in_its_order(tmp_path: Path) -> None:
+    path = libradtran(tmp_path / "six.cdf", elements=(0, 1, 3, 4, 2, 5))
+    found = vrte.read_scattering(path, wavelength_um=0.65, effective_radius_um=0.2)
+    assert isinstance(found, PhaseMatrix)
+    assert differ(found, vrte.spheres(1.5 + 0.01j, radius_um=0.2, wavelength_um=0.65).phase_matrix) <= 1e-10
+
+
+def eradiate(path: Path, labels: bool) -> Path:
+    """Its first layout, phase (w, mu, i, j); with labels its second, phase (phamat, w, iangle), short of the end."""
+    tables = [powder(one).phase_matrix.to_angles(np.linspace(180.0, 0.0, 181)) for one in WAVELENGTHS]
+    with h5py.File(path, "w") as file:
+        file["w"] = 1e3 * np.array(WAVELENGTHS)
+        file["w"].attrs["units"] = "nm"
+        mu = np.cos(np.radians(tables[0].angle_deg))
+        if labels:
+            names = ("11", "12", "33", "34", "22", "44")
+            file["phamat"] = np.array(names, dtype=h5py.string_dtype())
+            file["phase"] = np.full((6, 3, 190), np.nan)
+            file["mu"] = np.full((3, 190), np.nan)
+            file["nangles"] = np.full(3, 181, "i4")
+            file["mu"][:, :181] = mu
+            for row, table in enumerate(tables):
+                file["phase"][:, row, :181] = [getattr(table, f"F{name}") for name in names]
+            file["ssa"], file["ext"] = [powder(one).albedo for one in WAVELENGTHS], np.ones(3)
+        else:
+            phase = np.zeros((3, 181, 4, 4))
+            for row, table in enumerate(tables):
+                matrix = powder(WAVELENGTHS[row]).phase_matrix.scattering_matrix(table.angle_deg)
+                phase[row] = matrix
+            file["phase"], file["mu"] = phase, mu
+            file["albedo"], file["sigma_t"] = [powder(one).albedo for one in WAVELENGTHS], np.ones(3)
+    return path
+
+
+@pytest.mark.parametrize("labels", [False, True])
+def test_tables_of_eradiate_are_read(labels: bool, tmp_path: Path) -> None:
+    path = eradiate(tmp_path / "aerosol.nc", labels)
+    found = vrte.read_scattering(path, wavelength_um=0.65)
+    assert isinstance(found, PhaseMatrix)
+    assert differ(found, powder(0.65).phase_matrix) <= 1e-10
+    assert found.expansion is not None
+    assert found.expansion.albedo == pytest.approx(powder(0.65).albedo, rel=1e-12)
+    with pytest.raises(SceneError, match="density_g_cm3 needs an albedo and an extinction per mass"):
+        vrte.read_scattering(path, wavelength_um=0.65, density_g_cm3=1.0)
+    with pytest.raises(SceneError, match="effective_radius_um must not be given"):
+        vrte.read_scattering(path, wavelength_um=0.65, effective_radius_um=1.0)
+
+
+def external_storage(file: h5py.File, secret: Path) -> None:
+    file.create_dataset("phase", (3, 181, 4, 4), "f8", external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
+
+
+def external_link(file: h5py.File, secret: Path) -> None:
+    file["phase"] = h5py.ExternalLink(str(secret), "/phase")
+
+
+@pytest.mark.parametrize(
+    ("attack", "words"),
+    [
+        (external_storage, r"its phase lies in another file \(external storage\)"),
+        (external_link, "its phase is a link to elsewhere"),
+        (lambda file, _: file.create_dataset("phase", (40_000, 4_000, 4), "f8"), "5120000000 bytes.*and holds 0"),
+        (lambda file, _: file.create_dataset("phase", data=[b"a"]), "its phase must be an array of numbers"),
+        (lambda file, _: file.create_dataset("phase", data=np.ones(3)), "its phase must be of shape"),
+        (lambda file, _: None, "it must have the variables"),
+    ],
+)
+def test_hostile_files_are_refused_before_a_value_is_read(attack: Any, words: str, tmp_path: Path) -> None:
+    path = eradiate(tmp_path / "aerosol.nc", False)
+    os.mkfifo(tmp_path / "secret")  # whoever opens it waits for ever
+    with h5py.File(path, "r+") as file:
+        del file["phase"]
+        attack(file, tmp_path / "secret")
+    with pytest.raises(SceneError, match=words) as refused:
+        vrte.read_scattering(path, wavelength_um=0.65)
+    assert str(refused.value).isprintable()
+
+
+@pytest.mark.slow
+def test_a_file_is_opened_by_a_process_of_its_own(
+    mie_table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from vrte.formats import netcdf
+
+    monkeypatch.setattr(scattering_netcdf, "read_foreign", netcdf.read_foreign)
+    assert isinstance(vrte.read_scattering(mie_table, wavelength_um=0.55, effective_radius_um=0.3), PhaseMatrix)
+    cut = tmp_path / "cut.cdf"
+    cut.write_bytes(mie_table.read_bytes()[:5000])
+    with pytest.raises(SceneError, match="the file is not a NetCDF file"):
+        vrte.read_scattering(cut, wavelength_um=0.55)
