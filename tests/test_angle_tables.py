@@ -3,6 +3,7 @@
 import pickle
 import re
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -325,6 +326,18 @@ def test_a_convention_is_recognised_by_four_digits_and_reads_back(name: str) -> 
         angles, *tabulate_card(about, angles), convention=name, normalise=about.mean is None
     )
     assert differ(again, sphere.phase_matrix) <= 1e-10
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_the_page_has_the_card_as_it_is(name: str) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "importing.md").read_text(encoding="utf-8")
+    (row,) = re.findall(rf"^\| `{name}` \| (\S+: .*) \|$", page, re.MULTILINE)
+    cells = [[float(value) for value in cell.partition(": ")[2].split(", ")] for cell in row.split(" | ")]
+    card = tabulate_card(CONVENTIONS[name])[[0, 2, 3, 4] if name == "chandrasekhar" else [0, 1, 3, 4]]
+    np.testing.assert_allclose(cells, card, rtol=5e-4)
+    (told,) = re.findall(rf"^\| `{name}` \| (\w.*) \|$", page.partition("who writes so")[2], re.MULTILINE)
+    about = CONVENTIONS[name]
+    assert told == f"{about.words} | {about.in_words} | {about.source}"
 
 
 def test_what_tells_nothing_apart_is_several_names() -> None:

@@ -11,9 +11,13 @@ import pytest
 from scipy.io import netcdf_file
 
 import vrte
+from tests.helpers import run
 from vrte.basics.errors import SceneError
 from vrte.formats import scattering_netcdf
+from vrte.formats.coefficient_table import read_coefficients
+from vrte.formats.named import find_named_tables
 from vrte.formats.scattering_table import read_angle_table
+from vrte.formats.scene_file import read_content, read_scene
 from vrte.optics.convention_card import make_reference_sphere, tabulate_card
 from vrte.optics.conventions import CONVENTIONS, ELEMENTS
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -336,3 +340,118 @@ def test_a_file_is_opened_by_a_process_of_its_own(
     cut.write_bytes(mie_table.read_bytes()[:5000])
     with pytest.raises(SceneError, match="the file is not a NetCDF file"):
         vrte.read_scattering(cut, wavelength_um=0.55)
+
+
+SCENE = """
+wavelength_um = 0.55
+[[layer]]
+phase = {{ {phase} }}
+albedo = 0.99
+thickness = 0.5
+[brdf]
+mu_i = 0.6
+mu_o = 0.5
+"""
+
+
+def scene_of(folder: Path, phase: str) -> Path:
+    return written(folder, SCENE.format(phase=phase), "scene.toml")
+
+
+def test_a_scene_file_names_a_table_over_angle(tmp_path: Path) -> None:
+    sphere = make_reference_sphere().phase_matrix
+    angles, about = sphere.to_angles().angle_deg, CONVENTIONS["granada"]
+    as_csv(tmp_path, ["angle_deg", *about.columns], [angles, *tabulate_card(about, angles)], "dust.csv")
+    path = scene_of(tmp_path, 'table = "dust.csv", convention = "granada", normalise = true')
+    assert differ(read_scene(path).scene.layers[0].phase_matrix, sphere) <= 1e-10
+    assert find_named_tables(read_content(path)) == {("layer", 0, "phase", "table"): "dust.csv"}
+    assert vrte.brdf(read_scene(path).scene, 0.6, 0.5, nodes=4).mueller.shape == (1, 1, 1, 4, 4)
+
+
+@pytest.mark.parametrize(
+    ("phase", "said"),
+    [
+        ('table = "nowhere.csv"', "the file cannot be read: No such file or directory"),
+        ('table = "dust.txt"', "must be the path of a .csv or .nc or .nc4 or .cdf file beside the scene file"),
+        ('table = "dust.csv", convention = "mine"', "layer[1].phase.convention"),
+        ('table = "dust.csv", terms = 3', "must be"),
+        ('table = "dust.csv", ends = "extrapolate"', "layer[1].phase.table: ends fills what a table leaves out"),
+        (
+            'table = "dust.csv", convention = "granada"',
+            "phase.table: normalise must be True for the convention",
+        ),
+        ('table = "bad.csv"', "layer[1].phase.table: line 2: F11 must be a finite number, not nan"),
+        ('table = "dust.csv", effective_radius_um = 1', "effective_radius_um must not be given with a .csv"),
+    ],
+)
+def test_a_scene_file_says_what_is_wrong_with_its_table(phase: str, said: str, tmp_path: Path) -> None:
+    as_csv(tmp_path, ["angle_deg", "F11"], [np.arange(0.0, 181.0, 30.0), np.ones(7)], "dust.csv")
+    written(tmp_path, "angle_deg,F11\n0,nan\n180,1\n", "bad.csv")
+    with pytest.raises(SceneError, match=re.escape(said)):
+        read_scene(scene_of(tmp_path, phase))
+
+
+def test_a_scene_takes_the_table_of_its_wavelength(mie_table: Path, tmp_path: Path) -> None:
+    (tmp_path / "mie.cdf").write_bytes(mie_table.read_bytes())
+    path = scene_of(tmp_path, 'table = "mie.cdf", effective_radius_um = 0.3')
+    found = read_scene(path, wavelength_um=0.65).scene.layers[0].phase_matrix
+    assert differ(found, vrte.spheres(1.5 + 0.01j, radius_um=0.3, wavelength_um=0.65).phase_matrix) <= 1e-10
+    with pytest.raises(SceneError, match=r"layer\[1\]\.phase\.table: wavelength_um must be from 0\.45 to 0\.65 um"):
+        read_scene(path, wavelength_um=0.8)
+
+
+@pytest.fixture
+def dust_table(tmp_path: Path) -> Path:
+    """The sphere of the card as measured tables are: 3 to 177 degrees, F11 = 1 at 30."""
+    angles, about = np.arange(3.0, 178.0), CONVENTIONS["granada"]
+    return as_csv(tmp_path, ["angle_deg", *about.columns], [angles, *tabulate_card(about, angles)], "dust.csv")
+
+
+def test_the_command_tells_what_a_table_is_and_writes_it(
+    dust_table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--convention", "granada", "--normalise", "--ends", "extrapolate")
+    coefficients, picture = tmp_path / "coefficients.csv", tmp_path / "dust.png"
+    assert run("phase", dust_table, *options, "-o", coefficients, "--plot", picture) == 0
+    told = capsys.readouterr().out
+    found = vrte.read_scattering(dust_table, convention="granada", normalise=True, ends="extrapolate")
+    assert isinstance(found, PhaseMatrix)
+    assert found.expansion is not None
+    assert "175 angles, convention granada; a spline over 175 angles, extrapolated short of 3 degrees" in told
+    assert f"integral    {found.expansion.integral:.6g}" in told
+    assert re.search(r"peak +F11 is 10\.\d+ at 0 degrees, half of that at 28\.\d degrees", told)
+    assert f"asymmetry   {found.asymmetry:.6g}\nterms       {found.terms}\n" in told
+    assert re.search(r"coherency +lowest eigenvalue \S+ of F11, at \d+ degrees", told)
+    assert read_coefficients(coefficients).coefficients.tobytes() == found.coefficients.tobytes()
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_recognises_a_convention(dust_table: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("phase", dust_table, "--recognise") == 0
+    assert capsys.readouterr().out == f"{dust_table} is in the convention granada\n"
+    assert run("phase") == 0
+    told = capsys.readouterr().out
+    assert all(f"\n{name}: " in told for name in CONVENTIONS)
+    assert "F34      0.5014 at 30" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--normalise",), "--normalise needs the name of a file before it"),
+        (("--recognise",), "--recognise needs the name of a file before it"),
+        (("FILE", "--recognise", "--spheres"), "--recognise finds the convention"),
+        (
+            ("FILE", "--convention", "granada"),
+            "dust.csv: angle_deg must reach from 0 to 180 degrees, not from 3 to 177",
+        ),
+        (("FILE",), "dust.csv: the column -F12/F11 is F12 in the convention"),
+        (("FILE", "-o", "out.txt"), "must end in .csv"),
+        (("FILE", "--plot", "out.gif"), "must end in .png"),
+    ],
+)
+def test_the_command_refuses_in_one_line(
+    arguments: tuple[str, ...], said: str, dust_table: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("phase", *(dust_table if one == "FILE" else one for one in arguments)) == 2
+    assert said in capsys.readouterr().err

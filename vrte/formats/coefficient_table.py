@@ -5,6 +5,7 @@ import os
 import numpy as np
 
 from vrte.basics.errors import SceneError
+from vrte.formats.atomic import write_atomically
 from vrte.formats.text_file import read_rows
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
 
@@ -37,3 +38,16 @@ def _check_coefficients(degree: int, line: int, values: list[float]) -> list[flo
     if values[0] != degree:
         raise SceneError(f"line {line}: l must count 0, 1, 2, ...: {degree} is next, not {values[0]:g}")
     return values[1:]
+
+
+def write_coefficients(phase_matrix: PhaseMatrix, path: str | os.PathLike[str]) -> None:
+    """Writes the table that `read_coefficients` reads: every digit, all of it or nothing.
+
+    >>> write_coefficients(read_coefficients("rayleigh.csv"), "again.csv")
+    >>> read_coefficients("again.csv").terms
+    3
+    """
+    with write_atomically(path) as part, open(part, "w", encoding="ascii", newline="") as file:
+        file.write(",".join(COLUMNS) + "\n")
+        for degree, row in enumerate(phase_matrix.coefficients.tolist()):
+            file.write(",".join([str(degree), *map(repr, row)]) + "\n")

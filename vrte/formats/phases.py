@@ -2,13 +2,17 @@
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 from vrte.formats.coefficient_table import read_coefficients
-from vrte.formats.keys import Key, Number, Reading, Whole, read_keys
-from vrte.formats.media import TABLE, read_beside
+from vrte.formats.keys import Choice, FilePath, Flag, Key, Number, Reading, Whole, read_keys
+from vrte.formats.media import ONE_WAVELENGTH, TABLE, read_beside
+from vrte.formats.scattering import CSV, NETCDF_SUFFIXES, read_scattering
 from vrte.formats.toml_table import Table, locate_errors, suggest_nearest
 from vrte.optics import phase_matrix as optics
+from vrte.optics.angle_tables import EXTRAPOLATE
+from vrte.optics.conventions import CONVENTIONS
 from vrte.optics.phase_matrix import MOST_TERMS, PhaseMatrix
 
 
@@ -26,6 +30,30 @@ class PhaseRow(NamedTuple):
         return {name: key.start for name, key in self.keys.items() if key.start is not None}
 
 
+class AngleTable(FilePath):
+    """A file of scattering matrices over angle, and the scene's wavelength where the file is for several."""
+
+    def read(self, table: Table, name: str, reading: Reading) -> tuple[Path, float | None]:
+        path = super().read(table, name, reading)
+        if path.suffix.lower() == CSV:
+            return path, None
+        return path, reading.file.number("wavelength_um", ONE_WAVELENGTH)
+
+
+def find_file(path: Path) -> Path:
+    """The path of a file that is there. Raises OSError."""
+    path.stat()
+    return path
+
+
+def read_angles(table: tuple[Path, float | None], **options: object) -> PhaseMatrix:
+    """The phase matrix of an `AngleTable`, with the options of `vrte.read_scattering`."""
+    path, wavelength = table
+    found = read_scattering(path, wavelength_um=wavelength, **options)  # type: ignore[arg-type]
+    assert isinstance(found, PhaseMatrix)  # no density is given
+    return found
+
+
 TERMS = Whole("terms", needed=False, limits=(1, MOST_TERMS))
 PHASES: dict[str, PhaseRow] = {
     "isotropic": PhaseRow("isotropic scatterers", optics.isotropic, {}),
@@ -40,6 +68,23 @@ PHASES: dict[str, PhaseRow] = {
         {
             "henyey_greenstein": Number("asymmetry g", 0.8),
             "terms": Whole("terms", needed=False, limits=(1, MOST_TERMS)),
+        },
+    ),
+    "table": PhaseRow(
+        "a scattering matrix over angle",
+        read_angles,
+        {
+            "table": AngleTable("file", suffixes=(CSV, *NETCDF_SUFFIXES), open=find_file),
+            "convention": Choice(
+                "written as", names={name: about.words for name, about in CONVENTIONS.items()}, needed=False
+            ),
+            "normalise": Flag("divide by its integral", needed=False),
+            "spheres": Flag("of spheres", needed=False),
+            "ends": Choice("where angles are left out", names={EXTRAPOLATE: "extrapolate"}, needed=False),
+            "accuracy": Number("error of the expansion", needed=False),
+            "tolerance": Number("negative eigenvalues up to", needed=False),
+            "effective_radius_um": Number("effective radius [µm]", needed=False),
+            "humidity_percent": Number("humidity [%]", needed=False),
         },
     ),
 }

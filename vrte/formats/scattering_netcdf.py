@@ -61,6 +61,8 @@ def read_wavelength_table(path: str | os.PathLike[str], selection: Selection) ->
     """The tables of a NetCDF file. Raises SceneError, OSError, MissingExtraError without the extra "files"."""
     import_extra("h5py", NETCDF, "files")
     name = check_file_name(path)
+    if os.path.exists(name) and not os.path.isfile(name):
+        raise SceneError("it is no file")  # a device or a pipe may have no end
     with open(name, "rb") as file:
         begins = file.read(len(SIGNATURE))
     if begins != SIGNATURE and begins[:4] not in CLASSIC:
@@ -179,7 +181,7 @@ def arrange_libradtran(told: dict[str, str], arrays: dict[str, Array], selection
 
 def arrange_eradiate(told: dict[str, str], arrays: dict[str, Array], selection: Selection) -> WavelengthTable:
     """w (w) [nm], mu, and phase (w, mu, i, j); or phase (phamat, w, iangle) with mu (w, iangle) and nangles (w)."""
-    refuse_selection(selection)
+    check_no_selection(selection)
     phase, mu = arrays["phase"], arrays["mu"]
     if phase.ndim == 4 and mu.ndim == 1 and phase.shape[1:] == (mu.size, 4, 4):
         wavelengths = find_wavelengths(arrays["w"], told, "w", "nm", phase.shape[0])
@@ -284,7 +286,7 @@ def select_size(arrays: dict[str, Array], selection: Selection, count: int) -> t
     return place, radius
 
 
-def refuse_selection(selection: Selection) -> None:
+def check_no_selection(selection: Selection) -> None:
     """Raises SceneError where a size is asked for of a file that has none."""
     for name, value in selection._asdict().items():
         if value is not None:

@@ -19,7 +19,7 @@ DEGREE = (RATIOS[0], "-F12/F11", *RATIOS[2:])
 SCALES = {  # the scale of F11 in words; the mean of F11 over the sphere where that fixes it
     "mean": ("the mean of F11 over all directions is 1", 1.0),
     "solid-angle": ("the integral of F11 over the solid angle is 1", 0.25 / np.pi),
-    "amplitudes": ("F11 is (|S1|^2 + |S2|^2)/2 of dimensionless amplitudes", None),
+    "amplitudes": ("F11 is (S1 S1* + S2 S2*)/2 of dimensionless amplitudes", None),
     "forward": ("F11 is 1 at 0 degrees", None),
     "30-degrees": ("F11 is 1 at 30 degrees", None),
     "cross-section": ("F11 is the differential scattering cross section [um2/sr]", None),
@@ -51,7 +51,7 @@ class Convention:
         """Its columns, scale and signs.
 
         >>> CONVENTIONS["miev0"].in_words
-        'F11, F12, F22, F33, -F34, F44; F11 is (|S1|^2 + |S2|^2)/2 of dimensionless amplitudes'
+        'F11, F12, F22, F33, -F34, F44; F11 is (S1 S1* + S2 S2*)/2 of dimensionless amplitudes'
         """
         columns = [f"-{name}" if name.startswith("F34") and self.circular < 0 else name for name in self.columns]
         return f"{', '.join(columns)}; {SCALES[self.scale][0]}"

@@ -46,6 +46,10 @@ MEDIA: dict[str, tuple[str, Any]] = {  # what fills a layer: in words, and the p
     **{name: (row.words, row.start or name) for name, row in PHASES.items()},
     "coefficients": ("a table of coefficients", None),
 }
+OF_FILES = {  # a page reads no files, but shows what does
+    "coefficients",
+    *(name for name, row in PHASES.items() if any(isinstance(key, FilePath) for key in row.keys.values())),
+}
 SURFACES = {"smooth": "smooth: beams stay beams", "rough": "rough: many small facets"}
 
 

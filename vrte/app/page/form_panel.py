@@ -184,7 +184,7 @@ class FormPanel:
             self.complaint("layer", place)
             return
         medium = form.get_medium(layer)
-        names = {name: words for name, (words, _) in form.MEDIA.items() if name != "coefficients" or medium == name}
+        names = {name: words for name, (words, _) in form.MEDIA.items() if name not in form.OF_FILES or medium == name}
         self.choice(names, medium, "filled with", partial(form.set_medium, content, place))
         self._medium(place, layer, medium)
         self._thickness(place, layer, medium)

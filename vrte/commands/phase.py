@@ -1,0 +1,154 @@
+"""`vrte phase`: a table of scattering matrices over angle as a phase matrix; and conventions of other codes."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.errors import SceneError
+from vrte.commands.common import add_command, check_extra, check_output, say_written
+from vrte.formats.coefficient_table import write_coefficients
+from vrte.formats.scattering import CSV, read_scattering
+from vrte.formats.scattering_table import read_angle_table
+from vrte.optics.angle_tables import EXTRAPOLATE
+from vrte.optics.convention_card import CARD_DEG, INDEX, RADIUS_UM, WAVELENGTH_UM, recognise_convention, tabulate_card
+from vrte.optics.conventions import CONVENTIONS
+from vrte.optics.phase_matrix import PhaseMatrix
+from vrte.pictures.figures import SUFFIXES, save_figure
+
+OPTIONS = (
+    "convention",
+    "normalise",
+    "spheres",
+    "ends",
+    "accuracy",
+    "tolerance",
+    "wavelength_um",
+    "effective_radius_um",
+    "humidity_percent",
+)
+
+
+def add(commands: Any) -> None:
+    """`vrte phase [FILE]`."""
+    told = "a table of scattering matrices over angle as a phase matrix; without a file, conventions of other codes"
+    phase = add_command(commands, "phase", run, told)
+    phase.add_argument("file", nargs="?", type=Path, help="a .csv with named columns, or NetCDF (.nc, .cdf)")
+    phase.add_argument("--convention", choices=tuple(CONVENTIONS), help="signs, ratios and scale; default: vrte")
+    phase.add_argument("--normalise", action="store_true", default=None, help="divide by the integral, whatever it is")
+    phase.add_argument("--spheres", action="store_true", default=None, help="F22 = F11 and F44 = F33, left out")
+    phase.add_argument("--ends", choices=(EXTRAPOLATE,), help="where the angles do not reach 0 and 180 degrees")
+    phase.add_argument("--accuracy", type=float, metavar="X", help="error of the expansion over F11")
+    phase.add_argument("--tolerance", type=float, metavar="X", help="how far below zero eigenvalues may be")
+    phase.add_argument("--wavelength-um", type=float, metavar="UM", help="of a NetCDF file with several")
+    phase.add_argument("--effective-radius-um", type=float, metavar="UM", help="of a NetCDF file with several")
+    phase.add_argument("--humidity-percent", type=float, metavar="X", help="of a NetCDF file with several")
+    phase.add_argument(
+        "--recognise",
+        action="store_true",
+        help="which convention the file is in: a code's numbers for the sphere below",
+    )
+    phase.add_argument(
+        "-o", "--output", type=Path, metavar="OUT.csv", help="the coefficients, as scene files take them"
+    )
+    phase.add_argument("--plot", type=Path, metavar="OUT.png", help="the expansion over the table; .svg and .pdf too")
+
+
+def run(options: argparse.Namespace) -> None:
+    given = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
+    check_options(options, given)
+    if options.file is None:
+        print_conventions()
+        return
+    if options.recognise:
+        print(f"{options.file} is in the convention {' or '.join(identify_convention(options.file))}")
+        return
+    try:
+        matrix = read_scattering(options.file, **given)
+    except SceneError as error:
+        raise error.behind(options.file) from error
+    assert isinstance(matrix, PhaseMatrix)  # no density is given
+    print_expansion(matrix, options.file)
+    if options.output:
+        write_coefficients(matrix, options.output)
+        say_written(options.output)
+    if options.plot:
+        save_figure(matrix.plot(), options.plot)
+        say_written(options.plot)
+
+
+def check_options(options: argparse.Namespace, given: dict[str, Any]) -> None:
+    """Whether they go together, before the work is done. Raises SceneError."""
+    more = {**given, **{name: True for name in ("output", "plot") if getattr(options, name)}}
+    if options.file is None and (more or options.recognise):
+        name = next(iter(more), "recognise")
+        raise SceneError(f"--{name.replace('_', '-')} needs the name of a file before it")
+    if options.recognise and more:
+        raise SceneError(
+            f"--recognise finds the convention, and --{next(iter(more)).replace('_', '-')} plays no part in it"
+        )
+    if options.output:
+        check_output(options.output, CSV)
+    if options.plot:
+        check_output(options.plot, *SUFFIXES)
+        check_extra(f"writing {options.plot}", "plot", ("matplotlib",))
+
+
+def identify_convention(path: Path) -> list[str]:
+    """The conventions that both the names and the numbers of a file's columns are those of. Raises SceneError."""
+    faults: list[SceneError] = []
+    found = []
+    for name in CONVENTIONS:
+        try:
+            table = read_angle_table(path, name)
+            if name in recognise_convention(table.angle_deg, *table.columns):
+                found.append(name)
+        except SceneError as error:
+            faults.append(error)
+    if not found:
+        fault = faults[-1] if faults else SceneError("its columns are named after one convention and hold another's")
+        raise fault.behind(path)
+    return found
+
+
+def print_expansion(matrix: PhaseMatrix, path: Path) -> None:
+    """What was found: integral, peak, asymmetry, terms, error, coherency."""
+    told = matrix.expansion
+    assert told is not None  # it is from a table
+    zero, half = find_peak(matrix)
+    reach = "nowhere half as large" if half is None else f"half of that at {half:.3g} degrees"
+    print(f"{path}: {told.table.angle_deg.size} angles, convention {told.convention}; {told.way}")
+    rows = {
+        "integral": f"{told.integral:.6g} (F11's mean over the sphere, over the convention's)",
+        "peak": f"F11 is {zero:.5g} at 0 degrees, {reach}",
+        "asymmetry": f"{matrix.asymmetry:.6g}",
+        "terms": f"{matrix.terms}",
+        "error": f"{told.largest_error:.2g} of F11 at most, at {told.largest_error_angle_deg:g} degrees",
+        "coherency": f"lowest eigenvalue {told.lowest_eigenvalue:.2g} of F11, at {told.lowest_angle_deg:g} degrees",
+    }
+    if told.albedo is not None:
+        rows["albedo"] = f"{told.albedo:.6g}"
+    for name, words in rows.items():
+        print(f"{name:12}{words}")
+
+
+def find_peak(matrix: PhaseMatrix) -> tuple[float, float | None]:
+    """F11 at 0 degrees, and the first angle [degrees] where it is half as large; None where it nowhere is."""
+    angles = np.concatenate([[0.0], np.geomspace(1e-3, 180.0, 2000)])
+    f11 = matrix.to_angles(angles).F11
+    below = np.flatnonzero(f11 <= 0.5 * f11[0])
+    return float(f11[0]), float(angles[below[0]]) if below.size else None
+
+
+def print_conventions() -> None:
+    """Every convention, and what a code of it gives for the sphere of the card."""
+    print(f"A sphere of refractive index {INDEX:g}, radius {RADIUS_UM:g} um, wavelength {WAVELENGTH_UM:g} um, in air")
+    for name, about in CONVENTIONS.items():
+        print(f"\n{name}: {about.words}\n  {about.in_words}\n  known from: {about.source}")
+        card = tabulate_card(about)
+        for label, row in zip(about.in_words.partition(";")[0].split(", "), card, strict=True):
+            print(
+                f"  {label:>10}"
+                + "".join(f"{value:12.4g} at {angle:g}" for value, angle in zip(row, CARD_DEG, strict=True))
+            )
