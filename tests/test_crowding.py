@@ -1,5 +1,6 @@
 """Crowded particles: hard spheres of one and many sizes, effective media, and where each of them ends."""
 
+import csv
 import math
 import warnings
 from functools import partial
@@ -22,6 +23,7 @@ from vrte.optics.effective_medium import find_coherent_potential_index, find_max
 from vrte.optics.hard_spheres import compute_structure_factor, join_amplitudes
 from vrte.optics.spheres import compute_mie_coefficients
 from vrte.scene.layer import Layer
+from vrte.studies import crowding
 
 ANGLES = np.array([0.0, 3.0, 20.0, 77.0, 121.0, 170.0, 180.0])
 SIZES = {"wavelength_um": 0.6, "host_index": 1.33}
@@ -48,6 +50,16 @@ def test_structure_factor_of_one_size_has_its_known_values():
     found = compute_structure_factor([2.0, 5.0, 7.0, 20.0], 0.5, 0.2)
     np.testing.assert_allclose(found, [0.27826114, 1.00833682, 1.13690732, 1.00852169], atol=6e-9)
     np.testing.assert_allclose(compute_structure_factor([7.0], 0.5, 0.4), 1.83438842, atol=6e-9)
+
+
+@pytest.mark.parametrize(("fraction", "where", "highest"), [(0.15, 6.00, 1.17), (0.30, 6.37, 1.52), (0.45, 6.84, 2.52)])
+def test_peaks_are_where_a_textbook_draws_them(fraction, where, highest):
+    """Cipelletti, Trappe and Pine, "Scattering techniques", in "Fluids, colloids and soft materials" (2016), the plot
+    on page 137, from which others read these numbers: good to some hundredths."""
+    x = np.linspace(5.0, 8.0, 3001)
+    found = compute_structure_factor(x, 0.5, fraction)
+    assert found.max() == pytest.approx(highest, abs=0.02)
+    assert x[found.argmax()] == pytest.approx(where, abs=0.04)
 
 
 @pytest.mark.parametrize("fraction", [1e-6, 0.05, 0.2, 0.4, 0.6])
@@ -298,6 +310,17 @@ def test_outside_of_a_domain_a_warning_says_what_is_allowed(particles, fraction,
 def test_what_a_packing_cannot_do_is_refused(particles, fraction, packing, words):
     with pytest.raises(vrte.SceneError, match=words):
         Layer.of(particles(), thickness_um=1.0, volume_fraction=fraction, packing=packing)
+
+
+@pytest.mark.slow
+def test_the_study_draws_what_crowding_does(tmp_path):
+    assert crowding.main(["-o", str(tmp_path), "--fractions", "0.05", "0.3"]) == 0
+    rows = list(csv.DictReader((tmp_path / "crowding.csv").read_text().splitlines()))
+    latex_lengths = {row["packing"]: float(row["transport_length_um"]) for row in rows[1:8:2]}
+    assert latex_lengths["percus-yevick"] > 1.2 * latex_lengths["independent"]
+    white = {row["packing"]: float(row["reflectance"]) for row in rows[9::2]}
+    assert white["coherent-potential"] < white["percus-yevick"] < white["independent"] < 1.0
+    assert (tmp_path / "crowding.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow
