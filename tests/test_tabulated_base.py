@@ -307,6 +307,7 @@ def test_fields_and_plans_have_tables(table: vrte.TabulatedBase) -> None:
     np.testing.assert_allclose(found.flux_up, expected.flux_up, rtol=1e-6)
     plan = vrte.plan("radiance", vrte.Scene(layers, table), 0.5, mu=[0.3], nodes=6)
     assert plan.diagnostics()["base"] == "TabulatedBase"
+    assert found.diagnostics["base_interpolation_error"] == table.interpolation_error
 
 
 @pytest.mark.slow

@@ -55,6 +55,11 @@ class Boundary:
         return self.mixes_stokes or self.orders_reflected > 1
 
     @property
+    def told(self) -> dict[str, float]:
+        """What the diagnostics of a result say of it beside its name."""
+        return {}
+
+    @property
     def even_albedo(self) -> float:
         """The share of light that comes back evenly and unpolarized."""
         return 0.0

@@ -170,6 +170,10 @@ class TabulatedBase(Boundary):
         return f"TabulatedBase({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {orders}{mirrors})"
 
     @property
+    def told(self) -> dict[str, float]:
+        return {"base_interpolation_error": self.interpolation_error}
+
+    @property
     def keeps_beams(self) -> bool:  # type: ignore[override]
         return self.specular is not None and bool(self.specular.any())
 

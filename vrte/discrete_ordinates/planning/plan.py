@@ -128,6 +128,7 @@ class Plan:
             "truncation_rule": self.truncation.reason,
             "peak_fractions": self.problem.fraction.tolist(),
             "base": describe_base(self.request.scene),
+            **self.request.scene.below.told,
             **describe_interfaces(self.request.scene, self.request.mu0),
         }
 
