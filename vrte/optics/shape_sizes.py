@@ -28,8 +28,9 @@ from vrte.optics.transition_matrix import (
 )
 
 WORDS = {SPHEROID: "spheroids", CYLINDER: "cylinders"}
-SMALLEST_SIZE, LARGEST_SIZE = 1e-3, 50.0  # size parameters of the sphere of equal volume, and of that around a particle
-TAIL = 1e-4  # of the sum of cross sections: what the largest sizes, left out, may hold
+SMALLEST_SIZE, LARGEST_SIZE = 1e-4, 50.0  # size parameters of the sphere of equal volume, and of that around a particle
+TOO_SMALL = 1e-2 * SMALLEST_SIZE  # for the solver's Bessel functions; left out beside larger ones
+TAIL = 1e-4  # of the sum of cross sections: what is held by larger sizes than those worked out
 FEWEST_RADII, MOST_RADII = 17, 129
 SETTLED = np.array([1e-4, 1e-4, 1e-4, 1e-3])  # relative: extinction, scattering, asymmetry, backscattering
 REFUSED = 1e-2  # error of amplitudes, or of energy
@@ -68,7 +69,7 @@ class Shape:
 
 
 def find_largest_radius(shape: Shape) -> float:
-    """The radius beyond which sizes hold too little to count. Raises SceneError for sizes that are not allowed."""
+    """The radius beyond which sizes hold little; those scatter as it does, by their areas. Raises SceneError."""
     radii, weights = check_quadrature(shape.size, MOST_RADII, 4, shape.words)
     parameters = shape.wavenumber * radii
     if parameters[-1] < SMALLEST_SIZE:
@@ -142,22 +143,24 @@ def settle_sizes(shape: Shape, largest: float) -> tuple[Average, int, float]:
 def add_sizes(shape: Shape, largest: float, count: int, known: dict[float, Average]) -> tuple[Average, int]:
     """The mean over ``count`` radii, and how many count; those not ``known`` are worked out and kept there."""
     radii, weights = check_quadrature(shape.size, count, 4, shape.words)
-    counts = (radii <= largest * (1.0 + 1e-12)) & (shape.wavenumber * radii >= SMALLEST_SIZE)
+    counts = shape.wavenumber * radii >= TOO_SMALL
     radii, weights = radii[counts], weights[counts]
-    new = [radius for radius in radii.tolist() if radius not in known]
+    solved = np.minimum(radii, largest)
+    new = {radius for radius in solved.tolist() if radius not in known}
     warn_of_time(shape, new)
     for radius in sorted(new, reverse=True):  # what may fail comes first
         known[radius] = solve_size(shape, radius)
-    parts = [known[radius] for radius in radii.tolist()]
+    parts = [known[radius] for radius in solved.tolist()]
+    weights = weights * (radii / solved) ** 2  # of larger ones: their areas
     sums = np.zeros((max(len(part.sums) for part in parts), 6))
     for weight, part in zip(weights, parts, strict=True):
         sums[: len(part.sums)] += weight * part.sums
     numbers = [[part.extinction, part.scattering, part.scattering * part.error] for part in parts]
     extinction, scattering, errors = weights @ numbers
-    return Average(float(extinction), float(scattering), sums, float(errors / scattering)), radii.size
+    return Average(float(extinction), float(scattering), sums, float(errors / scattering)), np.unique(solved).size
 
 
-def warn_of_time(shape: Shape, radii: list[float]) -> None:
+def warn_of_time(shape: Shape, radii: set[float]) -> None:
     """Says what will take long."""
     reach = find_reach(shape.kind, shape.aspect_ratio) * shape.wavenumber
     work = sum((1.2 * count_orders(reach * radius)) ** 6 for radius in radii)

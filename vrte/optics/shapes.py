@@ -50,13 +50,13 @@ def spheroids(
         particles, how well energy is kept (an AccuracyWarning tells of more than 1e-3). Averages over sizes double the
         number of radii from 17 until cross sections and asymmetry change by less than 1e-4 and backscattering by less
         than 1e-3, or until there are 129 (SizeAverageWarning above 1e-2); the largest sizes, which hold 1e-4 of the
-        cross sections, are left out.
+        cross sections, scatter as the largest of the others, by their areas.
 
     Raises
     ------
     SceneError
         As `spheres`; where the size parameter of the sphere around the largest is above 50 or that of the sphere of
-        equal volume of a single size below 1e-3, or where null fields do not converge to 1e-2.
+        equal volume below 1e-4, or where null fields do not converge to 1e-2.
     MissingExtraError
         Without the extra "shapes".
 
