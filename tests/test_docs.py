@@ -119,3 +119,8 @@ def test_every_statement_on_security_names_a_test_that_exists() -> None:
         assert tests, f"no test is named for: {statement}"
         for file, name in tests:
             assert f"def {name}(" in (ROOT / file).read_text(), f"{file} has no {name}"
+
+
+def test_the_page_of_kinds_is_what_the_registries_say() -> None:
+    page = (ROOT / "docs" / "kinds.md").read_text()
+    assert page == write_page(), "make it anew: python -m vrte.studies.kinds > docs/kinds.md"
