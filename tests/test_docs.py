@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from vrte.studies.kinds import write_page
+
 ROOT = Path(__file__).parents[1]
 EQUATIONS = (ROOT / "docs" / "equations.md").read_text()
 ROWS = re.findall(r"^\| ([^|]+?) \| (vrte/\S+?):(\w+) \|", EQUATIONS, re.MULTILINE)

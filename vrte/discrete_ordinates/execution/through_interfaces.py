@@ -20,7 +20,7 @@ from vrte.discrete_ordinates.orders.media import (
     find_rough_places,
     list_sights,
 )
-from vrte.discrete_ordinates.orders.passage import ARRIVING, ENTERING, LEAVING, RISING
+from vrte.discrete_ordinates.orders.passage import list_sources
 from vrte.discrete_ordinates.orders.problem import ALL, Problem
 from vrte.discrete_ordinates.orders.single_scattering import integrate_slab_paths
 from vrte.discrete_ordinates.planning.azimuths import Azimuths, compute_cos_sin, fold_azimuths
@@ -51,12 +51,8 @@ def list_vertices(problem: Problem, base: Boundary, azimuths: Azimuths, run: Run
     cut = cut_pieces(media.depths, problem.thickness, problem.level)
     into, beams = find_beams(media, cut, problem.mu0)
     sights = list_sights(media, problem.mu_out)
-    sources = [source for k in range(cut.layer.size) for source in ((k, RISING), (k + 1, ARRIVING))]
     rough = find_rough_places(media, cut)
-    first_rough = len(sources)
-    sources += [source for place in rough for source in ((place, LEAVING), (place, ENTERING))]
-    if base.orders_reflected:
-        sources.append((cut.joint.size - 1, LEAVING))
+    first_rough, sources = 2 * cut.layer.size, list_sources(cut, rough, base)
     escapes = find_escapes(media, cut, sights, problem.n_up, list(ALL), np.array(sources))
     lit, columns = problem.mu0[:, None, None], problem.columns.T
     found = []

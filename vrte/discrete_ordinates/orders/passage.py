@@ -7,7 +7,14 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.discrete_ordinates.orders.base import Base, expand_base
-from vrte.discrete_ordinates.orders.media import cut_pieces, find_beams, find_escapes, find_rough_places, list_sights
+from vrte.discrete_ordinates.orders.media import (
+    Cut,
+    cut_pieces,
+    find_beams,
+    find_escapes,
+    find_rough_places,
+    list_sights,
+)
 from vrte.discrete_ordinates.orders.problem import Problem
 from vrte.discrete_ordinates.orders.rough_joints import make_rough_joint
 from vrte.scene.boundary import Boundary
@@ -33,7 +40,7 @@ class Passage:
         self.mirrored = lit * (beams.leaving[1:][..., members[0], members[1]] @ columns)
         self.arriving = lit * (beams.arriving[-1][..., members[0], members[1]] @ columns)
         self.beams = beams
-        self.sources = self.list_sources(base)
+        self.sources = list_sources(self.cut, self.rough, base)
         self.escapes = find_escapes(
             self.media, self.cut, self.sights, problem.n_up, list(problem.stokes), np.array(self.sources)
         )
@@ -77,12 +84,6 @@ class Passage:
             n_up=out.size,
             columns=np.eye(len(self.problem.stokes)),
         )
-
-    def list_sources(self, base: Boundary) -> list[tuple[int, int]]:
-        """Where light sets out for directions off the nodes: the joint and the way."""
-        found = [source for piece in range(self.cut.layer.size) for source in ((piece, RISING), (piece + 1, ARRIVING))]
-        found += [source for place in self.rough for source in ((place, LEAVING), (place, ENTERING))]
-        return [*found, (self.cut.joint.size - 1, LEAVING)] if base.orders_reflected else found
 
     def expand(self, base: Boundary, n_order: int, accuracy: float) -> Base | None:
         """The base's operators on the nodes of the medium that it lies in."""
@@ -144,6 +145,14 @@ class Passage:
             for way, field in enumerate((rising, entering) if under else (leaving, arriving)):
                 found[way, t] = scale @ field[joint][:: len(self.problem.stokes)][-nodes.size :]
         return found
+
+
+def list_sources(cut: Cut, rough: Sequence[int], base: Boundary) -> list[tuple[int, int]]:
+    """Where light sets out for directions off the nodes, the joint and the way: two of each piece, two of each rough
+    surface, one of a base that reflects."""
+    found = [source for piece in range(cut.layer.size) for source in ((piece, RISING), (piece + 1, ARRIVING))]
+    found += [source for place in rough for source in ((place, LEAVING), (place, ENTERING))]
+    return [*found, (cut.joint.size - 1, LEAVING)] if base.orders_reflected else found
 
 
 def expand_lossless_base(base: Boundary, problem: Problem, n_order: int, accuracy: float) -> Base:
