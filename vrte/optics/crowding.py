@@ -210,20 +210,30 @@ def scatter_in_medium(
 
 
 class Packing(NamedTuple):
-    """A model of crowding: what it refuses and warns of, and particles at a volume fraction as they scatter there."""
+    """A model of crowding, in ``words``: what it refuses and warns of, and particles at a volume fraction as they scatter
+    there."""
 
+    words: str
     check: Callable[[Particles, float], None]
     scatter: Callable[[Particles, float], Particles]
 
 
 PACKINGS: dict[str, Packing] = {
-    INDEPENDENT: Packing(check_alone, scatter_alone),
-    PERCUS_YEVICK: Packing(check_hard_spheres, scatter_as_hard_spheres),
+    INDEPENDENT: Packing("each as if it were alone: up to 10 % by volume", check_alone, scatter_alone),
+    PERCUS_YEVICK: Packing(
+        "hard spheres whose light interferes (Percus-Yevick): nearly the host's index, up to 30 %",
+        check_hard_spheres,
+        scatter_as_hard_spheres,
+    ),
     EFFECTIVE_MEDIUM: Packing(
-        check_effective_medium, partial(scatter_in_medium, find_index=find_maxwell_garnett_index)
+        "alone in a medium of an effective index (Maxwell Garnett): much smaller than the wavelength, up to 30 %",
+        check_effective_medium,
+        partial(scatter_in_medium, find_index=find_maxwell_garnett_index),
     ),
     COHERENT_POTENTIAL: Packing(
-        check_coherent_potential, partial(scatter_in_medium, find_index=find_coherent_potential_index)
+        "alone in a medium in which they do not change the phase of light (coherent potential): any index, up to 30 %",
+        check_coherent_potential,
+        partial(scatter_in_medium, find_index=find_coherent_potential_index),
     ),
 }
 

@@ -68,9 +68,7 @@ def write_page() -> str:
     for heading, registry in registries.items():
         table = make_markdown_table(("name", "what", "keys"), list_rows(registry))
         parts.append(f"## {heading}\n\n{WRITTEN[heading]('NAME' if heading != 'Bases' else 'name')}\n\n{table}")
-    packings = make_markdown_table(
-        ("name", "what"), [(f"`{name}`", (one.__doc__ or "").partition("\n")[0]) for name, one in PACKINGS.items()]
-    )
+    packings = make_markdown_table(("name", "what"), [(f"`{name}`", one.words) for name, one in PACKINGS.items()])
     parts.append(f"## Packing\n\n`packing` of a `[[layer]]` of particles ([particles.md](particles.md))\n\n{packings}")
     return "\n".join(parts)
 
