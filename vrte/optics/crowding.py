@@ -210,8 +210,8 @@ def scatter_in_medium(
 
 
 class Packing(NamedTuple):
-    """A model of crowding, in ``words``: what it refuses and warns of, and particles at a volume fraction as they scatter
-    there."""
+    """A model of crowding: its ``words``, what it refuses and warns of, and particles at a volume fraction as they
+    scatter there."""
 
     words: str
     check: Callable[[Particles, float], None]
