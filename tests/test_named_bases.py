@@ -11,6 +11,7 @@ import vrte
 from vrte.formats.scene_file import make_scene_file
 from vrte.methods import find_method
 from vrte.request.how import EXACT, METHODS
+from vrte.scene.azimuths import make_azimuth_rule
 from vrte.scene.boundary import Boundary
 from vrte.scene.ross_li import compute_li_sparse, compute_ross_thick
 from vrte.scene.scalar import ScalarBase, find_angles
@@ -216,6 +217,20 @@ def test_what_is_negative_is_told_and_cut_near_the_horizon_and_refused_elsewhere
         vrte.SceneError, match=r"must be at least 0 for zenith angles up to 75, not -0\.\d+ 1/sr from mu"
     ):
         vrte.RossLi(0.1, 0.1, 0.1)
+
+
+def test_the_orders_of_what_is_cut_are_those_of_a_bent_function() -> None:
+    """Against 2^17 azimuths: where f is cut off at 0 it bends, and a smooth rule settles slowly."""
+    with pytest.warns(vrte.FittedRangeWarning):
+        base = vrte.RossLi(0.2, 0.1, 0.03, hot_spot=True)
+    mu_i, mu_o = np.array([0.02, 0.05]), np.array([0.3, 0.7])
+    found, azimuths = base.reflect_orders(mu_i, mu_o, np.ones((2, 2), bool), 5, lambda size: 1e-9 * (1.0 + size))
+    assert 512 < azimuths < 5000
+    phi, weight = make_azimuth_rule(np.arange(1, 1 << 17), 1 << 17)
+    f = base.reflect(mu_i[:, None, None], mu_o[:, None], np.degrees(phi))[..., 0, 0]
+    assert (f == 0.0).any(axis=2).sum() >= 2
+    expected = np.einsum("mp,iop->mio", 2.0 * weight * np.cos(np.arange(5)[:, None] * phi), f)
+    np.testing.assert_allclose(found[..., 0, 0], expected, atol=2e-9)
 
 
 @pytest.mark.parametrize(

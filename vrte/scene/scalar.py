@@ -7,7 +7,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.errors import FittedRangeWarning, SceneError
-from vrte.scene.base_checks import CHECKED_COSINES, ENERGY_ALLOWED, GRAZING
+from vrte.scene.base_checks import CHECKED_COSINES, COARSE, ENERGY_ALLOWED, GRAZING
 from vrte.scene.boundary import SampledBase
 
 LOOKED_AT = np.concatenate([[0.01, 0.03], np.arange(0.06, 1.01, 0.04), [1.0]])  # cosines where f is looked at
@@ -82,7 +82,7 @@ class ScalarBase(SampledBase):
             self.warn_beyond(
                 f"f is negative, and taken as 0, below a cosine of about {highest:.2g}: {name_lowest(beyond)}"
             )
-        shares = self.reflectance(CHECKED_COSINES) / np.maximum(1.0, GRAZING / CHECKED_COSINES)
+        shares = self.reflectance(CHECKED_COSINES, COARSE) / np.maximum(1.0, GRAZING / CHECKED_COSINES)
         worst = int(np.argmax(np.where(CHECKED_COSINES >= STEEPEST, shares, 0.0)))
         if shares[worst] > 1.0 + ENERGY_ALLOWED:
             raise SceneError(
