@@ -3,6 +3,7 @@
 import pickle
 import re
 import warnings
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ def sphere_of_size(size: float, index: complex = 1.33) -> PhaseMatrix:
     return vrte.spheres(index, radius_um=size / (2.0 * np.pi), wavelength_um=1.0).phase_matrix
 
 
+@cache
 def dust() -> PhaseMatrix:
     """Of many sizes, smooth over angle."""
     return vrte.spheres(1.53 + 0.005j, size=vrte.Lognormal(0.2, 1.5), wavelength_um=0.55).phase_matrix

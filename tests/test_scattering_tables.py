@@ -366,6 +366,10 @@ def test_a_scene_file_names_a_table_over_angle(tmp_path: Path) -> None:
     assert differ(read_scene(path).scene.layers[0].phase_matrix, sphere) <= 1e-10
     assert find_named_tables(read_content(path)) == {("layer", 0, "phase", "table"): "dust.csv"}
     assert vrte.brdf(read_scene(path).scene, 0.6, 0.5, nodes=4).mueller.shape == (1, 1, 1, 4, 4)
+    assert read_scene(path).scene.layers[0].phase_matrix is read_scene(path).scene.layers[0].phase_matrix
+    as_csv(tmp_path, ["angle_deg", *about.columns], [angles, *(2.0 * tabulate_card(about, angles))], "dust.csv")
+    with pytest.raises(SceneError, match=r"layer\[1\]\.phase\.table: the table is not physical"):
+        read_scene(path)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Phase functions and matrices of a layer in a scene file, by name. A new one is a function and a row in `PHASES`."""
 
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -49,7 +49,16 @@ def find_file(path: Path) -> Path:
 def read_angles(table: tuple[Path, float | None], **options: object) -> PhaseMatrix:
     """The phase matrix of an `AngleTable`, with the options of `vrte.read_scattering`."""
     path, wavelength = table
-    found = read_scattering(path, wavelength_um=wavelength, **options)  # type: ignore[arg-type]
+    about = path.stat()
+    return expand_file(path, (about.st_mtime_ns, about.st_size), wavelength, tuple(options.items()))
+
+
+@lru_cache(maxsize=16)
+def expand_file(
+    path: Path, changed: tuple[int, int], wavelength: float | None, options: tuple[tuple[str, object], ...]
+) -> PhaseMatrix:
+    """The same, remembered while the file is not ``changed``: a sweep reads its scene again for each of its own."""
+    found = read_scattering(path, wavelength_um=wavelength, **dict(options))  # type: ignore[arg-type]
     assert isinstance(found, PhaseMatrix)  # no density is given
     return found
 
