@@ -27,6 +27,7 @@ assert importlib.metadata.version("vrte") == vrte.__version__
 for name in ("py.typed", "_core.pyx", "core/assembly.pxi", "core/scattering.h", "cl/common.cl", "app/page/page.css"):
     assert importlib.resources.files("vrte").joinpath(name).is_file(), name
 from vrte.cl.session import read_sources
+assert vrte.material("hematite in acrylic", 0.55).host_index > 1.4
 assert "__kernel void product(" in read_sources()
 assert refractive_index("gold", 0.64).k > 3.0
 scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
@@ -120,7 +121,7 @@ class TestWheel:
         names = zipfile.ZipFile(wheel).namelist()
         assert not [name for name in names if name.endswith((".c", ".npz"))]
         assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
-        for folder, pattern in (("cl", "*.cl"), ("core", "*")):
+        for folder, pattern in (("cl", "*.cl"), ("core", "*"), ("materials", "*.toml")):
             loops = {f"vrte/{folder}/{path.name}" for path in (ROOT / "vrte" / folder).glob(pattern)}
             assert loops
             assert loops <= set(names)
@@ -137,7 +138,14 @@ class TestWheel:
         with tarfile.open(archive) as content:
             names = {name.partition("/")[2] for name in content.getnames()}
         wanted = {f"vrte/core/{path.name}" for path in (ROOT / "vrte" / "core").iterdir()}
-        wanted |= {"vrte/_core.pyx", "setup.py", "LICENSE", "examples/gold_powder.toml", "tests/stability_oracle.npz"}
+        wanted |= {
+            "vrte/_core.pyx",
+            "vrte/materials/chalk.toml",
+            "setup.py",
+            "LICENSE",
+            "examples/gold_powder.toml",
+            "tests/stability_oracle.npz",
+        }
         assert wanted <= names
         assert not [name for name in names if name.endswith((".c", ".so", ".pyc"))]
         use_elsewhere(wheel, tmp_path / "elsewhere")

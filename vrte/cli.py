@@ -19,7 +19,20 @@ from typing import Any, NoReturn, TextIO
 from vrte import __version__
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.basics.starting import WORDS, end
-from vrte.commands import benchmarks, devices, material, phase, render, report, solve, stability, sweep, tables, view
+from vrte.commands import (
+    benchmarks,
+    devices,
+    material,
+    materials,
+    phase,
+    render,
+    report,
+    solve,
+    stability,
+    sweep,
+    tables,
+    view,
+)
 
 COMMANDS = (
     solve,
@@ -27,6 +40,7 @@ COMMANDS = (
     view,
     render,
     material,
+    materials,
     phase,
     stability,
     benchmarks,

@@ -1,6 +1,8 @@
-"""`vrte material`: refractive indices by name, and how spheres of a material scatter, over wavelengths."""
+"""`vrte material`: refractive indices by name, how spheres of a substance scatter, and how a ready material does, over
+wavelengths."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,11 @@ from vrte.basics.errors import SceneError
 from vrte.commands.common import add_command, check_extra, check_output, read_wavelengths, say_written, show_progress
 from vrte.formats.atomic import write_atomically
 from vrte.formats.index_table import read_index
+from vrte.formats.materials import SUFFIX, ReadyMaterial, choose_material, expand_materials, find_material
+from vrte.formats.named import find_known_wavelengths
+from vrte.formats.scene_file import make_scene_file
+from vrte.formats.scene_writer import write_toml
+from vrte.formats.toml_table import Table
 from vrte.optics.refractive_index import MATERIALS, Material, refractive_index
 from vrte.optics.spheres import spheres
 from vrte.pictures.figures import SUFFIXES, save_figure
@@ -17,17 +24,20 @@ from vrte.results.spectrum import MOST_WAVELENGTHS, check_ascending
 
 INDEX = ("n", "k")
 SCATTERING = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "absorption_um2")
+PER_LENGTH = ("extinction_per_um", "transport_um")
+CROSS_SECTIONS = "cross sections [µm²]"
 Columns = dict[str, list[float]]
 
 
 def add(commands: Any) -> None:
     """`vrte material [NAME]`."""
-    told = "the refractive index of a material, and how its spheres scatter; without a name, a list of all names"
+    told = "the index of a substance and how its spheres scatter, or how a ready material does; without a name, a list"
     material = add_command(commands, "material", run, told)
     material.add_argument(
         "name",
         nargs="?",
-        help='a name, a path in the database such as "main/Au/Johnson", or a .csv of your own (wavelength_um,n,k)',
+        help='a name, a path in the database such as "main/Au/Johnson", or a .csv of your own (wavelength_um,n,k); '
+        "or a ready material (`vrte materials`), or a .toml of your own",
     )
     where = material.add_mutually_exclusive_group()
     where.add_argument("--wavelength-um", type=float, metavar="UM", help="wavelength in vacuum [micrometres]")
@@ -39,6 +49,9 @@ def add(commands: Any) -> None:
     material.add_argument("--host-index", type=float, metavar="N", help="around the spheres; default: 1")
     material.add_argument("-o", "--output", type=Path, metavar="OUT.csv", help="the table, every digit")
     material.add_argument("--plot", type=Path, metavar="OUT.png", help="a picture; .svg and .pdf too")
+    material.add_argument(
+        "--scene", type=Path, metavar="OUT.toml", help="of a ready material: a scene file to begin with"
+    )
 
 
 def read_range(text: str) -> list[float]:
@@ -60,13 +73,17 @@ def read_range(text: str) -> list[float]:
 
 
 def run(options: argparse.Namespace) -> None:
-    at = (
-        options.wavelengths_um or options.range_um or ([] if options.wavelength_um is None else [options.wavelength_um])
-    )
-    check_options(options, at)
+    one = [] if options.wavelength_um is None else [options.wavelength_um]
+    at = options.wavelengths_um or options.range_um or one
+    ready = options.name is not None and (options.name.endswith(SUFFIX) or find_material(options.name) is not None)
+    check_options(options, at, ready)
     if options.name is None:
         for name, entry in MATERIALS.items():
-            print(f"{name:12}{' and '.join(entry.pages)}: {entry.reason}")
+            pages = " and ".join(entry.pages) if entry.pages else f"n = {entry.index:g}"
+            print(f"{name:18}{pages}: {entry.reason}")
+        return
+    if ready:
+        show_ready_material(options, at)
         return
     material = read_index(options.name) if options.name.endswith(".csv") else options.name
     index = refractive_index(material, at[0])
@@ -78,22 +95,111 @@ def run(options: argparse.Namespace) -> None:
     else:
         print_table(columns)
     print(f"from {index.source}")
+    groups: list[tuple[str, tuple[str, ...]]] = [("refractive index", INDEX)]
+    if options.radius_um is not None:
+        groups += [(f"spheres of radius {options.radius_um:g} µm", SCATTERING[:2]), (CROSS_SECTIONS, SCATTERING[2:])]
+    write_columns(columns, options, groups)
+
+
+def write_columns(columns: Columns, options: argparse.Namespace, groups: list[tuple[str, tuple[str, ...]]]) -> None:
+    """The table and the picture that are asked for."""
     if options.output:
         write_table(columns, options.output)
         say_written(options.output)
     if options.plot:
-        save_figure(draw_columns(columns, options.name, options.radius_um), options.plot)
+        save_figure(draw_columns(columns, options.name, groups), options.plot)
         say_written(options.plot)
 
 
-def check_options(options: argparse.Namespace, at: list[float]) -> None:
+def show_ready_material(options: argparse.Namespace, at: list[float]) -> None:
+    """What a ready material is, how its layer scatters over wavelengths, and a scene file to begin with."""
+    material = choose_material(Table((), {"material": options.name}, ("material",)), Path())
+    print(f"{material.title}: {material.description}")
+    for words, listed in (("approximated", material.approximations), ("from", material.sources)):
+        for line in listed:
+            print(f"  {words}: {line}")
+    if options.scene:
+        write_whole_text(write_toml(make_example(options.name, material)), options.scene)
+        say_written(options.scene)
+    if not at:
+        if not options.scene:
+            print("--wavelength-um, --wavelengths-um or --range-um: how it scatters there")
+        return
+    rows = []
+    with show_progress() as (phase, tick):
+        phase(options.name)
+        for place, wavelength in enumerate(at):
+            rows.append(describe_layer(options.name, wavelength))
+            tick(place + 1, len(at))
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    print_table(columns)
+    lengths = tuple(name for name in PER_LENGTH if name in columns)
+    sections = tuple(name for name in SCATTERING[2:] if name in columns)
+    groups = [("layer", SCATTERING[:2]), ("lengths [µm, 1/µm]", lengths), (CROSS_SECTIONS, sections)]
+    write_columns(columns, options, [group for group in groups if group[1]])
+
+
+def describe_layer(name: str, wavelength_um: float) -> dict[str, float]:
+    """How a ready material's layer scatters: with a geometrical thickness, extinction a length and the transport mean
+    free path 1/(extinction (1 - albedo g)); of one kind of particles, cross sections [um2] of each alone."""
+    request = {"brdf": {"mu_i": 1.0, "mu_o": 1.0}}
+    file = make_scene_file({"wavelength_um": wavelength_um, "layer": [{"material": name}], **request})
+    layer = file.scene.layers[0]
+    length = expand_materials({"layer": [{"material": name}]})["layer"][0].get("thickness_um", math.inf)
+    g = layer.phase_matrix.asymmetry
+    found = {"wavelength_um": wavelength_um, "host_index": layer.host_index or 1.0, "albedo": layer.albedo}
+    found |= {"asymmetry": g, "thickness": layer.thickness}
+    if math.isfinite(length) and length > 0.0:
+        extinction = layer.thickness / length
+        found |= {"extinction_per_um": extinction, "transport_um": 1.0 / (extinction * (1.0 - layer.albedo * g))}
+    if len(file.particles) == 1:
+        (alone,) = file.particles.values()
+        absorbed = max(alone.extinction_um2 - alone.scattering_um2, 0.0)
+        found |= dict(zip(SCATTERING[2:], (alone.extinction_um2, alone.scattering_um2, absorbed), strict=True))
+    return found
+
+
+def make_example(name: str, material: ReadyMaterial) -> dict[str, Any]:
+    """A scene file's content with a layer of a material, under the surface of its resin, over black."""
+    content: dict[str, Any] = {"layer": [{"material": name}]}
+    low, high, _ = find_known_wavelengths(content)
+    surface = {"interface": {"above": 1.0, "below": material.layer.get("host_index", 1.0)}}
+    layers = [surface, *content["layer"]] if "host_index" in material.layer else content["layer"]
+    cosines = {"start": 0.1, "stop": 1.0, "count": 10}
+    request = {"mu_i": [0.5, 1.0], "mu_o": cosines, "phi_deg": {"start": 0, "stop": 180, "count": 19}}
+    wavelength = min(max(0.55, low), high)
+    return {"wavelength_um": wavelength, "layer": layers, "base": {"kind": "black"}, "brdf": request}
+
+
+def write_whole_text(text: str, path: Path) -> None:
+    """A text file, all of it or nothing."""
+    with write_atomically(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def check_options(options: argparse.Namespace, at: list[float], ready: bool) -> None:
     """Whether they go together, before the work is done. Raises SceneError."""
     if options.name is None:
-        for option in ("wavelength_um", "wavelengths_um", "range_um", "radius_um", "host_index", "output", "plot"):
+        for option in (
+            "wavelength_um",
+            "wavelengths_um",
+            "range_um",
+            "radius_um",
+            "host_index",
+            "output",
+            "plot",
+            "scene",
+        ):
             if getattr(options, option) is not None:
                 raise SceneError(f"--{option.replace('_', '-')} needs the name of a material before it")
         return
-    if not at:
+    for option in ("radius_um", "host_index") if ready else ("scene",):
+        if getattr(options, option) is not None:
+            kind = "substances, not with ready materials" if ready else "ready materials (`vrte materials`) only"
+            raise SceneError(f"--{option.replace('_', '-')} goes with {kind}")
+    if options.scene:
+        check_output(options.scene, SUFFIX)
+    if not at and (not ready or options.output):
         raise SceneError(
             "--wavelength-um is missing: an index depends on the wavelength (--wavelengths-um and --range-um: several)"
         )
@@ -129,9 +235,10 @@ def compute_columns(
 
 def print_table(columns: Columns) -> None:
     """Prints a column a quantity, a row a wavelength, six digits of each."""
-    print("".join(f"{name:>16}" for name in columns))
+    widths = [max(16, len(name) + 2) for name in columns]
+    print("".join(f"{name:>{width}}" for name, width in zip(columns, widths, strict=True)))
     for row in zip(*columns.values(), strict=True):
-        print("".join(f"{value:16.6g}" for value in row))
+        print("".join(f"{value:{width}.6g}" for value, width in zip(row, widths, strict=True)))
 
 
 def write_table(columns: Columns, path: Path) -> None:
@@ -141,13 +248,10 @@ def write_table(columns: Columns, path: Path) -> None:
         file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*columns.values(), strict=True))
 
 
-def draw_columns(columns: Columns, name: str, radius_um: float | None) -> Any:
-    """n and k, albedo and g, cross sections, over the wavelength."""
+def draw_columns(columns: Columns, name: str, groups: list[tuple[str, tuple[str, ...]]]) -> Any:
+    """Groups of columns beside each other, each with its title, over the wavelength."""
     from vrte.pictures.figures import finish, make_figure
 
-    groups: list[tuple[str, tuple[str, ...]]] = [("refractive index", INDEX)]
-    if radius_um is not None:
-        groups += [(f"spheres of radius {radius_um:g} µm", SCATTERING[:2]), ("cross sections [µm²]", SCATTERING[2:])]
     figure = make_figure(4.8 * len(groups), 4.0)
     panels = figure.subplots(1, len(groups), squeeze=False)[0]
     for panel, (title, names) in zip(panels, groups, strict=True):

@@ -56,8 +56,8 @@ def list_materials() -> dict[str, ReadyMaterial]:
     >>> list_materials()["chalk"].particles["calcite"]["index"]
     'calcite'
     """
-    files = {path.stem.replace("_", " "): path for path in sorted(FOLDER.glob(f"*{SUFFIX}"))}
-    return {name: read_material_file(path, name) for name, path in files.items()}
+    files = {path.stem.replace("_", " "): path for path in FOLDER.glob(f"*{SUFFIX}")}
+    return {name: read_material_file(files[name], name) for name in sorted(files)}
 
 
 def find_material(name: str) -> ReadyMaterial | None:

@@ -1,0 +1,52 @@
+"""`vrte materials`: the ready materials, one line each, and a picture of their colours."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from vrte.commands.common import (
+    add_command,
+    check_extra,
+    check_output,
+    make_whole_number_reader,
+    say_written,
+    show_progress,
+)
+from vrte.formats.materials import list_materials
+from vrte.pictures.figures import SUFFIXES, save_figure
+from vrte.render.colour import FEWEST, MOST
+
+
+def add(commands: Any) -> None:
+    """Adds `vrte materials`, which lists paints, powders and snow, to the commands."""
+    told = "the ready materials, paints, powders and snow, that scene files name (docs/materials.md)"
+    command = add_command(commands, "materials", run, told)
+    command.add_argument("-o", "--output", metavar="OUT.png", type=Path, help="a card of each; .svg and .pdf too")
+    command.add_argument(
+        "--wavelengths",
+        metavar="N",
+        type=make_whole_number_reader(FEWEST, MOST),
+        default=FEWEST,
+        help=f"from 0.4 to 0.7 um; default: {FEWEST}",
+    )
+
+
+def run(options: argparse.Namespace) -> None:
+    if options.output:
+        check_output(options.output, *SUFFIXES)
+        check_extra(f"writing {options.output}", "render", ("colour", "matplotlib"))
+    known = list_materials()
+    width = max(map(len, known))
+    for name, material in known.items():
+        print(f"{name:{width}}  {material.description}")
+    if not options.output:
+        return
+    from vrte.render.swatches import compute_swatch, draw_swatches
+
+    swatches = []
+    with show_progress() as (phase, tick):
+        for name in known:
+            phase(name)
+            swatches.append(compute_swatch(name, options.wavelengths, tick))
+    save_figure(draw_swatches(swatches), options.output)
+    say_written(options.output)

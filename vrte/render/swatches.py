@@ -1,0 +1,110 @@
+"""Colour cards of ready materials: each over a black and a white base, as painters draw paint down, and its spectrum.
+
+The reflectance is that of a beam close to the normal, all but what the surface mirrors; by reciprocity it is what is
+seen from there under an even sky. A resin has its smooth surface to the air.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.calls.brdf import brdf
+from vrte.calls.material import material
+from vrte.formats.materials import list_materials
+from vrte.formats.named import find_known_wavelengths
+from vrte.pictures.figures import make_figure
+from vrte.pictures.lobes import INK
+from vrte.render.colour import FEWEST, choose_wavelengths, import_colour_science, make_film, weigh_wavelengths
+from vrte.scene.boundary import Lambertian
+from vrte.scene.interface import Interface
+from vrte.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MU_I = 0.99  # 8 degrees from the normal, the angle of colorimeters
+NODES = 16
+WHITE = 0.8  # albedo of a white card
+COLUMNS = 5
+WIDTH, HEIGHT = 2.6, 1.95  # inches, of one card with its words
+DARK = 0.35  # luminance below which words and lines on a card are light
+
+
+@dataclass(frozen=True, eq=False)
+class Swatch:
+    """A material over black and over white: reflectances (wavelength,), and with each CIE XYZ (3,) in sunlight whose
+    white is Y = 1, and sRGB (3,) from 0 to 1."""
+
+    name: str
+    title: str
+    wavelengths_um: Array
+    reflectances: tuple[Array, Array]
+    xyz: tuple[Array, Array]
+    rgb: tuple[Array, Array]
+    white_xyz: Array
+
+    def find_lab(self) -> Array:
+        """CIE L*, a*, b* over black, seen in the light that it lies in."""
+        colour = import_colour_science()
+        white = self.white_xyz / self.white_xyz.sum()
+        found: Array = colour.XYZ_to_Lab(self.xyz[0], white[:2])
+        return found
+
+
+def compute_swatch(name: str, count: int = FEWEST, progress: Callable[[int, int], None] | None = None) -> Swatch:
+    """The card of a ready material, from ``count`` wavelengths of the visible. Raises SceneError, MissingExtraError.
+
+    >>> compute_swatch("hematite in acrylic").find_lab()[1] > 10.0  # red
+    np.True_
+    """
+    import_colour_science()
+    known = list_materials()[name]
+    low, high, _ = find_known_wavelengths(known.content)
+    wavelengths = choose_wavelengths(count, low, high)
+    found = np.empty((2, count))
+    for place, wavelength in enumerate(wavelengths):
+        layer = material(name, float(wavelength))
+        host = layer.host_index or 1.0
+        pile: list[Any] = [layer] if host == 1.0 else [Interface(1.0, host), layer]
+        for row, base in enumerate((None, Lambertian(WHITE))):
+            if row == 1 and np.isinf(layer.thickness):
+                found[1, place] = found[0, place]
+                continue
+            found[row, place] = brdf(Scene(pile, base), mu_i=[MU_I], mu_o=[1.0], nodes=NODES).reflectance[0]
+        if progress is not None:
+            progress(place + 1, count)
+    weighed = weigh_wavelengths(wavelengths)
+    white = weighed.sum(axis=1)
+    film = make_film(white)
+    xyz = weighed @ found[0], weighed @ found[1]
+    return Swatch(name, known.title, wavelengths, (found[0], found[1]), xyz, (film(xyz[0]), film(xyz[1])), white)
+
+
+def draw_swatches(swatches: Sequence[Swatch]) -> "Figure":
+    """The cards as one figure: left half over black, right half over white, the spectrum drawn across."""
+    rows = -(-len(swatches) // COLUMNS)
+    figure = make_figure(WIDTH * COLUMNS, HEIGHT * rows + 0.35)
+    panels = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
+    for panel in panels[len(swatches) :]:
+        panel.set_axis_off()
+    for panel, swatch in zip(panels, swatches, strict=False):
+        low, high = 400.0, 700.0
+        middle = 0.5 * (low + high)
+        for rgb, left, right in zip(swatch.rgb, (low, middle), (middle, high), strict=True):
+            panel.axvspan(left, right, color=tuple(rgb), linewidth=0)
+        light = "white" if swatch.xyz[0][1] < DARK else INK
+        for values, style in zip(swatch.reflectances, ("-", ":"), strict=True):
+            panel.plot(1e3 * swatch.wavelengths_um, values, color=light, linewidth=1.2, linestyle=style, alpha=0.85)
+        panel.set(xlim=(low, high), ylim=(0.0, 1.03), xticks=(400, 500, 600, 700), yticks=(0.0, 0.5, 1.0))
+        panel.tick_params(labelsize=7, colors=INK, length=2)
+        panel.set_title(swatch.title, fontsize=9, color=INK)
+    note = (
+        f"left over black, right over white (albedo {WHITE:g}), in sunlight; lines: reflectance over the wavelength "
+        "[nm], dotted over white, at 8° and without what the surface mirrors"
+    )
+    figure.text(0.5, 0.012, note, ha="center", va="bottom", fontsize=8, color=INK)
+    figure.tight_layout(rect=(0.0, 0.035, 1.0, 1.0))
+    return figure
