@@ -33,8 +33,8 @@ def material(
         geometrical [um], in place of the typical one; powders and snow need volume_fraction with it.
     volume_fraction : float, optional
         Of all its particles together.
-    packing : {"independent", "percus-yevick", "effective-medium"}, optional
-        As in `Layer.of`.
+    packing : str, optional
+        One of those of `Layer.of`, which docs/particles.md describes.
 
     Returns
     -------
