@@ -30,13 +30,13 @@ MU, PHI = np.array([0.25, 0.5, 0.9]), np.array([5.0, 80.0, 165.0, 250.0])
 @pytest.fixture(scope="module")
 def spectrum() -> vrte.Spectrum:
     """The third of five wavelengths is another scene."""
-    dark, bright = (vrte.brdf(scene, **directions(16, 15), nodes=8) for scene in (SCENE, BRIGHTER))
+    dark, bright = (vrte.brdf(scene, **directions(16, 15), nodes=6) for scene in (SCENE, BRIGHTER))
     return vrte.Spectrum(WAVELENGTHS, [dark, dark, bright, dark, dark])
 
 
 @pytest.fixture(scope="module")
 def exact() -> np.ndarray:
-    return vrte.brdf(BRIGHTER, MU, MU, PHI, nodes=8).mueller
+    return vrte.brdf(BRIGHTER, MU, MU, PHI, nodes=6).mueller
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +80,7 @@ def test_the_error_of_a_tensor_falls_with_the_square_of_its_step(spectrum: vrte.
     assert off[2] < 2e-3
 
 
+@pytest.mark.slow
 def test_results_are_bases(spectrum: vrte.Spectrum, exact: np.ndarray, tmp_path: Path) -> None:
     for suffix in (".nc", ".csv"):
         spectrum[2].save(tmp_path / f"one{suffix}")
@@ -234,10 +235,11 @@ def test_what_leans_is_averaged_where_it_is_asked_for(tensor: Path, tmp_path: Pa
     assert largest_gap(found_at(vrte.read_base(tmp_path / "changed.bsdf", 0.55, average_mirrored=True)), exact) < 0.1
 
 
-def test_damaged_tensors_end_in_one_sentence(tensor: Path, tmp_path: Path) -> None:
+def test_damaged_tensors_end_in_one_sentence(tmp_path: Path) -> None:
     """Cut anywhere, or with any byte of the head changed: refused, or read as what it then says."""
-    whole, path, dice = tensor.read_bytes(), tmp_path / "damaged.bsdf", random.Random(1)
-    head = min(len(whole), 400)
+    write_tensors({"M": np.zeros((3, 2, 2, 4, 4), np.float32), "wvls": np.array([450], np.uint16)}, tmp_path / "a.bsdf")
+    whole, path, dice = (tmp_path / "a.bsdf").read_bytes(), tmp_path / "damaged.bsdf", random.Random(1)
+    head = 100
     said = []
     for turn in range(300):
         place = dice.randrange(head)
@@ -253,5 +255,5 @@ def test_damaged_tensors_end_in_one_sentence(tensor: Path, tmp_path: Path) -> No
             said.append(str(error))
     assert len(said) > 100
     assert all(words.startswith(str(path)) and words.isprintable() for words in said)
-    with pytest.raises(vrte.SceneError, match=r"longer than the 1e-06 GB that are read"):
-        read_tensors(tensor, most_bytes=1e3)
+    with pytest.raises(vrte.SceneError, match=r"longer than the 1e-07 GB that are read"):
+        read_tensors(tmp_path / "a.bsdf", most_bytes=1e2)

@@ -34,36 +34,57 @@ def over(upper: Any, base: Any, nodes: int, **more: Any) -> vrte.Brdf:
 def test_a_pile_at_once_is_its_upper_layer_on_the_result_of_its_lower_one() -> None:
     """All 16 elements, over a Lambertian ground; the error falls with the grid of the lower result."""
     ground, upper, lower = vrte.Lambertian(0.3), [of_spheroids(0.4)], [of_spheroids(2.0, 0.9)]
-    whole = over([*upper, *lower], ground, 24)
+    whole = over([*upper, *lower], ground, 12)
     assert np.abs(whole.mueller[..., 3, 2]).max() > 1e-4 * whole.mueller.max()
     gaps = []
-    for cosines in (8, 16, 32):
-        below = solve_on(vrte.Scene(lower, ground), cosines, 24)
+    for cosines in (6, 16):
+        below = solve_on(vrte.Scene(lower, ground), cosines, 12)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", vrte.CoarseTableWarning)
-            found = over(upper, below, 24)
+            found = over(upper, below, 12)
         gaps.append(largest_gap(found.mueller, whole.mueller))
-    assert gaps[0] < 2e-3
-    assert gaps[1] < 1e-4
-    assert gaps[2] < 1e-6
+    assert gaps[0] < 1e-3
+    assert gaps[1] < 2e-6
     np.testing.assert_allclose(found.reflectance, whole.reflectance, rtol=1e-6)
 
 
-@pytest.mark.parametrize("method", ["discrete-ordinates", "adding-doubling", "successive-orders"])
-def test_a_result_under_a_smooth_surface_mirrors_beams(method: str) -> None:
-    """Its mirrored beam comes back as a beam, and diffuse light is mirrored on every node."""
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"algorithm": "modes"},
+        pytest.param({"algorithm": "doubling"}, marks=pytest.mark.slow),
+        pytest.param({"verify": True}, marks=pytest.mark.slow),
+        pytest.param({"backend": "opencl"}, marks=pytest.mark.slow),
+        pytest.param({"method": "adding-doubling"}, marks=pytest.mark.slow),
+        pytest.param({"method": "matrix-operator"}, marks=pytest.mark.slow),
+        pytest.param({"method": "successive-orders"}, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
+def test_a_result_under_a_smooth_surface_mirrors_beams(how: dict[str, Any]) -> None:
+    """Its mirrored beam comes back as a beam, and diffuse light is mirrored on every node; the whole pile has other
+    nodes than its parts."""
+    if "backend" in how:
+        pytest.importorskip("pyopencl")
     upper, lower = [of_spheroids(0.4)], [SURFACE, of_spheroids(2.0, 0.9)]
-    how = {} if method == "discrete-ordinates" else {"method": method}
-    whole, below = over([*upper, *lower], None, 24), solve_on(vrte.Scene(lower), 16, 24)
-    found = over(upper, below, 24, **how)
+    whole, below = over([*upper, *lower], None, 16), solve_on(vrte.Scene(lower), 16, 16)
+    found = over(upper, below, 16, **how)
     assert found.specular is not None
     assert whole.specular is not None
     assert whole.specular[..., 0, 0].max() > 0.01
     np.testing.assert_allclose(found.specular, whole.specular, rtol=0, atol=1e-8)
-    assert largest_gap(found.mueller, whole.mueller) < 1e-6
+    assert largest_gap(found.mueller, whole.mueller) < 3e-6
     np.testing.assert_allclose(found.reflectance, whole.reflectance, rtol=0, atol=2e-6)
 
 
+@pytest.mark.slow
+def test_nodes_and_grid_together_lead_to_the_whole() -> None:
+    upper, lower = [of_spheroids(0.4)], [SURFACE, of_spheroids(2.0, 0.9)]
+    whole, below = over([*upper, *lower], None, 48), solve_on(vrte.Scene(lower), 24, 48)
+    assert largest_gap(over(upper, below, 48).mueller, whole.mueller) < 1e-8
+
+
+@pytest.mark.slow
 def test_beams_in_a_field_are_mirrored_by_a_result() -> None:
     upper, lower = [of_spheroids(0.4)], [SURFACE, of_spheroids(2.0, 0.9)]
     below = solve_on(vrte.Scene(lower), 16, 24)
@@ -76,17 +97,16 @@ def test_beams_in_a_field_are_mirrored_by_a_result() -> None:
     np.testing.assert_allclose(found.direct_up, whole.direct_up, rtol=1e-6)
 
 
-def test_what_absorbs_nothing_gives_all_back() -> None:
+@pytest.mark.parametrize("surface", [[], pytest.param([SURFACE], marks=pytest.mark.slow)], ids=["bare", "surface"])
+def test_what_absorbs_nothing_gives_all_back(surface: list[Any]) -> None:
     """Conservative layers on the result of conservative layers over white ground, and over the like under a surface."""
-    lower: list[list[Any]] = [[of_spheroids(1.0, 1.0)], [SURFACE, of_spheroids(1.0, 1.0)]]
-    for pile in lower:
-        below = solve_on(vrte.Scene(pile, vrte.Lambertian(1.0)), 24, 24)
-        found = over([of_spheroids(0.5, 1.0)], below, 24)
-        np.testing.assert_allclose(found.total_reflectance, 1.0, rtol=0, atol=3e-6)
-        base = below.as_base()
-        np.testing.assert_allclose(base.reflectance([0.3, 0.7, 1.0]), 1.0, rtol=0, atol=1e-6)
+    below = solve_on(vrte.Scene([*surface, of_spheroids(1.0, 1.0)], vrte.Lambertian(1.0)), 16, 12)
+    found = over([of_spheroids(0.5, 1.0)], below, 12)
+    np.testing.assert_allclose(found.total_reflectance, 1.0, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(below.as_base().reflectance([0.3, 0.7, 1.0]), 1.0, rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_three_layers_one_after_another() -> None:
     layers = [of_spheroids(0.3), vrte.Layer(vrte.rayleigh(), 0.99, 0.5), of_spheroids(1.0, 0.8)]
     whole = over(layers, vrte.Lambertian(0.2), 16)
@@ -97,8 +117,8 @@ def test_three_layers_one_after_another() -> None:
 
 def test_a_result_lies_in_the_medium_that_it_was_found_in() -> None:
     """In air above its surface, in a binder without one: another is refused, and one that nobody names is its own."""
-    in_air = solve_on(vrte.Scene([SURFACE, of_spheroids()]), 12, 8)
-    in_binder = solve_on(vrte.Scene([of_spheroids(host_index=1.5)]), 12, 8)
+    in_air = solve_on(vrte.Scene([SURFACE, of_spheroids()]), 12, 6)
+    in_binder = solve_on(vrte.Scene([of_spheroids(host_index=1.5)]), 12, 6)
     assert (in_air.diagnostics["index_outside"], in_binder.diagnostics["index_outside"]) == (1.0, 1.5)
     words = r"the base has the refractive index 1, and the medium above it, .* between, has 1\.5"
     with pytest.raises(vrte.SceneError, match=words):
@@ -106,6 +126,10 @@ def test_a_result_lies_in_the_medium_that_it_was_found_in() -> None:
     with pytest.raises(vrte.SceneError, match=r"the base has the refractive index 1, and layer 1, .* has 1\.33"):
         vrte.Scene([of_spheroids(host_index=1.33)], in_air)
     assert vrte.Scene([of_spheroids()], in_binder).media == (1.5, 1.5, 1.5)
+
+
+@pytest.mark.slow
+def test_a_result_in_a_binder_lies_under_a_surface() -> None:
     whole = over([SURFACE, of_spheroids(0.4), of_spheroids()], None, 24)
     below = solve_on(vrte.Scene([of_spheroids(host_index=1.5)]), 24, 24)
     assert largest_gap(over([SURFACE, of_spheroids(0.4)], below, 24).mueller, whole.mueller) < 2e-5
@@ -125,11 +149,11 @@ def test_results_that_are_no_base_are_refused() -> None:
 
 
 def test_a_result_from_a_file_is_the_same_base(tmp_path: Path) -> None:
-    below = solve_on(vrte.Scene([SURFACE, of_spheroids()]), 12, 8)
+    below = solve_on(vrte.Scene([SURFACE, of_spheroids()]), 12, 4)
     below.save(tmp_path / "below.nc")
-    loaded = vrte.load(tmp_path / "below.nc")
-    found, expected = (over([of_spheroids(0.4)], base, 8) for base in (loaded, below))
-    np.testing.assert_array_equal(found.mueller, expected.mueller)
+    found, expected = vrte.read_base(tmp_path / "below.nc"), below.as_base()
+    for name in ("mueller", "specular", "index_above"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 def test_a_base_is_solved_to_the_accuracy_asked_for() -> None:
@@ -137,10 +161,10 @@ def test_a_base_is_solved_to_the_accuracy_asked_for() -> None:
     scene = vrte.Scene([of_spheroids(2.0, 0.9)], vrte.Lambertian(0.3))
     dice = np.random.default_rng(7)
     mu, phi = np.sort(dice.uniform(0.1, 1.0, 5)), dice.uniform(0.0, 360.0, 4)
-    exact = vrte.brdf(scene, mu, mu, phi, nodes=12).mueller
+    exact = vrte.brdf(scene, mu, mu, phi, nodes=6).mueller
     sizes = []
-    for accuracy in (1e-3, 1e-5):
-        base = vrte.solve_base(scene, accuracy, nodes=12)
+    for accuracy in (1e-2, 1e-4):
+        base = vrte.solve_base(scene, accuracy, nodes=6)
         sizes.append(base.mu_i.size)
         assert largest_gap(base.reflect(mu[:, None, None], mu[:, None], phi), exact) < 2 * accuracy
     assert sizes[0] < sizes[1]
@@ -153,6 +177,7 @@ def test_a_base_that_stays_off_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         vrte.solve_base(scene, 1e-7, nodes=6)
 
 
+@pytest.mark.slow
 def test_narrow_lobes_take_more_azimuths() -> None:
     """A rough surface has more orders than the particles below it."""
     rough = vrte.Interface(1.0, 1.5, roughness=0.4, shadowing=True)

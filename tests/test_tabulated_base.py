@@ -152,7 +152,7 @@ def test_reciprocity_is_kept(table: vrte.TabulatedBase) -> None:
         (np.arange(0.0, 360.0, 45.0), 1e-14),
         (np.linspace(0.0, 360.0, 9), 1e-14),
         (np.arange(15.0, 180.0, 30.0), 1e-14),
-        (np.sort(np.random.default_rng(1).uniform(0.0, 180.0, 60)), 2e-3),
+        (np.sort(np.random.default_rng(1).uniform(0.0, 180.0, 40)), 5e-3),
     ],
     ids=["all around", "both ends", "half a step off", "uneven"],
 )
@@ -288,7 +288,7 @@ def test_it_is_said_in_few_words_and_goes_through_pickle(table: vrte.TabulatedBa
 def test_all_that_take_any_base_take_a_table(how: dict[str, Any], table: vrte.TabulatedBase) -> None:
     """The same as over the function, by the same method."""
     layers = [vrte.Layer(vrte.rayleigh(), 0.9, 0.4)]
-    asked: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 1.0], "phi": [0.0, 70.0], "nodes": 6}
+    asked: dict[str, Any] = {"mu_i": [0.3, 0.9], "mu_o": [0.2, 1.0], "phi": [0.0, 70.0], "nodes": 4}
     found, expected = (
         vrte.brdf(vrte.Scene(layers, base), **asked, **how) for base in (table, vrte.MuellerBase(dipoles))
     )

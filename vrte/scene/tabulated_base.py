@@ -177,9 +177,9 @@ class TabulatedBase(Boundary):
     def keeps_beams(self) -> bool:  # type: ignore[override]
         return self.specular is not None and bool(self.specular.any())
 
-    def interpolate_orders(self, mu_i: Array, mu_o: Array) -> Array:
-        """R^m/(2 pi) of all orders of the table, (order, in, out, 4, 4) from mu_i (in,) to mu_o (out,)."""
-        return interpolate_orders(self._cosines, self._orders, mu_i, mu_o)
+    def weigh(self, mu_i: Array, mu_o: Array) -> tuple[Array, Array]:
+        """Weights of the table's cosines at mu_i (in,) and at mu_o (out,), as of `weigh_cosines`."""
+        return weigh_cosines(self._cosines[0], mu_i), weigh_cosines(self._cosines[1], mu_o)
 
     def reflectance(self, mu_i: Any, points: int = 64) -> Array:
         """Share of unpolarized light along ``mu_i`` (n,) that comes back, (n,), mirrored beams included.
@@ -188,7 +188,8 @@ class TabulatedBase(Boundary):
         """
         into = check_cosines("mu_i", mu_i)
         mu_o, weight = make_exit_rule(points)
-        found: Array = 2.0 * np.pi * self.interpolate_orders(into, mu_o)[0, :, :, 0, 0] @ weight
+        even = interpolate_orders(self._cosines, self._orders[:1], *self.weigh(into, mu_o))[0, :, :, 0, 0]
+        found: Array = 2.0 * np.pi * even @ weight
         return found + self.reflect_beam(1.0, into)[:, 0, 0]
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
@@ -202,10 +203,14 @@ class TabulatedBase(Boundary):
         angle = np.radians(np.broadcast_to(directions[2], (*pairs, directions[2].shape[-1])).reshape(into.size, -1))
         m = np.arange(len(self._orders))
         found = np.empty((*angle.shape, 16))
-        for mu in np.unique(into):  # one after another: all at once would take a table's memory a pair
-            here = np.flatnonzero(into == mu)
-            distinct, place = np.unique(out[here], return_inverse=True)
-            orders = self.interpolate_orders(np.array([mu]), distinct)[:, 0].reshape(m.size, -1, 16).swapaxes(0, 1)
+        (mu_in, lit), (mu_out, seen) = (np.unique(axis, return_inverse=True) for axis in (into, out))
+        weights = self.weigh(mu_in, mu_out)
+        for k in range(mu_in.size):  # one after another: all at once would take a table's memory a pair
+            here = np.flatnonzero(lit == k)
+            distinct, place = np.unique(seen[here], return_inverse=True)
+            given = weights[0][:, k : k + 1], weights[1][:, distinct]
+            orders = interpolate_orders(self._cosines, self._orders, *given)[:, 0].reshape(m.size, -1, 16)
+            orders = orders.swapaxes(0, 1)
             turns = angle[here, :, None] * m
             twice = np.where(m > 0, 2.0, 1.0)
             even, odd = ((twice * turn(turns)) @ orders[place] for turn in (np.cos, np.sin))
@@ -216,7 +221,7 @@ class TabulatedBase(Boundary):
         self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
     ) -> tuple[Array, int]:
         """R^m of (1:35) from the table's own; of the last orders, none that may be left out."""
-        found = 2.0 * np.pi * self.interpolate_orders(mu_i, mu_o)[:n_order]
+        found = 2.0 * np.pi * interpolate_orders(self._cosines, self._orders[:n_order], *self.weigh(mu_i, mu_o))
         found[:, ~pairs] = 0.0
         size = np.abs(found).max(axis=(3, 4))
         needed = (size > allowed(size.max(axis=0))).any(axis=(1, 2))
@@ -225,8 +230,7 @@ class TabulatedBase(Boundary):
     def reflect_beam(self, index: float, mu: Array) -> Array:
         if self._specular is None:
             return super().reflect_beam(index, mu)
-        even, _ = weigh_cosines(self._cosines[0], mu)
-        return np.tensordot(even, self._specular, 1)
+        return np.tensordot(weigh_cosines(self._cosines[0], mu)[0], self._specular, 1)
 
 
 def settle_cosines(name: str, values: Any) -> Array:
@@ -299,30 +303,30 @@ def interpolate_azimuths(azimuths: Array) -> Array:
     return found
 
 
-def weigh_cosines(grid: Array, mu: Array) -> tuple[Array, Array]:
-    """Weights (n_mu, n) of what a table has at descending cosines (n,), at mu (n_mu,), those below the smallest taken
-    for it: of what is even across the normal, as even Fourier orders are, and of what is odd."""
+def weigh_cosines(grid: Array, mu: Array) -> Array:
+    """Weights (2, n_mu, n) of what a table has at descending cosines (n,), at mu (n_mu,), those below the smallest
+    taken for it: of what is even across the normal, as even Fourier orders are, and of what is odd."""
     s, at = stretch_cosines(grid), stretch_cosines(np.maximum(mu, grid[-1]))
     unit = np.eye(grid.size)
     found = []
     for sign in (1.0, -1.0):
         extended, values = extend_over_horizon(*extend_over_pole(s, unit, sign * unit))
         found.append(compute_weights(extended, at, DEGREE) @ values)
-    return found[0], found[1]
+    return np.stack(found)
 
 
-def interpolate_orders(cosines: tuple[Array, Array], weighted: Array, mu_i: Array, mu_o: Array) -> Array:
-    """R^m/(2 pi) from mu_i (in,) to mu_o (out,), (order, in, out, 4, 4), from ``weighted``: that of a table at
-    descending ``cosines`` of both, times their sum."""
-    into, out = weigh_cosines(cosines[0], mu_i), weigh_cosines(cosines[1], mu_o)
+def interpolate_orders(cosines: tuple[Array, Array], weighted: Array, into: Array, out: Array) -> Array:
+    """R^m/(2 pi), (order, in, out, 4, 4), from ``weighted``: that of a table at descending ``cosines`` of both, times
+    their sum; ``into`` and ``out`` are the weights of those, (2, in, n_in) and (2, out, n_out)."""
     n_order, n_in, n_out = weighted.shape[:3]
-    found = np.empty((n_order, mu_i.size, mu_o.size, 16))
+    lit, seen = into.shape[1], out.shape[1]
+    found = np.empty((n_order, lit, seen, 16))
     for odd in (0, 1):
         there = into[odd] @ weighted[odd::2].reshape(-1, n_in, n_out * 16)
-        found[odd::2] = out[odd] @ there.reshape(-1, mu_i.size, n_out, 16)
+        found[odd::2] = out[odd] @ there.reshape(-1, lit, n_out, 16)
     # the sum of the cosines as the splines have it: what is even in all directions then stays so to the last place
     found /= ((into[0] @ cosines[0])[:, None] + out[0] @ cosines[1])[:, :, None]
-    return found.reshape(n_order, mu_i.size, mu_o.size, 4, 4)
+    return found.reshape(n_order, lit, seen, 4, 4)
 
 
 def estimate_error(cosines: tuple[Array, Array], weighted: Array, azimuths: int) -> float:
@@ -335,8 +339,9 @@ def estimate_error(cosines: tuple[Array, Array], weighted: Array, azimuths: int)
     size, between, beyond = float(np.linalg.norm(scale * weighted)), [], []
     for step in (2, 4):
         kept = [np.flatnonzero(np.arange(axis.size - 1, -1, -1) % step == 0) for axis in cosines]
-        coarse = weighted[:, kept[0][:, None], kept[1]]
-        found = interpolate_orders((cosines[0][kept[0]], cosines[1][kept[1]]), coarse, *cosines)
+        fewer = cosines[0][kept[0]], cosines[1][kept[1]]
+        weights = (weigh_cosines(some, every) for some, every in zip(fewer, cosines, strict=True))
+        found = interpolate_orders(fewer, weighted[:, kept[0][:, None], kept[1]], *weights)
         between.append(float(np.linalg.norm((found * both - weighted) * scale)))
         beyond.append(float(np.linalg.norm((scale * weighted)[azimuths // (2 * step) + 1 :])))
     few = min(into.size, out.size) < FEWEST_QUARTERED  # a quarter of them says nothing
