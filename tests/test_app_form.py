@@ -1,6 +1,7 @@
 """The form of the viewer: what is typed, what is said to it, and what becomes of the scene."""
 
 import copy
+import inspect
 import math
 import time
 import tomllib
@@ -13,14 +14,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import vrte
-from vrte.app.form import checks
+from vrte.app.form import checks, kinds, layers
 from vrte.app.form import content as form
-from vrte.app.form.fields import parse_field_text, write_field_text
+from vrte.app.form.fields import find_field, parse_field_text, write_field_text
 from vrte.app.form.files import MOST_OF_AXIS, adopt_and_tell, adopt_content, write_content
 from vrte.basics.errors import Place
+from vrte.formats.bases import BASES
+from vrte.formats.keys import Choice, FilePath, Flag
 from vrte.formats.layers import LAYER_KEYS
-from vrte.formats.particle_sources import check_particles
+from vrte.formats.particle_sources import SOURCES, check_particles
+from vrte.formats.phases import PHASES
+from vrte.formats.scattering import read_scattering
 from vrte.formats.scene_file import FILE_KEYS, make_scene_file, read_content
+from vrte.formats.sizes import SIZES
 from vrte.formats.toml_table import show_place
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -188,46 +194,101 @@ def test_depths_are_checked_only_where_the_thickness_is_known() -> None:
     content = fresh()
     content["field"]["tau"] = [50.0]
     for geometric, wrong in ((True, []), (False, ["field.tau"])):
-        form.set_geometric(content["layer"][0], geometric)
+        layers.set_geometric(content["layer"][0], geometric)
         assert list(problems(content)) == wrong
 
 
 def test_layers_are_added_moved_and_removed() -> None:
     content = fresh(layer=[{"phase": "isotropic", "albedo": 0.5, "thickness": math.inf}])
-    form.add_layer(content)
+    layers.add_layer(content)
     assert [layer["thickness"] for layer in content["layer"]] == [1.0, 1.0]
     content["layer"][1]["albedo"] = 0.9
-    form.move_layer(content, 1, -1), form.move_layer(content, 0, -1), form.move_layer(content, 1, 1)
+    layers.move_layer(content, 1, -1), layers.move_layer(content, 0, -1), layers.move_layer(content, 1, 1)
     assert [layer["albedo"] for layer in content["layer"]] == [0.9, 0.5]
-    form.remove_layer(content, 0), form.remove_layer(content, 0)
+    layers.remove_layer(content, 0), layers.remove_layer(content, 0)
     assert [layer["albedo"] for layer in content["layer"]] == [0.5]
-    while len(content["layer"]) < form.MOST_LAYERS:
-        form.add_layer(content)
+    while len(content["layer"]) < layers.MOST_LAYERS:
+        layers.add_layer(content)
     with pytest.raises(vrte.SceneError, match="at most 30 layers"):
-        form.add_layer(content)
+        layers.add_layer(content)
+
+
+def needs_file(row: Any) -> bool:
+    return any(isinstance(key, FilePath) and key.needed for key in row.keys.values())
 
 
 def test_every_choice_is_right_from_the_start() -> None:
     content = fresh()
-    form.add_kind(content)
-    layer, kind = content["layer"][0], content["particles"]["gold"]
-    for medium in ("mixture", "volumes", "isotropic", "rayleigh", "henyey_greenstein", "particles"):
-        form.set_medium(content, 0, medium)
-        assert (form.get_medium(layer), problems(content)) == (medium, {})
-    for medium in ("volumes", "particles", "volumes", "mixture"):
-        form.set_geometric(layer, medium != "particles")
-        form.set_medium(content, 0, medium)
+    kinds.add_kind(content)
+    layer = content["layer"][0]
+    for medium in [*(name for name in layers.MEDIA if name != "coefficients"), "particles"]:
+        layers.set_medium(content, 0, medium)
+        expected = {f"layer[1].phase.{medium}"} if medium in PHASES and needs_file(PHASES[medium]) else set()
+        assert (layers.get_medium(layer), set(problems(content))) == (medium, expected)
+    for medium in ("volumes", "particles", "clear", "volumes", "mixture"):
+        layers.set_geometric(layer, medium != "particles")
+        layers.set_medium(content, 0, medium)
         assert problems(content) == {}
-    for mode in form.list_size_choices("radius"):
-        form.set_size_mode(kind, mode)
-        assert (form.get_size_mode(kind), problems(content)) == (mode, {})
-    form.set_base(content, "lambertian")
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_every_source_and_size_is_right_from_the_start(source: str) -> None:
+    content = fresh()
+    kind = content["particles"]["gold"]
+    kinds.set_source(kind, source)
+    assert (kinds.get_source(kind), problems(content)) == (source, {})
+    for mode in kinds.SIZE_MODES if SOURCES[source].sized else ():
+        kinds.set_size_mode(kind, mode)
+        places = kinds.list_size_places(mode)
+        wanted = [place for place in places if mode in SIZES and needs_file(SIZES[mode])]
+        expected = {show_place(("particles", "gold", *place)) for place in wanted}
+        assert (kinds.get_size_mode(kind), set(problems(content))) == (mode, expected)
+        assert all(find_field(("particles", "gold", *place), content).label for place in places)
+    kinds.set_size_mode(kind, "radius")
+    kinds.set_source(kind, "spheres")
+    assert kind.keys() == {"index", "radius_um"}
     assert problems(content) == {}
+
+
+@pytest.mark.parametrize("kind", BASES)
+def test_every_base_is_right_from_the_start(kind: str) -> None:
+    content = fresh()
+    form.set_base(content, kind)
+    found = problems(content)
+    assert {show_place(("base", key)) for key, one in BASES[kind].keys.items() if isinstance(one, FilePath)} == {*found}
+    assert all("needs a file" in message for message in found.values())
+
+
+ROWS = [(name, row.make, row.keys) for rows in (SOURCES, SIZES, PHASES, BASES) for name, row in rows.items()]
+
+
+@pytest.mark.parametrize(("name", "make", "keys"), ROWS, ids=[name for name, *_ in ROWS])
+def test_every_key_has_a_label_and_shows_what_is_taken_where_it_is_empty(name: str, make: Any, keys: Any) -> None:
+    """A box that is not ticked, and the first of several choices, are what the library takes without the key."""
+    parameters = {**inspect.signature(read_scattering).parameters, **inspect.signature(make).parameters}
+    defaults = {one.name: one.default for one in parameters.values()}
+    for word, key in keys.items():
+        assert 0 < len(key.label) <= 40, word
+        if isinstance(key, Choice) and not key.needed and not key.empty:
+            assert defaults[word] == next(iter(key.names))
+        if isinstance(key, Flag) and not key.needed and key.start is None:
+            assert defaults[word] is False
+
+
+def test_a_field_that_is_right_alone_but_not_with_others_hides_no_message() -> None:
+    content = fresh(nodes=0)
+    kind = content["particles"]["gold"]
+    kinds.set_source(kind, "coated-spheres")
+    kind.pop("core_ratio")
+    kind["core_radius_um"] = 7.0
+    found = problems(content)
+    assert next(iter(found)) == "nodes"
+    assert "core" in " ".join(found.values())
 
 
 def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
     content = fresh(host_index=1.4)
-    form.add_interface(content), form.add_interface(content)
+    layers.add_interface(content), layers.add_interface(content)
     assert [layer.get("interface") for layer in content["layer"]] == [
         {"above": 1.0, "below": 1.4},
         None,
@@ -236,35 +297,35 @@ def test_interfaces_are_put_where_they_belong_and_come_out_the_same() -> None:
     assert form.name_layers(content["layer"]) == ["interface", "layer 2", "interface"]
     for place in (0, 2):
         surface = content["layer"][place]["interface"]
-        form.set_rough(surface, True)
-        assert form.is_rough(surface)
+        layers.set_rough(surface, True)
+        assert layers.is_rough(surface)
         surface |= {"distribution": "ggx", "shadowing": True, "conserving": True}
         assert problems(content) == {}
         assert tomllib.loads(write_content(content)) == content
-        form.set_rough(surface, False)
+        layers.set_rough(surface, False)
         assert surface.keys() == {"above", "below"}
-    form.add_layer(content)
+    layers.add_layer(content)
     assert content["layer"][3] == content["layer"][1]  # like the last that holds something
     for _ in range(2):
-        form.remove_layer(content, 1)
-    form.remove_layer(content, 1)
+        layers.remove_layer(content, 1)
+    layers.remove_layer(content, 1)
     assert len(content["layer"]) == 1
     assert problems(content) == {}  # an interface by itself
-    form.add_layer(content)
+    layers.add_layer(content)
     assert problems(content) == {}
 
 
 def test_a_first_surface_brings_its_binder() -> None:
     content = fresh()
-    form.add_interface(content)
+    layers.add_interface(content)
     assert content["host_index"] == 1.5
     assert problems(content) == {}
     content["host_index"] = 1.4
     assert problems(content) == {"layer[2]": "layer 2 has the refractive index 1.4, and the interface above it has 1.5"}
     content["particles"]["gold"]["host_index"] = 1.5
     assert problems(content) == {}
-    content["layer"] = [{"interface": {"above": 1.0, "below": 1.5}}] * form.MOST_LAYERS
-    for add in (form.add_interface, form.add_layer):
+    content["layer"] = [{"interface": {"above": 1.0, "below": 1.5}}] * layers.MOST_LAYERS
+    for add in (layers.add_interface, layers.add_layer):
         with pytest.raises(vrte.SceneError, match="at most 30 layers"):
             add(content)
 
@@ -281,8 +342,8 @@ def test_a_first_surface_brings_its_binder() -> None:
 )
 def test_what_is_wrong_with_an_interface_is_said_at_its_field(key: str, text: str, words: str) -> None:
     content = fresh(nodes=0)
-    form.add_interface(content)
-    form.set_rough(content["layer"][0]["interface"], True)
+    layers.add_interface(content)
+    layers.set_rough(content["layer"][0]["interface"], True)
     form.put(content, ("layer", 0, "interface", key), parse_field_text(text))
     found = problems(content)
     assert list(found) == ["nodes", f"layer[1].interface.{key}"]  # and the others all the same
@@ -304,18 +365,18 @@ def test_mirrors_and_facets_are_bases(kind: str) -> None:
 
 def test_a_kind_is_renamed_where_it_is_held_and_stays_while_it_is() -> None:
     content = fresh()
-    other = form.add_kind(content)
+    other = kinds.add_kind(content)
     content["layer"] = [{"particles": {"gold": 1.0, other: 2.0}, "thickness": 1.0}]
     name = "</script><b>../../x"
-    form.rename_kind(content, "gold", name)
+    kinds.rename_kind(content, "gold", name)
     assert list(content["layer"][0]["particles"]) == [name, other]
     assert problems(content) == {}
     assert tomllib.loads(write_content(content)) == content
     for bad in ("", "x" * 61, other, "\ud800"):
         with pytest.raises(vrte.SceneError):
-            form.rename_kind(content, name, bad)
+            kinds.rename_kind(content, name, bad)
     with pytest.raises(vrte.SceneError, match="layer 1 holds it"):
-        form.remove_kind(content, other)
+        kinds.remove_kind(content, other)
 
 
 def test_a_file_fills_the_form_and_comes_out_the_same() -> None:
@@ -358,7 +419,7 @@ def test_a_range_of_wavelengths_is_taken() -> None:
 def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
     content = fresh()
     for mode, size in (("diameter", {"diameter_um": 1.2}), ("radius", {"radius_um": 0.6})):
-        form.set_size_mode(content["particles"]["gold"], mode)
+        kinds.set_size_mode(content["particles"]["gold"], mode)
         assert content["particles"]["gold"] == {"index": "gold", **size}
     form.set_degrees(content, True)
     assert form.is_in_degrees(content)
@@ -366,9 +427,9 @@ def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
     assert content["field"]["angle0_deg"] == 53.1301
     assert problems(content) == {}
     content["brdf"]["angle_i_deg"], content["field"]["angle0_deg"] = [90], -1
-    form.set_size_mode(content["particles"]["gold"], "diameter")
+    kinds.set_size_mode(content["particles"]["gold"], "diameter")
     content["particles"]["gold"]["diameter_um"] = -1
-    form.set_medium(content, 0, "volumes")
+    layers.set_medium(content, 0, "volumes")
     content["layer"][0]["volume_fractions"]["gold"] = "200 %"
     expected = "brdf.angle_i_deg field.angle0_deg particles.gold.diameter_um layer[1].volume_fractions.gold"
     assert set(problems(content)) == set(expected.split())
@@ -380,18 +441,18 @@ def test_diameters_degrees_and_volumes_are_set_and_messages_find_them() -> None:
 
 def test_a_card_is_called_after_its_substance_until_it_is_renamed() -> None:
     content = fresh()
-    name = form.add_kind(content)
+    name = kinds.add_kind(content)
     for index, called in (("gold", "gold-2"), ("main/Ag/Johnson", "Ag"), ("copper", "flakes")):
         kind = content["particles"][name]
         before, kind["index"] = kind["index"], index
         if called == "flakes":  # by hand
-            form.rename_kind(content, name, called)
+            kinds.rename_kind(content, name, called)
             name = called
-        form.name_after(content, name, before)
+        kinds.name_after(content, name, before)
         assert list(content["particles"]) == ["gold", called]
         name = called
     content["particles"]["gold"]["index"] = [1.5, 0.0]
-    form.name_after(content, "gold", "gold")  # numbers are no name
+    kinds.name_after(content, "gold", "gold")  # numbers are no name
     assert list(content["particles"]) == ["gold", "flakes"]
 
 

@@ -11,9 +11,7 @@ import pytest
 
 import vrte
 from tests.samples import largest_gap, spheroids
-from vrte.app.form import content as form
 from vrte.formats import base_file
-from vrte.formats.bases import BASES
 from vrte.formats.between_directions import directions
 from vrte.formats.measured_polarized import write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors, write_tensors
@@ -171,11 +169,6 @@ def test_a_sweep_has_a_table_as_base(spectrum: vrte.Spectrum, tmp_path: Path) ->
     alone = make_scene_file(content(file="one.nc"), folder=tmp_path)
     expected = vrte.brdf(alone.scene, **alone.keywords({}))
     np.testing.assert_array_equal(found.mueller.values[1], expected.mueller)
-
-
-def test_a_page_offers_no_files() -> None:
-    assert "table" not in form.list_base_choices("lambertian")
-    assert form.list_base_choices("table")["table"] == BASES["table"].words
 
 
 def test_a_radiance_field_is_no_base(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 import vrte
 from vrte.app.form import content as form
+from vrte.app.form import kinds
 from vrte.app.form.checks import check_tables, find_problems
 from vrte.basics.errors import SceneError
 from vrte.formats.named import find_named_tables, list_materials
@@ -229,22 +230,22 @@ def test_kept_optics_tell_shells_apart() -> None:
 def test_the_form_turns_spheres_into_coated_ones_and_measured_sizes() -> None:
     content = make_scene({"index": "gold", "radius_um": 0.2})
     kind = content["particles"]["one"]
-    form.set_source(kind, "coated-spheres")
+    kinds.set_source(kind, "coated-spheres")
     assert kind == {
-        "source": "coated-spheres", "core": "rutile", "shell": "silica", "shell_um": 0.02, "radius_um": 0.2
+        "source": "coated-spheres", "core": "rutile", "shell": "silica", "core_ratio": 0.8, "radius_um": 0.2
     }  # fmt: skip
     assert find_problems(content) == {}
     for mode in ("tabulated", "tabulated, diameters"):
-        form.set_size_mode(kind, mode)
-        assert form.get_size_mode(kind) == mode
+        kinds.set_size_mode(kind, mode)
+        assert kinds.get_size_mode(kind) == mode
         assert find_problems(content) == {}
-    form.put(content, ("particles", "one", "core_ratio"), 0.5)
+    form.put(content, ("particles", "one", "shell_um"), 0.05)
     assert "exactly one of core_radius_um, shell_um and core_ratio" in str(find_problems(content))
     content["particles"]["kind-1"] = content["particles"].pop("one")
     content["layer"][0]["particles"] = "kind-1"
-    form.name_after(content, "kind-1", None)
+    kinds.name_after(content, "kind-1", None)
     assert list(content["particles"]) == ["rutile"]
-    form.set_source(content["particles"]["rutile"], "spheres")
+    kinds.set_source(content["particles"]["rutile"], "spheres")
     assert "shell" not in content["particles"]["rutile"]
 
 
@@ -255,11 +256,9 @@ def test_what_the_form_holds_is_a_scene_file() -> None:
     assert parse_toml(write_toml(content)) == content
 
 
-def test_the_form_offers_no_file_but_shows_the_one_that_is_there() -> None:
-    assert "table" not in form.list_size_choices("radius")
+def test_the_form_shows_the_file_that_is_there() -> None:
     kind = {"index": "gold", "size": {"table": "sizes.csv"}}
-    assert form.get_size_mode(kind) == "table"
-    assert form.list_size_choices("table")["table"] == "a table of sizes"
+    assert kinds.get_size_mode(kind) == "table"
     content = make_scene(kind)
     assert find_named_tables(content) == {("particles", "one", "size", "table"): "sizes.csv"}
     check_tables(content, frozenset({"sizes.csv"}))

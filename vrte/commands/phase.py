@@ -4,14 +4,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vrte.basics.errors import SceneError
 from vrte.commands.common import add_command, check_extra, check_output, say_written
 from vrte.formats.coefficient_table import write_coefficients
 from vrte.formats.scattering import CSV, read_scattering
 from vrte.formats.scattering_table import read_angle_table
-from vrte.optics.angle_tables import EXTRAPOLATE
+from vrte.optics.angle_tables import EXTRAPOLATE, describe_expansion
 from vrte.optics.convention_card import CARD_DEG, INDEX, RADIUS_UM, WAVELENGTH_UM, recognise_convention, tabulate_card
 from vrte.optics.conventions import CONVENTIONS
 from vrte.optics.phase_matrix import PhaseMatrix
@@ -116,29 +114,9 @@ def print_expansion(matrix: PhaseMatrix, path: Path) -> None:
     """What was found: integral, peak, asymmetry, terms, error, coherency."""
     told = matrix.expansion
     assert told is not None  # it is from a table
-    zero, half = find_peak(matrix)
-    reach = "nowhere half as large" if half is None else f"half of that at {half:.3g} degrees"
     print(f"{path}: {told.table.angle_deg.size} angles, convention {told.convention}; {told.way}")
-    rows = {
-        "integral": f"{told.integral:.6g} (F11's mean over the sphere, over the convention's)",
-        "peak": f"F11 is {zero:.5g} at 0 degrees, {reach}",
-        "asymmetry": f"{matrix.asymmetry:.6g}",
-        "terms": f"{matrix.terms}",
-        "error": f"{told.largest_error:.2g} of F11 at most, at {told.largest_error_angle_deg:g} degrees",
-        "coherency": f"lowest eigenvalue {told.lowest_eigenvalue:.2g} of F11, at {told.lowest_angle_deg:g} degrees",
-    }
-    if told.albedo is not None:
-        rows["albedo"] = f"{told.albedo:.6g}"
-    for name, words in rows.items():
+    for name, words in describe_expansion(matrix).items():
         print(f"{name:12}{words}")
-
-
-def find_peak(matrix: PhaseMatrix) -> tuple[float, float | None]:
-    """F11 at 0 degrees, and the first angle [degrees] where it is half as large; None where it nowhere is."""
-    angles = np.concatenate([[0.0], np.geomspace(1e-3, 180.0, 2000)])
-    f11 = matrix.to_angles(angles).F11
-    below = np.flatnonzero(f11 <= 0.5 * f11[0])
-    return float(f11[0]), float(angles[below[0]]) if below.size else None
 
 
 def print_conventions() -> None:

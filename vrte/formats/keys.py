@@ -4,6 +4,7 @@ A kind of something (a base, a source of particles, a phase function) has a row 
 files, sweeps and the form read the registries.
 """
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -131,6 +132,16 @@ class FilePath(Key):
     def read(self, table: Table, name: str, reading: Reading) -> Any:
         self.check(table, name)
         return read_beside(table, name, self.open, reading.folder)
+
+
+def make_start(keys: Mapping[str, Key]) -> dict[str, Any]:
+    """What a form begins with; a file that is needed is still to be chosen.
+
+    >>> make_start({"albedo": Number(start=0.5), "phi_deg": Number(needed=False), "file": FilePath()})
+    {'albedo': 0.5, 'file': ''}
+    """
+    begun = {name: "" if key.needed and isinstance(key, FilePath) else key.start for name, key in keys.items()}
+    return {name: copy.deepcopy(start) for name, start in begun.items() if start is not None}
 
 
 def check_keys(keys: Mapping[str, Key], table: Table) -> None:

@@ -46,8 +46,8 @@ INDEX = Substance("substance", "rutile", hint=SUBSTANCE_HINT)
 COATED: dict[str, Key] = {
     "core": Substance("substance of the core", "rutile", hint=SUBSTANCE_HINT),
     "shell": Substance("substance of the shell", "silica", hint=SUBSTANCE_HINT),
-    "shell_um": Number("thickness of the shell [µm]", 0.02, hint="this, or one of the next two", needed=False),
-    "core_ratio": Number("radius of the core over the whole", needed=False),
+    "shell_um": Number("thickness of the shell [µm]", hint="this, or one of the next two", needed=False),
+    "core_ratio": Number("radius of the core over the whole", 0.8, needed=False),  # which goes with every size
     "core_radius_um": Number("radius of the core [µm]", needed=False),
 }
 WIDTH = Number("width over length along the axis", 1.5, hint="above 1 flat, below 1 long")

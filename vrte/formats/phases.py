@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vrte.formats.coefficient_table import read_coefficients
-from vrte.formats.keys import Choice, FilePath, Flag, Key, Number, Reading, Whole, read_keys
+from vrte.formats.keys import Choice, FilePath, Flag, Key, Number, Reading, Whole, make_start, read_keys
 from vrte.formats.media import ONE_WAVELENGTH, TABLE, read_beside
 from vrte.formats.scattering import CSV, NETCDF_SUFFIXES, read_scattering
 from vrte.formats.toml_table import Table, locate_errors, suggest_nearest
@@ -27,7 +27,7 @@ class PhaseRow(NamedTuple):
     @property
     def start(self) -> dict[str, object]:
         """What a form begins with."""
-        return {name: key.start for name, key in self.keys.items() if key.start is not None}
+        return make_start(self.keys)
 
 
 class AngleTable(FilePath):
@@ -89,7 +89,7 @@ PHASES: dict[str, PhaseRow] = {
             ),
             "normalise": Flag("divide by its integral", needed=False),
             "spheres": Flag("of spheres", needed=False),
-            "ends": Choice("where angles are left out", names={EXTRAPOLATE: "extrapolate"}, needed=False),
+            "ends": Choice("ends that are left out", names={EXTRAPOLATE: "extrapolate"}, empty="refuse", needed=False),
             "accuracy": Number("error of the expansion", needed=False),
             "tolerance": Number("negative eigenvalues up to", needed=False),
             "effective_radius_um": Number("effective radius [µm]", needed=False),

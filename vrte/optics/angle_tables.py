@@ -101,6 +101,31 @@ class Expansion:
         return float(self.table.angle_deg[np.argmax(self.error)])
 
 
+def describe_expansion(matrix: PhaseMatrix) -> dict[str, str]:
+    """What was found in the table that a phase matrix came from, in words: integral, peak, terms, error, coherency."""
+    told = matrix.expansion
+    assert told is not None  # it is from a table
+    zero, half = find_peak(matrix)
+    reach = "nowhere half as large" if half is None else f"half of that at {half:.3g} degrees"
+    rows = {
+        "integral": f"{told.integral:.6g} (F11's mean over the sphere, over the convention's)",
+        "peak": f"F11 is {zero:.5g} at 0 degrees, {reach}",
+        "asymmetry": f"{matrix.asymmetry:.6g}",
+        "terms": f"{matrix.terms}",
+        "error": f"{told.largest_error:.2g} of F11 at most, at {told.largest_error_angle_deg:g} degrees",
+        "coherency": f"lowest eigenvalue {told.lowest_eigenvalue:.2g} of F11, at {told.lowest_angle_deg:g} degrees",
+    }
+    return rows if told.albedo is None else rows | {"albedo": f"{told.albedo:.6g}"}
+
+
+def find_peak(matrix: PhaseMatrix) -> tuple[float, float | None]:
+    """F11 at 0 degrees, and the first angle [degrees] where it is half as large; None where it nowhere is."""
+    angles = np.concatenate([[0.0], np.geomspace(1e-3, 180.0, 2000)])
+    f11 = matrix.to_angles(angles).F11
+    below = np.flatnonzero(f11 <= 0.5 * f11[0])
+    return float(f11[0]), float(angles[below[0]]) if below.size else None
+
+
 def tabulate_phase_matrix(phase_matrix: PhaseMatrix, angle_deg: Any) -> ScatteringTable:
     """The elements of a phase matrix at angles [degrees], by default so many that the way back is exact."""
     if angle_deg is None:

@@ -2,24 +2,26 @@
 
 import copy
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from vrte.app.form.content import (
-    MOST_KINDS,
-    MOST_LAYERS,
     Content,
     choose_keywords,
     count_of,
-    is_geometric,
     list_page_wavelengths,
     put,
     select_wavelength,
 )
 from vrte.app.form.fields import find_field
+from vrte.app.form.kinds import MOST_KINDS
+from vrte.app.form.layers import MOST_LAYERS, is_geometric
+from vrte.app.form.parts import Said, list_messages, list_parts, replace_parts
 from vrte.basics.errors import Place, SceneError
 from vrte.calls.plan import make_request
-from vrte.formats.named import find_named_tables
+from vrte.formats.keys import FilePath
+from vrte.formats.named import find_named_tables, list_keys
 from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import ANGLES, make_scene_file
 from vrte.formats.toml_table import is_number, show_place, show_toml
@@ -32,31 +34,43 @@ DIRECTIONS = {"brdf": ("mu_i", "mu_o", "phi_deg"), "field": ("tau", "mu", "phi_d
 BYTES_EACH = {"brdf": 128.0, "field": 32.0}
 
 
-def find_problems(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> dict[Place, str]:
+def find_problems(
+    content: Content,
+    folder: Path = Path(),
+    tables: frozenset[str] = frozenset(),
+    said: Mapping[str, Said] | None = None,
+) -> dict[Place, str]:
     """Messages of the library by the place that they are about, () for none; empty where all is well.
 
-    A field that is wrong is replaced in a copy by what is right, and the check goes on.
+    A field that is wrong is replaced in a copy by what is right, and the check goes on. ``said``: what is known of
+    parts that are made from files, by `name_part`; None: they are read here.
 
     >>> from vrte.app.form.content import START
     >>> list(find_problems(START | {"nodes": 10**6, "wavelength_um": -1}))
     [('nodes',), ('wavelength_um',)]
     """
-    found: dict[Place, str] = {}
-    trial = copy.deepcopy(content)
+    parts = list(dict.fromkeys(list_parts(content, tables))) if said is not None else []
+    found: dict[Place, str] = dict(list_messages(content, parts, said or {}))
+    repaired: set[Place] = set()
+    trial = replace_parts(content, parts)
     for _ in range(MOST_ROUNDS):
         try:
             check(trial, folder, tables)
             break
         except SceneError as error:
             place, message = error.place, str(error)
-        if place[:-1] and find_field(place[:-1], trial).label:  # start, stop or count of a range
+        if (
+            place[:-1] and not find_field(place, trial).label and find_field(place[:-1], trial).label
+        ):  # start, stop or count of a range
             place = place[:-1]
-        if place in found:
+        if not any(one[: len(place)] == place for one in found):  # what is wrong with a part of it is said already
+            found[place] = message
+        if not place or find_card(place) in repaired:
             break
-        found[place] = message
-        if not place:
-            break
+        if place in repaired:  # what is right by itself does not go with the others
+            place = find_card(place)
         repair_field(trial, place)
+        repaired.add(place)
     return found
 
 
@@ -64,11 +78,22 @@ def repair_field(content: Content, place: Place) -> None:
     """Puts in something that is right, or nothing where that is; a layer in place of an interface, whose indices would
     have to fit its neighbours'."""
     place = place[:2] if place[2:3] == ("interface",) else place
+    if place[2:3] == ("phase",):
+        put(content, (*place[:2], "tolerance"), None)  # which goes with a file alone
     kinds = content.get("particles")
     kind = next(iter(kinds), "") if isinstance(kinds, dict) else ""
     held = {"particles": kind, "volume_fractions": {kind: 0.01}}
     whole = held.get(str(place[2])) if place[0] == "layer" and len(place) == 3 else None
     put(content, place, copy.deepcopy(find_field(place, content).right) if whole is None else whole)
+
+
+def find_card(place: Place) -> Place:
+    """The layer, the kind of particles or the base that a place is in.
+
+    >>> find_card(("layer", 0, "interface", "above")), find_card(("base", "albedo"))
+    (('layer', 0), ('base',))
+    """
+    return place[: 1 if place[0] == "base" else 2]
 
 
 def check(content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()) -> None:
@@ -136,11 +161,14 @@ def check_amount(content: Content) -> None:
 
 
 def check_tables(content: Content, tables: frozenset[str]) -> None:
-    """Whether a scene names no file but those."""
+    """Whether a scene names no file but those, and every one that it needs."""
+    for place, key, value in list_keys(content):
+        if isinstance(key, FilePath) and value == "":
+            raise SceneError(f"{show_place(place)} needs a file ({' or '.join(key.suffixes)})", *place)
     for place, name in find_named_tables(content).items():
         if name not in tables:
             raise SceneError(
-                f"{show_place(place)} = {show_toml(name)}: a page reads no files of the machine that it runs on; start "
-                "`vrte view` with this scene to see it",
+                f"{show_place(place)} = {show_toml(name)}: a page reads no files of the machine that it runs on; put "
+                "it in here, or start `vrte view` with this scene",
                 *place,
             )

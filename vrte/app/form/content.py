@@ -1,31 +1,21 @@
 """The content of a scene file as a form changes it: a plain dict, in which a field is named by its place."""
 
-import copy
 import math
-import re
-from collections.abc import Iterator
+from collections.abc import Mapping
 from typing import Any
 
-from vrte.app.form.fields import list_places
 from vrte.basics.errors import Place, SceneError
-from vrte.formats.bases import BASES, FACETS, ROUGHNESS
-from vrte.formats.keys import FilePath, Substance
-from vrte.formats.layers import FILLINGS
-from vrte.formats.particle_sources import SOURCES, SPHERES
-from vrte.formats.phases import PHASES
+from vrte.formats.bases import BASES
+from vrte.formats.keys import Key, make_start
 from vrte.formats.scene_file import ANGLES, REQUEST_KEYS, SceneFile, read_listed_wavelengths
-from vrte.formats.scene_writer import write_toml
-from vrte.formats.sizes import DIAMETERS, ONE, SIZE_KEYS, SIZES
-from vrte.formats.toml_table import is_number, show_key
-from vrte.optics.refractive_index import MATERIALS
+from vrte.formats.toml_table import is_number
 from vrte.results.spectrum import check_ascending
 
 Content = dict[str, Any]
 
-MOST_LAYERS, MOST_KINDS, MOST_WAVELENGTHS = 30, 12, 40  # that a page shows
+MOST_WAVELENGTHS = 40  # that a page shows
 HUGE = 10**9
 DEEPEST = 10.0  # optical depth down to which the field is shown where nothing is said
-NUMBERED, NUMBERED_AFTER = re.compile(r"kind-\d+"), re.compile(r"-\d+$")  # names that a card gets by itself
 
 START: Content = {
     "wavelength_um": 0.64,
@@ -39,60 +29,6 @@ START: Content = {
     },
     "field": {"mu0": 0.6, "mu": {"start": -1.0, "stop": 1.0, "count": 120}, "phi_deg": [0, 180]},
 }
-MEDIA: dict[str, tuple[str, Any]] = {  # what fills a layer: in words, and the phase function that it begins with
-    "particles": ("particles of one kind", None),
-    "mixture": ("a mixture, by number", None),
-    "volumes": ("a mixture, by volume", None),
-    **{name: (row.words, row.start or name) for name, row in PHASES.items()},
-    "coefficients": ("a table of coefficients", None),
-}
-OF_FILES = {  # a page reads no files, but shows what does
-    "coefficients",
-    *(name for name, row in PHASES.items() if any(isinstance(key, FilePath) for key in row.keys.values())),
-}
-SURFACES = {"smooth": "smooth: beams stay beams", "rough": "rough: many small facets"}
-
-
-def list_size_modes() -> Iterator[tuple[str, tuple[str, Content]]]:
-    """How a size can be told: in words, and what it begins with."""
-    yield "radius", ("one radius", {"radius_um": ONE["radius_um"].start})
-    yield "diameter", ("one diameter", {"diameter_um": ONE["diameter_um"].start})
-    for name, row in SIZES.items():
-        start = {key: one.start for key, one in row.keys.items()}
-        if name in row.keys:
-            yield name, (row.words, {"size": start})
-            continue
-        yield name, (f"{row.words} radii", {"size": {name: dict(start)}})
-        doubled = {DIAMETERS[key]: double(start.pop(key)) for key in list(start) if key in DIAMETERS} | start
-        yield f"{name}, diameters", (f"{row.words} diameters", {"size": {name: doubled}})
-
-
-def list_size_choices(mode: str) -> dict[str, str]:
-    """The ways to tell a size that a page offers beside the one taken: a page reads no files, but shows them."""
-    rows = {name: words for name, (words, _) in SIZE_MODES.items()}
-    return {name: words for name, words in rows.items() if name == mode or not has_file(SIZES.get(name))}
-
-
-def list_base_choices(kind: str) -> dict[str, str]:
-    """The kinds of bases that a page offers beside the one taken."""
-    return {name: row.words for name, row in BASES.items() if name == kind or not has_file(row)}
-
-
-def has_file(row: Any) -> bool:
-    """Whether one of the keys of a registry's row is a file."""
-    return row is not None and any(isinstance(key, FilePath) for key in row.keys.values())
-
-
-def double(value: Any) -> Any:
-    """Twice a number, or each of a list.
-
-    >>> double([0.5, 1.0])
-    [1.0, 2.0]
-    """
-    return [2.0 * one for one in value] if isinstance(value, list) else 2.0 * value
-
-
-SIZE_MODES: dict[str, tuple[str, Content]] = dict(list_size_modes())
 
 
 def get_value(content: Content, place: Place) -> Any:
@@ -116,31 +52,6 @@ def put(content: Content, place: Place, value: Any) -> None:
         table[step] = value
 
 
-# layers
-
-
-def add_layer(content: Content) -> None:
-    """One more at the bottom, like the last, with an end. Raises SceneError where there are as many as a page shows."""
-    layers = make_room(content)
-    filled = [layer for layer in layers if not is_interface(layer)]
-    layers.append(copy.deepcopy(filled[-1] if filled else {"phase": "isotropic", "albedo": 0.99, "thickness": 10.0}))
-
-
-def check_room(content: Content) -> None:
-    """Raises SceneError where there are as many layers as a page shows."""
-    if len(content["layer"]) >= MOST_LAYERS:
-        raise SceneError(f"layer: the page shows at most {MOST_LAYERS} layers; `vrte brdf` takes more")
-
-
-def make_room(content: Content) -> list[Content]:
-    """The layers, where one more may stand below them. Raises SceneError as `check_room` does."""
-    check_room(content)
-    layers: list[Content] = content["layer"]
-    if layers[-1].get("thickness") == math.inf:
-        layers[-1]["thickness"] = 1.0
-    return layers
-
-
 def is_interface(layer: Content) -> bool:
     """Whether there is nothing but an interface between two media."""
     return "interface" in layer
@@ -155,237 +66,24 @@ def name_layers(layers: list[Content]) -> list[str]:
     return ["interface" if is_interface(layer) else f"layer {place}" for place, layer in enumerate(layers, 1)]
 
 
-def add_interface(content: Content) -> None:
-    """Air above the pile, or below it where its top is an interface. Raises SceneError as `add_layer` does."""
-    index: Any = content.get("host_index")
-    if index is None:
-        index = 1.5
-        if content.get("particles"):
-            content["host_index"] = index  # that of the binder between its surface and the next
-    if not is_interface(content["layer"][0]):
-        check_room(content)
-        content["layer"].insert(0, {"interface": {"above": 1.0, "below": index}})
-        return
-    layers = make_room(content)
-    last = next(layer["interface"] for layer in reversed(layers) if is_interface(layer))
-    above = last.get("below", index)
-    layers.append({"interface": {"above": above, "below": index if above == 1.0 else 1.0}})
-
-
-def is_rough(table: Content) -> bool:
-    """Whether an interface or a base consists of facets.
-
-    >>> is_rough({"above": 1.0, "below": 1.5, "roughness": 0.1})
-    True
-    """
-    return table.get("roughness", 0) != 0
-
-
-def set_rough(table: Content, rough: bool) -> None:
-    """Facets, or a smooth surface, which has no distribution of slopes."""
-    if rough:
-        table.setdefault("roughness", ROUGHNESS)
-        return
-    for key in FACETS:
-        table.pop(key, None)
-
-
-def remove_layer(content: Content, place: int) -> None:
-    """All but the last one that is left."""
-    if len(content["layer"]) > 1:
-        del content["layer"][place]
-
-
-def move_layer(content: Content, place: int, by: int) -> None:
-    """Up (-1) or down (1), as far as there is room."""
-    layers, target = content["layer"], place + by
-    if 0 <= target < len(layers):
-        layers[place], layers[target] = layers[target], layers[place]
-
-
-def get_medium(layer: Content) -> str:
-    """What fills a layer, one of MEDIA.
-
-    >>> get_medium({"phase": {"henyey_greenstein": 0.9}}), get_medium({"particles": {"gold": 1}})
-    ('henyey_greenstein', 'mixture')
-    """
-    if "phase" not in layer:
-        several = "mixture" if isinstance(layer.get("particles"), dict) else "particles"
-        return "volumes" if "volume_fractions" in layer else several
-    phase = layer["phase"]
-    if isinstance(phase, dict):
-        return next((name for name in PHASES if name in phase), "isotropic")
-    return phase if phase in PHASES else "coefficients"
-
-
-def set_medium(content: Content, place: int, medium: str) -> None:
-    """Fills a layer with something else; its thickness stays where it can."""
-    layer, kinds = content["layer"][place], list(content.get("particles", {}))
-    if medium == get_medium(layer):
-        return
-    geometric, phase = is_geometric(layer), MEDIA[medium][1]
-    for key in (*FILLINGS, "tolerance"):
-        layer.pop(key, None)
-    if phase is not None:
-        layer["phase"] = copy.deepcopy(phase)
-        layer.setdefault("albedo", 0.99)
-        set_geometric(layer, False)
-        return
-    layer.pop("albedo", None)
-    kinds = kinds or [add_kind(content)]
-    if medium == "volumes":
-        layer["volume_fractions"] = dict.fromkeys(kinds[:2], 0.05)
-        layer.pop("volume_fraction", None)
-    else:
-        layer["particles"] = kinds[0] if medium == "particles" else dict.fromkeys(kinds[:2], 1.0)
-        if geometric:
-            layer.setdefault("volume_fraction", 0.05)
-
-
-def is_geometric(layer: Content) -> bool:
-    """Whether a layer's thickness is given in micrometres."""
-    return "thickness_um" in layer or "volume_fraction" in layer
-
-
-def set_geometric(layer: Content, geometric: bool) -> None:
-    """Thickness in micrometres with a volume fraction, or optical."""
-    if geometric == is_geometric(layer):
-        return
-    for key in ("thickness", "thickness_um", "volume_fraction"):
-        layer.pop(key, None)
-    layer.update({"thickness_um": 50.0} if geometric else {"thickness": 10.0})
-    if geometric and "volume_fractions" not in layer:
-        layer["volume_fraction"] = 0.05
-
-
-# kinds of particles
-
-
-def add_kind(content: Content) -> str:
-    """One more kind of particle; its name. Raises SceneError where there are as many as a page shows."""
-    kinds = content.setdefault("particles", {})
-    if len(kinds) >= MOST_KINDS:
-        raise SceneError(f"particles: the page shows at most {MOST_KINDS} kinds; `vrte brdf` takes more")
-    name = next(name for k in range(1, MOST_KINDS + 2) if (name := f"kind-{k}") not in kinds)
-    kinds[name] = {"index": "rutile", "radius_um": 0.2}
-    return name
-
-
-def remove_kind(content: Content, name: str) -> None:
-    """Raises SceneError where a layer holds it."""
-    for called, layer in zip(name_layers(content["layer"]), content["layer"], strict=True):
-        held = layer.get("volume_fractions", layer.get("particles", ()))
-        if name == held or (isinstance(held, dict) and name in held):
-            raise SceneError(f"particles.{show_key(name)}: {called} holds it; fill that with something else first")
-    content.get("particles", {}).pop(name, None)
-
-
-def rename_kind(content: Content, old: str, new: str) -> None:
-    """In the layers, too. Raises SceneError for an empty or a long name, or one that another kind has."""
-    new = new.strip()
-    if new == old:
-        return
-    if not 0 < len(new) <= 60:
-        raise SceneError(f"particles: a name must have 1 to 60 characters, not {len(new)}")
-    write_toml({new: 1})
-    if new in content["particles"]:
-        raise SceneError(f"particles.{show_key(new)}: there is another kind of that name")
-
-    def renamed(held: Any) -> Any:
-        if isinstance(held, dict):
-            return {new if name == old else name: value for name, value in held.items()}
-        return new if held == old else held
-
-    content["particles"] = renamed(content["particles"])
-    for layer in content["layer"]:
-        layer.update({key: renamed(layer[key]) for key in ("particles", "volume_fractions") if key in layer})
-
-
-def name_of_substance(index: Any) -> str:
-    """What a kind of this substance is called, "" where that says nothing.
-
-    >>> name_of_substance("zinc oxide"), name_of_substance("main/Au/Johnson"), name_of_substance([1.5, 0.0])
-    ('zinc oxide', 'Au', '')
-    """
-    if not isinstance(index, str) or index in MATERIALS:
-        return index if isinstance(index, str) else ""
-    parts = index.split("/")
-    return parts[1] if len(parts) == 3 and all(parts) else ""
-
-
-def name_after(content: Content, name: str, before: Any) -> None:
-    """Calls a kind after its substance where it was called after the one ``before``, and not by hand."""
-    index = get_substance(content["particles"][name])
-    wanted, first = name_of_substance(index), name_of_substance(before)
-    by_itself = NUMBERED.fullmatch(name) or (first and NUMBERED_AFTER.sub("", name) == first)
-    if not wanted or not by_itself or index == before:
-        return
-    others = content["particles"].keys() - {name}
-    free = (wanted if k == 1 else f"{wanted}-{k}" for k in range(1, MOST_KINDS + 2))
-    rename_kind(content, name, next(one for one in free if one not in others))
-
-
-def get_source(kind: Content) -> str:
-    """Where particles of a kind come from, one of SOURCES."""
-    source = kind.get("source", SPHERES)
-    return source if source in SOURCES else SPHERES
-
-
-def get_substance(kind: Content) -> Any:
-    """What a kind of particle consists of, a coated one inside; None where it says none.
-
-    >>> get_substance({"source": "coated-spheres", "core": "rutile", "shell": "silica"})
-    'rutile'
-    """
-    keys = SOURCES[get_source(kind)].keys
-    return next((kind.get(name) for name, key in keys.items() if isinstance(key, Substance)), None)
-
-
-def set_source(kind: Content, source: str) -> None:
-    """Another source; what both know of stays."""
-    row = SOURCES[source]
-    for key in kind.keys() - {*row.allowed}:
-        del kind[key]
-    kind["source"] = source
-    for key, one in row.keys.items():
-        if one.start is not None:
-            kind.setdefault(key, copy.deepcopy(one.start))
-    if row.sized and not any(key in kind for key in SIZE_KEYS):
-        kind.update(copy.deepcopy(SIZE_MODES["radius"][1]))
-
-
-def get_size_mode(kind: Content) -> str:
-    """How a kind's size is told, one of SIZE_MODES."""
-    size = kind.get("size")
-    if not isinstance(size, dict):
-        return "diameter" if "diameter_um" in kind else "radius"
-    name = next((one for one in SIZES if one in size), next(iter(SIZES)))
-    by_diameter = any(place[-1] in DIAMETERS.values() for place in list_places(size.get(name), name))
-    return f"{name}, diameters" if by_diameter else name
-
-
-def set_size_mode(kind: Content, mode: str) -> None:
-    """Another way to tell the size; between radius and diameter it stays as it is."""
-    before = get_size_mode(kind)
-    if mode == before:
-        return
-    told = {key: kind.pop(key, None) for key in ("radius_um", "diameter_um", "size")}
-    kind.update(copy.deepcopy(SIZE_MODES[mode][1]))
-    size: Any = told.get(f"{before}_um")
-    if mode in ("radius", "diameter") and is_number(size):
-        kind[f"{mode}_um"] = size * (2.0 if mode == "diameter" else 0.5)
-
-
 # base and directions
 
 
 def set_base(content: Content, kind: str) -> None:
-    """What lies beneath; mirror and facets keep their substance."""
-    index = get_value(content, ("base", "index"))
-    start = {key: one.start for key, one in BASES[kind].keys.items() if one.needed}
-    content["base"] = {"kind": kind} | copy.deepcopy(start)
-    if index is not None and "index" in content["base"]:
-        content["base"]["index"] = index
+    """What lies beneath; what both kinds know of stays."""
+    before = content.get("base", {})
+    known = BASES[before["kind"]].keys if before.get("kind") in BASES else {}
+    row = BASES[kind]
+    content["base"] = {"kind": kind} | make_start(row.keys) | keep_values(before, known, row.keys)
+
+
+def keep_values(table: Content, known: Mapping[str, Key], keys: Mapping[str, Key]) -> Content:
+    """Those values of a table that mean the same among other keys.
+
+    >>> keep_values({"index": 1.5}, BASES["mirror"].keys, BASES["facets"].keys)
+    {'index': 1.5}
+    """
+    return {name: table[name] for name, key in keys.items() if name in table and known.get(name) == key}
 
 
 def is_in_degrees(content: Content) -> bool:

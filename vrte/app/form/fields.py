@@ -7,7 +7,9 @@ from typing import Any
 
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES, INTERFACE
-from vrte.formats.keys import Key
+from vrte.formats.keys import SUBSTANCE_HINT, FilePath, Key
+from vrte.formats.media import TABLE
+from vrte.formats.named import MEDIUM, SIDES
 from vrte.formats.particle_sources import SOURCES, SPHERES
 from vrte.formats.phases import PHASES
 from vrte.formats.sizes import DIAMETER_LABELS, DIAMETERS, ONE, SIZES
@@ -32,21 +34,22 @@ class Field:
 SHARE = "5 % or 0.05"
 FIELDS = {  # by place; * is any layer, any kind of particle
     "wavelength_um": Field("wavelengths in vacuum [µm]", "one, several with commas, or start:stop:count", right=0.5),
-    "host_index": Field("refractive index of the host medium", empty="1 if empty"),
+    "host_index": Field("refractive index of the host medium", SUBSTANCE_HINT, empty="1 if empty"),
     "particles.*": Field(right={"index": [3.1, 0.1], "radius_um": 0.1}),
     "particles.*.host_index": Field("refractive index around it", empty="that of the host"),
-    "layer.*.host_index": Field("refractive index around", "a number or a substance", empty="that of the host"),
-    "layer.*.interface.above": Field("refractive index above", "a number or a substance"),
-    "layer.*.interface.below": Field("refractive index below", "that of what follows"),
-    "layer.*.interface.roughness": Field("roughness", "slopes' rms times √2, 0.01 to 1.5"),
+    "layer.*.host_index": Field("refractive index of its medium", SUBSTANCE_HINT, empty="that of the host"),
+    "layer.*.interface.above": Field("index above", "a number or a substance"),
+    "layer.*.interface.below": Field("index below", "that of what follows"),
     "layer.*": Field(right={"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}),
     "layer.*.particles.*": Field("{}: number fraction", right=1.0),
     "layer.*.volume_fractions.*": Field("{}: of the volume", right=1e-3, empty=SHARE),
-    "layer.*.phase": Field(right="isotropic"),
+    "layer.*.phase": Field("table of coefficients", "columns l, a1, a2, a3, a4, b1, b2", right="isotropic"),
+    "layer.*.tolerance": Field("tolerance", "how far below zero it may be", empty="0 if empty"),
     "layer.*.albedo": Field("single-scattering albedo", right=0.5),
     "layer.*.thickness": Field("optical thickness", "inf: without end", right=1.0),
     "layer.*.thickness_um": Field("thickness [µm]", right=1.0),
     "layer.*.volume_fraction": Field("volume fraction", SHARE, right=0.01),
+    "base": Field(right={"kind": "black"}),
     "base.kind": Field(right="black"),
     "brdf": Field(right={"mu_i": 0.5, "mu_o": 0.5}),
     "brdf.mu_i": Field("cosines of incidence µ_i", right=0.5),
@@ -74,36 +77,56 @@ def find_field(place: Place, content: dict[str, Any]) -> Field:
     >>> find_field(("base", "albedo"), {"base": {"kind": "lambertian"}}).label
     'albedo of the base'
     """
-    if key := find_key(place, content):
-        return Field(key.label, key.hint, key.start, key.empty)
+    key = find_key(place, content) or Key()
     steps = [str(step) for step in place]
     if place[0] in ("layer", "particles"):
         steps[1:2] = "*" * len(steps[1:2])
     if place[2:3] in (("particles",), ("volume_fractions",)):
         steps[3:4] = "*" * len(steps[3:4])
-    return FIELDS.get(".".join(steps), Field())
+    known = FIELDS.get(".".join(steps), Field())
+    right = known.right if key.start is None else key.start
+    return Field(key.label or known.label, key.hint or known.hint, right, key.empty or known.empty)
 
 
 def find_key(place: Place, content: dict[str, Any]) -> Key | None:
-    """The key of a registry at a place: of the base, of the particles' source or size, of a phase."""
+    """The key of a registry at a place: of the base, of a layer's phase or interface, of particles or their size."""
     name = str(place[-1])
+    if name in MEDIUM:
+        return MEDIUM[name]
     if place[0] == "base":
         base = content.get("base")
         row = BASES.get(base.get("kind", "black")) if isinstance(base, dict) else None
         return row.keys.get(name) if row else None
-    if place[0] == "layer" and place[2:3] in (("phase",), ("interface",)) and len(place) == 4:
-        found = [row.keys[name] for row in PHASES.values() if name in row.keys]
-        return INTERFACE.get(name) if place[2] == "interface" else next(iter(found), None)
+    if place[0] == "layer":
+        return find_layer_key(place, content)
     if place[0] == "particles" and len(place) == 3:
         kind = content.get("particles", {}).get(place[1])
         source = SOURCES.get(kind.get("source", SPHERES)) if isinstance(kind, dict) else None
         return {**ONE, **(source.keys if source else {})}.get(name)
-    if place[0] == "particles" and place[3:4] and place[2] == "size":
-        size = SIZES.get(str(place[3]))
-        radius = next((one for one, other in DIAMETERS.items() if other == name), name)
-        key = size.keys.get(radius) if size else None
-        return replace(key, label=DIAMETER_LABELS.get(radius, key.label)) if key and radius != name else key
-    return None
+    return find_size_key(place, content) if place[2:3] == ("size",) and place[3:] else None
+
+
+def find_layer_key(place: Place, content: dict[str, Any]) -> Key | None:
+    """The key of a phase or an interface at a place, or that of a table of coefficients."""
+    name, layers = str(place[-1]), content.get("layer")
+    if place[2:3] == ("interface",) and len(place) == 4:
+        return {**SIDES, **INTERFACE}.get(name)
+    if place[2:3] != ("phase",) or not isinstance(layers, list):
+        return None
+    phase: Any = layers[int(place[1])].get("phase")
+    if isinstance(phase, dict) and len(place) == 4:
+        return next((row.keys.get(name) for own, row in PHASES.items() if own in phase), None)
+    return FilePath(suffixes=(TABLE,)) if isinstance(phase, str) and phase not in PHASES else None
+
+
+def find_size_key(place: Place, content: dict[str, Any]) -> Key | None:
+    """The key of a size distribution at a place; where it is told by diameters, with their label."""
+    name = str(place[-1])
+    radius = next((one for one, other in DIAMETERS.items() if other == name), name)
+    size: Any = content.get("particles", {}).get(place[1], {}).get("size")
+    row = next((row for own, row in SIZES.items() if isinstance(size, dict) and own in size), None)
+    key = row.keys.get(radius) if row else None
+    return replace(key, label=DIAMETER_LABELS.get(radius, key.label)) if key and radius != name else key
 
 
 def list_places(table: Any, *place: str) -> Iterator[Place]:

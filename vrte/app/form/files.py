@@ -9,13 +9,15 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from vrte.app.form.checks import check
+from vrte.app.form.checks import check, find_card, repair_field
 from vrte.app.form.content import START, Content, count_of, list_page_wavelengths
-from vrte.app.form.fields import write_field_text
+from vrte.app.form.fields import find_field, write_field_text
 from vrte.basics.errors import SceneError
 from vrte.formats.materials import expand_materials, list_named
+from vrte.formats.named import find_named_tables
+from vrte.formats.phases import PHASES
 from vrte.formats.scene_writer import write_toml
-from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key
+from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key, show_toml
 
 MOST_OF_AXIS = 10  # wavelengths that are taken of a sweep's
 VISIBLE: Content = {"start": 0.43, "stop": 0.7, "count": 7}  # um: makes a colour, within the tables of all pigments
@@ -31,15 +33,25 @@ def adopt_content(content: Content, folder: Path = Path(), tables: frozenset[str
 def adopt_and_tell(
     content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()
 ) -> tuple[Content, tuple[str, ...]]:
-    """The same, and a sentence for each part that the file did not have, or that the page cannot show."""
+    """The same, and a sentence for each part that the file did not have, or that the page cannot show.
+
+    Files that it names, and that are not among ``tables`` in ``folder``, are still to be put in.
+    """
     found = copy.deepcopy(content)
     told = (*remove_axes(found), *add_defaults(found))
-    check(found, folder, tables)
+    trial = copy.deepcopy(found)
+    missing = {place: name for place, name in find_named_tables(found).items() if name not in tables}
+    asked_for = {place: name for place, name in missing.items() if find_field(place, found).label}
+    for place in asked_for:
+        repair_field(trial, find_card(place))
+    check(trial, folder, tables)
     found = expand_materials(found, folder)  # the form shows particles, one by one
+    told += tuple(f"{show_toml(name)} is not here: put it in where the form asks for it" for name in asked_for.values())
     found.setdefault("base", {"kind": "black"})
     for layer in found["layer"]:
-        if layer.get("phase") == "rayleigh":
-            layer["phase"] = {"rayleigh": 0.0}  # the same, with a field for its depolarization
+        named = layer.get("phase")
+        if isinstance(named, str) and named in PHASES:
+            layer["phase"] = PHASES[named].start or named  # the same, with fields for what it begins with
     return found, told
 
 

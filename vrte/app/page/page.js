@@ -11,8 +11,10 @@ window.vrte = {
   },
 
   // the dialog that chooses a file
-  pick(upload) {
-    getElement(upload).$refs.qRef.pickFiles();
+  pick(upload, suffixes = "") {
+    const found = getElement(upload);
+    if (suffixes) found.$el.querySelector("input[type=file]").accept = suffixes;
+    found.$refs.qRef.pickFiles();
   },
 
   // a file dropped anywhere on the page goes where a chosen one goes

@@ -12,8 +12,8 @@ from nicegui import ui
 
 from vrte import __version__
 from vrte.app.form import files
-from vrte.app.form.checks import check
 from vrte.app.form.content import START, Content
+from vrte.app.form.parts import Said
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
@@ -22,6 +22,7 @@ from vrte.app.solving.bench import Bench
 from vrte.app.solving.job import find_memory_share
 from vrte.app.solving.messages import Outcome, Read, Tensor, Written
 from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import is_number
 
 GALLERY = Path(__file__).parents[1] / "gallery"
@@ -114,7 +115,7 @@ class Page:
             ("field inside, CSV", lambda: self.hand_out(downloads.make_field_download, bench.outcome, which(), ".csv")),
             ("picture of the figure, PNG", self.picture),
             ("BRDF as a Mitsuba tensor (solves for its directions)", self.tensor),
-            ("scene, TOML", lambda: self.hand_out(downloads.make_scene_download, bench.content)),
+            ("scene, TOML", lambda: self.hand_out(downloads.make_scene_download, bench.content, bench.shelf)),
         ):
             ui.menu_item(text, act)
 
@@ -150,10 +151,9 @@ class Page:
 
     def solve(self) -> None:
         """What the form says; the server checks it again, whatever the page has sent."""
-        try:
-            check(self.bench.content, self.bench.folder, self.bench.tables)
-        except SceneError as error:
-            self.failure.set_text(str(error))
+        wrong = self.bench.find_problems()
+        if wrong:
+            self.failure.set_text("; ".join(wrong.values()))
             return
         if not self.bench.busy:
             self.said.set_text("Solving.")
@@ -162,6 +162,8 @@ class Page:
 
     def follow(self) -> None:
         """Looks how far the job is, and takes what it brought."""
+        if self.bench.has_looked():
+            self.form.check()
         job, busy = self.bench.job, self.bench.busy
         for element in (self.cancel_button, self.bar, self.stage):
             element.set_visibility(busy)
@@ -179,7 +181,7 @@ class Page:
             self.failure.set_visibility(bool(self.failure.text))
         self._mark()
 
-    def take(self, outcome: Outcome | Written | None) -> None:
+    def take(self, outcome: Outcome | Written | Said | None) -> None:
         """What a job brought, once."""
         if isinstance(outcome, Written):
             ui.download.content(outcome.data, outcome.name)
@@ -209,7 +211,7 @@ class Page:
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
             if suffix == ".toml":
-                about = self.bench.folder, self.bench.tables
+                about = self.bench.shelf.folder, self.bench.shelf.names
                 self.fill(*await asyncio.to_thread(lambda: files.adopt_and_tell(files.parse_content(data), *about)))
             elif suffix in SUFFIXES:
                 self.bench.start(Read(data, suffix, find_memory_share()))
@@ -292,7 +294,10 @@ class Page:
     def carried(self, event: Any) -> None:
         """Whether the browser has put it on the clipboard."""
         copied = "It is copied." if event.args is True else "Copy it from there."
-        ui.notify(f"The address of this page carries the scene now. {copied}", type="info", close_button=True)
+        names = ", ".join(dict.fromkeys(find_named_tables(self.bench.content).values()))
+        without = f" It cannot carry {names}: whoever opens it puts that in." if names else ""
+        text = f"The address of this page carries the scene now. {copied}{without}"
+        ui.notify(text, type="info", multi_line=True, close_button=True)
 
     async def take_link(self, event: Any) -> None:
         """A scene that an address brought: a stranger's text, checked like a file, solved when somebody asks."""
@@ -318,12 +323,13 @@ class Page:
         """Mitsuba's file wants directions of its own: they are solved for first."""
         bench = self.bench
         try:
-            check(bench.content, bench.folder, bench.tables)
+            for message in bench.find_problems().values():
+                raise SceneError(message)
             downloads.check_tensor(bench.content)
         except SceneError as error:
             self.complain(str(error))
             return
-        bench.start(Tensor(copy.deepcopy(bench.content), bench.folder, find_memory_share()))
+        bench.start(Tensor(copy.deepcopy(bench.content), bench.shelf.folder, find_memory_share()))
 
 
 def make_menu() -> Any:

@@ -6,31 +6,38 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from vrte.app.form.checks import find_problems
 from vrte.app.form.content import START, Content
+from vrte.app.form.parts import Said, list_parts, name_part
 from vrte.app.solving.job import Job, find_memory_share
-from vrte.app.solving.messages import Outcome, Solve, Task
+from vrte.app.solving.messages import Look, Outcome, Solve, Task
+from vrte.app.solving.shelf import Shelf
 from vrte.basics.errors import Place
 from vrte.formats.named import find_named_tables
 
 MOST_TABS = 100
+MOST_SAID = 100  # sentences about parts that are made from files
 MOST_BYTES = 2e9  # of all results together; the tabs that were not used for longest lose theirs first
 
 
 @dataclass
 class Bench:
-    """A tab's: the form's ``content``, which may name ``tables`` in ``folder``, the ``job`` that runs, the last
-    ``outcome`` and the job that it was ``taken`` of, ``view``, what it looks at, how many ``pages`` look, and the first
-    field that is ``wrong``: its message, and its place."""
+    """A tab's: the form's ``content``, which may name the tables of its ``shelf``, the ``job`` that runs, the last
+    ``outcome`` and the job that it was ``taken`` of, ``view``, what it looks at, how many ``pages`` look, the first
+    field that is ``wrong``: its message, and its place; and what has been ``said`` of parts that are made from files,
+    of which ``looked`` is the one that a job ``looks`` at."""
 
     content: Content
-    folder: Path = Path()
-    tables: frozenset[str] = frozenset()
+    shelf: Shelf = field(default_factory=Shelf)
     outcome: Outcome | None = None
     job: Job | None = None
     view: dict[str, Any] = field(default_factory=dict)
     pages: int = 0
     wrong: tuple[str, Place] | None = None
     taken: Job | None = None
+    said: dict[str, Said] = field(default_factory=dict)
+    looks: Job | None = None
+    looked: tuple[str, Place] = ("", ())
 
     @property
     def busy(self) -> bool:
@@ -39,7 +46,7 @@ class Bench:
 
     def solve(self) -> None:
         """Starts to solve what the form says now."""
-        self.start(Solve(copy.deepcopy(self.content), self.folder, find_memory_share()))
+        self.start(Solve(copy.deepcopy(self.content), self.shelf.folder, find_memory_share()))
 
     def start(self, task: Task) -> None:
         """A task in place of the one that runs."""
@@ -49,6 +56,35 @@ class Bench:
     def cancel(self) -> None:
         if self.job is not None:
             self.job.cancel()
+
+    def find_problems(self) -> dict[Place, str]:
+        """What is wrong with the scene, by place. Parts that are made from files are looked at aside, one by one."""
+        found = find_problems(self.content, self.shelf.folder, self.shelf.names, self.said)
+        places = list_parts(self.content, self.shelf.names)
+        unknown = next((place for place in places if name_part(self.content, place) not in self.said), None)
+        if unknown is not None and self.looks is None:
+            task = Look(copy.deepcopy(self.content), self.shelf.folder, find_memory_share(), unknown)
+            self.looks, self.looked = Job(task), (name_part(self.content, unknown), unknown)
+        return found
+
+    def has_looked(self) -> bool:
+        """Whether there is something new to say of a part."""
+        if self.looks is None or not self.looks.ended:
+            return False
+        name, place = self.looked
+        found, message = self.looks.outcome, self.looks.message
+        self.said[name] = found if isinstance(found, Said) else Said(message=message, place=place)
+        self.looks = None
+        while len(self.said) > MOST_SAID:
+            del self.said[next(iter(self.said))]
+        return True
+
+    def close(self) -> None:
+        """Ends whatever runs, and removes its files."""
+        for job in (self.job, self.looks):
+            if job is not None:
+                job.cancel()
+        self.shelf.close()
 
 
 class Benches:
@@ -65,11 +101,11 @@ class Benches:
         """The bench of a tab, a new one where there is none."""
         with self._lock:
             bench = self._benches.pop(tab, None) or Bench(
-                copy.deepcopy(self._first), self._folder, self._tables, self._outcome
+                copy.deepcopy(self._first), Shelf(self._folder, self._tables), self._outcome
             )
             self._benches[tab] = bench  # the last used is the last
             while len(self._benches) > 1 and (len(self._benches) > MOST_TABS or self._bytes() > MOST_BYTES):
-                self._benches.pop(next(iter(self._benches))).cancel()
+                self._benches.pop(next(iter(self._benches))).close()
             return bench
 
     def _bytes(self) -> float:
@@ -79,4 +115,4 @@ class Benches:
         """Ends whatever runs."""
         with self._lock:
             for bench in self._benches.values():
-                bench.cancel()
+                bench.close()

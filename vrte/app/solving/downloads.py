@@ -1,6 +1,8 @@
 """Files that the viewer hands out: their names are its own, their content is made in a folder that goes again."""
 
+import io
 import tempfile
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,9 +10,11 @@ from typing import Any
 from vrte.app.form.content import Content, list_page_wavelengths
 from vrte.app.form.files import write_content
 from vrte.app.solving.messages import Outcome
+from vrte.app.solving.shelf import Shelf
 from vrte.basics.errors import SceneError
 from vrte.formats import save
 from vrte.formats.measured_polarized import check_wavelengths
+from vrte.formats.named import find_named_tables
 
 
 def collect_bytes(name: str, write: Callable[[Path], Any]) -> bytes:
@@ -37,9 +41,29 @@ def make_field_download(outcome: Outcome | None, which: int, suffix: str) -> tup
     return f"field{suffix}", collect_bytes(f"field{suffix}", lambda path: save(field, path))
 
 
-def make_scene_download(content: Content) -> tuple[str, bytes]:
-    """Name and bytes of the scene. Raises SceneError where the wavelengths are none."""
-    return "scene.toml", write_content(content).encode()
+def make_scene_download(content: Content, shelf: Shelf) -> tuple[str, bytes]:
+    """Name and bytes of the scene, in an archive with the files that it names. Raises SceneError where the wavelengths
+    are none, OSError where a file has gone."""
+    scene = write_content(content)
+    names = sorted(set(list_beside(content)) & shelf.names)
+    if not names:
+        return "scene.toml", scene.encode()
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("scene.toml", scene)
+        for name in names:
+            archive.writestr(name, (shelf.folder / name).read_bytes())
+    return "scene.zip", packed.getvalue()
+
+
+def list_beside(content: Content) -> list[str]:
+    """The files that a scene names beside it, but not those elsewhere.
+
+    >>> list_beside({"layer": [{"phase": "../fog.csv"}, {"phase": "data/haze.csv"}]})
+    ['data/haze.csv']
+    """
+    named = dict.fromkeys(find_named_tables(content).values())
+    return [name for name in named if ".." not in Path(name).parts and not Path(name).is_absolute()]
 
 
 def check_tensor(content: Content) -> None:

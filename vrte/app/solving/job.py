@@ -8,12 +8,14 @@ import threading
 from contextlib import suppress
 from typing import IO
 
-from vrte.app.solving.messages import Outcome, Progress, Task, Written
+from vrte.app.form.parts import Said
+from vrte.app.solving.messages import Look, Outcome, Progress, Task, Written
 from vrte.basics.memory import find_available_bytes
 
 START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.worker import main; main()"
 AT_ONCE = 2  # solves; others wait
 PLACES = threading.BoundedSemaphore(AT_ONCE)
+DESKS = threading.BoundedSemaphore(AT_ONCE)  # of those who only look at a file
 LARGEST_SHARE = 0.8  # of the memory that is free, for all solves together
 PATIENCE = 5.0  # seconds that a process gets to end
 
@@ -32,7 +34,7 @@ class Job:
 
     def __init__(self, task: Task) -> None:
         self.share, self.stage = 0.0, "waiting for other solves to end"
-        self.outcome: Outcome | Written | None = None
+        self.outcome: Outcome | Written | Said | None = None
         self.message, self.ended = "", False
         self._cancelled = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
@@ -48,13 +50,14 @@ class Job:
 
     def _run(self, task: Task) -> None:
         try:
-            while not PLACES.acquire(timeout=0.1):
+            places = DESKS if isinstance(task, Look) else PLACES
+            while not places.acquire(timeout=0.1):
                 if self._cancelled.is_set():
                     return
             try:
                 self._follow(task)
             finally:
-                PLACES.release()
+                places.release()
         except Exception as error:  # a page must not wait for ever
             self.message = f"the process that solves could not be followed: {type(error).__name__}: {error}"
         finally:

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from vrte.app.form.parts import Said
 from vrte.app.solving.reflectance import Reflectances
+from vrte.basics.errors import Place
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
@@ -33,6 +35,13 @@ class Read:
     data: bytes
     suffix: str
     memory_bytes: float
+
+
+@dataclass(frozen=True)
+class Look(Solve):
+    """A part of a scene that is made from a file, by its ``place``, to be read alone: it is a stranger's file."""
+
+    place: Place
 
 
 @dataclass(frozen=True)
@@ -103,4 +112,4 @@ class Outcome:
 
 
 Task = Solve | Read
-Answer = Outcome | Written | str  # in one sentence, why there is none
+Answer = Outcome | Written | Said | str  # in one sentence, why there is none

@@ -11,6 +11,7 @@ import threading
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,21 @@ from vrte.app.form.content import (
     select_wavelength,
 )
 from vrte.app.form.files import adopt_content
+from vrte.app.form.parts import Said, select_part
 from vrte.app.solving.downloads import collect_bytes
-from vrte.app.solving.messages import Answer, Inside, Outcome, Planned, Progress, Read, Solve, Task, Tensor, Written
+from vrte.app.solving.messages import (
+    Answer,
+    Inside,
+    Look,
+    Outcome,
+    Planned,
+    Progress,
+    Read,
+    Solve,
+    Task,
+    Tensor,
+    Written,
+)
 from vrte.app.solving.reflectance import collect_reflectances, replace_base
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError
@@ -35,9 +49,13 @@ from vrte.calls.radiance import radiance
 from vrte.calls.spectrum import spectrum
 from vrte.formats import load
 from vrte.formats.layers import FILLINGS
+from vrte.formats.particle_sources import make_particles
 from vrte.formats.scene_file import SceneFile, make_scene_file
 from vrte.formats.scene_writer import write_toml
 from vrte.formats.toml_table import parse_toml, show_key
+from vrte.optics.angle_tables import describe_expansion
+from vrte.optics.particles import Particles
+from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.request.how import AUTO, EXACT
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field, require_one_beam
@@ -45,7 +63,7 @@ from vrte.results.spectrum import SCENE, Spectrum, add_scene_text
 from vrte.scene.scene import Scene
 
 Tell = Callable[[Progress], None]
-MOST_NAMED = 30  # warnings
+MOST_NAMED, MOST_WORDS = 30, 1500  # warnings; characters about a part
 
 
 def main() -> None:
@@ -79,6 +97,8 @@ def answer(task: Task, tell: Tell) -> Answer:
             warnings.simplefilter("always", UserWarning)
             if isinstance(task, Tensor):
                 return write_tensor(task, tell)
+            if isinstance(task, Look):
+                return add_warnings(look_at_part(task), caught)
             found = solve(task, tell) if isinstance(task, Solve) else read(task)
     except (SceneError, AccuracyError, DeviceError, MissingExtraError, OSError) as error:
         return put_in_one_line(str(error), 1000)
@@ -113,7 +133,10 @@ def solve(task: Solve, tell: Tell) -> Outcome:
     names, planned = ("", ""), None
     for which, wavelength in enumerate(wavelengths):
         begin("particles", which)
-        file = make_scene_file(select_wavelength(content, wavelength), "brdf", task.folder)
+        known: list[Particles] = []
+        file = make_scene_file(
+            select_wavelength(content, wavelength), "brdf", task.folder, partial(keep_particles, known)
+        )
         inside.append(describe_inside(content, file.scene))
         keywords = choose_keywords(file)
         with file.located():
@@ -123,9 +146,9 @@ def solve(task: Solve, tell: Tell) -> Outcome:
         if elsewhere is not None:  # its reflectance is wanted alone
             others.append(brdf(elsewhere, **{**keywords, "mu_o": 1.0, "phi": 0.0, "transmission": False}))
         if with_field:
-            known = iter(file.particles.values())  # in place of `vrte.spheres`: what has been worked out, in that order
+            again = iter(known)  # the same particles are asked for in the same order
             file = make_scene_file(
-                select_wavelength(content, wavelength), "field", task.folder, lambda *_, known=known, **__: next(known)
+                select_wavelength(content, wavelength), "field", task.folder, lambda *_, again=again: next(again)
             )
             with file.located():
                 fields.append(radiance(file.scene, **choose_keywords(file), progress=begin("field inside", which)))
@@ -138,6 +161,48 @@ def solve(task: Solve, tell: Tell) -> Outcome:
         planned,
         reflectances=collect_reflectances(wavelengths, brdfs, others, names),
     )
+
+
+def add_warnings(said: Said, caught: list[warnings.WarningMessage]) -> Said:
+    """What is said of a part, with what the library warns of."""
+    warned = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, UserWarning))
+    return replace(said, words="; ".join([said.words, *warned])[:MOST_WORDS])
+
+
+def keep_particles(known: list[Particles], source: str, given: dict[str, Any]) -> Particles:
+    """Particles as `make_particles` makes them, kept in a list, too."""
+    known.append(make_particles(source, given))
+    return known[-1]
+
+
+def look_at_part(task: Look) -> Said:
+    """What a part is that is made from a file, at the first and the last wavelength."""
+    wavelengths = list_page_wavelengths(task.content)
+    words = []
+    for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):
+        alone = select_wavelength(select_part(task.content, task.place), wavelength)
+        try:
+            scene = make_scene_file(alone, "brdf", task.folder).scene
+        except SceneError as error:
+            text = str(error).replace(f"{task.folder}{os.sep}", "")  # where it lies is nobody's business
+            return Said(message=put_in_one_line(text, 1000), place=error.place or task.place)
+        made: Any = scene.base if task.place[0] == "base" else scene.layers[int(task.place[1])].phase_matrix
+        words.append(describe_part(made))
+    return Said("; ".join(dict.fromkeys(words)))
+
+
+def describe_part(made: Any) -> str:
+    """A phase matrix or a base that came from a file, in words.
+
+    >>> import vrte
+    >>> describe_part(vrte.rayleigh())
+    'g 0, 3 terms, polarized'
+    """
+    if not isinstance(made, PhaseMatrix):
+        return str(made)
+    if made.expansion is None:
+        return made.in_words
+    return "; ".join(f"{name}: {words}" for name, words in describe_expansion(made).items())
 
 
 def describe_inside(content: Content, scene: Scene) -> Inside:
@@ -170,7 +235,7 @@ def describe_filling(layer: Content) -> str:
     >>> say({"particles": {"gold": 1, "rutile": 2}}), say({"phase": {"henyey_greenstein": 0.9}})
     ('gold + rutile', 'henyey_greenstein 0.9')
     """
-    held: Any = next(layer[key] for key in FILLINGS if key in layer)
+    held: Any = next((layer[key] for key in FILLINGS if key in layer), "clear")
     if "phase" not in layer:
         return show_key(held) if isinstance(held, str) else " + ".join(map(show_key, held))
     return str(held) if isinstance(held, str) else " ".join(f"{key} {value}" for key, value in held.items())
