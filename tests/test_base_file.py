@@ -157,6 +157,16 @@ def test_a_sweep_has_the_table_in_its_fingerprint(spectrum: vrte.Spectrum, tmp_p
     assert prints[0] != prints[1]
 
 
+def test_a_file_is_read_again_where_it_has_changed(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
+    spectrum[0].save(tmp_path / "one.csv")
+    first, again = (make_scene_file(content(file="one.csv"), folder=tmp_path).scene.base for _ in range(2))
+    assert first is again
+    spectrum[2].save(tmp_path / "one.csv")
+    now = make_scene_file(content(file="one.csv"), folder=tmp_path).scene.base
+    assert now is not first
+    np.testing.assert_array_equal(now.mueller, spectrum[2].mueller)  # type: ignore[union-attr]
+
+
 @pytest.mark.slow
 def test_a_sweep_has_a_table_as_base(spectrum: vrte.Spectrum, tmp_path: Path) -> None:
     spectrum[2].save(tmp_path / "one.nc")

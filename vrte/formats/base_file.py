@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from vrte.scene.tabulated_base import TabulatedBase
 
 TENSORS = (".bsdf", ".pbsdf")
 AXES = {"phi_d": (-np.pi, np.pi), "theta_d": (0.0, 0.5 * np.pi), "theta_h": (0.0, 0.5 * np.pi)}  # ends [rad]
+KEPT = 2  # bases of files
 END = 1e-3  # rad that an angle may be off
 SAME_WAVELENGTH = 1e-6  # um
 SINGLE = 1e-5  # of the largest element: what single precision leaves of mirror symmetry
@@ -78,6 +80,19 @@ def read_base(
     if not isinstance(found, Brdf):
         raise SceneError(f"{name} holds a radiance field, and a base is a BRDF")
     return found.as_base(average_mirrored)
+
+
+def read_base_once(path: Path, wavelength_um: float | None, average_mirrored: bool) -> TabulatedBase:
+    """The same, from memory where the file is as it was: the scenes of a sweep have one base."""
+    told = os.stat(path)
+    return _read_as_it_was(path, told.st_mtime_ns, told.st_size, wavelength_um, average_mirrored)
+
+
+@lru_cache(maxsize=KEPT)
+def _read_as_it_was(
+    path: Path, changed: int, size: int, wavelength_um: float | None, average_mirrored: bool
+) -> TabulatedBase:
+    return read_base(path, wavelength_um, average_mirrored)
 
 
 def pick_wavelength(own: Array, wanted: float | None) -> int:

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
-from vrte.formats.base_file import TENSORS
-from vrte.formats.base_file import read_base as read_base_file
+from vrte.formats.base_file import TENSORS, read_base_once
 from vrte.formats.keys import SUBSTANCE_HINT, Choice, FilePath, Flag, Index, Key, Number, Reading, Share, read_keys
 from vrte.formats.media import ONE_WAVELENGTH, read_beside
 from vrte.formats.toml_table import Table, locate_errors
@@ -44,7 +43,7 @@ class BaseFile(FilePath):
         if "wavelength_um" in reading.file:
             wavelength = reading.file.number("wavelength_um", ONE_WAVELENGTH)
         averaged = AVERAGED in table and table.flag(AVERAGED)
-        read = partial(read_base_file, wavelength_um=wavelength, average_mirrored=averaged)
+        read = partial(read_base_once, wavelength_um=wavelength, average_mirrored=averaged)
         return read_beside(table, name, read, reading.folder)
 
 
