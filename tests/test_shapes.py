@@ -213,10 +213,10 @@ def test_sizes_that_do_not_settle_are_told(monkeypatch: pytest.MonkeyPatch) -> N
         vrte.spheroids(1.5, aspect_ratio=1.2, size=vrte.Gamma(0.1, 0.1), wavelength_um=0.5)
 
 
-def test_where_null_fields_do_not_converge_one_sentence_says_so(capfd: pytest.CaptureFixture[str]) -> None:
+def test_where_the_method_does_not_converge_one_sentence_says_so(capfd: pytest.CaptureFixture[str]) -> None:
     """Ten times as long as wide, with a size parameter of 10 of the half length: SMARTIES' example, too long for it."""
     with pytest.raises(
-        vrte.SceneError, match=r"^spheroids: null fields do not converge to 0.01 at an aspect ratio of 0.1"
+        vrte.SceneError, match=r"^spheroids: the null-field method does not converge to 0.01 at an aspect ratio of 0.1"
     ):
         vrte.spheroids((1.5, 0.02), aspect_ratio=0.1, radius_um=10.0 ** (1 / 3), wavelength_um=IN_UNITS)
     assert capfd.readouterr().err == ""
@@ -224,7 +224,7 @@ def test_where_null_fields_do_not_converge_one_sentence_says_so(capfd: pytest.Ca
 
 def test_convergence_that_is_poor_is_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shape_sizes, "FAIR", 1e-12)
-    with pytest.warns(vrte.AccuracyWarning, match="cylinders: null fields hardly converge; .*reciprocal to"):
+    with pytest.warns(vrte.AccuracyWarning, match="cylinders: the null-field method hardly converges; .*reciprocal to"):
         vrte.cylinders(1.5, aspect_ratio=1.0, radius_um=0.1, wavelength_um=0.5)
 
 

@@ -102,7 +102,9 @@ def average_shape(shape: Shape) -> Particles:
     if not shape.absorbs:
         extinction = scattering
     if max(mean.error, 0.0 if shape.absorbs else energy) > FAIR:
-        warnings.warn(f"{shape.words}: null fields hardly converge; {description}", AccuracyWarning, stacklevel=3)
+        warnings.warn(
+            f"{shape.words}: the null-field method hardly converges; {description}", AccuracyWarning, stacklevel=3
+        )
     if change > DOUBTFUL:
         warnings.warn(f"{shape.words}: not settled; {description}", SizeAverageWarning, stacklevel=3)
     sums = mean.sums * ((2.0 * np.arange(len(mean.sums))[:, None] + 1.0) / mean.sums[0, 0])
@@ -171,16 +173,17 @@ def warn_of_time(shape: Shape, radii: set[float]) -> None:
 
 
 def solve_size(shape: Shape, radius_um: float) -> Average:
-    """One size in random orientation. Raises SceneError where null fields do not converge."""
+    """One size in random orientation. Raises SceneError where the null-field method does not converge."""
     size = shape.wavenumber * radius_um
     found = average_orientations(shape.kind, shape.aspect_ratio, size, shape.relative_index)
     lost = math.inf
     if found is not None:
-        lost = found.error if shape.absorbs else max(found.error, abs(found.extinction / found.scattering - 1.0))
+        excess = found.scattering / found.extinction - 1.0
+        lost = max(found.error, excess if shape.absorbs else abs(excess))
     if found is None or not lost <= REFUSED:
         raise SceneError(
-            f"{shape.words}: null fields do not converge to {REFUSED:g} at an aspect ratio of {shape.aspect_ratio:g}, "
-            f"a size parameter of {size:.4g} and an index {shape.relative_index.real:.4g} + "
+            f"{shape.words}: the null-field method does not converge to {REFUSED:g} at an aspect ratio of "
+            f"{shape.aspect_ratio:g}, a size parameter of {size:.4g} and an index {shape.relative_index.real:.4g} + "
             f"{shape.relative_index.imag:.3g}i relative to the host (a sphere of equal volume of {radius_um:.4g} um): "
             "smaller or rounder ones do"
         )

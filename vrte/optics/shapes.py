@@ -45,18 +45,19 @@ def spheroids(
     Returns
     -------
     Particles
-        Averaged over orientations exactly, from the transition matrix. It is found by null fields, which lose digits of
-        large, long and flat particles: ``description`` says how far amplitudes are from reciprocal and, of clear
-        particles, how well energy is kept (an AccuracyWarning tells of more than 1e-3). Averages over sizes double the
-        number of radii from 17 until cross sections and asymmetry change by less than 1e-4 and backscattering by less
-        than 1e-3, or until there are 129 (SizeAverageWarning above 1e-2); the largest sizes, which hold 1e-4 of the
-        cross sections, scatter as the largest of the others, by their areas.
+        Averaged over orientations exactly, from the transition matrix. It is found by the null-field method (extended
+        boundary conditions), which loses digits of large, long and flat particles: ``description`` says how far
+        amplitudes are from reciprocal and, of clear particles, how well energy is kept (an AccuracyWarning tells of
+        more than 1e-3). Averages over sizes double the number of radii from 17 until cross sections and asymmetry
+        change by less than 1e-4 and backscattering by less than 1e-3, or until there are 129 (SizeAverageWarning above
+        1e-2); the largest sizes, which hold 1e-4 of the cross sections, scatter as the largest of the others, by their
+        areas.
 
     Raises
     ------
     SceneError
         As `spheres`; where the size parameter of the sphere around the largest is above 50 or that of the sphere of
-        equal volume below 1e-4, or where null fields do not converge to 1e-2.
+        equal volume below 1e-4, or where the null-field method does not converge to 1e-2.
     MissingExtraError
         Without the extra "shapes".
 
@@ -122,7 +123,7 @@ def cylinders(
     Returns
     -------
     Particles
-        As from `spheroids`. Edges make null fields converge slower: to some 1e-3 to 1e-4.
+        As from `spheroids`. Edges make the null-field method converge slower: to some 1e-4 to 1e-3.
 
     Raises
     ------

@@ -90,7 +90,7 @@ def choose_matrix(
 ) -> tuple[Any, float] | None:
     """The most reciprocal of the matrices by ever finer tolerances, and how far it is from that; None without any.
 
-    Null fields of long or flat particles lose digits with every order, so that beyond some tolerance nothing converges;
+    Matrices of long or flat particles lose digits with every order, so that beyond some tolerance nothing converges;
     what is cut off or lost breaks reciprocity, which each matrix is judged by.
     """
     nodes_an_order = max(2, min(8, MOST_NODES // (count_orders(find_reach(shape, aspect_ratio) * size) + SPARE_ORDERS)))
