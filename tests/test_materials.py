@@ -330,6 +330,20 @@ def test_the_command_tells_how_one_scatters(tmp_path: Path, capsys: pytest.Captu
     assert pile.layers[0].thickness == layer.thickness
 
 
+def test_a_scene_file_names_a_material_of_ones_own_from_where_it_lies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "haze.toml").write_text(
+        '[particles.drop]\nindex = "water"\nradius_um = 0.1\n[layer]\nparticles = "drop"\nthickness = 2.0\n'
+    )
+    assert run("material", "haze.toml", "--scene", "scenes/one.toml") == 0
+    (layer,) = read_scene("scenes/one.toml").scene.layers
+    assert layer.thickness == 2.0
+    assert layer.host_index == 1.0
+
+
 @pytest.mark.parametrize(
     ("line", "said"),
     [

@@ -3,6 +3,7 @@ wavelengths."""
 
 import argparse
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +120,7 @@ def show_ready_material(options: argparse.Namespace, at: list[float]) -> None:
         for line in listed:
             print(f"  {words}: {line}")
     if options.scene:
-        write_whole_text(write_toml(make_example(options.name, material)), options.scene)
+        write_whole_text(write_toml(make_example(options.name, material, options.scene.parent)), options.scene)
         say_written(options.scene)
     if not at:
         if not options.scene:
@@ -159,10 +160,11 @@ def describe_layer(name: str, wavelength_um: float) -> dict[str, float]:
     return found
 
 
-def make_example(name: str, material: ReadyMaterial) -> dict[str, Any]:
-    """A scene file's content with a layer of a material, under the surface of its resin, over black."""
-    content: dict[str, Any] = {"layer": [{"material": name}]}
-    low, high, _ = find_known_wavelengths(content)
+def make_example(name: str, material: ReadyMaterial, folder: Path) -> dict[str, Any]:
+    """The content of a scene file in a folder: a layer of a material under the surface of its resin, over black."""
+    named = os.path.relpath(name, folder) if name.endswith(SUFFIX) else name
+    content: dict[str, Any] = {"layer": [{"material": named}]}
+    low, high, _ = find_known_wavelengths(content, folder)
     surface = {"interface": {"above": 1.0, "below": material.layer.get("host_index", 1.0)}}
     layers = [surface, *content["layer"]] if "host_index" in material.layer else content["layer"]
     cosines = {"start": 0.1, "stop": 1.0, "count": 10}
