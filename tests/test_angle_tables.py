@@ -16,6 +16,7 @@ from vrte.optics.convention_card import CARD_DEG, make_reference_sphere, tabulat
 from vrte.optics.conventions import CONVENTIONS, find_convention
 from vrte.optics.phase_matrix import NegativeScatteringWarning, PhaseMatrix
 from vrte.optics.table_interpolation import ElementSpline, follow_errors, integrate_exactly
+from vrte.studies.cases import SPHEROIDS
 
 
 def sphere_of_size(size: float, index: complex = 1.33) -> PhaseMatrix:
@@ -46,6 +47,7 @@ BUILT_IN = {
     **{f"henyey-greenstein {g}": (lambda g=g: vrte.henyey_greenstein(g)) for g in (-0.5, 0.0, 0.3, 0.75, 0.85)},
     "sphere": lambda: sphere_of_size(5.0, 1.5 + 0.01j),
     "sizes": dust,
+    "spheroids": lambda: PhaseMatrix(*np.array(SPHEROIDS).T),
     "mixture": lambda: vrte.mix([(dust(), 0.3), (vrte.rayleigh(0.1), 0.5), (vrte.henyey_greenstein(0.7), 0.2)]),
 }
 
@@ -280,7 +282,10 @@ def test_a_spline_of_spheres_stays_physical_between_angles() -> None:
     again = back(matrix.to_angles(angles))
     assert abs(again.asymmetry - matrix.asymmetry) <= 1e-6
     with pytest.warns(NegativeScatteringWarning, match="taken, as its expansion is off by"):
-        back(matrix.to_angles(angles), accuracy=1e-3)
+        coarse = back(matrix.to_angles(angles), accuracy=1e-3)
+    assert 0.0 < coarse.tolerance < 1e-3
+    with pytest.warns(NegativeScatteringWarning, match="taken, as tolerance"):
+        vrte.mix([(coarse, 1.0)])
 
 
 def test_the_report_survives_pickling_and_no_equality_asks_for_it() -> None:

@@ -71,6 +71,8 @@ def run(options: argparse.Namespace) -> None:
     if options.output:
         write_coefficients(matrix, options.output)
         say_written(options.output)
+        if matrix.tolerance > (options.tolerance or 0.0):
+            print(f"to be read with tolerance = {matrix.tolerance:.2g}")
     if options.plot:
         save_figure(matrix.plot(), options.plot)
         say_written(options.plot)

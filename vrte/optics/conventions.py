@@ -117,8 +117,8 @@ CONVENTIONS: dict[str, Convention] = {
         DEGREE,
     ),
     "granada-synthetic": Convention(
-        "synthetic matrices of the same database, from 0 to 180 degrees; GRASP's relative elements",
-        "iaa.es/scattering, Synthetic matrix; the settings of GRASP",
+        "synthetic matrices of the same database, from 0 to 180 degrees",
+        "iaa.es/scattering, Synthetic matrix",
         "mean",
         DEGREE,
     ),
@@ -131,7 +131,7 @@ CONVENTIONS: dict[str, Convention] = {
     ),
     "chandrasekhar": Convention(
         "Stokes vectors (I_l, I_r, U, V) in place of (I, Q, U, V); the sign of V as vrte has it",
-        "Chandrasekhar, Radiative transfer (1950), section 15",
+        "Chandrasekhar, Radiative transfer (1950), sections 15 to 17",
         "mean",
         ("Pll", "Plr", "Prr", "F33", "F34", "F44"),
     ),

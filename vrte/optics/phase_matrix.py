@@ -298,6 +298,8 @@ class PhaseMatrix:
                 f"the phase matrix is not physical: {fault}; at least -{NEGATIVE_ALLOWED:g} F11 is allowed (check the "
                 f"signs, the order and the number of terms{cure})"
             )
+        if excused:  # what is made of it, a mixture, is allowed as much
+            object.__setattr__(self, "tolerance", max(self.tolerance, enough))
         warnings.warn(
             f"the phase matrix is not quite physical: {fault}; taken, as "
             f"{f'its expansion is off by {off / 2.0:.2g}' if excused else f'tolerance {self.tolerance:g} allows'}, but "
