@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import tomllib
+import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,9 +18,14 @@ import vrte
 from tests.viewer_server import viewer
 from vrte.app.form.content import START
 from vrte.app.form.files import write_link
+from vrte.app.solving.shelf import LARGEST_TABLE
+from vrte.formats.bases import BASES
 from vrte.formats.measured_polarized import directions, write_mitsuba
 from vrte.formats.mitsuba_tensor import read_tensors
+from vrte.formats.particle_sources import SOURCES
+from vrte.formats.phases import PHASES
 from vrte.formats.scene_writer import write_toml
+from vrte.formats.sizes import SIZES
 
 ROOT = Path(__file__).parents[1]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -286,7 +292,7 @@ def test_hostile_input_gets_a_message_and_a_solve_can_be_cancelled(tab: Tab, tmp
     tab.button("Cancel").click()
     tab.says("cancelled", exact=True)
 
-    chooser = tab.page.locator("input[type=file]")
+    chooser = tab.page.locator(".vrte-header input[type=file]")
     for file, words in (
         ("bad.toml", "not valid TOML"),
         ("bad.nc", "the file is not a NetCDF file"),
@@ -359,7 +365,7 @@ def test_every_control_is_clicked(open_tab: Callable[..., Tab]) -> None:
     else:
         raise AssertionError(f"there was no end of controls: {sorted(clicked)}")
     expected = (
-        "Gallery|rutile paint|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|add a layer|add a surface|"
+        "Gallery|rutile paint|Chalk|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|add a layer|add a surface|"
         "add a kind|remove this|zinc oxide|in degrees|thickness in|radiance field|Accuracy|incident light|"
         "Lobe|Cuts|Reflectance|Inside|Scattering|Plan"
     )
@@ -431,13 +437,95 @@ def test_a_link_carries_the_scene_and_is_a_strangers(tab: Tab, open_tab: Callabl
     other.waits_for("document.querySelector('[aria-label=\"optical thickness\"]').value == '7'")
     assert other.value("radius [µm]") == "0.05"
     for text, words in (
-        (write_link(TABLE), "reads no files of the machine"),
         ("AAAA", "the link holds no scene, or it is damaged"),
         (base64.urlsafe_b64encode(zlib.compress(b"a" * 10**7)).decode().rstrip("="), "at most 1000000 bytes"),
     ):
         other.page.evaluate("text => { location.hash = `scene=${text}`; }", text)
         other.says(words)
     assert other.value("optical thickness") == "7"
+    other.page.evaluate("text => { location.hash = `scene=${text}`; }", write_link(TABLE))
+    other.says("reads no files of the machine")
+    assert other.value("table of coefficients") == "/etc/x.csv"  # a name alone
+    assert other.button("Solve").is_disabled()
+
+
+@pytest.mark.slow
+def test_files_are_put_in_read_and_told(tab: Tab, open_tab: Callable[..., Tab], tmp_path: Path) -> None:
+    cosine = np.cos(np.radians(np.arange(181.0)))
+    good, bad, large = (tmp_path / name for name in ("Rayleigh (1).csv", "bad.csv", "large.csv"))
+    good.write_text("angle_deg,F11\n" + "".join(f"{k},{0.75 * (1 + c * c)}\n" for k, c in enumerate(cosine)))
+    bad.write_text("angle_deg,F11\n0,-1\n180,1\n")
+    large.write_bytes(bytes(LARGEST_TABLE + 1))
+    tab.open("Accuracy")
+    tab.fill("nodes a hemisphere", "4")
+    tab.choose("filled with", "a scattering matrix over angle")
+    tab.says("Solve waits: layer[1].phase.table needs a file")
+    for path, words in (
+        (large, "the file has more than 60 MB"),
+        (tmp_path / "x.txt", "is no plain name"),
+        (bad, "F11"),
+    ):
+        path.touch()
+        put_in(tab, path)
+        tab.says(words)
+        assert tab.button("Solve").is_disabled()
+    put_in(tab, good)
+    tab.says(re.compile("integral: 1 .*lowest eigenvalue"))
+    assert tab.value("file") == "Rayleigh-1.csv"
+    start = tab.wait_for_figure()
+    tab.solve()
+    tab.wait_for_figure(different=start)
+    tab.button("Link").click()
+    tab.says("It cannot carry Rayleigh-1.csv")
+    with zipfile.ZipFile(tab.download("scene, TOML", tmp_path)) as archive:
+        assert archive.namelist() == ["scene.toml", "Rayleigh-1.csv"]
+        assert archive.read("Rayleigh-1.csv") == good.read_bytes()
+        scene = archive.read("scene.toml").decode()
+    other = open_tab()
+    other.page.evaluate(DROP, [scene, "scene.toml"])
+    other.says('"Rayleigh-1.csv" is not here')
+    other.says("reads no files of the machine")  # another's is another's
+    put_in(other, good)
+    other.says(re.compile("integral: 1 "))
+    other.waits_for("!document.querySelector('.vrte-go').disabled")
+
+
+def put_in(tab: Tab, path: Path) -> None:
+    with tab.page.expect_file_chooser() as chooser:
+        tab.button("choose a file").click()
+    chooser.value.set_files(path)
+
+
+@pytest.mark.slow
+def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(open_tab: Callable[..., Tab]) -> None:
+    """All rows of all registries: labels fit their fields, and no field leaves the form."""
+    tab = open_tab(size=(800, 1000))
+    for label, count in (("what", len(SOURCES)), ("size", len(SIZES)), ("what lies beneath", len(BASES)),
+                         ("filled with", len(PHASES))):  # fmt: skip
+        for place in range(count):
+            tab.page.get_by_label(label, exact=True).first.click()
+            tab.page.locator(".q-menu .q-item").nth(place).click()
+            tab.page.locator(".q-menu").wait_for(state="detached")
+            tab.page.wait_for_timeout(300)
+            assert tab.page.evaluate(CUT) == [], f"{label} {place}"
+
+
+CUT = """() => { const form = document.querySelector('.vrte-left').getBoundingClientRect();
+    const cut = [...document.querySelectorAll('.vrte-left .q-field__label')].filter(one =>
+        one.scrollWidth > one.clientWidth + 1 && one.checkVisibility()).map(one => one.innerText);
+    const out = [...document.querySelectorAll('.vrte-left .q-field')].filter(one => one.checkVisibility()
+        && one.getBoundingClientRect().right > form.right + 1).map(one => one.innerText);
+    return [...cut, ...out]; }"""
+
+
+@pytest.mark.slow
+def test_a_ready_material_fills_the_form(tab: Tab) -> None:
+    tab.button("Gallery").click()
+    tab.button("Rutile in alkyd").click()
+    tab.says("White gloss paint")
+    assert tab.value("median diameter [µm]") == "0.2"
+    assert tab.value("refractive index of its medium") == "alkyd"
+    tab.waits_for("!document.querySelector('.vrte-go').disabled")
 
 
 @pytest.mark.slow

@@ -16,18 +16,20 @@ from hypothesis import strategies as st
 import vrte
 from vrte.app.form import checks, kinds, layers
 from vrte.app.form import content as form
-from vrte.app.form.fields import find_field, parse_field_text, write_field_text
-from vrte.app.form.files import MOST_OF_AXIS, adopt_and_tell, adopt_content, write_content
+from vrte.app.form.fields import find_field, list_places, parse_field_text, write_field_text
+from vrte.app.form.files import MOST_OF_AXIS, adopt_and_tell, adopt_content, begin_with_material, write_content
 from vrte.basics.errors import Place
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Flag
 from vrte.formats.layers import LAYER_KEYS
+from vrte.formats.materials import list_materials
 from vrte.formats.particle_sources import SOURCES, check_particles
 from vrte.formats.phases import PHASES
 from vrte.formats.scattering import read_scattering
 from vrte.formats.scene_file import FILE_KEYS, make_scene_file, read_content
 from vrte.formats.sizes import SIZES
 from vrte.formats.toml_table import show_place
+from vrte.optics.crowding import PACKINGS
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 GALLERY = sorted((Path(vrte.__file__).parent / "app" / "gallery").glob("*.toml"))
@@ -275,6 +277,46 @@ def test_every_key_has_a_label_and_shows_what_is_taken_where_it_is_empty(name: s
             assert defaults[word] is False
 
 
+@pytest.mark.parametrize("packing", PACKINGS)
+def test_close_particles_get_the_volume_fraction_that_they_need(packing: str) -> None:
+    content = fresh(host_index=1.5)
+    layer = content["layer"][0]
+    for medium in ("particles", "volumes", "mixture"):
+        layers.set_medium(content, 0, medium)
+        layers.set_packing(layer, packing)
+        assert problems(content) == {}
+        for geometric in (True, False):
+            layers.set_geometric(layer, geometric)
+            assert problems(content) == {}
+    asked = packing != "independent"
+    assert ("packing" in layer, "volume_fraction" in layer) == (asked, asked)
+    assert layers.is_fraction_asked(content, 0) is asked
+    layers.set_packing(layer, "independent")
+    assert not {"packing", "volume_fraction"} & layer.keys()
+
+
+def test_a_medium_that_absorbs_is_asked_for_its_fraction() -> None:
+    content = fresh(host_index=[1.5, 0.001])
+    assert list(problems(content)) == ["layer[1].volume_fraction"]
+    assert layers.is_fraction_asked(content, 0)
+    content["layer"][0]["volume_fraction"] = "10 %"
+    assert problems(content) == {}
+    assert not layers.is_geometric(content["layer"][0])
+
+
+def test_a_clear_layer_is_of_what_lies_around_it() -> None:
+    content = fresh()
+    layers.add_interface(content)
+    content["layer"][0]["interface"]["below"] = "water"
+    layers.set_medium(content, 1, "clear")
+    assert content["layer"][1] == {"thickness_um": 50.0, "host_index": "water"}
+    assert problems(content) == {}
+    content["layer"][1]["host_index"] = [1.333, "x"]
+    assert list(problems(content)) == ["layer[2].host_index"]
+    layers.set_medium(content, 1, "particles")
+    assert "host_index" not in content["layer"][1]
+
+
 def test_a_field_that_is_right_alone_but_not_with_others_hides_no_message() -> None:
     content = fresh(nodes=0)
     kind = content["particles"]["gold"]
@@ -454,6 +496,15 @@ def test_a_card_is_called_after_its_substance_until_it_is_renamed() -> None:
     content["particles"]["gold"]["index"] = [1.5, 0.0]
     kinds.name_after(content, "gold", "gold")  # numbers are no name
     assert list(content["particles"]) == ["gold", "flakes"]
+
+
+@pytest.mark.parametrize("name", list_materials())
+def test_ready_materials_fill_the_form_with_all_their_numbers(name: str) -> None:
+    content = begin_with_material(list_materials()[name])
+    assert problems(content) == {}
+    assert "material" not in content["layer"][0]
+    fields = [place for place in list_places(content["particles"], "particles") if place[2:3] != ("source",)]
+    assert all(find_field(place, content).label for place in fields)
 
 
 @settings(max_examples=40, deadline=None)

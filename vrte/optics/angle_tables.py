@@ -110,7 +110,7 @@ def describe_expansion(matrix: PhaseMatrix) -> dict[str, str]:
     rows = {
         "integral": f"{told.integral:.6g} (F11's mean over the sphere, over the convention's)",
         "peak": f"F11 is {zero:.5g} at 0 degrees, {reach}",
-        "asymmetry": f"{matrix.asymmetry:.6g}",
+        "asymmetry": f"{round(matrix.asymmetry, 9) + 0.0:.6g}",
         "terms": f"{matrix.terms}",
         "error": f"{told.largest_error:.2g} of F11 at most, at {told.largest_error_angle_deg:g} degrees",
         "coherency": f"lowest eigenvalue {told.lowest_eigenvalue:.2g} of F11, at {told.lowest_angle_deg:g} degrees",

@@ -2,6 +2,7 @@
 
 import copy
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -107,14 +108,21 @@ def check(content: Content, folder: Path = Path(), tables: frozenset[str] = froz
     layers = content.get("layer")
     if isinstance(layers, list):
         content = {**content, "layer": [keep_one_term(layer) for layer in layers]}
-    for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):  # tables are ranges: the ends will do
-        for kind in ("brdf", "field") if "field" in content else ("brdf",):
-            file = make_scene_file(select_wavelength(content, wavelength), kind, folder, check_particles)
-            keywords = choose_keywords(file)
-            if any(is_geometric(layer) for layer in content["layer"]):
-                keywords.pop("tau", None)  # how deep that is optically is not known yet
-            with file.located():
-                make_request("brdf" if kind == "brdf" else "radiance", file.scene, **keywords)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # they are told with the result
+        for wavelength in dict.fromkeys((wavelengths[0], wavelengths[-1])):  # tables are ranges: the ends will do
+            check_at(select_wavelength(content, wavelength), folder)
+
+
+def check_at(content: Content, folder: Path) -> None:
+    """The same, of a scene at one wavelength."""
+    for kind in ("brdf", "field") if "field" in content else ("brdf",):
+        file = make_scene_file(content, kind, folder, check_particles)
+        keywords = choose_keywords(file)
+        if any(is_geometric(layer) for layer in content["layer"]):
+            keywords.pop("tau", None)  # how deep that is optically is not known yet
+        with file.located():
+            make_request("brdf" if kind == "brdf" else "radiance", file.scene, **keywords)
 
 
 def keep_one_term(layer: Any) -> Any:

@@ -13,7 +13,7 @@ from vrte.app.form.checks import check, find_card, repair_field
 from vrte.app.form.content import START, Content, count_of, list_page_wavelengths
 from vrte.app.form.fields import find_field, write_field_text
 from vrte.basics.errors import SceneError
-from vrte.formats.materials import expand_materials, list_named
+from vrte.formats.materials import ReadyMaterial, expand_materials, list_named
 from vrte.formats.named import find_named_tables
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_writer import write_toml
@@ -21,6 +21,7 @@ from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key, show_toml
 
 MOST_OF_AXIS = 10  # wavelengths that are taken of a sweep's
 VISIBLE: Content = {"start": 0.43, "stop": 0.7, "count": 7}  # um: makes a colour, within the tables of all pigments
+GREEN_UM = 0.55  # the wavelength that a ready material begins with
 LONGEST_LINK = 200_000  # signs; browsers take no more than some 100 000 to 2 million
 LARGEST_SCENE = 1_000_000  # bytes of a scene in a link, or that is opened
 
@@ -53,6 +54,17 @@ def adopt_and_tell(
         if isinstance(named, str) and named in PHASES:
             layer["phase"] = PHASES[named].start or named  # the same, with fields for what it begins with
     return found, told
+
+
+def begin_with_material(material: ReadyMaterial) -> Content:
+    """A scene of a ready material, with all its numbers.
+
+    >>> from vrte.formats.materials import list_materials
+    >>> begin_with_material(list_materials()["chalk"])["particles"]["chalk: calcite"]["index"]
+    'calcite'
+    """
+    light = {"wavelength_um": GREEN_UM, "brdf": copy.deepcopy(START["brdf"])}
+    return adopt_content(light | material.content)
 
 
 def remove_axes(content: Content) -> Iterator[str]:

@@ -20,6 +20,7 @@ from vrte.formats.toml_table import show_toml
 from vrte.optics.refractive_index import MATERIALS
 
 SHORT = 24  # characters of a label in half of the form
+LONG = 42  # of a choice, for which there is no room
 
 
 class Controls:
@@ -142,7 +143,11 @@ class Controls:
             self.file(*place, key=key)
         elif isinstance(key, Choice):
             names = dict(key.names) if key.needed or not about.empty else {"": about.empty, **key.names}
-            found = self.choice(names, value or next(iter(names)), about.label, lambda chosen: put(chosen or None))
+            now = value or next(iter(names))
+            long = max(map(len, names.values())) > LONG
+            shown = {name: name or about.empty for name in names} if long else names
+            found = self.choice(shown, now, about.label, lambda chosen: put(chosen or None))
+            found.props.update({"hint": names.get(now, "")} if long else {})
             self.enter(place, found)
         elif isinstance(key, Flag):
             self.switch(about.label, value is True, lambda ticked: put(find_flag(key, ticked)))

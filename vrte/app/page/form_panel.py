@@ -137,7 +137,7 @@ class FormPanel(Controls):
         if held:
             self.switch("thickness in µm", geometric, partial(layers.set_geometric, layer))
             packing = layer.get("packing", INDEPENDENT)
-            names = {name: name.replace("-", " ") for name in PACKINGS}
+            names = {name: name for name in PACKINGS}
             found = self.choice(names, packing, "close particles scatter", partial(layers.set_packing, layer))
             self.enter(("layer", place, "packing"), found)
 

@@ -1,7 +1,6 @@
 """The page: a header, the form on the left, the result on the right, and what connects them."""
 
 import asyncio
-import base64
 import copy
 import json
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from vrte.app.form import files
 from vrte.app.form.content import START, Content
 from vrte.app.form.parts import Said
 from vrte.app.page.form_panel import FormPanel
+from vrte.app.page.gallery import show_gallery
 from vrte.app.page.result_panel import ResultPanel
 from vrte.app.server.guard import LARGEST_UPLOAD
 from vrte.app.solving import downloads
@@ -25,7 +25,6 @@ from vrte.basics.errors import MissingExtraError, SceneError
 from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import is_number
 
-GALLERY = Path(__file__).parents[1] / "gallery"
 THEMES = {"auto": "as the system has it", "light": "light", "dark": "dark"}
 STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
 SUFFIXES = (".toml", ".nc", ".csv")
@@ -87,7 +86,9 @@ class Page:
             self.upload = ui.upload(auto_upload=True, max_file_size=LARGEST_UPLOAD, on_upload=self.opened)
             self.upload.on_rejected(lambda: self.complain(TOO_LARGE))  # by the browser itself
             self.upload.props(f'accept="{",".join(SUFFIXES)}"').classes("hidden")
-            self._header_button("Gallery", "collections", "scenes to begin with").on_click(self.show_gallery)
+            self._header_button("Gallery", "collections", "scenes and materials to begin with").on_click(
+                lambda: show_gallery(self.begin, self.fill)
+            )
             to_open = "a scene (.toml) or a result (.nc, .csv); or drop it here"
             opener = self._header_button("Open", "folder_open", to_open)
             opener.on("click", js_handler=f"() => vrte.pick({self.upload.id})")
@@ -240,29 +241,12 @@ class Page:
         if told:
             ui.notify("; ".join(told), type="info", multi_line=True, close_button=True, timeout=10_000)
 
-    def show_gallery(self) -> None:
-        """Scenes to begin with, each solved when it is chosen."""
-
-        def choose(path: Path) -> None:
-            dialog.close()
-            self.fill(files.adopt_content(files.parse_content(path.read_bytes())))
-            self.bench.cancel()
-            self.bench.solve()
-            self.follow()
-
-        with ui.dialog() as dialog, ui.card().classes("items-center vrte-gallery"):
-            ui.label("Scenes to begin with").classes("vrte-heading").props("role=heading aria-level=2")
-            with ui.row().classes("justify-center gap-1"):
-                for path in sorted(GALLERY.glob("*.toml")):
-                    title = files.parse_content(path.read_bytes())["render"]["title"]
-                    with ui.button(on_click=lambda path=path: choose(path)) as button:
-                        button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
-                        picture = ui.element("img").props('alt="" width=84 height=84')
-                        drawn = base64.b64encode(path.with_suffix(".png").read_bytes()).decode()
-                        picture.props["src"] = f"data:image/png;base64,{drawn}"
-                        ui.label(title)
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+    def begin(self, content: Content) -> None:
+        """With a scene of the gallery, solved at once."""
+        self.fill(content)
+        self.bench.cancel()
+        self.bench.solve()
+        self.follow()
 
     def set_theme(self, event: Any) -> None:
         """What this browser shows, as it says: light or dark."""

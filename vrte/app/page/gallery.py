@@ -1,0 +1,51 @@
+"""Scenes and materials to begin with."""
+
+import base64
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from vrte.app.form.content import Content
+from vrte.app.form.files import adopt_content, begin_with_material, parse_content
+from vrte.formats.materials import ReadyMaterial, list_materials
+
+FOLDER = Path(__file__).parents[1] / "gallery"
+
+
+def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple[str, ...]], Any]) -> None:
+    """Lets somebody choose: a scene, to ``solve`` at once, or a ready material, to ``fill`` the form with, whose
+    approximations are told."""
+
+    def choose_scene(path: Path) -> None:
+        dialog.close()
+        solve(adopt_content(parse_content(path.read_bytes())))
+
+    def choose_material(material: ReadyMaterial) -> None:
+        dialog.close()
+        fill(begin_with_material(material), (material.description, *material.approximations))
+
+    with ui.dialog() as dialog, ui.card().classes("items-center vrte-gallery"):
+        make_heading("Scenes to begin with")
+        with ui.row().classes("justify-center gap-1"):
+            for path in sorted(FOLDER.glob("*.toml")):
+                title = parse_content(path.read_bytes())["render"]["title"]
+                with ui.button(on_click=lambda path=path: choose_scene(path)) as button:
+                    button.props(f'flat no-caps aria-label="{title}"').classes("vrte-start")
+                    picture = ui.element("img").props('alt="" width=84 height=84')
+                    drawn = base64.b64encode(path.with_suffix(".png").read_bytes()).decode()
+                    picture.props["src"] = f"data:image/png;base64,{drawn}"
+                    ui.label(title)
+        make_heading("Materials to begin with")
+        with ui.row().classes("justify-center gap-1"):
+            for material in list_materials().values():
+                button = ui.button(material.title, on_click=lambda one=material: choose_material(one))
+                button.props("flat no-caps dense").classes("px-2").tooltip(material.description)
+    dialog.on("hide", dialog.delete)
+    dialog.open()
+
+
+def make_heading(text: str) -> None:
+    """What stands above a part of the gallery."""
+    ui.label(text).classes("vrte-heading").props("role=heading aria-level=2")
