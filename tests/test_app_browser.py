@@ -497,9 +497,12 @@ def put_in(tab: Tab, path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(open_tab: Callable[..., Tab]) -> None:
+@pytest.mark.parametrize("size", [(1280, 800), (800, 1000)])
+def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(
+    open_tab: Callable[..., Tab], size: tuple[int, int]
+) -> None:
     """All rows of all registries: labels fit their fields, and no field leaves the form."""
-    tab = open_tab(size=(800, 1000))
+    tab = open_tab(size=size)
     for label, count in (("what", len(SOURCES)), ("size", len(SIZES)), ("what lies beneath", len(BASES)),
                          ("filled with", len(PHASES))):  # fmt: skip
         for place in range(count):
@@ -508,6 +511,10 @@ def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(open_tab: Callable
             tab.page.locator(".q-menu").wait_for(state="detached")
             tab.page.wait_for_timeout(300)
             assert tab.page.evaluate(CUT) == [], f"{label} {place}"
+    tab.button("add a surface or interface").click()
+    tab.choose("surface", "rough: many small facets")
+    tab.page.wait_for_timeout(300)
+    assert tab.page.evaluate(CUT) == []
 
 
 CUT = """() => { const form = document.querySelector('.vrte-left').getBoundingClientRect();

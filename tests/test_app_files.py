@@ -175,6 +175,16 @@ def test_a_scene_that_names_files_is_taken_and_asks_for_them() -> None:
         adopt_and_tell({**given, "nodes": 0})
 
 
+def test_an_opened_scene_has_what_it_names_looked_at_aside(shelf: Shelf) -> None:
+    """What a page brings is read by the server's process nowhere, if it is more than lines of text."""
+    shelf.add("fog.csv", COEFFICIENTS.replace(b"0.3", b"4"), CSV, 1000)
+    content, told = adopt_and_tell(FOG, shelf.folder, shelf.names, True)
+    assert (content["layer"], told) == (FOG["layer"], ())
+    assert "phase" in str(looked(Bench(content, shelf)))
+    with pytest.raises(vrte.SceneError, match=r"fog\.csv"):
+        adopt_and_tell(FOG, shelf.folder, shelf.names)  # as `vrte view` begins
+
+
 def test_indices_and_sizes_are_read_where_they_are_named(shelf: Shelf) -> None:
     bench = Bench({**START, "particles": {"gold": {"index": "clay.csv", "size": {"table": "sizes.csv"}}}}, shelf)
     shelf.add("clay.csv", b"wavelength_um,n,k\n0.5,1.5,0\n0.7,1.4,0\n", CSV, LARGEST_LIST)

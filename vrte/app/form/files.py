@@ -12,6 +12,7 @@ from pathlib import Path
 from vrte.app.form.checks import check, find_card, repair_field
 from vrte.app.form.content import START, Content, count_of, list_page_wavelengths
 from vrte.app.form.fields import find_field, write_field_text
+from vrte.app.form.parts import list_parts, replace_parts
 from vrte.basics.errors import SceneError
 from vrte.formats.materials import ReadyMaterial, expand_materials, list_named
 from vrte.formats.named import find_named_tables
@@ -32,15 +33,16 @@ def adopt_content(content: Content, folder: Path = Path(), tables: frozenset[str
 
 
 def adopt_and_tell(
-    content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset()
+    content: Content, folder: Path = Path(), tables: frozenset[str] = frozenset(), aside: bool = False
 ) -> tuple[Content, tuple[str, ...]]:
     """The same, and a sentence for each part that the file did not have, or that the page cannot show.
 
-    Files that it names, and that are not among ``tables`` in ``folder``, are still to be put in.
+    Files that it names, and that are not among ``tables`` in ``folder``, are still to be put in; ``aside``: what is
+    made from those that are there is not looked at here.
     """
     found = copy.deepcopy(content)
     told = (*remove_axes(found), *add_defaults(found))
-    trial = copy.deepcopy(found)
+    trial = replace_parts(found, list(list_parts(found, tables)) if aside else ())
     missing = {place: name for place, name in find_named_tables(found).items() if name not in tables}
     asked_for = {place: name for place, name in missing.items() if find_field(place, found).label}
     for place in asked_for:

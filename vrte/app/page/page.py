@@ -212,7 +212,7 @@ class Page:
                 raise SceneError(TOO_LARGE)
             data = await event.file.read()
             if suffix == ".toml":
-                about = self.bench.shelf.folder, self.bench.shelf.names
+                about = self.bench.shelf.folder, self.bench.shelf.names, True
                 self.fill(*await asyncio.to_thread(lambda: files.adopt_and_tell(files.parse_content(data), *about)))
             elif suffix in SUFFIXES:
                 self.bench.start(Read(data, suffix, find_memory_share()))
