@@ -421,7 +421,7 @@ def test_keys_solve_and_turn_and_what_comes_is_told(tab: Tab) -> None:
     tab.choose("size", "one diameter")
     assert tab.value("diameter [µm]") == "1.2"
     tab.waits_for("document.activeElement.getAttribute('aria-label') == 'size'")  # drawn anew, still there
-    tab.button("known substances").click()
+    tab.button("known substances").last.click()  # of the particles, not of the host
     tab.pick("rutile")
     tab.waits_for("document.querySelector('[aria-label=\"name of the kind\"]').value == 'rutile'")
 

@@ -24,7 +24,8 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
 
     def choose_material(material: ReadyMaterial) -> None:
         dialog.close()
-        fill(begin_with_material(material), (material.description, *material.approximations))
+        told = (material.description, *material.approximations)
+        fill(begin_with_material(material), tuple(text.rstrip(".") for text in told))
 
     with ui.dialog() as dialog, ui.card().classes("items-center vrte-gallery"):
         make_heading("Scenes to begin with")
