@@ -110,13 +110,15 @@ def test_files_that_no_field_names_go_where_there_is_no_room(shelf: Shelf, monke
 
 def test_tables_that_the_scene_began_with_stay_beside_it(tmp_path: Path) -> None:
     (tmp_path / "scenes").mkdir()
-    for name in ("fog.csv", "scenes/haze.csv"):
+    (tmp_path / "scenes" / "old").mkdir()
+    for name in ("fog.csv", "scenes/haze.csv", "scenes/ice.csv"):
         (tmp_path / name).write_text(name)
-    shelf = Shelf(tmp_path / "scenes", {"../fog.csv", "haze.csv"})
+    shelf = Shelf(tmp_path / "scenes", {"../fog.csv", "haze.csv", "old/../ice.csv"})
     try:
         assert shelf.add("haze.csv", b"other", CSV, 10) == "haze-2.csv"
         assert shelf.folder != tmp_path / "scenes"
         expected = {"../fog.csv": "fog.csv", "haze.csv": "scenes/haze.csv", "haze-2.csv": "other"}
+        expected["old/../ice.csv"] = "scenes/ice.csv"
         assert {name: (shelf.folder / name).read_text() for name in expected} == expected
         assert shelf.names == expected.keys()
     finally:
@@ -142,6 +144,7 @@ def test_what_is_made_from_a_file_is_read_in_a_process_and_told(shelf: Shelf) ->
     assert looked(bench) != found  # looked at again: it has a say
 
 
+@pytest.mark.slow
 def test_it_is_solved_as_from_a_scene_file(shelf: Shelf, tmp_path: Path) -> None:
     shelf.add("fog.csv", COEFFICIENTS, CSV, 1000)
     job = ended(Job(Solve(FOG, shelf.folder, ENOUGH)))
@@ -175,6 +178,7 @@ def test_a_scene_that_names_files_is_taken_and_asks_for_them() -> None:
         adopt_and_tell({**given, "nodes": 0})
 
 
+@pytest.mark.slow
 def test_an_opened_scene_has_what_it_names_looked_at_aside(shelf: Shelf) -> None:
     """What a page brings is read by the server's process nowhere, if it is more than lines of text."""
     shelf.add("fog.csv", COEFFICIENTS.replace(b"0.3", b"4"), CSV, 1000)
@@ -214,6 +218,7 @@ def test_a_file_to_be_chosen_is_asked_for_at_its_field() -> None:
     assert Bench(content).find_problems() == {("layer", 0, "phase"): "layer[1].phase needs a file (.csv)"}
 
 
+@pytest.mark.slow
 def test_a_base_is_taken_from_a_result_and_what_is_none_is_told_without_its_path(shelf: Shelf, tmp_path: Path) -> None:
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
     mu = np.linspace(0.02, 1.0, 12)

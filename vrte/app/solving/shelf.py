@@ -3,7 +3,6 @@
 What comes from a page is a stranger's: it gets a name of plain letters, and a folder that goes with its tab.
 """
 
-import os
 import re
 import shutil
 import tempfile
@@ -86,7 +85,7 @@ class Shelf:
         folder = Path(made).joinpath(*["beside"] * upward)
         folder.mkdir(parents=True, exist_ok=True)
         for name in self.names:
-            target = Path(os.path.normpath(folder / name))
+            target = folder / name
             if not Path(name).is_absolute():
                 target.parent.mkdir(parents=True, exist_ok=True)
                 with suppress(OSError):  # gone: whoever reads it says so
