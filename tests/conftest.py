@@ -77,7 +77,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return state
 
 
-@pytest.fixture(params=["cpu", "gpu"])
+@pytest.fixture(params=["cpu", pytest.param("gpu", marks=pytest.mark.slow)])  # compiles for long
 def either_form(request: pytest.FixtureRequest, opencl: Any) -> Any:
     """Sessions on that device with the kernels as a CPU wants them, and as a GPU does."""
     return in_form(opencl, request.param)

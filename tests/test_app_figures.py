@@ -99,6 +99,7 @@ def test_angles_are_coloured_without_a_seam_and_without_facets(brdf: vrte.Brdf) 
     assert (bar.marker.cmin, bar.marker.cmax, bar.marker.colorscale[0][1]) == (0.0, 180.0, bar.marker.colorscale[-1][1])
 
 
+@pytest.mark.slow
 def test_where_the_degree_vanishes_the_mesh_is_fine_enough(brdf: vrte.Brdf) -> None:
     """Between corners the screen runs straight; divided there from Q, U, V and I it is hardly another."""
     mesh = body(figures.lobe(brdf, 0, "f00", "degree of linear polarization"))

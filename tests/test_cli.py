@@ -329,7 +329,9 @@ def test_a_bar_on_a_terminal_and_none_in_a_pipe(scene: Path) -> None:
     assert b"wrote" in ended.stdout
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
 def test_a_run_that_is_stopped_leaves_nothing(tmp_path: Path, number: signal.Signals, code: int) -> None:
     """Stopped while it solves: a scene that would take a minute."""
     scene = tmp_path / "scene.toml"

@@ -162,7 +162,7 @@ def test_phase_matrix_three_ways(mu: float, mu0: float, phi: float) -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
 def test_against_adding_doubling(seed: int, algorithm: str) -> None:
     layers, base = random_layers(seed), 0.3 * (seed % 2)
     into, out = np.array([0.35, 0.8]), np.array([0.2, 0.6, 0.8])
@@ -197,8 +197,8 @@ def coherency_eigenvalues(mueller: np.ndarray) -> np.ndarray:
 
 
 @BOTH
-@pytest.mark.parametrize("thickness", [1e-10, 1.0, 1e4, 1e6])
-@pytest.mark.parametrize("base", [None, vrte.Lambertian(1.0)])
+@pytest.mark.parametrize("thickness", [1e-10, pytest.param(1.0, marks=pytest.mark.slow), 1e4, 1e6])
+@pytest.mark.parametrize("base", [pytest.param(None, marks=pytest.mark.slow), vrte.Lambertian(1.0)])
 def test_energy_is_conserved(thickness: float, base: vrte.Lambertian | None, algorithm: str) -> None:
     levels = [0.0, thickness / 3, thickness]
     scene = vrte.Scene([vrte.Layer(spheroids(), 1.0, thickness)], base)

@@ -98,7 +98,9 @@ IADPYTHON = [
 ]
 
 
-@pytest.mark.parametrize(("slab", "coarse", "fine"), IADPYTHON)
+@pytest.mark.parametrize(
+    ("slab", "coarse", "fine"), [IADPYTHON[0], *(pytest.param(*one, marks=pytest.mark.slow) for one in IADPYTHON[1:])]
+)
 def test_without_polarization_it_is_iadpython(
     slab: tuple[float, ...], coarse: tuple[float, float], fine: tuple[float, float]
 ) -> None:

@@ -269,7 +269,7 @@ def test_python_has_them_by_name() -> None:
             for name in ("rutile in alkyd", "silica-coated rutile in alkyd", "alumina-coated rutile in acrylic")
         ),
         ("titanium black in acrylic", (0.0, 22.0), (-5.0, 5.0), (-5.0, 15.0)),
-        ("gold powder", (45.0, 80.0), (8.0, 40.0), (25.0, 70.0)),
+        pytest.param("gold powder", (45.0, 80.0), (8.0, 40.0), (25.0, 70.0), marks=pytest.mark.slow),
         pytest.param("hollow polymer in acrylic", (75.0, 95.0), (-4.0, 4.0), (-8.0, 4.0), marks=pytest.mark.slow),
     ],
 )

@@ -146,7 +146,12 @@ SAME = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SAME)
+QUICK = {"pile over Mueller", "spheres", "white", "endless", "upon endless"}
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SAME]
+)
 def test_the_same_on_the_same_nodes(fine: dict[str, object], name: str) -> None:
     """As discrete ordinates: fields of a polarized beam at the faces and, where the method
     takes that, inside, their fluxes, and the reflection of any light."""

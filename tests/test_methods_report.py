@@ -43,6 +43,7 @@ def run(folder: Path, curve: knobs.Curve = CURVE, **how: bool) -> list[Row]:
     return measuring.measure(scenes.QUICK[:1], [curve], folder, ONCE, silent, **how)
 
 
+@pytest.mark.slow
 def test_every_method_and_scene_has_its_rows(rows: list[Row], folder: Path) -> None:
     assert {row.method for row in rows} == set(METHODS) | {peer.name for peer in peers.list_installed()}
     assert {row.scene for row in rows} == set(scenes.QUICK)

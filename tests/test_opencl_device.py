@@ -313,6 +313,7 @@ print(again is opened, again.download(again.upload(np.arange(3.0))))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits a process as Linux does")
 def test_memory_that_runs_out(opencl: Session) -> None:
     if not opencl.on_host:
@@ -377,7 +378,7 @@ class TestSolve:
         for (scene, _), field in zip(calls, found, strict=True):
             np.testing.assert_allclose(field.stokes, vrte.radiance(scene, **self.request).stokes, atol=1e-13)
 
-    @pytest.mark.parametrize("thickness", [1.0, np.inf])
+    @pytest.mark.parametrize("thickness", [pytest.param(1.0, marks=pytest.mark.slow), np.inf])
     def test_the_form_for_a_gpu(
         self, thickness: float, opencl: Session, alone: dict[str, Any], monkeypatch: pytest.MonkeyPatch
     ) -> None:

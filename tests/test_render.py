@@ -145,6 +145,7 @@ def sky_coherency(sky: Sky, travel: Array) -> Array:
     return 0.5 * ((i + q) * np.outer(along, along) + (i - q) * np.outer(right, right) + u * (both + both.T))
 
 
+@pytest.mark.slow
 def test_frames_of_skylight_are_those_of_dipoles_in_space() -> None:
     """A thin layer under the polarized sky, three pixels, against a sum over the sky of dipoles in space."""
     sky = make_sky("rayleigh", [0.45], 25.0, 0.0)

@@ -117,7 +117,7 @@ def test_a_missing_extra_is_one_sentence(brdf: vrte.Brdf, tmp_path: Path, monkey
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+@pytest.mark.parametrize("suffix", [".png", ".pdf", pytest.param(".svg", marks=pytest.mark.slow)])
 def test_the_suffix_says_what_a_picture_is_and_the_bytes_are_the_same_again(
     brdf: vrte.Brdf, scene: vrte.Scene, tmp_path: Path, suffix: str
 ) -> None:

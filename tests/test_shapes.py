@@ -303,7 +303,7 @@ def make_scene(kind: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("source", ["spheroids", "cylinders"])
+@pytest.mark.parametrize("source", ["spheroids", pytest.param("cylinders", marks=pytest.mark.slow)])
 def test_scene_files_know_them(source: str) -> None:
     found = make_scene_file(make_scene(DUST | {"source": source, "host_index": 1.33})).particles["one"]
     expected = getattr(vrte, source)((1.5, 0.01), aspect_ratio=2.0, radius_um=0.05, wavelength_um=0.55, host_index=1.33)

@@ -58,7 +58,12 @@ def test_pictures(scene: vrte.Scene, mu_o: Array, phi: Array, largest: float, me
 
 @pytest.mark.parametrize(
     ("count", "lowest", "largest"),  # all of the hemisphere, and around the pole
-    [((24, 37), 0.02, 6.0e-5), ((24, 37), 0.999, 1.44e-5), ((48, 73), 0.02, 2.8e-6), ((48, 73), 0.999, 7.2e-7)],
+    [
+        ((24, 37), 0.02, 6.0e-5),
+        ((24, 37), 0.999, 1.44e-5),
+        pytest.param((48, 73), 0.02, 2.8e-6, marks=pytest.mark.slow),
+        pytest.param((48, 73), 0.999, 7.2e-7, marks=pytest.mark.slow),
+    ],
 )
 def test_tables_for_mitsuba(scene: vrte.Scene, count: tuple[int, int], lowest: float, largest: float) -> None:
     mu_i, mu_o, phi, exact = exact_pairs(scene, lowest, 3)

@@ -74,6 +74,7 @@ def test_axes_left_out_stay_and_directions_count_too(table: Any) -> None:
     np.testing.assert_allclose(found.mueller, both.mueller, rtol=1e-10, atol=1e-16)
 
 
+@pytest.mark.slow
 def test_only_scenes_nearby_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import zarr
 

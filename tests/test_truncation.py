@@ -17,7 +17,7 @@ from vrte.discrete_ordinates.orders.small_angle import Spreading
 from vrte.discrete_ordinates.planning import node_choice
 from vrte.discrete_ordinates.planning.azimuths import fold_azimuths
 from vrte.methods import solve_request
-from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, _find_lowest_coherency_eigenvalue
+from vrte.optics.phase_matrix import CHECK_ANGLES_DEG, find_lowest_coherency_eigenvalue
 from vrte.optics.truncation import TRUNCATIONS, remove_forward_peak, truncate_layer
 from vrte.request.request import make_radiance_request
 from vrte.request.wanted import Wanted
@@ -101,7 +101,7 @@ def lowest_eigenvalue(coefficients: np.ndarray) -> float:
     """Of the coherency matrix, over the scattering angles that PhaseMatrix checks; its trace has the mean 1."""
     matrix = object.__new__(vrte.PhaseMatrix)  # without the check, which refuses what is looked at here
     matrix.__setstate__(dict(zip(("a1", "a2", "a3", "a4", "b1", "b2"), coefficients.T, strict=True)))
-    return float(_find_lowest_coherency_eigenvalue(*matrix._elements(np.cos(np.radians(CHECK_ANGLES_DEG)))).min())
+    return float(find_lowest_coherency_eigenvalue(*matrix.compute_elements(np.cos(np.radians(CHECK_ANGLES_DEG)))).min())
 
 
 @pytest.mark.parametrize(("terms", "allowed"), [(8, 0.06), (16, 0.014), (24, 0.006), (40, 4e-4), (64, 7e-6)])

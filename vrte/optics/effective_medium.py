@@ -38,7 +38,7 @@ def find_maxwell_garnett_index(kinds: Kinds, volume_fraction: float) -> float:
     >>> from vrte.optics.spheres import spheres
     >>> titania = spheres(2.7, radius_um=0.01, wavelength_um=0.55, host_index=1.5)
     >>> round(find_maxwell_garnett_index(titania.balls, 0.1), 6)
-    1.597265
+    1.597321
     """
     radii, weights, permittivities = list_sizes(kinds)
     host = kinds[0][0].host ** 2

@@ -196,7 +196,7 @@ def describe_part(made: Any) -> str:
 
     >>> import vrte
     >>> describe_part(vrte.rayleigh())
-    'g 0, 3 terms, polarized'
+    'g 0, 3 terms, polarizing'
     """
     if not isinstance(made, PhaseMatrix):
         return str(made)
