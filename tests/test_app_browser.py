@@ -223,6 +223,7 @@ DROP = """([text, name]) => { const transfer = new DataTransfer(); transfer.item
         new DragEvent(type, {dataTransfer: transfer, bubbles: true, cancelable: true})); }"""
 
 
+@pytest.mark.slow
 def test_open_is_clicked_and_a_file_is_dropped(tab: Tab) -> None:
     tab.open("Accuracy")
     with tab.page.expect_file_chooser() as chooser:

@@ -263,7 +263,7 @@ def test_python_has_them_by_name() -> None:
 @pytest.mark.parametrize(
     ("name", "lightness", "red_green", "yellow_blue"),
     [  # CIE L*, a* and b* from and to
-        ("hematite in acrylic", (10.0, 45.0), (12.0, 45.0), (8.0, 45.0)),
+        pytest.param("hematite in acrylic", (10.0, 45.0), (12.0, 45.0), (8.0, 45.0), marks=pytest.mark.slow),
         *(
             pytest.param(name, (94.0, 100.0), (-2.0, 2.0), (-3.0, 2.0), marks=pytest.mark.slow)
             for name in ("rutile in alkyd", "silica-coated rutile in alkyd", "alumina-coated rutile in acrylic")

@@ -56,6 +56,7 @@ def test_every_method_and_scene_has_its_rows(rows: list[Row], folder: Path) -> N
         )
 
 
+@pytest.mark.slow
 def test_rows_of_auto_say_what_it_took(rows: list[Row], folder: Path) -> None:
     found = [row for row in rows if row.curve == "auto"]
     assert len(found) == 3 * len(scenes.QUICK)
@@ -66,6 +67,7 @@ def test_rows_of_auto_say_what_it_took(rows: list[Row], folder: Path) -> None:
     assert 'How well method="auto" chose' in (folder / page.PAGE).read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_more_nodes_are_closer(rows: list[Row]) -> None:
     for name in ("modes", "doubling"):
         for scene in scenes.QUICK:
@@ -74,6 +76,7 @@ def test_more_nodes_are_closer(rows: list[Row]) -> None:
             assert many.reference_within < 1e-7
 
 
+@pytest.mark.slow
 def test_the_exact_method_keeps_what_is_asked_for_and_loses_no_energy(rows: list[Row]) -> None:
     for row in rows:
         if row.curve == "discrete-ordinates, accuracy":
@@ -82,6 +85,7 @@ def test_the_exact_method_keeps_what_is_asked_for_and_loses_no_energy(rows: list
             assert row.energy < 1e-12
 
 
+@pytest.mark.slow
 def test_the_page_opens_without_a_network(folder: Path) -> None:
     text = (folder / page.PAGE).read_text(encoding="utf-8")
     assert not re.search(r"<(script|link|img)[^>]*(src|href)=", text)

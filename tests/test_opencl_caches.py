@@ -217,6 +217,7 @@ class TestPlace:
         assert sorted(path for path in home.rglob("*") if kept not in (path, *path.parents)) == before
         assert archive_of(home).stat().st_mode & 0o77 == 0
 
+    @pytest.mark.slow
     def test_one_that_was_named(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         home, named = tmp_path / "home", tmp_path / "named"
         home.mkdir()
@@ -227,7 +228,7 @@ class TestPlace:
         assert caches.find_kept_folder() == named / "vrte"
 
     @pytest.mark.parametrize(
-        "named", ["", pytest.param("file", marks=pytest.mark.slow), pytest.param("file/below", marks=pytest.mark.slow)]
+        "named", [pytest.param(name, marks=pytest.mark.slow) for name in ("", "file", "file/below")]
     )
     def test_where_no_files_can_be_written(self, named: str, tmp_path: Path) -> None:
         """A temporary folder, gone at the end."""
@@ -264,6 +265,7 @@ class TestProcesses:
             assert finished(process) == ("right\n", "")
         assert caches.read_archive(archive_of(home))
 
+    @pytest.mark.slow
     def test_what_ended_ones_leave_goes_and_living_ones_stay(self, home: Path) -> None:
         """Neither a stranger's archive nor a process at work is disturbed."""
         kept = home / ".cache" / "vrte" / "opencl"
