@@ -30,7 +30,7 @@ from vrte.optics.size_distribution import Monodisperse, SizeDistribution
 
 LARGEST_PHASE = 1e5  # relative index times size parameter: Mie's recurrence takes as many steps
 SAME_INDEX = 1e-9  # |m - 1| where the coefficients a_n, b_n are down to their rounding
-ABSORBING_UP_TO = 0.01  # k over n of a host: the error of taking it as clear is of that order
+ABSORBING_UP_TO = 0.01  # k over n of a host: amplitudes are wrong by m/(m - 1) times that where it is taken as clear
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def spheres(
         The distribution of their radii.
     host_index : str, complex, pair, IndexTable or RefractiveIndex
         Of the medium around them, in the same ways. One that absorbs a little, k up to 0.01 n, is taken as clear in the
-        sphere's boundary conditions, which is wrong by a share of the order of k; what it absorbs between the particles
-        is counted by `Layer.of`.
+        sphere's boundary conditions, which makes amplitudes wrong by some k/n times m/(m - 1), m the relative index;
+        what it absorbs between the particles is counted by `Layer.of`.
 
     Returns
     -------
