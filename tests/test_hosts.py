@@ -83,9 +83,12 @@ def test_a_tinted_coat_obeys_beers_law():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: Layer.of(pigment(), thickness=1.0), "volume_fraction beside thickness is needed: the host absorbs"),
-        (lambda: Layer.of(pigment(1.5), thickness=1.0, volume_fraction=0.1), "beside thickness is not used"),
-        (lambda: Layer.of(pigment(1.5), thickness=1.0, packing="percus-yevick"), "is needed: .* packing asks for it"),
+        (lambda: Layer.of(pigment(), thickness=1.0), "volume_fraction is needed beside thickness: the host absorbs"),
+        (lambda: Layer.of(pigment(1.5), thickness=1.0, volume_fraction=0.1), "is not used beside thickness"),
+        (
+            lambda: Layer.of(pigment(1.5), thickness=1.0, packing="percus-yevick"),
+            "is needed beside thickness: .* packing asks for it",
+        ),
         (lambda: pigment((1.5, 0.1)), "host_index: 1.5 .* 0.1i absorbs too much"),
         (lambda: Layer.clear(1.0, (1.5, 0.1), 0.55), "host_index: .* absorbs too much"),
         (lambda: Layer.clear(-1.0, 1.5, 0.55), "thickness_um must be a length"),

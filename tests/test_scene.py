@@ -72,7 +72,7 @@ ONE, EITHER = Layer(rayleigh(), 1, 1), "either thickness, or thickness_um togeth
         (lambda: Layer(np.ones(3), 0.5, 1.0), "phase_matrix must be a vrte.PhaseMatrix, not ndarray"),
         (lambda: Layer.of(DUST), EITHER),
         (lambda: Layer.of(DUST, thickness=1.0, thickness_um=1.0, volume_fraction=0.05), EITHER),
-        (lambda: Layer.of(DUST, thickness=1.0, volume_fraction=0.05), "volume_fraction beside thickness is not used"),
+        (lambda: Layer.of(DUST, thickness=1.0, volume_fraction=0.05), "volume_fraction is not used beside thickness"),
         (lambda: Layer.of(DUST, thickness_um=1.0), EITHER),
         (lambda: Layer.of(DUST, volume_fraction=0.05), EITHER),
         *(

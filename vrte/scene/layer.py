@@ -121,9 +121,9 @@ class Layer:
         check_packing(packing)
         needed = is_fraction_needed(particles, packing)
         if thickness is not None and needed != (volume_fraction is not None):
-            why = "is needed: the host absorbs, or packing asks for it"
-            unused = "is not used: the host is clear, and packing independent"
-            raise SceneError.of("layer: volume_fraction", f"beside thickness {why if needed else unused}")
+            why = "is needed beside thickness: the host absorbs, or packing asks for it"
+            unused = "is not used beside thickness: the host is clear, and packing independent"
+            raise SceneError.of("layer: volume_fraction", why if needed else unused)
         if volume_fraction is None:
             return Layer(particles.phase_matrix, particles.albedo, thickness or 0.0, particles.host_index)
         allowed = "above 0 and below 1"
