@@ -331,3 +331,26 @@ def test_large_spheres_settle():
     expected = compute_structure_factor(q, 1.5, 0.3) * alone.phase_matrix.scattering_matrix(ANGLES)[:, 0, 0]
     found = packed.phase_matrix.scattering_matrix(ANGLES)[:, 0, 0] * packed.scattering_um2 / alone.scattering_um2
     np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+def test_equal_crowds_are_packed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the scenes of a sweep over a thickness have them; another host, size or fraction is another crowd."""
+    asked: list[float] = []
+    scatter = PACKINGS["percus-yevick"].scatter
+
+    def counted(particles: vrte.Particles, volume_fraction: float) -> vrte.Particles:
+        asked.append(volume_fraction)
+        return scatter(particles, volume_fraction)
+
+    monkeypatch.setitem(PACKINGS, "percus-yevick", PACKINGS["percus-yevick"]._replace(scatter=counted))
+    for radius, host, fraction in (
+        (0.123, 1.33, 0.2),
+        (0.123, 1.33, 0.2),
+        (0.124, 1.33, 0.2),
+        (0.123, 1.34, 0.2),
+        (0.123, 1.33, 0.21),
+    ):
+        latex = vrte.spheres(1.4, radius_um=radius, wavelength_um=0.55, host_index=host)
+        packed = pack(vrte.mixture([(latex, 1.0), (latex, 2.0)]), fraction, "percus-yevick")
+        assert packed.albedo == 1.0
+    assert asked == [0.2, 0.2, 0.2, 0.21]

@@ -3,8 +3,8 @@
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -261,9 +261,24 @@ def pack(particles: Particles, volume_fraction: float, packing: str) -> Particle
         )
     if len({ball.wavelength_um for ball, _ in particles.balls}) > 1 and packing != INDEPENDENT:
         raise SceneError(f'layer: packing="{packing}" needs particles at one wavelength', "packing")
-    model = PACKINGS[packing]
-    model.check(particles, volume_fraction)
-    return particles if particles.stands_in else model.scatter(particles, volume_fraction)
+    PACKINGS[packing].check(particles, volume_fraction)
+    if particles.stands_in or packing == INDEPENDENT:
+        return particles
+    return _scatter_remembered(_Crowd(particles.balls, particles.host_absorption, particles), volume_fraction, packing)
+
+
+@dataclass(frozen=True)
+class _Crowd:
+    """Particles, told from others by what packing knows of them."""
+
+    balls: tuple[tuple[Ball, float], ...]
+    host_absorption: float
+    particles: Particles = field(compare=False)
+
+
+@lru_cache(maxsize=64)  # the scenes of a sweep over a thickness have the same crowd
+def _scatter_remembered(crowd: _Crowd, volume_fraction: float, packing: str) -> Particles:
+    return PACKINGS[packing].scatter(crowd.particles, volume_fraction)
 
 
 def _share_out(particles: Particles) -> list[tuple[Ball, float]]:

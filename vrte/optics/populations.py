@@ -40,7 +40,8 @@ class SizeAverageWarning(UserWarning):
 
 
 class Ball(Protocol):
-    """One kind of sphere: what it is made of, what is around it, and how large it is, by `size`."""
+    """One kind of sphere: what it is made of, what is around it, and how large it is, by `size`. Hashable, as frozen
+    dataclasses are: equal ones are packed once."""
 
     @property
     def size(self) -> SizeDistribution:
