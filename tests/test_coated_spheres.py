@@ -54,7 +54,8 @@ def test_yangs_absorbing_core_is_as_close_as_his_single_precision_allows():
 
 
 def test_bohren_and_huffmans_own_example():
-    """Appendix B, the program BHCOAT: carbon in water, wavelength 3 um, radii 0.171 and 6.265 um."""
+    """Appendix B, the program BHCOAT: carbon in water, wavelength 3 um, radii 0.171 and 6.265 um; its numbers are
+    quoted from memory, not from the book."""
     k = 2 * math.pi / 3
     found = find_efficiencies(1.59 + 0.66j, 1.409 + 0.1747j, 0.171 * k, 6.265 * k)
     assert found == (pytest.approx(2.32803, abs=5e-6), pytest.approx(1.14341, abs=5e-6), pytest.approx(0.0285099, 1e-4))

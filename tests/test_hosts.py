@@ -159,3 +159,12 @@ mu_o = [0.4, 0.8]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert read_scene(tmp_path / "paint.toml").scene.layers[0].host_index == 1.5
+
+
+def test_a_host_that_would_be_noticed_is_not_left_out() -> None:
+    """k = 3e-6 takes 7e-5 a micrometre at 0.55 um, a hundredth of what a dilute dispersion scatters."""
+    dilute = pigment((1.33, 3e-6))
+    with pytest.raises(vrte.SceneError, match="volume_fraction is needed beside thickness"):
+        Layer.of(dilute, thickness=1.0)
+    clear = pigment((1.33, 1e-6))
+    assert Layer.of(clear, thickness=1.0).albedo == clear.albedo == 1.0

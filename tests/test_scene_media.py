@@ -213,6 +213,16 @@ def test_what_is_wrong_with_a_layers_medium_is_named(layer: dict[str, Any], key:
     assert caught.value.place == ("layer", 0, key)
 
 
+def test_a_tinted_medium_must_be_that_of_a_layer_that_counts_it() -> None:
+    tint = [1.5, 1e-3]
+    coat = {"host_index": tint, "thickness_um": 100.0}
+    assert read(between(1.0, tint), coat, between(tint, 1.33)).layers[0].thickness > 2.0
+    for layers in ((), ({"phase": "rayleigh", "albedo": 0.5, "thickness": 0.1},)):
+        with pytest.raises(vrte.SceneError, match="absorbs, which no layer counts") as caught:
+            read(between(1.0, tint), *layers, between(tint, 1.33))
+        assert caught.value.place == ("layer", 0, "interface", "below")
+
+
 def test_a_sweep_finds_particles_in_the_media_of_their_layers() -> None:
     content = make_content({**PAINT, "host_index": 1.5})
     content["axes"] = {"n": {"key": "layer[1].host_index", "values": [1.3, 1.4]}}

@@ -141,12 +141,28 @@ def prepare_interface(layer: Table, reading: Reading) -> Callable[[], Interface]
     facets = read_keys(INTERFACE, table, reading)
 
     def made() -> Interface:
-        above, below = (find_medium(table, key, reading).real for key in INTERFACE_KEYS[:2])
+        indices = {key: find_medium(table, key, reading) for key in INTERFACE_KEYS[:2]}
+        for key, index in indices.items():
+            if index.imag > CLEAR and table.content[key] not in list_counted_media(reading.file.content):
+                raise table.wrong(key, "absorbs, which no layer counts: give the layer there the same host_index, or n")
+        above, below = (index.real for index in indices.values())
         said: dict[str, tuple[str, str | None]] = {f"index_{key}": (key, None) for key in INTERFACE_KEYS[:2]}
         with locate_errors(table.place, INTERFACE_KEYS, said=said):
             return Interface(above, below, **facets)
 
     return made
+
+
+def list_counted_media(content: Mapping[str, Any]) -> list[Any]:
+    """The media of a file whose absorption its layers count: of particles, and of layers without a phase matrix.
+
+    >>> list_counted_media({"layer": [{"host_index": "water", "thickness_um": 9.0}, {"phase": "rayleigh"}]})
+    ['water']
+    """
+    kinds = content.get("particles", {})
+    tables = [*kinds.values(), *(layer for layer in content["layer"] if "phase" not in layer)]
+    tables += [content] if kinds else []
+    return [table["host_index"] for table in tables if "host_index" in table]
 
 
 def find_medium(table: Table, key: str, reading: Reading) -> complex:

@@ -1,8 +1,8 @@
 """How other codes and databases write a scattering matrix over angle: a row each, by name.
 
 vrte's own elements are F11, F12, F22, F33, F34, F44 in the signs of docs/conventions.md, the mean of F11 over the
-sphere 1. A row says what the columns of a table mean, where that is known from, and how F11 is scaled. A sign that
-could not be looked up is not in here: docs/importing.md has a sphere by which to recognise a code's convention.
+sphere 1. A row says what the columns of a table mean, where that is known from, and how F11 is scaled. Where
+a row's source was not read it says so: docs/importing.md has a sphere by which to recognise a code's convention.
 """
 
 from collections.abc import Sequence
@@ -112,7 +112,7 @@ CONVENTIONS: dict[str, Convention] = {
     ),
     "granada": Convention(
         "measured tables of the Amsterdam-Granada database, from 3 to 177 degrees at most",
-        "Munoz et al., JQSRT 113, 565 (2012)",
+        "Munoz et al., JQSRT 113, 565 (2012), from memory: scale and signs were not looked up",
         "30-degrees",
         DEGREE,
     ),
@@ -131,7 +131,7 @@ CONVENTIONS: dict[str, Convention] = {
     ),
     "chandrasekhar": Convention(
         "Stokes vectors (I_l, I_r, U, V) in place of (I, Q, U, V); the sign of V as vrte has it",
-        "Chandrasekhar, Radiative transfer (1950), sections 15 to 17",
+        "Chandrasekhar, Radiative transfer (1950), sections 15 to 17, from memory",
         "mean",
         ("Pll", "Plr", "Prr", "F33", "F34", "F44"),
     ),

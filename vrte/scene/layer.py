@@ -13,7 +13,7 @@ from vrte.optics.phase_matrix import PhaseMatrix, isotropic
 from vrte.optics.refractive_index import Material
 from vrte.optics.spheres import find_absorption, find_host_index
 
-CLEAR_HOST = 1e-4  # absorption of a medium [1/um] that a layer of a given optical thickness leaves out: water's is less
+CLEAR_HOST = 3.2e-5  # absorption of a medium [1/um] that an optical thickness alone leaves out: k = 1e-6 at 0.4 um
 LARGEST_THICKNESS = 1e12  # of a layer that ends; beyond, one without end is meant
 
 
@@ -91,7 +91,7 @@ class Layer:
             Geometrical [um], together with volume_fraction.
         volume_fraction : float
             What part of the layer is particles, between 0 and 1. With ``thickness`` it is needed where the host absorbs
-            or the packing is not independent, and refused elsewhere.
+            more than 3.2e-5 a micrometre (less is left out then) or the packing is not independent, else refused.
         packing : {"independent", "percus-yevick", "effective-medium", "coherent-potential"}
             How their being close is reckoned with: not at all; by the structure factor of hard spheres, all sizes of
             them; or by an effective index of the medium around each sphere, Maxwell Garnett's or the coherent
