@@ -79,6 +79,7 @@ class Scene:
             raise SceneError(f"interface {len(layers) + 1}: no light gets there through a layer without end")
         object.__setattr__(self, "layers", layers)
         numbered = tuple(range(len(layers))) if self.interfaces else places
+        object.__setattr__(self, "_places", numbered)
         object.__setattr__(self, "_media", find_media(layers, interfaces, numbered, self.base))
         refracting = (
             i and i.put_between(*sides) for i, sides in zip(interfaces, itertools.pairwise(self.media), strict=True)
@@ -90,6 +91,11 @@ class Scene:
         """Refractive indices from top to bottom: of what lies above, of the medium of each layer, of what lies
         below."""
         return self._media  # type: ignore[attr-defined]
+
+    @property
+    def places(self) -> tuple[int | None, ...]:
+        """Where in the list that was given each layer stands; None for a clear one that the scene has added."""
+        return self._places  # type: ignore[attr-defined]
 
     @property
     def indices(self) -> tuple[float, ...]:

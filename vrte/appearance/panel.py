@@ -1,0 +1,233 @@
+"""A panel: what lies on it at several wavelengths, its particles worked out once, solved as often as is asked."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array, check_number, check_whole
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress
+from vrte.calls.forecast import foretell_all
+from vrte.calls.mitsuba import take_off
+from vrte.calls.plan import make_request
+from vrte.calls.side_by_side import run_side_by_side, solve_side_by_side
+from vrte.calls.spectrum import Source
+from vrte.formats.materials import expand_materials
+from vrte.formats.named import find_known_wavelengths
+from vrte.formats.particle_sources import Compute, make_particles
+from vrte.formats.scene_file import make_scene_file, read_content, read_listed_wavelengths
+from vrte.results.spectrum import Spectrum, check_ascending
+from vrte.scene.boundary import Boundary
+from vrte.scene.interface import Interface
+from vrte.scene.layer import LARGEST_THICKNESS
+from vrte.scene.scene import Scene
+
+VISIBLE = 0.40, 0.70  # [um], as far as the substances are known
+WAVELENGTHS = 16  # where nobody says which
+ACCURACY = 1e-4  # of each reflectance: below what any instrument shows
+NOT_ASKED = ("brdf", "field", "render")  # tables of a scene file that say what others are to do with it
+FIXED = ("mu_i", "mu_o", "phi", "illuminate", "transmission", "threads", "progress", "time_limit_s")  # the panel's own
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A scene at ascending wavelengths in vacuum [um] (n,): ``scenes`` (n), lit from above.
+
+    ``lengths_um`` (layer,): how thick the layers are, None where only the optical thickness is given; ``asked``:
+    keywords of `vrte.brdf` that say how to solve; ``layer``: which layer is the film, counted from 1 among those of the
+    scenes, None for the only one that scatters.
+    """
+
+    wavelength_um: Array
+    scenes: tuple[Scene, ...]
+    lengths_um: tuple[float | None, ...]
+    asked: Mapping[str, Any] = field(default_factory=dict)
+    layer: int | None = None
+    title: str = ""
+
+    def __len__(self) -> int:
+        return len(self.scenes)
+
+    def __repr__(self) -> str:
+        first, last = self.wavelength_um[[0, -1]]
+        name = f"{self.title!r}, " if self.title else ""
+        return f"Panel({name}{len(self)} wavelengths from {first:g} to {last:g} um, {len(self.lengths_um)} layers)"
+
+    @property
+    def surface(self) -> tuple[Interface | None, ...]:
+        """What lies on top at each wavelength: an interface, or nothing."""
+        return tuple(scene.interfaces[0] for scene in self.scenes)
+
+    @property
+    def film(self) -> int:
+        """The place of the layer whose thickness is that of the film: the one said, or the only one that scatters (or
+        that is there at all). Raises SceneError where that is none or several."""
+        count = len(self.lengths_um)
+        if self.layer is not None:
+            return check_whole("layer", self.layer, 1, count) - 1
+        layers = self.scenes[0].layers
+        for some in ([layer.albedo * layer.thickness > 0.0 for layer in layers], [one.thickness > 0 for one in layers]):
+            if sum(some) == 1:
+                return some.index(True)
+        which = f"there are {count} layers, of which {sum(some)} have a thickness" if count > 1 else "it is empty"
+        raise SceneError(f"which layer is the film, whose thickness counts? Say layer=1 to {count}: {which}", "layer")
+
+    @property
+    def length_um(self) -> float | None:
+        """How thick the film is [um], None where only its optical thickness is known."""
+        return self.lengths_um[self.film]
+
+    def put_over(self, base: Boundary | None) -> "Panel":
+        """The same over another base; None is black."""
+        return replace(self, scenes=tuple(replace(scene, base=base) for scene in self.scenes))
+
+    def scale_film(self, times: float) -> "Panel":
+        """The same with a film so many times as thick; math.inf: without end, and nothing lies below it."""
+        place = self.film
+        times = check_number("times", times, 0.0, np.inf, "how many times as thick, >= 0")
+        ends = np.isfinite(times)
+        lengths = [
+            None if one is None else (one if n != place else one * times) for n, one in enumerate(self.lengths_um)
+        ]
+
+        def scale(scene: Scene) -> Scene:
+            film = scene.layers[place]
+            if np.isinf(film.thickness):
+                raise SceneError("the film is without end, and can be made no thicker: give it a thickness_um")
+            thick = replace(film, thickness=film.thickness * times if ends else np.inf)
+            if ends:
+                layers = *scene.layers[:place], thick, *scene.layers[place + 1 :]
+                return Scene(layers, scene.base, scene.interfaces)
+            return Scene((*scene.layers[:place], thick), None, (*scene.interfaces[: place + 1], None))
+
+        kept = lengths if ends else [*lengths[:place], np.inf]
+        layer = self.layer if self.layer is None else place + 1
+        return replace(self, scenes=tuple(scale(scene) for scene in self.scenes), lengths_um=tuple(kept), layer=layer)
+
+    def make_as_thick(self, length_um: float) -> "Panel":
+        """The same with a film as thick as that [um]; math.inf as for `scale_film`. Raises SceneError where nobody
+        knows how thick it is."""
+        allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
+        wanted = check_number("length_um", length_um, 0.0, np.inf, allowed)
+        if np.isinf(wanted):
+            return self.scale_film(np.inf)
+        known = self.length_um
+        if known is None or not 0.0 < known < np.inf:
+            given = "is given by its optical thickness" if known is None else f"is {known:g} um thick"
+            raise SceneError(
+                f"a film of {wanted:g} um cannot be made of one that {given}: give it a thickness_um above 0"
+            )
+        return self.scale_film(wanted / known)
+
+    def take_off_surface(self) -> "Panel":
+        """The same without the interface on top, seen from the medium below it."""
+        return replace(self, scenes=tuple(take_off(scene) for scene in self.scenes))
+
+    def solve(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0, progress: Progress | None = None) -> Spectrum:
+        """The BRDFs at all wavelengths, side by side on the cores.
+
+        ``mu_i``, ``mu_o``, ``phi`` as for `vrte.brdf`. Along the normal, mu_o = 1, unpolarized light takes the first
+        orders alone. Raises SceneError, which names the wavelength.
+        """
+        requests = []
+        for wavelength, scene in zip(self.wavelength_um, self.scenes, strict=True):
+            try:
+                requests.append(make_request("brdf", scene, mu_i=mu_i, mu_o=mu_o, phi=phi, threads=1, **self.asked))
+            except SceneError as error:
+                raise error.behind(f"at {wavelength:g} um") from error
+        count = len(requests)
+        foretell_all(count, lambda place: (requests[place], 0.0), f"{count} wavelengths")
+        return Spectrum(self.wavelength_um, tuple(solve_side_by_side(requests, progress)))
+
+
+def make_panel(
+    scene: Source | Panel,
+    wavelengths_um: Any = None,
+    folder: str | os.PathLike[str] = ".",
+    progress: Progress | None = None,
+    layer: int | None = None,
+    compute: Compute = make_particles,
+    **asked: Any,
+) -> Panel:
+    """The panel of a scene file or its content, particles worked out at each wavelength.
+
+    Without ``wavelengths_um`` they are those that the file lists, or 16 over as much of 0.40 to 0.70 um as its
+    substances are known for. ``layer``: which layer is the film; ``compute`` makes particles; ``asked``: keywords of
+    `vrte.brdf` that say how to solve, in place of the file's; without ``nodes`` and ``accuracy`` the latter is 1e-4.
+    Raises SceneError, OSError.
+
+    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
+    >>> make_panel({"layer": [layer]}, [0.45, 0.55, 0.65]).solve(0.9).reflectance.shape
+    (3, 1)
+    """
+    if isinstance(scene, Panel):
+        if wavelengths_um is not None:
+            raise SceneError("wavelengths_um: a panel has its own", "wavelengths_um")
+        return replace(
+            scene, asked={**scene.asked, **check_asked(asked)}, layer=scene.layer if layer is None else layer
+        )
+    content, folder = read_source(scene, folder)
+    content = {key: value for key, value in content.items() if key not in NOT_ASKED}
+    asked = check_asked(asked)
+    at = check_ascending(choose_wavelengths(content, folder) if wavelengths_um is None else wavelengths_um)
+
+    def make(wavelength: float) -> Any:
+        full = {**content, "wavelength_um": wavelength, "brdf": {"mu_i": 1.0, "mu_o": 1.0}}
+        try:
+            return make_scene_file(full, "brdf", folder, compute)
+        except SceneError as error:
+            raise error.behind(f"at {wavelength:g} um") from error
+
+    files = run_side_by_side([partial(make, wavelength) for wavelength in at.tolist()], progress)
+    options = dict(files[0].options)
+    if options.pop("illuminate", "top") != "top":
+        raise SceneError("illuminate must be 'top': a panel is looked at from above", "illuminate")
+    how = options | asked
+    if not {"nodes", "accuracy", "method"} & {*how}:
+        how["accuracy"] = ACCURACY
+    scenes = tuple(file.scene for file in files)
+    found = Panel(at, scenes, list_lengths(content, folder, scenes[0]), how, layer, str(content.get("title", "")))
+    if layer is not None:
+        _ = found.film
+    return found
+
+
+def check_asked(asked: dict[str, Any]) -> dict[str, Any]:
+    """Raises SceneError for keywords of `vrte.brdf` that a panel chooses itself."""
+    for name in FIXED:
+        if name in asked:
+            raise SceneError.of(name, "is not asked for here: the geometry of each instrument says it")
+    return asked
+
+
+def read_source(scene: Source, folder: str | os.PathLike[str] = ".") -> tuple[dict[str, Any], Path]:
+    """The content of a scene file, and where its tables lie. Raises SceneError, OSError."""
+    if isinstance(scene, Mapping):
+        return dict(scene), Path(folder)
+    return read_content(scene), Path(scene).parent
+
+
+def choose_wavelengths(content: dict[str, Any], folder: Path) -> Sequence[float] | Array:
+    """Those that a file lists, or 16 over as much of the visible as its substances are known for."""
+    listed = read_listed_wavelengths(content)
+    if listed is not None:
+        return listed
+    low, high, substance = find_known_wavelengths(content, folder)
+    first, last = max(low, VISIBLE[0]), min(high, VISIBLE[1])
+    if first >= last:
+        raise SceneError(
+            f"wavelengths_um are missing: {substance} is known from {low:g} to {high:g} um, outside of the visible"
+        )
+    return np.linspace(first, last, WAVELENGTHS).round(6).clip(first, last)
+
+
+def list_lengths(content: dict[str, Any], folder: Path, scene: Scene) -> tuple[float | None, ...]:
+    """How thick the layers of a scene are [um], None where the file says it optically."""
+    listed = expand_materials(content, folder)["layer"]
+    given = [None if place is None else listed[place].get("thickness_um") for place in scene.places]
+    return tuple(0.0 if place is None else length for place, length in zip(scene.places, given, strict=True))

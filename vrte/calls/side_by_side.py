@@ -1,0 +1,65 @@
+"""Small solves side by side: one a core, where each by itself would leave the others idle."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+
+from vrte.basics.blas import keep_to_one_thread
+from vrte.basics.running import Progress, Run, count_usable_cpus
+from vrte.calls.brdf import make_brdf
+from vrte.methods import make_run, solve_request
+from vrte.request.request import Request
+from vrte.results.brdf import Brdf
+
+Made = TypeVar("Made")
+
+
+def run_side_by_side(
+    calls: Sequence[Callable[[], Made]], progress: Progress | None = None, workers: int | None = None, stop: Any = None
+) -> list[Made]:
+    """What the calls return, in their order; the first error in that order is raised, and what has not begun by then
+    never does.
+
+    ``progress`` is told how many are done; ``workers``: by default one a usable CPU; ``stop``, a flag (1,) that the
+    calls look at, is set where this thread is interrupted.
+
+    >>> run_side_by_side([lambda: 1, lambda: 2])
+    [1, 2]
+    """
+    count = min(workers or count_usable_cpus(), len(calls))
+    if count < 2:
+        found = []
+        for place, call in enumerate(calls, 1):
+            found.append(call())
+            if progress is not None:
+                progress(place, len(calls))
+        return found
+    with keep_to_one_thread(), ThreadPoolExecutor(count, "vrte-side-by-side") as pool:
+        futures = [pool.submit(call) for call in calls]
+        try:
+            for place, future in enumerate(futures, 1):
+                future.result()
+                if progress is not None:
+                    progress(place, len(calls))
+        except BaseException:
+            if stop is not None:
+                stop[0] = 1
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [future.result() for future in futures]
+
+
+def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Brdf]:
+    """BRDFs of requests of one thread each, their methods named; how long they take was told."""
+    runs = [make_run(request) for request in requests]
+    stop = np.zeros(1, np.int32)
+    for run in runs:
+        run.stop, run.told = stop, True
+
+    def solve(request: Request, run: Run) -> Brdf:
+        return make_brdf(request, solve_request(request, run)[1])
+
+    return run_side_by_side([partial(solve, *pair) for pair in zip(requests, runs, strict=True)], progress, stop=stop)
