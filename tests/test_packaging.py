@@ -121,7 +121,7 @@ class TestWheel:
         names = zipfile.ZipFile(wheel).namelist()
         assert not [name for name in names if name.endswith((".c", ".npz"))]
         assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
-        for folder, pattern in (("cl", "*.cl"), ("core", "*"), ("materials", "*.toml")):
+        for folder, pattern in (("cl", "*.cl"), ("core", "*"), ("materials", "*.toml"), ("paints", "*.toml")):
             loops = {f"vrte/{folder}/{path.name}" for path in (ROOT / "vrte" / folder).glob(pattern)}
             assert loops
             assert loops <= set(names)
@@ -141,6 +141,7 @@ class TestWheel:
         wanted |= {
             "vrte/_core.pyx",
             "vrte/materials/chalk.toml",
+            "vrte/paints/white_gloss.toml",
             "setup.py",
             "LICENSE",
             "examples/gold_powder.toml",

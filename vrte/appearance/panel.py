@@ -17,8 +17,8 @@ from vrte.calls.mitsuba import take_off
 from vrte.calls.plan import make_request
 from vrte.calls.side_by_side import run_side_by_side, solve_side_by_side
 from vrte.calls.spectrum import Source
-from vrte.formats.materials import expand_materials
 from vrte.formats.named import find_known_wavelengths
+from vrte.formats.paints import expand_content
 from vrte.formats.particle_sources import Compute, make_particles
 from vrte.formats.scene_file import make_scene_file, read_content, read_listed_wavelengths
 from vrte.results.spectrum import Spectrum, check_ascending
@@ -228,6 +228,6 @@ def choose_wavelengths(content: dict[str, Any], folder: Path) -> Sequence[float]
 
 def list_lengths(content: dict[str, Any], folder: Path, scene: Scene) -> tuple[float | None, ...]:
     """How thick the layers of a scene are [um], None where the file says it optically."""
-    listed = expand_materials(content, folder)["layer"]
+    listed = expand_content(content, folder)["layer"]
     given = [None if place is None else listed[place].get("thickness_um") for place in scene.places]
     return tuple(0.0 if place is None else length for place, length in zip(scene.places, given, strict=True))

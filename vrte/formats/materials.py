@@ -20,7 +20,8 @@ from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, show_key, s
 
 FOLDER = Path(__file__).parents[1] / "materials"
 SUFFIX = ".toml"  # of one's own
-KEYS = ("title", "description", "approximations", "sources", "particles", "layer")
+WORDS = ("title", "description", "approximations", "sources")  # what a file may say of itself
+KEYS = (*WORDS, "particles", "layer")
 CHANGED = ("thickness", "thickness_um", "volume_fraction", "packing", "host_index")  # by a layer that names a material
 HOW_THICK = CHANGED[:2]
 
@@ -85,14 +86,14 @@ def read_material_file(path: Path, name: str) -> ReadyMaterial:
                 raise place.wrong(key, "a material names no other files; such particles go into the scene file")
     if "material" in layer:
         raise Table(("layer",), layer, tuple(layer)).wrong("material", "a material is not made of another")
-    words = {key: _read_words(file, key) for key in ("approximations", "sources")}
-    title, description = (_read_words(file, key) for key in ("title", "description"))
+    words = {key: read_words(file, key) for key in ("approximations", "sources")}
+    title, description = (read_words(file, key) for key in ("title", "description"))
     return ReadyMaterial(
         name, " ".join(title) or name, " ".join(description), **words, particles=particles, layer=layer
     )
 
 
-def _read_words(file: Table, key: str) -> tuple[str, ...]:
+def read_words(file: Table, key: str) -> tuple[str, ...]:
     """A text, or several, where they are given."""
     given = file.content.get(key, [])
     listed = given if isinstance(given, list) else [given]

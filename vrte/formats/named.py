@@ -10,8 +10,9 @@ from vrte.basics.errors import Place, SceneError
 from vrte.formats.bases import BASES
 from vrte.formats.index_table import read_index
 from vrte.formats.keys import FilePath, Key, Substance
-from vrte.formats.materials import SUFFIX, expand_materials
+from vrte.formats.materials import SUFFIX
 from vrte.formats.media import TABLE
+from vrte.formats.paints import expand_content, expand_paint
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.sizes import SIZES
@@ -23,7 +24,10 @@ SIDES: dict[str, Key] = {"above": Substance(), "below": Substance()}
 
 
 def list_keys(content: Mapping[str, Any]) -> Iterator[tuple[Place, Key, Any]]:
-    """Every key of a registry that a scene file's content gives: its place, what it is, and its value."""
+    """Every key of a registry that a scene file's content gives: its place (of a paint, where it is expanded), what it
+    is, and its value."""
+    with suppress(SceneError):
+        content = expand_paint(content)
     particles, layers = content.get("particles"), content.get("layer")
     yield from list_given((), content, MEDIUM)
     for name, kind in particles.items() if isinstance(particles, dict) else ():
@@ -86,7 +90,7 @@ def find_known_wavelengths(content: Mapping[str, Any], folder: Path = Path()) ->
     them; (0, inf, "") where none does. Indices that are wrong count as known. Raises OSError."""
     found = (0.0, math.inf, "")
     with suppress(SceneError):
-        content = expand_materials(content, folder)
+        content = expand_content(content, folder)
     for _, index in list_materials(content):
         with suppress(SceneError):
             low, high = find_wavelength_range(read_index(folder / index) if index.endswith(TABLE) else index)

@@ -17,8 +17,9 @@ from vrte.basics.errors import SceneError
 from vrte.formats.bases import list_base_keys, read_base
 from vrte.formats.keys import Reading
 from vrte.formats.layers import Kinds, prepare_layer, read_layer_tables
-from vrte.formats.materials import expand_materials, locate_material_errors
+from vrte.formats.materials import WORDS, locate_material_errors, read_words
 from vrte.formats.media import WAVE_KEYS
+from vrte.formats.paints import expand_content, locate_paint_errors
 from vrte.formats.particle_sources import Compute, make_particles
 from vrte.formats.text_file import read_text
 from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, translate_error
@@ -28,7 +29,7 @@ from vrte.request.request import SIDES
 from vrte.scene.scene import Scene
 
 OPTION_KEYS = ("nodes", "accuracy", "truncation", "method", "illuminate", "settings")
-FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "render", "brdf", "field")
+FILE_KEYS = (*WAVE_KEYS, *OPTION_KEYS, "particles", "layer", "base", "paint", "render", "brdf", "field", *WORDS)
 # keys that say the same in another way: twice the radius, and the angle from the normal in place of its cosine
 ANGLES = {"mu_i": "angle_i_deg", "mu_o": "angle_o_deg", "mu0": "angle0_deg"}
 ANGLE = "degrees from the normal, from 0 to below 90"
@@ -188,7 +189,9 @@ def make_scene_file(
     >>> make_scene_file({"layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}).scene.thickness
     0.5
     """
-    file = Table((), expand_materials(content, folder), FILE_KEYS)
+    file = Table((), expand_content(content, folder), FILE_KEYS)
+    for key in WORDS:
+        read_words(file, key)
     kind = _choose_kind(file, kind)
     request = {name: file.table(name, keys) for name, keys in REQUEST_KEYS.items() if name in file}[kind]
     asked = {
@@ -198,7 +201,7 @@ def make_scene_file(
     }
     options = {name: _read_option(file, name) for name in OPTION_KEYS if name in file}
     reading = Reading(file, folder)
-    with locate_material_errors(content):
+    with locate_paint_errors(content), locate_material_errors(content):
         kinds = Kinds(compute, reading)
         layers = read_layer_tables(file)
         base = read_base(file.table("base", list_base_keys()), reading) if "base" in file else None

@@ -10,8 +10,8 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.calls.spectrum import spectrum
-from vrte.formats.materials import expand_materials
 from vrte.formats.named import find_known_wavelengths, list_materials
+from vrte.formats.paints import expand_content
 from vrte.formats.particle_sources import check_particles
 from vrte.formats.scene_file import (
     FILE_KEYS,
@@ -142,7 +142,7 @@ def _read_common_keys(table: Table) -> dict[str, Any]:
 
 
 def _make_material(path: Path, content: dict[str, Any], table: Table, count: int | None) -> Material:
-    title = table.content.get("title", path.stem.replace("_", " "))
+    title = table.content.get("title", content.get("title", path.stem.replace("_", " ")))
     if not isinstance(title, str) or not title.isprintable() or not 0 < len(title) <= LONGEST_TITLE:
         raise table.wrong("title", f"must be a text of 1 to {LONGEST_TITLE} characters in one line")
     chosen = _read_own_wavelengths(content, table) if count is None else None
@@ -150,7 +150,7 @@ def _make_material(path: Path, content: dict[str, Any], table: Table, count: int
     if chosen is None:
         few = table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
         chosen, note = _choose_equal_steps(path, content, count or few)
-    without = {key: value for key, value in expand_materials(content, path.parent).items() if key != "render"}
+    without = {key: value for key, value in expand_content(content, path.parent).items() if key != "render"}
     return Material(path, title, without, chosen, note)
 
 

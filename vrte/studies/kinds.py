@@ -5,6 +5,7 @@ from typing import Any
 
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Key
+from vrte.formats.paints import PIGMENTS
 from vrte.formats.particle_sources import SOURCES
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_writer import write_value
@@ -70,6 +71,8 @@ def write_page() -> str:
         parts.append(f"## {heading}\n\n{WRITTEN[heading]('NAME' if heading != 'Bases' else 'name')}\n\n{table}")
     packings = make_markdown_table(("name", "what"), [(f"`{name}`", one.words) for name, one in PACKINGS.items()])
     parts.append(f"## Packing\n\n`packing` of a `[[layer]]` of particles ([particles.md](particles.md))\n\n{packings}")
+    pigments = make_markdown_table(("name", "grains of"), [(f"`{name}`", whose) for name, whose in PIGMENTS.items()])
+    parts.append(f"## Pigments\n\n`pigment` of [paint] ([materials.md](materials.md#paints))\n\n{pigments}")
     return "\n".join(parts)
 
 

@@ -16,7 +16,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ import numpy as np
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.formats.named import find_named_tables
+from vrte.formats.paints import expand_paint, find_expanded_place
 from vrte.formats.particle_sources import Compute
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_content
 from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
@@ -128,7 +129,8 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path 
     if len(table) > MOST_AXES:
         raise SceneError(f"axes: there must be at most {MOST_AXES} of them, not {len(table)}")
     axes = tuple(read_axis(name, value) for name, value in table.items())
-    sweep = Sweep(content, axes, (folder or Path()).absolute())
+    axes = tuple(replace(axis, places=find_expanded_place(content, axis.places)) for axis in axes)
+    sweep = Sweep(expand_paint(content), axes, (folder or Path()).absolute())
     check(sweep)
     return sweep
 

@@ -16,6 +16,7 @@ from vrte.app.form.parts import list_parts, replace_parts
 from vrte.basics.errors import SceneError
 from vrte.formats.materials import ReadyMaterial, expand_materials, list_named
 from vrte.formats.named import find_named_tables
+from vrte.formats.paints import expand_paint
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_writer import write_toml
 from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key, show_toml
@@ -40,7 +41,7 @@ def adopt_and_tell(
     Files that it names, and that are not among ``tables`` in ``folder``, are still to be put in; ``aside``: what is
     made from those that are there is not looked at here.
     """
-    found = copy.deepcopy(content)
+    found = expand_paint(copy.deepcopy(content))
     told = (*remove_axes(found), *add_defaults(found))
     trial = replace_parts(found, list(list_parts(found, tables)) if aside else ())
     missing = {place: name for place, name in find_named_tables(found).items() if name not in tables}

@@ -1,0 +1,277 @@
+"""Paints in scene files: what they are expanded to, what is refused and where, ready ones, and every command's view."""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import SceneError
+from vrte.app.form.files import adopt_and_tell
+from vrte.appearance.panel import make_panel
+from vrte.formats.materials import WORDS, list_materials
+from vrte.formats.named import find_known_wavelengths, find_named_tables
+from vrte.formats.named import list_materials as list_substances
+from vrte.formats.paints import FOLDER, PIGMENTS, expand_content, expand_paint, find_pigment, list_paints
+from vrte.formats.particle_sources import check_particles
+from vrte.formats.scene_file import make_scene_file
+from vrte.render import setting
+from vrte.sweep.template import make_scene_at, read_sweep
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+WHITE = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 60.0}
+BEAM = {"wavelength_um": 0.55, "brdf": {"mu_i": 0.5, "mu_o": 0.5}}
+
+
+def of(**changed: Any) -> dict[str, Any]:
+    """A scene file of the white paint with some of its keys changed; None leaves one out."""
+    return {"paint": {key: value for key, value in {**WHITE, **changed}.items() if value is not None}, **BEAM}
+
+
+def read(**changed: Any) -> Any:
+    """The same, read, but for what computing particles would find."""
+    return make_scene_file(of(**changed), compute=check_particles)
+
+
+# ---- what it is expanded to
+
+
+def test_a_paint_is_its_particles_layers_and_base_written_out() -> None:
+    rutile = list_materials()["rutile in alkyd"].particles["rutile"]
+    film = {"volume_fractions": {"white": 0.15}, "thickness_um": 60.0, "packing": "coherent-potential"}
+    surface = {"above": 1.0, "below": "alkyd", "roughness": 0.2, "distribution": "ggx"}
+    written = {
+        "particles": {"white": rutile},
+        "layer": [{"interface": surface}, {"host_index": "alkyd", **film}],
+        "base": {"kind": "lambertian", "albedo": 0.8},
+    }
+    rough = {"roughness": 0.2, "distribution": "ggx"}
+    painted = of(surface=rough, substrate={"kind": "lambertian", "albedo": 0.8})
+    one, other = (make_scene_file({**content, **BEAM}).scene for content in (written, painted))
+    assert one.interfaces == other.interfaces
+    assert one.base == other.base
+    assert one.layers[0].thickness == other.layers[0].thickness
+    assert (one.layers[0].phase_matrix.a1 == other.layers[0].phase_matrix.a1).all()
+
+
+def test_several_pigments_are_the_same_as_one_where_one_is_all() -> None:
+    one, other = make_scene_file(of()), make_scene_file(of(pigment={"rutile": "15 %"}, volume_fraction=None))
+    assert one.scene.layers[0].thickness == other.scene.layers[0].thickness
+
+
+def test_a_pigment_is_coarser_where_the_paint_says_so_and_another_substance_needs_its_size() -> None:
+    found = expand_paint(of(particles={"rutile": {"diameter_um": 0.3}}))["particles"]["rutile"]
+    assert found == {"index": "rutile", "diameter_um": 0.3}
+    coat = expand_paint(of(pigment="silica-coated rutile", particles={"silica-coated rutile": {"core_ratio": 0.9}}))
+    assert {"shell_um", "core_ratio"} & {*coat["particles"]["silica-coated rutile"]} == {"core_ratio"}
+    found = expand_paint(of(pigment="zinc oxide", particles={"zinc oxide": {"radius_um": 0.1}}))["particles"]
+    assert found == {"zinc oxide": {"index": "zinc oxide", "radius_um": 0.1}}
+    ochre = {"ochre": {"index": "ochre.csv", "radius_um": 0.2}}
+    assert find_named_tables(of(pigment="ochre", particles=ochre)) == {("particles", "ochre", "index"): "ochre.csv"}
+
+
+def test_every_pigment_has_the_grains_of_a_ready_material() -> None:
+    for pigment, material in PIGMENTS.items():
+        (grains,) = list_materials()[material].particles.values()
+        assert find_pigment(pigment) == grains
+    paints = {name for name in list_materials() if " in " in name}
+    assert paints <= {*PIGMENTS.values()}  # none is forgotten
+    assert find_pigment("calcite") == find_pigment("chalk")
+    assert find_pigment("gypsum") is None
+
+
+def test_grains_that_are_no_spheres_scatter_alone() -> None:
+    needles = {"rutile": {"source": "spheroids", "index": "rutile", "aspect_ratio": 0.7, "radius_um": 0.1}}
+    assert expand_paint(of(particles=needles))["layer"][1]["packing"] == "independent"
+    assert expand_paint(of())["layer"][1]["packing"] == "coherent-potential"
+    assert expand_paint(of(packing="percus-yevick"))["layer"][1]["packing"] == "percus-yevick"
+
+
+def test_nothing_jumps_as_pigment_is_added() -> None:
+    """Few grains are as if alone: the optical thickness of a volume of them goes over into the independent one's."""
+
+    def find(fraction: float, **how: Any) -> float:
+        layer = make_scene_file(of(volume_fraction=fraction, **how)).scene.layers[0]
+        return layer.thickness * (1.0 - layer.phase_matrix.asymmetry) / fraction
+
+    alone = find(0.01, packing="independent")
+    assert find(1e-4) == pytest.approx(alone, rel=2e-3)
+    steps = np.diff([find(fraction) for fraction in (0.09, 0.10, 0.11)])
+    assert abs(steps).max() < 0.05 * alone
+    assert find(0.2) < find(0.1) < alone
+
+
+def test_a_film_may_be_without_end_and_bare() -> None:
+    scene = read(thickness_um=math.inf, surface="none").scene
+    assert scene.thickness == math.inf
+    assert scene.interfaces[0] is None
+    assert read().scene.interfaces[0] == vrte.Interface(1.0, 1.52)
+
+
+# ---- what is wrong
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (
+            {"pigment": "rutil"},
+            r"^paint\.pigment = \"rutil\": no pigment 'rutil'; did you mean 'rutile'\? Known: rutile,",
+        ),
+        (
+            {"pigment": "zinc oxide"},
+            r"any other substance needs its size, as particles\.\"zinc oxide\" = \{ diameter_um",
+        ),
+        ({"pigment": 3}, r"^paint\.pigment = 3: must be a name, or a table"),
+        ({"pigment": None}, r"^paint\.pigment: is missing"),
+        ({"volume_fraction": None}, r"^paint\.volume_fraction: is missing; it must be from 0 to below 1"),
+        ({"volume_fraction": 1.5}, r"^paint\.volume_fraction = 1\.5: must be from 0 to below 1"),
+        ({"volume_fraction": "much"}, r'^paint\.volume_fraction = "much": must be from 0'),
+        ({"pigment": {"rutile": 0.1}}, r"^paint\.volume_fraction = 0\.15: goes with one pigment by its name"),
+        (
+            {"pigment": {"rutile": 0.6, "hematite": 0.4}, "volume_fraction": None},
+            r"^paint\.pigment = .*: their sum must be below 1, the whole layer$",
+        ),
+        (
+            {"pigment": {"rutile": -0.1}, "volume_fraction": None},
+            r"^paint\.pigment\.rutile = -0\.1: must be from 0 to below 1",
+        ),
+        ({"binder": None}, r"^paint\.binder: is missing; it must be a substance"),
+        ({"binder": "alkid"}, r"^paint\.binder.*alkid"),
+        ({"thickness_um": None}, r"^paint\.thickness_um: is missing"),
+        ({"thickness_um": -1.0}, r"^paint\.thickness_um must be a length in micrometres >= 0, .* not -1\.0"),
+        ({"surface": "shiny"}, r'^paint\.surface = "shiny": must be "smooth", "none" or a table with roughness'),
+        ({"surface": {"rough": 0.2}}, r"^paint\.surface\.rough = 0\.2: unknown key"),
+        ({"surface": {"roughness": -1.0}}, r"^paint\.surface\.roughness"),
+        ({"substrate": {"kind": "lambertian", "albedo": 2}}, r"^paint\.substrate\.albedo"),
+        ({"substrate": {"kind": "wood"}}, r'^paint\.substrate\.kind = "wood": must be'),
+        ({"packing": "tight"}, r'^paint\.packing = "tight": must be "independent" or'),
+        ({"particles": {"chalk": {}}}, r"^paint\.particles\.chalk = .*: is none of the pigments of this paint"),
+        ({"particles": {"rutile": {"size": 1}}}, r"^paint\.particles\.rutile\.size = 1: must be a table"),
+        ({"particles": 1}, r"^paint\.particles = 1: must be tables headed \[paint\.particles\.NAME\]"),
+        ({"colour": "white"}, r'^paint\.colour = "white": unknown key'),
+    ],
+)
+def test_what_is_wrong_is_said_of_the_paints_own_key(changed: dict[str, Any], said: str) -> None:
+    with pytest.raises(SceneError, match=said) as caught:
+        read(**changed)
+    assert caught.value.place[0] == "paint"
+
+
+@pytest.mark.parametrize("key", ["layer", "base", "particles", "host_index"])
+def test_a_paint_stands_alone(key: str) -> None:
+    with pytest.raises(SceneError, match=f"^paint: a file with a table .paint. has no {key} of its own"):
+        make_scene_file({**of(), key: {}})
+    with pytest.raises(SceneError, match=r"^paint = 3: must be a table with the keys pigment"):
+        make_scene_file({"paint": 3, **BEAM})
+    with pytest.raises(SceneError, match=r"^title = 3: must be a text"):
+        make_scene_file({**of(), "title": 3})
+
+
+def test_a_wavelength_that_nobody_knows_is_told_of_the_pigment() -> None:
+    with pytest.raises(SceneError, match=r"^paint\.particles\.rutile\.index: the table .* 0\.41 um is outside$"):
+        make_scene_file({**of(), "wavelength_um": 0.41})
+
+
+def test_grains_too_close_for_the_model_are_told() -> None:
+    with pytest.warns(vrte.PackingWarning, match="a volume_fraction of 0.4 is above 0.3"):
+        make_scene_file(of(volume_fraction=0.4), compute=lambda source, given: check_particles(source, given))
+
+
+# ---- wherever scene files go
+
+
+def test_known_wavelengths_and_substances_are_those_of_the_paint() -> None:
+    content = of(pigment={"rutile": 0.1, "hematite": 0.01}, volume_fraction=None)
+    assert find_known_wavelengths(content)[:2] == (0.43, 0.7)
+    assert {name for _, name in list_substances(content)} == {"rutile", "hematite", "alkyd"}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "changed"),
+    [
+        ("paint.thickness_um", 20.0, {"thickness_um": 20.0}),
+        ("paint.volume_fraction", 0.05, {"volume_fraction": 0.05}),
+        ("paint.surface.roughness", 0.3, {"surface": {"roughness": 0.3}}),
+        ("paint.substrate.albedo", 0.3, {"substrate": {"kind": "lambertian", "albedo": 0.3}}),
+        ("paint.particles.rutile.diameter_um", 0.3, {"particles": {"rutile": {"diameter_um": 0.3}}}),
+        ("layer[2].volume_fractions.rutile", 0.05, {"volume_fraction": 0.05}),
+    ],
+)
+def test_a_sweep_changes_numbers_of_the_paint(key: str, value: float, changed: dict[str, Any]) -> None:
+    base = {"substrate": {"kind": "lambertian", "albedo": 0.9}, "particles": {"rutile": {"diameter_um": 0.25}}}
+    sweep = read_sweep({**of(**base), "axes": {key: [value]}})
+    alone = make_scene_file(of(**{**base, **changed}))
+    there = make_scene_at(sweep, (0,), vrte.formats.particle_sources.make_particles)
+    assert there.scene.interfaces == alone.scene.interfaces
+    assert there.scene.base == alone.scene.base
+    assert there.scene.layers[0].thickness == alone.scene.layers[0].thickness
+
+
+def test_a_sweep_of_a_paint_shares_its_particles_and_tells_what_is_wrong() -> None:
+    from vrte.sweep.template import list_particle_places
+
+    sweep = read_sweep({**of(), "axes": {"paint.thickness_um": [20.0, 40.0, 60.0]}})
+    assert list(list_particle_places(sweep)) == [("rutile", (0,))]
+    with pytest.raises(SceneError, match=r"^axes\.paint\.thicknes: the scene has no paint\.thicknes$"):
+        read_sweep({**of(), "axes": {"paint.thicknes": [1.0]}})
+
+
+def test_the_viewer_takes_it_apart() -> None:
+    content, told = adopt_and_tell({key: value for key, value in of().items() if key == "paint"})
+    assert "paint" not in content
+    assert list(content["particles"]) == ["rutile"]
+    assert content["layer"][1]["thickness_um"] == 60.0
+    assert any("wavelength_um is missing" in one for one in told)
+    _, told = adopt_and_tell(of(binder="/etc/own.csv"))  # which nobody reads
+    assert any('"/etc/own.csv" is not here' in one for one in told)
+
+
+def test_a_spectrum_and_a_panel_of_a_paint_agree() -> None:
+    content = of(thickness_um=5.0)
+    panel = make_panel({**content, "title": "White"}, [0.5, 0.6], nodes=6)
+    assert (panel.title, panel.length_um) == ("White", 5.0)
+    found = vrte.spectrum(content, [0.5, 0.6], nodes=6)
+    assert np.allclose(panel.solve(0.5).reflectance, [one.reflectance for one in found], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["white_paint", "red_oxide"])
+def test_an_example_is_read_by_every_command(name: str) -> None:
+    path = EXAMPLES / f"{name}.toml"
+    content = tomllib.loads(path.read_text(encoding="utf-8"))
+    made = make_scene_file({**content, "wavelength_um": 0.55}, "brdf", EXAMPLES)
+    assert made.scene.layers[0].thickness > 20.0
+    materials, _ = setting.read([path], None)
+    assert materials[0].coloured
+    adopt_and_tell(content)
+    written = {**expand_content(content), "wavelength_um": 0.55}
+    assert written["layer"] == expand_paint(content)["layer"]
+    assert make_scene_file(written, "brdf").scene.layers[0].thickness == made.scene.layers[0].thickness
+
+
+# ---- ready paints
+
+
+@pytest.mark.parametrize("name", sorted(list_paints()))
+def test_a_ready_paint_says_what_it_is_and_solves(name: str) -> None:
+    file = tomllib.loads((FOLDER / f"{name.replace(' ', '_')}.toml").read_text(encoding="utf-8"))
+    assert tuple(file) == (*WORDS, "paint")
+    paint = list_paints()[name]
+    assert paint.title
+    assert paint.description.endswith(".")
+    assert paint.approximations
+    assert any(words.startswith("typical") for words in paint.sources)
+    content = paint.content
+    content["paint"]["surface"] = "smooth"  # a rough one takes seconds
+    found = vrte.spectrum({**content, "brdf": {"mu_i": 0.7, "mu_o": 1.0}}, [0.6], nodes=6)
+    low, high = {"black gloss": (0.0, 0.05), "red oxide": (0.01, 0.1)}.get(name, (0.3, 0.99))
+    assert low < np.pi * found[0].mueller[0, 0, 0, 0, 0] < high
+
+
+def test_ready_paints_are_there_and_nobody_changes_them() -> None:
+    assert len(list_paints()) >= 5
+    list_paints()["white gloss"].content["paint"]["thickness_um"] = 1.0
+    assert list_paints()["white gloss"].content["paint"]["thickness_um"] == 60.0

@@ -1,0 +1,234 @@
+"""Paints in the words of who makes them: a table [paint] of pigments, binder, dry film, surface and substrate.
+
+    [paint]
+    pigment = "rutile"            # or { rutile = 0.14, hematite = 0.01 }: volume fractions of the dry film
+    volume_fraction = 0.15        # beside one pigment
+    binder = "alkyd"              # a substance or [n, k]
+    thickness_um = 60.0           # of the dry film; inf: without end
+    surface = "smooth"            # or { roughness = 0.2, distribution = "ggx" }, or "none"
+    substrate = { kind = "lambertian", albedo = 0.8 }    # any [base]; black without
+    particles.rutile = { diameter_um = 0.25 }            # where the pigment's own grains are not wanted
+
+Before anything else is read, ordinary particles, layers and a base are put in its place.
+"""
+
+import copy
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from vrte.basics.errors import Place, SceneError
+from vrte.formats.bases import INTERFACE
+from vrte.formats.materials import WORDS, expand_materials, list_materials, read_words
+from vrte.formats.particle_sources import COATED, SPHERES
+from vrte.formats.sizes import SIZE_KEYS
+from vrte.formats.text_file import read_text
+from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, show_place, suggest_nearest
+from vrte.optics.crowding import COHERENT_POTENTIAL, INDEPENDENT
+from vrte.optics.refractive_index import MATERIALS
+
+FOLDER = Path(__file__).parents[1] / "paints"
+KEYS = ("pigment", "volume_fraction", "binder", "thickness_um", "surface", "substrate", "packing", "particles")
+SMOOTH, BARE = "smooth", "none"
+SURFACE = f'"{SMOOTH}", "{BARE}" or a table with {", ".join(INTERFACE)}'
+REPLACED = ("particles", "layer", "base", "host_index")  # by what a paint is expanded to
+# keys of a pigment's grains of which one is enough: whichever is given stands in place of the pigment's own
+ALTERNATIVES = (SIZE_KEYS, tuple(key for key in COATED if key not in ("core", "shell")))
+# the ready material whose grains a pigment has
+PIGMENTS = {
+    "rutile": "rutile in alkyd",
+    "silica-coated rutile": "silica-coated rutile in alkyd",
+    "alumina-coated rutile": "alumina-coated rutile in acrylic",
+    "hollow polymer": "hollow polymer in acrylic",
+    "hematite": "hematite in acrylic",
+    "titanium black": "titanium black in acrylic",
+    "chalk": "chalk",
+    "alumina": "alumina powder",
+    "gold": "gold powder",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ReadyPaint:
+    """A paint as its file has it: what it is, in which ways it is approximated, where its numbers come from; ``paint``
+    is its table [paint]."""
+
+    name: str
+    title: str
+    description: str
+    approximations: tuple[str, ...]
+    sources: tuple[str, ...]
+    paint: dict[str, Any]
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """A scene file's content of it, but for light and directions."""
+        return {"title": self.title, "paint": copy.deepcopy(self.paint)}
+
+
+@cache
+def list_paints() -> dict[str, ReadyPaint]:
+    """The ready paints by name, in alphabetical order.
+
+    >>> list_paints()["white gloss"].paint["pigment"]
+    'rutile'
+    """
+    found = {}
+    for path in sorted(FOLDER.glob("*.toml")):
+        file = Table((), parse_toml(read_text(path, LARGEST_FILE)), (*WORDS, "paint"))
+        title, description = (" ".join(read_words(file, key)) for key in WORDS[:2])
+        approximations, sources = (read_words(file, key) for key in WORDS[2:])
+        name = path.stem.replace("_", " ")
+        found[name] = ReadyPaint(name, title, description, approximations, sources, file.content["paint"])
+    return found
+
+
+def find_pigment(name: str) -> dict[str, Any] | None:
+    """The table [particles.NAME] of a pigment, by its name or that of its substance; None for what is no pigment.
+
+    >>> find_pigment("titanium nitride") == find_pigment("titanium black")
+    True
+    """
+    for pigment, material in PIGMENTS.items():
+        (grains,) = list_materials()[material].particles.values()
+        if name in (pigment, grains.get("index")):
+            return copy.deepcopy(grains)
+    return None
+
+
+def expand_content(content: Mapping[str, Any], folder: Path = Path()) -> dict[str, Any]:
+    """The content of a scene file with particles, layers and base in place of a paint and of ready materials; one's own
+    materials lie in ``folder``. Raises SceneError.
+
+    >>> expand_content({"layer": [{"material": "chalk"}]})["layer"]
+    [{'particles': 'chalk: calcite', 'thickness': inf}]
+    """
+    return expand_materials(expand_paint(content), folder)
+
+
+def expand_paint(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of a scene file with ordinary particles, layers and a base in place of its table [paint]. What the
+    paint says is passed on as it is, to be checked there. Raises SceneError.
+
+    Grains are packed by the coherent potential, which goes over into independent scattering where they are few, so
+    that nothing jumps as a volume fraction is changed; grains that are no spheres scatter independently.
+
+    >>> paint = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 60.0}
+    >>> [list(layer) for layer in expand_paint({"paint": paint})["layer"]]
+    [['interface'], ['host_index', 'volume_fractions', 'thickness_um', 'packing']]
+    """
+    if "paint" not in content:
+        return dict(content)
+    for key in REPLACED:
+        if key in content:
+            raise SceneError(f"paint: a file with a table [paint] has no {key} of its own: the paint makes it", "paint")
+    paint = Table((), dict(content), tuple(content)).table("paint", KEYS)
+    fractions = _read_pigments(paint)
+    binder = paint.required("binder", 'a substance such as "alkyd", or [n, k]')
+    thickness = paint.required("thickness_um", "the thickness of the dry film in micrometres, or inf")
+    own = paint.content.get("particles", {})
+    if not isinstance(own, dict) or not all(isinstance(grains, dict) for grains in own.values()):
+        raise paint.wrong("particles", "must be tables headed [paint.particles.NAME]")
+    unused = [name for name in own if name not in fractions]
+    if unused:
+        raise Table(("paint", "particles"), own, tuple(own)).wrong(unused[0], "is none of the pigments of this paint")
+    kinds = {name: _make_grains(paint, name, own.get(name)) for name in fractions}
+    spheres = all(kind.get("source", SPHERES) in (SPHERES, "coated-spheres") for kind in kinds.values())
+    packing = paint.content.get("packing", COHERENT_POTENTIAL if spheres else INDEPENDENT)
+    film = {"host_index": binder, "volume_fractions": fractions, "thickness_um": thickness, "packing": packing}
+    surface = _read_surface(paint)
+    layers = [film] if surface is None else [{"interface": {"above": 1.0, "below": binder, **surface}}, film]
+    rest = {key: value for key, value in content.items() if key != "paint"}
+    base = {"base": paint.content["substrate"]} if "substrate" in paint else {}
+    return copy.deepcopy({**rest, "particles": kinds, "layer": layers, **base})
+
+
+def _read_pigments(paint: Table) -> dict[str, Any]:
+    """The volume fraction of each pigment, as it is given."""
+    given = paint.required("pigment", "a name, or a table { name = volume fraction, ... }")
+    if isinstance(given, dict) and given:
+        if "volume_fraction" in paint:
+            raise paint.wrong("volume_fraction", "goes with one pigment by its name; a table has its own")
+        return given
+    if not isinstance(given, str):
+        raise paint.wrong("pigment", "must be a name, or a table { name = volume fraction, ... }")
+    return {given: paint.required("volume_fraction", 'from 0 to below 1, or per cent in quotes, "15 %"')}
+
+
+def _make_grains(paint: Table, name: str, own: dict[str, Any] | None) -> dict[str, Any]:
+    """The table [particles.NAME] of a pigment: the known one's, what the paint gives in place of that; or its own."""
+    known = find_pigment(name)
+    if own is not None and (known is None or "source" in own):
+        return own if {"source", "index"} & {*own} else {"index": name, **own}
+    if known is None:
+        hint = suggest_nearest(name, [*PIGMENTS, *MATERIALS])
+        words = f"no pigment {name!r}{hint or '.'} Known: {', '.join(PIGMENTS)}; any other substance needs its size, as"
+        raise paint.wrong("pigment", f'{words} particles."{name}" = {{ diameter_um = 0.3 }}')
+    replaced = {key for keys in ALTERNATIVES if own and {*keys} & {*own} for key in keys}
+    return {key: value for key, value in known.items() if key not in replaced} | (own or {})
+
+
+def _read_surface(paint: Table) -> dict[str, Any] | None:
+    """How rough the paint's surface is: {} where it is smooth, None where there is none."""
+    given = paint.content.get("surface", SMOOTH)
+    if isinstance(given, dict):
+        return paint.table("surface", tuple(INTERFACE)).content
+    if given not in (SMOOTH, BARE):
+        raise paint.wrong("surface", f"must be {SURFACE}")
+    return {} if given == SMOOTH else None
+
+
+def list_places(content: Mapping[str, Any]) -> list[tuple[Place, Place]]:
+    """Where what a paint says stands once it is expanded: places in [paint], with those in particles, layers, base."""
+    paint = content["paint"]
+    film, pigment = (0 if paint.get("surface") == BARE else 1), paint.get("pigment")
+    shares: Place = ("layer", film, "volume_fractions")
+    found: list[tuple[Place, Place]] = [
+        (("volume_fraction",), (*shares, str(pigment))),
+        (("pigment",), shares),
+        (("particles",), ("particles",)),
+        (("binder",), ("layer", film, "host_index")),
+        (("binder",), ("layer", 0, "interface", "below")),
+        (("thickness_um",), ("layer", film, "thickness_um")),
+        (("packing",), ("layer", film, "packing")),
+        (("substrate",), ("base",)),
+        (("surface",), ("layer", 0, "interface")),
+    ]
+    return [(("paint", *ours), theirs) for ours, theirs in found]
+
+
+def find_expanded_place(content: Mapping[str, Any], place: Place) -> Place:
+    """Where a number of a paint stands once it is expanded, or the same place where it is none of a paint.
+
+    >>> paint = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 60.0}
+    >>> find_expanded_place({"paint": paint}, ("paint", "thickness_um"))
+    ('layer', 1, 'thickness_um')
+    """
+    for ours, theirs in list_places(content) if isinstance(content.get("paint"), dict) else ():
+        if place[: len(ours)] == ours:
+            return (*theirs, *place[len(ours) :])
+    return place
+
+
+@contextmanager
+def locate_paint_errors(content: Mapping[str, Any]) -> Iterator[None]:
+    """Complaints about particles, layers or base of a paint, as ones about its keys.
+
+    >>> with locate_paint_errors({"paint": {"pigment": "rutile"}}):
+    ...     raise SceneError("base.albedo = 2: must be below 1", "base", "albedo")
+    Traceback (most recent call last):
+    vrte.SceneError: paint.substrate.albedo = 2: must be below 1
+    """
+    try:
+        yield
+    except SceneError as error:
+        for ours, theirs in list_places(content) if "paint" in content else ():
+            if error.place[: len(theirs)] == theirs:
+                there, here = show_place(theirs), show_place(ours)
+                words = str(error)
+                words = here + words.removeprefix(there) if words.startswith(there) else f"{here}: {words}"
+                raise SceneError(words, *ours, *error.place[len(theirs) :]) from error
+        raise
