@@ -14,6 +14,7 @@ import pytest
 
 import vrte
 from vrte import cli
+from vrte.appearance.lights import OBSERVERS, import_colour_science
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
 from vrte.basics.splines import make_spline_matrix
@@ -206,7 +207,7 @@ def test_the_sky_is_polarized_as_molecules_do_it() -> None:
 
 def test_optical_thickness_of_the_atmosphere() -> None:
     for wavelength in (0.4, 0.55, 0.7):
-        expected = colour.import_colour_science().phenomena.rayleigh_optical_depth(wavelength * 1e-4, latitude=45.0)
+        expected = import_colour_science().phenomena.rayleigh_optical_depth(wavelength * 1e-4, latitude=45.0)
         assert compute_optical_thickness(wavelength) == pytest.approx(float(np.squeeze(expected)), rel=0.01)
 
 
@@ -215,7 +216,7 @@ def test_colours_of_white_are_white() -> None:
     weights = colour.weigh_wavelengths(chosen)
     assert weights[1].sum() == pytest.approx(1.0)
     white = weights.sum(axis=1)
-    observer = colour.import_colour_science().MSDS_CMFS[colour.OBSERVER]
+    observer = import_colour_science().MSDS_CMFS[OBSERVERS[2]]
     lit = observer.values * colour.load_sunlight_spectrum(observer.wavelengths * 1e-3)[:, None]
     np.testing.assert_allclose(white, lit.sum(axis=0) / lit[:, 1].sum(), rtol=1e-12)
     film = colour.make_film(white)

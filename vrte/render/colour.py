@@ -5,16 +5,16 @@ outside the atmosphere) joins the colour-matching functions, 1 nm by 1 nm, so th
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from vrte.appearance.colours import encode_srgb
+from vrte.appearance.lights import combine_with_observer, import_colour_science, spread_weights
 from vrte.basics.arrays import Array
-from vrte.basics.errors import MissingExtraError
 
 FEWEST, MOST = 9, 31  # wavelengths, where their number is given
 FROM_UM, TO_UM = 0.40, 0.70
-OBSERVER = "CIE 1931 2 Degree Standard Observer"
+NEEDED = "a picture in colour", "render"  # what for, and the extra that brings it
 
 
 def choose_wavelengths(count: int, low: float = FROM_UM, high: float = TO_UM) -> Array:
@@ -27,38 +27,18 @@ def choose_wavelengths(count: int, low: float = FROM_UM, high: float = TO_UM) ->
     return np.linspace(low, high, count).round(6).clip(low, high)
 
 
-def import_colour_science() -> Any:
-    """The package colour-science. Raises MissingExtraError."""
-    try:
-        with np.printoptions():  # its import changes how all arrays are printed
-            import colour
-    except ImportError as error:
-        raise MissingExtraError("a picture in colour", "render") from error
-    return colour
-
-
 def weigh_wavelengths(wavelengths_um: Array) -> Array:
     """(3, wavelength): what X, Y and Z take of each wavelength's radiance; Y of 1 at all wavelengths is 1.
 
-    Between wavelengths the spectrum is a cubic spline (straight lines through fewer than four); beyond the first and
-    the last it stays as it is there. Raises MissingExtraError.
+    As `spread_weights` has it, in sunlight, for the observer of 2 degrees. Raises MissingExtraError.
     """
-    from scipy.interpolate import make_interp_spline
-
-    colour = import_colour_science()
-    observer = colour.MSDS_CMFS[OBSERVER]
-    fine = observer.wavelengths * 1e-3
-    weighed = observer.values * load_sunlight_spectrum(fine)[:, None]
-    order = 3 if wavelengths_um.size > 3 else min(1, wavelengths_um.size - 1)
-    within = np.clip(fine, wavelengths_um[0], wavelengths_um[-1])
-    cardinal = make_interp_spline(wavelengths_um, np.eye(wavelengths_um.size), k=order)(within)
-    found: Array = weighed.T @ cardinal / weighed[:, 1].sum()
-    return found
+    import_colour_science(*NEEDED)
+    return spread_weights(wavelengths_um, *combine_with_observer(load_sunlight_spectrum, observer=2))
 
 
 def load_sunlight_spectrum(wavelengths_um: Array) -> Array:
     """Spectral irradiance of the sun outside the atmosphere [W m-2 nm-1], of ASTM G173."""
-    import_colour_science()
+    import_colour_science(*NEEDED)
     from colour.plotting.datasets import SD_ASTMG173_ETR
 
     return np.interp(wavelengths_um * 1e3, SD_ASTMG173_ETR.wavelengths, SD_ASTMG173_ETR.values)
@@ -75,7 +55,8 @@ class Film:
     def linear(self, xyz: Array) -> Array:
         """Linear sRGB (..., 3), where 1 is the brightest that a screen shows; not cut off."""
         found: Array = (
-            xyz @ (self.gain * import_colour_science().RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ self.balance).T
+            xyz
+            @ (self.gain * import_colour_science(*NEEDED).RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB @ self.balance).T
         )
         return found
 
@@ -84,16 +65,10 @@ class Film:
         return encode_srgb(self.linear(xyz))
 
 
-def encode_srgb(linear: Array) -> Array:
-    """sRGB (..., 3) from linear values, cut to 0 .. 1."""
-    found: Array = import_colour_science().RGB_COLOURSPACES["sRGB"].cctf_encoding(np.clip(linear, 0.0, 1.0))
-    return found
-
-
 def make_film(white_xyz: Array, stops: float = 0.0) -> Film:
     """Film for light whose white is ``white_xyz`` (3,): Y = 1 becomes the largest that a screen shows, each of
     ``stops`` doubles that."""
-    colour = import_colour_science()
+    colour = import_colour_science(*NEEDED)
     from colour.adaptation import matrix_chromatic_adaptation_VonKries
 
     target = colour.xy_to_XYZ(colour.RGB_COLOURSPACES["sRGB"].whitepoint)

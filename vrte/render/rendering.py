@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vrte.appearance.lights import import_colour_science
 from vrte.basics.arrays import Array
 from vrte.optics.facets import RoughSurface
 from vrte.render import colour
@@ -54,7 +55,7 @@ def compute_spheres(
     The first of ``resolutions`` that is fine enough is taken, or the last. Raises MissingExtraError without
     colour-science, SceneError, and what `vrte.brdf` raises.
     """
-    colour.import_colour_science()
+    import_colour_science(*colour.NEEDED)
     tell = progress or (lambda *_: None)
     views: dict[tuple[Any, ...], View] = {}  # the last one: a view takes some hundred megabytes
     steps, done = sum(material.wavelengths_um.size for material in materials), 0

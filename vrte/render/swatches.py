@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vrte.appearance.lights import import_colour_science
 from vrte.basics.arrays import Array
 from vrte.calls.brdf import brdf
 from vrte.calls.material import material
@@ -17,7 +18,7 @@ from vrte.formats.materials import list_materials
 from vrte.formats.named import find_known_wavelengths
 from vrte.pictures.figures import make_figure
 from vrte.pictures.lobes import INK
-from vrte.render.colour import FEWEST, choose_wavelengths, import_colour_science, make_film, weigh_wavelengths
+from vrte.render.colour import FEWEST, NEEDED, choose_wavelengths, make_film, weigh_wavelengths
 from vrte.scene.boundary import Lambertian
 from vrte.scene.interface import Interface
 from vrte.scene.scene import Scene
@@ -48,7 +49,7 @@ class Swatch:
 
     def find_lab(self) -> Array:
         """CIE L*, a*, b* over black, seen in the light that it lies in."""
-        colour = import_colour_science()
+        colour = import_colour_science(*NEEDED)
         white = self.white_xyz / self.white_xyz.sum()
         found: Array = colour.XYZ_to_Lab(self.xyz[0], white[:2])
         return found
@@ -60,7 +61,7 @@ def compute_swatch(name: str, count: int = FEWEST, progress: Callable[[int, int]
     >>> compute_swatch("hematite in acrylic").find_lab()[1] > 10.0  # red
     np.True_
     """
-    import_colour_science()
+    import_colour_science(*NEEDED)
     known = list_materials()[name]
     low, high, _ = find_known_wavelengths(known.content)
     wavelengths = choose_wavelengths(count, low, high)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from vrte.appearance.colours import convert_to_hex
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError
 from vrte.results.brdf import Brdf
@@ -85,12 +86,3 @@ def compute_colours(wavelength_um: Array, curves: dict[str, Array]) -> tuple[dic
         return {}, str(error)
     exposed = make_film(weighed.sum(axis=1))
     return {name: tuple(map(convert_to_hex, exposed((weighed @ curve).T))) for name, curve in curves.items()}, ""
-
-
-def convert_to_hex(colour: Array) -> str:
-    """sRGB from 0 to 1 as a browser takes it.
-
-    >>> convert_to_hex(np.array([1.0, 0.5, 0.0]))
-    '#ff8000'
-    """
-    return "#" + "".join(f"{round(255.0 * value):02x}" for value in np.clip(colour, 0.0, 1.0).tolist())

@@ -1,0 +1,213 @@
+"""Colours of spectra: the perfect white, colour-science's own sums, published pairs and cards, and what is refused."""
+
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vrte.appearance.colours import Colour, find_colour, find_difference, weigh_wavelengths
+from vrte.appearance.lights import OBSERVERS, find_white, import_colour_science, list_illuminants
+from vrte.basics.arrays import Array
+from vrte.basics.errors import MissingExtraError, SceneError
+
+FINE = np.linspace(0.36, 0.83, 471)
+BROAD = np.linspace(0.39, 0.73, 35)
+# published: Sharma, Wu and Dalal, Color Res. Appl. 30, 21 (2005), table 1, pairs 1, 2, 17, 18, 25 and 34
+PAIRS = [
+    ((50.0, 2.6772, -79.7751), (50.0, 0.0, -82.7485), 2.0425),
+    ((50.0, 3.1571, -77.2803), (50.0, 0.0, -82.7485), 2.8615),
+    ((50.0, 2.5, 0.0), (73.0, 25.0, -18.0), 27.1492),
+    ((50.0, 2.5, 0.0), (50.0, 3.1736, 0.5854), 1.0),
+    ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387), 1.2644),
+    ((2.0776, 0.0795, -1.135), (0.9033, -0.0636, -0.5514), 0.9082),
+]
+# of the perfect white, 5 or 1 nm from 380 to 780 nm, as ASTM E308 prints them (from memory): X and Z
+WHITES = {
+    ("D65", 2): (95.047, 108.883),
+    ("D65", 10): (94.811, 107.304),
+    ("A", 2): (109.850, 35.585),
+    ("D50", 2): (96.422, 82.521),
+}
+
+
+def smooth_spectra(wavelengths_um: Array) -> Array:
+    """(4, n): a grey slope, a red edge, a green hump, a blue that falls."""
+    x = wavelengths_um
+    return np.array(
+        [
+            0.2 + 0.5 * (x - 0.36),
+            0.05 + 0.6 / (1.0 + np.exp((0.59 - x) / 0.015)),
+            0.1 + 0.4 * np.exp(-(((x - 0.53) / 0.05) ** 2)),
+            0.6 / (1.0 + np.exp((x - 0.5) / 0.02)),
+        ]
+    )
+
+
+def measured_spectra() -> tuple[Array, Array]:
+    """Wavelengths [um] and (24, n) reflectances of the ColorChecker (BabelColor's average), in steps of 10 nm."""
+    card = import_colour_science().SDS_COLOURCHECKERS["BabelColor Average"]
+    spectra = list(card.values())
+    return spectra[0].wavelengths * 1e-3, np.array([each.values for each in spectra])
+
+
+def make_lab(lab: tuple[float, float, float], illuminant: str = "D65", observer: int = 10) -> Colour:
+    nothing = (0.0, 0.0, 0.0)
+    return Colour(0.0, 0.0, 0.0, *lab, illuminant, observer, (0.36, 0.83), (nothing, nothing))
+
+
+@pytest.mark.parametrize("observer", OBSERVERS)
+def test_the_perfect_white_is_white_in_every_light(observer: int) -> None:
+    for illuminant in list_illuminants():
+        white = find_colour(BROAD, np.ones(BROAD.size), illuminant, observer)
+        np.testing.assert_allclose((white.Y, white.L, white.a, white.b), (100.0, 100.0, 0.0, 0.0), atol=1e-9)
+        assert white.is_in_gamut
+        assert white.hex == "#ffffff"
+        np.testing.assert_allclose(white.linear_srgb, 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("light", "expected"), WHITES.items(), ids=str)
+def test_published_whites(light: tuple[str, int], expected: tuple[float, float]) -> None:
+    """What is left is the wavelengths beyond 780 nm, and tables of 1 nm against 5 nm."""
+    np.testing.assert_allclose(100.0 * find_white(*light)[[0, 2]], expected, rtol=2e-4)
+
+
+@pytest.mark.parametrize("light", [("D65", 10), ("A", 2), ("FL2", 10), ("LED-B1", 2)], ids=str)
+def test_sums_are_those_of_colour_science(light: tuple[str, int]) -> None:
+    """1 nm by 1 nm, the illuminant straight between its 5 nm."""
+    colour = import_colour_science()
+    matching = colour.MSDS_CMFS[OBSERVERS[light[1]]]
+    lamp = colour.SDS_ILLUMINANTS[light[0]].copy().align(matching.shape)
+    for values in smooth_spectra(FINE):
+        spectrum = colour.SpectralDistribution(values, matching.wavelengths)
+        found = find_colour(FINE, values, *light)
+        expected = colour.sd_to_XYZ(spectrum, matching, lamp, method="Integration")
+        np.testing.assert_allclose((found.X, found.Y, found.Z), expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize(("count", "largest"), [(16, 0.15), (31, 0.05), (61, 0.01)])
+def test_few_wavelengths_do_for_smooth_spectra(count: int, largest: float) -> None:
+    """CIEDE2000 from sums over 1 nm; docs/appearance.md has the errors on measured spectra."""
+    few = np.linspace(0.40, 0.70, count)
+    gaps = [
+        find_difference(find_colour(few, sparse), find_colour(FINE, full))
+        for sparse, full in zip(smooth_spectra(few), smooth_spectra(FINE), strict=True)
+    ]
+    assert max(gaps) < largest
+
+
+def test_few_wavelengths_do_for_a_colour_chart() -> None:
+    """16 wavelengths against 31 of the same 10 nm table."""
+    known, spectra = measured_spectra()
+    few = np.linspace(0.40, 0.70, 16).round(4)
+    picked = [int(np.argmin(np.abs(known - each))) for each in few]
+    gaps = [find_difference(find_colour(few, each[picked]), find_colour(known, each)) for each in spectra]
+    assert np.median(gaps) < 0.05
+    assert 0.02 < max(gaps) < 0.2
+
+
+def test_a_colour_chart_has_its_published_colours() -> None:
+    """sRGB of dark skin, red and white of the ColorChecker in D65 for 2 degrees, within the spread of batches: X-Rite's
+    8-bit values are from memory."""
+    known, spectra = measured_spectra()
+    for place, expected in ((0, (115, 82, 68)), (14, (175, 54, 60)), (18, (243, 243, 242))):
+        found = find_colour(known, spectra[place], "D65", 2)
+        np.testing.assert_allclose(255.0 * found.srgb, expected, atol=6.0)
+        assert found.is_in_gamut
+    cyan = find_colour(known, spectra[17], "D65", 2)  # known for lying outside of sRGB
+    assert not cyan.is_in_gamut
+    assert cyan.linear_srgb[0] < 0.0
+    assert cyan.gamut_gap > 0.5
+    assert "cut off for the screen by" in str(cyan)
+
+
+@pytest.mark.parametrize(("one", "other", "expected"), PAIRS)
+def test_published_differences(one: Any, other: Any, expected: float) -> None:
+    assert find_difference(make_lab(one), make_lab(other)) == pytest.approx(expected, abs=5.1e-5)
+    assert find_difference(make_lab(other), make_lab(one)) == pytest.approx(expected, abs=5.1e-5)
+
+
+def test_chroma_and_hue() -> None:
+    yellow = make_lab((80.0, 0.0, 50.0))
+    assert (yellow.C, yellow.h) == (50.0, 90.0)
+    assert make_lab((80.0, 3.0, -4.0)).C == 5.0
+    assert make_lab((80.0, 3.0, -3.0)).h == pytest.approx(315.0)
+
+
+def test_what_a_screen_shows_instead() -> None:
+    """What is brighter than white is shown as white, and the gap is that between the two."""
+    bright = find_colour(BROAD, np.full(BROAD.size, 1.2))
+    white = find_colour(BROAD, np.ones(BROAD.size))
+    assert bright.hex == "#ffffff"
+    assert bright.gamut_gap == pytest.approx(find_difference(bright, white), rel=1e-6)
+    assert (white.gamut_gap, bright.is_in_gamut) == (0.0, False)
+
+
+def test_in_its_own_light_grey_is_grey_on_the_screen() -> None:
+    for light in (("A", 10), ("FL11", 2)):
+        red, green, blue = find_colour(BROAD, np.full(BROAD.size, 0.4), *light).srgb
+        assert red == pytest.approx(green, abs=1e-9)
+        assert blue == pytest.approx(green, abs=1e-9)
+
+
+def test_what_lies_beyond_the_wavelengths_is_told() -> None:
+    """Rutile's index begins at 0.43 um: 15 % of Z is taken as there."""
+    short = find_colour(np.linspace(0.43, 0.70, 16), np.full(16, 0.8))
+    assert short.extrapolation == "X 4 %, Z 15 % below 0.43 µm, taken as at 0.43"
+    assert short.extrapolated == pytest.approx(0.153, abs=1e-3)
+    assert short.extrapolation in str(short)
+    assert find_colour(BROAD, np.ones(BROAD.size)).extrapolation == ""
+    wide = np.linspace(0.3, 2.3, 101)  # what nobody sees does not matter
+    np.testing.assert_allclose(find_colour(wide, np.where(wide < 0.9, 0.5, 0.1)).Y, 50.0, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("wavelengths", "words"),
+    [
+        (np.linspace(0.45, 0.70, 20), "47 % of Z .* below 0.45 µm, where at most 20 % may; begin at 0.434 µm or less"),
+        (np.linspace(0.40, 0.60, 20), "32 % of X .* above 0.6 µm, where at most 5 % may; end at 0.642 µm or more"),
+        (np.linspace(0.40, 0.70, 6), "at most 0.04 µm apart from 0.4 to 0.7 µm, not 0.06 as between 0.64 and 0.7"),
+        (np.linspace(400.0, 700.0, 31), "100 % of X .* below 400 µm"),
+        ([0.55], "must cover the visible"),
+        (np.linspace(0.70, 0.40, 31), "must rise from each to the next"),
+        ([0.4, np.nan], "must be finite"),
+    ],
+)
+def test_wavelengths_that_make_no_colour(wavelengths: Any, words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        find_colour(wavelengths, np.full(np.size(wavelengths), 0.5))
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"illuminant": "F11"}, "illuminant must be one of A, B, C, D50, .*, not 'F11'; did you mean 'FL11'"),
+        ({"illuminant": "ISO 7589 Sensitometric Printer"}, "illuminant must be one of"),  # known to 560 nm
+        ({"illuminant": ["D65"]}, "illuminant must be a name"),
+        ({"observer": 5}, "observer must be 2 or 10"),
+        ({"observer": "two"}, "observer must be a whole number"),
+        ({"reflectance": np.full(34, 0.5)}, "one number a wavelength, 35, not 34"),
+        ({"reflectance": np.linspace(-0.1, 0.5, 35)}, "reflectance must be numbers >= 0, not -0.1"),
+    ],
+)
+def test_bad_input_is_one_sentence(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        find_colour(BROAD, **{"reflectance": np.full(35, 0.5), **given})
+
+
+def test_colours_of_two_lights_are_not_compared() -> None:
+    with pytest.raises(SceneError, match="not D65, 10 degrees and A, 10 degrees"):
+        find_difference(make_lab((50.0, 0.0, 0.0)), make_lab((50.0, 0.0, 0.0), "A"))
+
+
+def test_weights_are_kept_and_nobody_can_spoil_them() -> None:
+    weights = weigh_wavelengths(BROAD)
+    assert weigh_wavelengths(BROAD.tolist()) is weights
+    with pytest.raises(ValueError, match="read-only"):
+        weights[0, 0] = 1.0
+
+
+def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "colour", None)
+    with pytest.raises(MissingExtraError, match="a colour needs the extra 'appearance'"):
+        find_colour(BROAD + 1e-7, np.ones(BROAD.size))
