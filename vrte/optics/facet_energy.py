@@ -17,11 +17,13 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import RefractedNodes, make_double_gauss, make_refracted_nodes
+from vrte.basics.remembering import Remembered
 from vrte.optics.facet_integrals import gather_orders
 from vrte.optics.facets import RoughSurface
 from vrte.optics.fresnel import reflect_smooth
 
 NODES, FINE = 40, 1e-9
+_SHARED = Remembered()  # the same facets lie on a panel at every thickness, over every base
 EVERYTHING = 1e6j  # times the index before: facets that reflect all, whatever the angle
 
 
@@ -52,6 +54,12 @@ def restore_lost(surface: RoughSurface, mu_i: Array, mu_o: Array, transmitted: b
 def share_once(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
     """R and T of single bounces, of I and of what Q adds, (n, 2) each, by reciprocity: the I and Q that evenly lit
     facets send along mu."""
+    found = _SHARED.find((surface, mu.tobytes()), lambda: integrate_shares(surface, mu))
+    return found[0], found[1]
+
+
+def integrate_shares(surface: RoughSurface, mu: Array) -> tuple[Array, Array]:
+    """What `share_once` remembers."""
     nodes = place_nodes(surface)
     cosines, weights = nodes.carried(surface.index_from)
     sent = gather_orders(surface, False, nodes, mu, 1, FINE)[0, ..., :2, 0]

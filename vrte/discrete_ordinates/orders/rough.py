@@ -14,11 +14,13 @@ import numpy as np
 
 from vrte.basics.arrays import Array
 from vrte.basics.quadrature import RefractedNodes
+from vrte.basics.remembering import Remembered
 from vrte.optics.facet_energy import restore_lost
 from vrte.optics.facet_integrals import gather_orders
 from vrte.optics.facets import RoughSurface
 from vrte.scene.interface import Interface
 
+_EXPANDED = Remembered()
 REFLECTED, TRANSMITTED = np.diag([1.0, 1.0, -1.0, 1.0]), np.diag([1.0, 1.0, 1.0, -1.0])  # Q, and of orders Q D
 
 
@@ -44,7 +46,24 @@ def expand_interface(
     accuracy: float = 1e-9,
     threads: int = 1,
 ) -> RoughOrders:
-    """What a rough interface does in the orders 0 .. n_order - 1; ``beams``, ``seen``: cosines above and below."""
+    """What a rough interface does in the orders 0 .. n_order - 1; ``beams``, ``seen``: cosines above and below. It is
+    remembered: nothing of what lies below a surface matters for it."""
+    placed = (nodes.highest, nodes.depth, nodes.measure, *beams, *seen)
+    key = interface, nodes.panels, tuple(part.tobytes() for part in placed), n_order, accuracy
+    found = _EXPANDED.find(key, lambda: integrate_interface(interface, nodes, beams, seen, n_order, accuracy, threads))
+    return RoughOrders((found[0], found[1]), (found[2], found[3]))
+
+
+def integrate_interface(
+    interface: Interface,
+    nodes: RefractedNodes,
+    beams: tuple[Array, Array],
+    seen: tuple[Array, Array],
+    n_order: int,
+    accuracy: float,
+    threads: int,
+) -> tuple[Array, Array, Array, Array]:
+    """What `expand_interface` remembers: reflected from above and below, let through from above and below."""
     indices = interface.index_above, interface.index_below
     sides = [interface.facets, interface.turned.facets]
     carried = [nodes.carried(index) for index in indices]
@@ -72,7 +91,7 @@ def expand_interface(
         for k in (0, 1):
             add_lost(found.reflected[k], sides[k], False, (mu[k], beams[k]), (mu[k], seen[k]))
             add_lost(found.transmitted[k], sides[k], True, (mu[k], beams[k]), (mu[1 - k], seen[1 - k]))
-    return found
+    return *found.reflected, *found.transmitted
 
 
 def add_lost(
