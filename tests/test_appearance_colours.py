@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vrte.appearance.colours import Colour, find_colour, find_difference, weigh_wavelengths
+from vrte.appearance.colours import Colour, estimate_error, find_colour, find_difference, weigh_wavelengths
 from vrte.appearance.lights import OBSERVERS, find_white, import_colour_science, list_illuminants
 from vrte.basics.arrays import Array
 from vrte.basics.errors import MissingExtraError, SceneError
@@ -211,3 +211,16 @@ def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "colour", None)
     with pytest.raises(MissingExtraError, match="a colour needs the extra 'appearance'"):
         find_colour(BROAD + 1e-7, np.ones(BROAD.size))
+
+
+def test_ripples_between_wavelengths_are_found() -> None:
+    """The estimate is on the safe side for smooth spectra, and shouts where the steps are too wide for a ripple."""
+    few = np.linspace(0.40, 0.70, 16)
+    seen = np.linspace(0.40, 0.70, 301)  # not what lies beyond the ends, which is told otherwise
+    for sparse, full in zip(smooth_spectra(few)[1:], smooth_spectra(seen)[1:], strict=True):
+        estimate = estimate_error(few, sparse)
+        assert find_difference(find_colour(few, sparse), find_colour(seen, full)) < estimate < 1.0
+    assert estimate_error(few, 0.5 + 0.2 * np.sin(few / 0.01)) > 1.0
+    assert estimate_error(few, 0.5 + 0.2 * np.sin(few / 0.003)) < 0.1  # 19 nm: as its docstring says, unseen
+    nine = np.linspace(0.40, 0.70, 9)  # half of them are further apart than a colour may have them
+    assert estimate_error(nine, np.full(9, 0.5)) < 1e-9

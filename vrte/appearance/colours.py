@@ -12,9 +12,11 @@ import numpy as np
 
 from vrte.appearance.lights import (
     check_light,
+    combine_illuminant,
     find_shares_beyond,
     find_white,
     import_colour_science,
+    spread_weights,
     weigh_wavelengths,
 )
 from vrte.basics.arrays import Array, check_vector, settle_array
@@ -147,6 +149,44 @@ def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", 
     known_um = float(wavelengths[0]), float(wavelengths[-1])
     below, above = find_shares_beyond(*known_um, illuminant, observer).tolist()
     return _make_colour(weights @ factors, illuminant, observer, known_um, (tuple(below), tuple(above)))
+
+
+def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", observer: int = 10) -> float:
+    """CIEDE2000 from a colour to that of every second wavelength (and the last): whether the steps are narrow enough.
+
+    Parameters
+    ----------
+    wavelengths_um, reflectance, illuminant, observer
+        As for `find_colour`.
+
+    Returns
+    -------
+    float
+        For smooth spectra several times the error of all wavelengths; where it is above 1, there are ripples, as
+        spheres of one size have them, and the error may be as large. A ripple of the steps' own period stays unseen.
+
+    Raises
+    ------
+    SceneError, MissingExtraError
+        As `find_colour`.
+
+    Examples
+    --------
+    >>> wavelengths_um = np.linspace(0.40, 0.70, 16)
+    >>> smooth, rippled = (0.5 + 0.2 * np.sin(wavelengths_um / period) for period in (0.03, 0.01))
+    >>> [round(estimate_error(wavelengths_um, each), 2) for each in (smooth, rippled)]
+    [0.05, 9.28]
+    """
+    colour = find_colour(wavelengths_um, reflectance, illuminant, observer)
+    count = np.size(reflectance)
+    half = np.unique([*range(0, count, 2), count - 1])
+    wavelengths, factors = np.asarray(wavelengths_um, dtype=float)[half], np.asarray(reflectance, dtype=float)[half]
+    weights = spread_weights(
+        wavelengths, *combine_illuminant(illuminant, observer)
+    )  # wider steps than colours may have
+    return find_difference(
+        colour, _make_colour(weights @ factors, illuminant, observer, colour.known_um, colour.beyond)
+    )
 
 
 def find_difference(one: Colour, other: Colour) -> float:

@@ -107,12 +107,12 @@ def check_light(illuminant: Any, observer: Any) -> tuple[str, int]:
         raise SceneError(f"observer must be 2 or 10 (degrees), not {degrees}", "observer")
     if not isinstance(illuminant, str):
         raise SceneError(f"illuminant must be a name, 'D65', not {show_value(illuminant)}", "illuminant")
-    _combine_illuminant(illuminant, degrees)
+    combine_illuminant(illuminant, degrees)
     return illuminant, degrees
 
 
 @lru_cache(maxsize=256)
-def _combine_illuminant(illuminant: str, observer: int) -> tuple[Array, Array]:
+def combine_illuminant(illuminant: str, observer: int) -> tuple[Array, Array]:
     """`combine_with_observer` of an illuminant by its name. Raises SceneError."""
     known = list_illuminants()
     if illuminant not in known:
@@ -126,14 +126,14 @@ def _combine_illuminant(illuminant: str, observer: int) -> tuple[Array, Array]:
 @lru_cache(maxsize=256)
 def find_white(illuminant: str, observer: int) -> Array:
     """X, Y, Z of the perfect white (3,), Y = 1."""
-    _, combined = _combine_illuminant(illuminant, observer)
+    _, combined = combine_illuminant(illuminant, observer)
     return settle_array(combined.sum(axis=0) / combined[:, 1].sum())
 
 
 @lru_cache(maxsize=256)
 def find_shares_beyond(first_um: float, last_um: float, illuminant: str, observer: int) -> Array:
     """(2, 3): shares of X, Y, Z of the perfect white that lie below the first wavelength, and above the last."""
-    fine, combined = _combine_illuminant(illuminant, observer)
+    fine, combined = combine_illuminant(illuminant, observer)
     outside = fine < first_um - 1e-9, fine > last_um + 1e-9
     return settle_array(np.array([combined[where].sum(axis=0) for where in outside]) / combined.sum(axis=0))
 
@@ -154,12 +154,12 @@ def _weigh(wavelengths: bytes, illuminant: str, observer: int) -> Array:
             f"not {steps[place]:.3g} as between {wavelengths_um[place]:g} and {wavelengths_um[place + 1]:g}",
             "wavelengths_um",
         )
-    return settle_array(spread_weights(wavelengths_um, *_combine_illuminant(illuminant, observer)))
+    return settle_array(spread_weights(wavelengths_um, *combine_illuminant(illuminant, observer)))
 
 
 def _check_ends(first_um: float, last_um: float, illuminant: str, observer: int) -> None:
     """Raises SceneError where too much of the visible lies below the first wavelength or above the last."""
-    fine, combined = _combine_illuminant(illuminant, observer)
+    fine, combined = combine_illuminant(illuminant, observer)
     beyond = find_shares_beyond(first_um, last_um, illuminant, observer)
     for shares, end_um, words, step in zip(beyond, (first_um, last_um), ("below", "above"), (1, -1), strict=True):
         worst = int(np.argmax(shares / MOST_BEYOND))
