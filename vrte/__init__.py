@@ -15,6 +15,7 @@ except ModuleNotFoundError as error:
         "use the vrte that is installed, or build it here by 'make env' or 'pip install --editable .'"
     ) from None
 
+from vrte.appearance.appearance import Appearance, appearance
 from vrte.basics.errors import (
     AccuracyError,
     AccuracyWarning,
@@ -75,6 +76,7 @@ __all__ = [
     "RPV",
     "AccuracyError",
     "AccuracyWarning",
+    "Appearance",
     "Brdf",
     "CoarseTableWarning",
     "DeviceError",
@@ -108,6 +110,7 @@ __all__ = [
     "TabulatedBase",
     "UnitsWarning",
     "Views",
+    "appearance",
     "brdf",
     "brdfs",
     "coated_spheres",

@@ -11,7 +11,7 @@ import numpy as np
 
 from vrte.basics.arrays import Array, check_number, check_whole
 from vrte.basics.errors import SceneError
-from vrte.basics.running import Progress
+from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.forecast import foretell_all
 from vrte.calls.mitsuba import take_off
 from vrte.calls.plan import make_request
@@ -21,6 +21,7 @@ from vrte.formats.named import find_known_wavelengths
 from vrte.formats.paints import expand_content
 from vrte.formats.particle_sources import Compute, make_particles
 from vrte.formats.scene_file import make_scene_file, read_content, read_listed_wavelengths
+from vrte.request.request import Request
 from vrte.results.spectrum import Spectrum, check_ascending
 from vrte.scene.boundary import Boundary
 from vrte.scene.interface import Interface
@@ -132,17 +133,32 @@ class Panel:
         """The BRDFs at all wavelengths, side by side on the cores.
 
         ``mu_i``, ``mu_o``, ``phi`` as for `vrte.brdf`. Along the normal, mu_o = 1, unpolarized light takes the first
-        orders alone. Raises SceneError, which names the wavelength.
+        orders alone. How many nodes the accuracy takes is found at three wavelengths, the first, the last and one
+        between; the most of these serve the others. Raises SceneError, which names the wavelength.
         """
-        requests = []
-        for wavelength, scene in zip(self.wavelength_um, self.scenes, strict=True):
-            try:
-                requests.append(make_request("brdf", scene, mu_i=mu_i, mu_o=mu_o, phi=phi, threads=1, **self.asked))
-            except SceneError as error:
-                raise error.behind(f"at {wavelength:g} um") from error
-        count = len(requests)
-        foretell_all(count, lambda place: (requests[place], 0.0), f"{count} wavelengths")
-        return Spectrum(self.wavelength_um, tuple(solve_side_by_side(requests, progress)))
+        directions = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi}
+        count = len(self)
+        looked_at = sorted({0, count // 2, count - 1})
+        rest = [place for place in range(count) if place not in looked_at]
+        requests = {place: self._ask(place, **directions, **self.asked) for place in looked_at}
+        part = progress and (lambda done, total: progress(done, count))
+        found = dict(zip(looked_at, solve_side_by_side(list(requests.values()), part), strict=True))
+        if rest:
+            most = max(one.diagnostics.get("nodes", 0) for one in found.values())
+            fixed = {"nodes": most} if most and "accuracy" in self.asked else {}
+            others = [self._ask(place, **directions, **{**self.asked, **fixed}) for place in rest]
+            told = f"the other {len(rest)} wavelengths"
+            foretell_all(len(rest), lambda place: (others[place], 0.0), told, workers=count_usable_cpus())
+            part = progress and (lambda done, total: progress(done + len(looked_at), count))
+            found |= dict(zip(rest, solve_side_by_side(others, part), strict=True))
+        return Spectrum(self.wavelength_um, tuple(found[place] for place in range(count)))
+
+    def _ask(self, place: int, **asked: Any) -> Request:
+        """The request at one wavelength, on one thread. Raises SceneError, which names it."""
+        try:
+            return make_request("brdf", self.scenes[place], threads=1, **asked)
+        except SceneError as error:
+            raise error.behind(f"at {self.wavelength_um[place]:g} um") from error
 
 
 def make_panel(

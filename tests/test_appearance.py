@@ -1,0 +1,209 @@
+"""What instruments read off a panel: geometries by name, reflectance factors, colour and polarization."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.appearance.apertures import Round
+from vrte.appearance.geometries import (
+    MULTI_ANGLE,
+    STANDARD_GEOMETRIES,
+    find_cosine,
+    find_reflectance,
+    read_geometry,
+    solve_geometry,
+)
+from vrte.appearance.panel import make_panel
+
+VISIBLE = np.linspace(0.4, 0.7, 9)
+NOTHING = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
+SURFACE = {"interface": {"above": 1.0, "below": 1.5}}
+ROUGH = {"interface": {"above": 1.0, "below": 1.5, "roughness": 0.1, "shadowing": True}}
+CLOUDY = {"phase": "rayleigh", "albedo": 0.98, "thickness": 3.0}
+TWO = [0.5, 0.6]
+
+
+def over(albedo: float) -> dict[str, Any]:
+    return {"kind": "lambertian", "albedo": albedo}
+
+
+@pytest.mark.parametrize(
+    ("name", "angles", "excluded"),
+    [
+        ("45:0", (45.0, 0.0), False),
+        ("45°:0°", (45.0, 0.0), False),
+        ("45:as15", (45.0, 30.0), False),
+        ("45:as110", (45.0, -65.0), False),
+        ("45:as-15", (45.0, 60.0), False),
+        ("60:-20", (60.0, -20.0), False),
+        ("8:di", (8.0, None), False),
+        ("de:8", (8.0, None), True),
+        ("di:di", (None, None), False),
+    ],
+)
+def test_geometries_have_the_names_of_cie_15(name: str, angles: tuple[float, float], excluded: bool) -> None:
+    found = read_geometry(name)
+    assert (found.angle_i, found.angle_o) == angles
+    assert found.excluded == excluded
+    assert found.definition
+    assert found.standard
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("45/0", "must be a geometry such as '45:0'"),
+        (45, "must be a geometry such as '45:0'"),
+        ("8:8", "looks along the mirrored beam.*ask for gloss"),
+        ("45:as0", "looks along the mirrored beam"),
+        ("90:0", "has an angle of 90 degrees: must be below 90"),
+        ("45:as150", "has an angle of -105 degrees"),
+        ("di:de", "must be a geometry"),
+    ],
+)
+def test_other_names_are_refused(name: Any, message: str) -> None:
+    with pytest.raises(vrte.SceneError, match=message):
+        read_geometry(name)
+
+
+def test_an_even_panel_reads_its_albedo_in_every_geometry() -> None:
+    look = vrte.appearance({"layer": [NOTHING], "base": over(0.37)}, TWO, [*STANDARD_GEOMETRIES, "30:di", "60:-20"])
+    for name, values in look.reflectances.items():
+        assert np.allclose(values, 0.37, rtol=0, atol=1e-13), name
+    assert not any(degree.any() for degree in (look.polarization(name)[0] for name in look.light))
+
+
+def test_light_and_eye_may_change_places() -> None:
+    look = vrte.appearance(
+        {"layer": [SURFACE, CLOUDY], "base": over(0.5)}, TWO, ["45:0", "0:45", "8:di", "30:60", "60:30"], nodes=16
+    )
+    assert np.allclose(look.reflectance("45:0"), look.reflectance("0:45"), rtol=1e-9)
+    assert np.allclose(look.reflectance("30:60"), look.reflectance("60:30"), rtol=1e-9)
+    assert look.reflectance("di:8") is look.reflectance("8:di")
+    assert look.reflectance("45:as45") is look.reflectance("45:0")
+    with pytest.raises(vrte.SceneError, match="was not asked for"):
+        look.reflectance("30:-60")
+
+
+def test_nothing_is_lost_where_nothing_absorbs() -> None:
+    white = {"layer": [SURFACE, CLOUDY | {"albedo": 1.0}], "base": over(1.0)}
+    look = vrte.appearance(white, TWO, ["8:di", "60:di", "di:di"], nodes=12)
+    for values in look.reflectances.values():
+        assert np.allclose(values, 1.0, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("port_deg", [2.0, 10.0, 25.0])
+def test_the_port_of_a_sphere_takes_the_mirrored_beam_away(port_deg: float) -> None:
+    """A base under a smooth surface: all but the beam, up to how uneven the rest is over the port."""
+    content = {"layer": [SURFACE], "base": over(0.6)}
+    look = vrte.appearance(content, TWO, ["8:di", "8:de"], port_deg=port_deg)
+    brdf = vrte.brdf(make_panel(content, TWO).scenes[0], find_cosine(8.0), hemisphere_and_8(), nodes=8)
+    beam = ((1.5 - 1.0) / (1.5 + 1.0)) ** 2
+    diffuse = look.reflectance("8:di")[0] - brdf.specular_reflectance[0]
+    assert brdf.specular_reflectance[0] == pytest.approx(beam, rel=1e-3)
+    g = math.radians(0.5 * port_deg)
+    share = math.sin(g) ** 2 * find_cosine(8.0)
+    lost = np.pi * brdf.mueller[0, -1, 0, 0, 0] * share
+    assert look.reflectance("8:de")[0] == pytest.approx((diffuse - lost) / (1.0 - share), rel=1e-6)
+
+
+def hemisphere_and_8() -> list[float]:
+    return [0.5, find_cosine(8.0)]
+
+
+def test_a_port_takes_a_rough_surfaces_lobe_in_part() -> None:
+    """Of a surface over black all that comes back is its lobe: a port as wide as the hemisphere around it takes what
+    the brute-force sum over a fine grid of directions does."""
+    content = {"layer": [ROUGH]}
+    panel = make_panel(content, [0.55])
+    total = find_reflectance(solve_geometry(panel, "8:di"), "8:di")[0]
+    surface = panel.surface[0]
+    assert surface is not None
+    assert total == pytest.approx(float(surface.share([find_cosine(8.0)])[0][0]), rel=1e-4)
+    for port_deg, most in ((5.0, 1.0), (20.0, 0.5), (60.0, 0.01)):
+        spectrum = solve_geometry(panel, "8:de")
+        kept = find_reflectance(spectrum, "8:de", panel.surface, port_deg)[0]
+        seen = math.sin(math.radians(0.5 * port_deg)) ** 2 * find_cosine(8.0)
+        taken = total - kept * (1.0 - seen)
+        assert taken == pytest.approx(add_up_lobe(surface, Round(port_deg)), rel=2e-3)
+        assert kept < most * total
+
+
+def add_up_lobe(surface: vrte.Interface, port: Round) -> float:
+    """The share of a beam at 8 degrees that goes into a round port around its mirror image, by rings of directions."""
+    t = math.radians(8.0)
+    g = math.radians(port.reach_deg) * (np.arange(400) + 0.5) / 400
+    turned = 2 * np.pi * (np.arange(360) + 0.5) / 360
+    x, y, z = np.sin(g)[:, None] * np.cos(turned), np.sin(g)[:, None] * np.sin(turned), np.cos(g)[:, None] + 0 * turned
+    across, along, up = y, x * np.cos(t) + z * np.sin(t), -x * np.sin(t) + z * np.cos(t)
+    f = surface.facets.reflect(np.full_like(up, np.cos(t)), up, np.degrees(np.arctan2(across, along)))[..., 0, 0]
+    ring = np.sin(g) * (math.radians(port.reach_deg) / 400) * (2 * np.pi / 360)
+    return float(((f * up).sum(axis=1) * ring).sum())
+
+
+def test_multi_angle_views_are_those_of_the_brdf() -> None:
+    """15 degrees off the mirrored beam at 45 is 30 degrees from the normal, on its side."""
+    content = {"layer": [SURFACE, CLOUDY], "base": over(0.2)}
+    look = vrte.appearance(content, TWO, MULTI_ANGLE, nodes=16)
+    scene = make_panel(content, TWO).scenes[0]
+    for name, angle, phi in (("45:as15", 30.0, 0.0), ("45:as45", 0.0, 0.0), ("45:as110", 65.0, 180.0)):
+        f = vrte.brdf(scene, find_cosine(45.0), find_cosine(angle), phi, nodes=16).mueller[0, 0, 0]
+        assert look.reflectance(name)[0] == pytest.approx(np.pi * f[0, 0], rel=1e-9)
+        degree, angle_deg = look.polarization(name)
+        assert degree[0] == pytest.approx(math.hypot(f[1, 0], f[2, 0]) / f[0, 0], abs=1e-9)
+        assert angle_deg[0] == pytest.approx(0.0 if f[1, 0] > 0 else 90.0, abs=1e-6)
+
+
+def test_light_scattered_by_small_particles_is_polarized_across_the_plane() -> None:
+    thin = {"layer": [CLOUDY | {"thickness": 0.01}]}
+    degree, angle = vrte.appearance(thin, TWO, ["60:-30"], nodes=8).polarization("60:-30")  # turned by 150 degrees
+    assert degree[0] == pytest.approx(
+        (1 - math.cos(math.radians(150)) ** 2) / (1 + math.cos(math.radians(150)) ** 2), abs=0.02
+    )
+    assert angle[0] == pytest.approx(90.0, abs=1e-6)
+
+
+def test_the_perfect_white_has_the_lightness_100() -> None:
+    look = vrte.appearance({"layer": [NOTHING], "base": over(1.0)}, VISIBLE, ["45:0"], "A", 2)
+    assert pytest.approx(100.0, abs=1e-9) == look.colour().L
+    grey = vrte.appearance({"layer": [NOTHING], "base": over(0.184)}, VISIBLE, ["45:0"], "A", 2)
+    assert pytest.approx(49.98, abs=0.01) == grey.colour().L
+    assert grey.difference(look) > 30.0
+    other = vrte.appearance({"layer": [NOTHING], "base": over(0.184)}, VISIBLE, ["45:0"])
+    with pytest.raises(vrte.SceneError, match=r"illuminant|observer|light"):
+        grey.difference(other)
+
+
+def test_a_spectrum_is_read_as_far_as_its_directions_go() -> None:
+    content = {"layer": [SURFACE, CLOUDY]}
+    look = vrte.appearance(content, TWO, ["45:0", "8:di"], nodes=12)
+    spectrum = vrte.spectrum(
+        content | {"brdf": {"mu_i": [find_cosine(45.0), find_cosine(8.0)], "mu_o": 1.0}}, TWO, nodes=12
+    )
+    read = vrte.appearance(spectrum)
+    assert set(read.reflectances) == {"8:di", "45:0", "45:as45"}
+    for name in read.reflectances:
+        assert np.allclose(read.reflectance(name), look.reflectance(name), rtol=1e-12)
+    for ask, message in (
+        (lambda: vrte.appearance(spectrum, geometries=["45:as15"]), "'45:as15' needs mu_o = 0.8660254038.*is 1"),
+        (lambda: vrte.appearance(spectrum, nodes=4), "nodes is not used: the spectrum is solved already"),
+        (lambda: read.reflectance("45:as15"), "was not asked for: there are 8:di, 45:0, 45:as45"),
+        (lambda: read.polarization("8:di"), "has no polarization here: there are 45:0, 45:as45"),
+    ):
+        with pytest.raises(vrte.SceneError, match=message):
+            ask()
+    elsewhere = vrte.spectrum(content | {"brdf": {"mu_i": 0.3, "mu_o": 0.2}}, TWO, nodes=4)
+    with pytest.raises(vrte.SceneError, match="has the directions of none of"):
+        vrte.appearance(elsewhere)
+
+
+def test_readings_are_listed_with_what_they_are() -> None:
+    look = vrte.appearance({"layer": [NOTHING], "base": over(0.5)}, VISIBLE, ["45:0", "8:di"])
+    rows = list(look.list_readings())
+    assert len(rows) == 2 * 9 + 2 * 9 + 2 * 8
+    assert all(row.definition and row.standard and row.unit for row in rows)
+    lightness = [row.value for row in rows if row.quantity == "L"]
+    assert lightness == pytest.approx([look.colour().L] * 2)

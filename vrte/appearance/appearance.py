@@ -1,0 +1,224 @@
+"""vrte.appearance: what the instruments of a coatings laboratory read off a panel."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from vrte.appearance.colours import Colour, find_colour, find_difference
+from vrte.appearance.geometries import (
+    PORT_DEG,
+    STANDARD_GEOMETRIES,
+    find_light,
+    find_reflectance,
+    read_geometry,
+    solve_geometries,
+)
+from vrte.appearance.lights import check_light
+from vrte.appearance.panel import Panel, make_panel
+from vrte.basics.arrays import Array, show_value
+from vrte.basics.errors import SceneError
+from vrte.basics.polarization import find_angle_of_linear_polarization, find_degree_of_linear_polarization
+from vrte.basics.running import Progress, share_progress
+from vrte.calls.spectrum import Source
+from vrte.results.spectrum import Spectrum
+
+VISUAL = "45:0"  # what is looked at where nobody says how: the surface's mirror image is left out
+
+
+class Reading(NamedTuple):
+    """One number: of what, in which geometry, at which wavelength [um] (None: of all), its unit, what it is and which
+    standard defines it."""
+
+    quantity: str
+    geometry: str
+    wavelength_um: float | None
+    value: float
+    unit: str
+    definition: str
+    standard: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Appearance:
+    """What instruments read off a panel.
+
+    ``wavelength_um`` (n,); ``reflectances``: reflectance factors (n,) by the name of a geometry, 1 for the perfect
+    white diffuser; ``light``: Stokes vectors (n, 4) of the geometries that look along one direction, I that factor,
+    under unpolarized light; ``illuminant`` and ``observer`` [degrees] of its colours; ``port_deg``: full angle of the
+    specular port of geometries with "de"; ``panel``: what was solved, None where a spectrum was given.
+    """
+
+    wavelength_um: Array
+    reflectances: Mapping[str, Array]
+    light: Mapping[str, Array]
+    illuminant: str
+    observer: int
+    port_deg: float
+    panel: Panel | None = None
+
+    def __repr__(self) -> str:
+        first, last = self.wavelength_um[[0, -1]]
+        which = f"{self.wavelength_um.size} wavelengths from {first:g} to {last:g} um"
+        return f"Appearance({', '.join(self.reflectances)} at {which}, {self.illuminant}/{self.observer})"
+
+    def reflectance(self, geometry: str = VISUAL) -> Array:
+        """The reflectance factor (wavelength,) in a geometry, one of ``reflectances`` or one that reads the same, light
+        and eye exchanged. Raises SceneError for one that was not asked for."""
+        wanted = read_geometry(geometry).reading
+        for name, values in self.reflectances.items():
+            if read_geometry(name).reading == wanted:
+                return values
+        known = ", ".join(self.reflectances)
+        raise SceneError.of("geometry", f"{show_value(geometry)} was not asked for: there are {known}")
+
+    def colour(self, geometry: str = VISUAL) -> Colour:
+        """X, Y, Z, L*, a*, b*, C, h and the colour for a screen. Raises SceneError where the wavelengths do not cover
+        the visible."""
+        return find_colour(self.wavelength_um, self.reflectance(geometry), self.illuminant, self.observer)
+
+    def difference(self, other: "Appearance", geometry: str = VISUAL) -> float:
+        """CIEDE2000 between the colours of this panel and another in a geometry."""
+        return find_difference(self.colour(geometry), other.colour(geometry))
+
+    def polarization(self, geometry: str = VISUAL) -> tuple[Array, Array]:
+        """Degree (n,) of linear polarization, 0 to 1, and its angle (n,) [degrees] from the plane in which the panel's
+        normal and the line of sight lie: what an instrument with a polarizer before its detector finds. Raises
+        SceneError for a geometry that collects light from all sides."""
+        name = read_geometry(geometry).name
+        if name not in self.light:
+            known = ", ".join(self.light) or "none"
+            raise SceneError.of("geometry", f"{show_value(geometry)} has no polarization here: there are {known}")
+        stokes = self.light[name]
+        return find_degree_of_linear_polarization(stokes), find_angle_of_linear_polarization(stokes)
+
+    def list_readings(self) -> Iterator[Reading]:
+        """All reflectances, polarization, and colours where the wavelengths cover the visible, a number a row."""
+        at = self.wavelength_um.tolist()
+        for name, values in self.reflectances.items():
+            known = read_geometry(name)
+            for wavelength, value in zip(at, values.tolist(), strict=True):
+                yield Reading("reflectance factor", name, wavelength, value, "1", known.definition, known.standard)
+        for name in self.light:
+            for quantity, values, unit in zip(POLARIZATION, self.polarization(name), ("1", "degree"), strict=True):
+                definition = f"of unpolarized light, after {read_geometry(name).definition}"
+                for wavelength, value in zip(at, values.tolist(), strict=True):
+                    yield Reading(quantity, name, wavelength, value, unit, definition, "Stokes parameters I, Q, U")
+        for name in self.reflectances:
+            colour = self.colour(name)
+            for quantity, standard in COLOURS.items():
+                light = f"{self.illuminant}, {self.observer} degree observer"
+                value, unit = getattr(colour, quantity), "degree" if quantity == "h" else "1"
+                yield Reading(quantity, name, None, value, unit, light, standard)
+
+
+POLARIZATION = "degree of linear polarization", "angle of linear polarization"
+COLOURS = dict.fromkeys("XYZ", "ISO/CIE 11664-3") | dict.fromkeys("LabCh", "ISO/CIE 11664-4")
+
+
+def appearance(
+    scene: Source | Spectrum | Panel,
+    wavelengths_um: Any = None,
+    geometries: Sequence[str] | None = None,
+    illuminant: str = "D65",
+    observer: int = 10,
+    port_deg: float = PORT_DEG,
+    layer: int | None = None,
+    progress: Progress | None = None,
+    folder: str | os.PathLike[str] = ".",
+    **asked: Any,
+) -> Appearance:
+    """What the instruments of a coatings laboratory read off a panel: reflectance, colour, polarization, gloss, hiding.
+
+    Parameters
+    ----------
+    scene : path, mapping, Spectrum or Panel
+        A scene file or its content; or a spectrum that was solved at the directions of the geometries, which is read
+        without another solve, as far as it goes.
+    wavelengths_um : sequence of float, optional
+        Ascending [um]; by default those that the file lists, or 16 from 0.40 to 0.70 as far as its substances are
+        known.
+    geometries : sequence of str, optional
+        By CIE's names, light first: "8:di" (sphere, mirrored beam included), "8:de" (excluded), "di:di", "45:0",
+        "0:45", "45:as15" (15 degrees off the mirrored beam, towards the light), "30:di" or "60:-20" (any angles; below
+        0: on the side of the light). By default the standard ones, of a spectrum those that it has directions for.
+    illuminant : str, optional
+        "D65", "A", "FL11" or another of CIE's, for colours.
+    observer : {10, 2}, optional
+        Degrees of the standard observer.
+    port_deg : float, optional
+        Full angle of the round specular port of "de" geometries.
+    layer : int, optional
+        Which layer is the film, whose thickness hiding and Kubelka-Munk are about; by default the only one that
+        scatters.
+    progress : callable, optional
+        Called with (steps done, steps).
+    folder : path, optional
+        Where the tables that a parsed content names lie.
+    **asked
+        How to solve, as for `vrte.brdf`: accuracy (1e-4 by default), nodes, method, ...
+
+    Returns
+    -------
+    Appearance
+        `reflectance`, `colour`, `polarization` of a geometry, `gloss`, `difference`, `hiding`, `kubelka_munk`.
+
+    Raises
+    ------
+    SceneError
+        For bad input; where a spectrum lacks directions; for colours, where the wavelengths do not cover the visible.
+    MissingExtraError
+        For colours, without the extra "appearance".
+
+    Source: CIE 15, ASTM E1331, E1349, E2194, E2539 for the geometries (docs/appearance.md has all definitions).
+
+    Examples
+    --------
+    >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
+    >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
+    >>> look = appearance(grey, geometries=["8:di", "45:0"])
+    >>> print(look.reflectance("8:di")[0].round(9), round(look.colour().L, 2))
+    0.2 51.84
+    """
+    illuminant, observer = check_light(illuminant, observer)
+    kept = illuminant, observer, float(port_deg)
+    if isinstance(scene, Spectrum):
+        given = {"wavelengths_um": wavelengths_um, "layer": layer, **asked}
+        for name in (name for name, value in given.items() if value is not None):
+            raise SceneError.of(name, "is not used: the spectrum is solved already")
+        reflectances, light = read_spectrum(scene, geometries, port_deg)
+        return Appearance(scene.wavelength_um, reflectances, light, *kept)
+    names = list(STANDARD_GEOMETRIES if geometries is None else geometries)
+    first, second = (share_progress(progress, half, 2) for half in (0, 1))
+    panel = make_panel(scene, wavelengths_um, folder, first, layer, **asked)
+    reflectances, light = solve_geometries(panel, names, port_deg, second)
+    return Appearance(panel.wavelength_um, reflectances, light, *kept, panel)
+
+
+def read_spectrum(
+    spectrum: Spectrum, geometries: Sequence[str] | None, port_deg: float
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Reflectance factors and Stokes vectors by geometry, those asked for or all of the standard ones that a spectrum
+    has directions for. Raises SceneError where it lacks those that were asked for, or has none."""
+    if spectrum[0].diagnostics.get("illuminate", "top") != "top":
+        raise SceneError("the spectrum must be lit from the top: a panel is looked at from above", "illuminate")
+    reflectances: dict[str, Array] = {}
+    light: dict[str, Array] = {}
+    for one in map(read_geometry, STANDARD_GEOMETRIES if geometries is None else geometries):
+        if one.excluded and spectrum.surface is not None:
+            raise SceneError.of(
+                "geometries", f"{one.name!r} of a rough surface needs the scene, not its spectrum alone"
+            )
+        try:
+            reflectances[one.name] = find_reflectance(spectrum, one, port_deg=port_deg)
+        except SceneError:
+            if geometries is not None:
+                raise
+            continue
+        if one.angle_o is not None:
+            light[one.name] = find_light(spectrum, one)
+    if not reflectances:
+        raise SceneError(
+            f"the spectrum has the directions of none of {', '.join(STANDARD_GEOMETRIES)}: give the scene in its place"
+        )
+    return reflectances, light

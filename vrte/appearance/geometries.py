@@ -1,0 +1,253 @@
+"""Geometries of instruments, by the names that CIE 15 gives them: light in, a colon, what is collected.
+
+A reading is a reflectance factor: what is collected over what the perfect white diffuser would send to the same place,
+so that an even white panel reads 1 in every geometry. Light is unpolarized where nothing else is said, and then
+illumination and collection may be exchanged, for the exact BRDF is reciprocal.
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vrte.appearance.apertures import Round, collect_mirrored, project_solid_angle
+from vrte.appearance.panel import Panel
+from vrte.basics.arrays import Array, check_number, show_value
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress, share_progress
+from vrte.results.brdf import Brdf
+from vrte.results.spectrum import Spectrum
+from vrte.scene.illumination import hemisphere
+from vrte.scene.interface import Interface
+
+NODES = 16  # of the quadrature over an even sky: doubled, readings of paints move by less than 1e-6
+SAME = 1e-9  # of cosines, of degrees
+PORT_DEG = 10.0  # full angle of a specular port: the 5 degrees around the mirrored beam that CIE 15 speaks of
+MULTI_ANGLE = "45:as15", "45:as25", "45:as45", "45:as75", "45:as110"
+STANDARD_GEOMETRIES = "8:di", "8:de", "di:di", "45:0", "0:45", *MULTI_ANGLE
+ALLOWED = (
+    "a geometry such as '45:0', '8:di' (diffuse, surface's mirror image included), '8:de' (excluded), 'di:8', 'di:di', "
+    "or '45:as15' (15 degrees off the mirrored beam, towards the light)"
+)
+NUMBER = r"\d+(?:\.\d+)?"
+DIRECTION = re.compile(rf"({NUMBER}):(as)?(-?{NUMBER})")
+HEMISPHERE = re.compile(rf"({NUMBER}):(di|de)|(di|de):({NUMBER})|(di):(di)")
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """How a panel is lit and looked at.
+
+    ``angle_i`` [degrees] from the normal, None for even light from all sides; ``angle_o`` of what is seen, on the side
+    of the mirrored beam, below 0 on that of the light, None where all is collected; ``excluded``: without what goes
+    through the specular port.
+    """
+
+    name: str
+    angle_i: float | None
+    angle_o: float | None
+    excluded: bool = False
+
+    @property
+    def definition(self) -> str:
+        """What is read, in words."""
+        if self.angle_i is None:
+            return "bihemispherical reflectance: even light from all sides, all that comes back"
+        if self.angle_o is None:
+            without = "without what goes out of the specular port" if self.excluded else "the mirrored beam included"
+            return f"hemispherical reflectance of light at {self.angle_i:g} degrees, {without}"
+        side = (
+            ""
+            if self.angle_o == 0.0
+            else ", on the side of the mirrored beam"
+            if self.angle_o > 0.0
+            else ", on the side of the light"
+        )
+        return f"reflectance factor, light at {self.angle_i:g} degrees, seen at {abs(self.angle_o):g} degrees{side}"
+
+    @property
+    def standard(self) -> str:
+        """Where it is defined."""
+        if self.angle_i is None:
+            return "CIE 15, di:di; CIE S 017 17-24-061"
+        if self.angle_o is None:
+            return "CIE 15; ASTM E1331"
+        if {self.angle_i, abs(self.angle_o)} == {45.0, 0.0} and ":as" not in self.name:
+            return "CIE 15; ASTM E1349"
+        return "ASTM E2194, E2539; DIN 6175-2" if ":as" in self.name else "CIE 15, bidirectional"
+
+    @property
+    def reading(self) -> tuple[Any, ...]:
+        """The same for all geometries that read the same: others' names, and light and eye exchanged."""
+        if self.angle_i is None or self.angle_o is None:
+            return self.angle_i, self.angle_o, self.excluded
+        same_side = self.angle_i * self.angle_o < 0.0
+        return (*sorted((self.angle_i, abs(self.angle_o))), same_side)
+
+    @property
+    def directions(self) -> tuple[Array, Array, Array]:
+        """Cosines of incidence and exit and azimuths [degrees] that `vrte.brdf` has to be asked for."""
+        if self.angle_i is None:
+            return hemisphere(NODES)[0], np.ones(1), np.zeros(1)
+        mu_i = find_cosine(self.angle_i)
+        if self.angle_o is None:
+            return np.array([mu_i]), np.array([mu_i if self.excluded else 1.0]), np.zeros(1)
+        phi = 0.0 if self.angle_o >= 0.0 else 180.0
+        return np.array([mu_i]), np.array([find_cosine(self.angle_o)]), np.array([phi])
+
+
+def find_cosine(degrees: float) -> float:
+    """Of an angle from the normal."""
+    return math.cos(math.radians(degrees))
+
+
+def read_geometry(name: Any) -> Geometry:
+    """A geometry by its name. Raises SceneError for another.
+
+    >>> read_geometry("45:as15").angle_o, read_geometry("8:de").excluded, read_geometry("di:8").definition
+    (30.0, True, 'hemispherical reflectance of light at 8 degrees, the mirrored beam included')
+    """
+    if isinstance(name, Geometry):
+        return name
+    text = name.replace("°", "").replace(" ", "") if isinstance(name, str) else ""
+    if found := HEMISPHERE.fullmatch(text):
+        if found[5]:
+            return Geometry("di:di", None, None)
+        angle, way = float(found[1] or found[4]), found[2] or found[3]
+        return Geometry(text, check_angle(name, angle), None, way == "de")
+    if found := DIRECTION.fullmatch(text):
+        angle_i, angle_o = float(found[1]), float(found[3])
+        if found[2]:  # counted from the mirrored beam towards the light
+            angle_o = angle_i - angle_o
+        if angle_i == angle_o:
+            raise SceneError.of(
+                "geometry", f"{show_value(name)} looks along the mirrored beam, which has no radiance: ask for gloss"
+            )
+        return Geometry(text, check_angle(name, angle_i), check_angle(name, angle_o))
+    raise SceneError.of("geometry", f"must be {ALLOWED}, not {show_value(name)}")
+
+
+def check_angle(name: Any, angle: float) -> float:
+    """An angle from the normal, on either side."""
+    if not abs(angle) < 90.0:
+        raise SceneError.of("geometry", f"{show_value(name)} has an angle of {angle:g} degrees: must be below 90")
+    return angle
+
+
+def find_light(spectrum: Spectrum, geometry: Any, stokes: Any = (1.0, 0.0, 0.0, 0.0)) -> Array:
+    """Stokes vectors (wavelength, 4) of what is seen in a bidirectional geometry, pi times the radiance over the
+    irradiance, under light of the Stokes vector ``stokes`` (4,), I = 1. Raises SceneError for another geometry, and
+    where the spectrum does not have its directions."""
+    known = read_geometry(geometry)
+    if known.angle_o is None:
+        raise SceneError.of("geometry", f"{known.name!r} collects light from all sides, which has no polarization here")
+    found: Array = np.pi * pick_matrices(spectrum, known) @ np.asarray(stokes, float)
+    return found
+
+
+def find_reflectance(
+    spectrum: Spectrum, geometry: Any, surface: Sequence[Interface | None] = (), port_deg: float = PORT_DEG
+) -> Array:
+    """The reflectance factor (wavelength,) that an instrument reads.
+
+    ``surface``: the panel's surface at each wavelength, which a port needs where it is rough; ``port_deg``: the full
+    angle of a round specular port, as seen from the panel. Raises SceneError where the spectrum does not have the
+    directions that the geometry takes.
+
+    >>> import vrte
+    >>> from vrte.appearance.panel import make_panel
+    >>> grey = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
+    >>> panel = make_panel({"layer": [grey], "base": {"kind": "lambertian", "albedo": 0.4}}, [0.5, 0.6])
+    >>> find_reflectance(solve_geometry(panel, "45:as15"), "45:as15").round(12).tolist()
+    [0.4, 0.4]
+    """
+    known = read_geometry(geometry)
+    if known.angle_o is not None:
+        return find_light(spectrum, known)[:, 0]
+    mu_i = known.directions[0]
+    incident = [find_place("mu_i", spectrum.mu_i, mu, known) for mu in mu_i]
+    total = spectrum.total_reflectance[:, incident]
+    if known.angle_i is None:
+        found: Array = 2.0 * total @ (hemisphere(NODES)[1] * mu_i)
+        return found
+    if not known.excluded:
+        return total[:, 0]
+    return np.array(
+        [
+            leave_out_port(one, known, side, port_deg)
+            for one, side in zip(spectrum, surface or [None] * len(spectrum), strict=True)
+        ]
+    )
+
+
+def leave_out_port(brdf: Brdf, geometry: Geometry, surface: Interface | None, port_deg: float) -> float:
+    """The hemispherical reflectance factor without what goes out of a round port around the mirrored beam.
+
+    The surface's lobe is integrated over the port; what comes from inside is as even as it is at its middle.
+    """
+    check_number("port_deg", port_deg, 0.001, 60.0, "from 0.001 to 60, the full angle of a port [degrees]")
+    assert geometry.angle_i is not None
+    place = find_place("mu_i", brdf.mu_i, find_cosine(geometry.angle_i), geometry)
+    port, mu = Round(port_deg), brdf.mu_i[place]
+    seen = project_solid_angle(port, geometry.angle_i)
+    inside, mirrored = float(pick_matrix(brdf, geometry)[0, 0]), 0.0
+    if surface is not None and not surface.is_smooth:
+        inside -= float(surface.facets.reflect(*np.array([[mu], [mu], [0.0]]))[0, 0, 0])
+        mirrored = collect_mirrored(surface, mu, port)
+    return float((brdf.reflectance[place] - inside * seen - mirrored) / (1.0 - seen / np.pi))
+
+
+def pick_matrices(spectrum: Spectrum, geometry: Geometry) -> Array:
+    """Mueller matrices (wavelength, 4, 4) [1/sr] of a geometry's one pair of directions."""
+    return np.stack([pick_matrix(one, geometry) for one in spectrum])
+
+
+def pick_matrix(brdf: Brdf, geometry: Geometry) -> Array:
+    """The same at one wavelength."""
+    mu_i, mu_o, phi = (float(values[0]) for values in geometry.directions)
+    i, o = find_place("mu_i", brdf.mu_i, mu_i, geometry), find_place("mu_o", brdf.mu_o, mu_o, geometry)
+    turned = find_place("phi", brdf.phi, phi, geometry) if mu_o < 1.0 else 0
+    found: Array = brdf.mueller[i, o, turned]
+    return found
+
+
+def find_place(name: str, values: Array, wanted: float, geometry: Geometry) -> int:
+    """Where a direction of a geometry is among those of a BRDF. Raises SceneError where it is not."""
+    place = int(np.abs(values - wanted).argmin())
+    if abs(values[place] - wanted) > SAME * (360.0 if name == "phi" else 1.0):
+        raise SceneError(
+            f"the geometry {geometry.name!r} needs {name} = {wanted:.10g}, and the nearest that was solved for is "
+            f"{values[place]:.10g}: ask for it, or give the scene in place of its spectrum"
+        )
+    return place
+
+
+def solve_geometry(panel: Panel, geometry: Any, progress: Progress | None = None) -> Spectrum:
+    """The BRDFs of a panel at the directions that a geometry takes."""
+    return panel.solve(*read_geometry(geometry).directions, progress)
+
+
+def solve_geometries(
+    panel: Panel, geometries: Sequence[Any], port_deg: float = PORT_DEG, progress: Progress | None = None
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Reflectance factors (wavelength,) of several geometries by name, and the Stokes vectors (wavelength, 4) of those
+    that look along one direction, as of `find_light`.
+
+    Those that look along the normal, or collect all, are solved for together: they take the first Fourier orders alone.
+    """
+    known = {one.name: one for one in map(read_geometry, geometries)}
+    along = [one for one in known.values() if np.all(one.directions[1] == 1.0)]
+    groups = [group for group in (along, [one for one in known.values() if one not in along]) if group]
+    reflectances: dict[str, Array] = {}
+    light: dict[str, Array] = {}
+    for place, group in enumerate(groups):
+        axes = [np.unique(np.concatenate(values)) for values in zip(*(one.directions for one in group), strict=True)]
+        spectrum = panel.solve(axes[0], axes[1], axes[2], share_progress(progress, place, len(groups)))
+        for one in group:
+            reflectances[one.name] = find_reflectance(spectrum, one, panel.surface, port_deg)
+            if one.angle_o is not None:
+                light[one.name] = find_light(spectrum, one)
+    return {name: reflectances[name] for name in known}, {name: light[name] for name in known if name in light}
