@@ -1,5 +1,7 @@
 """Kubelka and Munk's formulas: their limits, their inverse, and where the exact solve must give the same."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,11 @@ from hypothesis import strategies as st
 
 import vrte
 from vrte.appearance import kubelka_munk as km
+from vrte.appearance.geometries import read_geometry
+from vrte.appearance.panel import Panel, make_panel
+from vrte.appearance.surface_shares import find_surface_shares
+from vrte.appearance.two_flux_fit import find_kubelka_munk
+from vrte.appearance.two_flux_picture import draw_two_fluxes
 
 LENGTH = 7.0
 slopes = st.floats(1e-4, 2.0)
@@ -98,3 +105,123 @@ def test_impossible_pairs_are_refused(call, words: str) -> None:
 @given(st.floats(0.0, 1.0), st.floats(0.0, 0.5), st.floats(0.0, 0.9))
 def test_a_surface_comes_off_again(inside: float, k1: float, k2: float) -> None:
     assert km.remove_surface(km.add_surface(inside, k1, k2), k1, k2) == pytest.approx(inside, abs=1e-12)
+
+
+def make_film(albedo: float = 0.99, thickness: float = 4.0, *, g: float = 0.0, index: float = 1.5, **asked) -> Panel:
+    """One film under a surface, of no geometrical thickness, at one wavelength."""
+    surface = [{"interface": {"above": 1.0, "below": index}}] if index > 1.0 else []
+    phase = {"henyey_greenstein": g} if g else "isotropic"
+    film = {"phase": phase, "albedo": albedo, "thickness": thickness}
+    return make_panel({"layer": [*surface, film]}, [0.55], **(asked or {"nodes": 16}))
+
+
+def test_saunderson_is_exact_over_a_lambertian_base() -> None:
+    """k1 of Fresnel at 8 degrees, k2 of even light in closed form, and k2 from the field are one to 1e-9."""
+    albedo, mu = 0.7, float(np.cos(np.radians(8.0)))
+    panel = make_film(0.5, 0.0, nodes=48).put_over(vrte.Lambertian(albedo))
+    k1, k2, even = find_surface_shares(panel, read_geometry("8:di"), albedo)
+    read = panel.solve(mu).total_reflectance[0, 0]
+    assert even[0] == pytest.approx(0.5963457597, abs=1e-9)  # 1 - (1 - r_e)/n^2, r_e by quad of Fresnel's formulas
+    assert k2[1, 0] == pytest.approx(even[0], abs=1e-9)
+    assert k2[0, 0] == even[0]  # nothing comes up over black
+    assert km.add_surface(albedo, k1[0], even[0]) == pytest.approx(read, abs=1e-9)
+    seen = find_surface_shares(panel, read_geometry("di:di"), albedo)[0][0]
+    assert seen == pytest.approx(1.0 - (1.0 - even[0]) * 1.5**2, abs=1e-9)
+
+
+def test_a_rough_surface_sends_back_what_its_facets_say() -> None:
+    surface = {"above": 1.0, "below": 1.5, "roughness": 0.3, "shadowing": True, "conserving": True}
+    film = {"phase": "isotropic", "albedo": 0.5, "thickness": 0.0}
+    panel = make_panel({"layer": [{"interface": surface}, film]}, [0.55], nodes=24)
+    k1, k2, even = find_surface_shares(panel, read_geometry("8:di"), 0.7)
+    assert k2[1, 0] == pytest.approx(even[0], abs=2e-4)
+    assert k1[0] == pytest.approx(panel.surface[0].share([np.cos(np.radians(8.0))])[0][0], abs=1e-12)
+
+
+def test_what_does_not_scatter_has_k_of_even_light() -> None:
+    """T = 2 E_3(tau), so that K X = -ln 2 E_3: twice the absorption for thin films, once for thick ones; 2e-4 is what
+    16 cosines leave of the corner of exp(-tau/mu) at the horizon."""
+    from scipy.special import expn
+
+    for tau in (0.01, 0.5, 3.0):
+        found = find_kubelka_munk(make_film(0.0, tau, index=1.0), geometry="inside")
+        assert found.K[0] == pytest.approx(-np.log(2.0 * expn(3, tau)), rel=2e-4)
+        assert found.S[0] == 0.0
+        assert found.transport[0][0] == tau
+
+
+def test_s_of_a_thick_white_film_is_three_quarters_of_what_scatters() -> None:
+    """Milne's problem: 1/T = 3/4 tau + 3/2 0.710446..., so that S X = 1/T - 1 has both constants."""
+    extrapolation = 0.7104460895987
+    for thickness in (10.0, 40.0):
+        found = find_kubelka_munk(make_film(1.0, thickness, index=1.0, nodes=32), geometry="inside")
+        assert found.S[0] == pytest.approx(0.75 * thickness + 1.5 * extrapolation - 1.0, rel=1e-5)
+        assert found.K[0] == pytest.approx(0.0, abs=1e-10)
+        assert found.diffusion[1][0] == pytest.approx(0.75 * thickness)
+
+
+@pytest.mark.parametrize(("geometry", "more"), [("inside", {}), ("8:di", {}), ("di:di", {"k1": 0.09, "k2": 0.55})])
+def test_k_and_s_give_back_what_they_are_from(geometry: str, more: dict) -> None:
+    """At their own thickness, both bases; elsewhere they are off, without end by what the exact solve says."""
+    panel = make_film(0.98, 3.0, g=0.5)
+    found = find_kubelka_munk(panel, 0.7, geometry=geometry, **more)
+    errors = found.compare([1.0, 2.0, np.inf])
+    assert errors.error[:, 0, 0] == pytest.approx(0.0, abs=1e-9)
+    assert (np.abs(errors.error[:, 1, 0]) > 1e-6).all()
+    assert errors.predicted[:, 2, 0] == pytest.approx(found.predict_thick()[0], abs=1e-12)
+    assert errors.exact[0, 2] == pytest.approx(errors.exact[1, 2], abs=1e-12)
+    assert (found.k2[0], found.unit) == (more.get("k2", found.k2_over.mean()), "1/film")
+    assert np.array(found.transport) == pytest.approx(np.array([[0.06], [0.98 * 0.5 * 3.0]]))
+
+
+def test_lengths_of_a_film_in_micrometres() -> None:
+    """Of a paint: K and S per micrometre, near to diffusion's, and films solved at the lengths that are asked for."""
+    film = {"material": "rutile in alkyd", "thickness_um": 10.0, "volume_fraction": 0.05}
+    panel = make_panel({"layer": [{"interface": {"above": 1.0, "below": "alkyd"}}, film]}, [0.5, 0.6], nodes=8)
+    found = find_kubelka_munk(panel)
+    assert (found.unit, found.length) == ("1/um", 10.0)
+    assert found.over_diffusion[1] == pytest.approx(1.0, abs=0.15)
+    assert 0.55 < found.k2.min() <= found.k2.max() < 0.65
+    assert len(str(found).splitlines()) == 3
+    read = panel.make_as_thick(20.0).put_over(vrte.Lambertian(0.8)).solve(np.cos(np.radians(8.0)))
+    assert found.compare([20.0]).exact[1, 0] == pytest.approx(read.total_reflectance[:, 0], abs=1e-12)
+
+
+def test_errors_are_colours_too_and_a_picture() -> None:
+    pytest.importorskip("colour")
+    panel = make_film(0.98, 3.0)
+    wavelengths = np.linspace(0.4, 0.7, 16)
+    panel = replace(panel, wavelength_um=wavelengths, scenes=16 * panel.scenes)
+    found = find_kubelka_munk(panel, geometry="inside")
+    errors = found.compare([0.5, 1.0])
+    assert errors.difference[:, 1] == pytest.approx(0.0, abs=1e-6)
+    assert (errors.difference[:, 0] > 0.01).all()
+    grey = errors.exact[0, :, 0] / errors.exact[1, :, 0]  # of the same reflectance at all wavelengths
+    assert errors.contrast_ratio[0] == pytest.approx(grey, rel=1e-6)
+    figure = draw_two_fluxes(found, errors)
+    assert len(figure.axes) == 4
+    drawn = figure.axes[0].lines[1].get_ydata()
+    assert drawn == pytest.approx(errors.exact[0, :, 0])
+    with pytest.raises(vrte.SceneError, match="two or more"):
+        draw_two_fluxes(found, found.compare([1.0, np.inf]))
+
+
+def test_what_k_and_s_are_not_of_is_refused() -> None:
+    panel, clear = make_film(), {"phase": "isotropic", "albedo": 0.0, "thickness": 0.1}
+    film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
+    for wrong, words in [
+        (lambda: find_kubelka_munk(panel, geometry="45:0"), "must collect all light"),
+        (lambda: find_kubelka_munk(panel, geometry="8:de"), "must collect all light"),
+        (lambda: find_kubelka_munk(panel, white=0.0), "white must be an albedo above 0"),
+        (lambda: find_kubelka_munk(panel, k2=[0.6, 0.6]), "k2 must be one number, or one a wavelength"),
+        (lambda: find_kubelka_munk(panel, geometry="inside", k2=0.6), "are of a surface, and here is none"),
+        (lambda: find_kubelka_munk(panel, k1=0.5), "no film of two fluxes reads so: measured must not be below k1"),
+        (lambda: find_kubelka_munk(make_film(1.0, 4.0), geometry="di:di"), "must not be above what a film that keeps"),
+        (lambda: find_kubelka_munk(make_film(0.5, 30.0)), r"hides its base at 0\.55 um"),
+        (lambda: find_kubelka_munk(make_film(0.5, np.inf)), "one film that ends"),
+        (lambda: find_kubelka_munk(make_panel({"layer": [clear, film]}, [0.5])), "no other layer"),
+        (lambda: find_kubelka_munk(panel).compare([0.0]), "lengths must be above 0"),
+    ]:
+        with pytest.raises(vrte.SceneError, match=words):
+            wrong()
+    assert find_kubelka_munk(make_film(0.5, 30.0), geometry="inside").S[0] > 0.0  # by what gets through

@@ -150,8 +150,9 @@ def remove_surface(measured: Any, k1: Any, k2: Any) -> Array:
     """
     r, outer, inner = check_share("measured", measured), check_share("k1", k1), check_share("k2", k2)
     complain(~(inner < 1.0), "k2", "must be below 1: else no light gets out", inner)
-    complain(r < outer, "measured", "must not be below k1, which the surface alone mirrors", r)
-    return np.minimum((r - outer) / ((1.0 - outer) * (1.0 - inner) + inner * (r - outer)), 1.0)
+    complain(r < outer - ROUNDING, "measured", "must not be below k1, which the surface alone mirrors", r)
+    gain = np.maximum(r - outer, 0.0)
+    return np.minimum(gain / ((1.0 - outer) * (1.0 - inner) + inner * gain), 1.0)
 
 
 def check_slope(name: str, values: Any) -> Array:
