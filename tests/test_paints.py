@@ -42,7 +42,8 @@ def read(**changed: Any) -> Any:
 def test_a_paint_is_its_particles_layers_and_base_written_out() -> None:
     rutile = list_materials()["rutile in alkyd"].particles["rutile"]
     film = {"volume_fractions": {"white": 0.15}, "thickness_um": 60.0, "packing": "coherent-potential"}
-    surface = {"above": 1.0, "below": "alkyd", "roughness": 0.2, "distribution": "ggx"}
+    facets = {"roughness": 0.2, "distribution": "ggx", "shadowing": True, "conserving": True}  # conserving by default
+    surface = {"above": 1.0, "below": "alkyd", **facets}
     written = {
         "particles": {"white": rutile},
         "layer": [{"interface": surface}, {"host_index": "alkyd", **film}],
@@ -203,12 +204,22 @@ def test_known_wavelengths_and_substances_are_those_of_the_paint() -> None:
 )
 def test_a_sweep_changes_numbers_of_the_paint(key: str, value: float, changed: dict[str, Any]) -> None:
     base = {"substrate": {"kind": "lambertian", "albedo": 0.9}, "particles": {"rutile": {"diameter_um": 0.25}}}
+    base |= {"surface": {"roughness": 0.1}}
     sweep = read_sweep({**of(**base), "axes": {key: [value]}})
     alone = make_scene_file(of(**{**base, **changed}))
     there = make_scene_at(sweep, (0,), vrte.formats.particle_sources.make_particles)
     assert there.scene.interfaces == alone.scene.interfaces
     assert there.scene.base == alone.scene.base
     assert there.scene.layers[0].thickness == alone.scene.layers[0].thickness
+
+
+def test_a_smooth_paint_has_no_facets_to_change_and_shadows_can_be_left_out() -> None:
+    with pytest.raises(vrte.SceneError, match=r"paint\.surface\.roughness changes facets, and the paint has none"):
+        read_sweep({**of(), "axes": {"paint.surface.roughness": [0.1, 0.2]}})
+    plain = read(surface={"roughness": 0.2, "shadowing": False}).scene.interfaces[0]
+    assert (plain.shadowing, plain.conserving) == (False, False)
+    lossy = read(surface={"roughness": 0.2, "conserving": False}).scene.interfaces[0]
+    assert (lossy.shadowing, lossy.conserving) == (True, False)
 
 
 def test_a_sweep_of_a_paint_shares_its_particles_and_tells_what_is_wrong() -> None:

@@ -26,13 +26,14 @@ from vrte.formats.materials import WORDS, expand_materials, list_materials, read
 from vrte.formats.particle_sources import COATED, SPHERES
 from vrte.formats.sizes import SIZE_KEYS
 from vrte.formats.text_file import read_text
-from vrte.formats.toml_table import LARGEST_FILE, Table, parse_toml, show_place, suggest_nearest
+from vrte.formats.toml_table import LARGEST_FILE, Table, is_number, parse_toml, show_place, suggest_nearest
 from vrte.optics.crowding import COHERENT_POTENTIAL, INDEPENDENT
 from vrte.optics.refractive_index import MATERIALS
 
 FOLDER = Path(__file__).parents[1] / "paints"
 KEYS = ("pigment", "volume_fraction", "binder", "thickness_um", "surface", "substrate", "packing", "particles")
 SMOOTH, BARE = "smooth", "none"
+CONSERVING = {"shadowing": True, "conserving": True}  # of facets, which otherwise lose a third of a white paint's light
 SURFACE = f'"{SMOOTH}", "{BARE}" or a table with {", ".join(INTERFACE)}'
 REPLACED = ("particles", "layer", "base", "host_index")  # by what a paint is expanded to
 # keys of a pigment's grains of which one is enough: whichever is given stands in place of the pigment's own
@@ -172,10 +173,13 @@ def _make_grains(paint: Table, name: str, own: dict[str, Any] | None) -> dict[st
 
 
 def _read_surface(paint: Table) -> dict[str, Any] | None:
-    """How rough the paint's surface is: {} where it is smooth, None where there is none."""
+    """How rough the paint's surface is: {} where it is smooth, None where there is none. Facets hide each other, and
+    what they lose is given back, unless shadowing or conserving says otherwise."""
     given = paint.content.get("surface", SMOOTH)
     if isinstance(given, dict):
-        return paint.table("surface", tuple(INTERFACE)).content
+        table = paint.table("surface", tuple(INTERFACE)).content
+        is_rough = is_number(table.get("roughness")) and table["roughness"] > 0.0
+        return CONSERVING | table if is_rough and table.get("shadowing", True) is True else table
     if given not in (SMOOTH, BARE):
         raise paint.wrong("surface", f"must be {SURFACE}")
     return {} if given == SMOOTH else None
@@ -201,7 +205,8 @@ def list_places(content: Mapping[str, Any]) -> list[tuple[Place, Place]]:
 
 
 def find_expanded_place(content: Mapping[str, Any], place: Place) -> Place:
-    """Where a number of a paint stands once it is expanded, or the same place where it is none of a paint.
+    """Where a number of a paint stands once it is expanded, or the same place where it is none of a paint. Raises
+    SceneError for facets of a paint that has none.
 
     >>> paint = {"pigment": "rutile", "volume_fraction": 0.15, "binder": "alkyd", "thickness_um": 60.0}
     >>> find_expanded_place({"paint": paint}, ("paint", "thickness_um"))
@@ -209,6 +214,9 @@ def find_expanded_place(content: Mapping[str, Any], place: Place) -> Place:
     """
     for ours, theirs in list_places(content) if isinstance(content.get("paint"), dict) else ():
         if place[: len(ours)] == ours:
+            if ours[-1] == "surface" and not isinstance(content["paint"].get("surface"), dict):
+                words = "changes facets, and the paint has none: give it a surface = { roughness = 0.1 } to begin with"
+                raise SceneError(f"{show_place(place)} {words}", *place)
             return (*theirs, *place[len(ours) :])
     return place
 
