@@ -3,8 +3,8 @@
 The light is inside the host medium, before any refraction at its surface: titles say "subsurface".
 """
 
-from vrte.app.figures.lines import coefficients, reflectance, scattering_matrix
+from vrte.app.figures.lines import coefficients, reflectance, scattering_matrix, spectra
 from vrte.app.figures.lobe import lobe
 from vrte.app.figures.polar import cuts, field_polar
 
-__all__ = ["coefficients", "cuts", "field_polar", "lobe", "reflectance", "scattering_matrix"]
+__all__ = ["coefficients", "cuts", "field_polar", "lobe", "reflectance", "scattering_matrix", "spectra"]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vrte.app.figures.style import ZERO, make_axis, make_curve, make_plotly_figure
+from vrte.app.solving.appearance import Shares
 from vrte.app.solving.reflectance import Reflectances
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.pictures.lobes import INK
@@ -90,5 +91,34 @@ def reflectance(found: Reflectances, wavelength_um: Sequence[float], place: int)
         f"{f'light from {angle[place]:.0f}° off the normal; ' if spectral else ''}unpolarized, all directions of exit",
         xaxis=make_axis("wavelength in vacuum [nm]" if spectral else "angle of incidence [°]"),
         yaxis=make_axis("reflectance", rangemode="tozero", tickformat=".0%"),
+        showlegend=True,
+    )
+
+
+def spectra(found: Shares, before: Shares | None, geometry: str) -> "Figure":
+    """Reflectance factors over black and over white against the wavelength, and thinner those of ``before``. Raises
+    MissingExtraError without Plotly."""
+    traces = [
+        make_curve(
+            1e3 * shares.wavelength_um,
+            curve,
+            name if now else f"{name}, before",
+            colour,
+            f"{name}<br>%{{x:.4g}} nm: %{{y:.2%}}",
+            dash=dash if now else "dot",
+            opacity=1.0 if now else 0.6,
+        )
+        for shares, now in ((found, True), (before, False))
+        if shares is not None
+        for name, curve, (colour, dash) in zip(
+            ("over black", "over white"), (shares.over_black, shares.over_white), BASES, strict=False
+        )
+    ]
+    return make_plotly_figure(
+        traces,
+        f"Reflectance factor, {geometry}",
+        "1 is the perfect white diffuser",
+        xaxis=make_axis("wavelength in vacuum [nm]"),
+        yaxis=make_axis("reflectance factor", rangemode="tozero", tickformat=".0%"),
         showlegend=True,
     )

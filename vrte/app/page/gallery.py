@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,7 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
 
     def choose_material(material: ReadyMaterial) -> None:
         dialog.close()
-        told = (material.description, *material.approximations)
-        fill(begin_with_material(material), tuple(text.rstrip(".") for text in told))
+        fill(*fill_with_material(material))
 
     with ui.dialog() as dialog, ui.card().classes("items-center vrte-gallery"):
         make_heading("Scenes to begin with")
@@ -45,6 +45,18 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
                 button.props("flat no-caps dense").classes("px-2").tooltip(material.description)
     dialog.on("hide", dialog.delete)
     dialog.open()
+
+
+def fill_with_material(material: ReadyMaterial) -> tuple[Content, tuple[str, ...]]:
+    """A scene of a ready material, and what there is to tell of it."""
+    told = (material.description, *material.approximations)
+    return begin_with_material(material), tuple(text.rstrip(".") for text in told)
+
+
+def list_paint_starts() -> dict[str, Callable[[], tuple[Content, tuple[str, ...]]]]:
+    """What makes the scenes of paints, by their titles: of materials with a thickness in micrometres."""
+    known = list_materials().values()
+    return {one.title: partial(fill_with_material, one) for one in known if "thickness_um" in one.layer}
 
 
 def make_heading(text: str) -> None:

@@ -12,6 +12,7 @@ from nicegui import ui
 from vrte import __version__
 from vrte.app.form import files
 from vrte.app.form.content import START, Content
+from vrte.app.form.fields import write_field_text
 from vrte.app.form.parts import Said
 from vrte.app.page.form_panel import FormPanel
 from vrte.app.page.gallery import show_gallery
@@ -21,7 +22,7 @@ from vrte.app.solving import downloads
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.job import find_memory_share
 from vrte.app.solving.messages import Outcome, Read, Tensor, Written
-from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.basics.errors import MissingExtraError, Place, SceneError
 from vrte.formats.named import find_named_tables
 from vrte.formats.toml_table import is_number
 
@@ -60,7 +61,7 @@ class Page:
                 )
                 self._solve_bar()
             with ui.column().classes("vrte-right no-wrap gap-0").props('role=main aria-label="result"'):
-                self.results = ResultPanel(bench)
+                self.results = ResultPanel(bench, self.write_field, self.fill)
         self._draw_form()
         ui.run_javascript(f"{SCRIPT.read_text(encoding='utf-8')}\nvrte.begin({self.upload.id});")
         self._show_start()
@@ -137,12 +138,21 @@ class Page:
     def _draw_form(self) -> None:
         self.form_area.clear()
         with self.form_area:
-            self.form = FormPanel(self.bench, self._mark)
+            self.form = FormPanel(self.bench, self._follow_form)
+
+    def write_field(self, place: Place, value: float) -> None:
+        """A number into the form's field, as if it were typed there."""
+        self.form.fields[place].set_value(write_field_text(value))
+
+    def _follow_form(self) -> None:
+        """After every change of the form."""
+        self._mark()
+        self.results.follow_form()
 
     # what happens
 
     def _mark(self) -> None:
-        """After every change of the form, and of the job."""
+        """Whether there is something to solve."""
         wrong = self.bench.wrong
         self.solve_button.set_enabled(wrong is None and not self.bench.busy)
         self.waits.set_visibility(wrong is not None)
@@ -297,7 +307,7 @@ class Page:
     def picture(self) -> None:
         """What the figure of the open tab looks like now, drawn by the browser."""
         tab = self.bench.view["tab"]
-        if self.bench.outcome is None or tab not in self.results.plots or not self.results.areas[tab].visible:
+        if not self.results.has_figure():
             self.complain("there is no figure to download: solve a scene, and open the tab of a figure")
             return
         title = "<br>".join(label.text for label in self.results.captions[tab])

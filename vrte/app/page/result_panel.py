@@ -11,10 +11,12 @@ from nicegui import ui
 from vrte.app import figures
 from vrte.app.figures.style import convert_to_dark
 from vrte.app.form.fields import parse_field_text
+from vrte.app.page.appearance_panel import AppearancePanel
+from vrte.app.page.pieces import add_bullets, add_heading, add_table_row, select
 from vrte.app.solving.bench import Bench
 from vrte.app.solving.messages import Outcome
 from vrte.app.solving.reflectance import Reflectances
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import Place, SceneError
 from vrte.pictures.lobes import describe_mirrored_beam
 from vrte.results.quantities import (
     DEGREE_LINEAR,
@@ -33,6 +35,7 @@ TABS = {
     "lobe": ("Lobe", "blur_on"),
     "cuts": ("Cuts", "pie_chart_outline"),
     "reflectance": ("Reflectance", "show_chart"),
+    "appearance": ("Appearance", "palette"),
     "inside": ("Inside", "vertical_align_center"),
     "scattering": ("Scattering", "grain"),
     "plan": ("Plan", "rule"),
@@ -82,10 +85,11 @@ NO_PLAN = "No plan here: a result file has none, nor have methods other than dis
 
 
 class ResultPanel:
-    """Figures of a bench's outcome; the one of the open tab is drawn, the others when they are looked at."""
+    """Figures of a bench's outcome; the one of the open tab is drawn, the others when they are looked at. ``write``
+    puts a number into a field of the form, ``fill`` another scene."""
 
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
+    def __init__(self, bench: Bench, write: Callable[[Place, float], None], fill: Callable[..., None]) -> None:
+        self.bench, self.write, self.fill = bench, write, fill
         self.view = bench.view
         self.view.update(VIEW | self.view)
         self.plots: dict[str, Any] = {}
@@ -154,6 +158,10 @@ class ResultPanel:
     def _reflectance(self) -> None:
         self._plot("reflectance")
         self.shares = ui.column().classes("w-full gap-2 pb-4")
+
+    def _appearance(self) -> None:
+        plot, draw = partial(self._plot, "appearance"), partial(self._draw, "appearance")
+        self.appearance = AppearancePanel(self.bench, self.write, self.fill, plot, draw)
 
     def _inside(self) -> None:
         with ui.row().classes("w-full items-center gap-3 pt-2"):
@@ -241,13 +249,16 @@ class ResultPanel:
     def draw(self) -> None:
         """The open tab."""
         tab, outcome = self.view["tab"], self.bench.outcome
+        live = tab == "appearance"  # of the form's scene, whether it is solved or not
         for name, area in self.areas.items():
-            area.set_visibility(name == tab and outcome is not None)
+            area.set_visibility(name == tab and (live or outcome is not None))
         self._tell(outcome)
         try:
-            if outcome is not None:
+            if live:
+                self.appearance.refresh()
+            elif outcome is not None:
                 self._show(tab, outcome)
-            text = "" if outcome else NOTHING
+            text = "" if outcome or live else NOTHING
         except (SceneError, IndexError) as error:
             self.areas[tab].set_visibility(False)
             text = str(error)
@@ -257,14 +268,16 @@ class ResultPanel:
     def _tell(self, outcome: Outcome | None) -> None:
         """Beside the sliders, and which of them there are."""
         tab = self.view["tab"]
+        live = tab == "appearance"
         self.mark_stale()
-        self.notes.set_text("; ".join(outcome.notes) if outcome else "")
+        self.notes.set_text("; ".join(outcome.notes) if outcome and not live else "")
         self.notes.set_visibility(bool(self.notes.text))
         with_angle = bool(outcome and outcome.brdfs) and tab in ("lobe", "cuts", "reflectance")
         self.incidence.set_visibility(with_angle)
         self.light.set_visibility(with_angle and tab != "reflectance")
-        self.wavelength.set_visibility(bool(outcome and outcome.count > 1))
-        self.controls.set_visibility(with_angle or bool(outcome and outcome.count > 1))
+        several = bool(outcome and outcome.count > 1) and not live
+        self.wavelength.set_visibility(several)
+        self.controls.set_visibility(with_angle or several)
         if outcome and outcome.brdfs:
             mu = float(outcome.brdfs[0].mu_i[self.view["place"]])
             where = f"light from {np.degrees(np.arccos(mu)):.1f}° off the normal (µ_i = {mu:.4g})"
@@ -332,7 +345,19 @@ class ResultPanel:
         """Whether the figure shows another scene than the form."""
         outcome = self.bench.outcome
         solved = outcome.content if outcome else None
-        self.stale.set_visibility(solved is not None and not self.bench.busy and solved != self.bench.content)
+        changed = solved is not None and not self.bench.busy and solved != self.bench.content
+        self.stale.set_visibility(changed and self.view["tab"] != "appearance")
+
+    def follow_form(self) -> None:
+        """After a change of the form."""
+        self.mark_stale()
+        if self.view["tab"] == "appearance":
+            self.appearance.refresh()
+
+    def has_figure(self) -> bool:
+        """Whether the open tab shows one."""
+        tab = self.view["tab"]
+        return tab in self.plots and bool(self.areas[tab].visible) and bool(self.captions[tab][0].text)
 
     def _write_shares(self, outcome: Outcome, found: Reflectances) -> None:
         """Swatches, and the numbers of the figure."""
@@ -377,34 +402,6 @@ def write_diagnostics(diagnostics: dict[str, Any]) -> str:
     clocks = {name: clock for name, clock in diagnostics.get("stages", {}).items() if "wall_seconds" in clock}
     found |= {name: f"{clock['wall_seconds']:.4f} s" for name, clock in clocks.items()}
     return "\n".join(f"{name}: {value}" for name, value in found.items())
-
-
-def add_heading(text: str) -> None:
-    ui.label(text).classes("vrte-heading").props("role=heading aria-level=3")
-
-
-def add_table_row(tag: str, cells: list[str]) -> None:
-    with ui.element("tr"):
-        for text in cells:
-            with ui.element(tag):
-                ui.label(text)
-
-
-def add_bullets(title: str, lines: tuple[str, ...]) -> None:
-    """A heading and its lines, nothing without any."""
-    if lines:
-        add_heading(title)
-        with ui.element("ul").classes("vrte-list"):
-            for line in lines:
-                with ui.element("li"):
-                    ui.label(line)
-
-
-def select(options: Any, value: Any, label: str, act: Callable[[Any], None], width: int = 260) -> Any:
-    """One of several."""
-    found = ui.select(options, value=value, label=label, on_change=lambda event: act(event.value))
-    found.props("outlined dense options-dense stack-label").style(f"width: {width}px")
-    return found.classes("vrte-field vrte-fixed")
 
 
 def remove_marks(title: str) -> str:

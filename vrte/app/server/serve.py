@@ -100,6 +100,7 @@ def leave_bench(bench: Bench) -> None:
     bench.pages -= 1
     if bench.pages == 0:
         bench.cancel()
+        bench.live.close()
 
 
 @contextmanager

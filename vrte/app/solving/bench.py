@@ -10,6 +10,7 @@ from vrte.app.form.checks import find_problems
 from vrte.app.form.content import START, Content
 from vrte.app.form.parts import Said, list_parts, name_part
 from vrte.app.solving.job import Job, find_memory_share
+from vrte.app.solving.live import Live
 from vrte.app.solving.messages import Look, Outcome, Solve, Task
 from vrte.app.solving.shelf import Shelf
 from vrte.basics.errors import Place
@@ -25,7 +26,7 @@ class Bench:
     """A tab's: the form's ``content``, which may name the tables of its ``shelf``, the ``job`` that runs, the last
     ``outcome`` and the job that it was ``taken`` of, ``view``, what it looks at, how many ``pages`` look, the first
     field that is ``wrong``: its message, and its place; and what has been ``said`` of parts that are made from files,
-    of which ``looked`` is the one that a job ``looks`` at."""
+    of which ``looked`` is the one that a job ``looks`` at; ``live`` answers what it looks like."""
 
     content: Content
     shelf: Shelf = field(default_factory=Shelf)
@@ -37,6 +38,7 @@ class Bench:
     taken: Job | None = None
     said: dict[str, Said] = field(default_factory=dict)
     looks: Job | None = None
+    live: Live = field(default_factory=Live)
     looked: tuple[str, Place] = ("", ())
 
     @property
@@ -84,6 +86,7 @@ class Bench:
         for job in (self.job, self.looks):
             if job is not None:
                 job.cancel()
+        self.live.close()
         self.shelf.close()
 
 

@@ -12,7 +12,7 @@ from vrte.app.form.parts import Said
 from vrte.app.solving.messages import Look, Outcome, Progress, Task, Written
 from vrte.basics.memory import find_available_bytes
 
-START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.worker import main; main()"
+START = "import sys; sys.path[:] = {path!r}; from vrte.app.solving.{module} import main; main()"
 AT_ONCE = 2  # solves; others wait
 PLACES = threading.BoundedSemaphore(AT_ONCE)
 DESKS = threading.BoundedSemaphore(AT_ONCE)  # of those who only look at a file
@@ -66,19 +66,13 @@ class Job:
             self.ended = True
 
     def _follow(self, task: Task) -> None:
-        """Starts the process, of a session of its own (Ctrl-C reaches its parent alone), and takes what it says."""
+        """Starts the process, and takes what it says."""
         self.stage = "starting"
         with tempfile.TemporaryFile() as said:
             with self._lock:
                 if self._cancelled.is_set():
                     return
-                self._process = process = subprocess.Popen(
-                    [sys.executable, "-c", START.format(path=sys.path)],
-                    stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=said,
-                    start_new_session=True,
-                )
+                self._process = process = start_process("worker", said)
             assert process.stdin is not None
             assert process.stdout is not None
             try:
@@ -92,15 +86,32 @@ class Job:
                     else:
                         self.outcome = message
             finally:
-                for stream in (process.stdin, process.stdout):
-                    with suppress(OSError):  # it may have gone before it read all
-                        stream.close()
-                with suppress(subprocess.TimeoutExpired):
-                    process.wait(PATIENCE)
-                process.kill()  # nothing, where it has ended
-                process.wait()
+                end_process(process)
             if self.outcome is None and not self.message:
                 self.message = explain_end(process.returncode, said)
+
+
+def start_process(module: str, said: IO[bytes]) -> "subprocess.Popen[bytes]":
+    """A process of a session of its own (Ctrl-C reaches its parent alone), told and asked by its pipes."""
+    return subprocess.Popen(
+        [sys.executable, "-c", START.format(path=sys.path, module=module)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=said,
+        start_new_session=True,
+    )
+
+
+def end_process(process: "subprocess.Popen[bytes]") -> None:
+    """Closes its pipes, and waits for its end, but not long."""
+    for stream in (process.stdin, process.stdout):
+        with suppress(OSError):  # it may have gone before it read all
+            if stream is not None:
+                stream.close()
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(PATIENCE)
+    process.kill()  # nothing, where it has ended
+    process.wait()
 
 
 def explain_end(code: int, said: IO[bytes]) -> str:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from vrte.app.form.content import (
     Content,
@@ -68,8 +68,7 @@ MOST_NAMED, MOST_WORDS = 30, 1500  # warnings; characters about a part
 
 def main() -> None:
     """Reads a task, answers, ends."""
-    output = os.fdopen(os.dup(1), "wb")  # for messages alone:
-    os.dup2(2, 1)  # what anything prints goes to standard error
+    output = open_output()
     task: Task = pickle.load(sys.stdin.buffer)
     threading.Thread(target=end_with_input, daemon=True).start()
     limit_memory(task.memory_bytes)
@@ -82,6 +81,13 @@ def main() -> None:
 
     tell(answer(task, tell))
     os._exit(0)  # at once: nothing is left to do, and threads of the linear algebra may be waiting
+
+
+def open_output() -> IO[bytes]:
+    """Standard output for messages alone; what anything prints goes to standard error from now on."""
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    return output
 
 
 def end_with_input() -> None:

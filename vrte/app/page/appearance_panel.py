@@ -1,0 +1,254 @@
+"""The tab that shows what a paint looks like over black and over white, while its sliders are moved."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from vrte.app import figures
+from vrte.app.form.content import get_value
+from vrte.app.form.sliders import STEPS, Slider, explain_missing, list_sliders, read_number
+from vrte.app.page.gallery import list_paint_starts
+from vrte.app.page.pieces import add_table_row, select
+from vrte.app.solving.appearance import (
+    ACCURACY,
+    COARSE,
+    GEOMETRIES,
+    ILLUMINANTS,
+    OBSERVERS,
+    Appeared,
+    Reply,
+    Shade,
+    Viewing,
+)
+from vrte.app.solving.bench import Bench
+from vrte.basics.errors import Place
+
+WHITES = 0.4, 1.0  # albedos of the white card
+THROTTLE = 0.1  # seconds between two positions of a slider
+LOOK_EVERY = 0.03  # seconds between two looks whether an answer has come
+BRIGHT = 55.0  # L*: words on darker colours are white
+NAMES = {"X": "X", "Y": "Y", "Z": "Z", "L": "L*", "a": "a*", "b": "b*", "C": "C*", "h": "h [°]"}
+SIDES = ("over black", "over white")
+
+
+class AppearancePanel:
+    """Sliders over the form's numbers, and what follows from them. ``write`` puts a number into a field of the form,
+    ``fill`` another scene; ``plot`` makes an empty figure, ``draw`` fills it."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        write: Callable[[Place, float], None],
+        fill: Callable[..., None],
+        plot: Callable[[], Any],
+        draw: Callable[[Any], None],
+    ) -> None:
+        self.bench, self.write, self.fill, self.draw_figure = bench, write, fill, draw
+        self.view = bench.view
+        self.view.setdefault("viewing", Viewing())
+        self.sliders: dict[Place, tuple[Slider, Any, Any]] = {}
+        self.missing = ""
+        self.shown: Reply | None = None
+        self.moved: Place | None = None
+        with ui.row().classes("w-full gap-2 pt-3 items-start"):
+            self.paint = select([*list_paint_starts()], None, "begin with a paint", self.begin_with, 230)
+            for key, names, width in (
+                ("illuminant", ILLUMINANTS, 190), ("observer", OBSERVERS, 140), ("geometry", GEOMETRIES, 235),
+            ):  # fmt: skip
+                select(names, getattr(self.view["viewing"], key), key, partial(self.look, key), width)
+        self.message = ui.label().classes("vrte-warning w-full mt-2").props("role=status")
+        self.bars = ui.element("div").classes("vrte-bars")
+        with ui.row().classes("w-full items-center gap-2 no-wrap vrte-status") as self.progress:
+            self.spinner = ui.spinner(size="16px")
+            self.status = ui.label().classes("vrte-note")
+            self.stop = ui.button("Stop", icon="stop", on_click=self.end)
+            self.stop.props("flat dense no-caps size=sm color=negative")
+        self.told = ui.label().classes("vrte-hidden").props("role=status aria-live=polite")
+        with ui.column().classes("w-full gap-2 no-wrap pb-4") as self.answer:
+            self._lay_out(plot)
+        self.timer = ui.timer(LOOK_EVERY, self.follow, active=False)
+
+    # layout
+
+    def _lay_out(self, plot: Callable[[], Any]) -> None:
+        """Swatches, numbers and the figure, empty."""
+        with ui.row().classes("w-full gap-4 items-center"):
+            with ui.element("div").classes("vrte-drawdown"):
+                self.swatches = [make_swatch() for _ in SIDES]
+            with ui.column().classes("gap-1"):
+                self.contrast = ui.label().classes("vrte-heading")
+                self.apart, self.changed = ui.label().classes("vrte-note"), ui.label().classes("vrte-note")
+                keep = ui.button("Compare with this from now on", icon="bookmark_border", on_click=self.keep)
+                keep.props("flat dense no-caps size=sm color=primary")
+        self.gaps, self.notes = ui.label().classes("vrte-note"), ui.label().classes("vrte-warning w-full")
+        with ui.element("div").classes("vrte-look"):
+            with ui.column().classes("gap-0 no-wrap vrte-spectra"):
+                plot()
+            with ui.element("table").classes("vrte-table"):
+                add_table_row("th", ["", *SIDES])
+                self.cells = {name: add_table_row("td", [label, "", ""])[1:] for name, label in NAMES.items()}
+
+    def _draw_sliders(self) -> None:
+        """One a number of the form; anew where there are others, or a number has left its slider's range."""
+        content = self.bench.content
+        wanted = {slider.place: slider for slider in list_sliders(content)}
+        values = {place: read_number(get_value(content, place)) or 0.0 for place in wanted}
+        now = {place: slider for place, (slider, _, _) in self.sliders.items()}
+        if {place: one.label for place, one in now.items()} != {place: one.label for place, one in wanted.items()} or (
+            not all(now[place].reaches(value) for place, value in values.items())
+        ):
+            self.bars.clear()
+            with self.bars:
+                self.sliders = {place: (one, *self._add_bar(one)) for place, one in wanted.items()}
+                self.white, bar = make_bar("albedo of the white card", *WHITES, 0.01, self.set_white)
+                bar.set_value(self.view["viewing"].white)
+        for place, (slider, text, bar) in self.sliders.items():
+            text.set_text(f"{slider.label}: {values[place]:.3g}")
+            bar.props.update({"aria-valuetext": f"{values[place]:.3g}"})
+            if place != self.moved:
+                bar.set_value(slider.find_step(values[place]))
+        self.white.set_text(f"albedo of the white card: {self.view['viewing'].white:g}")
+
+    def _add_bar(self, slider: Slider) -> tuple[Any, Any]:
+        return make_bar(slider.label, 0, STEPS, 1, partial(self.move, slider.place))
+
+    # what somebody does
+
+    def begin_with(self, title: str | None) -> None:
+        """A paint: the form gets it."""
+        if title:
+            self.paint.set_value(None)
+            self.view.pop("before", None)
+            self.fill(*list_paint_starts()[title]())
+
+    def look(self, key: str, value: Any) -> None:
+        """In another light, by another observer, in another geometry, over another card."""
+        self.view["viewing"] = replace(self.view["viewing"], **{key: value})
+        self.refresh()
+
+    def move(self, place: Place, step: float) -> None:
+        """A slider to another step: its number goes to the form, and what changes there is shown here."""
+        if place in self.sliders:  # it may have gone meanwhile
+            self.moved = place
+            self.write(place, self.sliders[place][0].find_value(step))
+            self.moved = None
+
+    def set_white(self, albedo: float) -> None:
+        """Another white card."""
+        self.look("white", round(min(max(albedo, WHITES[0]), WHITES[1]), 2))
+
+    def keep(self) -> None:
+        """What is shown is what later colours are compared with."""
+        answer = self.bench.live.answer
+        if isinstance(answer, Appeared):
+            self.view["before"] = answer.shares
+            self.refresh()
+
+    def end(self) -> None:
+        """Whatever is being worked out."""
+        self.bench.live.close()
+        self.follow()
+
+    # what follows
+
+    def refresh(self) -> None:
+        """Asks what the form's scene looks like, where that is not known yet."""
+        bench, live = self.bench, self.bench.live
+        unfit = explain_missing(bench.content)
+        self.missing = unfit or (f"The form waits: {bench.wrong[0]}" if bench.wrong else "")
+        self.bars.set_visibility(not unfit)
+        self._draw_sliders()
+        if not self.missing:
+            live.ask(bench.content, bench.shelf.folder, self.view["viewing"], self.view.get("before"))
+            self.timer.activate()
+        self._show()
+        self.follow()
+
+    def follow(self) -> None:
+        """Looks whether an answer has come."""
+        live = self.bench.live
+        live.refresh()
+        if live.answer is not self.shown:
+            self._show()
+        for element in (self.spinner, self.stop):
+            element.set_visibility(live.waits)
+        if not live.waits:
+            self.timer.deactivate()
+
+    def _show(self) -> None:
+        """The last answer, or why there is none."""
+        answer = self.shown = self.bench.live.answer
+        refused = "" if answer is None or isinstance(answer, Appeared) else answer.message
+        text = self.missing or refused
+        self.message.set_text(text)
+        self.message.set_visibility(bool(text))
+        self.progress.set_visibility(not self.missing)
+        self.answer.set_visibility(isinstance(answer, Appeared) and not text)
+        if isinstance(answer, Appeared) and not text:
+            self._write(answer)
+        elif answer is None:
+            self.status.set_text("a process for this tab is starting")
+
+    def _write(self, answer: Appeared) -> None:
+        """Colours, numbers and spectra of an answer."""
+        shades = answer.black, answer.white
+        for (swatch, below, words), side, shade, then in zip(
+            self.swatches, SIDES, shades, answer.before or (None, None), strict=True
+        ):
+            colour_swatch(swatch, shade)
+            swatch.props.update({"aria-label": f"colour {side}: {shade.hex}"})
+            words.set_text(f"{side} {shade.hex}")
+            below.set_visibility(then is not None)
+            colour_swatch(below, then or shade)
+        self.contrast.set_text(f"contrast ratio {100.0 * answer.contrast:.2f} %")
+        self.apart.set_text(f"ΔE2000 between black and white: {answer.apart:.2f}")
+        changed = answer.changed and "; ".join(
+            f"{side} {value:.2f}" for side, value in zip(SIDES, answer.changed, strict=True)
+        )
+        self.changed.set_text(f"ΔE2000 from before: {changed}" if changed else "")
+        for name, labels in self.cells.items():
+            for label, shade in zip(labels, shades, strict=True):
+                label.set_text(f"{shade.numbers[name]:.2f}")
+        gaps = [
+            f"{side}: no screen of sRGB shows it; the swatch is {shade.gap:.1f} ΔE2000 away"
+            for side, shade in zip(SIDES, shades, strict=True)
+            if shade.gap > 0.0
+        ]
+        self.gaps.set_text("; ".join(gaps))
+        notes = [shades[0].extrapolation, *answer.notes]
+        self.notes.set_text("; ".join(filter(None, notes)))
+        self.notes.set_visibility(bool(self.notes.text))
+        at = answer.shares.wavelength_um
+        span = f"{1e3 * at[0]:.4g} to {1e3 * at[-1]:.4g} nm, accuracy {ACCURACY:g}; {answer.seconds:.2f} s"
+        self.status.set_text(
+            f"coarse: {COARSE} wavelengths, {span}" if answer.coarse else f"{at.size} wavelengths, {span}"
+        )
+        if not answer.coarse:
+            self.told.set_text(f"{self.contrast.text}; {self.apart.text}")
+        self.draw_figure(figures.spectra(answer.shares, self.view.get("before"), answer.viewing.geometry))
+
+
+def make_swatch() -> tuple[Any, Any, Any]:
+    """A colour, below it that of before, and words on it."""
+    with ui.element("div").props("role=img") as swatch:
+        words = ui.label()
+        with ui.element("div").classes("vrte-then") as below:
+            ui.label("before")
+    return swatch, below, words
+
+
+def colour_swatch(element: Any, shade: Shade) -> None:
+    """A colour behind words that can be read on it."""
+    element.style(f"background: {shade.hex}; color: {'#000' if shade.numbers['L'] > BRIGHT else '#fff'}")
+
+
+def make_bar(label: str, low: float, high: float, step: float, act: Callable[[float], None]) -> tuple[Any, Any]:
+    """A slider and the text above it; what it says comes at most ten times a second, the last always."""
+    with ui.column().classes("gap-0"):
+        text = ui.label().classes("vrte-note")
+        bar = ui.slider(min=low, max=high, step=step, value=low).props(f'dense aria-label="{label}"').classes("w-full")
+        bar.on("update:model-value", lambda event: act(float(event.args)), throttle=THROTTLE)
+    return text, bar

@@ -1,0 +1,252 @@
+"""What a paint looks like over black and over white, worked out again and again as somebody moves its sliders."""
+
+import os
+import pickle
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.appearance.colours import Colour, find_colour, find_difference
+from vrte.appearance.panel import Panel, choose_wavelengths, make_panel
+from vrte.basics.arrays import Array, put_in_one_line
+from vrte.basics.errors import AccuracyError, DeviceError, LongSolveWarning, MissingExtraError, SceneError
+from vrte.basics.running import Progress
+from vrte.formats.particle_sources import make_particles
+from vrte.optics.particles import Particles
+from vrte.scene.boundary import Lambertian
+
+ACCURACY = 1e-3  # of a reflectance: 0.1 % of the white, below what is seen
+COARSE = 6  # wavelengths of the first answer
+PATIENCE = 0.3  # seconds: where all wavelengths take longer, a coarse answer comes first
+MU_I = np.cos(np.radians([45.0, 8.0]))  # of both geometries: one more direction costs next to nothing
+MOST_KINDS, MOST_SPECTRA, MOST_NOTES = 1000, 8, 30  # particles at one wavelength, and so on, that are remembered
+LEFT_OUT = ("accuracy", "base", "brdf", "field", "method", "nodes", "render", "settings", "wavelength_um")
+GEOMETRIES = {"45:0": "45:0, without gloss", "8:di": "8:di, with what is mirrored"}
+ILLUMINANTS = {"D65": "D65, daylight", "A": "A, light bulb", "FL11": "FL11, fluorescent tube"}
+OBSERVERS = {10: "10 degrees", 2: "2 degrees"}
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """In which light a paint is seen, by whom, in which geometry, and over a card of which white."""
+
+    illuminant: str = "D65"
+    observer: int = 10
+    geometry: str = "45:0"
+    white: float = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Shares:
+    """Reflectance factors over black and over white (wavelength,) at wavelengths [um]."""
+
+    wavelength_um: Array
+    over_black: Array
+    over_white: Array
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a scene looks like: the form's content, where its tables lie, how it is looked at, and what it is compared
+    with; questions are counted by ``number``."""
+
+    number: int
+    content: dict[str, Any]
+    folder: Path
+    viewing: Viewing = Viewing()
+    before: Shares | None = None
+
+
+@dataclass(frozen=True)
+class Shade:
+    """A colour as numbers, and as a screen shows it, which may be ``gap`` CIEDE2000 from it."""
+
+    hex: str
+    gap: float
+    numbers: dict[str, float]
+    extrapolation: str
+
+    @classmethod
+    def of(cls, colour: Colour) -> "Shade":
+        """What the page shows of a colour."""
+        numbers = {name: float(getattr(colour, name)) for name in ("X", "Y", "Z", "L", "a", "b", "C", "h")}
+        return cls(colour.hex, colour.gamut_gap, numbers, colour.extrapolation)
+
+
+@dataclass(frozen=True)
+class Appeared:
+    """The answer: colours over black and over white, and their ``contrast``, Y over black / Y over white; ``apart``,
+    CIEDE2000 between the two, and ``changed``, those from the colours before; ``coarse``: a better one follows."""
+
+    number: int
+    coarse: bool
+    viewing: Viewing
+    shares: Shares
+    black: Shade
+    white: Shade
+    contrast: float
+    apart: float
+    before: tuple[Shade, Shade] | None = None
+    changed: tuple[float, float] | None = None
+    seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Refused:
+    """Why there is no answer, in a sentence."""
+
+    number: int
+    message: str
+
+
+Reply = Appeared | Refused
+Tell = Callable[[Reply], None]
+Caught = Sequence[warnings.WarningMessage]
+
+
+class NewerError(Exception):
+    """There is a newer question."""
+
+
+class Studio:
+    """Answers questions about scenes that change a little: particles and spectra of the last ones are remembered."""
+
+    def __init__(self) -> None:
+        self.kinds: dict[bytes, Particles] = {}
+        self.warned: dict[bytes, tuple[str, ...]] = {}  # of kinds of particles, as they were made
+        self.found: dict[bytes, dict[str, Shares]] = {}  # by geometry
+        self.pace = 0.0  # seconds that the last solve took for each wavelength
+
+    def answer(self, question: Question, tell: Tell, is_old: Callable[[], bool]) -> None:
+        """Tells an answer, a coarse one before where that takes long; none once the question ``is_old``."""
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", UserWarning)
+                self._answer(question, tell, is_old, caught)
+        except NewerError:
+            return
+        except (SceneError, AccuracyError, DeviceError, MissingExtraError, OSError) as error:
+            text = str(error).replace(f"{question.folder}{os.sep}", "")  # where it lies is nobody's business
+            tell(Refused(question.number, put_in_one_line(text, 1000)))
+        except MemoryError:
+            tell(Refused(question.number, "not enough memory for this scene: smaller particles need less"))
+        except Exception as error:  # never seen; a page must not wait for ever
+            tell(Refused(question.number, put_in_one_line(f"{type(error).__name__}: {error}", 1000)))
+
+    def _answer(self, question: Question, tell: Tell, is_old: Callable[[], bool], caught: Caught) -> None:
+        begin = time.perf_counter()
+        content = {key: value for key, value in question.content.items() if key not in LEFT_OUT}
+        key = pickle.dumps((content, question.folder, question.viewing.white))
+
+        def check(*_: Any) -> None:
+            if is_old():
+                raise NewerError
+
+        def report(found: dict[str, Shares], coarse: bool) -> None:
+            notes = self._collect_notes(content, caught)
+            shown = found[question.viewing.geometry]
+            tell(describe(question, shown, coarse, time.perf_counter() - begin, notes))
+
+        both = self.found.pop(key, None)
+        if both is None:
+            at = np.asarray(choose_wavelengths(content, question.folder))
+            some = at[np.linspace(0, at.size - 1, COARSE).round().astype(int)]
+            panel = self._make(content, question.folder, some)
+            made = time.perf_counter() - begin
+            nodes = choose_nodes(panel)
+            if made * at.size / COARSE + self.pace * at.size > PATIENCE:
+                few = self._solve(make_panel(panel, nodes=nodes), question.viewing.white)
+                report({name: spread_over(one, at) for name, one in few.items()}, coarse=True)
+            panel = make_panel(self._make(content, question.folder, at, check), nodes=nodes)
+            both = self._solve(panel, question.viewing.white, check)
+        self.found[key] = both
+        forget_oldest(self.found, MOST_SPECTRA)
+        forget_oldest(self.kinds, MOST_KINDS)
+        report(both, coarse=False)
+
+    def _make(self, content: dict[str, Any], folder: Path, at: Array, progress: Progress | None = None) -> Panel:
+        """The scene at wavelengths (n,), of particles that are known as far as they are."""
+        return make_panel(content, at, folder, progress, compute=self._compute, accuracy=ACCURACY)
+
+    def _compute(self, source: str, given: dict[str, Any]) -> Particles:
+        """Particles as `make_particles` makes them, or as they were made before."""
+        key = pickle.dumps((source, given))
+        found = self.kinds.pop(key, None) or make_particles(source, given)
+        self.kinds[key] = found  # the last used is the last
+        return found
+
+    def _solve(self, panel: Panel, white: float, progress: Progress | None = None) -> dict[str, Shares]:
+        """Reflectance factors over black and over white, by geometry."""
+        begin = time.perf_counter()
+        bare = panel.put_over(None).solve(MU_I, progress=progress)
+        reached = all(scene.base_is_reached for scene in panel.scenes)
+        backed = panel.put_over(Lambertian(white)).solve(MU_I, progress=progress) if reached else bare
+        self.pace = (time.perf_counter() - begin) / len(panel)
+        return {
+            "45:0": Shares(panel.wavelength_um, *(np.pi * one.mueller[:, 0, 0, 0, 0, 0] for one in (bare, backed))),
+            "8:di": Shares(panel.wavelength_um, *(one.total_reflectance[:, 1] for one in (bare, backed))),
+        }
+
+    def _collect_notes(self, content: dict[str, Any], caught: Caught) -> tuple[str, ...]:
+        """What the library warns of: of layers now, of particles as they were made."""
+        said = [str(one.message) for one in caught if not issubclass(one.category, LongSolveWarning)]
+        key = pickle.dumps(content.get("particles"))
+        of_particles = [text for text in said if not text.startswith("layer")]
+        self.warned[key] = tuple(dict.fromkeys((*self.warned.pop(key, ()), *of_particles)))
+        forget_oldest(self.warned, MOST_SPECTRA)
+        return tuple(dict.fromkeys((*said, *self.warned[key])))[:MOST_NOTES]
+
+
+def choose_nodes(panel: Panel) -> int:
+    """The nodes that the accuracy takes at the first, a middle and the last wavelength, the most of the three: to
+    choose them takes three times as long as to solve with them."""
+    places = sorted({0, len(panel) // 2, len(panel) - 1})
+    few = replace(panel, wavelength_um=panel.wavelength_um[places], scenes=tuple(panel.scenes[k] for k in places))
+    return max(int(one.diagnostics["nodes"]) for one in few.put_over(None).solve(MU_I))
+
+
+def describe(question: Question, shares: Shares, coarse: bool, seconds: float, notes: tuple[str, ...]) -> Appeared:
+    """The colours of spectra, and what they differ by."""
+    viewing = question.viewing
+    black, white = find_colours(shares, viewing)
+    before, changed = None, None
+    if question.before is not None:
+        then = find_colours(question.before, viewing)
+        before = Shade.of(then[0]), Shade.of(then[1])
+        changed = find_difference(black, then[0]), find_difference(white, then[1])
+    contrast = black.Y / white.Y if white.Y > 0.0 else 1.0
+    apart = find_difference(black, white)
+    shades = Shade.of(black), Shade.of(white)
+    return Appeared(question.number, coarse, viewing, shares, *shades, contrast, apart, before, changed, seconds, notes)
+
+
+def find_colours(shares: Shares, viewing: Viewing) -> tuple[Colour, Colour]:
+    """The colours over black and over white."""
+    how = viewing.illuminant, viewing.observer
+    over_black, over_white = (np.clip(one, 0.0, None) for one in (shares.over_black, shares.over_white))
+    return find_colour(shares.wavelength_um, over_black, *how), find_colour(shares.wavelength_um, over_white, *how)
+
+
+def spread_over(few: Shares, wavelength_um: Array) -> Shares:
+    """Spectra at more wavelengths than they are known at, (n,) [um]: cubic splines.
+
+    >>> few = Shares(np.linspace(0.4, 0.7, 6), np.linspace(0.1, 0.6, 6), np.ones(6))
+    >>> spread_over(few, np.array([0.43])).over_black.round(6).tolist()
+    [0.15]
+    """
+    from scipy.interpolate import make_interp_spline
+
+    curves = (few.over_black, few.over_white)
+    return Shares(wavelength_um, *(make_interp_spline(few.wavelength_um, one)(wavelength_um) for one in curves))
+
+
+def forget_oldest(kept: dict[bytes, Any], most: int) -> None:
+    """Leaves so many of those that were put in last."""
+    while len(kept) > most:
+        del kept[next(iter(kept))]

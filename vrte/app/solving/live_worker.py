@@ -1,0 +1,77 @@
+"""The process that answers a tab's questions while somebody moves its sliders: it stays, and the newest question wins.
+
+It ends when its input does, also in the middle of an answer, so that none is left when the viewer is gone.
+"""
+
+import os
+import pickle
+import sys
+import threading
+from typing import Any
+
+from vrte.app.solving.appearance import Question, Reply, Studio
+from vrte.app.solving.worker import open_output
+from vrte.appearance.colours import import_colour_science
+from vrte.basics.errors import MissingExtraError
+from vrte.basics.limits import limit_memory
+
+
+class Inbox:
+    """The newest question; those that nobody took in time are gone."""
+
+    def __init__(self) -> None:
+        self._newest: Question | None = None
+        self._changed = threading.Condition()
+
+    def put(self, question: Question) -> None:
+        """In place of the one that waits."""
+        with self._changed:
+            self._newest = question
+            self._changed.notify()
+
+    def take(self) -> Question:
+        """The newest question, once there is one."""
+        with self._changed:
+            self._changed.wait_for(self.has_newer)
+            question, self._newest = self._newest, None
+            assert question is not None
+            return question
+
+    def has_newer(self) -> bool:
+        """Whether one waits."""
+        return self._newest is not None
+
+
+def main() -> None:
+    """Reads how much memory it may take, then answers questions until its input ends."""
+    output = open_output()
+    limit_memory(pickle.load(sys.stdin.buffer))
+    inbox, studio = Inbox(), Studio()
+    threading.Thread(target=fill_inbox, args=(inbox,), daemon=True).start()
+
+    def tell(reply: Reply) -> None:
+        pickle.dump(reply, output, protocol=pickle.HIGHEST_PROTOCOL)
+        output.flush()
+
+    threading.Thread(target=load_colours, daemon=True).start()
+    while True:
+        studio.answer(inbox.take(), tell, inbox.has_newer)
+
+
+def fill_inbox(inbox: Inbox) -> None:
+    """Takes questions in as they come, and ends the process after the last."""
+    question: Any = None
+    try:
+        while True:
+            question = pickle.load(sys.stdin.buffer)
+            inbox.put(question)
+    finally:
+        os._exit(1)
+
+
+def load_colours() -> None:
+    """Beside the first particles: it takes a second."""
+    try:
+        import_colour_science()
+    except MissingExtraError:
+        return  # the answer says so
