@@ -1,16 +1,31 @@
 """Gloss: apertures of glossmeters, what rough surfaces send into them, and gloss units against closed forms."""
 
 import math
+from importlib import import_module
 
 import numpy as np
 import pytest
 
+import vrte
 from vrte.appearance.apertures import Receptor, Rectangular, Round, collect_mirrored, project_solid_angle
+from vrte.appearance.gloss import (
+    BLACK_GLASS,
+    RECEPTORS,
+    SOURCE,
+    find_gloss,
+    find_glosses,
+    list_gloss_directions,
+    read_gloss,
+)
+from vrte.appearance.panel import Panel
 from vrte.basics.errors import SceneError
+from vrte.optics.fresnel import reflect_smooth
+from vrte.scene.boundary import Boundary
 from vrte.scene.interface import Interface
 
-SOURCE = Rectangular(0.75, 2.5)
-RECEPTORS = {20.0: Rectangular(1.8, 3.6), 60.0: Rectangular(4.4, 11.7), 85.0: Rectangular(4.0, 6.0)}
+ANGLES = [20.0, 60.0, 85.0]
+VISIBLE = np.array([0.43, 0.466, 0.505, 0.544, 0.583, 0.622, 0.66])
+NOTHING = vrte.Layer(vrte.isotropic(), albedo=0.0, thickness=0.0)
 
 
 def cosine(angle_deg: float) -> float:
@@ -57,7 +72,7 @@ SURFACES = [
 
 
 @pytest.mark.parametrize("surface", SURFACES[:3], ids=lambda one: one.in_words[35:])
-@pytest.mark.parametrize("angle_deg", [20.0, 60.0, 85.0])
+@pytest.mark.parametrize("angle_deg", ANGLES)
 def test_receptor_gets_what_a_plain_grid_sums_up(surface: Interface, angle_deg: float) -> None:
     """The grid is as good as 1/count^2; at 85 degrees the lobe is a fifth of a degree wide across and needs more."""
     receptor, finer = RECEPTORS[angle_deg], {20.0: 1, 60.0: 3, 85.0: 8}[angle_deg]
@@ -67,10 +82,10 @@ def test_receptor_gets_what_a_plain_grid_sums_up(surface: Interface, angle_deg: 
 
 
 @pytest.mark.parametrize("surface", SURFACES[1:], ids=lambda one: one.in_words[35:])
-@pytest.mark.parametrize("angle_deg", [20.0, 60.0, 85.0])
+@pytest.mark.parametrize("angle_deg", ANGLES)
 def test_more_points_change_nothing(surface: Interface, angle_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
     share = collect_mirrored(surface, cosine(angle_deg), RECEPTORS[angle_deg], SOURCE)
-    monkeypatch.setattr("vrte.appearance.apertures.SOURCE_POINTS", 5)
+    monkeypatch.setattr(import_module("vrte.appearance.apertures"), "SOURCE_POINTS", 5)
     more = collect_mirrored(surface, cosine(angle_deg), RECEPTORS[angle_deg], SOURCE, 10)
     assert share == pytest.approx(more, rel=1e-6)
 
@@ -108,3 +123,137 @@ def test_apertures_below_the_horizon_and_without_size_are_refused() -> None:
         Round(0.0)
     with pytest.raises(SceneError, match=r"aperture: across_deg must be an angle from 0.001 to 170 degrees, not 180"):
         Rectangular(1.0, 180.0)
+
+
+def make_bare_panel(surface: Interface | None, base: Boundary | None = None, **asked: object) -> Panel:
+    """A surface over a base at wavelengths of the visible, and nothing between them."""
+    pile = [NOTHING] if surface is None else [surface, NOTHING]
+    scene = vrte.Scene(pile, base)
+    return Panel(VISIBLE, (scene,) * VISIBLE.size, (0.0,), asked)
+
+
+def reflect_by_fresnel(index: float, angle_deg: float) -> float:
+    """Of unpolarized light, after the sine and tangent formulas."""
+    incident = math.radians(angle_deg)
+    refracted = math.asin(math.sin(incident) / index)
+    less, more = incident - refracted, incident + refracted
+    return 0.5 * ((math.sin(less) / math.sin(more)) ** 2 + (math.tan(less) / math.tan(more)) ** 2)
+
+
+@pytest.mark.parametrize("index", [1.567, 1.5, 1.52, 1.33])
+def test_smooth_surface_has_the_gloss_of_fresnel(index: float) -> None:
+    glosses = find_glosses(make_bare_panel(Interface(1.0, index)))
+    for angle, gloss in glosses.items():
+        expected = 100.0 * reflect_by_fresnel(index, angle) / reflect_by_fresnel(1.567, angle)
+        assert gloss == pytest.approx(expected, rel=1e-12)
+    if index == 1.567:
+        assert glosses == pytest.approx(dict.fromkeys(ANGLES, 100.0), rel=1e-12)
+
+
+def test_black_glass_reflects_what_the_standards_say() -> None:
+    """0.0491, 0.1001 and 0.6191 at 20, 60 and 85 degrees (from memory)."""
+    found = [BLACK_GLASS.share(cosine(angle))[0].item() for angle in ANGLES]
+    assert found == pytest.approx([0.0491, 0.1001, 0.6191], abs=6e-5)
+
+
+def test_polished_metal_is_beyond_a_hundred() -> None:
+    """No surface but the mirror itself."""
+    gloss = find_gloss(make_bare_panel(None, vrte.Mirror((0.8, 6.0))), 20.0)
+    expected = reflect_smooth(0.8 + 6.0j, cosine(20.0))[0, 0] / reflect_by_fresnel(1.567, 20.0)
+    assert gloss == pytest.approx(100.0 * expected, rel=1e-12)
+    assert gloss > 1000.0
+
+
+def test_white_below_a_smooth_surface_adds_its_closed_form() -> None:
+    """a/(pi n^2) T_i T_o/(1 - a R), R of light from everywhere inside, over the receptor by a fine grid."""
+    index, albedo = 1.5, 0.9
+    surface = Interface(1.0, index)
+    mu, weights = vrte.hemisphere(2000)
+    outside = float(2.0 * (weights * mu) @ surface.share(mu)[0])
+    inside = 1.0 - (1.0 - outside) / index**2
+    glosses = find_glosses(make_bare_panel(surface, vrte.Lambertian(albedo), nodes=64))
+    for angle, gloss in glosses.items():
+        receptor, (s, t) = RECEPTORS[angle], np.meshgrid(*2 * [np.linspace(-0.995, 0.995, 200)])
+        direction, density = receptor.aim(s, t)
+        mu_o = direction[..., 2] * cosine(angle) - direction[..., 0] * math.sin(math.radians(angle))
+        through = surface.share(mu_o.ravel())[1].reshape(mu_o.shape)
+        seen = float((density * mu_o * through).sum()) * 0.01**2
+        diffuse = albedo / (np.pi * index**2) * surface.share(cosine(angle))[1][0] * seen / (1.0 - albedo * inside)
+        smooth = reflect_by_fresnel(index, angle)
+        mirrored = 100.0 * smooth / reflect_by_fresnel(1.567, angle)
+        assert gloss - mirrored == pytest.approx(100.0 * diffuse / reflect_by_fresnel(1.567, angle), rel=2e-3)
+
+
+def test_rough_surface_over_black_has_its_lobe_alone() -> None:
+    """Of the smooth glass the average over the source is what the lobe is compared with."""
+    surface = Interface(1.0, 1.5, 0.2, shadowing=True)
+    for angle, gloss in find_glosses(make_bare_panel(surface)).items():
+        lobe, glass = (collect_mirrored(one, cosine(angle), RECEPTORS[angle], SOURCE) for one in (surface, BLACK_GLASS))
+        assert gloss == pytest.approx(100.0 * lobe / glass, rel=1e-6)
+
+
+@pytest.mark.parametrize("distribution", ["beckmann", "ggx"])
+def test_gloss_falls_as_the_surface_gets_rougher(distribution: str) -> None:
+    alphas = [0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8]
+    for angle in ANGLES:
+        shares = [
+            collect_mirrored(
+                Interface(1.0, 1.5, alpha, distribution if alpha else "beckmann"),  # type: ignore[arg-type]
+                cosine(angle),
+                RECEPTORS[angle],
+                SOURCE,
+            )
+            for alpha in alphas
+        ]
+        assert (np.diff(shares) < 0.0).all()
+
+
+def test_finest_roughness_is_smooth_at_60_and_85_degrees_and_not_at_20() -> None:
+    """Lobes of alpha 0.01 are 1.1 degrees wide on either side in the plane, and the receptor at 20 degrees 0.9."""
+    left = {}
+    for angle in ANGLES:
+        fine, smooth = (
+            collect_mirrored(Interface(1.0, 1.5, alpha), cosine(angle), RECEPTORS[angle], SOURCE)
+            for alpha in (0.01, 0.0)
+        )
+        left[angle] = fine / smooth
+    assert left[60.0] > 0.99
+    assert left[85.0] > 0.98
+    assert left[20.0] == pytest.approx(0.66, abs=0.01)
+    in_plane, across = (math.tan(math.radians(half)) / 0.02 for half in (0.9, 1.8))
+    alone = collect_mirrored(Interface(1.0, 1.5, 0.01), cosine(20.0), RECEPTORS[20.0]) / reflect_by_fresnel(1.5, 20.0)
+    assert alone == pytest.approx(math.erf(in_plane) * math.erf(across / cosine(20.0)), rel=1e-3)  # a Gaussian
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.3, 0.5])
+def test_matt_surfaces_have_a_sheen(alpha: float) -> None:
+    """Facets that do not hide each other: ever glossier towards grazing incidence."""
+    glosses = [
+        collect_mirrored(Interface(1.0, 1.5, alpha), cosine(angle), RECEPTORS[angle], SOURCE)
+        / collect_mirrored(BLACK_GLASS, cosine(angle), RECEPTORS[angle], SOURCE)
+        for angle in ANGLES
+    ]
+    assert glosses[2] > glosses[1] > glosses[0]
+
+
+def test_spectrum_of_the_right_directions_is_read() -> None:
+    panel = make_bare_panel(Interface(1.0, 1.5), vrte.Lambertian(0.5))
+    spectrum = panel.solve(*list_gloss_directions([20.0, 60.0]))
+    assert read_gloss(spectrum, panel.surface, 60) == pytest.approx(find_gloss(panel), rel=1e-9)
+    with pytest.raises(SceneError, match="mu_i of the spectrum must have"):
+        read_gloss(spectrum, panel.surface, 85.0)
+
+
+def test_what_gloss_cannot_tell_is_refused() -> None:
+    white = vrte.Lambertian(0.9)
+    with pytest.raises(SceneError, match="gloss needs a surface"):
+        find_gloss(make_bare_panel(None, white))
+    with pytest.raises(SceneError, match="must be one of 20, 60, 85 degrees"):
+        find_gloss(make_bare_panel(Interface(1.0, 1.5)), 75.0)
+    with pytest.raises(SceneError, match="gloss is read in air"):
+        find_gloss(make_bare_panel(Interface(1.33, 1.5)))
+    with pytest.raises(SceneError, match="has a peak in the receptor"):
+        find_gloss(make_bare_panel(Interface(1.0, 1.5), vrte.Facets((0.8, 6.0), roughness=0.02), nodes=16), 20.0)
+    few = Panel(VISIBLE[:1], (vrte.Scene([Interface(1.0, 1.5), NOTHING]),), (0.0,), {})
+    with pytest.raises(SceneError, match="wavelength"):
+        find_gloss(few)

@@ -1,0 +1,168 @@
+"""Specular gloss as glossmeters read it, ISO 2813 and ASTM D523: light around the mirrored beam, 100 of a black glass.
+
+    gloss = 100 sum_lambda y (mirrored/R_g + lobe/R_g' + diffuse/R_g),    y: CIE illuminant C, 1931 observer, sum y = 1
+
+``mirrored``: beams that come back as beams, the source's image lying wholly inside the receptor; ``lobe``: what a rough
+surface sends into the receptor, averaged over the source; ``diffuse``: the rest of the BRDF over the receptor. R_g is
+Fresnel's reflectance of the polished glass, n = 1.567 at every wavelength, R_g' its average over the source.
+
+Apertures are from memory of both standards; those of the receptors were found once more, in a public program's notes.
+Lenses are ideal, the panel is flat, and light that the two polarizations share unevenly is none of the source's.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from vrte.appearance.apertures import Rectangular, collect_mirrored, project_solid_angle
+from vrte.appearance.lights import weigh_wavelengths
+from vrte.appearance.panel import Panel
+from vrte.basics.arrays import Array, show_value
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress
+from vrte.results.brdf import Brdf
+from vrte.results.spectrum import Spectrum
+from vrte.scene.interface import Interface
+
+SOURCE = Rectangular(0.75, 2.5)  # image of the lamp, in the plane of measurement and across it [deg]
+RECEPTORS = {20.0: Rectangular(1.8, 3.6), 60.0: Rectangular(4.4, 11.7), 85.0: Rectangular(4.0, 6.0)}
+BLACK_GLASS = Interface(1.0, 1.567)
+NEEDS_SURFACE = "gloss needs a surface: put an interface between air and the medium of the first layer on top"
+LEAST_BEAM = 1e-6  # share of light that counts as mirrored where there is no surface
+SIMPSON, TRAPEZE = (np.outer(one, one) for one in (np.array([1, 4, 1]) / 6.0, np.array([1, 2, 1]) / 4.0))
+MOST_UNEVEN = 0.01  # of the gloss: what both rules may differ by
+SAME = 1e-9  # directions
+
+
+def find_glosses(
+    panel: Panel, angles: Iterable[float] = (20.0, 60.0, 85.0), progress: Progress | None = None
+) -> dict[float, float]:
+    """Specular gloss of a panel at several angles, of one solve.
+
+    Parameters
+    ----------
+    panel : Panel
+        In air, with a surface on top, at wavelengths that cover the visible.
+    angles : iterable of float
+        Any of 20, 60 and 85 degrees.
+    progress : callable, optional
+        As of `vrte.brdf`.
+
+    Returns
+    -------
+    dict of float
+        Gloss units by the angle.
+
+    Raises
+    ------
+    SceneError
+        For other angles, without a surface, for wavelengths that do not cover the visible, and where light from below
+        the surface has a peak in the receptor too narrow to be integrated.
+    MissingExtraError
+        Without the extra "appearance".
+
+    >>> from vrte.appearance.panel import make_panel
+    >>> glass = {"interface": {"above": 1.0, "below": 1.567}}
+    >>> nothing = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
+    >>> panel = make_panel({"layer": [glass, nothing]}, [0.43, 0.46, 0.5, 0.54, 0.58, 0.62, 0.66])
+    >>> {angle: round(gloss, 9) for angle, gloss in find_glosses(panel).items()}
+    {20.0: 100.0, 60.0: 100.0, 85.0: 100.0}
+    """
+    wanted = [check_gloss_angle(angle) for angle in angles]
+    weigh_wavelengths(panel.wavelength_um, "C", 2)  # what is refused is refused before the work
+    spectrum = panel.solve(*list_gloss_directions(wanted), progress)
+    return {angle: read_gloss(spectrum, panel.surface, angle) for angle in wanted}
+
+
+def find_gloss(panel: Panel, angle_deg: float = 60.0, progress: Progress | None = None) -> float:
+    """Specular gloss of a panel at one angle [gloss units]; parameters and errors as of `find_glosses`."""
+    return find_glosses(panel, (angle_deg,), progress)[angle_deg]
+
+
+def check_gloss_angle(angle_deg: Any) -> float:
+    """One of the angles whose apertures are known. Raises SceneError."""
+    if angle_deg not in RECEPTORS:
+        angles = ", ".join(f"{angle:g}" for angle in RECEPTORS)
+        words = f"of gloss must be one of {angles} degrees (ISO 2813, ASTM D523), not {show_value(angle_deg)}"
+        raise SceneError.of("angle_deg", words)
+    return float(angle_deg)
+
+
+def list_gloss_directions(angles: Sequence[float]) -> tuple[Array, Array, Array]:
+    """mu_i, mu_o and phi [deg] of what `read_gloss` takes at some angles, ascending: the middles and rims of receptors.
+
+    >>> [values.size for values in list_gloss_directions([20.0, 60.0])]
+    [2, 6, 3]
+    """
+    rims = [list_rims(angle) for angle in angles]
+    mu_o, phi = (np.unique(np.concatenate([rim[axis] for rim in rims])) for axis in (0, 1))
+    return np.unique([math.cos(math.radians(angle)) for angle in angles]), mu_o, phi
+
+
+def list_rims(angle_deg: float) -> tuple[Array, Array]:
+    """Three cosines of exit and two azimuths [deg]: the receptor's middle and rims, in the plane and across."""
+    receptor = RECEPTORS[angle_deg]
+    reach = receptor.reach_deg
+    mu_o = np.cos(np.radians([angle_deg - reach, angle_deg, angle_deg + reach]))
+    rim = math.atan(receptor.half[1] / math.sin(math.radians(angle_deg)))
+    return mu_o, np.array([0.0, math.degrees(rim)])
+
+
+def read_gloss(spectrum: Spectrum, surfaces: Sequence[Interface | None], angle_deg: float = 60.0) -> float:
+    """Specular gloss [gloss units] of what was solved at `list_gloss_directions`.
+
+    ``surfaces``: what lies on top at each wavelength, as `Panel.surface` has it. Raises SceneError as `find_glosses`
+    does, and where the spectrum does not have the directions or is lit from the bottom.
+    """
+    angle = check_gloss_angle(angle_deg)
+    if any(one.diagnostics.get("illuminate", "top") != "top" for one in spectrum):
+        raise SceneError("gloss is read off the upper surface: the spectrum must be lit from the top")
+    weights = weigh_wavelengths(spectrum.wavelength_um, "C", 2)[1]
+    parts = weights @ np.array([split_light(*pair, angle) for pair in zip(spectrum, surfaces, strict=True)])
+    if not any(surfaces) and parts[0] < LEAST_BEAM:
+        raise SceneError(NEEDS_SURFACE)
+    surface, diffuse, uneven = 100.0 * parts
+    if uneven > MOST_UNEVEN * (surface + diffuse):
+        raise SceneError(
+            f"gloss at {angle:g} degrees: what comes from below the surface has a peak in the receptor, {diffuse:.3g} "
+            f"gloss units give or take {uneven:.2g}; only the lobe of the surface on top may be that narrow"
+        )
+    return float(surface + diffuse)
+
+
+def split_light(brdf: Brdf, surface: Interface | None, angle_deg: float) -> tuple[float, float, float]:
+    """Light in the receptor over that of the black glass: what is mirrored by beams and the rough surface on top; the
+    rest; and by how much two quadratures of the rest differ."""
+    if surface is not None and surface.index_above != 1.0:
+        raise SceneError(f"gloss is read in air: above the surface the index must be 1, not {surface.index_above:g}")
+    receptor, mu = RECEPTORS[angle_deg], math.cos(math.radians(angle_deg))
+    glass = collect_mirrored(BLACK_GLASS, mu, receptor)
+    mu_o, phi = list_rims(angle_deg)
+    (place,) = find_places("mu_i", brdf.mu_i, [mu], angle_deg)
+    rows, columns = find_places("mu_o", brdf.mu_o, mu_o, angle_deg), find_places("phi", brdf.phi, phi, angle_deg)
+    light = brdf.mueller[place, rows][:, columns, 0, 0]  # (in the plane, across)
+    mirrored = 0.0 if brdf.specular is None else float(brdf.specular[place, 0, 0]) / glass
+    if surface is not None and not surface.is_smooth:
+        light = light - surface.facets.reflect(mu, mu_o[:, None], phi)[..., 0, 0]
+        mirrored += collect_mirrored(surface, mu, receptor, SOURCE) / collect_mirrored(
+            BLACK_GLASS, mu, receptor, SOURCE
+        )
+    seen, cosines = project_solid_angle(receptor, angle_deg) / glass, mu_o[:, None]
+    fine, coarse = (
+        float((rule * light[:, [1, 0, 1]] * cosines).sum() / (rule * cosines).sum()) for rule in (SIMPSON, TRAPEZE)
+    )
+    return mirrored, fine * seen, abs(fine - coarse) * seen
+
+
+def find_places(name: str, values: Array, wanted: Iterable[float], angle_deg: float) -> list[int]:
+    """Where directions are among those solved for. Raises SceneError."""
+    found = [int(np.abs(values - one).argmin()) for one in wanted]
+    for place, one in zip(found, wanted, strict=True):
+        if abs(values[place] - one) > SAME * max(1.0, abs(one)):
+            words = (
+                f"of the spectrum must have {one:.10g} for the gloss at {angle_deg:g} degrees (list_gloss_directions)"
+            )
+            raise SceneError.of(name, words)
+    return found
