@@ -206,6 +206,15 @@ def test_errors_are_colours_too_and_a_picture() -> None:
         draw_two_fluxes(found, found.compare([1.0, np.inf]))
 
 
+def test_an_appearance_knows_its_k_and_s() -> None:
+    panel = make_film(0.9, 2.0)
+    look = vrte.appearance(panel, geometries=["8:di"])
+    assert look.kubelka_munk(0.7, k2=0.5).K == find_kubelka_munk(panel, 0.7, k2=0.5).K
+    spectrum = panel.solve(np.cos(np.radians(8.0)))
+    with pytest.raises(vrte.SceneError, match="not of its spectrum alone"):
+        vrte.appearance(spectrum, geometries=["8:di"]).kubelka_munk()
+
+
 def test_what_k_and_s_are_not_of_is_refused() -> None:
     panel, clear = make_film(), {"phase": "isotropic", "albedo": 0.0, "thickness": 0.1}
     film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}

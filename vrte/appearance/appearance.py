@@ -16,6 +16,7 @@ from vrte.appearance.geometries import (
 )
 from vrte.appearance.lights import check_light
 from vrte.appearance.panel import Panel, make_panel
+from vrte.appearance.two_flux_fit import KubelkaMunk, find_kubelka_munk
 from vrte.basics.arrays import Array, show_value
 from vrte.basics.errors import SceneError
 from vrte.basics.polarization import find_angle_of_linear_polarization, find_degree_of_linear_polarization
@@ -91,6 +92,20 @@ class Appearance:
             raise SceneError.of("geometry", f"{show_value(geometry)} has no polarization here: there are {known}")
         stokes = self.light[name]
         return find_degree_of_linear_polarization(stokes), find_angle_of_linear_polarization(stokes)
+
+    def kubelka_munk(
+        self,
+        white: float = 0.8,
+        geometry: str = "8:di",
+        k1: Any = None,
+        k2: Any = None,
+        progress: Progress | None = None,
+    ) -> KubelkaMunk:
+        """K and S of the panel's film, and k1 and k2 of its surface: as `find_kubelka_munk` says. Raises SceneError
+        where a spectrum was given, of which nobody knows the film."""
+        if self.panel is None:
+            raise SceneError("K and S are of a scene, not of its spectrum alone: give the scene in its place")
+        return find_kubelka_munk(self.panel, white, geometry, k1, k2, progress)
 
     def list_readings(self) -> Iterator[Reading]:
         """All reflectances, polarization, and colours where the wavelengths cover the visible, a number a row."""
