@@ -1,0 +1,236 @@
+"""Hiding power: closed forms of bare cards, absorbing and endless films; the thickness that hides, from both sides."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.appearance.drawdown import find_hiding_film, prepare_drawdown
+from vrte.appearance.even_bases import fit_even_bases
+from vrte.appearance.geometries import find_reflectance, solve_geometry
+from vrte.appearance.hiding import Hiding, find_contrast, find_hiding
+from vrte.appearance.panel import Panel, make_panel
+from vrte.scene.illumination import hemisphere
+
+SEEN = [0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68]
+INDEX = 1.5
+SURFACE = {"interface": {"above": 1.0, "below": INDEX}}
+PLATE = {"interface": {"above": INDEX, "below": 1.3}}
+MU_I = math.cos(math.radians(45.0))
+WHITE = {"phase": {"henyey_greenstein": 0.6}, "albedo": 1.0, "thickness": 30.0}
+GREY = {"phase": {"henyey_greenstein": 0.6}, "albedo": 0.8, "thickness": 5.0}
+
+
+def prepare(*layers: dict[str, Any], at: list[float] = SEEN, **asked: Any) -> Panel:
+    return make_panel({"layer": list(layers)}, at, **({"nodes": 6} | asked))
+
+
+def read(panel: Panel, albedo: float, geometry: str = "45:0") -> np.ndarray:
+    over = panel.put_over(vrte.Lambertian(albedo))
+    return find_reflectance(solve_geometry(over, geometry), geometry, over.surface)
+
+
+@pytest.mark.parametrize("geometry", ["45:0", "8:di", "8:de", "45:as25"])
+@pytest.mark.parametrize(
+    ("above", "below", "nodes", "within"),
+    [([], [], 6, 1e-14), ([SURFACE], [], 20, 1e-14), ([SURFACE], [PLATE], 20, 1e-8)],
+)
+def test_three_solves_tell_the_film_over_every_even_base(
+    geometry: str, above: list[Any], below: list[Any], nodes: int, within: float
+) -> None:
+    """f(A) = f(0) + u A/(1 - A r) with polarization: to rounding, and under surfaces to what the nodes miss."""
+    film = {"phase": "rayleigh", "albedo": 0.95, "thickness": 0.3}
+    panel = prepare(*above, film, *below, at=[0.5], nodes=nodes)
+    even = fit_even_bases(*(read(panel, albedo, geometry) for albedo in (0.0, 0.5, 1.0)))
+    for albedo in (0.13, 0.8, 0.97):
+        assert even.reflect(albedo) == pytest.approx(read(panel, albedo, geometry), abs=within)
+
+
+def test_u_is_what_gets_down_times_what_gets_up() -> None:
+    """By reciprocity both are transmittances from above, which fluxes at the bottom tell."""
+    panel = prepare(SURFACE, {**GREY, "thickness": 2.0}, at=[0.5], nodes=20)
+    even = fit_even_bases(*(read(panel, albedo) for albedo in (0.0, 0.5, 1.0)))
+    scene = panel.put_over(None).scenes[0]
+    fields = [vrte.radiance(scene, mu, mu=[], tau=scene.thickness, nodes=20, accuracy=1e-4) for mu in (MU_I, 1.0)]
+    down, up = (float((field.flux_down + field.direct)[0]) / field.mu0 for field in fields)
+    assert even.u[0] == pytest.approx(down * up / INDEX**2, rel=1e-9)
+
+
+def test_bare_cards_under_a_surface_follow_saunderson() -> None:
+    """Without a film: T(45) T(0) A/(n^2 (1 - A r)), r from all sides inside, out of Fresnel's R alone."""
+    panel = prepare(SURFACE, {**WHITE, "thickness": 0.0}, nodes=16)
+    surface = vrte.Interface(1.0, INDEX)
+    mu, weight = hemisphere(64)
+    outside = 2.0 * float(weight * mu @ surface.share(mu)[0])
+    inside = 1.0 - (1.0 - outside) / INDEX**2
+    expected = (0.2 / (1.0 - 0.2 * inside)) / (0.8 / (1.0 - 0.8 * inside))
+    assert find_contrast(panel, black=0.2) == pytest.approx(expected, rel=1e-7)
+    assert find_contrast(panel) == 0.0
+
+
+def test_a_film_that_only_absorbs_never_hides_what_lies_below() -> None:
+    """R = A exp(-tau/mu_i - tau) at every wavelength: the ratio stays that of the cards."""
+    film = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.7}
+    found = find_hiding(prepare(film), black=0.2)
+    assert found.reflectance_over_white == pytest.approx(0.8 * math.exp(-0.7 / MU_I - 0.7), rel=1e-12)
+    assert found.contrast_ratios == pytest.approx(0.25, rel=1e-12)
+    assert found.hiding_times is None
+    assert "however thick" in found.reason
+    assert not found.without_end.any()
+
+
+def test_a_thick_dark_film_hides_all_and_looks_as_one_without_end() -> None:
+    found = find_hiding(prepare({**GREY, "thickness": 100.0}))
+    assert found.contrast_ratio == pytest.approx(1.0, abs=1e-12)
+    assert found.opacity == pytest.approx(1.0, abs=1e-12)
+    assert found.reflectance_over_black == pytest.approx(found.without_end, rel=1e-10)
+    assert found.compare_cards(0.3, 0.9) == pytest.approx(1.0, abs=1e-12)
+    assert found.hiding_times is not None
+    assert 0.0 < found.hiding_times < 0.2
+    assert find_contrast(prepare({**GREY, "thickness": math.inf})) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("film", "times", "above"),
+    [(WHITE, 1.0, [SURFACE]), (WHITE, 40.0, []), (WHITE, 1e-4, []), (GREY, 1.0, []), (GREY, 0.01, [])],
+)
+def test_the_thickness_that_hides_is_met_by_direct_solves(film: dict[str, Any], times: float, above: list[Any]) -> None:
+    """A thousandth thinner is not enough, a thousandth thicker is; whatever the film was that it began with."""
+    began = {**film, "thickness": film["thickness"] * times}
+    drawdown = prepare_drawdown(prepare(*above, began), 0.0, 0.8, "45:0", "D65", 10)
+    hiding, reason = find_hiding_film(drawdown, 0.98, 1.0)
+    assert hiding is not None
+    assert not reason
+    thin, thick = (
+        find_contrast(prepare(*above, {**film, "thickness": began["thickness"] * hiding * factor}))
+        for factor in (0.999, 1.001)
+    )
+    assert thin < 0.98 < thick
+    assert len(drawdown.found) <= 8
+
+
+@pytest.mark.parametrize("geometry", ["8:di", "di:di"])
+def test_no_light_is_lost_over_a_white_base(geometry: str) -> None:
+    """A film that absorbs nothing sends all back over the base A = 1, and without end."""
+    panel = prepare(SURFACE, {**WHITE, "thickness": 3.0}, at=[0.5])
+    even = fit_even_bases(*(read(panel, albedo, geometry) for albedo in (0.0, 0.5, 1.0)))
+    assert even.reflect(1.0) == pytest.approx(1.0, abs=1e-6)
+    assert read(panel.scale_film(math.inf), 0.0, geometry) == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def white() -> Hiding:
+    return find_hiding(prepare(WHITE))
+
+
+def test_the_curve_rises_to_the_film_without_end(white: Hiding) -> None:
+    assert (np.diff(white.contrast_ratios) > 0.0).all()
+    assert (np.diff(white.over_black) > 0.0).all()
+    assert (white.over_black < white.over_white).all()
+    assert (white.over_white < white.luminance_without_end).all()
+    assert white.opacity < white.paper_opacity < white.contrast_ratio
+    place = int(np.flatnonzero(white.times == 1.0)[0])
+    assert white.contrast_ratios[place] == pytest.approx(white.contrast_ratio, rel=1e-12)
+    assert white.hiding_times is not None
+    assert white.times[0] < min(1.0, white.hiding_times) < max(1.0, white.hiding_times) < white.times[-1]
+    assert np.diff(np.log(white.times)).max() < 0.61
+
+
+def check_interpolation(found: Hiding, film: dict[str, Any]) -> None:
+    between = np.sqrt(found.times[1:] * found.times[:-1])[1:4]
+    contrast, over_white = found.interpolate(between)
+    drawdown = prepare_drawdown(prepare(film), 0.0, 0.8, "45:0", "D65", 10)
+    exact = np.array([drawdown.measure(times) for times in between])
+    assert contrast == pytest.approx(exact[:, 0] / exact[:, 1], abs=2e-3)
+    assert over_white == pytest.approx(exact[:, 1], abs=2e-3)
+
+
+def test_between_its_exact_points_the_curve_is_smooth(white: Hiding) -> None:
+    check_interpolation(white, WHITE)
+    check_interpolation(find_hiding(prepare(GREY)), GREY)
+    with pytest.raises(vrte.SceneError, match="where the curve ends"):
+        white.interpolate(1e3)
+
+
+def test_lengths_follow_where_the_film_has_one(white: Hiding) -> None:
+    assert white.length_um is None
+    assert white.lengths_um is None
+    assert white.hiding_length_um is None
+    assert white.spreading_rate is None
+    assert "times the film" in str(white)
+    known = replace(white, length_um=20.0)
+    assert known.hiding_times is not None
+    assert known.hiding_length_um == pytest.approx(20.0 * known.hiding_times, rel=1e-12)
+    assert known.spreading_rate == pytest.approx(50.0 / known.hiding_times, rel=1e-12)
+    assert known.lengths_um == pytest.approx(20.0 * known.times, rel=1e-12)
+    assert "m2 of dry film a litre" in str(known)
+    assert known.plot().axes[0].get_xlabel().endswith("µm")
+
+
+@pytest.mark.slow
+def test_a_paint_hides_at_the_same_thickness_whatever_it_was_drawn_down_at() -> None:
+    surface = {"interface": {"above": 1.0, "below": "alkyd"}}
+    thin, thick = (
+        find_hiding(make_panel({"layer": [surface, {"material": "rutile in alkyd", "thickness_um": length}]}))
+        for length in (10.0, 60.0)
+    )
+    assert thin.hiding_length_um == pytest.approx(thick.hiding_length_um, rel=2e-3)
+    assert thin.contrast_ratio == pytest.approx(float(thick.interpolate(1.0 / 6.0)[0][0]), abs=1e-3)
+
+
+def test_cards_that_are_as_much_alike_need_no_film() -> None:
+    found = find_hiding(prepare(GREY), black=0.795, white=0.8)
+    assert found.hiding_times == 0.0
+    assert "bare cards" in found.reason
+
+
+def test_nodes_are_chosen_once_and_are_enough() -> None:
+    panel = prepare(GREY)
+    rough, fine = (
+        find_contrast(make_panel({"layer": [SURFACE, {**WHITE, "thickness": 10.0}]}, SEEN, accuracy=accuracy))
+        for accuracy in (1e-3, 1e-6)
+    )
+    assert rough == pytest.approx(fine, abs=2e-4)
+    assert prepare_drawdown(panel, 0.0, 0.8, "45:0", "D65", 10).panel is panel
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"black": 0.8}, "black must be an albedo below that of white, 0.8"),
+        ({"white": 1.1}, "white must be an albedo between 0 and 1"),
+        ({"target": 1.0}, "target must be a contrast ratio above 0 and below 1"),
+        ({"geometry": "45:45"}, "mirrored beam"),
+        ({"observer": 3}, "observer"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(asked: dict[str, Any], words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=words):
+        find_hiding(prepare(GREY), **asked)
+
+
+@pytest.mark.parametrize(("thickness", "words"), [(math.inf, "without end"), (0.0, "without thickness")])
+def test_a_film_has_to_begin_with_a_thickness(thickness: float, words: str) -> None:
+    with pytest.raises(vrte.SceneError, match=f"the film is {words}"):
+        find_hiding(prepare({**GREY, "thickness": thickness}, layer=1))
+
+
+def test_a_picture_shows_the_target_and_the_film(white: Hiding) -> None:
+    left, right = white.plot().axes
+    shown = [
+        {text.get_text() for text in legend.get_texts()} for legend in (left.get_legend(), right.get_legend()) if legend
+    ]
+    assert shown[0] == {f"0.98 at {white.hiding_times:.3g} times the film"}
+    assert shown[1] == {"over white, 0.8", "over black, 0", "without end"}
+    assert any(set(np.asarray(line.get_ydata()).tolist()) == {0.98} for line in left.lines)
+
+
+def test_progress_ends_where_all_is_done() -> None:
+    told: list[tuple[int, int]] = []
+    find_hiding(prepare(GREY), progress=lambda done, total: told.append((done, total)))
+    shares = [done / total for done, total in told]
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0 > shares[-2]
