@@ -226,7 +226,7 @@ def test_a_sweep_of_a_paint_shares_its_particles_and_tells_what_is_wrong() -> No
     from vrte.sweep.template import list_particle_places
 
     sweep = read_sweep({**of(), "axes": {"paint.thickness_um": [20.0, 40.0, 60.0]}})
-    assert list(list_particle_places(sweep)) == [("rutile", (0,))]
+    assert list(list_particle_places(sweep)) == [("rutile", (0,), 0)]
     with pytest.raises(SceneError, match=r"^axes\.paint\.thicknes: the scene has no paint\.thicknes$"):
         read_sweep({**of(), "axes": {"paint.thicknes": [1.0]}})
 

@@ -15,7 +15,7 @@ from vrte.basics.running import Progress, count_usable_cpus
 from vrte.calls.forecast import foretell_all
 from vrte.calls.mitsuba import take_off
 from vrte.calls.plan import make_request
-from vrte.calls.side_by_side import run_side_by_side, solve_side_by_side
+from vrte.calls.side_by_side import is_shared, run_side_by_side, solve_side_by_side
 from vrte.calls.spectrum import Source
 from vrte.formats.named import find_known_wavelengths
 from vrte.formats.paints import expand_content
@@ -148,7 +148,8 @@ class Panel:
             fixed = {"nodes": most} if most and "accuracy" in self.asked else {}
             others = [self._ask(place, **directions, **{**self.asked, **fixed}) for place in rest]
             told = f"the other {len(rest)} wavelengths"
-            foretell_all(len(rest), lambda place: (others[place], 0.0), told, workers=count_usable_cpus())
+            if not is_shared():  # who shares the cores has foretold all of it
+                foretell_all(len(rest), lambda place: (others[place], 0.0), told, workers=count_usable_cpus())
             part = progress and (lambda done, total: progress(done + len(looked_at), count))
             found |= dict(zip(rest, solve_side_by_side(others, part), strict=True))
         return Spectrum(self.wavelength_um, tuple(found[place] for place in range(count)))

@@ -1,12 +1,16 @@
 """Small solves side by side: one a core, where each by itself would leave the others idle."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
+from vrte.basics.arrays import IntArray
 from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.running import Progress, Run, count_usable_cpus
 from vrte.calls.brdf import make_brdf
@@ -15,6 +19,38 @@ from vrte.request.request import Request
 from vrte.results.brdf import Brdf
 
 Made = TypeVar("Made")
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """How many cores whoever calls may use, and the flag (1,) that stops all that goes on there."""
+
+    cores: int
+    stop: IntArray = field(default_factory=lambda: np.zeros(1, np.int32))
+
+
+_share: ContextVar[Share | None] = ContextVar("cores", default=None)
+
+
+@contextmanager
+def share_cores(share: Share) -> Iterator[None]:
+    """Within it, what runs side by side has so many cores: for one of several who are at work, each in a thread of his
+    own, and who have foretold how long it takes.
+
+    >>> with share_cores(Share(1)):
+    ...     run_side_by_side([lambda: 1, lambda: 2])
+    [1, 2]
+    """
+    before = _share.set(share)
+    try:
+        yield
+    finally:
+        _share.reset(before)
+
+
+def is_shared() -> bool:
+    """Whether others are at work beside this thread."""
+    return _share.get() is not None
 
 
 def run_side_by_side(
@@ -29,7 +65,8 @@ def run_side_by_side(
     >>> run_side_by_side([lambda: 1, lambda: 2])
     [1, 2]
     """
-    count = min(workers or count_usable_cpus(), len(calls))
+    share = _share.get()
+    count = min(workers or (share.cores if share else count_usable_cpus()), len(calls))
     if count < 2:
         found = []
         for place, call in enumerate(calls, 1):
@@ -55,11 +92,13 @@ def run_side_by_side(
 def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Brdf]:
     """BRDFs of requests of one thread each, their methods named; how long they take was told."""
     runs = [make_run(request) for request in requests]
-    stop = np.zeros(1, np.int32)
+    share = _share.get()
+    stop = share.stop if share else np.zeros(1, np.int32)
     for run in runs:
         run.stop, run.told = stop, True
 
     def solve(request: Request, run: Run) -> Brdf:
         return make_brdf(request, solve_request(request, run)[1])
 
-    return run_side_by_side([partial(solve, *pair) for pair in zip(requests, runs, strict=True)], progress, stop=stop)
+    calls = [partial(solve, *pair) for pair in zip(requests, runs, strict=True)]
+    return run_side_by_side(calls, progress, stop=None if share else stop)  # a flag of several stops none of the others

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from vrte.appearance.quantities import QUANTITIES
 from vrte.formats.bases import BASES
 from vrte.formats.keys import Choice, FilePath, Key
 from vrte.formats.paints import PIGMENTS
@@ -73,6 +74,13 @@ def write_page() -> str:
     parts.append(f"## Packing\n\n`packing` of a `[[layer]]` of particles ([particles.md](particles.md))\n\n{packings}")
     pigments = make_markdown_table(("name", "grains of"), [(f"`{name}`", whose) for name, whose in PIGMENTS.items()])
     parts.append(f"## Pigments\n\n`pigment` of [paint] ([materials.md](materials.md#paints))\n\n{pigments}")
+    rows = [
+        (f"`{name}`", one.long_name, one.units, ", ".join(f"`{used}`" for used in one.uses))
+        for name, one in QUANTITIES.items()
+    ]
+    quantities = make_markdown_table(("name", "what", "unit", "depends on"), rows)
+    there = "[sweeps.md](sweeps.md#colour-and-hiding-power)"
+    parts.append(f"## Quantities of appearance\n\n`quantities` of [appearance] ({there})\n\n{quantities}")
     return "\n".join(parts)
 
 

@@ -3,7 +3,7 @@
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -17,35 +17,40 @@ from vrte.basics.blas import keep_to_one_thread
 from vrte.basics.errors import DeviceError, LongSolveWarning, MissingExtraError, SceneError, SweepError
 from vrte.basics.running import Run, run_interruptible
 from vrte.calls.brdfs import solve_together
+from vrte.calls.side_by_side import Share, share_cores
 from vrte.formats.scene_file import make_scene_file
 from vrte.methods import make_run, solve_request
 from vrte.request.request import Request
 from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.sweep.results import get_values, make_result, make_scene_request
+from vrte.sweep.samples import TABLE, Sample
 from vrte.sweep.store import Work, read_work
 from vrte.sweep.template import make_scene_at
 
 FATAL = (DeviceError, MissingExtraError, OSError, SweepError)  # not one scene's fault: the sweep ends
 LONGEST_MESSAGE = 500
 
-Outcome = Brdf | Field | Exception
+Question = Request | Sample
+Outcome = Brdf | Field | Mapping[str, Any] | Exception
 Found = TypeVar("Found")
-Solve = Callable[[Sequence[Request]], list[Outcome]]
+Solve = Callable[[Sequence[Question]], list[Outcome]]
 
 
 @dataclass(frozen=True)
 class Task:
-    """A chunk of scenes, or one kind of particle that scenes share, at a place where it is found."""
+    """A chunk of scenes, or one kind of particle that scenes share, at a place where it is found and, of an appearance,
+    at the wavelength of that number."""
 
     chunk: int = -1
     particles: str = ""
     place: tuple[int, ...] = ()
+    wavelength: int = 0
 
 
 def perform(work: Work, task: Task, solve: Solve, backend: str = "openmp") -> int:
     """Does a task; how many scenes it was."""
-    with keep_to_one_thread():
+    with keep_to_one_thread(), share_cores(Share(1)):
         if task.particles:
             prepare(work, task)
             return 0
@@ -64,9 +69,11 @@ def open_work(folder: str, stamp: str) -> Work:
 def prepare(work: Work, task: Task) -> None:
     """Computes one kind of particle and keeps it; what is wrong with it each of its scenes will say."""
     content = work.sweep.content(task.place)
-    alone: dict[str, Any] = {
-        key: content[key] for key in ("wavelength_um", "host_index", work.sweep.kind) if key in content
-    }
+    kind = work.sweep.kind
+    if kind == TABLE:
+        kind, content["brdf"] = "brdf", {"mu_i": 1.0, "mu_o": 1.0}  # for form's sake
+        content["wavelength_um"] = float(work.sweep.asked.wavelengths_um[task.wavelength])
+    alone: dict[str, Any] = {key: content[key] for key in ("wavelength_um", "host_index", kind) if key in content}
     alone["particles"] = {task.particles: content["particles"][task.particles]}
     alone["layer"] = [
         {"particles": task.particles, "thickness": 1.0}
@@ -75,7 +82,7 @@ def prepare(work: Work, task: Task) -> None:
         if task.particles in list_held(layer)
     ]
     with suppress(SceneError), collect_warnings({}):
-        make_scene_file(alone, work.sweep.kind, work.sweep.folder, work.optics.keep)
+        make_scene_file(alone, kind, work.sweep.folder, work.optics.keep)
 
 
 def list_held(layer: dict[str, Any]) -> list[str]:
@@ -114,13 +121,14 @@ def compute(work: Work, chunk: int, solve: Solve, backend: str) -> int:
 def compute_results(work: Work, places: Sequence[tuple[int, ...]], solve: Solve, backend: str) -> list[Outcome]:
     """The result of each scene, or why there is none."""
 
-    def asked_at(place: tuple[int, ...]) -> Request:
-        return make_scene_request(make_scene_at(work.sweep, place, work.optics), backend)
+    def asked_at(place: tuple[int, ...]) -> Question:
+        found = make_scene_at(work.sweep, place, work.optics)
+        return found if isinstance(found, Sample) else make_scene_request(found, backend)
 
     asked = [try_call(partial(asked_at, place)) for place in places]
-    questions = [one for one in asked if isinstance(one, Request)]
+    questions = [one for one in asked if not isinstance(one, Exception)]
     answers = iter(solve(questions) if questions else ())
-    return [next(answers) if isinstance(one, Request) else one for one in asked]
+    return [one if isinstance(one, Exception) else next(answers) for one in asked]
 
 
 def try_call(attempt: Callable[[], Found]) -> Found | Exception:
@@ -142,7 +150,10 @@ def describe_failure(error: Exception) -> str:
 def make_processor_solver(threads: Callable[[], int], stop: Any) -> Solve:
     """Scenes one after another on the processor, each on as many threads as there are to spare then."""
 
-    def one(request: Request) -> Brdf | Field:
+    def one(request: Question) -> Outcome:
+        if isinstance(request, Sample):
+            with share_cores(Share(threads(), stop)):
+                return request.read()
         run = make_run(replace(request, threads=threads()))
         run.stop = stop
         return make_result(request, *solve_request(request, run))
@@ -150,8 +161,10 @@ def make_processor_solver(threads: Callable[[], int], stop: Any) -> Solve:
     return lambda requests: [try_call(partial(one, request)) for request in requests]
 
 
-def solve_on_device(requests: Sequence[Request]) -> list[Outcome]:
-    """All scenes of a chunk at once on a device; one by one where one of them fails, and where fields are asked for."""
+def solve_on_device(questions: Sequence[Question]) -> list[Outcome]:
+    """All scenes of a chunk at once on a device; one by one where one of them fails, and where fields are asked for.
+    No appearance gets here."""
+    requests = [one for one in questions if isinstance(one, Request)]
     if len(requests) > 1 and requests[0].kind != "brdf":
         return [outcome for request in requests for outcome in solve_on_device([request])]
     run = Run(1)

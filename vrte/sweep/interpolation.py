@@ -31,6 +31,7 @@ DEGREE = 3
 DECADE = 10.0
 COSINES = ("mu_i", "mu_o", "mu0", "mu")
 MATRICES = ("mueller", "transmission", "specular", "specular_transmission", "surface")
+TABLES = {"field": "fields", "appearance": "appearances"}
 STOKES = ("stokes_out", "stokes_in", "stokes_parameter")
 
 
@@ -149,6 +150,10 @@ def interpolate_variable(near: "xarray.DataArray", weights: dict[str, Array]) ->
                 values = values.drop_vars(name).dot(xarray.DataArray(shares, dims=[name]), dim=name)
         return values
 
+    if near.attrs.get("units") == "degree" and near.name not in near.dims:  # an angle: the shorter way around
+        angles = np.radians(near)
+        found = np.degrees(np.arctan2(summed(np.sin(angles)), summed(np.cos(angles)))) % 360.0
+        return found.transpose(*(dim for dim in near.dims if dim not in weights)).assign_attrs(near.attrs)
     with xarray.set_options(keep_attrs=True):
         brightness = near[..., :1, :1] if near.name in MATRICES else near
         if not bool((brightness > 0.0).all()):
@@ -167,7 +172,7 @@ def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: P
     """
     sweep = read_sweep(json.loads(table.attrs["sweep"]), folder)
     if sweep.kind != "brdf":
-        raise SceneError("held_out measures BRDFs, and this is a table of fields")
+        raise SceneError(f"held_out measures BRDFs, and this is a table of {TABLES[sweep.kind]}")
     check_whole("points", points, 1, 10**6)
     chance = np.random.default_rng(seed)
     drawn = {axis.name: sample_axis(axis.values, points, chance) for axis in sweep.axes}

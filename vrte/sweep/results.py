@@ -1,7 +1,10 @@
-"""What each scene of a sweep brings, a BRDF or the field of one beam or several, and how it is asked for."""
+"""What each scene of a sweep brings, a BRDF or the field of one beam or several, and how it is asked for; its
+appearance: `samples`."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -67,9 +70,9 @@ def make_result(request: Request, directions: Array, solution: Solution) -> Brdf
     )
 
 
-def get_values(found: Brdf | Field, name: str) -> Array | float:
+def get_values(found: Brdf | Field | Mapping[str, Any], name: str) -> Array | float:
     """An array of a result, or 0 for light of surfaces that it has not and others of its table may have."""
-    values: Array | None = getattr(found, name)
+    values: Array | None = found[name] if isinstance(found, Mapping) else getattr(found, name)
     return 0.0 if values is None else values
 
 

@@ -26,6 +26,7 @@ from vrte.sweep.chunks import Task, collect_warnings, prepare
 from vrte.sweep.engines import ENGINES
 from vrte.sweep.grid import Grid, choose_chunk_size, cut_grid
 from vrte.sweep.results import make_scene_request
+from vrte.sweep.samples import TABLE, Sample
 from vrte.sweep.store import Work
 from vrte.sweep.table import SUFFIXES, import_zarr, open_table
 from vrte.sweep.template import Sweep, list_particle_places, list_shared_particles, make_scene_at, read_sweep
@@ -51,12 +52,13 @@ def sweep(
     progress: Progress | None = None,
     time_limit_s: float | None = None,
 ) -> "xarray.Dataset":
-    """The Mueller BRDFs, or the Stokes fields, of many scenes, as one labelled table.
+    """The Mueller BRDFs, the Stokes fields, or the appearance, of many scenes, as one labelled table.
 
     Parameters
     ----------
     source : path or mapping
-        A sweep file or its content: a scene for `vrte brdf` or `vrte field` with a table [axes] (docs/sweeps.md).
+        A sweep file or its content: a scene for `vrte brdf` or `vrte field`, or with a table [appearance] in their
+        place, and a table [axes] (docs/sweeps.md).
     output : path, optional
         Ends in .zarr (for large tables) or .nc; without it the table is made in memory.
     engine : str
@@ -77,10 +79,11 @@ def sweep(
     -------
     xarray.Dataset
         With the axes as coordinates and the variables of `vrte.Brdf.to_xarray`, or of `vrte.Field.to_xarray` with mu0
-        as a dimension and stokes_parameter as the last; ``error`` says of a scene without result, whose numbers are
-        NaN, what was wrong with it. With ``output`` the data are read from there when they are asked for. Called again
-        after whatever stopped it, it goes on with the chunks that are left; a complete table is looked over and opened,
-        and what is damaged is made again. Warns (SweepWarning) where scenes failed or warned, and of damage.
+        as a dimension and stokes_parameter as the last, or with the quantities of an appearance; ``error`` says of a
+        scene without result, whose numbers are NaN, what was wrong with it. With ``output`` the data are read from
+        there when they are asked for. Called again after whatever stopped it, it goes on with the chunks that are left;
+        a complete table is looked over and opened, and what is damaged is made again. Warns (SweepWarning) where
+        scenes failed or warned, and of damage.
 
     Raises
     ------
@@ -106,6 +109,10 @@ def sweep(
     limit = math.inf if time_limit_s is None else check_number("time_limit_s", time_limit_s, 0.0, math.inf, "seconds")
     count = count_usable_cpus() if workers is None else check_whole("workers", workers, 1, MOST_WORKERS)
     given = read_sweep(source)
+    if engine == "opencl" and given.kind == TABLE:
+        raise SceneError(
+            "engine 'opencl' makes tables of BRDFs and fields: an appearance is read by 'threads' or 'dask'"
+        )
     if output is not None:
         return make_table(given, check_output_path(output), engine, scheduler, count, chunk, progress, limit)
     with tempfile.TemporaryDirectory(prefix="vrte-sweep-") as folder:
@@ -195,19 +202,24 @@ def foretell_sweep(work: Work, workers: int, limit: float) -> None:
     shared = list(list_shared_particles(work.sweep))
     own = len(shared) < len(work.sweep.template.get("particles", {}))  # particles that no other scene has
 
-    def asked_at(place: int) -> tuple[Request, float]:
+    solves = work.sweep.asked.solves if work.sweep.kind == TABLE else 1  # of a scene
+
+    def asked_at(number: int) -> tuple[Request, float]:
+        place = number // solves
         chunk = left[place * len(left) // scenes]
         there = list(grid.places(chunk))
         where = there[-1 if place == scenes - 1 else place % len(there)]
         begin = time.perf_counter()
         with collect_warnings({}):
-            request = make_scene_request(make_scene_at(work.sweep, where, work.optics.keep))
-        return replace(request, threads=1), time.perf_counter() - begin if own else 0.0
+            found = make_scene_at(work.sweep, where, work.optics.keep, at_one=True)
+            request = found.make_request() if isinstance(found, Sample) else make_scene_request(found)
+        seconds = (time.perf_counter() - begin) * work.sweep.wavelengths / solves
+        return replace(request, threads=1), seconds if own else 0.0
 
     beside = 0.0 if done else measure_particle_seconds(work, shared)
     what = f"{scenes} scenes on {workers} worker{'s'[: workers > 1]}"
     try:
-        foretell_all(scenes, asked_at, what, limit, beside, workers)
+        foretell_all(scenes * solves, asked_at, what, limit, beside, workers)
     except SceneError:
         if not done:
             store.clear(work.folder)
@@ -215,12 +227,15 @@ def foretell_sweep(work: Work, workers: int, limit: float) -> None:
 
 
 def measure_particle_seconds(work: Work, shared: list[tuple[str, tuple[int, ...]]]) -> float:
-    """Of all that scenes share, by the last of each name, which is kept."""
+    """Of all that scenes share, by the last of each name, which is kept; at the last of several wavelengths, when what
+    the first one takes to be loaded is there."""
     seconds, begin = 0.0, time.perf_counter()
     for name, lengths in shared:
-        start = time.perf_counter()
-        prepare(work, Task(particles=name, place=tuple(length - 1 for length in lengths)))
-        seconds += math.prod(lengths) * (time.perf_counter() - start)
+        place = tuple(length - 1 for length in lengths)
+        for wavelength in sorted({0, work.sweep.wavelengths - 1}):
+            start = time.perf_counter()
+            prepare(work, Task(-1, name, place, wavelength))
+        seconds += math.prod(lengths) * work.sweep.wavelengths * (time.perf_counter() - start)
         if time.perf_counter() - begin > cost.LOOKING:
             break
     return seconds
@@ -248,7 +263,7 @@ def run_engine(
     """How many scenes each task was, as they are finished."""
     chunks = (Task(chunk=chunk) for chunk in range(work.grid.chunks) if chunk not in done)
     left = work.grid.chunks - len(done)
-    particles = (Task(particles=name, place=place) for name, place in list_particle_places(work.sweep))
+    particles = (Task(-1, *which) for which in list_particle_places(work.sweep))
     if engine == "dask":
         from vrte.sweep.engines import dask
 

@@ -35,21 +35,12 @@ from vrte.basics.errors import SweepError
 from vrte.formats.atomic import write_atomically
 from vrte.sweep.grid import Grid
 from vrte.sweep.optics import Optics
-from vrte.sweep.results import Results, describe_results
+from vrte.sweep.results import Results
 from vrte.sweep.sealed import DamagedError, flush, read_json, write_json
 from vrte.sweep.table import check_same, convert_to_netcdf, create_table, look_over_netcdf, open_group, read_box
-from vrte.sweep.template import Sweep, list_roughnesses, make_scene_at, make_unseen_particles, read_sweep
+from vrte.sweep.template import Sweep, describe_sweep_results, read_sweep
 
 BEGUN = "sweep"
-
-
-def describe_sweep_results(sweep: Sweep) -> Results:
-    """What each of its scenes brings."""
-    return describe_results(
-        make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles),
-        list_roughnesses(sweep),
-        any(list_roughnesses(sweep, with_base=False)),
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from vrte.formats.seal import is_sealed, seal_of
 from vrte.results.quantities import STOKES
 from vrte.sweep.grid import Grid
 from vrte.sweep.results import Results
+from vrte.sweep.samples import TABLE
 from vrte.sweep.template import Axis, Sweep
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".zarr", ".nc")
 ZARR = 3  # the format: of version 2, reading can run code that a table brings along
-TITLES = {"brdf": "BRDFs", "field": "radiance fields"}
+TITLES = {"brdf": "Polarized BRDFs", "field": "Polarized radiance fields", "appearance": "Appearance"}
 CODECS = {"bytes", "vlen-utf8", "zstd"}
 WORDS = {
     "error": "why a scene has no result, empty if it has",
@@ -106,9 +107,9 @@ def describe_table(sweep: Sweep, box: tuple[int, ...]) -> dict[str, Any]:
     from vrte import __version__
 
     said: dict[str, Any] = {
-        "title": f"Polarized {TITLES[sweep.kind]} of particulate layers",
+        "title": f"{TITLES[sweep.kind]} of particulate layers",
         "source": f"vrte {__version__}",
-        "comment": CONVENTIONS,
+        "comment": sweep.asked.conditions.told if sweep.kind == TABLE else CONVENTIONS,
         "sweep": json.dumps(sweep.described(), default=str),
         "tables": json.dumps(sweep.tables()),
         "fingerprint": sweep.fingerprint(),

@@ -17,6 +17,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,8 @@ from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic
 from vrte.optics.spheres import find_host_index
-from vrte.sweep.results import RESERVED, describe_results
+from vrte.sweep.results import RESERVED, Results, describe_results
+from vrte.sweep.samples import TABLE, Asked, Sample, describe_sample, make_sample, read_asked
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
 STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a key, and a place in its list
@@ -40,7 +42,7 @@ MOST_AXES = 16
 MOST_SCENES = 10**9
 CHECKED = 1000  # values of an axis that are looked at before anything is computed
 SURFACES = ("mirror",)  # kinds of bases that mirror
-FIXED = ("brdf", "field", "axes")  # the same for all scenes of a table
+FIXED = ("brdf", "field", TABLE, "axes")  # the same for all scenes of a table
 VALUES = "a list of numbers, or { start, stop, count }"
 
 Place = str | int
@@ -60,7 +62,8 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A template, the content of a scene file for `vrte brdf` or `vrte field` in ``folder``, and its axes."""
+    """A template, the content of a scene file for `vrte brdf` or `vrte field`, or with a table [appearance], in
+    ``folder``, and its axes."""
 
     template: dict[str, Any]
     axes: tuple[Axis, ...]
@@ -68,8 +71,20 @@ class Sweep:
 
     @property
     def kind(self) -> str:
-        """What is computed of each scene: "brdf", or "field" where that is what the file asks for."""
+        """What is computed of each scene: "brdf", or "field" or "appearance" where that is what the file asks for."""
+        if TABLE in self.template:
+            return TABLE
         return "field" if "field" in self.template and "brdf" not in self.template else "brdf"
+
+    @cached_property
+    def asked(self) -> Asked:
+        """What is read off each panel of a sweep of appearances. Raises SceneError."""
+        return read_asked(self.template, self.folder)
+
+    @property
+    def wavelengths(self) -> int:
+        """How many a scene is of."""
+        return self.asked.wavelengths_um.size if self.kind == TABLE else 1
 
     @property
     def dimensions(self) -> dict[str, int]:
@@ -229,16 +244,18 @@ def check(sweep: Sweep) -> None:
     """All that can be said before anything is computed."""
     check_dimensions(sweep)
     for axis in sweep.axes:
+        if sweep.kind == TABLE and axis.places == ("wavelength_um",):
+            raise SceneError(
+                f"axes.{axis.name}: an appearance is of all wavelengths of {TABLE}.wavelengths_um together"
+            )
         check_field(sweep.template, axis)
     keys = [axis.places for axis in sweep.axes]
     if len(set(keys)) != len(keys):
         raise SceneError("axes: two of them change the same number")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # each scene will say it
-        first = make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles)
-        for name in describe_results(
-            first, list_roughnesses(sweep), any(list_roughnesses(sweep, with_base=False))
-        ).variables:
+        results = describe_sweep_results(sweep)
+        for name in (*results.coordinates, *results.variables):
             if any(name in (axis.name, axis.dimension) for axis in sweep.axes):
                 raise SceneError(f"axes.{name}: this name is taken by the table itself")
         for axis in sweep.axes:
@@ -284,7 +301,7 @@ def check_values(sweep: Sweep, axis: Axis) -> None:
         place = [0] * len(sweep.shape)
         place[dimension] = value
         try:
-            make_scene_at(sweep, tuple(place), make_unseen_particles)
+            make_scene_at(sweep, tuple(place), make_unseen_particles, at_one=True)
         except SceneError as error:
             raise error.behind(f"axes.{axis.name}, value {value + 1}") from error
 
@@ -307,16 +324,28 @@ def make_unseen_particles(source: str, given: dict[str, Any]) -> Particles:
     return Particles(isotropic(), 1.0, 0.0, 1.0, 1.0, 1.0, host_index=host.n, stands_in=True)
 
 
-def make_scene_at(sweep: Sweep, place: tuple[int, ...], compute: Compute) -> SceneFile:
-    """The scene at a place of the grid. Raises SceneError."""
+def make_scene_at(sweep: Sweep, place: tuple[int, ...], compute: Compute, at_one: bool = False) -> SceneFile | Sample:
+    """The scene at a place of the grid; an appearance, on request, ``at_one`` wavelength alone. Raises SceneError."""
+    if sweep.kind == TABLE:
+        return make_sample(sweep.content(place), sweep.folder, sweep.asked.at_one if at_one else sweep.asked, compute)
     return make_scene_file(sweep.content(place), sweep.kind, sweep.folder, compute)
 
 
-def list_particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Each kind of particle that several scenes share, at one place of the grid for each different one of it."""
+def describe_sweep_results(sweep: Sweep) -> Results:
+    """What each of its scenes brings."""
+    first = make_scene_at(sweep, (0,) * len(sweep.shape), make_unseen_particles, at_one=True)
+    if isinstance(first, Sample):
+        return describe_sample(sweep.asked)
+    return describe_results(first, list_roughnesses(sweep), any(list_roughnesses(sweep, with_base=False)))
+
+
+def list_particle_places(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...], int]]:
+    """Each kind of particle that several scenes share, at one place of the grid for each different one of it, and at
+    each wavelength by its number, of an appearance."""
     for name, lengths in list_shared_particles(sweep):
         for place in np.ndindex(*lengths):
-            yield name, place
+            for wavelength in range(sweep.wavelengths):
+                yield name, place, wavelength
 
 
 def list_shared_particles(sweep: Sweep) -> Iterator[tuple[str, tuple[int, ...]]]:

@@ -1,0 +1,309 @@
+"""Sweeps of appearance: colours and contrast ratios of many panels, with all that other sweeps guarantee."""
+
+import copy
+import csv
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray
+
+import vrte
+from tests.helpers import run
+from vrte.appearance.colours import find_colour
+from vrte.appearance.gloss import find_gloss
+from vrte.appearance.hiding import find_hiding
+from vrte.appearance.panel import make_panel
+from vrte.appearance.quantities import QUANTITIES
+from vrte.basics.errors import SceneError
+from vrte.formats import particle_sources
+from vrte.studies import pigment_size
+from vrte.studies.pigment_size import find_optimum, make_paint
+from vrte.sweep import optics
+from vrte.sweep.interpolation import held_out
+from vrte.sweep.run import SweepWarning
+
+AT = {"start": 0.43, "stop": 0.67, "count": 7}
+GOLD = {
+    "nodes": 4,
+    "particles": {"gold": {"index": "gold", "radius_um": 0.03}},
+    "layer": [{"particles": "gold", "thickness": 1.0}],
+    "appearance": {"wavelengths_um": AT, "quantities": ["contrast_ratio", "L", "h"]},
+    "axes": {
+        "radius": {"key": "particles.gold.radius_um", "values": [0.03, 0.05]},
+        "depth": {"key": "layer[1].thickness", "values": [0.5, 2.0]},
+    },
+}
+
+
+def make_films(quantities: list[str], axes: dict[str, Any], **more: Any) -> dict[str, Any]:
+    """A sweep of Rayleigh layers over a grey floor, some milliseconds a scene."""
+    layer = {"phase": "rayleigh", "albedo": 0.9, "thickness": 1.0}
+    base = {"kind": "lambertian", "albedo": 0.4}
+    asked = {"wavelengths_um": AT, "quantities": quantities}
+    return {"nodes": 3, "layer": [layer], "base": base, "appearance": asked, "axes": axes} | more
+
+
+def change(content: dict[str, Any], **appearance: Any) -> dict[str, Any]:
+    """The same with other keys in its table [appearance]."""
+    return {**content, "appearance": content["appearance"] | appearance}
+
+
+DEPTHS = {"depth": {"key": "layer[1].thickness", "values": [0.2, 1.0, 3.0]}}
+
+
+def test_each_panel_is_that_of_brdfs_by_hand() -> None:
+    names = ["contrast_ratio", "X", "Y", "L", "C", "h", "reflectance", "reflectance_over_white"]
+    table = vrte.sweep(
+        change(GOLD, quantities=names, black=0.1, white=0.7) | {"base": {"kind": "lambertian", "albedo": 0.4}},
+        workers=1,
+    )
+    assert dict(table.sizes) == {"radius": 2, "depth": 2, "wavelength_um": 7}
+    assert not (table.error != "").any()
+    at = np.linspace(0.43, 0.67, 7)
+    for radius, depth in ((0.03, 2.0), (0.05, 0.5)):
+        gold = [vrte.spheres("gold", radius_um=radius, wavelength_um=one) for one in at]
+        found = {}
+        for albedo in (0.1, 0.4, 0.7):
+            scenes = [vrte.Scene([vrte.Layer.of(one, depth)], vrte.Lambertian(albedo)) for one in gold]
+            light = [vrte.brdf(scene, np.sqrt(0.5), 1.0, nodes=4).mueller[0, 0, 0, 0, 0] for scene in scenes]
+            found[albedo] = np.pi * np.array(light)
+        here = table.sel(radius=radius, depth=depth)
+        np.testing.assert_allclose(here.reflectance, found[0.4], rtol=1e-12)
+        np.testing.assert_allclose(here.reflectance_over_white, found[0.7], rtol=1e-12)
+        dark, own, bright = (find_colour(at, found[albedo]) for albedo in (0.1, 0.4, 0.7))
+        assert here.contrast_ratio.item() == pytest.approx(dark.Y / bright.Y, rel=1e-12)
+        for name in ("X", "Y", "L", "C", "h"):
+            assert here[name].item() == pytest.approx(getattr(own, name), rel=1e-10), name
+
+
+def test_a_table_says_what_it_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    content = make_films(["contrast_ratio", "L", "h", "reflectance"], DEPTHS)
+    with vrte.sweep(content, tmp_path / "table.nc") as table:
+        table.load()
+    assert set(table.data_vars) == {"contrast_ratio", "L", "h", "reflectance", "error"}
+    assert table.reflectance.dims == ("depth", "wavelength_um")
+    assert "ISO 6504-3" in table.contrast_ratio.attrs["long_name"]
+    assert (table.h.attrs["units"], table.wavelength_um.attrs["units"]) == ("degree", "um")
+    assert table.attrs["title"] == "Appearance of particulate layers"
+    assert "illuminant D65, observer 10 degrees" in table.attrs["comment"]
+    file = tmp_path / "films.toml"
+    file.write_text(
+        """
+nodes = 3
+layer = [{ phase = "rayleigh", albedo = 0.9, thickness = 1.0 }]
+base = { kind = "lambertian", albedo = 0.4 }
+appearance = { wavelengths_um = { start = 0.43, stop = 0.67, count = 7 }, quantities = ["h", "L"] }
+axes = { "layer[1].thickness" = [0.2, 1.0, 3.0] }
+"""
+    )
+    assert run("sweep", file, "-o", tmp_path / "films.zarr") == 0
+    assert "3 scenes (3 layer[1].thickness)" in capsys.readouterr().out
+    np.testing.assert_array_equal(xarray.open_zarr(tmp_path / "films.zarr", chunks=None).L, table.L)
+
+
+def test_particles_are_worked_out_once_for_all_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: Counter[tuple[float, float]] = Counter()
+
+    def count(source: str, given: dict[str, Any]) -> vrte.Particles:
+        made[given["radius_um"], round(given["wavelength_um"], 6)] += 1
+        return particle_sources.make_particles(source, given)
+
+    monkeypatch.setattr(optics, "make_particles", count)
+    vrte.sweep(GOLD, tmp_path / "table.zarr", workers=2).close()
+    assert set(made.values()) == {1}
+    assert len(made) == 2 * 7
+
+
+def test_a_stopped_sweep_goes_on_where_it_was(tmp_path: Path) -> None:
+    output = tmp_path / "table.zarr"
+
+    def stop(done: int, total: int) -> None:
+        if done >= 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        vrte.sweep(GOLD, output, chunk=1, workers=1, progress=stop)
+    folder = tmp_path / "table.zarr.partial"
+    done = sorted(path.name for path in (folder / "done").iterdir())
+    assert 2 <= len(done) < 4
+    marks = {name: (folder / "done" / name).stat().st_mtime_ns for name in done}
+    kept = {path.name: path.stat().st_mtime_ns for path in (folder / "optics").iterdir()}
+    seen: list[int] = []
+
+    def look(count: int, total: int) -> None:
+        if not seen:  # marks and optics are those of the first run
+            assert all((folder / "done" / name).stat().st_mtime_ns == time for name, time in marks.items())
+            assert all((folder / "optics" / name).stat().st_mtime_ns == time for name, time in kept.items())
+        seen.append(count)
+
+    with vrte.sweep(GOLD, output, chunk=1, workers=1, progress=look) as table:
+        assert seen == list(range(len(done), 5))
+        alone = vrte.sweep(GOLD, workers=2)
+        for name in ("contrast_ratio", "L", "h"):
+            assert table[name].values.tobytes() == alone[name].values.tobytes()
+    changed = change(GOLD, white=0.7)
+    with pytest.raises(SceneError, match=r"another sweep: appearance\.white changed"):
+        vrte.sweep(changed, output)
+
+
+def test_a_panel_that_fails_is_recorded_and_the_rest_goes_on() -> None:
+    content = copy.deepcopy(GOLD)
+    content["axes"]["radius"]["values"] = [0.03, 0.0]
+    with pytest.warns(SweepWarning, match="2 of 4 scenes failed; the first said: at 0.43 um: particles.gold.radius_um"):
+        table = vrte.sweep(content, workers=1)
+    assert (table.error != "").values.tolist() == [[False, False], [True, True]]
+    assert np.isfinite(table.L.values[0]).all()
+    assert np.isnan(table.L.values[1]).all()
+
+
+def test_between_the_panels_hues_go_the_shorter_way_around() -> None:
+    axes = {"depth": {"key": "layer[1].thickness", "start": 0.5, "stop": 2.0, "count": 4}}
+    table = vrte.sweep(make_films(["L", "h", "reflectance"], axes))
+    exact = vrte.sweep(make_films(["L", "reflectance"], {"depth": {"key": "layer[1].thickness", "values": [1.1]}}))
+    between = vrte.interpolate(table, {"depth": 1.1})
+    assert between.L.item() == pytest.approx(exact.L.item(), abs=0.02)
+    np.testing.assert_allclose(between.reflectance, exact.reflectance[0], rtol=2e-3)
+    at_green = vrte.interpolate(table, {"depth": 1.1, "wavelength_um": 0.56})
+    assert at_green.reflectance.item() == pytest.approx(float(between.reflectance.mean()), rel=1e-2)
+    table.h.values[:] = [350.0, 358.0, 6.0, 14.0]  # through red, 8 degrees a step
+    assert vrte.interpolate(table, {"depth": 1.25}).h.item() == pytest.approx(2.0, abs=1e-9)
+    with pytest.raises(SceneError, match="held_out measures BRDFs, and this is a table of appearances"):
+        held_out(table)
+
+
+@pytest.mark.parametrize(
+    ("asked", "more", "words"),
+    [
+        ({"quantities": ["contrast"]}, {}, "\"contrast\" is none; did you mean 'contrast_ratio'?"),
+        ({"quantities": []}, {}, "appearance.quantities = []: must be a list of some of X, Y, Z, L"),
+        ({"quantities": ["L", "L"]}, {}, '"L" is there twice'),
+        ({"white": 0.7}, {}, "appearance.white = 0.7: none of the quantities depends on it: L, h"),
+        ({"quantities": ["reflectance"], "observer": 2}, {}, "none of the quantities depends on it: reflectance"),
+        ({"layer": 1}, {}, "appearance.layer = 1: none of the quantities depends on it: L, h"),
+        ({"observer": 5}, {}, "observer must be 2 or 10 (degrees), not 5"),
+        ({"illuminant": "D66"}, {}, "illuminant must be one of"),
+        ({"geometry": "45"}, {}, "geometry"),
+        ({"quantities": ["contrast_ratio"], "black": 0.9}, {}, "black must be darker than the white"),
+        ({"wavelengths_um": [0.5, 0.6]}, {}, "must cover the visible"),
+        ({"wavelengths_um": [0.6, 0.5]}, {}, "must be positive and ascending"),
+        ({"colour": "D65"}, {}, 'appearance.colour = "D65": unknown key'),
+        ({}, {"wavelength_um": 0.5}, "wavelength_um = 0.5: an appearance is of several"),
+        ({}, {"wavelength_um": [0.5, 0.6]}, "leave one of the two out"),
+        ({}, {"brdf": {"mu_i": 0.5, "mu_o": 0.5}}, "leave out [brdf] or [appearance]"),
+        ({}, {"axes": {"wavelength_um": [0.5]}}, "an appearance is of all wavelengths of appearance.wavelengths_um"),
+        ({}, {"axes": {"L": {"key": "base.albedo", "values": [0.5]}}}, "axes.L: this name is taken by the table"),
+        ({}, {"axes": {"appearance.white": [0.5]}}, "is the same for all scenes of a table"),
+        ({}, {"axes": {"layer[1].albedo": [0.5, 2.0]}}, "axes.layer[1].albedo, value 2: "),
+        ({}, {"illuminate": "bottom"}, "illuminate must be 'top'"),
+    ],
+)
+def test_what_is_refused(asked: dict[str, Any], more: dict[str, Any], words: str) -> None:
+    content = change(make_films(["L", "h"], DEPTHS), **asked) | more
+    with pytest.raises(SceneError) as caught:
+        vrte.sweep(content)
+    assert words in str(caught.value)
+
+
+def test_what_hides_is_what_find_hiding_finds() -> None:
+    names = ["contrast_ratio", "hiding_thickness_um", "spreading_rate", "opacity", "reflectance_over_black"]
+    asked = {"wavelengths_um": AT, "quantities": names, "black": 0.1, "target": 0.9}
+    grey = {"index": [1.5, 0.002], "radius_um": 0.1}
+    layer = {"particles": "grey", "volume_fraction": 0.02, "thickness_um": 60.0}
+    axes = {"white": {"key": "base.albedo", "values": [0.0, 1.0]}}  # the cards take the base's place
+    content = {"nodes": 6, "host_index": 1.3, "particles": {"grey": grey}, "layer": [layer], "axes": axes}
+    table = vrte.sweep(content | {"base": {"kind": "lambertian", "albedo": 0.0}, "appearance": asked})
+    assert not (table.error != "").any()
+    panel = make_panel({key: value for key, value in content.items() if key != "axes"}, np.linspace(0.43, 0.67, 7))
+    found = find_hiding(panel, black=0.1, target=0.9)
+    for here in (table.isel(white=0), table.isel(white=1)):
+        assert here.contrast_ratio.item() == pytest.approx(found.contrast_ratio, rel=1e-10)
+        assert here.hiding_thickness_um.item() == pytest.approx(found.hiding_length_um, rel=1e-6)
+        assert here.spreading_rate.item() == pytest.approx(1000.0 / here.hiding_thickness_um.item(), rel=1e-12)
+        assert here.opacity.item() == pytest.approx(found.opacity, rel=1e-10)
+        np.testing.assert_allclose(here.reflectance_over_black, found.reflectance_over_black, rtol=1e-10)
+
+
+def test_a_film_of_unknown_thickness_hides_at_none() -> None:
+    with pytest.warns(
+        SweepWarning, match="the first said: how thick a film hides is asked for in um, and it is given opt"
+    ):
+        vrte.sweep(make_films(["hiding_thickness_um"], DEPTHS))
+
+
+def test_glosses_are_those_of_a_glossmeter() -> None:
+    layers = [{"interface": {"above": 1.0, "below": 1.567}}, {"phase": "rayleigh", "albedo": 0.0, "thickness": 30.0}]
+    base = {"kind": "lambertian", "albedo": 0.4}  # far below a black layer: a black glass
+    axes = {"index": {"key": "layer[1].interface.below", "values": [1.4, 1.567]}}
+    content = {"nodes": 4, "layer": layers, "base": base, "axes": axes}
+    asked = {"wavelengths_um": AT, "quantities": ["gloss_20", "gloss_60", "contrast_ratio"]}
+    table = vrte.sweep(content | {"appearance": asked})
+    assert set(table.data_vars) == {"gloss_20", "gloss_60", "contrast_ratio", "error"}
+    np.testing.assert_allclose([table.gloss_20[1], table.gloss_60[1]], 100.0, rtol=1e-3)
+    panel = make_panel(
+        {"nodes": 4, "layer": [{"interface": {"above": 1.0, "below": 1.4}}, layers[1]]}, table.wavelength_um
+    )
+    assert table.gloss_60[0].item() == pytest.approx(find_gloss(panel, 60.0), rel=1e-6)
+
+
+def test_a_device_is_refused() -> None:
+    with pytest.raises(SceneError, match="engine 'opencl' makes tables of BRDFs and fields"):
+        vrte.sweep(make_films(["L"], DEPTHS), engine="opencl")
+
+
+def test_every_quantity_has_its_words() -> None:
+    for name, row in QUANTITIES.items():
+        assert row.long_name
+        assert row.units in ("1", "um", "degree", "m2 l-1")
+        assert row.dims in ((), ("wavelength_um",)), name
+
+
+@pytest.mark.slow
+def test_a_cluster_makes_the_same_table(tmp_path: Path) -> None:
+    with vrte.sweep(GOLD, tmp_path / "table.zarr", engine="dask", workers=2) as table:
+        expected = vrte.sweep(GOLD, workers=1)
+        for name in ("contrast_ratio", "L", "h"):
+            assert table[name].values.tobytes() == expected[name].values.tobytes()
+        assert json.loads(table.attrs["sweep"])["appearance"] == GOLD["appearance"]
+
+
+def test_rutile_of_a_quarter_of_a_micrometre_hides_most() -> None:
+    # the classical optimum, 0.2 to 0.3 um; in a film in which the best size just hides no other does
+    diameters = [0.1, 0.17, 0.23, 0.31, 0.45]
+    content = make_paint("independent", 1.3, diameters, [0.1])
+    content["layer"][1]["thickness_um"] = 27.0
+    content |= {"nodes": 10, "appearance": content["appearance"] | {"quantities": ["contrast_ratio"]}}
+    contrast = vrte.sweep(content).contrast_ratio.values[:, 0]
+    assert contrast.max() == pytest.approx(0.98, abs=2e-3)
+    assert 0.2 < find_optimum(np.array(diameters), contrast).diameter_um < 0.3
+
+
+@pytest.mark.slow
+def test_crowding_costs_hiding_power_and_moves_the_best_size_little(tmp_path: Path) -> None:
+    few = ["--diameters-um", "0.17", "0.23", "0.31", "--fractions", "0.02", "0.3"]
+    assert pigment_size.main(["-o", str(tmp_path), *few]) == 0
+    assert (tmp_path / "rutile_size_loading.png").read_bytes().startswith(b"\x89PNG")
+    with open(tmp_path / "pigment_size.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 3 * 3 * 2 + 3
+    rates: dict[tuple[str, str], list[float]] = {}  # of a litre of pigment, by packing and loading
+    for row in rows:
+        if row["sigma"] == "1.3":
+            rate = float(row["spreading_rate"]) / float(row["volume_fraction"])
+            assert float(row["hiding_thickness_um"]) * float(row["spreading_rate"]) == pytest.approx(1000.0, rel=1e-5)
+            rates.setdefault((row["packing"], row["volume_fraction"]), []).append(rate)
+    # without crowding a litre of pigment hides as much in any film: its optical thickness alone counts
+    assert rates["independent", "0.02"] == pytest.approx(rates["independent", "0.3"], rel=1e-3)
+    for packing in ("percus-yevick", "coherent-potential"):
+        assert rates[packing, "0.02"] == pytest.approx(rates["independent", "0.02"], rel=0.1)
+        assert max(rates[packing, "0.3"]) < 0.85 * max(rates["independent", "0.3"])
+        best = find_optimum(np.array([0.17, 0.23, 0.31]), np.array(rates[packing, "0.02"]))
+        assert 0.2 < best.diameter_um < 0.3
+        # small grains, many of them close together, lose most: the best size grows
+        few, many = (
+            np.divide(rates[packing, fraction][2], rates[packing, fraction][0]) for fraction in ("0.02", "0.3")
+        )
+        assert many > 1.1 * few

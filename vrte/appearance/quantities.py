@@ -1,0 +1,279 @@
+"""What a laboratory reads off a panel, each quantity by the name it has in tables: unit, definition, how it is found.
+
+A quantity is a function of `Readings`, which solve the panel when something first asks, over each base once. One more
+is a row of QUANTITIES.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from vrte.appearance.colours import Colour, find_colour, weigh_wavelengths
+from vrte.appearance.drawdown import Drawdown, divide_luminances, find_hiding_film, fix_nodes
+from vrte.appearance.geometries import find_reflectance, read_geometry, solve_geometry
+from vrte.appearance.gloss import find_glosses
+from vrte.appearance.panel import Panel
+from vrte.basics.arrays import Array, check_number
+from vrte.basics.errors import SceneError
+from vrte.scene.boundary import Lambertian
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How a panel is looked at: the geometry by its CIE name, the light, the observer [degrees], and the albedos of the
+    black and the white card that films are put over, and the contrast ratio that counts as hidden. Raises SceneError.
+
+    >>> print(Conditions(observer=2).told)
+    geometry 45:0, illuminant D65, observer 2 degrees, black of albedo 0, white of albedo 0.8, contrast ratio 0.98 hides
+    """
+
+    geometry: str = "45:0"
+    illuminant: str = "D65"
+    observer: int = 10
+    black: float = 0.0
+    white: float = 0.8
+    target: float = 0.98
+
+    def __post_init__(self) -> None:
+        read_geometry(self.geometry)
+        for name in ("black", "white"):
+            check_number(name, getattr(self, name), 0.0, 1.0, "an albedo from 0 to 1")
+        check_number("target", self.target, 1e-6, 1.0 - 1e-6, "a contrast ratio above 0 and below 1")
+        if not self.black < self.white:
+            raise SceneError.of("black", f"must be darker than the white, not {self.black:g} beside {self.white:g}")
+
+    @property
+    def told(self) -> str:
+        """In words, for tables."""
+        return (
+            f"geometry {self.geometry}, illuminant {self.illuminant}, observer {self.observer} degrees, "
+            f"black of albedo {self.black:g}, white of albedo {self.white:g}, contrast ratio {self.target:g} hides"
+        )
+
+
+@dataclass(eq=False)
+class Readings:
+    """What is read off a panel under some conditions, each part found when it is first asked for, and kept; ``names``
+    of all quantities that will be."""
+
+    panel: Panel
+    conditions: Conditions = field(default_factory=Conditions)
+    names: Sequence[str] = ()
+
+    def measure(self, panel: Panel) -> Array:
+        """Reflectance factors of a panel (wavelength,)."""
+        spectrum = solve_geometry(panel, self.conditions.geometry)
+        return find_reflectance(spectrum, self.conditions.geometry, panel.surface)
+
+    @cached_property
+    def reflectance(self) -> Array:
+        """Of the panel as it is (wavelength,)."""
+        return self.measure(self.panel)
+
+    @cached_property
+    def colour(self) -> Colour:
+        """Of the panel as it is."""
+        light = self.conditions.illuminant, self.conditions.observer
+        return find_colour(self.panel.wavelength_um, self.reflectance, *light)
+
+    @cached_property
+    def film(self) -> Panel:
+        """The panel with the nodes that its film takes over both cards."""
+        return fix_nodes(self.panel, read_geometry(self.conditions.geometry), self.conditions.black)
+
+    def put_over(self, albedo: float) -> Array:
+        """Reflectance factors of the film over a card (wavelength,)."""
+        return self.measure(self.film.put_over(Lambertian(albedo)))
+
+    @cached_property
+    def bare(self) -> Array:
+        """Over nothing that sends light back (wavelength,)."""
+        return self.put_over(0.0)
+
+    @cached_property
+    def over_black(self) -> Array:
+        """Over the black card (wavelength,)."""
+        return self.put_over(self.conditions.black) if self.conditions.black else self.bare
+
+    @cached_property
+    def over_white(self) -> Array:
+        """Over the white card (wavelength,)."""
+        return self.put_over(self.conditions.white)
+
+    @cached_property
+    def without_end(self) -> Array:
+        """Of so much of the film that nothing below is seen (wavelength,)."""
+        return self.measure(self.film.scale_film(np.inf))
+
+    def find_luminance(self, reflectance: Array) -> float:
+        """Y of reflectance factors (wavelength,), 1 for the perfect white."""
+        light = self.conditions.illuminant, self.conditions.observer
+        return float(weigh_wavelengths(self.panel.wavelength_um, *light)[1] @ reflectance)
+
+    @cached_property
+    def luminances(self) -> tuple[float, float]:
+        """Y over black and white."""
+        return self.find_luminance(self.over_black), self.find_luminance(self.over_white)
+
+    @cached_property
+    def hiding_length_um(self) -> float:
+        """How thick a film has the contrast ratio ``target`` [um]; inf where none has. Raises SceneError."""
+        known = self.panel.length_um
+        if known is None or not 0.0 < known < np.inf:
+            words = "is given optically" if known is None else f"is {known:g} um thick"
+            raise SceneError(
+                f"how thick a film hides is asked for in um, and it {words}: give it a thickness_um above 0"
+            )
+        seen, light = self.conditions, (self.conditions.illuminant, self.conditions.observer)
+        weights = weigh_wavelengths(self.panel.wavelength_um, *light)[1]
+        drawdown = Drawdown(self.film, read_geometry(seen.geometry), (seen.black, seen.white), weights)
+        drawdown.found[1.0] = self.luminances
+        times, _ = find_hiding_film(drawdown, seen.target, self.find_luminance(self.without_end))
+        return float("inf") if times is None else times * known
+
+    @cached_property
+    def glosses(self) -> dict[float, float]:
+        """Gloss by the angle, of all angles asked for, which one solve is for."""
+        return find_glosses(self.panel, [angle for angle in GLOSS_ANGLES if name_gloss(angle) in self.names])
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity: its definition with the standard's number, how it is found, its unit as UDUNITS writes it.
+
+    ``uses``: the conditions it depends on; ``takes``: which of `PARTS` are solved for it; ``dims``: none, or the
+    wavelengths.
+    """
+
+    long_name: str
+    find: Callable[[Readings], float | Array]
+    uses: tuple[str, ...]
+    takes: tuple[str, ...]
+    units: str = "1"
+    dims: tuple[str, ...] = ()
+
+
+PARTS = {
+    "panel": 1,
+    "nodes": 1,
+    "bare": 1,
+    "black": 1,
+    "white": 1,
+    "without_end": 1,
+    "search": 10,
+    "gloss": 4,
+}  # panels solved
+GLOSS_ANGLES = (20.0, 60.0, 85.0)
+LOOK = ("geometry",)
+SEEN = (*LOOK, "illuminant", "observer")
+CARDS = ("black", "white")
+FILM = ("layer",)  # which of several is meant
+HIDES = ("nodes", *CARDS, "without_end", "search")
+SPECTRUM = ("wavelength_um",)
+
+
+def make_colour_row(name: str, long_name: str, units: str = "1") -> Quantity:
+    """A number of the panel's colour."""
+    return Quantity(long_name, lambda readings: getattr(readings.colour, name), SEEN, ("panel",), units)
+
+
+def name_gloss(angle_deg: float) -> str:
+    """A gloss as tables call it.
+
+    >>> name_gloss(60.0)
+    'gloss_60'
+    """
+    return f"gloss_{angle_deg:g}"
+
+
+def make_gloss_row(angle_deg: float) -> Quantity:
+    """Gloss at one angle."""
+    told = f"specular gloss at {angle_deg:g} degrees, gloss units (ISO 2813)"
+    return Quantity(told, lambda seen: seen.glosses[angle_deg], (), ("gloss",))
+
+
+QUANTITIES: dict[str, Quantity] = {
+    **{
+        name: make_colour_row(name, f"tristimulus value {name} (ISO/CIE 11664-3), Y of the perfect white is 100")
+        for name in "XYZ"
+    },
+    "L": make_colour_row("L", "CIELAB lightness L* (ISO/CIE 11664-4)"),
+    "a": make_colour_row("a", "CIELAB a*, from green to red (ISO/CIE 11664-4)"),
+    "b": make_colour_row("b", "CIELAB b*, from blue to yellow (ISO/CIE 11664-4)"),
+    "C": make_colour_row("C", "CIELAB chroma C*ab (ISO/CIE 11664-4)"),
+    "h": make_colour_row("h", "CIELAB hue angle h_ab (ISO/CIE 11664-4)", "degree"),
+    "reflectance": Quantity("reflectance factor", lambda seen: seen.reflectance, LOOK, ("panel",), dims=SPECTRUM),
+    "reflectance_over_black": Quantity(
+        "reflectance factor of the film over the black card",
+        lambda seen: seen.over_black,
+        (*LOOK, "black"),
+        ("nodes", "black"),
+        dims=SPECTRUM,
+    ),
+    "reflectance_over_white": Quantity(
+        "reflectance factor of the film over the white card",
+        lambda seen: seen.over_white,
+        (*LOOK, "white"),
+        ("nodes", "white"),
+        dims=SPECTRUM,
+    ),
+    "reflectance_without_end": Quantity(
+        "reflectance factor of the film without end",
+        lambda seen: seen.without_end,
+        (*LOOK, *FILM),
+        ("nodes", "without_end"),
+        dims=SPECTRUM,
+    ),
+    "contrast_ratio": Quantity(
+        "contrast ratio, Y over black over Y over white (ISO 6504-3)",
+        lambda seen: float(divide_luminances(*seen.luminances)),
+        (*SEEN, *CARDS),
+        ("nodes", *CARDS),
+    ),
+    "opacity": Quantity(
+        "opacity, Y over nothing over Y of the film without end (ISO 2471)",
+        lambda seen: float(divide_luminances(seen.find_luminance(seen.bare), seen.find_luminance(seen.without_end))),
+        (*SEEN, *FILM),
+        ("nodes", "bare", "without_end"),
+    ),
+    "hiding_thickness_um": Quantity(
+        "thickness at which the contrast ratio is the target (ISO 6504-3); inf where none has it",
+        lambda seen: seen.hiding_length_um,
+        (*SEEN, *CARDS, "target", *FILM),
+        HIDES,
+        "um",
+    ),
+    "spreading_rate": Quantity(
+        "area that a litre of dry film hides at that thickness (ISO 6504-3)",
+        lambda seen: 1000.0 / seen.hiding_length_um if seen.hiding_length_um > 0.0 else np.inf,
+        (*SEEN, *CARDS, "target", *FILM),
+        HIDES,
+        "m2 l-1",
+    ),
+    **{name_gloss(angle): make_gloss_row(angle) for angle in GLOSS_ANGLES},
+}
+
+
+def check_conditions(names: Sequence[str], conditions: Conditions, wavelengths_um: Array) -> None:
+    """Whether what the quantities depend on is known: the light, the observer, and wavelengths enough. Raises
+    SceneError."""
+    if any("illuminant" in QUANTITIES[name].uses for name in names):
+        weigh_wavelengths(wavelengths_um, conditions.illuminant, conditions.observer)
+    if any("gloss" in QUANTITIES[name].takes for name in names):
+        weigh_wavelengths(wavelengths_um, "C", 2)
+
+
+def read_quantities(panel: Panel, names: Sequence[str], conditions: Conditions) -> dict[str, float | Array]:
+    """The quantities of a panel by name. Raises SceneError, AccuracyError.
+
+    >>> from vrte.appearance.panel import make_panel
+    >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 2.0}
+    >>> panel = make_panel({"layer": [layer]}, [0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68])
+    >>> found = read_quantities(panel, ["L", "contrast_ratio"], Conditions(white=1.0))
+    >>> 0.0 < found["contrast_ratio"] < 1.0
+    True
+    """
+    readings = Readings(panel, conditions, names)
+    return {name: QUANTITIES[name].find(readings) for name in names}
