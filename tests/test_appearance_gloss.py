@@ -14,9 +14,11 @@ from vrte.appearance.gloss import (
     SOURCE,
     find_gloss,
     find_glosses,
+    find_surface_gloss,
     list_gloss_directions,
     read_gloss,
 )
+from vrte.appearance.gloss_picture import draw_gloss
 from vrte.appearance.panel import Panel
 from vrte.basics.errors import SceneError
 from vrte.optics.fresnel import reflect_smooth
@@ -228,12 +230,14 @@ def test_finest_roughness_is_smooth_at_60_and_85_degrees_and_not_at_20() -> None
 @pytest.mark.parametrize("alpha", [0.1, 0.3, 0.5])
 def test_matt_surfaces_have_a_sheen(alpha: float) -> None:
     """Facets that do not hide each other: ever glossier towards grazing incidence."""
-    glosses = [
-        collect_mirrored(Interface(1.0, 1.5, alpha), cosine(angle), RECEPTORS[angle], SOURCE)
-        / collect_mirrored(BLACK_GLASS, cosine(angle), RECEPTORS[angle], SOURCE)
-        for angle in ANGLES
-    ]
+    glosses = [find_surface_gloss(Interface(1.0, 1.5, alpha), angle) for angle in ANGLES]
     assert glosses[2] > glosses[1] > glosses[0]
+
+
+def test_picture_shows_the_gloss_of_the_surface() -> None:
+    lines = draw_gloss(1.52, count=2).axes[0].lines
+    assert lines[1].get_ydata()[1] == pytest.approx(find_surface_gloss(Interface(1.0, 1.52, 1.0, "ggx", True), 20.0))
+    assert lines[5].get_ydata() == pytest.approx([find_surface_gloss(Interface(1.0, 1.52), 60.0)])
 
 
 def test_spectrum_of_the_right_directions_is_read() -> None:

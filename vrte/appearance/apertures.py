@@ -243,7 +243,7 @@ def integrate_share(
         mu_o = np.clip(turn_up(direction, angle)[:, 2].round(12), 1e-9, 1.0)  # alike on both sides
         restored = restore_lost(interface.facets, np.array(math.cos(angle)), mu_o, False)[:, 0, 0]
         found += float((weights * density * mu_o) @ restored)
-    return found
+    return float(found)
 
 
 def list_beams(source: Rectangular) -> list[tuple[Array, float]]:

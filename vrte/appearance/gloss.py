@@ -132,11 +132,25 @@ def read_gloss(spectrum: Spectrum, surfaces: Sequence[Interface | None], angle_d
     return float(surface + diffuse)
 
 
+def find_surface_gloss(surface: Interface, angle_deg: float = 60.0) -> float:
+    """Specular gloss [gloss units] of a surface by itself, over black. Raises SceneError as `find_glosses` does.
+
+    >>> round(find_surface_gloss(Interface(1.0, 1.5), 60.0), 2)
+    89.14
+    """
+    angle = check_gloss_angle(angle_deg)
+    if surface.index_above != 1.0:
+        raise SceneError(f"gloss is read in air: above the surface the index must be 1, not {surface.index_above:g}")
+    mu, receptor = math.cos(math.radians(angle)), RECEPTORS[angle]
+    source = None if surface.is_smooth else SOURCE  # beams of smooth surfaces are those of the middle of the source
+    share, glass = (collect_mirrored(one, mu, receptor, source) for one in (surface, BLACK_GLASS))
+    return 100.0 * share / glass
+
+
 def split_light(brdf: Brdf, surface: Interface | None, angle_deg: float) -> tuple[float, float, float]:
     """Light in the receptor over that of the black glass: what is mirrored by beams and the rough surface on top; the
     rest; and by how much two quadratures of the rest differ."""
-    if surface is not None and surface.index_above != 1.0:
-        raise SceneError(f"gloss is read in air: above the surface the index must be 1, not {surface.index_above:g}")
+    alone = 0.0 if surface is None else 0.01 * find_surface_gloss(surface, angle_deg)  # refuses what is not in air
     receptor, mu = RECEPTORS[angle_deg], math.cos(math.radians(angle_deg))
     glass = collect_mirrored(BLACK_GLASS, mu, receptor)
     mu_o, phi = list_rims(angle_deg)
@@ -146,9 +160,7 @@ def split_light(brdf: Brdf, surface: Interface | None, angle_deg: float) -> tupl
     mirrored = 0.0 if brdf.specular is None else float(brdf.specular[place, 0, 0]) / glass
     if surface is not None and not surface.is_smooth:
         light = light - surface.facets.reflect(mu, mu_o[:, None], phi)[..., 0, 0]
-        mirrored += collect_mirrored(surface, mu, receptor, SOURCE) / collect_mirrored(
-            BLACK_GLASS, mu, receptor, SOURCE
-        )
+        mirrored += alone
     seen, cosines = project_solid_angle(receptor, angle_deg) / glass, mu_o[:, None]
     fine, coarse = (
         float((rule * light[:, [1, 0, 1]] * cosines).sum() / (rule * cosines).sum()) for rule in (SIMPSON, TRAPEZE)
