@@ -1,6 +1,7 @@
 """Colours of spectra: the perfect white, colour-science's own sums, published pairs and cards, and what is refused."""
 
 import sys
+import warnings
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,18 @@ def test_sums_are_those_of_colour_science(light: tuple[str, int]) -> None:
         found = find_colour(FINE, values, *light)
         expected = colour.sd_to_XYZ(spectrum, matching, lamp, method="Integration")
         np.testing.assert_allclose((found.X, found.Y, found.Z), expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize(("light", "largest"), [(("D65", 10), 1e-4), (("A", 2), 1e-4), (("FL11", 10), 2e-4)], ids=str)
+def test_measured_spectra_have_the_colours_of_astm_e308(light: tuple[str, int], largest: float) -> None:
+    """Another way from 10 nm to 1 nm, colour-science's: Sprague's interpolation or tables of weights."""
+    colour = import_colour_science()
+    for spectrum in colour.SDS_COLOURCHECKERS["BabelColor Average"].values():
+        found = find_colour(spectrum.wavelengths * 1e-3, spectrum.values, *light)
+        matching, lamp = colour.MSDS_CMFS[OBSERVERS[light[1]]], colour.SDS_ILLUMINANTS[light[0]]
+        with warnings.catch_warnings(action="ignore"):  # that it aligns its tables
+            expected = colour.sd_to_XYZ(spectrum, matching, lamp, method="ASTM E308")
+        np.testing.assert_allclose((found.X, found.Y, found.Z), expected, rtol=0.0, atol=100.0 * largest)
 
 
 @pytest.mark.parametrize(("count", "largest"), [(16, 0.15), (31, 0.05), (61, 0.01)])

@@ -72,7 +72,7 @@ class Geometry:
     def standard(self) -> str:
         """Where it is defined."""
         if self.angle_i is None:
-            return "CIE 15, di:di; CIE S 017 17-24-061"
+            return "CIE 15, di:di; CIE S 017, reflectance (17-24-064)"
         if self.angle_o is None:
             return "CIE 15; ASTM E1331"
         if {self.angle_i, abs(self.angle_o)} == {45.0, 0.0} and ":as" not in self.name:
