@@ -190,6 +190,8 @@ def test_a_spectrum_is_read_as_far_as_its_directions_go() -> None:
     for ask, message in (
         (lambda: vrte.appearance(spectrum, geometries=["45:as15"]), "'45:as15' needs mu_o = 0.8660254038.*is 1"),
         (lambda: vrte.appearance(spectrum, nodes=4), "nodes is not used: the spectrum is solved already"),
+        (lambda: read.gloss(), "gloss is read off a scene, not its spectrum alone"),
+        (lambda: read.hiding(), "hiding power is of a scene, not its spectrum alone"),
         (lambda: read.reflectance("45:as15"), "was not asked for: there are 8:di, 45:0, 45:as45"),
         (lambda: read.polarization("8:di"), "has no polarization here: there are 45:0, 45:as45"),
     ):
@@ -207,3 +209,15 @@ def test_readings_are_listed_with_what_they_are() -> None:
     assert all(row.definition and row.standard and row.unit for row in rows)
     lightness = [row.value for row in rows if row.quantity == "L"]
     assert lightness == pytest.approx([look.colour().L] * 2)
+
+
+def test_an_appearance_has_the_gloss_and_the_hiding_of_its_panel() -> None:
+    from vrte.appearance.gloss import find_gloss
+    from vrte.appearance.hiding import find_contrast
+
+    look = vrte.appearance({"layer": [SURFACE, CLOUDY]}, VISIBLE, ["45:0"], "A", 2, nodes=6)
+    assert look.panel is not None
+    assert look.gloss(20.0) == find_gloss(look.panel, 20.0)
+    hiding = look.hiding(white=0.7)
+    assert (hiding.illuminant, hiding.observer, hiding.white) == ("A", 2, 0.7)
+    assert hiding.contrast_ratio == pytest.approx(find_contrast(look.panel, 0.0, 0.7, "45:0", "A", 2), rel=1e-6)

@@ -14,6 +14,8 @@ from vrte.appearance.geometries import (
     read_geometry,
     solve_geometries,
 )
+from vrte.appearance.gloss import find_gloss
+from vrte.appearance.hiding import BLACK, TARGET, WHITE, Hiding, find_hiding
 from vrte.appearance.lights import check_light
 from vrte.appearance.panel import Panel, make_panel
 from vrte.appearance.two_flux_fit import KubelkaMunk, find_kubelka_munk
@@ -93,6 +95,30 @@ class Appearance:
         stokes = self.light[name]
         return find_degree_of_linear_polarization(stokes), find_angle_of_linear_polarization(stokes)
 
+    def gloss(self, angle_deg: float = 60.0) -> float:
+        """Specular gloss [gloss units] at 20, 60 or 85 degrees, a black glass of n = 1.567 being 100 (ISO 2813). Raises
+        SceneError without a surface, and where a spectrum was given."""
+        return find_gloss(self._panel("gloss is read off"), angle_deg)
+
+    def hiding(
+        self,
+        black: float = BLACK,
+        white: float = WHITE,
+        geometry: str = VISUAL,
+        target: float = TARGET,
+        progress: Progress | None = None,
+    ) -> Hiding:
+        """Contrast ratio over cards of the albedos ``black`` and ``white``, the thickness at which it is ``target``,
+        opacity, and the hiding curve: as `vrte.appearance.hiding.find_hiding` says, in this one's light. Raises
+        SceneError where a spectrum was given, of which nobody knows the film."""
+        panel = self._panel("hiding power is of")
+        return find_hiding(panel, black, white, geometry, self.illuminant, self.observer, target, progress)
+
+    def _panel(self, what: str) -> Panel:
+        if self.panel is None:
+            raise SceneError(f"{what} a scene, not its spectrum alone: give the scene in its place")
+        return self.panel
+
     def kubelka_munk(
         self,
         white: float = 0.8,
@@ -103,9 +129,7 @@ class Appearance:
     ) -> KubelkaMunk:
         """K and S of the panel's film, and k1 and k2 of its surface: as `find_kubelka_munk` says. Raises SceneError
         where a spectrum was given, of which nobody knows the film."""
-        if self.panel is None:
-            raise SceneError("K and S are of a scene, not of its spectrum alone: give the scene in its place")
-        return find_kubelka_munk(self.panel, white, geometry, k1, k2, progress)
+        return find_kubelka_munk(self._panel("K and S are of"), white, geometry, k1, k2, progress)
 
     def list_readings(self) -> Iterator[Reading]:
         """All reflectances, polarization, and colours where the wavelengths cover the visible, a number a row."""

