@@ -29,7 +29,7 @@ BARE = math.log(1e-6)  # of the thickness over the film's own: thinner ones show
 WIDEST_STEP = math.log(1e3)  # of the search, in the logarithm of the thickness
 SLOPES = 0.1, 3.0  # of the straightened contrast ratio over that logarithm, as far as they are believed
 MOST_STEPS = 60
-WIDEST_GAP = 0.6  # between thicknesses of a curve, in their logarithm
+WIDEST_GAP = 0.6  # between thicknesses of a curve, in their logarithm; twice that beyond the one that hides
 THINNER, THICKER = 5.0, 2.0  # how far a curve goes beyond the film itself and the one that hides
 USUAL = 30  # solves of a panel: what progress begins with
 
@@ -85,7 +85,8 @@ class Drawdown:
         known = sorted({low, high, *(times for times in self.found if low < times < high)})
         listed = known[:1]
         for thin, thick in itertools.pairwise(known):
-            steps = math.ceil(math.log(thick / thin) / WIDEST_GAP)
+            widest = WIDEST_GAP if thin < hiding else 2.0 * WIDEST_GAP
+            steps = math.ceil(math.log(thick / thin) / widest)
             listed += [thin * (thick / thin) ** (step / steps) for step in range(1, steps)] + [thick]
         return listed
 

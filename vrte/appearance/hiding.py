@@ -125,7 +125,7 @@ class Hiding:
         """The contrast ratio and Y over white at thicknesses over the film's own, within those of the curve, (k,) each.
 
         Cubic splines through the exact values over the logarithm of the thickness, of contrast in a variable in which
-        it is close to straight: good to 2e-3. Raises SceneError.
+        it is close to straight: good to 3e-3. Raises SceneError.
         """
         from scipy.interpolate import CubicSpline
 

@@ -20,6 +20,8 @@ def draw_hiding(hiding: "Hiding") -> "Figure":
     """Contrast ratio, with the target and the thickness that reaches it, beside Y over black, over white and without
     end; dots are exact solves, and a line stands where the panel's own film is. Raises MissingExtraError."""
     figure = make_figure(*SIZE)
+    from matplotlib.ticker import LogLocator
+
     left, right = figure.subplots(1, 2)
     scale, unit = (hiding.length_um, " µm") if hiding.length_um else (1.0, " times the film")
     fine = np.geomspace(hiding.times[0], hiding.times[-1], FINE).clip(hiding.times[0], hiding.times[-1])
@@ -46,7 +48,9 @@ def draw_hiding(hiding: "Hiding") -> "Figure":
         where = {"xycoords": ("data", "axes fraction"), "xytext": (3, 0), "textcoords": "offset points"}
         panel.annotate("this film", (scale, 0.4), fontsize=8, color=INK, rotation=90, **where)
         panel.set(xscale="log", ylim=(0.0, None), xlabel=f"thickness of the dry film,{unit}")
+        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         panel.xaxis.set_major_formatter("{x:g}")
+        panel.xaxis.set_minor_formatter("")
         panel.tick_params(labelsize=9)
     figure.tight_layout()
     return figure
