@@ -366,9 +366,9 @@ def test_every_control_is_clicked(open_tab: Callable[..., Tab]) -> None:
     else:
         raise AssertionError(f"there was no end of controls: {sorted(clicked)}")
     expected = (
-        "Gallery|rutile paint|Chalk|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|add a layer|add a surface|"
-        "add a kind|remove this|zinc oxide|in degrees|thickness in|radiance field|Accuracy|incident light|"
-        "Lobe|Cuts|Reflectance|Inside|Scattering|Plan"
+        "Gallery|rutile paint|White gloss paint|Chalk|Open|Download|BRDF, NetCDF|Link|Theme|dark|Solve|Cancel|"
+        "add a layer|add a surface|add a kind|remove this|zinc oxide|in degrees|thickness in|radiance field|Accuracy|"
+        "incident light|Lobe|Cuts|Reflectance|Appearance|begin with a paint|Inside|Scattering|Plan"
     )
     missing = [name for name in expected.split("|") if name not in " ".join(clicked)]
     assert missing == [], f"not clicked, of {sorted(clicked)}"
@@ -516,6 +516,46 @@ def test_every_choice_of_the_form_is_drawn_and_nothing_is_cut(
     tab.choose("surface", "rough: many small facets")
     tab.page.wait_for_timeout(300)
     assert tab.page.evaluate(CUT) == []
+
+
+@pytest.mark.slow
+def test_a_slider_changes_the_colours_at_once(open_tab: Callable[..., Tab]) -> None:
+    """On a phone, too, in the dark, and by keys."""
+    tab = open_tab(size=(390, 844), color_scheme="dark")
+    tab.page.get_by_role("tab", name="Appearance").click()
+    tab.says("Layer 1 has an optical thickness")
+    tab.choose("begin with a paint", "White gloss paint")
+    tab.wait_for_figure()
+    tab.waits_for(SETTLED)
+    assert tab.value("thickness [µm]") == "60"
+    assert tab.page.evaluate("document.documentElement.scrollWidth") == 390
+    swatches = tab.page.get_by_role("img", name=re.compile("^colour over (black|white): #[0-9a-f]{6}$"))
+    before = [swatches.nth(place).get_attribute("aria-label") for place in (0, 1)]
+    tab.button("Compare with this from now on").click()
+    tab.says("ΔE2000 from before: over black 0.00")
+    tab.slide("thickness [µm]", 0.3)
+    tab.waits_for("before => document.querySelector('.vrte-drawdown > div').ariaLabel != before", before[0])
+    tab.waits_for(SETTLED)
+    thickness = float(tab.value("thickness [µm]"))
+    assert 3.0 < thickness < 10.0  # the slider is the form's field
+    after = [swatches.nth(place).get_attribute("aria-label") for place in (0, 1)]
+    assert after[0] != before[0]
+    ratio = re.search(r"[\d.]+", tab.page.locator(".vrte-heading", has_text="contrast ratio").inner_text())
+    assert ratio
+    assert 60.0 < float(ratio[0]) < 97.0
+    colour = "document.querySelector('.vrte-drawdown > div').style.background"
+    red, green, blue = (int(after[0][-6:][place : place + 2], 16) for place in (0, 2, 4))
+    assert tab.page.evaluate(colour) == f"rgb({red}, {green}, {blue})"
+    tab.page.keyboard.press("ArrowRight")
+    tab.waits_for("before => [...document.querySelectorAll('.vrte-left input')].every(i => i.value != before)",
+                  f"{thickness:g}")  # fmt: skip
+    tab.choose("illuminant", "A, light bulb")
+    tab.waits_for("after => document.querySelector('.vrte-drawdown > div').ariaLabel != after", after[0])
+
+
+SETTLED = """() => [...document.querySelectorAll('.vrte-status .vrte-note')].some(
+    one => one.innerText.startsWith('16 wavelengths'))
+    && !document.querySelector('.vrte-status .q-spinner')?.checkVisibility()"""
 
 
 CUT = """() => { const form = document.querySelector('.vrte-left').getBoundingClientRect();

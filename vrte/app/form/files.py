@@ -16,7 +16,7 @@ from vrte.app.form.parts import list_parts, replace_parts
 from vrte.basics.errors import SceneError
 from vrte.formats.materials import ReadyMaterial, expand_materials, list_named
 from vrte.formats.named import find_named_tables
-from vrte.formats.paints import expand_paint
+from vrte.formats.paints import ReadyPaint, expand_paint
 from vrte.formats.phases import PHASES
 from vrte.formats.scene_writer import write_toml
 from vrte.formats.toml_table import RANGE_KEYS, parse_toml, show_key, show_toml
@@ -59,8 +59,8 @@ def adopt_and_tell(
     return found, told
 
 
-def begin_with_material(material: ReadyMaterial) -> Content:
-    """A scene of a ready material, with all its numbers.
+def begin_with_material(material: ReadyMaterial | ReadyPaint) -> Content:
+    """A scene of a ready material or paint, with all its numbers.
 
     >>> from vrte.formats.materials import list_materials
     >>> begin_with_material(list_materials()["chalk"])["particles"]["chalk: calcite"]["index"]

@@ -218,8 +218,9 @@ class AppearancePanel:
             if shade.gap > 0.0
         ]
         self.gaps.set_text("; ".join(gaps))
-        notes = [shades[0].extrapolation, *answer.notes]
-        self.notes.set_text("; ".join(filter(None, notes)))
+        beyond = shades[0].extrapolation
+        notes = [f"light beyond the wavelengths: {beyond}"] if beyond else []
+        self.notes.set_text("; ".join([*notes, *answer.notes]))
         self.notes.set_visibility(bool(self.notes.text))
         at = answer.shares.wavelength_um
         span = f"{1e3 * at[0]:.4g} to {1e3 * at[-1]:.4g} nm, accuracy {ACCURACY:g}; {answer.seconds:.2f} s"

@@ -1,7 +1,7 @@
 """Scenes and materials to begin with."""
 
 import base64
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,19 +11,21 @@ from nicegui import ui
 from vrte.app.form.content import Content
 from vrte.app.form.files import adopt_content, begin_with_material, parse_content
 from vrte.formats.materials import ReadyMaterial, list_materials
+from vrte.formats.paints import ReadyPaint, list_paints
 
+Ready = ReadyMaterial | ReadyPaint
 FOLDER = Path(__file__).parents[1] / "gallery"
 
 
 def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple[str, ...]], Any]) -> None:
-    """Lets somebody choose: a scene, to ``solve`` at once, or a ready material, to ``fill`` the form with, whose
-    approximations are told."""
+    """Lets somebody choose: a scene, to ``solve`` at once, or a ready paint or material, to ``fill`` the form
+    with, whose approximations are told."""
 
     def choose_scene(path: Path) -> None:
         dialog.close()
         solve(adopt_content(parse_content(path.read_bytes())))
 
-    def choose_material(material: ReadyMaterial) -> None:
+    def choose_material(material: Ready) -> None:
         dialog.close()
         fill(*fill_with_material(material))
 
@@ -38,25 +40,33 @@ def show_gallery(solve: Callable[[Content], Any], fill: Callable[[Content, tuple
                     drawn = base64.b64encode(path.with_suffix(".png").read_bytes()).decode()
                     picture.props["src"] = f"data:image/png;base64,{drawn}"
                     ui.label(title)
+        make_heading("Paints to begin with")
+        make_buttons([*list_paints().values()], choose_material)
         make_heading("Materials to begin with")
-        with ui.row().classes("justify-center gap-1"):
-            for material in list_materials().values():
-                button = ui.button(material.title, on_click=lambda one=material: choose_material(one))
-                button.props("flat no-caps dense").classes("px-2").tooltip(material.description)
+        make_buttons([*list_materials().values()], choose_material)
     dialog.on("hide", dialog.delete)
     dialog.open()
 
 
-def fill_with_material(material: ReadyMaterial) -> tuple[Content, tuple[str, ...]]:
-    """A scene of a ready material, and what there is to tell of it."""
+def fill_with_material(material: Ready) -> tuple[Content, tuple[str, ...]]:
+    """A scene of a ready material or paint, and what there is to tell of it."""
     told = (material.description, *material.approximations)
     return begin_with_material(material), tuple(text.rstrip(".") for text in told)
 
 
 def list_paint_starts() -> dict[str, Callable[[], tuple[Content, tuple[str, ...]]]]:
-    """What makes the scenes of paints, by their titles: of materials with a thickness in micrometres."""
-    known = list_materials().values()
-    return {one.title: partial(fill_with_material, one) for one in known if "thickness_um" in one.layer}
+    """What makes the scenes of paints, by their titles: of ready paints, and of films of materials."""
+    films = [one for one in list_materials().values() if "thickness_um" in one.layer]
+    known: list[Ready] = [*list_paints().values(), *films]
+    return {one.title: partial(fill_with_material, one) for one in known}
+
+
+def make_buttons(known: Sequence[Ready], choose: Callable[[Ready], None]) -> None:
+    """A button each, which tells what it is."""
+    with ui.row().classes("justify-center gap-1"):
+        for one in known:
+            button = ui.button(one.title, on_click=partial(choose, one))
+            button.props("flat no-caps dense").classes("px-2").tooltip(one.description)
 
 
 def make_heading(text: str) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vrte.appearance.colours import Colour, find_colour, find_difference
+from vrte.appearance.geometries import find_reflectance, read_geometry
 from vrte.appearance.panel import Panel, choose_wavelengths, make_panel
 from vrte.basics.arrays import Array, put_in_one_line
 from vrte.basics.errors import AccuracyError, DeviceError, LongSolveWarning, MissingExtraError, SceneError
@@ -23,11 +24,11 @@ from vrte.scene.boundary import Lambertian
 ACCURACY = 1e-3  # of a reflectance: 0.1 % of the white, below what is seen
 COARSE = 6  # wavelengths of the first answer
 PATIENCE = 0.3  # seconds: where all wavelengths take longer, a coarse answer comes first
-MU_I = np.cos(np.radians([45.0, 8.0]))  # of both geometries: one more direction costs next to nothing
 MOST_KINDS, MOST_SPECTRA, MOST_NOTES = 1000, 8, 30  # particles at one wavelength, and so on, that are remembered
 LEFT_OUT = ("accuracy", "base", "brdf", "field", "method", "nodes", "render", "settings", "wavelength_um")
 GEOMETRIES = {"45:0": "45:0, without gloss", "8:di": "8:di, with what is mirrored"}
 ILLUMINANTS = {"D65": "D65, daylight", "A": "A, light bulb", "FL11": "FL11, fluorescent tube"}
+MU_I = [read_geometry(name).directions[0][0] for name in GEOMETRIES]  # one more direction costs next to nothing
 OBSERVERS = {10: "10 degrees", 2: "2 degrees"}
 
 
@@ -121,7 +122,7 @@ class Studio:
         self.kinds: dict[bytes, Particles] = {}
         self.warned: dict[bytes, tuple[str, ...]] = {}  # of kinds of particles, as they were made
         self.found: dict[bytes, dict[str, Shares]] = {}  # by geometry
-        self.pace = 0.0  # seconds that the last solve took for each wavelength
+        self.nodes, self.pace = 0, 0.0  # of the last scene, and its seconds for each wavelength but for particles
 
     def answer(self, question: Question, tell: Tell, is_old: Callable[[], bool]) -> None:
         """Tells an answer, a coarse one before where that takes long; none once the question ``is_old``."""
@@ -159,12 +160,14 @@ class Studio:
             some = at[np.linspace(0, at.size - 1, COARSE).round().astype(int)]
             panel = self._make(content, question.folder, some)
             made = time.perf_counter() - begin
-            nodes = choose_nodes(panel)
             if made * at.size / COARSE + self.pace * at.size > PATIENCE:
-                few = self._solve(make_panel(panel, nodes=nodes), question.viewing.white)
+                few = self._solve(panel, question.viewing.white, self.nodes or choose_nodes(panel))
                 report({name: spread_over(one, at) for name, one in few.items()}, coarse=True)
-            panel = make_panel(self._make(content, question.folder, at, check), nodes=nodes)
-            both = self._solve(panel, question.viewing.white, check)
+            panel = self._make(content, question.folder, at, check)
+            begun = time.perf_counter()
+            self.nodes = choose_nodes(panel)
+            both = self._solve(panel, question.viewing.white, self.nodes, check)
+            self.pace = (time.perf_counter() - begun) / at.size
         self.found[key] = both
         forget_oldest(self.found, MOST_SPECTRA)
         forget_oldest(self.kinds, MOST_KINDS)
@@ -181,17 +184,14 @@ class Studio:
         self.kinds[key] = found  # the last used is the last
         return found
 
-    def _solve(self, panel: Panel, white: float, progress: Progress | None = None) -> dict[str, Shares]:
+    def _solve(self, panel: Panel, white: float, nodes: int, progress: Progress | None = None) -> dict[str, Shares]:
         """Reflectance factors over black and over white, by geometry."""
-        begin = time.perf_counter()
-        bare = panel.put_over(None).solve(MU_I, progress=progress)
-        reached = all(scene.base_is_reached for scene in panel.scenes)
-        backed = panel.put_over(Lambertian(white)).solve(MU_I, progress=progress) if reached else bare
-        self.pace = (time.perf_counter() - begin) / len(panel)
-        return {
-            "45:0": Shares(panel.wavelength_um, *(np.pi * one.mueller[:, 0, 0, 0, 0, 0] for one in (bare, backed))),
-            "8:di": Shares(panel.wavelength_um, *(one.total_reflectance[:, 1] for one in (bare, backed))),
-        }
+        bare = make_panel(panel, nodes=nodes).put_over(None)
+        solved = [bare.solve(MU_I, progress=progress)] * 2
+        if all(scene.base_is_reached for scene in bare.scenes):
+            solved[1] = bare.put_over(Lambertian(white)).solve(MU_I, progress=progress)
+        at = panel.wavelength_um
+        return {name: Shares(at, *(find_reflectance(one, name) for one in solved)) for name in GEOMETRIES}
 
     def _collect_notes(self, content: dict[str, Any], caught: Caught) -> tuple[str, ...]:
         """What the library warns of: of layers now, of particles as they were made."""
