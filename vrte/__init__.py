@@ -16,6 +16,7 @@ except ModuleNotFoundError as error:
     ) from None
 
 from vrte.appearance.appearance import Appearance, appearance
+from vrte.appearance.paint import Paint, paint
 from vrte.basics.errors import (
     AccuracyError,
     AccuracyWarning,
@@ -98,6 +99,7 @@ __all__ = [
     "MuellerBase",
     "NegativeScatteringWarning",
     "PackingWarning",
+    "Paint",
     "Particles",
     "PhaseMatrix",
     "Plan",
@@ -126,6 +128,7 @@ __all__ = [
     "mix",
     "mixture",
     "over_hemisphere",
+    "paint",
     "plan",
     "quantities",
     "radiance",

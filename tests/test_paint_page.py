@@ -1,0 +1,259 @@
+"""vrte.paint and its page: the numbers are those of their makers, all of them are written, and nothing is fetched."""
+
+import csv
+import math
+import re
+import warnings
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte import SceneError, cli
+from vrte.appearance.gloss import find_gloss
+from vrte.appearance.hiding import find_hiding
+from vrte.appearance.paint import GLOSS_ANGLES, cut_lobe
+from vrte.appearance.paint_words import write_pairs
+from vrte.appearance.panel import make_panel
+from vrte.commands import common
+
+AT = [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70]
+COAT = [
+    {"interface": {"above": 1.0, "below": 1.5}},
+    {"phase": {"henyey_greenstein": 0.5}, "albedo": 0.95, "thickness": 4.0},
+]
+GREY: dict[str, Any] = {"title": "Grey <i>& more", "approximations": ["One phase function."], "layer": COAT}
+FILE = """
+title = "Red"
+wavelength_um = [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70]
+nodes = 4
+[paint]
+pigment = "hematite"
+volume_fraction = 0.02
+binder = [1.5, 0.0]
+thickness_um = 3.0
+"""
+
+
+TOLD: list[float] = []  # of the progress of grey
+
+
+@pytest.fixture(scope="module")
+def grey() -> vrte.Paint:
+    return vrte.paint(GREY, AT, nodes=4, progress=lambda done, total: TOLD.append(done / total))
+
+
+@pytest.fixture(scope="module")
+def red(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, vrte.Paint]:
+    path = tmp_path_factory.mktemp("paint") / "red.toml"
+    path.write_text(FILE)
+    return path, vrte.paint(path)
+
+
+class Page(HTMLParser):
+    """Tags with their attributes, and whether each that is opened is closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("img", "meta"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+# ---- numbers
+
+
+def test_its_numbers_are_those_of_their_makers(grey: vrte.Paint) -> None:
+    panel = make_panel(GREY, AT, nodes=4)
+    look, hiding = vrte.appearance(panel), find_hiding(panel)
+    assert all(np.array_equal(grey.look.reflectance(name), look.reflectance(name)) for name in look.reflectances)
+    assert grey.hiding is not None
+    assert grey.hiding.contrast_ratio == hiding.contrast_ratio
+    assert grey.glosses == pytest.approx({angle: find_gloss(panel, angle) for angle in GLOSS_ANGLES}, rel=1e-9)
+    assert list(grey.colours) == ["over black", "over white", "without end"]
+    assert pytest.approx(100.0 * hiding.find_luminance(hiding.reflectance_over_black)) == grey.colours["over black"].Y
+
+
+def test_the_polar_cut_is_reciprocal_to_what_other_geometries_read(grey: vrte.Paint) -> None:
+    angle, light = cut_lobe(grey.lobe)
+    assert (np.diff(angle) > 0.0).all()
+    assert np.array_equal(angle, -angle[::-1])
+    (normal,) = np.flatnonzero(angle == 0.0)
+    place = AT.index(grey.lobe_um)
+    assert np.pi * light[normal, 0] == pytest.approx(grey.look.reflectance("0:45")[place], rel=1e-6)
+    (off,) = np.flatnonzero(np.isclose(angle, 30.0))
+    assert np.pi * light[off, 0] == pytest.approx(grey.look.reflectance("45:as15")[place], rel=1e-6)
+
+
+def test_every_number_has_a_unit_a_definition_and_a_standard(grey: vrte.Paint) -> None:
+    readings = list(grey.list_readings())
+    for one in readings:
+        assert all((one.quantity, one.geometry, one.unit, one.definition, one.standard)), one
+        assert math.isfinite(one.value)
+    names = {one.quantity for one in readings}
+    assert {"contrast ratio", "opacity", "gloss", "K", "S", "L over white", "BRDF f00", "X"} <= names
+    assert len({(o.quantity, o.geometry, o.wavelength_um) for o in readings}) == len(readings)
+
+
+def test_keywords_a_mapping_and_a_file_are_the_same_paint(red: tuple[Path, vrte.Paint]) -> None:
+    path, found = red
+    keys = {"pigment": "hematite", "volume_fraction": 0.02, "binder": (1.5, 0.0), "thickness_um": 3.0}
+    other = vrte.paint(**keys, wavelengths_um=AT, nodes=4)
+    assert [one.value for one in other.list_readings()] == [one.value for one in found.list_readings()]
+    assert (found.title, other.title) == ("Red", "Paint")
+    assert found.hiding is not None
+    assert found.hiding.hiding_length_um is not None
+    assert found.made_of[0] == "surface: smooth"
+    assert "thickness 3.0 µm" in found.made_of[1]
+    with pytest.raises(SceneError, match="give either a scene file, or pigment, binder"):
+        vrte.paint(path, binder="alkyd")
+    with pytest.raises(SceneError, match="give either a scene file"):
+        vrte.paint()
+
+
+def test_what_a_paint_does_not_have_is_told_and_the_rest_is_there(tmp_path: Path) -> None:
+    """No surface, no gloss; no end, nothing to hide and no K and S."""
+    deep = {"layer": [COAT[1] | {"thickness": math.inf}]}
+    found = vrte.paint(deep, AT, nodes=4)
+    assert (found.glosses, found.hiding, found.two_fluxes) == ({}, None, None)
+    assert [note.partition(":")[0] for note in found.notes if note.startswith("There is no")] == [
+        "There is no gloss here",
+        "There is no hiding power here",
+        "There is no K and S here",
+    ]
+    assert list(found.colours) == ["as it lies"]
+    for suffix in (".html", ".png", ".csv"):
+        found.save(tmp_path / f"deep{suffix}")
+
+
+def test_what_is_warned_of_stands_on_the_page() -> None:
+    dense = {"pigment": {"hematite": "35 %"}, "binder": [1.5, 0.0], "thickness_um": 1.0, "surface": "none"}
+    with pytest.warns(vrte.PackingWarning, match=r"0\.35 is above 0\.3"):
+        found = vrte.paint(**dense, wavelengths_um=AT, nodes=4)
+    assert sum("a volume_fraction of 0.35 is above 0.3" in note for note in found.notes) == 1
+
+
+def test_wavelengths_that_make_no_colour_are_refused_before_the_work() -> None:
+    with pytest.raises(SceneError, match="wavelengths_um"):
+        vrte.paint(GREY, [0.5, 0.55])
+
+
+def test_progress_rises_to_its_end(grey: vrte.Paint) -> None:
+    assert sorted(TOLD) == TOLD
+    assert TOLD[-1] == 1.0
+
+
+def test_words_of_a_table() -> None:
+    assert write_pairs({"kind": "x", "size": {"lognormal": {"median_diameter_um": 0.2}}}) == (
+        "kind x, size (lognormal (median diameter 0.2 µm))"
+    )
+
+
+# ---- the page, the sheet, the table
+
+
+def test_the_page_is_whole_and_fetches_nothing(grey: vrte.Paint, tmp_path: Path) -> None:
+    grey.save(tmp_path / "grey.html")
+    text = (tmp_path / "grey.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.open == []
+    assert "Grey &lt;i&gt;&amp; more" in text
+    assert "One phase function." in text
+    images = [attributes for tag, attributes in page.tags if tag == "img"]
+    assert len(images) == 7
+    assert all(str(one["src"]).startswith("data:image/svg+xml;base64,") and one["alt"] for one in images)
+    assert not {tag for tag, _ in page.tags} & {"script", "link", "iframe", "object"}
+    named = [str(value) for _, some in page.tags for key, value in some.items() if key in ("href", "src", "srcset")]
+    assert all(value.startswith("data:") for value in named)
+    assert "url(" not in text
+    assert grey.colours["over black"].hex in text
+    for one in grey.list_readings():
+        if one.quantity in ("opacity", "gloss"):
+            assert f"{one.value:.5g}" in text
+            assert one.standard in text
+    assert grey._repr_html_() in text  # drawn anew, and the same to the last byte
+
+
+def test_the_table_has_every_number_to_its_last_digit(grey: vrte.Paint, tmp_path: Path) -> None:
+    grey.save(tmp_path / "grey.csv")
+    with open(tmp_path / "grey.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    readings = list(grey.list_readings())
+    assert [float(row["value"]) for row in rows] == [one.value for one in readings]
+    assert [row["wavelength_um"] for row in rows] == [
+        "" if one.wavelength_um is None else repr(float(one.wavelength_um)) for one in readings
+    ]
+
+
+def test_files_are_whole_or_as_they_were(grey: vrte.Paint, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from vrte.appearance import paint_page
+
+    path = tmp_path / "page.html"
+    path.write_text("before")
+    monkeypatch.setattr(paint_page, "write_page", lambda paint: "\ud800")  # which no file can hold
+    with pytest.raises(UnicodeEncodeError):
+        grey.save(path)
+    assert path.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(SceneError, match=r"must end in \.html, \.png or \.csv"):
+        grey.save(tmp_path / "page.txt")
+
+
+# ---- the command
+
+
+def test_the_command_writes_all_three(
+    red: tuple[Path, vrte.Paint], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["paint", str(red[0]), "--png", "red.png", "--csv", "red.csv"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("Red\n  surface: smooth")
+    assert f"contrast ratio: {red[1].hiding.contrast_ratio:.4f}" in said if red[1].hiding else False
+    assert re.findall(r"wrote (\S+)", said) == ["red.html", "red.png", "red.csv"]
+    assert (tmp_path / "red.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere.toml"], "nowhere.toml: No such file"),
+        (["wrong.toml"], "wrong.toml: at 0.42 um: paint.binder: is missing"),
+        (["red.toml", "-o", "red.pdf"], "the output red.pdf must end in .html"),
+        (["red.toml", "--illuminant", "moon"], "illuminant must be"),
+        (["red.toml", "--layer", "3"], "red.toml: layer must be"),
+    ],
+)
+def test_a_command_that_cannot_be_done_says_so_in_one_line(
+    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "red.toml").write_text(FILE)
+    (tmp_path / "wrong.toml").write_text(FILE.replace("binder = [1.5, 0.0]\n", ""))
+    assert cli.main(["paint", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert {path.suffix for path in tmp_path.iterdir()} == {".toml"}
+
+
+def test_without_the_extra_it_says_what_to_install(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(common.importlib.util, "find_spec", lambda module: None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert cli.main(["paint", "red.toml"]) == 1
+    assert "pip install 'vrte[appearance]'" in capsys.readouterr().err

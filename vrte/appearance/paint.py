@@ -1,0 +1,274 @@
+"""vrte.paint: all that a coatings laboratory reads off a paint, on one page."""
+
+import math
+import os
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from vrte.appearance.appearance import Appearance, Reading, appearance
+from vrte.appearance.colours import Colour, find_colour
+from vrte.appearance.gloss import find_glosses
+from vrte.appearance.hiding import WHITE, Hiding, find_hiding
+from vrte.appearance.lights import weigh_wavelengths
+from vrte.appearance.paint_words import describe_content, list_approximations, list_hiding_readings
+from vrte.appearance.panel import Panel, make_panel, read_source
+from vrte.appearance.two_flux_fit import INSIDE, KubelkaMunk, find_kubelka_munk
+from vrte.basics.arrays import Array
+from vrte.basics.errors import LongSolveWarning, SceneError
+from vrte.basics.running import Progress
+from vrte.calls.spectrum import Source
+from vrte.formats.paints import KEYS
+from vrte.results.brdf import Brdf
+
+GLOSS_ANGLES = 20.0, 60.0, 85.0
+LOBE_UM, LOBE_DEG, LOBE_STEP = (
+    0.55,
+    45.0,
+    2.5,
+)  # wavelength, incidence, and degrees between directions, of the polar cut
+PARTS = 3, 4, 1, 30, 6, 1  # of the work: particles, geometries, gloss, hiding, Kubelka-Munk, polar cut
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Paint:
+    """A paint as instruments see it; `save` writes its page, its picture or its table, and a notebook shows it.
+
+    ``made_of``: lines on its composition; ``look``: reflectances, colours, polarization in all standard geometries;
+    ``hiding``, ``two_fluxes`` (K and S in even light inside the film) and ``glosses`` by angle [degrees], None or empty
+    where the paint has none, for which ``notes`` says why, beside its approximations and what was warned of; ``lobe``:
+    the BRDF in the plane of incidence at 45 degrees, at the wavelength ``lobe_um``.
+    """
+
+    title: str
+    made_of: tuple[str, ...]
+    look: Appearance
+    glosses: Mapping[float, float]
+    hiding: Hiding | None
+    two_fluxes: KubelkaMunk | None
+    lobe: Brdf
+    lobe_um: float
+    notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return f"Paint({self.title!r}, {self.look!r})"
+
+    def __str__(self) -> str:
+        """The title, what it is made of, and the numbers that a data sheet has."""
+        numbers = [f"{name}: {value}" for name, value in self.list_numbers()]
+        return "\n".join([self.title, *(f"  {line}" for line in (*self.made_of, *numbers))])
+
+    def _repr_html_(self) -> str:
+        from vrte.appearance.paint_page import write_body
+
+        return write_body(self)
+
+    @property
+    def colours(self) -> dict[str, Colour]:
+        """Over the black and the white card and without end, in the geometry of ``hiding``, by these words; the panel's
+        own where nothing is hidden."""
+        if self.hiding is None:
+            return {"as it lies": self.look.colour()}
+        seen = self.hiding
+        some = {
+            "over black": seen.reflectance_over_black,
+            "over white": seen.reflectance_over_white,
+            "without end": seen.without_end,
+        }
+        light = self.look.illuminant, self.look.observer
+        return {name: find_colour(self.look.wavelength_um, values, *light) for name, values in some.items()}
+
+    def list_numbers(self) -> Iterator[tuple[str, str]]:
+        """Names and values, with units, of what a data sheet has."""
+        for name, colour in self.colours.items():
+            yield f"colour {name}", f"L* {colour.L:.2f}, a* {colour.a:.2f}, b* {colour.b:.2f} ({colour.hex})"
+        if self.hiding is not None:
+            yield "contrast ratio", f"{self.hiding.contrast_ratio:.4f}"
+            length, rate = self.hiding.hiding_length_um, self.hiding.spreading_rate
+            if length is not None and rate is not None:
+                yield f"thickness for {self.hiding.target:g}", f"{length:.4g} µm of dry film"
+                yield "spreading rate", f"{rate:.4g} m² of hiding dry film a litre"
+        for angle, gloss in self.glosses.items():
+            yield f"gloss {angle:g}°", f"{gloss:.1f} GU"
+
+    def list_readings(self) -> Iterator[Reading]:
+        """Every number of the page, one a row."""
+        yield from self.look.list_readings()
+        at = self.look.wavelength_um.tolist()
+        for angle, gloss in self.glosses.items():
+            definition = "specular gloss, 100 of polished black glass of index 1.567"
+            yield Reading("gloss", f"{angle:g}:{angle:g}", None, gloss, "GU", definition, "ISO 2813; ASTM D523")
+        if self.hiding is not None:
+            yield from list_hiding_readings(self.hiding)
+            for name, colour in self.colours.items():
+                for quantity in "XYZLabCh":
+                    unit, seen = "degree" if quantity == "h" else "1", self.hiding.geometry
+                    standard = "ISO/CIE 11664-3" if quantity in "XYZ" else "ISO/CIE 11664-4"
+                    light = f"{self.look.illuminant}, {self.look.observer} degree observer"
+                    yield Reading(f"{quantity} {name}", seen, None, getattr(colour, quantity), unit, light, standard)
+        if self.two_fluxes is not None:
+            found, source = self.two_fluxes, "Kubelka and Munk 1931; Saunderson 1942"
+            rows = (
+                ("K", found.K, found.unit, "absorption of two fluxes, of even light inside the film"),
+                ("S", found.S, found.unit, "scattering of two fluxes, of even light inside the film"),
+            )
+            for name, values, unit, definition in rows:
+                for wavelength, value in zip(at, values.tolist(), strict=True):
+                    yield Reading(name, found.geometry.name, wavelength, value, unit, definition, source)
+        for angle, light in zip(*cut_lobe(self.lobe), strict=True):
+            definition = "BRDF of unpolarized light in the plane of incidence, without the mirrored beam"
+            name = f"{LOBE_DEG:g}:{angle:g}"
+            yield Reading("BRDF f00", name, self.lobe_um, float(light[0]), "1/sr", definition, "Nicodemus 1977")
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the page (.html, which opens without a network), one sheet of pictures (.png) or all numbers, one a
+        row (.csv), all of it or nothing. Raises SceneError for another suffix, MissingExtraError, OSError."""
+        from vrte.appearance.paint_page import save_paint
+
+        save_paint(self, path)
+
+
+def cut_lobe(lobe: Brdf) -> tuple[Array, Array]:
+    """Angles of exit (n,) [degrees], below 0 on the side of the light, and Stokes vectors (n, 4) [1/sr] of unpolarized
+    light in the plane of incidence, of a BRDF at azimuths 0 and 180."""
+    angle = np.degrees(np.arccos(lobe.mu_o))
+    order, off = np.argsort(angle), np.flatnonzero(lobe.mu_o < 1.0)
+    ahead, back = (lobe.mueller[0, :, phi, :, 0] for phi in (0, 1))
+    behind = off[np.argsort(-angle[off])]
+    return np.concatenate([-angle[behind], angle[order]]), np.concatenate([back[behind], ahead[order]])
+
+
+def paint(
+    scene: Source | Panel | None = None,
+    wavelengths_um: Any = None,
+    illuminant: str = "D65",
+    observer: int = 10,
+    white: float = WHITE,
+    layer: int | None = None,
+    progress: Progress | None = None,
+    folder: str | os.PathLike[str] = ".",
+    **asked: Any,
+) -> Paint:
+    """All that a coatings laboratory reads off a paint: colour, hiding, gloss, Kubelka-Munk, on one page.
+
+    Parameters
+    ----------
+    scene : path or mapping, optional
+        A scene file with a table [paint], or any other whose film lies in one layer; or its content. Without it, the
+        keys of [paint] are given as keywords: pigment, volume_fraction, binder, thickness_um, surface, substrate,
+        packing, particles (docs/materials.md).
+    wavelengths_um : sequence of float, optional
+        Ascending [um], over the visible; by default those that the file lists, or 16 from 0.40 to 0.70 as far as its
+        substances are known.
+    illuminant : str, optional
+        "D65", "A", "FL11" or another of CIE's.
+    observer : {10, 2}, optional
+        Degrees of the standard observer.
+    white : float, optional
+        Albedo of the white card, 0.8 on drawdown charts.
+    layer : int, optional
+        Which layer is the film; by default the only one that scatters.
+    progress : callable, optional
+        Called with (steps done, steps).
+    folder : path, optional
+        Where the tables that a parsed content names lie.
+    **asked
+        Keys of [paint]; and how to solve, as for `vrte.brdf`: accuracy (1e-4 by default), nodes, method, ...
+
+    Returns
+    -------
+    Paint
+        Its numbers by name; ``print`` shows the main ones, `save` writes a page, a picture or a table.
+
+    Raises
+    ------
+    SceneError
+        For bad input, and where the wavelengths do not cover the visible.
+    MissingExtraError
+        Without the extra "appearance".
+    OSError
+        Where a file cannot be read.
+
+    Source: the standards that each number names; docs/appearance.md has the definitions.
+
+    Examples
+    --------
+    >>> grey = {"layer": [{"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}]}
+    >>> found = paint(grey, [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70], nodes=4)
+    >>> round(found.hiding.contrast_ratio, 3), found.glosses
+    (0.747, {})
+    """
+    fields = {key: asked.pop(key) for key in KEYS if key in asked}
+    if isinstance(fields.get("binder"), tuple):
+        fields["binder"] = list(fields["binder"])  # n, k
+    if (scene is None) == (not fields):
+        raise SceneError("paint: give either a scene file, or pigment, binder, thickness_um and other keys of a paint")
+    source: Source | Panel = {"title": "Paint", "paint": fields} if scene is None else scene
+    notes: list[str] = []
+    with note_warnings(notes):
+        told = share_parts(progress)
+        panel = make_panel(source, wavelengths_um, folder, told[0], layer, **asked)
+        weigh_wavelengths(panel.wavelength_um, illuminant, observer)  # what is refused is refused before the work
+        light: dict[str, Any] = {"illuminant": illuminant, "observer": observer}
+        look = appearance(panel, **light, progress=told[1])
+        glosses = try_part("gloss", lambda: find_glosses(panel, GLOSS_ANGLES, told[2]), notes) or {}
+        hiding = try_part("hiding power", lambda: find_hiding(panel, white=white, **light, progress=told[3]), notes)
+        fluxes = try_part("K and S", lambda: find_kubelka_munk(panel, geometry=INSIDE, progress=told[4]), notes)
+        place = int(np.abs(panel.wavelength_um - LOBE_UM).argmin())
+        lobe = solve_lobe(panel, place, told[5])
+    content = read_source(source, folder)[0] if isinstance(source, str | os.PathLike | Mapping) else {}
+    made_of = tuple(describe_content(content, Path(folder))) if content else (repr(panel),)
+    title = panel.title or (Path(scene).stem.replace("_", " ") if isinstance(scene, str | os.PathLike) else "Paint")
+    lobe_um = float(panel.wavelength_um[place])
+    said = (*list_approximations(content, look.colour()), *dict.fromkeys(notes))
+    return Paint(title, made_of, look, glosses, hiding, fluxes, lobe, lobe_um, said)
+
+
+def share_parts(progress: Progress | None) -> list[Progress | None]:
+    """One call for each of the PARTS of the work, by what they take."""
+    whole = sum(PARTS)
+    before = [sum(PARTS[:place]) for place in range(len(PARTS))]
+
+    def share(start: int, part: int) -> Progress | None:
+        if progress is None:
+            return None
+        return lambda done, total: progress(round(100 * (start + part * done / max(total, 1))), 100 * whole)
+
+    return [share(*one) for one in zip(before, PARTS, strict=True)]
+
+
+def try_part(name: str, find: Callable[[], Found], notes: list[str]) -> Found | None:
+    """What is found, or None and a note where this paint has none."""
+    try:
+        return find()
+    except SceneError as error:
+        notes.append(f"There is no {name} here: {error}.")
+        return None
+
+
+@contextmanager
+def note_warnings(notes: list[str]) -> Iterator[None]:
+    """Notes what is warned of, beside where it is told anyway; but for how long something takes."""
+    with warnings.catch_warnings():
+        told = warnings.showwarning
+
+        def tell(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+            if not issubclass(category, LongSolveWarning):
+                notes.append(f"Warned of: {message}.")
+            told(message, category, *rest, **more)
+
+        warnings.showwarning = tell
+        yield
+
+
+def solve_lobe(panel: Panel, place: int, progress: Progress | None = None) -> Brdf:
+    """The BRDF at one of the wavelengths, in the plane of incidence at 45 degrees."""
+    one = replace(panel, wavelength_um=panel.wavelength_um[[place]], scenes=(panel.scenes[place],))
+    mu_o = np.cos(np.radians(np.arange(0.0, 90.0, LOBE_STEP)))
+    return one.solve(math.cos(math.radians(LOBE_DEG)), mu_o, [0.0, 180.0], progress)[0]
