@@ -3,6 +3,7 @@
 import copy
 import csv
 import json
+import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from vrte.appearance.hiding import find_hiding
 from vrte.appearance.panel import make_panel
 from vrte.appearance.quantities import QUANTITIES
 from vrte.basics.errors import SceneError
+from vrte.calls.side_by_side import Share, run_side_by_side, share_cores
 from vrte.formats import particle_sources
 from vrte.studies import pigment_size
 from vrte.studies.pigment_size import find_optimum, make_paint
@@ -252,6 +254,19 @@ def test_glosses_are_those_of_a_glossmeter() -> None:
 def test_a_device_is_refused() -> None:
     with pytest.raises(SceneError, match="engine 'opencl' makes tables of BRDFs and fields"):
         vrte.sweep(make_films(["L"], DEPTHS), engine="opencl")
+
+
+@pytest.mark.parametrize("cores", [1, 2])
+def test_a_panel_stops_with_the_sweep_that_it_is_of(cores: int) -> None:
+    share, done = Share(cores), []
+
+    def stop() -> None:
+        done.append(1)
+        share.stop[0] = 1
+
+    with share_cores(share), pytest.raises(KeyboardInterrupt):
+        run_side_by_side([stop, *[lambda: time.sleep(0.05)] * cores, lambda: done.append(2)])
+    assert done == [1]
 
 
 def test_every_quantity_has_its_words() -> None:

@@ -66,6 +66,8 @@ def run_side_by_side(
     [1, 2]
     """
     share = _share.get()
+    if share:
+        calls = [partial(perform_unless_stopped, share, call) for call in calls]
     count = min(workers or (share.cores if share else count_usable_cpus()), len(calls))
     if count < 2:
         found = []
@@ -87,6 +89,13 @@ def run_side_by_side(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return [future.result() for future in futures]
+
+
+def perform_unless_stopped(share: Share, call: Callable[[], Made]) -> Made:
+    """What the call returns; KeyboardInterrupt where all that goes on there was stopped."""
+    if share.stop[0]:
+        raise KeyboardInterrupt
+    return call()
 
 
 def solve_side_by_side(requests: Sequence[Request], progress: Progress | None = None) -> list[Brdf]:

@@ -50,7 +50,7 @@ class Task:
 
 def perform(work: Work, task: Task, solve: Solve, backend: str = "openmp") -> int:
     """Does a task; how many scenes it was."""
-    with keep_to_one_thread(), share_cores(Share(1)):
+    with keep_to_one_thread():
         if task.particles:
             prepare(work, task)
             return 0

@@ -10,6 +10,7 @@ from typing import Any
 
 from vrte.basics.arrays import put_in_one_line
 from vrte.basics.errors import MissingExtraError, SweepError
+from vrte.calls.side_by_side import Share, share_cores
 from vrte.sweep.chunks import Task, make_processor_solver, make_stop_flag, open_work, perform
 from vrte.sweep.store import Work
 
@@ -30,7 +31,8 @@ OURS = {  # how a cluster of our own is to behave
 
 def perform_there(folder: str, stamp: str, task: Task) -> int:
     """What a worker is told to do: everything else it finds in the folder."""
-    return perform(open_work(folder, stamp), task, make_processor_solver(lambda: 1, make_stop_flag()))
+    with share_cores(Share(1)):
+        return perform(open_work(folder, stamp), task, make_processor_solver(lambda: 1, make_stop_flag()))
 
 
 def perform_tasks(work: Work, stages: Iterable[Iterable[Task]], scheduler: str | None, workers: int) -> Iterator[int]:

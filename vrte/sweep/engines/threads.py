@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from vrte.basics.running import PATIENCE, wait_for
+from vrte.calls.side_by_side import Share, share_cores
 from vrte.sweep.chunks import Task, make_processor_solver, perform
 from vrte.sweep.store import Work
 
@@ -41,8 +42,9 @@ def perform_tasks(work: Work, tasks: Iterable[Task], count: int, cores: int) -> 
 
     def labour() -> None:
         try:
-            while not stop[0] and (task := take_task(waiting, lock)) is not None:
-                results.put(perform(work, task, solve))
+            with share_cores(Share(1, stop)):
+                while not stop[0] and (task := take_task(waiting, lock)) is not None:
+                    results.put(perform(work, task, solve))
         except BaseException as error:
             results.put(error)
         finally:
