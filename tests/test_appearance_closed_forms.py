@@ -97,6 +97,11 @@ def test_what_absorbs_nothing_over_white_sends_all_back() -> None:
     assert read["8:de"] == pytest.approx(let_through(8.0), abs=4e-3)
 
 
+def test_a_rough_surface_that_conserves_energy_does() -> None:
+    surface = {"roughness": 0.3, "shadowing": True, "conserving": True}
+    assert read_panel(make_paint(**surface), "8:di")["8:di"] == pytest.approx(1.0, abs=5e-5)  # nodes for 1e-4
+
+
 @pytest.mark.parametrize("surface", [{}, {"roughness": 0.2}], ids=["smooth", "rough"])
 def test_illumination_and_collection_may_be_exchanged(surface: dict[str, float]) -> None:
     names = ["45:0", "0:45", "30:60", "60:30", "20:-50", "50:-20"]
