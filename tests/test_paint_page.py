@@ -4,6 +4,7 @@ import csv
 import math
 import re
 import warnings
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -147,6 +148,14 @@ def test_what_is_warned_of_stands_on_the_page() -> None:
 def test_wavelengths_that_make_no_colour_are_refused_before_the_work() -> None:
     with pytest.raises(SceneError, match="wavelengths_um"):
         vrte.paint(GREY, [0.5, 0.55])
+
+
+def test_how_thick_a_film_hides_is_told_also_where_none_does_or_no_length_is_known(grey: vrte.Paint) -> None:
+    assert grey.hiding is not None
+    assert f"thickness for 0.98: {grey.hiding.hiding_times:.4g} times this film" in str(grey)
+    black = replace(grey, hiding=replace(grey.hiding, hiding_times=None, reason="it is black"))
+    assert "thickness for 0.98: none: it is black" in str(black)
+    assert "hiding thickness over this film's" not in {one.quantity for one in black.list_readings()}
 
 
 def test_progress_rises_to_its_end(grey: vrte.Paint) -> None:

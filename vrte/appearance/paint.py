@@ -90,9 +90,10 @@ class Paint:
             yield f"colour {name}", f"L* {colour.L:.2f}, a* {colour.a:.2f}, b* {colour.b:.2f} ({colour.hex})"
         if self.hiding is not None:
             yield "contrast ratio", f"{self.hiding.contrast_ratio:.4f}"
-            length, rate = self.hiding.hiding_length_um, self.hiding.spreading_rate
-            if length is not None and rate is not None:
-                yield f"thickness for {self.hiding.target:g}", f"{length:.4g} µm of dry film"
+            length, times, rate = self.hiding.hiding_length_um, self.hiding.hiding_times, self.hiding.spreading_rate
+            hides = f"none: {self.hiding.reason}" if times is None else f"{times:.4g} times this film"
+            yield f"thickness for {self.hiding.target:g}", hides if length is None else f"{length:.4g} µm of dry film"
+            if rate is not None:
                 yield "spreading rate", f"{rate:.4g} m² of hiding dry film a litre"
         for angle, gloss in self.glosses.items():
             yield f"gloss {angle:g}°", f"{gloss:.1f} GU"

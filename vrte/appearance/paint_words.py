@@ -25,9 +25,11 @@ def list_hiding_readings(hiding: Hiding) -> Iterator[Reading]:
     yield Reading("paper opacity", seen, None, hiding.paper_opacity, "1", words, "TAPPI T 425")
     words = "Y of the film without end, where the perfect white has 1"
     yield Reading("luminance without end", seen, None, hiding.luminance_without_end, "1", words, "ISO/CIE 11664-3")
-    length, rate = hiding.hiding_length_um, hiding.spreading_rate
+    length, times, rate = hiding.hiding_length_um, hiding.hiding_times, hiding.spreading_rate
+    words = f"dry film whose contrast ratio is {hiding.target:g}"
+    if times is not None:
+        yield Reading("hiding thickness over this film's", seen, None, times, "1", words, standard)
     if length is not None and rate is not None:
-        words = f"dry film whose contrast ratio is {hiding.target:g}"
         yield Reading("hiding thickness", seen, None, length, "um", words, standard)
         yield Reading("spreading rate", seen, None, rate, "m2/l", "area that a litre of it hides", standard)
     at = hiding.wavelength_um.tolist()
