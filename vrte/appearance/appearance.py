@@ -133,7 +133,7 @@ class Appearance:
 
     def list_readings(self) -> Iterator[Reading]:
         """All reflectances, polarization, and colours where the wavelengths cover the visible, a number a row."""
-        at = self.wavelength_um.tolist()
+        at = self.wavelength_um.round(9).tolist()
         for name, values in self.reflectances.items():
             known = read_geometry(name)
             for wavelength, value in zip(at, values.tolist(), strict=True):

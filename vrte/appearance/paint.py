@@ -27,11 +27,7 @@ from vrte.formats.paints import KEYS
 from vrte.results.brdf import Brdf
 
 GLOSS_ANGLES = 20.0, 60.0, 85.0
-LOBE_UM, LOBE_DEG, LOBE_STEP = (
-    0.55,
-    45.0,
-    2.5,
-)  # wavelength, incidence, and degrees between directions, of the polar cut
+LOBE_UM, LOBE_DEG, LOBE_STEP = 0.55, 45.0, 2.5  # of the polar cut: wavelength, incidence, degrees between directions
 PARTS = 3, 4, 1, 30, 6, 1  # of the work: particles, geometries, gloss, hiding, Kubelka-Munk, polar cut
 Found = TypeVar("Found")
 
@@ -101,7 +97,7 @@ class Paint:
     def list_readings(self) -> Iterator[Reading]:
         """Every number of the page, one a row."""
         yield from self.look.list_readings()
-        at = self.look.wavelength_um.tolist()
+        at = self.look.wavelength_um.round(9).tolist()
         for angle, gloss in self.glosses.items():
             definition = "specular gloss, 100 of polished black glass of index 1.567"
             yield Reading("gloss", f"{angle:g}:{angle:g}", None, gloss, "GU", definition, "ISO 2813; ASTM D523")
