@@ -8,10 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vrte._core import coated_sphere_coefficients
 from vrte.basics.arrays import Array
 from vrte.basics.errors import SceneError
-from vrte.optics.coated_spheres import compute_coated_coefficients
 from vrte.optics.populations import FEWEST_RADII, Ball, check_quadrature
+from vrte.optics.spheres import count_orders
 
 Kinds = Sequence[tuple[Ball, float]]  # with number shares, in one host at one wavelength
 FEW = 1e-3  # volume fraction up to which an index rises in proportion to it
@@ -65,15 +66,18 @@ def find_coherent_potential_index(kinds: Kinds, volume_fraction: float) -> float
     if volume_fraction < FEW:
         return host + volume_fraction / FEW * (find_coherent_potential_index(kinds, FEW) - host)
     substances, shells = np.sqrt(permittivities), radii * volume_fraction ** (-1.0 / 3.0)
+    spheres = list(zip(weights.tolist(), substances.tolist(), radii.tolist(), shells.tolist(), strict=True))
+    most = count_orders(2.0 * math.pi * FURTHEST * host / wavelength * float(shells.max()) * (1.0 + STEP))
+    twice = np.arange(3.0, 2.0 * most + 2.0, 2.0)  # 2 n + 1
 
     def advance(index: float) -> float:
         """The phase that light gains by the spheres, with any positive factor."""
         wavenumber, gained = 2.0 * math.pi * index / wavelength, 0.0
-        for weight, substance, radius, shell in zip(weights, substances, radii, shells, strict=True):
-            a, b = compute_coated_coefficients(
-                complex(substance) / index, host / index, wavenumber * radius, wavenumber * shell
-            )
-            gained -= weight * float(np.arange(3.0, 2.0 * a.size + 2.0, 2.0) @ (a + b).imag)  # Im S(0)
+        for weight, substance, radius, shell in spheres:
+            orders = count_orders(wavenumber * shell)
+            indices = substance / index, host / index
+            coefficients = coated_sphere_coefficients(*indices, wavenumber * radius, wavenumber * shell, orders)
+            gained -= weight * float((coefficients.imag @ twice[:orders]).sum())  # Im S(0)
         return gained / wavenumber**3
 
     phase = 2.0 * math.pi * host / wavelength * float(weights @ shells**3) / float(weights @ shells**2)

@@ -94,8 +94,10 @@ def find_wavenumber(ball: Ball) -> float:
 
 def drop_negligible(a: Complex, b: Complex) -> tuple[Complex, Complex]:
     """a_n and b_n without the orders at the end that hold nothing."""
-    strength = np.maximum(np.abs(a), np.abs(b))
-    orders = 1 + int(np.flatnonzero(strength > NEGLIGIBLE * strength.max())[-1])
+    strength = np.maximum(np.abs(a), np.abs(b)).tolist()  # some 20 numbers, thousands of times: no arrays
+    least, orders = NEGLIGIBLE * max(strength), len(strength)
+    while strength[orders - 1] <= least:
+        orders -= 1
     return a[:orders], b[:orders]
 
 
