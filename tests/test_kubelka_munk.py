@@ -211,7 +211,7 @@ def test_an_appearance_knows_its_k_and_s() -> None:
     look = vrte.appearance(panel, geometries=["8:di"])
     assert look.kubelka_munk(0.7, k2=0.5).K == find_kubelka_munk(panel, 0.7, k2=0.5).K
     spectrum = panel.solve(np.cos(np.radians(8.0)))
-    with pytest.raises(vrte.SceneError, match="not of its spectrum alone"):
+    with pytest.raises(vrte.SceneError, match="K and S are of a scene, not its spectrum alone"):
         vrte.appearance(spectrum, geometries=["8:di"]).kubelka_munk()
 
 
