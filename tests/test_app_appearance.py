@@ -247,6 +247,7 @@ def test_processes_end_with_their_tab_and_are_few(monkeypatch: pytest.MonkeyPatc
     until(lambda: third.poll() is not None)
 
 
+@pytest.mark.slow
 def test_no_process_is_left_when_the_server_is_killed() -> None:
     code = (
         "import sys, time; sys.path[:] = {path!r}\n"

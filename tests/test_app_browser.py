@@ -174,6 +174,7 @@ def fill_a_small_scene(tab: Tab) -> None:
     tab.fill("cosines of incidence µ_i", "0.3, 0.6, 1")
 
 
+@pytest.mark.slow
 def test_fill_solve_turn_download_and_compare(tab: Tab, open_tab: Callable[..., Tab], tmp_path: Path) -> None:
     tab.fill("optical thickness", "-1")
     reason = tab.page.get_by_role("button", name="Solve waits: layer[1].thickness must be an optical thickness >= 0")
@@ -566,7 +567,6 @@ CUT = """() => { const form = document.querySelector('.vrte-left').getBoundingCl
     return [...cut, ...out]; }"""
 
 
-@pytest.mark.slow
 def test_a_ready_material_fills_the_form(tab: Tab) -> None:
     tab.button("Gallery").click()
     tab.button("Rutile in alkyd").click()

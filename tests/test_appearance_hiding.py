@@ -95,7 +95,14 @@ def test_a_thick_dark_film_hides_all_and_looks_as_one_without_end() -> None:
 
 @pytest.mark.parametrize(
     ("film", "times", "above"),
-    [(WHITE, 1.0, [SURFACE]), (WHITE, 40.0, []), (WHITE, 1e-4, []), (GREY, 1.0, []), (GREY, 0.01, [])],
+    [
+        (WHITE, 1e-4, []),
+        (GREY, 1.0, []),
+        *(
+            pytest.param(*one, marks=pytest.mark.slow)
+            for one in ((WHITE, 1.0, [SURFACE]), (WHITE, 40.0, []), (GREY, 0.01, []))
+        ),
+    ],
 )
 def test_the_thickness_that_hides_is_met_by_direct_solves(film: dict[str, Any], times: float, above: list[Any]) -> None:
     """A thousandth thinner is not enough, a thousandth thicker is; whatever the film was that it began with."""
@@ -150,6 +157,7 @@ def check_interpolation(found: Hiding, film: dict[str, Any]) -> None:
     assert over_white == pytest.approx(exact[:, 1], abs=2e-3)
 
 
+@pytest.mark.slow
 def test_between_its_exact_points_the_curve_is_smooth(white: Hiding) -> None:
     check_interpolation(white, WHITE)
     check_interpolation(find_hiding(prepare(GREY)), GREY)
@@ -189,6 +197,7 @@ def test_cards_that_are_as_much_alike_need_no_film() -> None:
     assert "bare cards" in found.reason
 
 
+@pytest.mark.slow
 def test_nodes_are_chosen_once_and_are_enough() -> None:
     panel = prepare(GREY)
     rough, fine = (

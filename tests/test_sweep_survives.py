@@ -172,6 +172,7 @@ SLOW = pytest.mark.slow
 DASK = ("--engine", "dask", "--workers", "2")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("table", "kills", "engine"),
     [(64, 1, ()), pytest.param(400, 10, (), marks=SLOW), pytest.param(400, 10, DASK, marks=SLOW)],

@@ -117,7 +117,7 @@ def test_each_process_has_its_own_simd(both: dict[str, Child]) -> None:
 @needs_baseline
 @pytest.mark.parametrize(
     "problem",
-    [*(pytest.param(one, marks=pytest.mark.slow) for one in (SIEWERT, GOLD)), MUELLER],
+    [pytest.param(one, marks=pytest.mark.slow) for one in (SIEWERT, GOLD, MUELLER)],
     ids=lambda problem: problem.name,
 )
 def test_every_configuration_gives_the_default_answer(problem: paper.Problem, both: dict[str, Child]) -> None:
