@@ -53,7 +53,7 @@ def main() -> None:
         pickle.dump(reply, output, protocol=pickle.HIGHEST_PROTOCOL)
         output.flush()
 
-    threading.Thread(target=load_colours, daemon=True).start()
+    load_colours()
     while True:
         studio.answer(inbox.take(), tell, inbox.has_newer)
 
@@ -70,7 +70,8 @@ def fill_inbox(inbox: Inbox) -> None:
 
 
 def load_colours() -> None:
-    """Beside the first particles: it takes a second."""
+    """Before the first question, which would do so, and not beside it: modules that two threads import at once may be
+    seen half made."""
     try:
         import_colour_science()
     except MissingExtraError:
