@@ -118,10 +118,8 @@ def fix_nodes(panel: Panel, geometry: Geometry, albedo: float) -> Panel:
     the last, and a few to spare. A panel whose nodes or method are said stays as it is."""
     if "nodes" in panel.asked or panel.asked.get("method", EXACT) != EXACT:
         return panel
-    places = sorted({0, len(panel) // 2, len(panel) - 1})
-    some = replace(panel, wavelength_um=panel.wavelength_um[places], scenes=tuple(panel.scenes[n] for n in places))
-    chosen = solve_geometry(some.put_over(Lambertian(albedo)), geometry)
-    nodes = max(one.diagnostics["nodes"] for one in chosen) + SPARE_NODES
+    mu_i, mu_o, phi = geometry.directions
+    nodes = panel.put_over(Lambertian(albedo)).choose_nodes(mu_i, mu_o, phi) + SPARE_NODES
     return replace(panel, asked={**panel.asked, "nodes": nodes})
 
 

@@ -5,7 +5,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -266,6 +266,5 @@ def note_warnings(notes: list[str]) -> Iterator[None]:
 
 def solve_lobe(panel: Panel, place: int, progress: Progress | None = None) -> Brdf:
     """The BRDF at one of the wavelengths, in the plane of incidence at 45 degrees."""
-    one = replace(panel, wavelength_um=panel.wavelength_um[[place]], scenes=(panel.scenes[place],))
     mu_o = np.cos(np.radians(np.arange(0.0, 90.0, LOBE_STEP)))
-    return one.solve(math.cos(math.radians(LOBE_DEG)), mu_o, [0.0, 180.0], progress)[0]
+    return panel.pick([place]).solve(math.cos(math.radians(LOBE_DEG)), mu_o, [0.0, 180.0], progress)[0]

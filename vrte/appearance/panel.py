@@ -83,6 +83,22 @@ class Panel:
         """How thick the film is [um], None where only its optical thickness is known."""
         return self.lengths_um[self.film]
 
+    @property
+    def ends_and_middle(self) -> list[int]:
+        """Places of the first, a middle and the last wavelength, by which the rest is judged."""
+        return sorted({0, len(self) // 2, len(self) - 1})
+
+    def pick(self, places: Sequence[int]) -> "Panel":
+        """The same at some of its wavelengths, by their places."""
+        scenes = tuple(self.scenes[place] for place in places)
+        return replace(self, wavelength_um=self.wavelength_um[list(places)], scenes=scenes)
+
+    def choose_nodes(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0) -> int:
+        """The most nodes that the accuracy takes for these directions at the first, a middle and the last wavelength:
+        to choose them takes some times as long as to solve with them."""
+        found = self.pick(self.ends_and_middle).solve(mu_i, mu_o, phi)
+        return max(int(one.diagnostics["nodes"]) for one in found)
+
     def put_over(self, base: Boundary | None) -> "Panel":
         """The same over another base; None is black."""
         return replace(self, scenes=tuple(replace(scene, base=base) for scene in self.scenes))
@@ -138,7 +154,7 @@ class Panel:
         """
         directions = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi}
         count = len(self)
-        looked_at = sorted({0, count // 2, count - 1})
+        looked_at = self.ends_and_middle
         rest = [place for place in range(count) if place not in looked_at]
         requests = {place: self._ask(place, **directions, **self.asked) for place in looked_at}
         part = progress and (lambda done, total: progress(done, count))

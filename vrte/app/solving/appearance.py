@@ -5,7 +5,7 @@ import pickle
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -161,11 +161,11 @@ class Studio:
             panel = self._make(content, question.folder, some)
             made = time.perf_counter() - begin
             if made * at.size / COARSE + self.pace * at.size > PATIENCE:
-                few = self._solve(panel, question.viewing.white, self.nodes or choose_nodes(panel))
+                few = self._solve(panel, question.viewing.white, self.nodes or panel.put_over(None).choose_nodes(MU_I))
                 report({name: spread_over(one, at) for name, one in few.items()}, coarse=True)
             panel = self._make(content, question.folder, at, check)
             begun = time.perf_counter()
-            self.nodes = choose_nodes(panel)
+            self.nodes = panel.put_over(None).choose_nodes(MU_I)
             both = self._solve(panel, question.viewing.white, self.nodes, check)
             self.pace = (time.perf_counter() - begun) / at.size
         self.found[key] = both
@@ -201,14 +201,6 @@ class Studio:
         self.warned[key] = tuple(dict.fromkeys((*self.warned.pop(key, ()), *of_particles)))
         forget_oldest(self.warned, MOST_SPECTRA)
         return tuple(dict.fromkeys((*said, *self.warned[key])))[:MOST_NOTES]
-
-
-def choose_nodes(panel: Panel) -> int:
-    """The nodes that the accuracy takes at the first, a middle and the last wavelength, the most of the three: to
-    choose them takes three times as long as to solve with them."""
-    places = sorted({0, len(panel) // 2, len(panel) - 1})
-    few = replace(panel, wavelength_um=panel.wavelength_um[places], scenes=tuple(panel.scenes[k] for k in places))
-    return max(int(one.diagnostics["nodes"]) for one in few.put_over(None).solve(MU_I))
 
 
 def describe(question: Question, shares: Shares, coarse: bool, seconds: float, notes: tuple[str, ...]) -> Appeared:
