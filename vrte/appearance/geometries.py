@@ -53,7 +53,7 @@ class Geometry:
 
     @property
     def definition(self) -> str:
-        """What is read, in words."""
+        """The quantity that is read, in words."""
         if self.angle_i is None:
             return "bihemispherical reflectance: even light from all sides, all that comes back"
         if self.angle_o is None:
@@ -70,7 +70,7 @@ class Geometry:
 
     @property
     def standard(self) -> str:
-        """Where it is defined."""
+        """The standards that define the geometry."""
         if self.angle_i is None:
             return "CIE 15, di:di; CIE S 017, reflectance (17-24-064)"
         if self.angle_o is None:

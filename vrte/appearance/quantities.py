@@ -46,7 +46,7 @@ class Conditions:
 
     @property
     def told(self) -> str:
-        """In words, for tables."""
+        """All of the conditions in one line, for tables."""
         return (
             f"geometry {self.geometry}, illuminant {self.illuminant}, observer {self.observer} degrees, "
             f"black of albedo {self.black:g}, white of albedo {self.white:g}, contrast ratio {self.target:g} hides"
@@ -74,7 +74,7 @@ class Readings:
 
     @cached_property
     def colour(self) -> Colour:
-        """Of the panel as it is."""
+        """The colour of the panel over its own base."""
         light = self.conditions.illuminant, self.conditions.observer
         return find_colour(self.panel.wavelength_um, self.reflectance, *light)
 

@@ -59,12 +59,12 @@ class KubelkaMunk:
 
     @property
     def wavelength_um(self) -> Array:
-        """In vacuum (n,) [um]."""
+        """The wavelengths in vacuum (n,) [um]."""
         return self.panel.wavelength_um
 
     @property
     def unit(self) -> str:
-        """Of K and S."""
+        """The unit of K and S."""
         return "1/um" if self.panel.length_um is not None else "1/film"
 
     @property

@@ -83,7 +83,7 @@ class Sweep:
 
     @property
     def wavelengths(self) -> int:
-        """How many a scene is of."""
+        """At how many wavelengths each scene is solved."""
         return self.asked.wavelengths_um.size if self.kind == TABLE else 1
 
     @property

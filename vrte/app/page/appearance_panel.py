@@ -137,7 +137,7 @@ class AppearancePanel:
             self.moved = None
 
     def set_white(self, albedo: float) -> None:
-        """Another white card."""
+        """Puts the film over a white card of another albedo."""
         self.look("white", round(min(max(albedo, WHITES[0]), WHITES[1]), 2))
 
     def keep(self) -> None:
