@@ -21,7 +21,7 @@ help:
 	@echo "make bench        the timings of bench/"
 	@echo "make bench-save   the timings against the LAPACK floor, kept in bench/history"
 	@echo "make bench-compare  the same, beside the last ones kept: fails where a case takes 1.3 times as much"
-	@echo "make bench-peers  vrte beside nanodisort and sasktran2: the page docs/peers.md, printed"
+	@echo "make bench-peers  vrte beside nanodisort and sasktran2: the page docs/reference/peers.md, printed"
 	@echo "make env          the environment for development: .venv, editable"
 	@echo "make clean        removes what was built and written, not .venv"
 

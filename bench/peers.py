@@ -1,7 +1,8 @@
 """vrte beside the peers that pip installs: same scene, same outputs, one thread each.
 
-``python -m bench.peers`` prints the table, ``-o docs/peers.md`` writes the page that carries it. Both need the extra
-"bench". The time is the process's CPU time of the solve call; what can be prepared once for a scene is set-up.
+``python -m bench.peers`` prints the table, ``-o docs/reference/peers.md`` writes the page that carries it. Both
+need the extra "bench". The time is the process's CPU time of the solve call; what can be prepared once for a scene
+is set-up.
 """
 
 import argparse
@@ -249,7 +250,7 @@ def main(arguments: list[str] | None = None) -> int:
     from bench.peers_page import load, page
 
     parser = argparse.ArgumentParser(prog="python -m bench.peers", description="vrte beside nanodisort and sasktran2")
-    parser.add_argument("-o", "--output", type=Path, help="write the page there, docs/peers.md say")
+    parser.add_argument("-o", "--output", type=Path, help="write the page there, docs/reference/peers.md say")
     options = parser.parse_args(arguments)
     comparisons, before = [], load()
     try:

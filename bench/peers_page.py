@@ -20,7 +20,7 @@ vrte and the two solvers of its kind that pip installs (extra `bench`):
 [nanodisort](https://pypi.org/project/nanodisort/), scalar, the C translation of DISORT, and
 [sasktran2](https://pypi.org/project/sasktran2/) (Zawada et al., Atmos. Meas. Tech. 8, 2609, 2015), whose discrete
 ordinates carry I, Q and U. On Linux (x86-64) both come as wheels for Python 3.11 to 3.14. `make bench-peers` prints
-this page, `python -m bench.peers -o docs/peers.md` writes it.
+this page, `python -m bench.peers -o docs/reference/peers.md` writes it.
 """
 
 METHOD = f"""## What is compared

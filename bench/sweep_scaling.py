@@ -2,7 +2,7 @@
 
 The same 200 scenes, in turns: by two independent processes with one thread and half of them each, by two threads, and
 by two Dask worker processes. A sweep's share is its scenes a second over those of the two processes. Prints the figures
-of docs/sweeps.md.
+of docs/how_to/sweeps.md.
 """
 
 import json
@@ -115,7 +115,7 @@ def shares(taken: dict[str, list[float]]) -> dict[str, float]:
 
 
 def report(taken: dict[str, list[float]]) -> str:
-    """The two tables of docs/sweeps.md."""
+    """The two tables of docs/how_to/sweeps.md."""
     share = shares(taken)
     alone = statistics.median(taken["one thread"])
     lines = ["| 200 scenes | s | scenes a second | times one thread | of two processes |", "|---|---|---|---|---|"]

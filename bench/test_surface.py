@@ -25,8 +25,8 @@ def paint() -> vrte.Layer:
 def test_surface_of_a_paint(paint: vrte.Layer, benchmark: Any) -> None:
     """20 x 20 x 37 Mueller BRDF at accuracy 1e-6, one thread, nodes chosen; interleaved, ratio of the medians.
 
-    Asked for is 1.8, measured is more (docs/interfaces.md): without a surface most Fourier orders take the invariance
-    equation, which knows no surface. Held is what is measured, with room for a noisy machine.
+    Asked for is 1.8, measured is more (docs/how_to/interfaces.md): without a surface most Fourier orders take the
+    invariance equation, which knows no surface. Held is what is measured, with room for a noisy machine.
     """
     mu, phi = np.linspace(0.05, 1.0, 20), np.linspace(0.0, 180.0, 37)
     bare, glossy = vrte.Scene([paint]), vrte.Scene([vrte.Interface(1.0, 1.5), paint])

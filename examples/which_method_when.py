@@ -26,5 +26,5 @@ for thickness in (1e-4, 1.0, 50.0):
         found = vrte.radiance(scene, **seen, method=method, **how)
         spent, error = 1e3 * (time.perf_counter() - begin), np.abs(found.stokes[..., 0] - exact).max() / exact.max()
         lines.append(f"{thickness:g}, {method}, {found.diagnostics['method']}, {error:.1e}, {spent:.1f}")
-print("\n".join(lines))  # docs/methods.md has the whole answer
+print("\n".join(lines))  # docs/explanation/methods.md has the whole answer
 (folder / "which_method_when.csv").write_text("\n".join(lines) + "\n")

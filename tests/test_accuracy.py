@@ -16,7 +16,7 @@ from vrte.studies.accuracy import fewest, page, sweep
 from vrte.studies.accuracy.__main__ import main
 from vrte.studies.accuracy.sweep import MU, PHI, PROBES
 
-ERRORS = Path(__file__).parents[1] / "docs" / "accuracy" / "errors.csv"
+ERRORS = Path(__file__).parents[1] / "docs" / "explanation" / "accuracy" / "errors.csv"
 QUICK_GIVEN = ("HG 0.75, thickness 0.1", "spheroids, field", "gold powder, without end", "two layers over a base")
 QUICK_CHOSEN = ("HG 0.5, thickness 1", "Rayleigh, thickness 10, field")
 

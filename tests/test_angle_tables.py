@@ -337,7 +337,7 @@ def test_a_convention_is_recognised_by_four_digits_and_reads_back(name: str) -> 
 
 @pytest.mark.parametrize("name", CONVENTIONS)
 def test_the_page_has_the_card_as_it_is(name: str) -> None:
-    page = (Path(__file__).parents[1] / "docs" / "importing.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "how_to" / "importing.md").read_text(encoding="utf-8")
     (row,) = re.findall(rf"^\| `{name}` \| (\S+: .*) \|$", page, re.MULTILINE)
     cells = [[float(value) for value in cell.partition(": ")[2].split(", ")] for cell in row.split(" | ")]
     card = tabulate_card(CONVENTIONS[name])[[0, 2, 3, 4] if name == "chandrasekhar" else [0, 1, 3, 4]]

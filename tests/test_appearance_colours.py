@@ -100,7 +100,7 @@ def test_measured_spectra_have_the_colours_of_astm_e308(light: tuple[str, int], 
 
 @pytest.mark.parametrize(("count", "largest"), [(16, 0.15), (31, 0.05), (61, 0.01)])
 def test_few_wavelengths_do_for_smooth_spectra(count: int, largest: float) -> None:
-    """CIEDE2000 from sums over 1 nm; docs/appearance.md has the errors on measured spectra."""
+    """CIEDE2000 from sums over 1 nm; docs/how_to/appearance.md has the errors on measured spectra."""
     few = np.linspace(0.40, 0.70, count)
     gaps = [
         find_difference(find_colour(few, sparse), find_colour(FINE, full))

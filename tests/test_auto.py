@@ -29,7 +29,7 @@ from vrte.studies.methods.advice import describe_score, make_score_html, make_sc
 from vrte.studies.methods.rows import Row
 from vrte.studies.methods.rules import find_disagreements, read_report_rows
 
-REPORT = Path(__file__).parents[1] / "docs" / "methods" / "methods.csv"
+REPORT = Path(__file__).parents[1] / "docs" / "explanation" / "methods" / "methods.csv"
 THIN = vrte.Scene([vrte.Layer(vrte.isotropic(), 1.0, 1e-3)])
 MIDDLE = vrte.Scene([vrte.Layer(vrte.henyey_greenstein(0.5, 30), 0.99, 1.0)])
 DEEP = vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 100.0)])

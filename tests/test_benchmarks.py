@@ -1,4 +1,4 @@
-"""The benchmarks of docs/benchmarks: computed again, changed digits found, the literal solver, the convention card."""
+"""The benchmarks of docs/reference/benchmarks: computed again, changed digits found, convention card."""
 
 import re
 import shutil
@@ -14,7 +14,7 @@ from .conftest import call
 from .interface_oracle import brdf_orders, light_orders
 from .oracle import D, azimuthal_sum
 
-FOLDER = Path(vrte.__file__).parents[1] / "docs" / "benchmarks"
+FOLDER = Path(vrte.__file__).parents[1] / "docs" / "reference" / "benchmarks"
 PATHS = benchmarks.find_benchmarks()
 SMOOTH = [path for path in PATHS if "rough" not in path.stem]
 

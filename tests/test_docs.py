@@ -9,7 +9,7 @@ import pytest
 from vrte.studies.kinds import write_page
 
 ROOT = Path(__file__).parents[1]
-EQUATIONS = (ROOT / "docs" / "equations.md").read_text()
+EQUATIONS = (ROOT / "docs" / "reference" / "equations.md").read_text()
 ROWS = re.findall(r"^\| ([^|]+?) \| (vrte/\S+?):(\w+) \|", EQUATIONS, re.MULTILINE)
 SOURCES = {
     str(path.relative_to(ROOT)): path.read_text()
@@ -114,7 +114,7 @@ def test_pages_link_to_what_exists(page: Path) -> None:
 
 
 def test_every_statement_on_security_names_a_test_that_exists() -> None:
-    statements = (ROOT / "docs" / "security.md").read_text().split("\n- ")[1:]
+    statements = (ROOT / "docs" / "reference" / "security.md").read_text().split("\n- ")[1:]
     assert len(statements) >= 6
     for statement in statements:
         tests = re.findall(r"`(tests/\w+\.py)::(\w+)`", statement)
@@ -124,5 +124,5 @@ def test_every_statement_on_security_names_a_test_that_exists() -> None:
 
 
 def test_the_page_of_kinds_is_what_the_registries_say() -> None:
-    page = (ROOT / "docs" / "kinds.md").read_text()
-    assert page == write_page(), "make it anew: python -m vrte.studies.kinds > docs/kinds.md"
+    page = (ROOT / "docs" / "reference" / "kinds.md").read_text()
+    assert page == write_page(), "make it anew: python -m vrte.studies.kinds > docs/reference/kinds.md"

@@ -62,7 +62,7 @@ def test_it_is_reciprocal() -> None:
     down, up = (
         azimuthal_sum(brdf_orders(scene, MU_I, MU_I, 12, 2).transmitted, phi) for scene in (plate, plate.turned())
     )
-    flip = np.diag([1.0, 1.0, -1.0, -1.0])  # the turned scene is seen in a horizontal mirror: docs/conventions.md
+    flip = np.diag([1.0, 1.0, -1.0, -1.0])  # the turned scene is mirrored: docs/reference/conventions.md
     up = flip @ up @ flip
     ratio = 1.3**2  # radiance over the square of the index is what is reciprocal
     np.testing.assert_allclose(down, ratio * q @ up.transpose(1, 0, 2, 4, 3) @ q, atol=1e-14)

@@ -107,7 +107,7 @@ def test_it_is_physical_over_the_visible_and_warns_of_nothing(name: str) -> None
 
 
 def test_the_page_of_materials_lists_all_of_them_and_all_substances() -> None:
-    page = (Path(__file__).parents[1] / "docs" / "materials.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "how_to" / "materials.md").read_text(encoding="utf-8")
     for name in (*MADE, *MATERIALS):
         assert f"\n| {name} | " in page
     for name, entry in MATERIALS.items():

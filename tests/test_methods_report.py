@@ -96,7 +96,7 @@ def test_the_page_opens_without_a_network(folder: Path) -> None:
 
 
 def test_one_colour_a_method_and_the_answer_on_top() -> None:
-    known = list(Records(Row, ROOT / "docs" / "methods" / "methods.csv").read().values())
+    known = list(Records(Row, ROOT / "docs" / "explanation" / "methods" / "methods.csv").read().values())
     curves = {row.curve: row for row in known if not row.is_peer}
     colours = {page.find_curve_method(row): page.choose_colour([row]) for row in curves.values()}
     assert {page.choose_colour([row]) for row in known if not row.is_peer} == set(colours.values())
@@ -191,8 +191,8 @@ def test_the_table_of_knobs_names_settings_that_are_there() -> None:
 
 
 def test_the_table_of_methods_is_that_of_the_registry() -> None:
-    text = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
-    assert registry.refresh_tables(text) == text, "run `python -m vrte.studies.methods docs/methods.md`"
+    text = (ROOT / "docs" / "explanation" / "methods.md").read_text(encoding="utf-8")
+    assert registry.refresh_tables(text) == text, "run `python -m vrte.studies.methods docs/explanation/methods.md`"
     for name in METHODS:
         assert f"\n| `{name}` |" in text
 

@@ -244,7 +244,7 @@ def test_nine_wavelengths_do_for_smooth_spectra() -> None:
 
 @pytest.mark.slow
 def test_what_the_resolution_is_good_for() -> None:
-    """Against twice as many of everything, as docs/render.md says; coarse gold at 0.4 um is a hard case."""
+    """Against twice as many of everything, as docs/how_to/render.md says; coarse gold at 0.4 um is a hard case."""
     gold = vrte.spheres("gold", radius_um=0.6, wavelength_um=0.4)
     scene, sky = vrte.Scene([vrte.Layer.of(gold, thickness=np.inf)]), make_sky("rayleigh", [0.4], 40.0, 0.2)
     pictures = []

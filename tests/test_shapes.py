@@ -90,7 +90,7 @@ OTHER_COEFFICIENTS = np.array(
 
 
 def test_another_solver_finds_the_same_coefficients_of_long_spheroids() -> None:
-    """Its b1 and b2 belong to Q and U of the opposite sign, one of the traps of docs/conventions.md."""
+    """Its b1 and b2 belong to Q and U of the opposite sign, one of the traps of docs/reference/conventions.md."""
     found = vrte.spheroids(1.5 + 0.01j, aspect_ratio=0.5, radius_um=3.0, wavelength_um=IN_UNITS)
     ours = found.phase_matrix.coefficients[1:4] * [1, 1, 1, 1, -1, -1]
     np.testing.assert_allclose(ours, OTHER_COEFFICIENTS, rtol=0.0, atol=2e-8)

@@ -16,7 +16,7 @@ from vrte.render.setting import read as read_setting
 from vrte.sweep.template import read_sweep
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PREDICTED = r" +[0-9.]+(e[+-][0-9]+\b| MB| times)"  # sizes, which change with every rule of thumb behind them
 
 
@@ -42,7 +42,7 @@ def commands(page: Path) -> list[str]:
 
 
 def smaller_sweep(folder: Path) -> None:
-    """The sweep that docs/sweeps.md runs has 588 scenes: with fewer, the same lines run."""
+    """The sweep that docs/how_to/sweeps.md runs has 588 scenes: with fewer, the same lines run."""
     path = folder / "examples" / "gold_table.toml"
     text = path.read_text()
     for given, fewer in (("count = 21", "count = 5"), ("count = 28", "count = 5"), ("nodes = 24", "nodes = 6")):

@@ -4,8 +4,8 @@
 Matrices are stored column by column, so in the shapes below the *last* axis is the row. `n` is S N: node by
 node, S Stokes parameters inside: all four, or those of a set that mixes with no other. Inside the solver the
 unknowns on the nodes are scaled by sqrt(weight mu) and the upward field is flipped by D = diag(1, 1, -1, -1)
-(handbook: docs/conventions.md). s and d are the sum and the difference of the two hemispheres. (1:n) is equation n
-of Collin, Pattanaik and Bouatouch, (2:n) of Budak and Efremenko. docs/core.md says where a new stage goes.
+(handbook: docs/reference/conventions.md). s and d are the sum and the difference of the two hemispheres. (1:n) is equation n
+of Collin, Pattanaik and Bouatouch, (2:n) of Budak and Efremenko. docs/how_to/core.md says where a new stage goes.
 
 A complex pair of modes occupies two columns, Re v and Im v, and two real coordinates y1, y2 with
 s = Re[v (y1 - i y2)]: a function of lambda multiplies the complex number y1 - i y2.

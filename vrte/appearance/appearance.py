@@ -209,7 +209,7 @@ def appearance(
     MissingExtraError
         For colours, without the extra "appearance".
 
-    Source: CIE 15, ASTM E1331, E1349, E2194, E2539 for the geometries (docs/appearance.md has all definitions).
+    Source: CIE 15, ASTM E1331, E1349, E2194, E2539 for the geometries (docs/how_to/appearance.md has all definitions).
 
     Examples
     --------

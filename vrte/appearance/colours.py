@@ -1,7 +1,7 @@
 """Colours from reflectance spectra: CIE XYZ, CIELAB, sRGB for a screen, and the difference between two (CIEDE2000).
 
 ISO/CIE 11664-3 (XYZ), 11664-4 (L*, a*, b*), 11664-6 (CIEDE2000) and IEC 61966-2-1 (sRGB), their formulas as the
-package colour-science has them; docs/appearance.md has the domain and the errors.
+package colour-science has them; docs/how_to/appearance.md has the domain and the errors.
 """
 
 from dataclasses import dataclass

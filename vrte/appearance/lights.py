@@ -1,7 +1,7 @@
 """What X, Y, Z take of a reflectance at some wavelengths: light and observer 1 nm by 1 nm, a spline between.
 
 ISO/CIE 11664-1 to -3, with the tables of the package colour-science. What few wavelengths cost, and how the limits
-below were measured, is in docs/appearance.md.
+below were measured, is in docs/how_to/appearance.md.
 """
 
 from collections.abc import Callable

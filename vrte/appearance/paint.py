@@ -159,7 +159,7 @@ def paint(
     scene : path or mapping, optional
         A scene file with a table [paint], or any other whose film lies in one layer; or its content. Without it, the
         keys of [paint] are given as keywords: pigment, volume_fraction, binder, thickness_um, surface, substrate,
-        packing, particles (docs/materials.md).
+        packing, particles (docs/how_to/materials.md).
     wavelengths_um : sequence of float, optional
         Ascending [um], over the visible; by default those that the file lists, or 16 from 0.40 to 0.70 as far as its
         substances are known.
@@ -192,7 +192,7 @@ def paint(
     OSError
         Where a file cannot be read.
 
-    Source: the standards that each number names; docs/appearance.md has the definitions.
+    Source: the standards that each number names; docs/how_to/appearance.md has the definitions.
 
     Examples
     --------

@@ -41,7 +41,7 @@ PRODUCTS_A_JOINT = 8.0  # where two slabs meet
 STEPS_ENDLESS = 8  # doublings of a layer without end
 A_TERM = 12.0  # operations of six series in closed form
 
-# time over that of a layer's modes, as measured (docs/accuracy.md)
+# time over that of a layer's modes, as measured (docs/explanation/accuracy.md)
 JOINT = 0.2  # of a joint
 DOUBLING_AT_ONCE, DOUBLING_SIZE = 0.1, 1500.0  # of a doubling, and the unknowns with which it takes as long again
 WORTH_DOUBLING = 0.7  # where it is predicted to take so much: predictions are right to about a third

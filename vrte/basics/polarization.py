@@ -1,7 +1,7 @@
 """How polarized light is: degrees and angle, from its Stokes vector.
 
 Angles are taken from the local meridian plane, l, towards r: clockwise for whoever the light comes to, since r x l
-points along its travel (docs/conventions.md).
+points along its travel (docs/reference/conventions.md).
 """
 
 from typing import Any

@@ -24,7 +24,7 @@ def material(
     Parameters
     ----------
     name : str
-        One of `vrte.materials()`, or the path of a file of one's own, "my_paint.toml" (docs/materials.md).
+        One of `vrte.materials()`, or the path of a file of one's own, "my_paint.toml" (docs/how_to/materials.md).
     wavelength_um : float
         In vacuum [um].
     thickness : float, optional
@@ -34,12 +34,12 @@ def material(
     volume_fraction : float, optional
         Of all its particles together.
     packing : str, optional
-        One of those of `Layer.of`, which docs/particles.md describes.
+        One of those of `Layer.of`, which docs/how_to/particles.md describes.
 
     Returns
     -------
     Layer
-        In its host medium: above a resin belongs a `vrte.Interface` (docs/interfaces.md).
+        In its host medium: above a resin belongs a `vrte.Interface` (docs/how_to/interfaces.md).
 
     Raises
     ------

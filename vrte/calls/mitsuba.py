@@ -64,7 +64,7 @@ def to_mitsuba(
     nested
         For scenes with a smooth surface on top, whose mirrored beam no table can hold: the table is that of what lies
         below the surface, and beside it a scene file for Mitsuba, of the same name but for .xml, has Mitsuba's own
-        dielectric above it (docs/exports.md).
+        dielectric above it (docs/how_to/exports.md).
     asked
         Keywords of `vrte.brdf` but for the directions, which are the table's own.
 

@@ -18,7 +18,7 @@ from vrte.commands.common import (
 
 def add(commands: Any) -> None:
     """Adds `vrte paint`, which makes the page of a paint, to the commands."""
-    told = "colour, hiding, gloss, Kubelka-Munk and more of a paint on one page (docs/appearance.md)"
+    told = "colour, hiding, gloss, Kubelka-Munk and more of a paint on one page (docs/how_to/appearance.md)"
     command = add_command(commands, "paint", run, told)
     command.add_argument("scene", metavar="PAINT.toml", type=Path, help="with a table [paint], or any other scene")
     command.add_argument("-o", "--output", metavar="OUT.html", type=Path, help="the page; default: PAINT.html, here")

@@ -32,7 +32,7 @@ MOST_NAMED = 3  # failures that --strict names
 
 def add(commands: Any) -> None:
     """Adds `vrte sweep`, which solves many scenes into one table, to the commands."""
-    told = "the Mueller BRDFs, or Stokes fields, of many scenes, as one table (docs/sweeps.md)"
+    told = "the Mueller BRDFs, or Stokes fields, of many scenes, as one table (docs/how_to/sweeps.md)"
     command = add_command(commands, "sweep", run, told)
     command.add_argument("file", metavar="SWEEP.toml", type=Path, help="a scene file with a table [axes]")
     command.add_argument(

@@ -1,4 +1,4 @@
-"""Bases by the ``kind`` of a table [base]. A new one is a class and a row (docs/extending.md)."""
+"""Bases by the ``kind`` of a table [base]. A new one is a class and a row (docs/how_to/extending.md)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

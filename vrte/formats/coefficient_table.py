@@ -16,8 +16,8 @@ COLUMNS = ["l", "a1", "a2", "a3", "a4", "b1", "b2"]
 def read_coefficients(path: str | os.PathLike[str], tolerance: float = 0.0) -> PhaseMatrix:
     """The phase matrix in a CSV file with the header l,a1,a2,a3,a4,b1,b2 and one row a degree, l = 0 first.
 
-    Lines that start with # are comments; the signs are those of docs/conventions.md; ``tolerance`` is that of a
-    PhaseMatrix. Raises SceneError naming the line, OSError where the file cannot be read.
+    Lines that start with # are comments; the signs are those of docs/reference/conventions.md; ``tolerance`` is that
+    of a PhaseMatrix. Raises SceneError naming the line, OSError where the file cannot be read.
 
     >>> read_coefficients("rayleigh.csv").terms
     3

@@ -48,8 +48,8 @@ def write_csv(result: Result, path: str | os.PathLike[str]) -> None:
 
     A BRDF has the columns mu_i, mu_o, phi_deg, f00 .. f33 [sr-1], then t00 .. t33 where transmission was computed and
     s00 .. s33 of rough surfaces; a spectrum has wavelength_um before them; a field has tau, mu, phi_deg, I, Q, U, V,
-    with mu0 before them for several beams. All else is in lines before them that start with # (docs/exports.md). Raises
-    OSError.
+    with mu0 before them for several beams. All else is in lines before them that start with # (docs/how_to/exports.md).
+    Raises OSError.
 
     >>> write_csv(brdf, "result.csv")
     """

@@ -1,7 +1,7 @@
 """Sources of particles, by the name that a table [particles.NAME] of a scene file gives in ``source``.
 
 A new source is two functions, of which one makes particles and the other only checks, and a row in `SOURCES`
-(docs/extending.md); scene files, sweeps, spectra and the viewer then know it.
+(docs/how_to/extending.md); scene files, sweeps, spectra and the viewer then know it.
 """
 
 from collections.abc import Callable

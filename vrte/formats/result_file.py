@@ -47,7 +47,7 @@ def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) ->
         Its name ends in .csv for a table, in .zarr for a folder of Zarr, otherwise it is NetCDF.
     most_bytes : float
         A result whose values take more than this in memory is refused before it takes them: allow more for a file that
-        you trust. Nothing but numbers and texts is read, and nothing from another file (docs/security.md).
+        you trust. Nothing but numbers and texts is read, and nothing from another file (docs/reference/security.md).
 
     Returns
     -------

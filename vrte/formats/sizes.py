@@ -1,6 +1,6 @@
 """How large particles are, in a scene file: a radius or diameter, or one of the distributions by name.
 
-A new distribution is a class with a ``quadrature``, and a row in `SIZES` (docs/extending.md).
+A new distribution is a class with a ``quadrature``, and a row in `SIZES` (docs/how_to/extending.md).
 """
 
 from collections.abc import Callable

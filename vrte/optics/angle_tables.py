@@ -38,7 +38,7 @@ EXTRAPOLATE, FORWARD, BACKWARD = "extrapolate", "short", "beyond"
 class ScatteringTable:
     """A scattering matrix at angles [degrees]: each element (angles,), the mean of F11 over the sphere is 1.
 
-    In vrte's signs: docs/conventions.md.
+    In vrte's signs: docs/reference/conventions.md.
 
     >>> from vrte.optics.phase_matrix import rayleigh
     >>> rayleigh().to_angles([0.0, 90.0]).F11.tolist()

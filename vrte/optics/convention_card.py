@@ -50,7 +50,7 @@ def recognise_convention(
     """The conventions by which a code writes scattering matrices, known from what it gives for one sphere.
 
     The sphere has the refractive index 1.5 in air, a radius of 0.5 um at a wavelength of 1 um (size parameter pi), and
-    absorbs nothing; docs/importing.md has the numbers.
+    absorbs nothing; docs/how_to/importing.md has the numbers.
 
     Parameters
     ----------

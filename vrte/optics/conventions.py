@@ -1,8 +1,8 @@
 """How other codes and databases write a scattering matrix over angle: a row each, by name.
 
-vrte's own elements are F11, F12, F22, F33, F34, F44 in the signs of docs/conventions.md, the mean of F11 over the
-sphere 1. A row says what the columns of a table mean, where that is known from, and how F11 is scaled. Where
-a row's source was not read it says so: docs/importing.md has a sphere by which to recognise a code's convention.
+vrte's own elements are F11, F12, F22, F33, F34, F44 in the signs of docs/reference/conventions.md, the mean of F11
+over the sphere 1. A row says what the columns of a table mean, where that is known from, and how F11 is scaled. Where
+a row's source was not read it says so: docs/how_to/importing.md has a sphere by which to recognise a code's convention.
 """
 
 from collections.abc import Sequence
@@ -97,7 +97,7 @@ class Convention:
 CONVENTIONS: dict[str, Convention] = {
     "vrte": Convention(
         "vrte; Hovenier and van der Mee; de Rooij and van der Stap; the expansions that Mishchenko's programs print",
-        "docs/conventions.md; their published expansions are reproduced (tests/test_phase_matrix.py)",
+        "docs/reference/conventions.md; their published expansions are reproduced (tests/test_phase_matrix.py)",
     ),
     "bohren-huffman": Convention(
         "Bohren and Huffman's Mueller matrix S11, S12, S33, S34; MatrixElements of PyMieScatt; Draine's callbhmie",
@@ -154,7 +154,7 @@ CONVENTIONS: dict[str, Convention] = {
     ),
     "perpendicular": Convention(
         "Stokes vectors with Q = I_r - I_l: axes across the scattering plane, as Mitsuba's measured_polarized has them",
-        "docs/exports.md, tried by a render",
+        "docs/how_to/exports.md, tried by a render",
         "mean",
         ("F11", "-F12", "F22", "F33", "F34", "F44"),
     ),

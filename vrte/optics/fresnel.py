@@ -3,7 +3,7 @@
 ``index`` is that of the medium behind over that of the medium that light comes from, real or n + ik, k >= 0
 (absorbing); ``mu`` the positive cosine of incidence, in the medium that light comes from. Amplitudes are along
 theta-hat (p) and phi-hat (s) of each direction of travel, of the reflected light too, so that no axes turn:
-docs/conventions.md.
+docs/reference/conventions.md.
 
 Source: Born and Wolf, Principles of Optics, section 1.5.
 """

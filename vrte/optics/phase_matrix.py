@@ -1,6 +1,6 @@
 """Scattering matrices as expansion coefficients in generalized spherical functions.
 
-Signs are those of Hovenier, de Haan and Mishchenko (docs/conventions.md): F(angle) has the elements a1, a2,
+Signs are those of Hovenier, de Haan and Mishchenko (docs/reference/conventions.md): F(angle) has the elements a1, a2,
 a3, a4 on its diagonal, b1 in its upper block and b2 in its lower one; a1 and a4 expand in P_l, a2 +- a3 in
 P^l_2,+-2, b1 and b2 in P^l_02 = -d^l_02.
 """
@@ -136,7 +136,8 @@ class PhaseMatrix:
         F11, F12, F22, F33, F34, F44 : array_like (angles,)
             The elements, or what ``convention`` has in their places. F11 alone is a scalar phase function.
         convention : str
-            Signs, ratios and scale of the table: a name of `vrte.optics.conventions.CONVENTIONS` (docs/importing.md).
+            Signs, ratios and scale of the table: a name of `vrte.optics.conventions.CONVENTIONS`
+            (docs/how_to/importing.md).
         normalise : bool
             Divide by the mean of F11 over the sphere, whatever it is. Without, it must be within 5 % of the
             convention's.

@@ -1,8 +1,8 @@
 """Where things are: camera, sun and sky in one frame, and how Stokes axes turn between them.
 
 World frame: z up, azimuths counter-clockwise seen from above. Every Stokes vector refers to axes (l, r) across its
-direction of travel k with r = l x k (docs/conventions.md); l is the polar unit vector of that direction about the
-normal in question: the vertical for the sky, the surface's for the BRDF. For the camera l is the picture's upright.
+direction of travel k with r = l x k (docs/reference/conventions.md); l is the polar unit vector of that direction about
+the normal in question: the vertical for the sky, the surface's for the BRDF. For the camera l is the picture's upright.
 """
 
 from dataclasses import dataclass

@@ -30,7 +30,7 @@ MARGIN = 0.94  # of a square picture's half side: the sphere's radius
 
 @dataclass(frozen=True)
 class Resolution:
-    """How finely things are known, for an error of about 1e-3 of a picture's largest value (docs/render.md).
+    """How finely things are known, for an error of about 1e-3 of a picture's largest value (docs/how_to/render.md).
 
     ``angles`` and ``azimuths``: the BRDF's table. ``around``: normals on a ring, there is a ring for each ``angles``.
     ``along``, ``across``: nodes of the quadrature over a lune of the sky, and over one of the ground.

@@ -129,7 +129,7 @@ class How:
         CHOICES,
         "what becomes of phase matrices with more than 2 N terms; default: auto",
         ', which takes one by rule; "none" cuts them, "delta-m" counts their forward peak as light that was not '
-        'scattered, "small-angle" does so too and spreads that light (docs/truncation.md)',
+        'scattered, "small-angle" does so too and spreads that light (docs/explanation/truncation.md)',
     )
     backend: Backend = make_option(  # noqa: RUF009
         "openmp",
@@ -138,13 +138,13 @@ class How:
         "",
         "what computes; default: openmp",
         ', the compiled core on ``threads``; "sequential": the same on one; "opencl": an OpenCL device; the others are '
-        "mixtures (docs/opencl.md)",
+        "mixtures (docs/how_to/opencl.md)",
         BACKENDS,
     )
     method: str = make_choice_option(
         EXACT,
         METHOD_NAMES,
-        f"default: {EXACT}, exact; {AUTO}: by rule, for the accuracy; others: docs/methods.md",
+        f"default: {EXACT}, exact; {AUTO}: by rule, for the accuracy; others: docs/explanation/methods.md",
         '. With "auto" there are no nodes and settings, and ``diagnostics["method_rule"]`` says which method it took',
     )
     settings: Mapping[str, Any] = make_option(
@@ -152,7 +152,7 @@ class How:
         dict,
         check_settings,
         "a table of the method's settings by name",
-        "settings of the method, by name (docs/methods.md)",
+        "settings of the method, by name (docs/explanation/methods.md)",
     )
     illuminate: str = make_choice_option(
         "top",

@@ -1,7 +1,7 @@
 """What bounds a pile of layers above and below: what it reflects, and what it lets through.
 
 A boundary answers for itself, and nobody asks for its class. A new one is a class made from `Boundary`, and a scene
-takes its objects as base (docs/extending.md).
+takes its objects as base (docs/how_to/extending.md).
 """
 
 import math

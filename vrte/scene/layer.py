@@ -95,7 +95,7 @@ class Layer:
         packing : {"independent", "percus-yevick", "effective-medium", "coherent-potential"}
             How their being close is reckoned with: not at all; by the structure factor of hard spheres, all sizes of
             them; or by an effective index of the medium around each sphere, Maxwell Garnett's or the coherent
-            potential's. Each has its domain (docs/particles.md), outside of which a PackingWarning says so;
+            potential's. Each has its domain (docs/how_to/particles.md), outside of which a PackingWarning says so;
             independence up to a volume fraction of 0.1, the others up to 0.3.
 
         Returns

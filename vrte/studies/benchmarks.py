@@ -1,7 +1,7 @@
 """Scenes with surfaces and their light to ten digits: files that hold both, computed again and compared.
 
-A file of docs/benchmarks/ is a table of numbers under a header in words, in which lines that are set in by four spaces
-are the scene, as `vrte brdf` and `vrte field` read it: what is computed is what a reader sees.
+A file of docs/reference/benchmarks/ is a table of numbers under a header in words, in which lines that are set in by
+four spaces are the scene, as `vrte brdf` and `vrte field` read it: what is computed is what a reader sees.
 """
 
 import csv
@@ -28,8 +28,8 @@ from vrte.results.brdf import Brdf
 from vrte.results.field import Field
 from vrte.studies.timing import Tick
 
-FOLDER = Path(vrte.__file__).parents[1] / "docs" / "benchmarks"  # in the source tree alone
-MISSING = "the benchmarks are in docs/benchmarks of vrte's sources: give their folder by --folder"
+FOLDER = Path(vrte.__file__).parents[1] / "docs" / "reference" / "benchmarks"  # in the source tree alone
+MISSING = "the benchmarks are in docs/reference/benchmarks of vrte's sources: give their folder by --folder"
 SET_IN = "#     "  # begins a line of the scene
 KEYS = ("quantity", "mu_in", "mu_out", "phi_deg", "tau", "side", "incident")
 STOKES = ("I", "Q", "U", "V")

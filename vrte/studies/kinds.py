@@ -1,4 +1,4 @@
-"""The page docs/kinds.md, of all that a scene file knows by name, printed from the registries."""
+"""The page docs/reference/kinds.md, of all that a scene file knows by name, printed from the registries."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -17,7 +17,7 @@ from vrte.studies.pages import make_markdown_table
 INTRODUCTION = """# What a scene file knows by name
 
 Made from the registries that scene files, sweeps and the viewer's form read, by `python -m vrte.studies.kinds`.
-Keys in brackets may be left out. How to add a row: [extending.md](extending.md).
+Keys in brackets may be left out. How to add a row: [extending.md](../how_to/extending.md).
 """
 WRITTEN: dict[str, Callable[[str], str]] = {  # a registry's heading, and how its row is written in a scene file
     "Particles": '`[particles.NAME]`, `source = "{}"`'.format,
@@ -71,15 +71,17 @@ def write_page() -> str:
         table = make_markdown_table(("name", "what", "keys"), list_rows(registry))
         parts.append(f"## {heading}\n\n{WRITTEN[heading]('NAME' if heading != 'Bases' else 'name')}\n\n{table}")
     packings = make_markdown_table(("name", "what"), [(f"`{name}`", one.words) for name, one in PACKINGS.items()])
-    parts.append(f"## Packing\n\n`packing` of a `[[layer]]` of particles ([particles.md](particles.md))\n\n{packings}")
+    parts.append(
+        f"## Packing\n\n`packing` of a `[[layer]]` of particles ([particles.md](../how_to/particles.md))\n\n{packings}"
+    )
     pigments = make_markdown_table(("name", "grains of"), [(f"`{name}`", whose) for name, whose in PIGMENTS.items()])
-    parts.append(f"## Pigments\n\n`pigment` of [paint] ([materials.md](materials.md#paints))\n\n{pigments}")
+    parts.append(f"## Pigments\n\n`pigment` of [paint] ([materials.md](../how_to/materials.md#paints))\n\n{pigments}")
     rows = [
         (f"`{name}`", one.long_name, one.units, ", ".join(f"`{used}`" for used in one.uses))
         for name, one in QUANTITIES.items()
     ]
     quantities = make_markdown_table(("name", "what", "unit", "depends on"), rows)
-    there = "[sweeps.md](sweeps.md#colour-and-hiding-power)"
+    there = "[sweeps.md](../how_to/sweeps.md#colour-and-hiding-power)"
     parts.append(f"## Quantities of appearance\n\n`quantities` of [appearance] ({there})\n\n{quantities}")
     return "\n".join(parts)
 

@@ -68,7 +68,7 @@ def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.
         By piecewise polynomials, cubic where an axis has four values or more: along a decade or more in the axis's
         logarithm, along a cosine in its angle; of f_00 as its logarithm, of other Mueller elements over f_00. Only the
         scenes around the point are read. How far it is wrong, `held_out` of vrte.sweep.interpolation measures
-        (docs/sweeps.md).
+        (docs/how_to/sweeps.md).
 
     Raises
     ------

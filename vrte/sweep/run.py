@@ -58,7 +58,7 @@ def sweep(
     ----------
     source : path or mapping
         A sweep file or its content: a scene for `vrte brdf` or `vrte field`, or with a table [appearance] in their
-        place, and a table [axes] (docs/sweeps.md).
+        place, and a table [axes] (docs/how_to/sweeps.md).
     output : path, optional
         Ends in .zarr (for large tables) or .nc; without it the table is made in memory.
     engine : str

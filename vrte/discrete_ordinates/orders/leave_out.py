@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class LeaveOut:
-    """All of it but in tests and in the table of what each saves (docs/plan.md).
+    """All of it but in tests and in the table of what each saves (docs/explanation/plan.md).
 
     ``stokes``: Stokes parameters that an order keeps apart, or does not scatter; ``columns``: incident Stokes columns
     without light; ``orders``: Fourier orders of multiple scattering too faint to be seen; ``single``: orders of single

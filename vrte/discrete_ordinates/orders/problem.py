@@ -14,7 +14,7 @@ ALL = (0, 1, 2, 3)  # places of I, Q, U, V
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Layers, directions and incident beams in the solver's frame (docs/conventions.md).
+    """Layers, directions and incident beams in the solver's frame (docs/reference/conventions.md).
 
     coefficients (layer, term, 6), truncated to 2 N terms; terms, albedo, thickness, above (layer,), of the truncated
     layers like all depths; gain, fraction (layer,): as in `vrte.optics.truncation.Truncated`; nodes, weights (N,);

@@ -1,4 +1,4 @@
-"""Which truncation a request takes, a rule written from measured errors (docs/truncation.md), and what it does."""
+"""Which truncation a request takes, by measured errors (docs/explanation/truncation.md), and what it does."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Which algorithm a block of orders takes: a rule written from measured accuracy and time (docs/accuracy.md)."""
+"""Which algorithm a block of orders takes: by measured accuracy and time (docs/explanation/accuracy.md)."""
 
 import math
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""The rule table of method="auto", written from the report of docs/methods.md; nothing here reads anyone's timings.
+"""The rules of method="auto", written from the report of docs/explanation/methods.md; nobody's timings are read here.
 
 The first rule that a request meets is taken. Limits hold for quantities of `vrte.methods.auto.QUANTITIES`, the extremes
-included. `python -m vrte.studies.methods.rules docs/methods/methods.csv` holds the table against the runs of a report.
+included. `python -m vrte.studies.methods.rules docs/explanation/methods/methods.csv` holds it against a report.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """The fewest nodes that hold, by trying: the errors of more and more nodes, which the choice of nodes is judged by.
 
-``python -m vrte.studies.accuracy.fewest docs/accuracy/errors.csv`` measures the scenes that the file has not, a few
-minutes for all of them; `python -m vrte.studies.accuracy` sets what is chosen beside it.
+``python -m vrte.studies.accuracy.fewest docs/explanation/accuracy/errors.csv`` measures the scenes that the file has
+not, a few minutes for all of them; `python -m vrte.studies.accuracy` sets what is chosen beside it.
 """
 
 import argparse

@@ -77,7 +77,7 @@ def make_markdown(
     blocks = [
         "# Cost growth: figures 2 to 9 of the GPU paper\n",
         make_markdown_list([*list_run_facts(settings), describe_linear_algebra(), solves]),
-        "Written by `vrte tables --figures`; docs/cost.md says what the columns mean.\n",
+        "Written by `vrte tables --figures`; docs/explanation/cost.md says what the columns mean.\n",
     ]
     for axis in axes:
         found, (first, second) = lines[axis.name], axis.figures

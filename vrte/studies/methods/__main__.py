@@ -1,4 +1,4 @@
-"""`python -m vrte.studies.methods docs/methods.md` brings the tables of methods and rules there up to date."""
+"""`python -m vrte.studies.methods docs/explanation/methods.md` brings its tables up to date."""
 
 import sys
 

@@ -180,7 +180,7 @@ def make_score_rows(rows: Sequence[Row]) -> list[tuple[str, ...]]:
 
 
 def make_score_markdown(rows: Sequence[Row]) -> str:
-    """The table for docs/methods.md."""
+    """The table for docs/explanation/methods.md."""
     return make_markdown_table(HEADER, make_score_rows(rows))
 
 

@@ -1,4 +1,4 @@
-"""The tables of methods and of the rules of method="auto" in docs/methods.md, made from the registry and the rules."""
+"""The tables of docs/explanation/methods.md: methods and the rules of method="auto", made from the registry."""
 
 from pathlib import Path
 from typing import Any
@@ -9,9 +9,9 @@ from vrte.methods.parts.method import Method
 from vrte.request.how import METHODS
 from vrte.studies.pages import make_markdown_table, write_text
 
-BEGIN, END = "<!-- begin: python -m vrte.studies.methods docs/methods.md -->", "<!-- end -->"
-BEGIN_TAKEN = "<!-- begin, as well: python -m vrte.studies.methods docs/methods.md -->"
-BEGIN_RULES = "<!-- begin, too: python -m vrte.studies.methods docs/methods.md -->"
+BEGIN, END = "<!-- begin: python -m vrte.studies.methods docs/explanation/methods.md -->", "<!-- end -->"
+BEGIN_TAKEN = "<!-- begin, as well: python -m vrte.studies.methods docs/explanation/methods.md -->"
+BEGIN_RULES = "<!-- begin, too: python -m vrte.studies.methods docs/explanation/methods.md -->"
 HEADER_RULES = ("rule", "where", "method", "nodes", "why")
 HEADER = ("method", "source", "conserves", "for", "settings (default)")
 ABILITIES = {

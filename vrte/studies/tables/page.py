@@ -32,8 +32,8 @@ something very thick is seen); 1, 2, 4, 5 and the OpenMP rows solve by `algorith
 `default` is a call that is told nothing but directions, nodes and threads: OpenMP, and the algorithm of its own rule.
 """
 TABLE_NOTE = f"""\
-Written by `vrte tables`; docs/tables.md says what is measured and how. Medians of the rounds; in brackets the least and
-the greatest. The paper's times are those of an {paper.MACHINE}.
+Written by `vrte tables`; docs/reference/tables.md says what is measured and how. Medians of the rounds; in brackets the
+least and the greatest. The paper's times are those of an {paper.MACHINE}.
 """
 BRDF_NOTE = """\
 The paper: "close to two hours" against "15 minutes", a factor of about seven, for "a reasonable number of incident and

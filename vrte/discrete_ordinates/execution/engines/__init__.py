@@ -1,4 +1,4 @@
-"""Engines, a file each; a new one is a file with `open_engine` and `open_stages`, and a row (docs/extending.md)."""
+"""Engines, a file each; a new one has `open_engine`, `open_stages` and a row (docs/how_to/extending.md)."""
 
 from importlib import import_module
 from types import SimpleNamespace
