@@ -1,0 +1,127 @@
+"""The reference of scene files has a row for every key that they know, and none for another."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from vrte.appearance.quantities import Conditions
+from vrte.formats import materials, paints
+from vrte.formats.bases import BASES, INTERFACE
+from vrte.formats.keys import Choice, FilePath, Key
+from vrte.formats.layers import INTERFACE_KEYS, LAYER_KEYS
+from vrte.formats.particle_sources import SOURCES
+from vrte.formats.phases import PHASES
+from vrte.formats.scene_file import FILE_KEYS, OPTION_KEYS, REQUEST_KEYS
+from vrte.formats.scene_writer import write_value
+from vrte.formats.sizes import DIAMETERS, SIZE_KEYS, SIZES
+from vrte.formats.toml_table import RANGE_KEYS
+from vrte.optics.crowding import PACKINGS
+from vrte.render.setting import OWN, RANGES, Setting
+from vrte.render.sky import KINDS
+from vrte.request.how import OPTIONS
+from vrte.sweep.samples import KEYS as APPEARANCE_KEYS
+from vrte.sweep.template import AXIS_KEYS
+
+PAGE = (Path(__file__).parents[1] / "docs" / "reference" / "scene_files.md").read_text(encoding="utf-8")
+HEADINGS = re.compile(r"^##+ ([^\n]+)\n(.*?)(?=^##|\Z)", re.M | re.S)
+SETTING = {field.name: field.default for field in fields(Setting)}
+
+
+def read_rows(section: str) -> dict[str, list[str]]:
+    """The cells of each key's row in a section."""
+    lines = [line for line in section.splitlines() if line.startswith("| `")]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return {row[0].strip("`"): row[1:] for row in cells}
+
+
+ROWS = {heading.replace("`", ""): read_rows(section) for heading, section in HEADINGS.findall(PAGE)}
+KEYS: dict[str, Mapping[str, Key]] = {  # sections of which the registries know more than the names of keys
+    **{f'source = "{name}"': source.keys for name, source in SOURCES.items()},
+    **{f"phase = {{ {name} = ... }}": row.keys for name, row in PHASES.items() if row.keys},
+    **{f'kind = "{name}"': row.keys for name, row in BASES.items() if row.keys},
+    **{f"size.{name}": row.keys for name, row in SIZES.items() if name not in row.keys},
+    "paint.surface": INTERFACE,
+}
+KNOWN: dict[str, tuple[str, ...]] = {
+    **{heading: tuple(keys) for heading, keys in KEYS.items()},
+    **{
+        f"size.{name}": (*row.keys, *(DIAMETERS[key] for key in row.keys if key in DIAMETERS))
+        for name, row in SIZES.items()
+        if name not in row.keys
+    },
+    "The file": (*FILE_KEYS, "appearance", "axes"),
+    "[particles.NAME]": ("source", *SIZE_KEYS, "host_index"),
+    "size": tuple(SIZES),
+    "[[layer]]": LAYER_KEYS,
+    "phase": (),
+    "layer.interface": INTERFACE_KEYS,
+    "[base]": ("kind",),
+    "[brdf]": REQUEST_KEYS["brdf"],
+    "[field]": REQUEST_KEYS["field"],
+    "[render]": (*OWN, *SETTING),
+    "[paint]": paints.KEYS,
+    "[appearance]": APPEARANCE_KEYS,
+    "[axes.NAME]": AXIS_KEYS,
+    "A range": RANGE_KEYS,
+    "A material's file": materials.KEYS,
+}
+CHOICES = {  # section and key: names that its row must have, and no others in quotes
+    ("[particles.NAME]", "source"): tuple(SOURCES),
+    ("[base]", "kind"): tuple(BASES),
+    ("[[layer]]", "packing"): tuple(PACKINGS),
+    ("[render]", "sky"): KINDS,
+    **{("The file", name): OPTIONS[name].choices for name in OPTION_KEYS if OPTIONS[name].choices},
+    **{
+        (heading, name): tuple(key.names)
+        for heading, keys in KEYS.items()
+        for name, key in keys.items()
+        if isinstance(key, Choice)
+    },
+}
+
+
+@pytest.mark.parametrize("heading", [*KNOWN])
+def test_every_key_has_a_row_and_every_row_a_key(heading: str) -> None:
+    assert set(ROWS[heading]) == set(KNOWN[heading])
+    assert all(len(cells) == 4 for cells in ROWS[heading].values())  # meaning, unit, default, allowed
+    assert all(cells[0] and cells[2] and cells[3] for cells in ROWS[heading].values())
+
+
+def test_no_section_is_of_what_scene_files_do_not_know() -> None:
+    assert set(ROWS) == set(KNOWN)
+
+
+@pytest.mark.parametrize(("place", "names"), CHOICES.items(), ids=lambda value: ".".join(value))
+def test_a_row_names_all_that_may_be_chosen(place: tuple[str, str], names: tuple[str, ...]) -> None:
+    heading, key = place
+    assert set(re.findall(r'"([^"]+)"', ROWS[heading][key][3])) == set(names)
+
+
+def test_defaults_are_those_of_the_program() -> None:
+    defaults = {("The file", name): OPTIONS[name].default for name in OPTION_KEYS if OPTIONS[name].choices}
+    defaults |= {("[render]", name): value for name, value in SETTING.items()}
+    defaults |= {("[appearance]", field.name): field.default for field in fields(Conditions)}
+    for (heading, key), default in defaults.items():
+        said = ROWS[heading][key][2].strip("`")
+        assert said == write_value(default).removesuffix(".0"), f"{heading}, {key}: {said}"
+
+
+def test_what_may_be_left_out_is_no_dash_and_what_is_needed_has_no_default() -> None:
+    """A dash alone says that a key is needed; what stands in for another says so."""
+    for heading, keys in KEYS.items():
+        for name, key in keys.items():
+            said = ROWS[heading][name][2]
+            assert (said == "—" or said.startswith(("this", "these"))) or not key.needed, f"{heading}, {name}: {said}"
+            assert said != "—" or key.needed, f"{heading}, {name}: {said}"
+
+
+def test_ranges_and_suffixes_are_those_of_the_program() -> None:
+    for name, (low, high, _) in RANGES.items():
+        assert ROWS["[render]"][name][3] == f"{low:g} to {high:g}"
+    for heading, keys in KEYS.items():
+        for name, key in keys.items():
+            if isinstance(key, FilePath):
+                assert set(ROWS[heading][name][3].split(", ")) == set(key.suffixes), f"{heading}, {name}"
