@@ -1,6 +1,7 @@
 """What `python -m build` makes can be installed elsewhere and works there."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -79,7 +80,7 @@ def use_elsewhere(wheel: Path, folder: Path) -> None:
     # a path in a .pth file is searched, but its own .pth files are not read: an editable vrte stays out of sight
     Path(site, "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
     run(python, "-I", "-c", USE_IT, folder=folder)
-    assert run(folder / "bin" / "vrte", "--version", folder=folder) == f"vrte {vrte.__version__}\n"
+    assert run(folder / "bin" / "vrte", "--version", folder=folder) == f"vrte {wheel.name.split('-')[1]}\n"
 
 
 def test_the_tests_need_no_other_solver() -> None:
@@ -109,6 +110,60 @@ def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
         f"ImportError: {tmp_path / 'vrte'} holds vrte's sources without their compiled core: start Python in another "
         "folder to use the vrte that is installed, or build it here by 'make env' or 'pip install --editable .'"
     )
+
+
+def find_version(folder: Path) -> str:
+    """The version that a build of the sources in ``folder`` would have."""
+    return run(sys.executable, "-m", "setuptools_scm", folder=folder).strip()
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """A repository of two commits without a tag, which takes its version as this one does."""
+    folder = tmp_path / "clone"
+    folder.mkdir()
+    for name in ("pyproject.toml", ".git_archival.txt", ".gitattributes"):
+        shutil.copy(ROOT / name, folder / name)
+    run("git", "init", "--quiet", "--initial-branch", "main", folder=folder)
+    run("git", "config", "user.name", "A test", folder=folder)
+    run("git", "config", "user.email", "", folder=folder)
+    run("git", "add", ".", folder=folder)
+    for message in ("one", "two"):
+        run("git", "commit", "--quiet", "--allow-empty", "--message", message, folder=folder)
+    return folder
+
+
+def unpack_archive(clone: Path, folder: Path) -> Path:
+    """The zip file of a clone that a host offers, in ``folder``: without .git."""
+    folder.mkdir()
+    run("git", "archive", "--output", folder / "all.tar", "HEAD", folder=clone)
+    with tarfile.open(folder / "all.tar") as archive:
+        archive.extractall(folder, filter="data")
+    return folder
+
+
+@pytest.mark.skipif(
+    shutil.which("git") is None or not (ROOT / ".git_archival.txt").is_file(), reason="no git, or a source archive"
+)
+class TestVersion:
+    def test_without_tags_it_comes_before_the_newest_section_of_the_changelog(self, clone: Path) -> None:
+        newest = re.findall(r"^## \[(\d.*?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[0]
+        assert re.fullmatch(rf"{re.escape(newest)}\.dev2\+g\w+", find_version(clone))
+
+    @pytest.mark.slow
+    def test_nor_is_one_needed_where_there_is_less_than_a_clone(self, clone: Path) -> None:
+        run("git", "clone", "--quiet", "--depth", "1", clone.as_uri(), clone.parent / "shallow", folder=clone.parent)
+        assert re.fullmatch(r"\d+\.\d+\.\d+\.dev1\+g\w+", find_version(clone.parent / "shallow"))
+        assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(unpack_archive(clone, clone.parent / "zip")))
+        shutil.rmtree(clone / ".git")
+        assert re.fullmatch(r"\d+\.\d+\.\d+\.dev0", find_version(clone))
+
+    @pytest.mark.slow
+    def test_a_tag_is_the_version_and_commits_after_it_come_before_the_next(self, clone: Path) -> None:
+        run("git", "tag", "v1.2.0", folder=clone)
+        assert find_version(clone) == find_version(unpack_archive(clone, clone.parent / "zip")) == "1.2.0"
+        run("git", "commit", "--quiet", "--allow-empty", "--message", "three", folder=clone)
+        assert re.fullmatch(r"1\.2\.1\.dev1\+g\w+", find_version(clone))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the paths of an environment differ there")

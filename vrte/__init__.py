@@ -3,6 +3,8 @@
 from vrte.basics import starting  # noqa: F401  # first of all: Ctrl-C while the rest loads
 
 # isort: split
+from importlib import metadata as _metadata
+
 try:
     import vrte._core  # noqa: F401
 except ModuleNotFoundError as error:
@@ -71,7 +73,10 @@ from vrte.scene.scene import Scene
 from vrte.scene.tabulated_base import CoarseTableWarning, TabulatedBase
 from vrte.sweep import interpolate, sweep
 
-__version__ = "0.1.0"
+try:
+    __version__ = _metadata.version("vrte")
+except _metadata.PackageNotFoundError:  # built in place and never installed
+    __version__ = "0+unknown"
 
 __all__ = [
     "RPV",
