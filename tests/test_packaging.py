@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-import vrte
 from vrte import _core
 
 ROOT = Path(__file__).parents[1]
