@@ -6,12 +6,13 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
 
-.PHONY: help env demo gallery tables report test test-all test-lowest lint bench bench-save bench-compare bench-peers clean
+.PHONY: help env demo gallery docs tables report test test-all test-lowest lint bench bench-save bench-compare bench-peers clean
 .NOTPARALLEL:
 
 help:
 	@echo "make demo         the BRDF of a gold powder: out/gold_powder.nc, .csv and .png"
 	@echo "make gallery      lobes and spheres of powders and paints, with and without surfaces, under a polarized sky: out/gallery"
+	@echo "make docs         the documentation site: out/site"
 	@echo "make test         style, types and the quick tests"
 	@echo "make test-all     style, types and every test"
 	@echo "make test-lowest  tests of what others' packages do, with the oldest of them that pyproject.toml allows: .venv-lowest"
@@ -44,6 +45,11 @@ $(VENV)/demo.stamp: $(VENV)/core.stamp
 $(VENV)/gallery.stamp: $(VENV)/core.stamp
 	@echo "Installing what the gallery needs"
 	@$(PIP) install 'vrte[render]'
+	@touch $@
+
+$(VENV)/docs.stamp: $(VENV)/core.stamp
+	@echo "Installing what the documentation site needs"
+	@$(PIP) install 'vrte[docs]'
 	@touch $@
 
 $(VENV)/tables.stamp: $(VENV)/core.stamp
@@ -84,6 +90,12 @@ gallery: $(VENV)/gallery.stamp
 	$(BIN)/vrte render vrte/app/gallery/paint_smooth.toml examples/satin_paint.toml examples/matt_paint.toml \
 		--size 240 -o out/gallery/gallery_gloss.png
 	$(BIN)/vrte render examples/black_lacquer.toml examples/white_gloss.toml --size 240 -o out/gallery/gallery_brewster.png
+
+# warnings are errors, and so are links that lead nowhere; the snippets of the pages are run by the tests
+docs: $(VENV)/docs.stamp
+	@mkdir -p out
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "out/site/index.html is the site; python3 -m http.server -d out/site makes its search work"
 
 tables: $(VENV)/tables.stamp
 	@mkdir -p out

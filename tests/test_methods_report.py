@@ -103,7 +103,7 @@ def test_one_colour_a_method_and_the_answer_on_top() -> None:
     assert len(set(colours.values())) == len(colours) == len(METHODS) + 1
     looks = {(page.choose_colour([row]), page.assign_markers(known)[curve]) for curve, row in curves.items()}
     assert len(looks) == len(curves) > len(colours)
-    text = page.make_html(known, "")
+    text = page.make_html(known, [])
     assert -1 < text.find("good enough in 45 of 45") < text.index("<table>")
 
 

@@ -95,7 +95,7 @@ def read_plotly_script() -> str:
 def write_page(rows: Sequence[Row], folder: str | os.PathLike[str], settings: str) -> list[Path]:
     """Writes methods.html and a picture a scene; their paths. Raises MissingExtraError, OSError."""
     page = Path(folder) / PAGE
-    write_text(page, make_html(rows, settings))
+    write_text(page, make_html(rows, [*list_run_facts(settings), peers.describe_peers()]))
     pictures = []
     for name, some in group_rows(rows).items():
         pictures.append(Path(folder) / f"{make_file_stem(name)}.png")
@@ -217,12 +217,12 @@ def make_trace(name: str, rows: Sequence[Row], place: int | None) -> dict[str, A
     }
 
 
-def make_html(rows: Sequence[Row], settings: str) -> str:
+def make_html(rows: Sequence[Row], circumstances: Sequence[str]) -> str:
     """The page: what was measured, what to take for how much, and a figure a scene."""
     scenes, places = group_rows(rows), assign_markers(rows)
     figures = {make_file_stem(name): make_scene_figure(some, places) for name, some in scenes.items()}
     data = json.dumps(figures).replace("</", "<\\/")
-    facts = "".join(f"<li>{html.escape(fact)}</li>" for fact in [*list_run_facts(settings), peers.describe_peers()])
+    facts = "".join(f"<li>{html.escape(fact)}</li>" for fact in circumstances)
     return "\n".join(
         [
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>vrte: error against run time</title>',
