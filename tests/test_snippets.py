@@ -1,6 +1,8 @@
 """Every snippet of the README and of docs/ runs as it stands: Python, scene files, and the options of every command."""
 
+import contextlib
 import doctest
+import io
 import re
 import shlex
 import shutil
@@ -32,6 +34,12 @@ def blocks(page: Path, language: str) -> list[str]:
     """The code of one language, "" for commands and what they print."""
     text = page.read_text(encoding="utf-8")
     return [code for found, code in re.findall(r"^```(\w*)\n(.*?)^```", text, re.M | re.S) if found == language]
+
+
+def printing_snippets(page: Path) -> list[tuple[str, str]]:
+    """The Python of a page, each piece with what the page says it prints, in a block of text right below it."""
+    text = page.read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```\n)?", text, re.M | re.S)
 
 
 def commands(page: Path) -> list[str]:
@@ -67,7 +75,9 @@ PREPARED: dict[str, Callable[[Path], None]] = {"sweeps.md": smaller_sweep, "expo
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, id=page.name, marks=pytest.mark.slow if page.name in SLOW else ())
+        pytest.param(
+            page, id=page.name, marks=pytest.mark.slow if page.name in SLOW or page.parent.name == "tutorials" else ()
+        )
         for page in PAGES
         if blocks(page, "python")
     ],
@@ -78,14 +88,20 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyte
     PREPARED.get(page.name, lambda folder: None)(tmp_path)
     names: dict[str, Any] = {}
     runner = doctest.DocTestRunner(checker=Rough())
-    for place, code in enumerate(blocks(page, "python"), 1):
+    for place, (code, printed) in enumerate(printing_snippets(page), 1):
         if code.startswith(">>>"):
             test = doctest.DocTestParser().get_doctest(code, names, f"{page.name}, {place}", str(page), 0)
             runner.run(test, clear_globs=False)
             names = test.globs
         else:
-            exec(compile(code, f"{page.name}, {place}", "exec"), names)
+            with contextlib.redirect_stdout(io.StringIO()) as told:
+                exec(compile(code, f"{page.name}, {place}", "exec"), names)
+            if printed or page.parent.name == "tutorials":
+                assert Rough().check_output(printed, told.getvalue(), 0), f"{place}: {told.getvalue()}"
     assert runner.failures == 0
+    if page.parent.name == "tutorials":
+        for picture in re.findall(r"\]\(\.\./images/(\w+\.png)\)", page.read_text(encoding="utf-8")):
+            assert (tmp_path / picture).stat().st_size > 10_000, picture
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
