@@ -58,6 +58,15 @@ def small_brdf() -> Any:
     return vrte.brdf(scene, [0.6, 1.0], np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), nodes=4)
 
 
+@pytest.fixture(scope="session")
+def painted() -> Any:
+    """A grey film as `vrte.paint` has it in its example, for the examples that stand on one."""
+    import vrte
+
+    grey = {"layer": [{"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}]}
+    return vrte.paint(grey, [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70], nodes=4)
+
+
 @pytest.fixture(autouse=True)
 def folder_of_the_examples(
     request: pytest.FixtureRequest, doctest_namespace: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -76,3 +85,5 @@ def folder_of_the_examples(
         for package in ("vrte.formats", "vrte.pictures", "vrte.studies", "vrte.app", "vrte.results")
     ):
         doctest_namespace["brdf"] = request.getfixturevalue("small_brdf")
+    if "painted." in request.node.dtest.examples[0].source:
+        doctest_namespace["painted"] = request.getfixturevalue("painted")

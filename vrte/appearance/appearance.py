@@ -30,8 +30,30 @@ VISUAL = "45:0"  # what is looked at where nobody says how: the surface's mirror
 
 
 class Reading(NamedTuple):
-    """One number: of what, in which geometry, at which wavelength [um] (None: of all), its unit, what it is and which
-    standard defines it."""
+    """One number that an instrument reads, as `Appearance.list_readings` lists them.
+
+    Attributes
+    ----------
+    quantity
+        What it is: "reflectance factor", "L", ...
+    geometry
+        In which geometry: "45:0".
+    wavelength_um
+        At which wavelength in vacuum [um]; None: of all.
+    value
+        The number.
+    unit
+        Its unit, "1" for none.
+    definition
+        What it is in words.
+    standard
+        Which standard defines it.
+
+    Examples
+    --------
+    >>> Reading("Y", "45:0", None, 20.0, "1", "D65, 10 degree observer", "ISO/CIE 11664-3").value
+    20.0
+    """
 
     quantity: str
     geometry: str
@@ -44,12 +66,32 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Appearance:
-    """What instruments read off a panel.
+    """What instruments read off a panel, as `vrte.appearance` finds it.
 
-    ``wavelength_um`` (n,); ``reflectances``: reflectance factors (n,) by the name of a geometry, 1 for the perfect
-    white diffuser; ``light``: Stokes vectors (n, 4) of the geometries that look along one direction, I that factor,
-    under unpolarized light; ``illuminant`` and ``observer`` [degrees] of its colours; ``port_deg``: full angle of the
-    specular port of geometries with "de"; ``panel``: what was solved, None where a spectrum was given.
+    Attributes
+    ----------
+    wavelength_um
+        Wavelengths in vacuum [um], (n,), ascending.
+    reflectances
+        Reflectance factors (n,) by the name of a geometry, 1 for the perfect white diffuser.
+    light
+        Stokes vectors (n, 4) under unpolarized light, I being the reflectance factor, by the name of the geometries
+        that look along one direction.
+    illuminant
+        The light of its colours.
+    observer
+        Degrees of the standard observer, 2 or 10.
+    port_deg
+        Full angle of the specular port of geometries with "de" [degrees].
+    panel
+        What was solved; None where a spectrum was given.
+
+    Examples
+    --------
+    >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
+    >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
+    >>> appearance(grey, [0.45, 0.55, 0.65], geometries=["45:0"], nodes=4).reflectance().round(9).tolist()
+    [0.2, 0.2, 0.2]
     """
 
     wavelength_um: Array
@@ -66,8 +108,30 @@ class Appearance:
         return f"Appearance({', '.join(self.reflectances)} at {which}, {self.illuminant}/{self.observer})"
 
     def reflectance(self, geometry: str = VISUAL) -> Array:
-        """The reflectance factor (wavelength,) in a geometry, one of ``reflectances`` or one that reads the same, light
-        and eye exchanged. Raises SceneError for one that was not asked for."""
+        """The reflectance factor in a geometry.
+
+        Parameters
+        ----------
+        geometry : str, optional
+            One of ``reflectances``, or one that reads the same, light and eye exchanged.
+
+        Returns
+        -------
+        ndarray (n,)
+            1 for the perfect white diffuser.
+
+        Raises
+        ------
+        SceneError
+            For a geometry that was not asked for.
+
+        Examples
+        --------
+        >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
+        >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
+        >>> appearance(grey, [0.45, 0.55, 0.65], geometries=["45:0"], nodes=4).reflectance("0:45").round(9).tolist()
+        [0.2, 0.2, 0.2]
+        """
         wanted = read_geometry(geometry).reading
         for name, values in self.reflectances.items():
             if read_geometry(name).reading == wanted:
@@ -76,18 +140,91 @@ class Appearance:
         raise SceneError.of("geometry", f"{show_value(geometry)} was not asked for: there are {known}")
 
     def colour(self, geometry: str = VISUAL) -> Colour:
-        """X, Y, Z, L*, a*, b*, C, h and the colour for a screen. Raises SceneError where the wavelengths do not cover
-        the visible."""
+        """The colour in a geometry: X, Y, Z, L*, a*, b*, chroma, hue, and for a screen.
+
+        Parameters
+        ----------
+        geometry : str, optional
+            As for `reflectance`.
+
+        Returns
+        -------
+        Colour
+            In this one's illuminant, for its observer.
+
+        Raises
+        ------
+        SceneError
+            Where the wavelengths do not cover the visible.
+        MissingExtraError
+            Without the extra "appearance".
+
+        Examples
+        --------
+        >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
+        >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
+        >>> round(appearance(grey, geometries=["45:0"], nodes=4).colour().L, 2)
+        51.84
+        """
         return find_colour(self.wavelength_um, self.reflectance(geometry), self.illuminant, self.observer)
 
     def difference(self, other: "Appearance", geometry: str = VISUAL) -> float:
-        """CIEDE2000 between the colours of this panel and another in a geometry."""
+        """The colour difference CIEDE2000 of this panel and another in a geometry: about 1 is just seen side by side.
+
+        Parameters
+        ----------
+        other : Appearance
+            In the same light, for the same observer.
+        geometry : str, optional
+            As for `reflectance`.
+
+        Returns
+        -------
+        float
+            0 for equal colours.
+
+        Raises
+        ------
+        SceneError
+            As `colour` does, and where illuminant or observer differ.
+
+        Examples
+        --------
+        >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
+        >>> bases = [{"kind": "lambertian", "albedo": albedo} for albedo in (0.20, 0.22)]
+        >>> one, other = (appearance({"layer": layers, "base": base}, geometries=["45:0"], nodes=4) for base in bases)
+        >>> round(one.difference(other), 2)
+        2.14
+        """
         return find_difference(self.colour(geometry), other.colour(geometry))
 
     def polarization(self, geometry: str = VISUAL) -> tuple[Array, Array]:
-        """Degree (n,) of linear polarization, 0 to 1, and its angle (n,) [degrees] from the plane in which the panel's
-        normal and the line of sight lie: what an instrument with a polarizer before its detector finds. Raises
-        SceneError for a geometry that collects light from all sides."""
+        """Degree and angle of linear polarization: what an instrument with a polarizer before its detector finds.
+
+        Parameters
+        ----------
+        geometry : str, optional
+            As for `reflectance`, one that looks along one direction.
+
+        Returns
+        -------
+        degree : ndarray (n,)
+            From 0 to 1.
+        angle_deg : ndarray (n,)
+            From the plane in which the panel's normal and the line of sight lie [degrees].
+
+        Raises
+        ------
+        SceneError
+            For a geometry that collects light from all sides.
+
+        Examples
+        --------
+        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
+        >>> degree, angle_deg = appearance(haze, [0.5], geometries=["45:0"], nodes=4).polarization()
+        >>> 0.2 < degree.item() < 0.5
+        True
+        """
         name = read_geometry(geometry).name
         if name not in self.light:
             known = ", ".join(self.light) or "none"
@@ -96,8 +233,36 @@ class Appearance:
         return find_degree_of_linear_polarization(stokes), find_angle_of_linear_polarization(stokes)
 
     def gloss(self, angle_deg: float = 60.0) -> float:
-        """Specular gloss [gloss units] at 20, 60 or 85 degrees, a black glass of n = 1.567 being 100 (ISO 2813). Raises
-        SceneError without a surface, and where a spectrum was given."""
+        """Specular gloss, a black glass of n = 1.567 being 100.
+
+        Parameters
+        ----------
+        angle_deg : float, optional
+            20, 60 or 85 [degrees].
+
+        Returns
+        -------
+        float
+            Gloss units.
+
+        Raises
+        ------
+        SceneError
+            Without a surface, for another angle, and where a spectrum was given.
+        MissingExtraError
+            Without the extra "appearance".
+
+        References
+        ----------
+        ISO 2813, ASTM D523.
+
+        Examples
+        --------
+        >>> glass = {"interface": {"above": 1.0, "below": 1.567}}
+        >>> clear = {"layer": [glass, {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}]}
+        >>> round(appearance(clear, geometries=["8:di"], nodes=4).gloss(20.0), 6)
+        100.0
+        """
         return find_gloss(self._panel("gloss is read off"), angle_deg)
 
     def hiding(
@@ -108,9 +273,34 @@ class Appearance:
         target: float = TARGET,
         progress: Progress | None = None,
     ) -> Hiding:
-        """Contrast ratio over cards of the albedos ``black`` and ``white``, the thickness at which it is ``target``,
-        opacity, and the hiding curve: as `vrte.appearance.hiding.find_hiding` says, in this one's light. Raises
-        SceneError where a spectrum was given, of which nobody knows the film."""
+        """How well the panel's film hides a black and a white card, and how thick it has to be for that.
+
+        Parameters
+        ----------
+        black, white : float, optional
+            Albedos of the cards, 0 to 1.
+        geometry : str, optional
+            In which geometry, "45:0".
+        target : float, optional
+            The contrast ratio that counts as hidden, above 0 and below 1.
+        progress : callable, optional
+            Called with (solves done, solves).
+
+        Returns
+        -------
+        Hiding
+            In this one's light, as `vrte.appearance.hiding.find_hiding` finds it.
+
+        Raises
+        ------
+        SceneError
+            Where a spectrum was given, of which nobody knows the film.
+
+        Examples
+        --------
+        >>> round(painted.look.hiding().contrast_ratio, 3)  # of what the example of `vrte.paint` finds
+        0.747
+        """
         panel = self._panel("hiding power is of")
         return find_hiding(panel, black, white, geometry, self.illuminant, self.observer, target, progress)
 
@@ -127,12 +317,57 @@ class Appearance:
         k2: Any = None,
         progress: Progress | None = None,
     ) -> KubelkaMunk:
-        """K and S of the panel's film, and k1 and k2 of its surface: as `find_kubelka_munk` says. Raises SceneError
-        where a spectrum was given, of which nobody knows the film."""
+        """Kubelka and Munk's K and S of the panel's film, and Saunderson's k1 and k2 of its surface.
+
+        Parameters
+        ----------
+        white : float, optional
+            Albedo of the white base.
+        geometry : str, optional
+            How reflectance is read: "8:di", "di:di" or "inside".
+        k1, k2 : float or array_like (n,), optional
+            In place of those computed.
+        progress : callable, optional
+            Called with (steps done, steps).
+
+        Returns
+        -------
+        KubelkaMunk
+            As `vrte.appearance.two_flux_fit.find_kubelka_munk` finds it.
+
+        Raises
+        ------
+        SceneError
+            Where a spectrum was given, of which nobody knows the film, and as `find_kubelka_munk` does.
+
+        Examples
+        --------
+        >>> film = {"layer": [{"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}]}
+        >>> appearance(film, [0.5], geometries=["8:di"], nodes=8).kubelka_munk(geometry="inside").S.round(2).tolist()
+        [1.36]
+        """
         return find_kubelka_munk(self._panel("K and S are of"), white, geometry, k1, k2, progress)
 
     def list_readings(self) -> Iterator[Reading]:
-        """All reflectances, polarization, and colours where the wavelengths cover the visible, a number a row."""
+        """All reflectances, polarizations and colours, a number a row.
+
+        Returns
+        -------
+        iterator of Reading
+            Colours where the wavelengths cover the visible.
+
+        Raises
+        ------
+        SceneError
+            For colours, where they do not.
+
+        Examples
+        --------
+        >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
+        >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
+        >>> round(next(appearance(grey, geometries=["45:0"], nodes=4).list_readings()).value, 9)
+        0.2
+        """
         at = self.wavelength_um.round(9).tolist()
         for name, values in self.reflectances.items():
             known = read_geometry(name)
@@ -209,7 +444,9 @@ def appearance(
     MissingExtraError
         For colours, without the extra "appearance".
 
-    Source: CIE 15, ASTM E1331, E1349, E2194, E2539 for the geometries (docs/how_to/appearance.md has all definitions).
+    References
+    ----------
+    CIE 15, ASTM E1331, E1349, E2194, E2539 for the geometries (docs/how_to/appearance.md has all definitions).
 
     Examples
     --------

@@ -27,10 +27,36 @@ TOLD = 0.01  # share beyond the wavelengths from which on it is told
 
 @dataclass(frozen=True)
 class Colour:
-    """A colour as an instrument states it: X, Y, Z (Y of the perfect white is 100), and L, a, b of CIELAB in a light.
+    """A colour as an instrument states it, in a light, for an observer.
 
-    ``illuminant`` and ``observer`` [degrees] belong to it; ``beyond`` are shares of the white's X, Y, Z that lie below
-    the first and above the last wavelength, ``known_um``, where the reflectance is taken as at these.
+    Attributes
+    ----------
+    X
+        Tristimulus value X, where Y of the perfect white is 100.
+    Y
+        Tristimulus value Y, the luminance factor in per cent.
+    Z
+        Tristimulus value Z.
+    L
+        Lightness L* of CIELAB, 0 to 100.
+    a
+        a* of CIELAB, above 0 red, below 0 green.
+    b
+        b* of CIELAB, above 0 yellow, below 0 blue.
+    illuminant
+        The light.
+    observer
+        Degrees of the standard observer, 2 or 10.
+    known_um
+        The first and the last wavelength of the reflectance [um], beyond which it is taken as there.
+    beyond
+        Shares of the white's X, Y, Z that lie below the first and above the last wavelength.
+
+    Examples
+    --------
+    >>> white = find_colour(np.linspace(0.40, 0.70, 16), np.ones(16))
+    >>> round(white.L, 6), white.hex
+    (100.0, '#ffffff')
     """
 
     X: float

@@ -63,6 +63,8 @@ def find_glosses(
     MissingExtraError
         Without the extra "appearance".
 
+    Examples
+    --------
     >>> from vrte.appearance.panel import make_panel
     >>> glass = {"interface": {"above": 1.0, "below": 1.567}}
     >>> nothing = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
@@ -133,8 +135,31 @@ def read_gloss(spectrum: Spectrum, surfaces: Sequence[Interface | None], angle_d
 
 
 def find_surface_gloss(surface: Interface, angle_deg: float = 60.0) -> float:
-    """Specular gloss [gloss units] of a surface by itself, over black. Raises SceneError as `find_glosses` does.
+    """Specular gloss of a surface by itself, over black.
 
+    Parameters
+    ----------
+    surface : Interface
+        Smooth or rough, with air above it.
+    angle_deg : float, optional
+        20, 60 or 85 [degrees].
+
+    Returns
+    -------
+    float
+        Gloss units, a black glass of n = 1.567 being 100.
+
+    Raises
+    ------
+    SceneError
+        For another angle, and for another medium above.
+
+    References
+    ----------
+    ISO 2813, ASTM D523.
+
+    Examples
+    --------
     >>> round(find_surface_gloss(Interface(1.0, 1.5), 60.0), 2)
     89.14
     """

@@ -28,13 +28,49 @@ PAPER_WHITE = 0.89  # the even white backing of TAPPI's contrast ratio
 
 @dataclass(frozen=True, eq=False)
 class Hiding:
-    """How well the film of a panel hides black and white cards of the albedos ``black`` and ``white``.
+    """How well the film of a panel hides black and white cards, as `find_hiding` finds it.
 
-    ``over_even_bases`` and ``without_end`` are reflectance factors (n,) of the film over any card, and of one so thick
-    that nothing below is seen; ``luminance_without_end`` is Y of the latter, where the perfect white has 1. The curve
-    is exact at ``times`` (m,), thicknesses over the film's own: Y over the cards ``over_black``, ``over_white`` (m,).
-    ``hiding_times`` is the one of contrast ratio ``target``, None where none has it, for the ``reason`` given.
-    ``length_um`` is the film's thickness, None where it is given optically.
+    The hiding curve is exact at ``times``. ``painted`` in the examples is what the example of `vrte.paint` finds.
+
+    Attributes
+    ----------
+    geometry
+        Of light and eye, "45:0".
+    illuminant
+        The light.
+    observer
+        Degrees of the standard observer, 2 or 10.
+    black
+        Albedo of the black card.
+    white
+        Albedo of the white card.
+    target
+        The contrast ratio that counts as hidden.
+    wavelength_um
+        Wavelengths in vacuum [um], (n,).
+    over_even_bases
+        Reflectance factors (n,) of the film over a card of any albedo: ``over_even_bases.reflect(albedo)``.
+    without_end
+        Reflectance factors (n,) of a film so thick that nothing below is seen.
+    luminance_without_end
+        Y of that, where the perfect white has 1.
+    times
+        Thicknesses of the curve over the film's own, (m,).
+    over_black
+        Y over the black card, (m,).
+    over_white
+        Y over the white card, (m,).
+    hiding_times
+        The thickness of contrast ratio ``target`` over the film's own; None where there is none.
+    reason
+        Why there is none, in words.
+    length_um
+        The film's thickness [um]; None where it is given optically.
+
+    Examples
+    --------
+    >>> round(painted.hiding.contrast_ratio, 3), round(painted.hiding.hiding_times, 2)
+    (0.747, 2.29)
     """
 
     geometry: str
@@ -93,7 +129,7 @@ class Hiding:
 
     @property
     def contrast_ratios(self) -> Array:
-        """Those of the curve (m,)."""
+        """Contrast ratios of the curve, (m,)."""
         return divide_luminances(self.over_black, self.over_white)
 
     @property
@@ -113,19 +149,73 @@ class Hiding:
         return None if length is None else 1000.0 / length if length > 0.0 else math.inf
 
     def find_luminance(self, reflectance: Array) -> float:
-        """Y of a reflectance factor (n,), where the perfect white has 1."""
+        """Y of a reflectance factor in this light, where the perfect white has 1.
+
+        Parameters
+        ----------
+        reflectance : ndarray (n,)
+            At ``wavelength_um``.
+
+        Returns
+        -------
+        float
+            From 0 to 1 for what does not fluoresce.
+
+        Examples
+        --------
+        >>> round(painted.hiding.find_luminance(np.full(8, 0.5)), 12)
+        0.5
+        """
         return float(weigh_wavelengths(self.wavelength_um, self.illuminant, self.observer)[1] @ reflectance)
 
     def compare_cards(self, black: float, white: float) -> float:
-        """The contrast ratio of the film itself over even cards of any two albedos, exact as all the rest is."""
+        """The contrast ratio of the film itself over even cards of any two albedos, exact as all the rest is.
+
+        Parameters
+        ----------
+        black, white : float
+            Albedos of the darker and the lighter card, 0 to 1.
+
+        Returns
+        -------
+        float
+            Y over the darker over Y over the lighter.
+
+        Examples
+        --------
+        >>> painted.hiding.compare_cards(0.0, 0.5) > painted.hiding.compare_cards(0.0, 0.8)
+        True
+        """
         dark, light = (self.find_luminance(self.over_even_bases.reflect(albedo)) for albedo in (black, white))
         return float(divide_luminances(dark, light))
 
     def interpolate(self, times: Any) -> tuple[Array, Array]:
-        """The contrast ratio and Y over white at thicknesses over the film's own, within those of the curve, (k,) each.
+        """The contrast ratio, and Y over white, at any thicknesses within those of the curve.
 
-        Cubic splines through the exact values over the logarithm of the thickness, of contrast in a variable in which
-        it is close to straight: good to 3e-3. Raises SceneError.
+        Cubic splines run through the exact values over the logarithm of the thickness, of contrast in a variable in
+        which it is close to straight: good to 3e-3.
+
+        Parameters
+        ----------
+        times : float or array_like (k,)
+            Thicknesses over the film's own.
+
+        Returns
+        -------
+        contrast : ndarray (k,)
+            The contrast ratio.
+        over_white : ndarray (k,)
+            Y over the white card.
+
+        Raises
+        ------
+        SceneError
+            For a thickness beyond the curve.
+
+        Examples
+        --------
+        >>> painted.hiding.interpolate(1.0)[0].round(3).tolist()
+        [0.747]
         """
         from scipy.interpolate import CubicSpline
 
@@ -137,7 +227,23 @@ class Hiding:
         return contrast, CubicSpline(known, self.over_white)(np.log(at))
 
     def plot(self) -> "Figure":
-        """The hiding curve, and Y over both cards. Raises MissingExtraError without matplotlib."""
+        """A figure of the hiding curve, and of Y over both cards.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Its ``savefig`` writes it.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the extra "plot".
+
+        Examples
+        --------
+        >>> len(painted.hiding.plot().axes) > 0
+        True
+        """
         from vrte.appearance.hiding_picture import draw_hiding
 
         return draw_hiding(self)

@@ -32,8 +32,20 @@ def import_colour_science(purpose: str = "a colour", extra: str = "appearance") 
 
 
 def list_illuminants() -> list[str]:
-    """Names of the lights a colour can be seen in: CIE illuminants, and photographers' of ISO 7589.
+    """The lights that a colour can be seen in: CIE illuminants, and photographers' of ISO 7589.
 
+    Returns
+    -------
+    list of str
+        Their names, for ``illuminant=``.
+
+    Raises
+    ------
+    MissingExtraError
+        Without the extra "appearance".
+
+    Examples
+    --------
     >>> [name for name in list_illuminants() if name in ("A", "D50", "D65", "FL11", "LED-B1")]
     ['A', 'D50', 'D65', 'FL11', 'LED-B1']
     """

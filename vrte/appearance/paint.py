@@ -34,12 +34,35 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Paint:
-    """A paint as instruments see it; `save` writes its page, its picture or its table, and a notebook shows it.
+    """A paint as instruments see it, as `vrte.paint` finds it; a notebook shows its page.
 
-    ``made_of``: lines on its composition; ``look``: reflectances, colours, polarization in all standard geometries;
-    ``hiding``, ``two_fluxes`` (K and S in even light inside the film) and ``glosses`` by angle [degrees], None or empty
-    where the paint has none, for which ``notes`` says why, beside its approximations and what was warned of; ``lobe``:
-    the BRDF in the plane of incidence at 45 degrees, at the wavelength ``lobe_um``.
+    ``painted`` in the examples is what the example of `vrte.paint` finds.
+
+    Attributes
+    ----------
+    title
+        What it is called.
+    made_of
+        Lines on its composition.
+    look
+        Reflectances, colours and polarization in all standard geometries.
+    glosses
+        Gloss units by angle [degrees]; empty where there is no surface.
+    hiding
+        How well its film hides cards; None where that cannot be said.
+    two_fluxes
+        K and S, in even light inside the film; None where there are none.
+    lobe
+        The BRDF in the plane of incidence at 45 degrees.
+    lobe_um
+        The wavelength of that [um].
+    notes
+        Its approximations, why numbers are missing, and what was warned of.
+
+    Examples
+    --------
+    >>> painted.lobe_um
+    0.54
     """
 
     title: str
@@ -67,8 +90,10 @@ class Paint:
 
     @property
     def colours(self) -> dict[str, Colour]:
-        """Over the black and the white card and without end, in the geometry of ``hiding``, by these words; the panel's
-        own where nothing is hidden."""
+        """Colours over the black card, the white card and without end, by these words, in the geometry of ``hiding``.
+
+        The panel's own colour where nothing is hidden.
+        """
         if self.hiding is None:
             return {"as it lies": self.look.colour()}
         seen = self.hiding
@@ -81,7 +106,18 @@ class Paint:
         return {name: find_colour(self.look.wavelength_um, values, *light) for name, values in some.items()}
 
     def list_numbers(self) -> Iterator[tuple[str, str]]:
-        """Names and values, with units, of what a data sheet has."""
+        """What a data sheet has, as words.
+
+        Returns
+        -------
+        iterator of (str, str)
+            Names, and values with their units.
+
+        Examples
+        --------
+        >>> len(list(painted.list_numbers())) > 3
+        True
+        """
         for name, colour in self.colours.items():
             yield f"colour {name}", f"L* {colour.L:.2f}, a* {colour.a:.2f}, b* {colour.b:.2f} ({colour.hex})"
         if self.hiding is not None:
@@ -95,7 +131,18 @@ class Paint:
             yield f"gloss {angle:g}°", f"{gloss:.1f} GU"
 
     def list_readings(self) -> Iterator[Reading]:
-        """Every number of the page, one a row."""
+        """Every number of the page, one a row.
+
+        Returns
+        -------
+        iterator of Reading
+            As the table in .csv has them.
+
+        Examples
+        --------
+        >>> next(painted.list_readings()).quantity
+        'reflectance factor'
+        """
         yield from self.look.list_readings()
         at = self.look.wavelength_um.round(9).tolist()
         for angle, gloss in self.glosses.items():
@@ -124,8 +171,27 @@ class Paint:
             yield Reading("BRDF f00", name, self.lobe_um, float(light[0]), "1/sr", definition, "Nicodemus 1977")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the page (.html, which opens without a network), one sheet of pictures (.png) or all numbers, one a
-        row (.csv), all of it or nothing. Raises SceneError for another suffix, MissingExtraError, OSError."""
+        """Writes the page, its pictures or its numbers to a file, all of it or nothing.
+
+        Parameters
+        ----------
+        path : path
+            Its name ends in .html for the page, which opens without a network, in .png for one sheet of pictures, in
+            .csv for all numbers, one a row.
+
+        Raises
+        ------
+        SceneError
+            For another ending.
+        MissingExtraError
+            For pages and pictures without the extra "plot".
+        OSError
+            Where the file cannot be written.
+
+        Examples
+        --------
+        >>> painted.save("grey.csv")
+        """
         from vrte.appearance.paint_page import save_paint
 
         save_paint(self, path)
@@ -192,7 +258,9 @@ def paint(
     OSError
         Where a file cannot be read.
 
-    Source: the standards that each number names; docs/how_to/appearance.md has the definitions.
+    References
+    ----------
+    The standards that each number names; docs/how_to/appearance.md has the definitions.
 
     Examples
     --------

@@ -37,11 +37,27 @@ FIXED = ("mu_i", "mu_o", "phi", "illuminate", "transmission", "threads", "progre
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A scene at ascending wavelengths in vacuum [um] (n,): ``scenes`` (n), lit from above.
+    """A scene at ascending wavelengths, its particles worked out once, lit from above.
 
-    ``lengths_um`` (layer,): how thick the layers are, None where only the optical thickness is given; ``asked``:
-    keywords of `vrte.brdf` that say how to solve; ``layer``: which layer is the film, counted from 1 among those of the
-    scenes, None for the only one that scatters.
+    Attributes
+    ----------
+    wavelength_um
+        Wavelengths in vacuum [um], (n,), ascending.
+    scenes
+        The scene at each of them, n.
+    lengths_um
+        How thick the layers are [um], one each; None where only the optical thickness is given.
+    asked
+        Keywords of `vrte.brdf` that say how to solve.
+    layer
+        Which layer is the film, counted from 1 among those of the scenes; None for the only one that scatters.
+    title
+        What it is called.
+
+    Examples
+    --------
+    >>> make_panel({"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}, [0.45, 0.55, 0.65])
+    Panel(3 wavelengths from 0.45 to 0.65 um, 1 layers)
     """
 
     wavelength_um: Array
@@ -61,13 +77,16 @@ class Panel:
 
     @property
     def surface(self) -> tuple[Interface | None, ...]:
-        """What lies on top at each wavelength: an interface, or nothing."""
+        """The interface on top at each wavelength, or None."""
         return tuple(scene.interfaces[0] for scene in self.scenes)
 
     @property
     def film(self) -> int:
-        """The place of the layer whose thickness is that of the film: the one said, or the only one that scatters (or
-        that is there at all). Raises SceneError where that is none or several."""
+        """The place of the layer whose thickness is that of the film, from 0 on.
+
+        It is the one that ``layer`` says, or the only one that scatters, or that is there at all; a SceneError where
+        that is none or several.
+        """
         count = len(self.lengths_um)
         if self.layer is not None:
             return check_whole("layer", self.layer, 1, count) - 1
@@ -80,7 +99,7 @@ class Panel:
 
     @property
     def length_um(self) -> float | None:
-        """How thick the film is [um], None where only its optical thickness is known."""
+        """The thickness of the film [um]; None where only its optical thickness is known."""
         return self.lengths_um[self.film]
 
     @property
@@ -89,22 +108,102 @@ class Panel:
         return sorted({0, len(self) // 2, len(self) - 1})
 
     def pick(self, places: Sequence[int]) -> "Panel":
-        """The same at some of its wavelengths, by their places."""
+        """The same panel at some of its wavelengths.
+
+        Parameters
+        ----------
+        places : sequence of int
+            Which of its wavelengths, from 0 on.
+
+        Returns
+        -------
+        Panel
+            Of those alone.
+
+        Examples
+        --------
+        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
+        >>> make_panel(haze, [0.45, 0.55, 0.65]).pick([0, 2]).wavelength_um.tolist()
+        [0.45, 0.65]
+        """
         scenes = tuple(self.scenes[place] for place in places)
         return replace(self, wavelength_um=self.wavelength_um[list(places)], scenes=scenes)
 
     def choose_nodes(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0) -> int:
-        """The most nodes that the accuracy takes for these directions at the first, a middle and the last wavelength:
-        to choose them takes some times as long as to solve with them."""
+        """The most nodes that the accuracy takes for some directions, at the first, a middle and the last wavelength.
+
+        To choose them takes some times as long as to solve with them.
+
+        Parameters
+        ----------
+        mu_i, mu_o, phi : float or sequence of float
+            As for `vrte.brdf`.
+
+        Returns
+        -------
+        int
+            Nodes in each hemisphere.
+
+        Raises
+        ------
+        SceneError
+            Naming the wavelength.
+
+        Examples
+        --------
+        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
+        >>> make_panel(haze, [0.55], accuracy=0.01).choose_nodes(0.9) < 20
+        True
+        """
         found = self.pick(self.ends_and_middle).solve(mu_i, mu_o, phi)
         return max(int(one.diagnostics["nodes"]) for one in found)
 
     def put_over(self, base: Boundary | None) -> "Panel":
-        """The same over another base; None is black."""
+        """The same panel over another base.
+
+        Parameters
+        ----------
+        base : Boundary or None
+            What lies beneath; None is black.
+
+        Returns
+        -------
+        Panel
+            With that base at all wavelengths.
+
+        Examples
+        --------
+        >>> from vrte.scene.boundary import Lambertian
+        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
+        >>> make_panel(haze, [0.55]).put_over(Lambertian(0.8)).scenes[0].base_in_words
+        'Lambertian(albedo=0.8)'
+        """
         return replace(self, scenes=tuple(replace(scene, base=base) for scene in self.scenes))
 
     def scale_film(self, times: float) -> "Panel":
-        """The same with a film so many times as thick; math.inf: without end, and nothing lies below it."""
+        """The same panel with a film so many times as thick.
+
+        Parameters
+        ----------
+        times : float
+            >= 0; math.inf: without end, and nothing lies below it.
+
+        Returns
+        -------
+        Panel
+            The film's optical and geometrical thickness scaled.
+
+        Raises
+        ------
+        SceneError
+            Where nobody can say which layer is the film, and for one without end.
+
+        Examples
+        --------
+        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
+        >>> make_panel(haze, [0.55]).scale_film(2.0).scenes[0].thickness
+        1.0
+        """
         place = self.film
         times = check_number("times", times, 0.0, np.inf, "how many times as thick, >= 0")
         ends = np.isfinite(times)
@@ -127,8 +226,29 @@ class Panel:
         return replace(self, scenes=tuple(scale(scene) for scene in self.scenes), lengths_um=tuple(kept), layer=layer)
 
     def make_as_thick(self, length_um: float) -> "Panel":
-        """The same with a film as thick as that [um]; math.inf as for `scale_film`. Raises SceneError where nobody
-        knows how thick it is."""
+        """The same panel with a film of a given thickness.
+
+        Parameters
+        ----------
+        length_um : float
+            Thickness [um]; math.inf as for `scale_film`.
+
+        Returns
+        -------
+        Panel
+            The film's optical thickness scaled with it.
+
+        Raises
+        ------
+        SceneError
+            Where nobody knows how thick it is.
+
+        Examples
+        --------
+        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
+        >>> bool(make_panel(haze, [0.55]).make_as_thick(float("inf")).scenes[0].thickness == float("inf"))
+        True
+        """
         allowed = f"a length in micrometres >= 0, at most {LARGEST_THICKNESS:g} or inf"
         wanted = check_number("length_um", length_um, 0.0, np.inf, allowed)
         if np.isinf(wanted):
@@ -142,15 +262,50 @@ class Panel:
         return self.scale_film(wanted / known)
 
     def take_off_surface(self) -> "Panel":
-        """The same without the interface on top, seen from the medium below it."""
+        """The same panel without the interface on top, seen from the medium below it.
+
+        Returns
+        -------
+        Panel
+            In that medium.
+
+        Examples
+        --------
+        >>> haze = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
+        >>> panel = make_panel({"layer": [{"interface": {"above": 1.0, "below": 1.5}}, haze]}, [0.55])
+        >>> panel.take_off_surface().scenes[0].index_above
+        1.5
+        """
         return replace(self, scenes=tuple(take_off(scene) for scene in self.scenes))
 
     def solve(self, mu_i: Any, mu_o: Any = 1.0, phi: Any = 0.0, progress: Progress | None = None) -> Spectrum:
         """The BRDFs at all wavelengths, side by side on the cores.
 
-        ``mu_i``, ``mu_o``, ``phi`` as for `vrte.brdf`. Along the normal, mu_o = 1, unpolarized light takes the first
-        orders alone. How many nodes the accuracy takes is found at three wavelengths, the first, the last and one
-        between; the most of these serve the others. Raises SceneError, which names the wavelength.
+        Along the normal, mu_o = 1, unpolarized light takes the first orders alone. How many nodes the accuracy takes is
+        found at three wavelengths, the first, the last and one between; the most of these serve the others.
+
+        Parameters
+        ----------
+        mu_i, mu_o, phi : float or sequence of float
+            As for `vrte.brdf`.
+        progress : callable, optional
+            Called with (wavelengths done, wavelengths).
+
+        Returns
+        -------
+        Spectrum
+            A Brdf a wavelength.
+
+        Raises
+        ------
+        SceneError
+            Naming the wavelength.
+
+        Examples
+        --------
+        >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
+        >>> make_panel(haze, [0.45, 0.55, 0.65], nodes=4).solve(0.9).reflectance.shape
+        (3, 1)
         """
         directions = {"mu_i": mu_i, "mu_o": mu_o, "phi": phi}
         count = len(self)
@@ -189,11 +344,39 @@ def make_panel(
 ) -> Panel:
     """The panel of a scene file or its content, particles worked out at each wavelength.
 
-    Without ``wavelengths_um`` they are those that the file lists, or 16 over as much of 0.40 to 0.70 um as its
-    substances are known for. ``layer``: which layer is the film; ``compute`` makes particles; ``asked``: keywords of
-    `vrte.brdf` that say how to solve, in place of the file's; without ``nodes`` and ``accuracy`` the latter is 1e-4.
-    Raises SceneError, OSError.
+    Parameters
+    ----------
+    scene : path, mapping or Panel
+        A TOML file, or its content, parsed; of a panel what follows is changed.
+    wavelengths_um : sequence of float, optional
+        Ascending [um]; default: those that the file lists, or 16 over as much of 0.40 to 0.70 um as its substances are
+        known for.
+    folder : path, optional
+        Where the tables that a parsed content names lie.
+    progress : callable, optional
+        Called with (steps done, steps).
+    layer : int, optional
+        Which layer is the film, counted from 1; default: the only one that scatters.
+    compute : callable, optional
+        What makes particles of a table of a scene file.
+    **asked
+        Keywords of `vrte.brdf` that say how to solve, in place of the file's; without ``nodes``, ``accuracy`` and
+        ``method`` the accuracy is 1e-4.
 
+    Returns
+    -------
+    Panel
+        Ready to be solved.
+
+    Raises
+    ------
+    SceneError
+        For bad input; it names the wavelength.
+    OSError
+        Where a file cannot be read.
+
+    Examples
+    --------
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
     >>> make_panel({"layer": [layer]}, [0.45, 0.55, 0.65]).solve(0.9).reflectance.shape
     (3, 1)

@@ -13,8 +13,27 @@ BACKGROUNDS = ("black", "white")
 
 @dataclass(frozen=True, eq=False)
 class TwoFluxErrors:
-    """Films as thick as ``lengths`` (m,) [um, or films]: ``exact`` and ``predicted`` reflectances (2, m, n) over black
-    and over white at n wavelengths [um]; ``unit`` of K and S."""
+    """How far two fluxes are off: reflectances that K and S foretell beside exact ones, at other thicknesses.
+
+    Attributes
+    ----------
+    lengths
+        Thicknesses of the films, (m,) [um, or films].
+    wavelength_um
+        Wavelengths in vacuum [um], (n,).
+    unit
+        The unit of K and S.
+    exact
+        Reflectances solved exactly, over black and over white, (2, m, n).
+    predicted
+        Reflectances by K and S, (2, m, n).
+
+    Examples
+    --------
+    >>> exact, predicted = np.full((2, 1, 1), 0.50), np.full((2, 1, 1), 0.52)
+    >>> TwoFluxErrors(np.array([1.0]), np.array([0.55]), "1/film", exact, predicted).error.round(9).ravel().tolist()
+    [0.02, 0.02]
+    """
 
     lengths: Array
     wavelength_um: Array
@@ -24,15 +43,12 @@ class TwoFluxErrors:
 
     @property
     def error(self) -> Array:
-        """Predicted less exact reflectance (2, m, n)."""
+        """Predicted less exact reflectance, (2, m, n)."""
         return self.predicted - self.exact
 
     @cached_property
     def colours(self) -> tuple[list[list[Colour]], list[list[Colour]]]:
-        """Exact and predicted colours over black and white, [which of both][which film], in D65 for 10 degrees.
-
-        Raises SceneError where there are too few wavelengths, MissingExtraError without the extra "appearance".
-        """
+        """Exact and predicted colours over black and white, [which of both][which film], in D65 for 10 degrees."""
         exact, predicted = (
             [[find_colour(self.wavelength_um, film) for film in over] for over in kind]
             for kind in (self.exact, self.predicted)
@@ -41,11 +57,11 @@ class TwoFluxErrors:
 
     @property
     def difference(self) -> Array:
-        """Colour differences CIEDE2000 (2, m) between predicted and exact, over black and over white."""
+        """Colour differences CIEDE2000 between predicted and exact, over black and over white, (2, m)."""
         pairs = zip(*self.colours, strict=True)
         return np.array([[find_difference(*pair) for pair in zip(*over, strict=True)] for over in pairs])
 
     @property
     def contrast_ratio(self) -> Array:
-        """Y over black over Y over white (2, m), exact and predicted."""
+        """Contrast ratios Y over black over Y over white, exact and predicted, (2, m)."""
         return np.array([[black.Y / white.Y for black, white in zip(*kind, strict=True)] for kind in self.colours])

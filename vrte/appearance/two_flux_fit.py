@@ -41,10 +41,34 @@ SHOWN = 1e-3  # difference over black and white below which a film is taken to h
 class KubelkaMunk:
     """K and S of a film, and its surface: all that Kubelka and Munk know of a panel.
 
-    ``K``, ``S`` (n,) at the wavelengths of ``panel`` [1/um], or one over its own thickness where that is optical
-    (``unit``); ``k1``, ``k2`` (n,) of Saunderson's formula. What the surface really sends back is ``k2_over`` (2, n),
-    over black and over white, and ``k2_even`` (n,) what it would send back of even light. ``geometry``: how reflectance
-    was read; ``white``: the base's albedo.
+    Attributes
+    ----------
+    panel
+        The panel, at n wavelengths.
+    geometry
+        How reflectance was read.
+    white
+        Albedo of the white base.
+    K
+        Absorption, (n,) [``unit``: 1/um, or one over the film's own thickness where that is optical].
+    S
+        Scattering, (n,), in the same unit.
+    k1
+        What the surface mirrors of the light that falls in, (n,).
+    k2
+        What it sends back of the light that comes up, (n,), the mean of ``k2_over``.
+    k2_over
+        What it really sends back over black and over white, (2, n).
+    k2_even
+        What it would send back of even light, (n,).
+
+    Examples
+    --------
+    >>> from vrte.appearance.panel import make_panel
+    >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
+    >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")
+    >>> found.predict_thick().round(2).tolist()
+    [0.48]
     """
 
     panel: Panel
@@ -69,22 +93,63 @@ class KubelkaMunk:
 
     @property
     def length(self) -> float:
-        """How thick the film is, in um or films."""
+        """The thickness of the film, in um or films."""
         return find_length(self.panel)
 
     def predict(self, length: Any, base: Any = 0.0) -> Array:
-        """The reflectance (n,) that K and S foretell of a film as thick as that [um, or films] over a Lambertian base
-        of albedo ``base``. Raises SceneError."""
+        """The reflectance that K and S foretell of a film of any thickness over a base.
+
+        Parameters
+        ----------
+        length : float
+            Thickness [um, or films].
+        base : float, optional
+            Albedo of the Lambertian base, 0 to 1.
+
+        Returns
+        -------
+        ndarray (n,)
+            Above the surface.
+
+        Raises
+        ------
+        SceneError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> from vrte.appearance.panel import make_panel
+        >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
+        >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")
+        >>> found.predict(0.0, base=0.5).round(12).tolist()
+        [0.5]
+        """
         return add_surface(reflect_film(self.K, self.S, length, base), self.k1, self.k2)
 
     def predict_thick(self) -> Array:
-        """The reflectance (n,) that K/S foretells of a film without end."""
+        """The reflectance that K/S foretells of a film without end.
+
+        Returns
+        -------
+        ndarray (n,)
+            Above the surface.
+
+        Examples
+        --------
+        >>> from vrte.appearance.panel import make_panel
+        >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
+        >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")
+        >>> bool(abs(found.predict_thick() - found.predict(1000.0)) < 1e-9)
+        True
+        """
         return add_surface(reflect_thick_film(self.K, self.S), self.k1, self.k2)
 
     @cached_property
     def transport(self) -> tuple[Array, Array]:
-        """Absorption and reduced scattering coefficients (n,) of the film, albedo and asymmetry taken in: (1 - albedo)
-        and albedo (1 - g) times its extinction, in the unit of K and S."""
+        """Absorption and reduced scattering coefficients of the film, (n,) each, in the unit of K and S.
+
+        They are (1 - albedo) and albedo (1 - g) times its extinction.
+        """
         films = [scene.layers[self.panel.film] for scene in self.panel.scenes]
         extinction = np.array([film.thickness for film in films]) / self.length
         albedo = np.array([film.albedo for film in films])
@@ -93,8 +158,11 @@ class KubelkaMunk:
 
     @property
     def diffusion(self) -> tuple[Array, Array]:
-        """K and S (n,) by which two fluxes fade as diffuse light does: twice the absorption, and 3/4 of the reduced
-        scattering less 1/4 of the absorption. S < 0 says that light does not diffuse at all."""
+        """K and S, (n,) each, by which two fluxes fade as diffuse light does.
+
+        They are twice the absorption, and 3/4 of the reduced scattering less 1/4 of the absorption. S < 0 says that
+        light does not diffuse at all.
+        """
         absorbed, turned = self.transport
         return 2.0 * absorbed, 0.75 * turned - 0.25 * absorbed
 
@@ -108,8 +176,33 @@ class KubelkaMunk:
         return absorbing, turning
 
     def compare(self, lengths: Any, progress: Progress | None = None) -> TwoFluxErrors:
-        """The panel solved exactly with films as thick as ``lengths`` (m,) [um, or films; math.inf is without end],
-        beside what K and S foretell. Raises SceneError."""
+        """The panel solved exactly with films of other thicknesses, beside what K and S foretell.
+
+        Parameters
+        ----------
+        lengths : float or array_like (m,)
+            Thicknesses [um, or films], above 0; math.inf is without end.
+        progress : callable, optional
+            Called with (steps done, steps).
+
+        Returns
+        -------
+        TwoFluxErrors
+            Over black and over white.
+
+        Raises
+        ------
+        SceneError
+            Naming the argument.
+
+        Examples
+        --------
+        >>> from vrte.appearance.panel import make_panel
+        >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
+        >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")
+        >>> bool(abs(found.compare(1.0).error).max() < 1e-9)  # at the film's own thickness
+        True
+        """
         wanted = np.atleast_1d(check_numbers("lengths", lengths))
         exact = np.empty((2, wanted.size, self.wavelength_um.size))
         for place, length in enumerate(wanted):
@@ -120,10 +213,33 @@ class KubelkaMunk:
         return TwoFluxErrors(wanted, self.wavelength_um, self.unit, exact, found)
 
     def plot(self, lengths: Any = None, progress: Progress | None = None) -> "Figure":
-        """A figure of `compare`, from an eighth of the film's thickness to eight times where no ``lengths`` are given.
+        """A figure of `compare`: reflectance against thickness, exact and foretold, and how far it is off.
 
-        Reflectance against thickness, exact and foretold; how far it is off; that as a colour difference; and K and S
-        beside those of diffusion. Raises SceneError, MissingExtraError without the extras "plot" and "appearance".
+        Beside it that as a colour difference, and K and S beside those of diffusion.
+
+        Parameters
+        ----------
+        lengths : array_like (m,), optional
+            Thicknesses [um, or films]; default: from an eighth of the film's own to eight times.
+        progress : callable, optional
+            Called with (steps done, steps).
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Its ``savefig`` writes it.
+
+        Raises
+        ------
+        SceneError
+            As `compare` does.
+        MissingExtraError
+            Without the extras "plot" and "appearance".
+
+        Examples
+        --------
+        >>> len(painted.two_fluxes.plot([0.5, 1.0]).axes) > 0  # as `vrte.paint` finds it in its example
+        True
         """
         from vrte.appearance.two_flux_picture import draw_two_fluxes
 

@@ -9,12 +9,25 @@ Place = tuple[str | int, ...]  # keys of tables and places in lists, these from 
 class SceneError(ValueError):
     """The scene or the request is wrong: what, where and what is allowed, in one sentence.
 
-    ``place`` says where, as data, so that nobody has to read the sentence for it: the argument of a call, ("mu_i",), or
-    the way to a key of a scene file, ("layer", 0, "thickness"), which the sentence calls layer[1].thickness; () where
-    it is nothing in particular. What is put in front of a sentence, the name of a file, leaves the place as it is.
+    It is a ValueError. ``place`` says where, as data, so that nobody has to read the sentence for it; what is put in
+    front of the sentence, the name of a file, leaves the place as it is.
 
-    >>> SceneError.of("layer: albedo", "must be between 0 and 1, not 2").behind("scene.toml").place
-    ('albedo',)
+    Parameters
+    ----------
+    message : str
+        The sentence.
+    *place : str or int
+        The argument of a call, "mu_i", or the way to a key of a scene file, "layer", 0, "thickness", which the sentence
+        calls layer[1].thickness; nothing where it is nothing in particular.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> try:
+    ...     vrte.Lambertian(2.0)
+    ... except vrte.SceneError as error:
+    ...     print(error, error.place)
+    base: albedo must be between 0 and 1, not 2.0 ('albedo',)
     """
 
     def __init__(self, message: str, *place: str | int) -> None:
@@ -23,20 +36,57 @@ class SceneError(ValueError):
 
     @classmethod
     def of(cls, name: str, words: str) -> "SceneError":
-        """What is wrong with an argument; ``name`` may say before a colon whose it is, "layer: albedo"."""
+        """The error of one argument.
+
+        Parameters
+        ----------
+        name : str
+            The argument; before a colon it may say whose it is, "layer: albedo".
+        words : str
+            What is wrong with it, to go on the sentence.
+
+        Returns
+        -------
+        SceneError
+            Its place is the argument.
+
+        Examples
+        --------
+        >>> SceneError.of("layer: albedo", "must be between 0 and 1, not 2").place
+        ('albedo',)
+        """
         return cls(f"{name} {words}", name.rpartition(": ")[2])
 
     def behind(self, words: object) -> "SceneError":
-        """The same error, its sentence behind words that say what it is about."""
+        """The same error, its sentence behind words that say what it is about.
+
+        Parameters
+        ----------
+        words : object
+            As they print: the name of a file, a wavelength.
+
+        Returns
+        -------
+        SceneError
+            Of the same place.
+
+        Examples
+        --------
+        >>> print(SceneError("albedo must be between 0 and 1, not 2", "albedo").behind("scene.toml"))
+        scene.toml: albedo must be between 0 and 1, not 2
+        """
         return SceneError(f"{words}: {self}", *self.place)
 
 
 class AccuracyError(ArithmeticError):
-    """The solver's own residuals are too large to vouch for the answer."""
+    """The solver's own residuals are too large to vouch for the answer; there is none.
+
+    It is an ArithmeticError: another ``algorithm``, more ``nodes`` or a less extreme scene may help.
+    """
 
 
 class AccuracyWarning(UserWarning):
-    """The answer is there and not as good as was asked for."""
+    """The answer is there and not as good as was asked for; the text says how good it is."""
 
 
 class FittedRangeWarning(UserWarning):
@@ -44,11 +94,24 @@ class FittedRangeWarning(UserWarning):
 
 
 class LongSolveWarning(UserWarning):
-    """A solve will take more than 20 seconds: how long, what takes it, and what to change."""
+    """A solve will take more than 20 seconds: how long, what takes it, and what to change.
+
+    It is told before the work begins; ``time_limit_s`` refuses what would take longer still.
+    """
 
 
 class MissingExtraError(ImportError):
-    """An optional dependency is not installed; the message names the extra that brings it."""
+    """An optional dependency is not installed; the message names the extra that brings it.
+
+    It is an ImportError.
+
+    Parameters
+    ----------
+    purpose : str
+        What needs it.
+    extra : str
+        Name of the extra: pip install 'vrte[extra]'.
+    """
 
     def __init__(self, purpose: str, extra: str) -> None:
         super().__init__(f"{purpose} needs the extra '{extra}': pip install 'vrte[{extra}]'")
@@ -68,11 +131,17 @@ def import_extra(module: str, purpose: str, extra: str) -> Any:
 
 
 class DeviceError(RuntimeError):
-    """No OpenCL device is there, the one there is cannot do it, or it was lost on the way."""
+    """No OpenCL device is there, the one there is cannot do it, or it was lost on the way.
+
+    It is a RuntimeError; ``backend="openmp"`` takes the processor.
+    """
 
 
 class SweepError(RuntimeError):
-    """A sweep cannot go on: another process is at it, its cluster is lost, or a chunk brings its workers down."""
+    """A sweep cannot go on: another process is at it, its cluster is lost, or a chunk brings its workers down.
+
+    It is a RuntimeError; the same sweep, called again, goes on with the chunks that are left.
+    """
 
 
 for _error in list(globals().values()):

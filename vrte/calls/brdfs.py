@@ -40,7 +40,7 @@ def brdfs(
     """The Mueller BRDFs of many scenes, for the same directions; each the same as by itself.
 
     With ``backend="opencl"`` all scenes go to the device together, where blocks of Fourier orders that are alike are
-    solved in one call; otherwise one scene is solved after another.
+    solved in one call; otherwise one scene is solved after another. ``time_limit_s`` is for all scenes together.
 
     Parameters
     ----------
@@ -49,7 +49,6 @@ def brdfs(
     mu_i, mu_o, phi, transmission
         As for `vrte.brdf`.
     {options}
-        Here it is for all scenes together.
 
     Returns
     -------

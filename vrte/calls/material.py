@@ -46,6 +46,8 @@ def material(
     SceneError
         For an unknown name, a wavelength outside the tables of what it consists of, and what `Layer.of` refuses.
 
+    Examples
+    --------
     >>> material("rutile in alkyd", 0.55).host_index
     1.52
     """

@@ -61,11 +61,11 @@ def to_mitsuba(
         Called with (steps done, steps).
     folder : path
         Where the tables of a parsed content lie.
-    nested
+    nested : bool
         For scenes with a smooth surface on top, whose mirrored beam no table can hold: the table is that of what lies
         below the surface, and beside it a scene file for Mitsuba, of the same name but for .xml, has Mitsuba's own
         dielectric above it (docs/how_to/exports.md).
-    asked
+    **asked
         Keywords of `vrte.brdf` but for the directions, which are the table's own.
 
     Returns
@@ -75,9 +75,15 @@ def to_mitsuba(
 
     Raises
     ------
-    SceneError, OSError
-        And what else `vrte.spectrum` raises.
+    SceneError
+        For bad input, and a surface on top that ``nested`` cannot take off.
+    OSError
+        Where the file cannot be written.
+    AccuracyError
+        As `vrte.brdf` does.
 
+    Examples
+    --------
     >>> layer = {"phase": "isotropic", "albedo": 1.0, "thickness": 0.5}
     >>> content = {"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
     >>> to_mitsuba(content, [0.45, 0.5, 0.55, 0.6, 0.65], "isotropic.bsdf", step_deg=15).median < 0.1

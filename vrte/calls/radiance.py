@@ -42,7 +42,9 @@ def radiance(
 ) -> Field:
     """The diffuse field of one beam, or of several in one solve, by discrete ordinates or another method.
 
-    Source: Collin, Pattanaik, Bouatouch, section 2.
+    References
+    ----------
+    Collin, Pattanaik, Bouatouch, section 2.
 
     Parameters
     ----------

@@ -30,14 +30,15 @@ def views(
     Parameters
     ----------
     scene : Scene
+        What light meets.
     mu0, mu, phi : array_like
         Cosines of the beams, signed cosines and azimuths [degrees] of the directions: numbers or lists that broadcast
         to one length n, a geometry each.
-    stokes : array_like (4,)
-        Of all beams.
-    tau : float
+    stokes : array_like (4,), optional
+        Flux vector I, Q, U, V of all beams, perpendicular to them; default: unpolarized.
+    tau : float, optional
         One optical depth, by default the top.
-    how
+    **how
         All else as for `vrte.radiance`.
 
     Returns
@@ -50,6 +51,8 @@ def views(
     SceneError
         For bad input, and what else `vrte.radiance` raises.
 
+    Examples
+    --------
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
     >>> views(scene, mu0=[0.6, 0.61, 0.62], mu=[0.9, 0.8, 0.7], phi=30.0, nodes=8).stokes.shape

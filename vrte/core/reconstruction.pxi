@@ -70,10 +70,49 @@ def reconstruct(crew, *, const double[:, :, :, ::1] G_E, const double[:, :, :, :
                 int n_up, const double[::1] level, const int[::1] level_layer, double[:, :, :, ::1] out):
     """The field at any depth and direction, one Fourier order after another, without singly scattered light.
 
-    mu_out (n_out,): positive cosines, the first n_up of them for light going up, the others down; level (n_tau,):
-    depth below the top of layer level_layer; base_out (row, n, S n_out): what the base sends up from the scaled
-    field on its nodes. out (order, n_tau, n_rhs, S n_out): radiance times 2 pi for a unit beam; upward rows are
-    flipped by D; fading: of `boundary`.
+    The last stage of a solve by modes: it takes what the earlier ones leave. n is the number of Stokes parameters S
+    times that of nodes, n_rhs that of incident cosines times incident Stokes columns. The last axis is the row.
+
+    Parameters
+    ----------
+    crew : tuple
+        (threads, seconds, stop) of vrte/basics/running.py.
+    G_E, G_F : ndarray (order, layer, n, S n_out)
+        Of `assemble`: from the scaled field on the nodes to sum and difference of the sources, [1/optical depth].
+    lam_re, lam_im : ndarray (order, layer, n)
+        Of `homogeneous`: the modes' squared rates.
+    X, Y : ndarray (order, layer, n, n)
+        Of `homogeneous`: the modes.
+    c, zeta : ndarray (order, layer, n_rhs, n)
+        Of `particular`: the beam's part.
+    even, odd : ndarray (order, layer, n_rhs, n)
+        Of `boundary`: amplitudes of the modes.
+    base_down : ndarray (order, n_rhs, n)
+        Of `boundary`: the scaled diffuse field that falls on the base.
+    fading : ndarray of int (order, layer)
+        Of `boundary`: whether every mode of a layer fades.
+    base_row : ndarray of int (order,)
+        The row of ``base_out`` of each order, or -1 for black.
+    base_out : ndarray (row, n, S n_out)
+        What the base sends up from the scaled field on its nodes.
+    thickness, above : ndarray (layer,)
+        Optical thickness of each layer, and optical depth of its top.
+    mu0 : ndarray (n_in,)
+        Positive cosines of the beams.
+    mu_out : ndarray (n_out,)
+        Positive cosines, the first ``n_up`` of them for light going up, the others down.
+    n_up : int
+        How many of them go up.
+    level : ndarray (n_tau,)
+        Optical depths below the top of a layer.
+    level_layer : ndarray of int (n_tau,)
+        Which layer that is.
+    out : ndarray (order, n_tau, n_rhs, S n_out)
+        Filled with radiance times 2 pi for a unit beam; upward rows are flipped by D = diag(1, 1, -1, -1).
+
+    References
+    ----------
+    (1:36)-(1:38).
     """
     cdef int n = <int>X.shape[3], n_layer = <int>X.shape[1], n_rhs = <int>c.shape[2], n_out = <int>mu_out.shape[0]
     cdef Reconstruction task = Reconstruction(

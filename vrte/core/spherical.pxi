@@ -83,13 +83,35 @@ cdef void spherical(int m, int terms, bint polar, given mu, int n_mu, doubles ou
 
 
 def generalized_spherical_functions(int m, int terms, mu):
-    """The elements of the associated Legendre matrices P_l^m (1:9)-(1:10).
+    """The elements of the associated Legendre matrices P_l^m, from Wigner's d by upward recurrence in l.
 
-    Parameters: Fourier order ``m`` >= 0, number of ``terms`` (degrees l = 0..terms-1), cosines ``mu`` (n_mu,)
-    in [-1, 1]. Returns (terms, n_mu, 3): p = d^l_{m,0}, r = (d^l_{m,2} + d^l_{m,-2})/2 and
-    t = (d^l_{m,2} - d^l_{m,-2})/2 with Wigner's d; zero for l < m. Raises ValueError for a negative order, no
-    terms or a cosine outside [-1, 1].
+    P_l^m is [[p, 0, 0, 0], [0, r, -t, 0], [0, -t, r, 0], [0, 0, 0, p]].
 
+    Parameters
+    ----------
+    m : int
+        Fourier order, >= 0.
+    terms : int
+        Number of degrees, l = 0 .. terms - 1.
+    mu : array_like (n_mu,)
+        Cosines in [-1, 1].
+
+    Returns
+    -------
+    ndarray (terms, n_mu, 3)
+        p = d^l_{m,0}, r = (d^l_{m,2} + d^l_{m,-2})/2 and t = (d^l_{m,2} - d^l_{m,-2})/2; zero for l < m.
+
+    Raises
+    ------
+    ValueError
+        For a negative order, no terms or a cosine outside [-1, 1].
+
+    References
+    ----------
+    (1:9)-(1:10).
+
+    Examples
+    --------
     >>> generalized_spherical_functions(0, 3, [0.5])[:, 0, 0]  # Legendre polynomials
     array([ 1.   ,  0.5  , -0.125])
     """
@@ -106,12 +128,35 @@ def generalized_spherical_functions(int m, int terms, mu):
 
 
 def phase_matrices(int m, coefficients, mu, mu_from):
-    """A^m(mu, mu_from) = sum_l P_l^m(mu) B_l P_l^m(mu_from), (1:9), as matrix products.
+    """Fourier orders of the phase matrix, A^m(mu, mu_from) = sum_l P_l^m(mu) B_l P_l^m(mu_from).
 
-    Parameters: order ``m``; ``coefficients`` (terms, 6), columns a1, a2, a3, a4, b1, b2; cosines ``mu`` (n,) and
-    ``mu_from`` (k,), positive *downward* as in the solver (for public cosines pass -mu, -mu_from). Returns
-    (n, k, 4, 4). Raises ValueError for wrong shapes or cosines.
+    Parameters
+    ----------
+    m : int
+        Fourier order, >= 0.
+    coefficients : array_like (terms, 6)
+        Columns a1, a2, a3, a4, b1, b2, as `vrte.PhaseMatrix` has them.
+    mu : array_like (n,)
+        Cosines of the directions of scattered light, positive downward: for public cosines pass -mu.
+    mu_from : array_like (k,)
+        Those of the light that is scattered, in the same way.
 
+    Returns
+    -------
+    ndarray (n, k, 4, 4)
+        A^m, in the meridian planes.
+
+    Raises
+    ------
+    ValueError
+        For wrong shapes or cosines.
+
+    References
+    ----------
+    (1:9).
+
+    Examples
+    --------
     >>> phase_matrices(0, [[1.0, 0, 0, 0, 0, 0]], [0.3], [-0.7])[0, 0, 0, 0]  # isotropic
     np.float64(1.0)
     """

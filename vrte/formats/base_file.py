@@ -57,6 +57,8 @@ def read_base(
         For a file that holds none, a wavelength that it has not, and what is no surface.
     OSError
 
+    Examples
+    --------
     >>> import vrte
     >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
     >>> mu = np.linspace(0.02, 1.0, 12)

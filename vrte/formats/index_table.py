@@ -33,6 +33,8 @@ def read_index(path: str | os.PathLike[str]) -> IndexTable:
     OSError
         Where the file cannot be read.
 
+    Examples
+    --------
     >>> with open("pigment.csv", "w") as file:
     ...     _ = file.write("wavelength_nm,n,k\\n400,2.0,0.25\\n800,1.5,0.0\\n")
     >>> read_index("pigment.csv").at(0.4)

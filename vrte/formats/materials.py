@@ -28,8 +28,30 @@ HOW_THICK = CHANGED[:2]
 
 @dataclass(frozen=True, eq=False)
 class ReadyMaterial:
-    """A material as its file has it: what it is, in which ways it is approximated, where its numbers come from; its
-    ``particles``, tables by name, and its ``layer``, both as scene files have them."""
+    """A ready material as its file has it: what it is, how it is approximated, where its numbers come from.
+
+    Attributes
+    ----------
+    name
+        As a layer of a scene names it.
+    title
+        A heading.
+    description
+        What it is.
+    approximations
+        In which ways it is not the real thing.
+    sources
+        Where its numbers come from.
+    particles
+        Tables of particles by name, as scene files have them.
+    layer
+        The table of its layer, as scene files have it.
+
+    Examples
+    --------
+    >>> list_materials()["chalk"].title
+    'Chalk'
+    """
 
     name: str
     title: str
@@ -54,6 +76,8 @@ def list_materials() -> dict[str, ReadyMaterial]:
     dict of str to ReadyMaterial
         What each is, in which ways it is approximated, where its numbers come from, and its tables for a scene file.
 
+    Examples
+    --------
     >>> list_materials()["chalk"].particles["calcite"]["index"]
     'calcite'
     """

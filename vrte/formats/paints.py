@@ -54,8 +54,28 @@ PIGMENTS = {
 
 @dataclass(frozen=True, eq=False)
 class ReadyPaint:
-    """A paint as its file has it: what it is, in which ways it is approximated, where its numbers come from; ``paint``
-    is its table [paint]."""
+    """A ready paint as its file has it: what it is, how it is approximated, where its numbers come from.
+
+    Attributes
+    ----------
+    name
+        As `list_paints` names it.
+    title
+        A heading.
+    description
+        What it is.
+    approximations
+        In which ways it is not the real thing.
+    sources
+        Where its numbers come from.
+    paint
+        Its table [paint], as scene files have it.
+
+    Examples
+    --------
+    >>> list_paints()["white gloss"].content["paint"]["pigment"]
+    'rutile'
+    """
 
     name: str
     title: str
@@ -74,6 +94,13 @@ class ReadyPaint:
 def list_paints() -> dict[str, ReadyPaint]:
     """The ready paints by name, in alphabetical order.
 
+    Returns
+    -------
+    dict of str to ReadyPaint
+        What each is, in which ways it is approximated, where its numbers come from, and its table [paint].
+
+    Examples
+    --------
     >>> list_paints()["white gloss"].paint["pigment"]
     'rutile'
     """

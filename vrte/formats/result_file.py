@@ -25,11 +25,26 @@ FORMATS: dict[str, tuple[Writer, Reader]] = {  # another one: a file that writes
 
 
 def save(result: Result, path: str | os.PathLike[str]) -> None:
-    """Writes ``result`` to the file ``path``, all of it or nothing: NetCDF, CSV or Zarr, as the name ends in .nc, .csv
-    or .zarr.
+    """Writes a BRDF, field or spectrum to a file, all of it or nothing.
 
-    Raises SceneError for another ending, OSError, for NetCDF and Zarr MissingExtraError without the extra "files".
+    Parameters
+    ----------
+    result : Brdf, Field or Spectrum
+        What was solved.
+    path : path
+        Its name ends in .nc for NetCDF, in .csv for a table, in .zarr for a folder of Zarr.
 
+    Raises
+    ------
+    SceneError
+        For another ending.
+    OSError
+        Where the file cannot be written.
+    MissingExtraError
+        For NetCDF and Zarr without the extra "files".
+
+    Examples
+    --------
     >>> save(brdf, "result.csv")
     """
     suffix = Path(check_file_name(path)).suffix.lower()
@@ -61,6 +76,8 @@ def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) ->
     MissingExtraError
         For NetCDF and Zarr without the extra "files".
 
+    Examples
+    --------
     >>> save(brdf, "result.nc")
     >>> load("result.nc").mueller.shape
     (2, 20, 37, 4, 4)

@@ -66,6 +66,8 @@ def read_scattering(
     MissingExtraError
         Of NetCDF, without the extra "files".
 
+    Examples
+    --------
     >>> with open("dust.csv", "w") as file:
     ...     _ = file.write("# a line\\nangle_deg,F11\\n0,1.5\\n45,1.125\\n90,0.75\\n135,1.125\\n180,1.5\\n")
     >>> read_scattering("dust.csv").is_scalar

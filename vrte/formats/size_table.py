@@ -34,6 +34,8 @@ def read_sizes(path: str | os.PathLike[str]) -> Tabulated:
     OSError
         Where the file cannot be read.
 
+    Examples
+    --------
     >>> with open("sizes.csv", "w") as file:
     ...     _ = file.write("diameter_um,density\\n0.2,0\\n0.3,5\\n0.6,0\\n")
     >>> read_sizes("sizes.csv")

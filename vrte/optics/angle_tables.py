@@ -36,10 +36,27 @@ EXTRAPOLATE, FORWARD, BACKWARD = "extrapolate", "short", "beyond"
 
 @dataclass(frozen=True, eq=False)
 class ScatteringTable:
-    """A scattering matrix at angles [degrees]: each element (angles,), the mean of F11 over the sphere is 1.
+    """A scattering matrix over the scattering angle, in vrte's signs, the mean of F11 over the sphere being 1.
 
-    In vrte's signs: docs/reference/conventions.md.
+    Attributes
+    ----------
+    angle_deg
+        Scattering angles [degrees], (angles,).
+    F11
+        The phase function, (angles,).
+    F12
+        The element F12 = F21, (angles,).
+    F22
+        The element F22, (angles,).
+    F33
+        The element F33, (angles,).
+    F34
+        The element F34 = -F43, (angles,).
+    F44
+        The element F44, (angles,).
 
+    Examples
+    --------
     >>> from vrte.optics.phase_matrix import rayleigh
     >>> rayleigh().to_angles([0.0, 90.0]).F11.tolist()
     [1.5, 0.75]
@@ -55,30 +72,40 @@ class ScatteringTable:
 
     @property
     def elements(self) -> Array:
-        """(6, angles) in the order of ELEMENTS."""
+        """All six in one array (6, angles): F11, F12, F22, F33, F34, F44."""
         return np.stack([getattr(self, name) for name in ELEMENTS])
 
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
-    """How a phase matrix came from a table over angle.
+    """How a phase matrix came from a table over angle, and how far it is off.
 
-    Parameters
+    Attributes
     ----------
-    table : ScatteringTable
-        As it was given, normalised, in vrte's signs.
-    convention : str
-        The name of the table's own.
-    integral : float
+    table
+        The table as it was given, normalised, in vrte's signs.
+    convention
+        The name of the table's own convention.
+    integral
         The mean of its F11 over the sphere, over what the convention says it is (over 1 where that says nothing).
-    way : str
+    way
         How it was integrated, and what was assumed beyond its ends.
-    error : array (angles,)
-        The largest |difference| of an element over F11, at each angle of the table; over 1e-3 where F11 is less.
-    lowest_eigenvalue, lowest_angle_deg : float
-        The table's lowest coherency eigenvalue, over F11, and where; particles have none below 0.
-    albedo : float or None
-        Of single scattering, where the table's file says it.
+    error
+        The largest |difference| of an element over F11, at each angle of the table, (angles,); over 1e-3 where F11 is
+        less.
+    lowest_eigenvalue
+        The table's lowest coherency eigenvalue, over F11; particles have none below 0.
+    lowest_angle_deg
+        Where that is [degrees].
+    albedo
+        Of single scattering, where the table's file says it; else None.
+
+    Examples
+    --------
+    >>> from vrte.optics.phase_matrix import PhaseMatrix
+    >>> angle = np.arange(0.0, 181.0, 5.0)
+    >>> PhaseMatrix.from_angles(angle, 0.75 * (1.0 + np.cos(np.radians(angle)) ** 2)).expansion.largest_error < 1e-12
+    True
     """
 
     table: ScatteringTable
@@ -92,12 +119,12 @@ class Expansion:
 
     @property
     def largest_error(self) -> float:
-        """Over all angles."""
+        """The largest ``error`` over all angles."""
         return float(self.error.max())
 
     @property
     def largest_error_angle_deg(self) -> float:
-        """Where it is."""
+        """The scattering angle [degrees] of the largest ``error``."""
         return float(self.table.angle_deg[np.argmax(self.error)])
 
 

@@ -130,8 +130,12 @@ def coated_spheres(
         Naming the argument: for none or two of the three that say how thick the shell is, a shell that is thicker than
         the smallest sphere, both or neither of radius_um and size, and all that `spheres` refuses.
 
-    Source: Bohren and Huffman (1983), section 8.1.
+    References
+    ----------
+    Bohren and Huffman (1983), section 8.1.
 
+    Examples
+    --------
     >>> hollow = coated_spheres(1.0, 1.59, core_ratio=0.8, radius_um=0.25, wavelength_um=0.55, host_index=1.33)
     >>> f"{hollow.scattering_um2 / hollow.volume_um3:.3f} 1/um"
     '0.715 1/um'

@@ -70,6 +70,8 @@ def recognise_convention(
     SceneError
         Where none fits: it names the nearest, how far that is off and where.
 
+    Examples
+    --------
     >>> recognise_convention([30, 60, 120], [4.997, 0.4996, 0.1506], [-0.174, 0.1855, 0.0153], F34=[0.5, 0.199, 0.0606])
     ('vrte',)
     """

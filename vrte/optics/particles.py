@@ -23,8 +23,11 @@ class Particles:
     Parameters
     ----------
     phase_matrix : PhaseMatrix
-    albedo, asymmetry : float
-        Of single scattering; g.
+        How they scatter, the mean over the particles weighted by what each scatters.
+    albedo : float
+        Of single scattering, 0 to 1.
+    asymmetry : float
+        g, the mean cosine of the scattering angle, -1 to 1.
     extinction_um2, scattering_um2, volume_um3 : float
         Mean cross sections [um2] and volume [um3] of one particle.
     description : str
@@ -43,6 +46,8 @@ class Particles:
     SceneError
         Naming the field.
 
+    Examples
+    --------
     >>> from vrte.optics.phase_matrix import rayleigh
     >>> Particles(rayleigh(), 0.5, 0.0, extinction_um2=0.4, scattering_um2=0.2, volume_um3=0.1).albedo
     0.5
@@ -109,6 +114,8 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
     SceneError
         For an empty list, something else than pairs, or fractions that are negative or all zero.
 
+    Examples
+    --------
     >>> from vrte.optics.spheres import spheres
     >>> small, large = (spheres(1.5, radius_um=r, wavelength_um=0.5) for r in (0.1, 0.3))
     >>> mixture([(small, 0.5), (large, 0.5)]).volume_um3 == (small.volume_um3 + large.volume_um3) / 2

@@ -74,8 +74,12 @@ class PhaseMatrix:
         For a shape, a value that is not finite, or a matrix that no particles can have: a coherency eigenvalue below
         -1e-4 F11 and below -tolerance at one of 721 angles.
 
-    Source: (1:9); Siewert, Astron. Astrophys. 109, 195 (1982).
+    References
+    ----------
+    (1:9); Siewert, Astron. Astrophys. 109, 195 (1982).
 
+    Examples
+    --------
     >>> PhaseMatrix([1.0, 0.75]).asymmetry
     0.25
     """
@@ -165,9 +169,13 @@ class PhaseMatrix:
             Naming the argument and the angle. An AccuracyWarning tells steps that may miss a peak, or an accuracy that
             4096 terms do not reach.
 
-        Source: de Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984), section 3; coherency test: Hovenier and
+        References
+        ----------
+        De Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984), section 3; coherency test: Hovenier and
         van der Mee, JQSRT 55, 649 (1996).
 
+        Examples
+        --------
         >>> angle = np.arange(0.0, 181.0, 5.0)
         >>> PhaseMatrix.from_angles(angle, 0.75 * (1.0 + np.cos(np.radians(angle)) ** 2)).a1.round(12).tolist()
         [1.0, 0.0, 0.5]
@@ -186,10 +194,25 @@ class PhaseMatrix:
         )
 
     def to_angles(self, angle_deg: Any = None) -> "ScatteringTable":
-        """The six elements at scattering angles [degrees], by default in so many even steps that the way back is exact.
+        """The six elements of the scattering matrix over the scattering angle.
 
-        Returns a ScatteringTable with angle_deg, F11, F12, F22, F33, F34 and F44, each (angles,). Raises SceneError.
+        Parameters
+        ----------
+        angle_deg : array_like (angles,), optional
+            Scattering angles [degrees]; default: so many even steps that the way back is exact.
 
+        Returns
+        -------
+        ScatteringTable
+            angle_deg, F11, F12, F22, F33, F34 and F44, each (angles,).
+
+        Raises
+        ------
+        SceneError
+            For an angle that is not finite.
+
+        Examples
+        --------
         >>> rayleigh().to_angles([0.0, 90.0]).F12.round(12).tolist()
         [0.0, -0.75]
         """
@@ -199,17 +222,17 @@ class PhaseMatrix:
 
     @property
     def terms(self) -> int:
-        """Number of degrees, l = 0 .. terms - 1."""
+        """The number of degrees of the expansion, l = 0 .. terms - 1."""
         return int(self.a1.size)
 
     @cached_property
     def coefficients(self) -> Array:
-        """(terms, 6): columns a1, a2, a3, a4, b1, b2; read-only."""
+        """The expansion coefficients (terms, 6): columns a1, a2, a3, a4, b1, b2; read-only."""
         return settle_array(np.stack([self.a1, self.a2, self.a3, self.a4, self.b1, self.b2], axis=1))
 
     @property
     def asymmetry(self) -> float:
-        """g, the mean cosine of the scattering angle."""
+        """The asymmetry g, the mean cosine of the scattering angle."""
         return float(self.a1[1] / 3.0) if self.terms > 1 else 0.0
 
     @cached_property
@@ -218,10 +241,25 @@ class PhaseMatrix:
         return not self.coefficients[:, 1:].any()
 
     def scattering_matrix(self, angle_deg: Any) -> Array:
-        """F at the scattering angles (degrees, any shape): (..., 4, 4), the mean of F11 over the sphere is 1.
+        """The scattering matrix F, referred to the scattering plane.
 
-        Referred to the scattering plane. Raises SceneError for an angle that is not finite.
+        Parameters
+        ----------
+        angle_deg : array_like
+            Scattering angles [degrees], any shape.
 
+        Returns
+        -------
+        ndarray (..., 4, 4)
+            The mean of F11 over the sphere is 1.
+
+        Raises
+        ------
+        SceneError
+            For an angle that is not finite.
+
+        Examples
+        --------
         >>> rayleigh().scattering_matrix(0.0).diagonal().tolist()
         [1.5, 1.5, 1.5, 1.5]
         """
@@ -244,6 +282,8 @@ class PhaseMatrix:
     def in_words(self) -> str:
         """Its asymmetry, terms and kind.
 
+        Examples
+        --------
         >>> rayleigh().in_words
         'g 0, 3 terms, polarizing'
         """
@@ -254,11 +294,45 @@ class PhaseMatrix:
         return view(self, "_repr_html_")
 
     def plot(self) -> "Figure":
-        """F11 and the other elements over it against the scattering angle. MissingExtraError without "plot"."""
+        """A figure of F11, and the other elements over it, against the scattering angle.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            With the table that it came from, where it came from one.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the extra "plot".
+
+        Examples
+        --------
+        >>> len(rayleigh().plot().axes) > 0
+        True
+        """
         return view(self, "plot")
 
     def compute_elements(self, cosine: Array, gap: Array | None = None) -> Array:
-        """a1, a2, a3, a4, b1, b2 as functions of the scattering angle's cosine (n,), ascending: (6, n)."""
+        """The six elements as functions of the scattering angle's cosine, for many angles.
+
+        Parameters
+        ----------
+        cosine : ndarray (n,)
+            Ascending, from -1 to 1.
+        gap : ndarray (n,), optional
+            1 - cosine, where that has more digits than the cosine.
+
+        Returns
+        -------
+        ndarray (6, n)
+            a1, a2, a3, a4, b1, b2: F11, F22, F33, F44, F12, F34.
+
+        Examples
+        --------
+        >>> rayleigh().compute_elements(np.array([-1.0, 0.0, 1.0]))[0].round(12).tolist()
+        [1.5, 0.75, 1.5]
+        """
         pieces = np.array_split(np.arange(cosine.size), 1 + cosine.size // ANGLES_AT_ONCE)
         return np.concatenate(
             [self._elements_at_once(cosine[here], None if gap is None else gap[here]) for here in pieces], axis=1
@@ -333,6 +407,8 @@ def isotropic() -> PhaseMatrix:
     PhaseMatrix
         Of one term.
 
+    Examples
+    --------
     >>> isotropic().terms
     1
     """
@@ -357,8 +433,12 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
     SceneError
         For another depolarization.
 
-    Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), there with Delta = (1 - rho)/(1 + rho/2).
+    References
+    ----------
+    Hansen and Travis, Space Sci. Rev. 16, 527 (1974), there with Delta = (1 - rho)/(1 + rho/2).
 
+    Examples
+    --------
     >>> rayleigh().a1.tolist()
     [1.0, 0.0, 0.5]
     """
@@ -394,8 +474,12 @@ def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
         For another g, for no terms or more than 100000, or where the cut leaves a phase function that is negative
         somewhere: it then takes more terms.
 
-    Source: Henyey and Greenstein, Astrophys. J. 93, 70 (1941).
+    References
+    ----------
+    Henyey and Greenstein, Astrophys. J. 93, 70 (1941).
 
+    Examples
+    --------
     >>> henyey_greenstein(0.5, 40).asymmetry, henyey_greenstein(0.5).terms
     (0.5, 50)
     """
@@ -447,8 +531,12 @@ def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
     SceneError
         For an empty list, something else than pairs, a negative weight or no weight at all.
 
-    Source: (1:9); Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
+    References
+    ----------
+    (1:9); Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
 
+    Examples
+    --------
     >>> mix([(isotropic(), 1.0), (rayleigh(), 1.0)]).a1.tolist()
     [1.0, 0.0, 0.25]
     """

@@ -110,8 +110,19 @@ LONGEST_NAME = 200  # characters of which similar names are looked for
 
 @dataclass(frozen=True)
 class RefractiveIndex:
-    """n + i k, k >= 0 absorbing, and in words where it comes from.
+    """A refractive index n + i k, and in words where it comes from.
 
+    Parameters
+    ----------
+    n : float
+        Refractive index.
+    k : float
+        Absorption index, >= 0.
+    source : str
+        Where both come from.
+
+    Examples
+    --------
     >>> RefractiveIndex(1.5, 0.01, "given").value
     (1.5+0.01j)
     """
@@ -122,7 +133,7 @@ class RefractiveIndex:
 
     @property
     def value(self) -> complex:
-        """n + i k."""
+        """The complex index n + i k."""
         return complex(self.n, self.k)
 
 
@@ -144,6 +155,8 @@ class IndexTable:
     SceneError
         Naming the row.
 
+    Examples
+    --------
     >>> IndexTable((0.4, 0.7), (2.0, 1.5), (0.25, 0.0)).at(0.4)
     (2+0.25j)
     """
@@ -171,7 +184,28 @@ class IndexTable:
             raise SceneError(f"index: the wavelengths must ascend ({self.source})", "index")
 
     def at(self, wavelength_um: float) -> complex:
-        """n + i k at a wavelength [um] within the table. Raises SceneError with its range."""
+        """The refractive index n + i k at a wavelength.
+
+        Parameters
+        ----------
+        wavelength_um : float
+            In vacuum [um], within the table.
+
+        Returns
+        -------
+        complex
+            Linear between the rows.
+
+        Raises
+        ------
+        SceneError
+            Outside of the table, with its range.
+
+        Examples
+        --------
+        >>> IndexTable((0.4, 0.7), (2.0, 1.4), (0.3, 0.0)).at(0.55).real.__round__(12)
+        1.7
+        """
         check_range(self.source, wavelength_um, self.wavelengths_um[0], self.wavelengths_um[-1])
         n, k = (float(np.interp(wavelength_um, self.wavelengths_um, values)) for values in (self.n, self.k))
         return complex(n, k)
@@ -203,6 +237,8 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
         For an unknown name (with similar ones), a wavelength outside the entry's table (with its range: nothing is
         extrapolated), n <= 0 and k < 0.
 
+    Examples
+    --------
     >>> refractive_index("gold", 0.64).source
     'main/Au/Johnson in refractiveindex.info v2026-05-24'
     >>> refractive_index((1.5, 0.01), 0.64).value

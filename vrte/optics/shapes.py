@@ -66,9 +66,13 @@ def spheroids(
     LongSolveWarning
         Where it will take more than 20 s: time grows with the sixth power of the size.
 
-    Source: Mishchenko, Travis and Lacis, "Scattering, absorption, and emission of light by small particles" (2002),
+    References
+    ----------
+    Mishchenko, Travis and Lacis, "Scattering, absorption, and emission of light by small particles" (2002),
     chapter 5; Mishchenko, J. Opt. Soc. Am. A 8, 871 (1991).
 
+    Examples
+    --------
     >>> dust = spheroids(1.5, aspect_ratio=2.0, radius_um=0.1, wavelength_um=0.5)
     >>> dust.albedo, dust.phase_matrix.a2[2] > dust.phase_matrix.a3[2]
     (1.0, np.True_)
@@ -137,8 +141,12 @@ def cylinders(
     LongSolveWarning
         Where it will take more than 20 s: time grows with the sixth power of the size.
 
-    Source: as of `spheroids`.
+    References
+    ----------
+    As of `spheroids`.
 
+    Examples
+    --------
     >>> crystals = cylinders(1.31, aspect_ratio=1.0, radius_um=0.1, wavelength_um=0.5)
     >>> f"{crystals.volume_um3:.6f}"  # that of the sphere
     '0.004189'

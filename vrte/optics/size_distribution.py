@@ -38,6 +38,8 @@ class Monodisperse:
     radius_um : float
         [um], above 0; SceneError for another.
 
+    Examples
+    --------
     >>> Monodisperse(0.6).quadrature()
     (array([0.6]), array([1.]))
     """
@@ -48,7 +50,25 @@ class Monodisperse:
         object.__setattr__(self, "radius_um", check_length("radius_um", self.radius_um))
 
     def quadrature(self, count: int = 1, moment: int = 6) -> tuple[Array, Array]:
-        """The one radius, with the weight 1."""
+        """The one radius, with the weight 1.
+
+        Parameters
+        ----------
+        count, moment : int, optional
+            Not needed here: every size distribution takes them.
+
+        Returns
+        -------
+        radii : ndarray (1,)
+            The radius [um].
+        weights : ndarray (1,)
+            Its number share, 1.
+
+        Examples
+        --------
+        >>> Monodisperse(0.6).quadrature()
+        (array([0.6]), array([1.]))
+        """
         return np.array([self.radius_um]), np.ones(1)
 
 
@@ -63,8 +83,12 @@ class Lognormal:
     sigma : float
         Geometric standard deviation, above 1; SceneError for another.
 
-    Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974), whose sigma_g is ln(sigma).
+    References
+    ----------
+    Hansen and Travis, Space Sci. Rev. 16, 527 (1974), whose sigma_g is ln(sigma).
 
+    Examples
+    --------
     >>> radii, weights = Lognormal(median_um=0.2, sigma=1.4).quadrature(100)
     >>> f"{weights @ radii**2:.6f}"  # median^2 exp(2 ln(sigma)^2)
     '0.050164'
@@ -79,7 +103,28 @@ class Lognormal:
         object.__setattr__(self, "sigma", check_number("lognormal: sigma", self.sigma, 1.0 + 1e-9, 10.0, allowed))
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """Equal steps in the logarithm of the radius: exponentially accurate for a smooth f."""
+        """Radii and weights in equal steps of the logarithm of the radius, exponentially accurate.
+
+        Parameters
+        ----------
+        count : int
+            How many radii.
+        moment : int, optional
+            The highest power of the radius whose mean they still reach.
+
+        Returns
+        -------
+        radii : ndarray (n,)
+            Radii [um].
+        weights : ndarray (n,)
+            Their number shares.
+
+        Examples
+        --------
+        >>> radii, weights = Lognormal(median_um=0.2, sigma=1.4).quadrature(100)
+        >>> round(weights.sum().item(), 6)
+        1.0
+        """
         width = math.log(self.sigma)
         steps = np.linspace(2.0 * width - DEVIATIONS, moment * width + DEVIATIONS, max(2, count))
         density = np.exp(-0.5 * steps**2) / math.sqrt(2.0 * math.pi)
@@ -97,8 +142,12 @@ class Gamma:
     v_eff : float
         b, the effective variance, between 0 and 0.5; SceneError for another.
 
-    Source: Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
+    References
+    ----------
+    Hansen and Travis, Space Sci. Rev. 16, 527 (1974).
 
+    Examples
+    --------
     >>> radii, weights = Gamma(r_eff_um=0.2, v_eff=0.07).quadrature(100)
     >>> f"{(weights @ radii**3) / (weights @ radii**2):.6f}"
     '0.200000'
@@ -113,7 +162,28 @@ class Gamma:
         object.__setattr__(self, "v_eff", check_number("gamma: v_eff", self.v_eff, 1e-6, 0.5 - 1e-6, allowed))
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """Equal steps in the logarithm of the radius: exponentially accurate for a smooth f."""
+        """Radii and weights in equal steps of the logarithm of the radius, exponentially accurate.
+
+        Parameters
+        ----------
+        count : int
+            How many radii.
+        moment : int, optional
+            The highest power of the radius whose mean they still reach.
+
+        Returns
+        -------
+        radii : ndarray (n,)
+            Radii [um].
+        weights : ndarray (n,)
+            Their number shares.
+
+        Examples
+        --------
+        >>> radii, weights = Gamma(r_eff_um=0.2, v_eff=0.07).quadrature(100)
+        >>> round(weights.sum().item(), 4)
+        1.0
+        """
         from scipy.special import gammainccinv, gammaincinv, gammaln
 
         shape, scale = (1.0 - 2.0 * self.v_eff) / self.v_eff, self.r_eff_um * self.v_eff
@@ -141,6 +211,8 @@ class Tabulated:
     SceneError
         Naming the argument, for anything else.
 
+    Examples
+    --------
     >>> radii, weights = Tabulated(radius_um=[0.1, 0.3], density=[1.0, 1.0]).quadrature(65)
     >>> f"{weights @ radii:.6f}"
     '0.200000'
@@ -169,7 +241,27 @@ class Tabulated:
         object.__setattr__(self, "density", density)
 
     def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
-        """The trapezoidal rule: each stretch of the table in 2^k equal parts, about ``count`` radii in all."""
+        """Radii and weights of the trapezoidal rule, each stretch of the table in 2^k equal parts.
+
+        Parameters
+        ----------
+        count : int
+            About how many radii in all.
+        moment : int, optional
+            Not needed here: the table has ends.
+
+        Returns
+        -------
+        radii : ndarray (n,)
+            Radii [um].
+        weights : ndarray (n,)
+            Their number shares, whose sum is 1.
+
+        Examples
+        --------
+        >>> Tabulated(radius_um=[0.1, 0.3], density=[1.0, 1.0]).quadrature(3)[1].round(9).tolist()
+        [0.25, 0.5, 0.25]
+        """
         knots = np.asarray(self.radius_um)
         parts = 2 ** math.ceil(math.log2(max(1.0, (count - 1) / (knots.size - 1))))
         inside = np.arange(parts) / parts

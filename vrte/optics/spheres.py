@@ -107,8 +107,12 @@ def spheres(
         For both or neither of radius_um and size, for an index that is not allowed or equals the host's (nothing would
         be scattered), and for size parameters above 1e4.
 
-    Source: Bohren and Huffman (1983), chapter 4; de Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984).
+    References
+    ----------
+    Bohren and Huffman (1983), chapter 4; de Rooij and van der Stap, Astron. Astrophys. 131, 237 (1984).
 
+    Examples
+    --------
     >>> glass = spheres(1.5, radius_um=0.5, wavelength_um=0.5)
     >>> glass.albedo, glass.phase_matrix.a1[0]
     (1.0, np.float64(1.0))

@@ -14,20 +14,51 @@ from vrte.scene.tabulated_base import TabulatedBase
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Brdf(Result):
-    """Mueller matrices of the light that comes back out: radiance out = mueller @ irradiance in.
+    """Mueller BRDF, BTDF and reflectances of a scene, as `vrte.brdf` finds them.
 
-    ``mueller`` (mu_i, mu_o, phi, 4, 4) [sr-1] is the subsurface BRDF in the meridian planes; ``reflectance`` (mu_i,) is
-    directional-hemispherical, for unpolarized light. ``transmission`` (same shape as mueller, or None) is the like for
-    diffuse light out of the face that is not lit (going down at the bottom, base included), ``direct_transmittance``
-    (mu_i,) or None the beam's share that gets through unscattered. The lit face is the top, or as
-    ``diagnostics["illuminate"]`` says. ``mu_i``, ``mu_o`` are positive cosines; ``phi`` [deg] is outgoing minus
-    incident, both along the direction of travel: 0 is forward, 180 turns back. All arrays are read-only. Raises
-    SceneError where the shapes do not fit together.
+    Radiance out is ``mueller`` @ irradiance in. The lit face is the top, or as ``diagnostics["illuminate"]`` says.
+    Cosines are those outside the scene. All arrays are read-only; what smooth interfaces mirror or let through as a
+    beam is in ``specular`` and ``specular_transmission``, and not in ``mueller``, ``transmission`` or ``reflectance``.
 
-    Where light meets interfaces: ``specular`` (mu_i, 4, 4) or None is the share of a beam's power that comes back as a
-    beam, mirrored, and ``specular_transmission`` (mu_i, 4, 4) or None the share that leaves the other face as one;
-    neither is in ``mueller``, ``transmission`` or ``reflectance``. ``surface`` (shape of mueller) or None is the part
-    of ``mueller`` that rough interfaces send back without any particle. mu_i and mu_o are cosines outside.
+    Attributes
+    ----------
+    mueller
+        The BRDF [1/sr] of diffuse light, (n_in, n_out, n_phi, 4, 4), in the meridian planes of both directions.
+    reflectance
+        Directional-hemispherical reflectance of diffuse light, (n_in,), under unpolarized light: flux out over flux in.
+    mu_i
+        Cosines of incidence, (n_in,), above 0 up to 1.
+    mu_o
+        Cosines of exit, (n_out,), above 0 up to 1.
+    phi
+        Azimuths [degrees], (n_phi,), outgoing minus incident, both along the direction of travel: 0 is forward, 180
+        turns back.
+    diagnostics
+        How it was found: method, algorithm, nodes, accuracy, residuals and timings, by name.
+    transmission
+        The BTDF [1/sr] of diffuse light out of the face that is not lit, base included, of the shape of ``mueller``;
+        None where it was not asked for.
+    direct_transmittance
+        The share of the beam that gets through unscattered, (n_in,), or None.
+    specular
+        Mueller matrices of the share of a beam's power that is mirrored and stays a beam, (n_in, 4, 4); None where none
+        is.
+    specular_transmission
+        The same of what leaves the other face as a beam, (n_in, 4, 4), or None.
+    surface
+        The part of ``mueller`` [1/sr] that rough interfaces send back before any particle is met; None without them.
+
+    Raises
+    ------
+    SceneError
+        Where the shapes do not fit together.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)], vrte.Lambertian(1.0))
+    >>> vrte.brdf(haze, mu_i=[0.3, 0.9], mu_o=[0.2, 0.5, 0.8], nodes=4).reflectance.round(9).tolist()
+    [1.0, 1.0]
     """
 
     mueller: Array
@@ -57,20 +88,46 @@ class Brdf(Result):
 
     @property
     def specular_reflectance(self) -> Array | None:
-        """The share (mu_i,) of unpolarized light that comes back as a beam; None where no beam does."""
+        """The share (n_in,) of unpolarized light that is mirrored as a beam; None where no beam is."""
         return None if self.specular is None else self.specular[:, 0, 0]
 
     @property
     def total_reflectance(self) -> Array:
-        """The share (mu_i,) of unpolarized light that comes back, as a beam and diffuse."""
+        """The share (n_in,) of unpolarized light that comes back, as a beam and diffuse."""
         return self.reflectance if self.specular is None else self.reflectance + self.specular[:, 0, 0]
 
     def as_base(self, average_mirrored: bool = False) -> TabulatedBase:
         """What was solved, as the base of another stack: `vrte.Scene` asks for it where a Brdf is its base.
 
         It lies in the medium that the light came from. The grid of directions counts: `vrte.solve_base` chooses one.
-        ``average_mirrored``, errors and warnings as for `vrte.TabulatedBase`; a SceneError where the light came from
-        the bottom.
+
+        Parameters
+        ----------
+        average_mirrored : bool, optional
+            As for `vrte.TabulatedBase`.
+
+        Returns
+        -------
+        TabulatedBase
+            Of this BRDF, and of what it mirrors.
+
+        Raises
+        ------
+        SceneError
+            Where the light came from the bottom, and as `vrte.TabulatedBase` does.
+
+        Warns
+        -----
+        CoarseTableWarning
+            As `vrte.TabulatedBase` does.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> mu = [0.02, 0.3, 0.6, 1.0]
+        >>> ground = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.3))
+        >>> vrte.brdf(ground, mu, mu, [0, 90, 180], nodes=4).as_base()
+        TabulatedBase(4 mu_i, 4 mu_o, 1 Fourier order)
         """
         if self.diagnostics.get("illuminate", "top") != "top":
             raise SceneError("base: a BRDF that is lit from the bottom is no base; solve the stack upside down")
@@ -78,16 +135,40 @@ class Brdf(Result):
         return TabulatedBase(self.mu_i, self.mu_o, self.phi, self.mueller, self.specular, index, average_mirrored)
 
     def under(self, light: Any, weights: Any = None, transmitted: bool = False, mirrored: bool = False) -> Array:
-        """Stokes radiance (mu_o, phi, 4) that comes out under any incident light, (2:2).
+        """Stokes radiance that comes out under any incident light: a sky, a lamp, a cloud.
 
-        Parameters: ``light``, Stokes radiance on the face that is lit, a function of broadcastable (mu_i, phi_deg) or
-        an array that broadcasts to (mu_i, phi, 4), azimuths along the direction of travel; ``weights`` (mu_i,) of a
-        quadrature over mu_i from 0 to 1, those of `vrte.hemisphere` where left out; ``transmitted`` for what leaves the
-        other face (scattered light only: unscattered light goes on as a beam); ``mirrored`` adds what ``specular``
-        sends back, which is left out otherwise: each mu_o must then be one of mu_i. The BRDF needs ``phi`` all around
-        in equal steps from 0, more of them than Fourier orders of BRDF and light together; the sum over mu_i is as good
-        as the weights. Raises SceneError for bad input.
+        The sum over mu_i is as good as the weights; the BRDF needs ``phi`` all around in equal steps from 0, more of
+        them than Fourier orders of BRDF and light together.
 
+        Parameters
+        ----------
+        light : callable or array_like
+            Stokes radiance on the lit face: a function of broadcastable (mu_i, phi_deg) that returns (..., 4), or an
+            array that broadcasts to (n_in, n_phi, 4), azimuths along the direction of travel.
+        weights : array_like (n_in,), optional
+            Of a quadrature over mu_i from 0 to 1; default: those of `vrte.hemisphere`.
+        transmitted : bool, optional
+            What leaves the other face in place of what comes back: scattered light only, unscattered light goes on as a
+            beam.
+        mirrored : bool, optional
+            Adds what ``specular`` sends back, which is left out otherwise: each mu_o must then be one of mu_i.
+
+        Returns
+        -------
+        ndarray (n_out, n_phi, 4)
+            Stokes vectors, in the unit of ``light``.
+
+        Raises
+        ------
+        SceneError
+            Where there is no transmission to take, or light, weights or directions do not fit together.
+
+        References
+        ----------
+        (2:2).
+
+        Examples
+        --------
         >>> import vrte
         >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
         >>> f = vrte.brdf(white, vrte.hemisphere(4)[0], mu_o=0.5, phi=[0, 90, 180, 270], nodes=4)
@@ -108,11 +189,58 @@ class Brdf(Result):
         return found + np.einsum("oij,opj->opi", self.specular[same], falls_in[same])
 
     def diffuse_reflectance(self, weights: Any = None) -> Array:
-        """The radiance factor (mu_o,) under an evenly white, unpolarized sky: radiance out over that of a white
-        Lambertian surface, without what is mirrored. Parameters and errors as for `under`."""
+        """The radiance factor under an evenly white, unpolarized sky, without what is mirrored.
+
+        Parameters
+        ----------
+        weights : array_like (n_in,), optional
+            As for `under`.
+
+        Returns
+        -------
+        ndarray (n_out,)
+            Radiance out, mean over ``phi``, over that of a white Lambertian surface.
+
+        Raises
+        ------
+        SceneError
+            As `under` does.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> grey = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
+        >>> f = vrte.brdf(grey, vrte.hemisphere(4)[0], [0.2, 0.9], [0, 120, 240], nodes=4)
+        >>> f.diffuse_reflectance().round(9).tolist()
+        [0.25, 0.25]
+        """
         return self.under([1.0, 0.0, 0.0, 0.0], weights)[..., 0].mean(axis=1)
 
     def bihemispherical_reflectance(self, weights: Any = None) -> float:
-        """Flux out over flux in under such a sky, mirrored light included, from ``total_reflectance``; any ``phi`` will
-        do. ``weights`` as for `under`."""
+        """Flux out over flux in under an evenly white, unpolarized sky, mirrored light included.
+
+        It is the mean of ``total_reflectance``: any ``phi`` will do.
+
+        Parameters
+        ----------
+        weights : array_like (n_in,), optional
+            As for `under`.
+
+        Returns
+        -------
+        float
+            From 0 to 1.
+
+        Raises
+        ------
+        SceneError
+            For weights that do not fit ``mu_i``, or nodes that are not those of `vrte.hemisphere` where there are none.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> grey = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(0.25))
+        >>> round(vrte.brdf(grey, vrte.hemisphere(4)[0], 0.5, nodes=4).bihemispherical_reflectance(), 12)
+        0.25
+        """
         return float(2.0 * (choose_weights(self.mu_i, weights) * self.mu_i) @ self.total_reflectance)

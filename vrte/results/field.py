@@ -12,19 +12,53 @@ from vrte.results.result import Result
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Field(Result):
-    """Stokes vectors of the diffuse subsurface light, with fluxes, at each depth and direction, of one beam or several.
+    """Stokes vectors of the diffuse light inside a scene or leaving it, with fluxes, as `vrte.radiance` finds them.
 
-    ``stokes`` (tau, mu, phi, 4) holds I, Q, U, V [W m-2 sr-1 for an incident beam in W m-2] without the direct beam.
-    ``flux_up``, ``flux_down`` (tau,) are its fluxes through a horizontal plane [W m-2]; ``direct`` (tau,) is the
-    beam's, mu0 * incident_stokes[0] * exp(-tau/mu0), upward and with the thickness left above the bottom in place of
-    tau where ``diagnostics["illuminate"]`` is "bottom". ``tau`` grows downward from the top; ``mu`` > 0 is light going
-    up, ``mu`` < 0 down; ``phi`` [deg] is relative to the beam, both along the direction of travel. ``mu0`` > 0 and
-    ``incident_stokes`` (4,) describe the beam; ``diagnostics`` says how the field was made. Where ``mu0`` is an array
-    (n_in,), beams of the same Stokes vector, ``stokes`` and the fluxes have its axis in front, and `beam` is the field
-    of one of them. Where light is refracted, ``index`` (tau,) is the refractive index of the medium that each depth
-    lies in, whose cosines ``mu`` are there, ``direct`` the flux of all that goes down as a beam, and ``direct_up``
-    (tau,) of what goes up as one; both are None elsewhere. All arrays are read-only. Raises SceneError where the shapes
-    do not fit together.
+    Of several beams of the same Stokes vector, where ``mu0`` is an array (n_in,), ``stokes`` and the fluxes have an
+    axis (n_in,) in front; `beam` is the field of one of them. Where light is refracted, cosines ``mu`` are those in the
+    medium that the depth lies in. All arrays are read-only.
+
+    Attributes
+    ----------
+    stokes
+        I, Q, U, V, (n_tau, n_mu, n_phi, 4), without the direct beam [W m-2 sr-1 for an incident beam in W m-2].
+    flux_up
+        Flux of the diffuse light up through a horizontal plane, (n_tau,) [W m-2].
+    flux_down
+        The same down, (n_tau,) [W m-2].
+    direct
+        Flux of the beam, (n_tau,) [W m-2]: mu0 incident_stokes[0] exp(-tau/mu0), or where light is refracted that of
+        all beams that go down. Lit from the bottom it goes up, with the thickness left above the bottom in place of
+        tau.
+    tau
+        Optical depths, (n_tau,), which grow downward from the top.
+    mu
+        Signed cosines, (n_mu,): above 0 light that goes up, below 0 light that goes down.
+    phi
+        Azimuths from the beam's [degrees], (n_phi,), both along the direction of travel.
+    mu0
+        The beam's positive cosine, or those of several, (n_in,).
+    incident_stokes
+        The beam's flux vector I, Q, U, V, (4,), perpendicular to it [W m-2].
+    diagnostics
+        How it was found, by name.
+    direct_up
+        Flux of all beams that go up, (n_tau,) [W m-2], where light is refracted; else None.
+    index
+        Refractive index of the medium of each depth, (n_tau,), where light is refracted; else None.
+
+    Raises
+    ------
+    SceneError
+        Where the shapes do not fit together.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)], vrte.Lambertian(1.0))
+    >>> field = vrte.radiance(haze, mu0=0.6, mu=[], tau=[0.0, 0.5], nodes=8)
+    >>> bool(abs(field.flux_up - field.flux_down - field.direct).max() < 1e-9)  # nothing is absorbed
+    True
     """
 
     stokes: Array
@@ -62,7 +96,30 @@ class Field(Result):
         )
 
     def beam(self, place: int) -> "Field":
-        """The field of one beam of several, or SceneError where there is no such place among ``mu0``."""
+        """The field of one beam of several.
+
+        Parameters
+        ----------
+        place : int
+            Which of ``mu0``, from 0 on.
+
+        Returns
+        -------
+        Field
+            Without the axis of beams.
+
+        Raises
+        ------
+        SceneError
+            Where there is no such place among ``mu0``.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
+        >>> vrte.radiance(haze, mu0=[0.3, 0.6], mu=0.5, nodes=4).beam(1).stokes.shape
+        (1, 1, 1, 4)
+        """
         if isinstance(self.mu0, float):
             raise SceneError("this is the field of one beam: there are no others to choose from")
         if not -self.mu0.size <= place < self.mu0.size:

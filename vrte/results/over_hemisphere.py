@@ -18,14 +18,37 @@ HOLE = 25.0  # [degrees] from the normal, where the first mu_o is no nearer to i
 
 
 def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, incident: Any = (1, 0, 0, 0)) -> Array:
-    """Stokes vectors (theta, phi, 4) [sr-1] of the light that leaves at ``theta``, ``phi`` [degrees].
+    """Stokes vectors of the light that leaves in any direction of the hemisphere.
 
-    Light of the Stokes vector ``incident`` (4,) falls in at ``mu_i[place]``. Splines run through the given directions:
-    periodic in azimuth, and over the pole along great circles, so that intensity and degrees of polarization have no
-    dent there. Nearer to the horizon than the last mu_o nothing is known, nor around the normal where no mu_o is within
-    25 degrees of it: NaN. At the pole itself the meridian plane,
-    and with it Q and U, is that of each phi. Raises SceneError for a BRDF that is not finite.
+    Splines run through the given directions: periodic in azimuth, and over the pole along great circles, so that
+    intensity and degrees of polarization have no dent there.
 
+    Parameters
+    ----------
+    brdf : Brdf
+        What was solved.
+    place : int
+        Which of ``brdf.mu_i`` the light comes from.
+    theta : ndarray (n_theta,)
+        Angles from the normal [degrees].
+    phi : ndarray (n_phi,)
+        Azimuths [degrees].
+    incident : array_like (4,), optional
+        Stokes vector of the incident light; default: unpolarized.
+
+    Returns
+    -------
+    ndarray (n_theta, n_phi, 4)
+        I, Q, U, V [1/sr]; NaN nearer to the horizon than the last mu_o, and around the normal where no mu_o is within
+        25 degrees of it. At the pole itself the meridian plane, and with it Q and U, is that of each phi.
+
+    Raises
+    ------
+    SceneError
+        For a BRDF that is not finite.
+
+    Examples
+    --------
     >>> import vrte
     >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> f = vrte.brdf(base, 0.5, mu_o=[0.5, 1.0], phi=[0, 90, 180], nodes=4)
@@ -56,12 +79,31 @@ def _turn_axes(light: Array, degrees: Array) -> Array:
 def light_on_mesh(
     brdf: Brdf, place: int, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array, Array]:
-    """Rings theta and spokes phi [degrees], and the Stokes vectors (theta, phi, 4) [sr-1] there: a mesh for a picture.
+    """Stokes vectors of the light that leaves on a mesh of rings and spokes, for a picture.
 
-    Rings go from the normal (or the first mu_o, beyond 25 degrees) to the last mu_o and spokes once around, 0 and 360
-    both, in steps of at most ``step_deg``.
-    ``incident`` and errors as for `stokes_over_hemisphere`, and SceneError for too few directions.
+    Parameters
+    ----------
+    brdf, place, incident
+        As for `stokes_over_hemisphere`.
+    step_deg : float, optional
+        The largest step between rings and between spokes [degrees].
 
+    Returns
+    -------
+    theta : ndarray (n_theta,)
+        Rings [degrees], from the normal (or the first mu_o, where that is beyond 25 degrees) to the last mu_o.
+    phi : ndarray (n_phi,)
+        Spokes [degrees] once around, 0 and 360 both.
+    light : ndarray (n_theta, n_phi, 4)
+        I, Q, U, V [1/sr].
+
+    Raises
+    ------
+    SceneError
+        For too few directions, and for a BRDF that is not finite.
+
+    Examples
+    --------
     >>> import vrte
     >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> theta, phi, light = light_on_mesh(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)
@@ -76,11 +118,32 @@ def light_on_mesh(
 def light_in_plane(
     brdf: Brdf, place: int, phi_deg: float = 0.0, incident: Any = (1, 0, 0, 0), step_deg: float = 0.5
 ) -> tuple[Array, Array]:
-    """Angles (n,) [degrees] from the normal and the Stokes vectors (n, 4) [sr-1] in an upright plane: a cut.
+    """Stokes vectors of the light that leaves in one upright plane: a cut through the lobe.
 
-    Angles above 0 are on the azimuth ``phi_deg``, those below half a turn away; both end at the last mu_o, and NaN lies
-    between them where nothing is known around the normal. Everything else as for `light_on_mesh`.
+    Parameters
+    ----------
+    brdf, place, incident
+        As for `stokes_over_hemisphere`.
+    phi_deg : float, optional
+        Azimuth of the plane [degrees].
+    step_deg : float, optional
+        The largest step [degrees].
 
+    Returns
+    -------
+    angle : ndarray (n,)
+        Angles from the normal [degrees]: above 0 on the azimuth ``phi_deg``, below 0 half a turn away; both end at the
+        last mu_o.
+    light : ndarray (n, 4)
+        I, Q, U, V [1/sr]; NaN between them where nothing is known around the normal.
+
+    Raises
+    ------
+    SceneError
+        For too few directions, and for a BRDF that is not finite.
+
+    Examples
+    --------
     >>> import vrte
     >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> light_in_plane(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)[0].round(9).tolist()
@@ -112,12 +175,30 @@ def _count_steps(length: float, most: float) -> int:
 
 
 def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, Array]:
-    """Angles (m,) so many times as fine and the Stokes vectors (m, 4) there, of distinct angles (n,) and (n, 4).
+    """Stokes vectors between given angles, as smooth as a picture wants them.
 
-    Each parameter is a monotone cubic between its neighbours: it passes through what is given and never overshoots,
-    so that no I turns negative; degrees of polarization are divided after it. Fewer than 3 angles, and light that is
-    not finite, come back as they are, in ascending order.
+    Each parameter is a monotone cubic between its neighbours: it passes through what is given and never overshoots, so
+    that no I turns negative; degrees of polarization are divided after it.
 
+    Parameters
+    ----------
+    angle : ndarray (n,)
+        Distinct angles [degrees], in any order.
+    stokes : ndarray (n, 4)
+        Stokes vectors there.
+    times : int, optional
+        How many times as fine.
+
+    Returns
+    -------
+    angle : ndarray (m,)
+        Ascending angles [degrees].
+    stokes : ndarray (m, 4)
+        Stokes vectors there. Fewer than 3 angles, and light that is not finite, come back as they are, in ascending
+        order.
+
+    Examples
+    --------
     >>> angle, light = between_angles(np.array([0.0, 1.0, 2.0]), np.eye(4)[[0, 1, 0]], times=2)
     >>> angle.tolist(), light[2].tolist()
     ([0.0, 0.5, 1.0, 1.5, 2.0], [0.0, 1.0, 0.0, 0.0])
@@ -133,8 +214,22 @@ def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, 
 
 
 def check_directions(mu_o: Any, phi: Any) -> None:
-    """Raises SceneError where there are too few directions for a picture of the lobes.
+    """Whether there are enough directions for a picture of the lobes.
 
+    Parameters
+    ----------
+    mu_o : array_like (n_out,)
+        Cosines of exit.
+    phi : array_like (n_phi,)
+        Azimuths [degrees].
+
+    Raises
+    ------
+    SceneError
+        Where there are too few; it says how many it takes.
+
+    Examples
+    --------
     >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
     """
     if mirror_azimuths(np.atleast_1d(phi))[0].size < 4 or np.unique(mu_o).size < 2:

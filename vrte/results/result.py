@@ -35,12 +35,26 @@ class Labelled:
         object.__setattr__(self, "diagnostics", dict(vars(self)["diagnostics"]))
 
     def to_xarray(self) -> "xarray.Dataset":
-        """An xarray.Dataset, a copy: every variable and coordinate has ``units`` and ``long_name``.
+        """The result as an xarray.Dataset, labelled by its directions, every variable with ``units`` and ``long_name``.
 
         Dimensions: of a BRDF's ``mueller`` (mu_i, mu_o, phi_deg, stokes_out, stokes_in), with wavelength_um in front
         for a spectrum; of a field's ``stokes`` (tau, mu, phi_deg, stokes_parameter), with mu0 in front for several
-        beams; of views' ``stokes`` (geometry, stokes_parameter). Labels are "I", "Q", "U" and "V":
-        ``.sel(stokes_parameter="Q")``. Raises MissingExtraError without xarray.
+        beams; of views' ``stokes`` (geometry, stokes_parameter). Labels are "I", "Q", "U" and "V".
+
+        Returns
+        -------
+        xarray.Dataset
+            A copy, which may be written into.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the extra "files".
+
+        Examples
+        --------
+        >>> brdf.to_xarray().mueller.sel(stokes_out="Q", stokes_in="I").dims
+        ('mu_i', 'mu_o', 'phi_deg')
         """
         return view(self, "to_xarray")
 
@@ -52,18 +66,53 @@ class Result(Labelled):
         return view(self, "_repr_html_")
 
     def plot(self) -> "Figure":
-        """A figure: of a BRDF lobes of f00 and polar cuts; of a field I and the degree of polarization against mu, at
-        some depths and azimuths, or beams at the first azimuth; of a spectrum reflectance against wavelength, and f00
-        in the plane of incidence where there are enough directions.
+        """A figure of what was found.
 
-        Raises SceneError where there are too few directions, or fluxes alone; MissingExtraError without the extra
-        "plot".
+        Of a BRDF lobes of f00 and polar cuts; of a field I and the degree of polarization against mu, at some depths
+        and azimuths, or beams at the first azimuth; of a spectrum reflectance against wavelength, and f00 in the plane
+        of incidence where there are enough directions.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Its ``savefig`` writes it.
+
+        Raises
+        ------
+        SceneError
+            Where there are too few directions, or fluxes alone.
+        MissingExtraError
+            Without the extra "plot".
+
+        Examples
+        --------
+        >>> len(brdf.plot().axes) > 0
+        True
         """
         return view(self, "plot")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes NetCDF, CSV or Zarr as the name ends in .nc, .csv or .zarr, all or nothing; `vrte.load` reads it back.
+        """Writes the result to a file, all of it or nothing; `vrte.load` reads it back.
 
-        Raises SceneError for another ending, OSError, but for CSV MissingExtraError without the extra "files".
+        Parameters
+        ----------
+        path : path
+            Its name ends in .nc for NetCDF, in .csv for a table, in .zarr for a folder of Zarr.
+
+        Raises
+        ------
+        SceneError
+            For another ending.
+        OSError
+            Where the file cannot be written.
+        MissingExtraError
+            For NetCDF and Zarr without the extra "files".
+
+        Examples
+        --------
+        >>> import vrte
+        >>> brdf.save("powder.csv")
+        >>> bool((vrte.load("powder.csv").mueller == brdf.mueller).all())
+        True
         """
         return view(self, "save", path)

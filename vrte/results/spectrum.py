@@ -19,12 +19,25 @@ Found = TypeVar("Found", bound=Brdf | Field)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spectrum(Result):
-    """BRDFs at ascending wavelengths, all for the same directions.
+    """BRDFs at ascending wavelengths, all for the same directions, as `vrte.spectrum` finds them.
 
-    ``wavelength_um`` (n,) in vacuum; ``brdfs``, n of them, with or without transmission all alike; where some have
-    light of surfaces, others get zeros for it. An item of the spectrum is the BRDF at that place. Raises SceneError
-    where they do not fit together.
+    An item of the spectrum is the BRDF at that place. Where some BRDFs have light of surfaces, the others count as
+    zero.
 
+    Parameters
+    ----------
+    wavelength_um : array_like (n,)
+        Wavelengths in vacuum [um], ascending.
+    brdfs : sequence of Brdf
+        n of them, for the same directions, with or without transmission all alike.
+
+    Raises
+    ------
+    SceneError
+        Where they do not fit together.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> white = Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {})
     >>> Spectrum([0.45, 0.65], [white, white]).mueller.shape
@@ -60,62 +73,62 @@ class Spectrum(Result):
 
     @property
     def mu_i(self) -> Array:
-        """Cosines of incidence (mu_i,)."""
+        """Cosines of incidence, (n_in,)."""
         return self.brdfs[0].mu_i
 
     @property
     def mu_o(self) -> Array:
-        """Cosines of exit (mu_o,)."""
+        """Cosines of exit, (n_out,)."""
         return self.brdfs[0].mu_o
 
     @property
     def phi(self) -> Array:
-        """Azimuths of exit, relative to the incident light (phi,) [deg]."""
+        """Azimuths of exit from the incident light's [degrees], (n_phi,)."""
         return self.brdfs[0].phi
 
     @property
     def mueller(self) -> Array:
-        """The BRDFs (wavelength, mu_i, mu_o, phi, 4, 4) [sr-1], a new read-only array."""
+        """The BRDFs [1/sr], (n, n_in, n_out, n_phi, 4, 4), a new read-only array."""
         return self._stacked("mueller")
 
     @property
     def reflectance(self) -> Array:
-        """Directional-hemispherical reflectances (wavelength, mu_i)."""
+        """Directional-hemispherical reflectances of diffuse light, (n, n_in)."""
         return self._stacked("reflectance")
 
     @property
     def transmission(self) -> Array | None:
-        """The BTDFs, of the same shape as ``mueller``, or None."""
+        """The BTDFs [1/sr], of the same shape as ``mueller``, or None."""
         return self._stacked("transmission")
 
     @property
     def direct_transmittance(self) -> Array | None:
-        """The share of the beam that gets through unscattered (wavelength, mu_i), or None."""
+        """The share of the beam that gets through unscattered, (n, n_in), or None."""
         return self._stacked("direct_transmittance")
 
     @property
     def specular(self) -> Array | None:
-        """The shares of beams that come back as beams (wavelength, mu_i, 4, 4), or None."""
+        """Mueller matrices of the shares of beams that are mirrored as beams, (n, n_in, 4, 4), or None."""
         return self._stacked("specular")
 
     @property
     def specular_transmission(self) -> Array | None:
-        """The shares of beams that leave the other face as beams (wavelength, mu_i, 4, 4), or None."""
+        """Mueller matrices of the shares of beams that leave the other face as beams, (n, n_in, 4, 4), or None."""
         return self._stacked("specular_transmission")
 
     @property
     def surface(self) -> Array | None:
-        """The part of ``mueller`` that rough surfaces send back without any particle, or None."""
+        """What rough surfaces send back before any particle is met [1/sr], of the shape of ``mueller``, or None."""
         return self._stacked("surface")
 
     @property
     def specular_reflectance(self) -> Array | None:
-        """The shares of unpolarized light that come back as beams (wavelength, mu_i), or None."""
+        """The shares of unpolarized light that are mirrored as beams, (n, n_in), or None."""
         return self._stacked("specular_reflectance")
 
     @property
     def total_reflectance(self) -> Array:
-        """The shares that come back (wavelength, mu_i), as beams and diffuse."""
+        """The shares of unpolarized light that come back, as beams and diffuse, (n, n_in)."""
         return self._stacked("total_reflectance")
 
     def _stacked(self, name: str) -> Any:
@@ -125,7 +138,30 @@ class Spectrum(Result):
         return settle_array(np.stack([getattr(one, name) for one in self.brdfs]))
 
     def at(self, wavelengths_um: Any) -> "Spectrum":
-        """The spectrum at some of its own wavelengths, to 1e-9 um. Raises SceneError for one that it has not."""
+        """The spectrum at some of its own wavelengths.
+
+        Parameters
+        ----------
+        wavelengths_um : float or sequence of float
+            Ascending [um], each one of ``wavelength_um`` to 1e-9 um.
+
+        Returns
+        -------
+        Spectrum
+            Of those alone.
+
+        Raises
+        ------
+        SceneError
+            For a wavelength that it has not.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> white = Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {})
+        >>> Spectrum([0.45, 0.55, 0.65], [white] * 3).at([0.45, 0.65]).wavelength_um.tolist()
+        [0.45, 0.65]
+        """
         wanted = check_ascending(wavelengths_um)
         places = [int(np.argmin(np.abs(self.wavelength_um - one))) for one in wanted]
         for one, place in zip(wanted, places, strict=True):

@@ -9,12 +9,35 @@ from vrte.results.result import Labelled
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Views(Labelled):
-    """Stokes vectors of the diffuse light in single geometries, a row each.
+    """Stokes vectors of the diffuse light in single geometries, a row each, as `vrte.views` finds them.
 
-    ``stokes`` (n, 4) [W m-2 sr-1 for a beam in W m-2]; ``mu0``, ``mu``, ``phi`` (n,) as in `vrte.Field`; ``tau`` the
-    depth of all, ``incident_stokes`` (4,) of all beams; ``diagnostics``: of the solves that it took, each for some of
-    the rows, ``diagnostics["solves"]``. Where light is refracted, ``index`` is that of the medium that the depth lies
-    in, whose cosines ``mu`` are; None elsewhere. All arrays are read-only.
+    All arrays are read-only.
+
+    Attributes
+    ----------
+    stokes
+        I, Q, U, V, (n, 4) [W m-2 sr-1 for a beam in W m-2].
+    mu0
+        Positive cosines of the beams, (n,).
+    mu
+        Signed cosines of the lines of sight, (n,): above 0 light that goes up.
+    phi
+        Azimuths from each beam's [degrees], (n,).
+    tau
+        The optical depth of all.
+    incident_stokes
+        The flux vector of all beams, (4,), perpendicular to them [W m-2].
+    diagnostics
+        ``diagnostics["solves"]`` lists those of the solves that it took, each for some of the rows.
+    index
+        Refractive index of the medium that the depth lies in, where light is refracted; else None.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=0.5)])
+    >>> vrte.views(haze, mu0=[0.5, 0.6], mu=[0.9, 0.8], phi=[0.0, 90.0], nodes=4)
+    Views(2 geometries, tau=0, incident_stokes=[1.0, 0.0, 0.0, 0.0])
     """
 
     stokes: Array

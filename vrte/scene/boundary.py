@@ -29,11 +29,23 @@ from vrte.scene.base_checks import CHECKED_COSINES, LARGEST_BASE, check_energy, 
 class Boundary:
     """What lies above or below a pile of layers; by itself it is black: nothing comes back, and nothing gets through.
 
-    ``orders_reflected``: of how many Fourier orders light comes back (0: none, 1: evenly, math.inf: all);
-    ``mixes_stokes``: whether it comes back, or gets through, as other Stokes parameters than it came; ``keeps_beams``:
-    whether a beam comes back as one, as `reflect_beam` says; ``index_above``: refractive index of the medium that it
-    has to lie in, None for any.
+    A new kind of base is a class made from this one; a scene takes its objects as base.
 
+    Attributes
+    ----------
+    orders_reflected
+        Of how many Fourier orders light comes back: 0 none, 1 evenly, math.inf all.
+    mixes_stokes
+        Whether light comes back, or gets through, as other Stokes parameters than it came.
+    keeps_beams
+        Whether a beam comes back as one, as `reflect_beam` says.
+    facets
+        The rough surface that it is, or None.
+    index_above
+        Refractive index of the medium that it has to lie in, None for any.
+
+    Examples
+    --------
     >>> bool(Boundary().transmit_straight(np.array([0.5])).any()), Boundary().name
     (False, 'black')
     """
@@ -65,30 +77,125 @@ class Boundary:
         return 0.0
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
-        """Mueller matrices f [1/sr] of a beam's reflection, (..., S, S) of the first S Stokes parameters, which all
-        others leave dark, on a shape that broadcasts with that of the directions."""
+        """Mueller matrices of the diffuse reflection of a beam.
+
+        Parameters
+        ----------
+        mu_i, mu_o : ndarray
+            Positive cosines of incidence and exit, which broadcast with each other and with ``phi_deg``.
+        phi_deg : ndarray
+            Azimuths [degrees], outgoing minus incident, both along the direction of travel.
+
+        Returns
+        -------
+        ndarray (..., S, S)
+            f [1/sr] of the first S Stokes parameters, which all others leave dark, on a shape that broadcasts with that
+            of the directions.
+
+        Examples
+        --------
+        >>> Lambertian(0.3).reflect(np.array(0.5), np.array(0.9), np.array(0.0)).round(6).tolist()
+        [[0.095493]]
+        """
         return np.zeros((1, 1))
 
     def reflect_orders(
         self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
     ) -> tuple[Array, int]:
-        """R^m of diffuse light from mu_i (in,) to mu_o (out,), (order, in, out, 4, 4), and how many azimuths it took.
+        """Fourier orders R^m of the reflection of diffuse light.
 
-        Orders beyond those given back are dark. ``pairs`` (in, out): which are wanted; ``allowed``: how far each may be
-        off.
+        Parameters
+        ----------
+        mu_i : ndarray (n_in,)
+            Positive cosines of incidence.
+        mu_o : ndarray (n_out,)
+            Positive cosines of exit.
+        pairs : ndarray of bool (n_in, n_out)
+            Which pairs of them are wanted.
+        n_order : int
+            How many orders there may be.
+        allowed : callable
+            How far each order may be off, of the size of the light that comes back.
+
+        Returns
+        -------
+        orders : ndarray (order, n_in, n_out, 4, 4)
+            Orders beyond those given back are dark.
+        azimuths : int
+            How many azimuths it took.
+
+        References
+        ----------
+        (1:35).
+
+        Examples
+        --------
+        >>> cosine, all_pairs = np.array([0.5]), np.ones((1, 1), bool)
+        >>> Lambertian(0.3).reflect_orders(cosine, cosine, all_pairs, 4, lambda size: 1e-9 * size)[0].shape
+        (1, 1, 1, 4, 4)
         """
         return np.zeros((0, mu_i.size, mu_o.size, 4, 4)), 0
 
     def put_in_medium(self, index: float) -> "Boundary":
-        """The same as light meets it in a medium of that refractive index."""
+        """The same boundary as light meets it in another medium.
+
+        Parameters
+        ----------
+        index : float
+            Refractive index of the medium.
+
+        Returns
+        -------
+        Boundary
+            Itself, where that makes no difference.
+
+        Examples
+        --------
+        >>> Lambertian(0.3).put_in_medium(1.5)
+        Lambertian(albedo=0.3)
+        """
         return self
 
     def reflect_beam(self, index: float, mu: Array) -> Array:
-        """Mueller matrices (n, 4, 4) of a beam that comes back as a beam, along mu (n,) in a medium of that index."""
+        """Mueller matrices of a beam that comes back as a beam.
+
+        Parameters
+        ----------
+        index : float
+            Refractive index of the medium of the light.
+        mu : ndarray (n,)
+            Positive cosines of incidence there.
+
+        Returns
+        -------
+        ndarray (n, 4, 4)
+            Shares of the beam's power, without unit.
+
+        Examples
+        --------
+        >>> Lambertian(0.3).reflect_beam(1.0, np.array([0.5])).any().item()
+        False
+        """
         return np.zeros((mu.size, 4, 4))
 
     def transmit_straight(self, mu: Array) -> Array:
-        """Mueller matrices of light that goes through and keeps its direction, (n, 4, 4) along mu (n,)."""
+        """Mueller matrices of light that goes through and keeps its direction.
+
+        Parameters
+        ----------
+        mu : ndarray (n,)
+            Positive cosines of the light.
+
+        Returns
+        -------
+        ndarray (n, 4, 4)
+            Zero for every base.
+
+        Examples
+        --------
+        >>> Lambertian(0.3).transmit_straight(np.array([0.5])).any().item()
+        False
+        """
         return np.zeros((mu.size, 4, 4))
 
 
@@ -119,6 +226,8 @@ class Lambertian(Boundary):
     albedo : float
         The share of the light that comes back, 0 to 1; SceneError for another.
 
+    Examples
+    --------
     >>> Lambertian(0.3).albedo
     0.3
     """
@@ -148,6 +257,8 @@ class Lambertian(Boundary):
 class SampledBase(Boundary):
     """A base that is known by its f of any two directions: made from this class, it has `reflect` and no more.
 
+    Examples
+    --------
     >>> class Chalk(SampledBase):
     ...     def reflect(self, mu_i, mu_o, phi_deg):
     ...         return (0.2 + 0.0 * (mu_i + mu_o + phi_deg))[..., None, None]
@@ -160,10 +271,26 @@ class SampledBase(Boundary):
     orders_reflected = math.inf
 
     def reflectance(self, mu_i: Any, points: int = 64) -> Array:
-        """Share of unpolarized light along ``mu_i`` (n,) that comes back into all directions, (n,).
+        """The share of unpolarized light that comes back into all directions.
 
-        Parameters: ``points``, of the quadrature over mu_o and over half of the azimuths. Source: (1:35), order 0.
+        Parameters
+        ----------
+        mu_i : float or array_like (n,)
+            Positive cosines of incidence.
+        points : int, optional
+            Of the quadrature over mu_o and over half of the azimuths.
 
+        Returns
+        -------
+        ndarray (n,)
+            From 0 to 1.
+
+        References
+        ----------
+        (1:35), order 0.
+
+        Examples
+        --------
         >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0])).reflectance([0.5]).round(12) / np.pi
         array([0.1])
         """
@@ -204,8 +331,12 @@ class MuellerBase(SampledBase):
         give back more than arrives: of light along 8 mu_i from 0.01 to 1, by more than 1e-3, below mu_i = 0.05 more
         than 0.05/mu_i times as much, which facets without shadows do.
 
-    Source: (1:35), (1:60).
+    References
+    ----------
+    (1:35), (1:60).
 
+    Examples
+    --------
     >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))(1.0, [0.5, 1.0], 0.0).shape
     (2, 4, 4)
     """

@@ -37,8 +37,12 @@ def cox_munk(wind: float, index: Any = 1.34, shadowing: bool = False) -> Facets:
     SceneError
         Naming the argument.
 
-    Source: Cox and Munk, J. Opt. Soc. Am. 44, 838 (1954).
+    References
+    ----------
+    Cox and Munk, J. Opt. Soc. Am. 44, 838 (1954).
 
+    Examples
+    --------
     >>> round(cox_munk(7.0).roughness ** 2, 12)
     0.03884
     """

@@ -40,8 +40,12 @@ class Facets(Boundary):
     SceneError
         Naming the field.
 
-    Source: Cox and Munk, J. Opt. Soc. Am. 44, 838 (1954); Walter et al., Microfacet models for refraction (2007).
+    References
+    ----------
+    Cox and Munk, J. Opt. Soc. Am. 44, 838 (1954); Walter et al., Microfacet models for refraction (2007).
 
+    Examples
+    --------
     >>> sea = Facets(1.34, roughness=0.2)
     >>> sea.reflect(np.array(0.5), np.array(0.5), np.array(0.0))[0, 0].round(4).item()
     0.4855
@@ -72,12 +76,25 @@ class Facets(Boundary):
 
     @property
     def facets(self) -> RoughSurface:  # type: ignore[override]
+        """What light meets: the slopes of facets between the medium and the base."""
         how = self.roughness, self.distribution, self.shadowing, self.conserving
         return RoughSurface(self.medium, self.index, *how, closed=True)
 
     def reflectance(self, mu_i: Any) -> Array:
-        """Share of unpolarized light along ``mu_i`` (n,) that comes back, (n,).
+        """The share of unpolarized light that comes back.
 
+        Parameters
+        ----------
+        mu_i : float or array_like (n,)
+            Positive cosines of incidence.
+
+        Returns
+        -------
+        ndarray (n,)
+            From 0 to 1.
+
+        Examples
+        --------
         >>> Facets((0.2, 3.0), 0.5, shadowing=True).reflectance([0.3, 1.0]).round(3).tolist()
         [0.821, 0.87]
         """

@@ -11,9 +11,9 @@ from vrte.scene.scalar import Angles, ScalarBase
 
 @dataclass(frozen=True)
 class Hapke(ScalarBase):
-    """A smooth regolith after Hapke, f = w/(4 pi (mu_i + mu_o)) ((1 + B) P + H(mu_i) H(mu_o) - 1); reciprocal and
-    unpolarized.
+    """A smooth regolith after Hapke: a base of closely packed grains, reciprocal and unpolarized.
 
+    f = w/(4 pi (mu_i + mu_o)) ((1 + B) P + H(mu_i) H(mu_o) - 1).
     B = B_0/(1 + tan(g/2)/h) is the opposition effect at a phase angle g, P the phase function of a grain, either 1 +
     linear cos g + quadratic (3 cos^2 g - 1)/2 or Henyey and Greenstein's; H(mu) = (1 + 2 mu)/(1 + 2 mu sqrt(1 - w))
     is within 4 per cent of that of grains that scatter evenly: white powder gives back up to 1.06, and is refused.
@@ -36,8 +36,12 @@ class Hapke(ScalarBase):
     SceneError
         Naming the field, or where more light comes back than falls in.
 
-    Source: Hapke, Theory of Reflectance and Emittance Spectroscopy (1993), (8.89), without roughness.
+    References
+    ----------
+    Hapke, Theory of Reflectance and Emittance Spectroscopy (1993), (8.89), without roughness.
 
+    Examples
+    --------
     >>> Hapke(0.6, linear=0.5).reflectance([0.5, 1.0]).round(4)
     array([0.2452, 0.1994])
     """
@@ -69,7 +73,23 @@ class Hapke(ScalarBase):
         self.check_formula()
 
     def compute_phase_function(self, cosine: Array) -> Array:
-        """P of the cosine of the phase angle, its mean over the sphere 1."""
+        """The phase function P of a grain, its mean over the sphere 1.
+
+        Parameters
+        ----------
+        cosine : ndarray
+            Of the phase angle: 1 straight back.
+
+        Returns
+        -------
+        ndarray
+            On the same shape.
+
+        Examples
+        --------
+        >>> Hapke(0.6, linear=0.5).compute_phase_function(np.array([1.0, -1.0])).tolist()
+        [1.5, 0.5]
+        """
         a = self.asymmetry
         legendre = 1.0 + self.linear * cosine + self.quadratic * 0.5 * (3.0 * cosine**2 - 1.0)
         found: Array = legendre * (1.0 - a * a) / (1.0 + a * a + 2.0 * a * cosine) ** 1.5

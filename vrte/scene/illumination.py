@@ -67,14 +67,27 @@ def hemisphere(n: int) -> tuple[Array, Array]:
     Parameters
     ----------
     n : int
-        1 to 4096; SceneError for another.
+        How many, 1 to 4096.
 
     Returns
     -------
-    tuple of ndarray (n,)
-        Gauss cosines from 0 to 1, ascending, and their weights, which sum to 1: those of double-Gauss quadrature,
-        (1:15), that a solve with nodes=n uses itself, on which energy is conserved to rounding.
+    mu : ndarray (n,)
+        Gauss cosines from 0 to 1, ascending: the nodes that a solve with nodes=n uses itself, on which energy is
+        conserved to rounding.
+    weights : ndarray (n,)
+        Their weights, which sum to 1.
 
+    Raises
+    ------
+    SceneError
+        For another n.
+
+    References
+    ----------
+    (1:15), double-Gauss quadrature.
+
+    Examples
+    --------
     >>> mu, weights = hemisphere(2)
     >>> round(float(weights @ mu**3), 12)
     0.25

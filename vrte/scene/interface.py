@@ -40,8 +40,12 @@ class Interface:
     SceneError
         Naming the field.
 
-    Source: Born and Wolf, Principles of Optics, section 1.5; Walter et al., Microfacet models for refraction (2007).
+    References
+    ----------
+    Born and Wolf, Principles of Optics, section 1.5; Walter et al., Microfacet models for refraction (2007).
 
+    Examples
+    --------
     >>> Interface(1.0, 1.5).is_smooth
     True
     """
@@ -72,9 +76,22 @@ class Interface:
         return RoughSurface(self.index_above, self.index_below, *how)
 
     def share(self, mu: Any) -> tuple[Array, Array]:
-        """Shares R, T of unpolarized light from above along ``mu`` (n,), reflected and let through, (n,) each; what
-        they lack of 1 is lost with bounces between facets.
+        """Shares of unpolarized light from above that are reflected and let through.
 
+        Parameters
+        ----------
+        mu : float or array_like (n,)
+            Positive cosines in the medium above.
+
+        Returns
+        -------
+        reflected : ndarray (n,)
+            The share that is reflected.
+        through : ndarray (n,)
+            The share that is let through; what both lack of 1 is lost with bounces between facets.
+
+        Examples
+        --------
         >>> reflected, through = Interface(1.0, 1.5, 0.5, shadowing=True).share([0.3, 1.0])
         >>> (reflected + through).round(3).tolist()
         [0.954, 0.997]
@@ -91,7 +108,23 @@ class Interface:
         return replace(self, index_above=self.index_below, index_below=self.index_above)
 
     def put_between(self, above: float, below: float) -> "Interface | None":
-        """The same between media as a scene has them, of indices like its own; none where nothing is refracted."""
+        """The same surface between media as a scene has them, of indices like its own.
+
+        Parameters
+        ----------
+        above, below : float
+            Their refractive indices.
+
+        Returns
+        -------
+        Interface or None
+            None where nothing is refracted.
+
+        Examples
+        --------
+        >>> Interface(1.0, 1.5).put_between(1.0, 1.5).index_below
+        1.5
+        """
         if self.index_above == self.index_below:
             return None
         alike = (above, below) == (self.index_above, self.index_below)
@@ -101,6 +134,8 @@ class Interface:
     def in_words(self) -> str:
         """Both indices, and how rough it is.
 
+        Examples
+        --------
         >>> Interface(1.0, 1.5, roughness=0.1).in_words
         'interface, index 1 above and 1.5 below, roughness 0.1 (beckmann)'
         """

@@ -24,6 +24,7 @@ class Layer:
     Parameters
     ----------
     phase_matrix : PhaseMatrix
+        How its particles scatter.
     albedo : float
         Of single scattering, 0 to 1.
     thickness : float
@@ -36,6 +37,8 @@ class Layer:
     SceneError
         Naming the field.
 
+    Examples
+    --------
     >>> from vrte.optics.phase_matrix import isotropic
     >>> Layer(isotropic(), albedo=0.9, thickness=2.0).thickness
     2.0
@@ -62,6 +65,8 @@ class Layer:
     def in_words(self) -> str:
         """Its optical thickness, albedo, and phase matrix.
 
+        Examples
+        --------
         >>> from vrte.optics.phase_matrix import isotropic
         >>> Layer(isotropic(), albedo=0.9, thickness=2.0).in_words
         'optical thickness 2, albedo 0.9, g 0, 1 term, scalar'
@@ -85,11 +90,12 @@ class Layer:
         Parameters
         ----------
         particles : Particles
-        thickness : float
+            What it consists of, in their host medium.
+        thickness : float, optional
             Optical, >= 0 or inf; or
-        thickness_um : float
+        thickness_um : float, optional
             Geometrical [um], together with volume_fraction.
-        volume_fraction : float
+        volume_fraction : float, optional
             What part of the layer is particles, between 0 and 1. With ``thickness`` it is needed where the host absorbs
             more than 3.2e-5 a micrometre (less is left out then) or the packing is not independent, else refused.
         packing : {"independent", "percus-yevick", "effective-medium", "coherent-potential"}
@@ -109,6 +115,8 @@ class Layer:
         SceneError
             For both thicknesses or neither, a volume fraction missing or not used, and what a packing cannot do.
 
+        Examples
+        --------
         >>> from vrte.optics.phase_matrix import rayleigh
         >>> dust = Particles(rayleigh(), 1.0, 0.0, extinction_um2=0.5, scattering_um2=0.5, volume_um3=0.1)
         >>> Layer.of(dust, thickness_um=20.0, volume_fraction=0.01).thickness
@@ -164,6 +172,8 @@ class Layer:
         SceneError
             Naming the argument.
 
+        Examples
+        --------
         >>> round(Layer.clear(100.0, (1.5, 1e-4), 0.5).thickness, 6)
         0.251327
         """

@@ -32,8 +32,12 @@ class Mirror(Boundary):
     index : complex, float or (n, k)
         Its refractive index n + ik, k >= 0; light that gets in is lost. SceneError for another.
 
-    Source: Born and Wolf, Principles of Optics, sections 1.5 and 14.2.
+    References
+    ----------
+    Born and Wolf, Principles of Optics, sections 1.5 and 14.2.
 
+    Examples
+    --------
     >>> import numpy as np
     >>> Mirror(1.5).reflect_beam(1.0, np.array([1.0]))[0, 0, 0].round(12).item()
     0.04

@@ -34,9 +34,13 @@ class RossLi(ScalarBase):
         Naming the field, or where f is negative, or more light comes back than falls in, at zenith angles up to 75
         degrees.
 
-    Source: Lucht, Schaaf and Strahler, IEEE Trans. Geosci. Remote Sens. 38, 977 (2000), (38), (39); Maignan, Breon
+    References
+    ----------
+    Lucht, Schaaf and Strahler, IEEE Trans. Geosci. Remote Sens. 38, 977 (2000), (38), (39); Maignan, Breon
     and Lacaze, Remote Sens. Environ. 90, 210 (2004).
 
+    Examples
+    --------
     >>> RossLi(0.2, 0.1, 0.0).reflectance([0.5, 1.0]).round(4)
     array([0.227 , 0.1979])
     """

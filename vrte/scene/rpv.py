@@ -33,8 +33,12 @@ class RPV(ScalarBase):
     SceneError
         Naming the field, or where more light comes back than falls in at zenith angles up to 75 degrees.
 
-    Source: Rahman, Pinty and Verstraete, J. Geophys. Res. 98, 20791 (1993).
+    References
+    ----------
+    Rahman, Pinty and Verstraete, J. Geophys. Res. 98, 20791 (1993).
 
+    Examples
+    --------
     >>> RPV(0.1, 0.5, -0.5).reflect(0.8, 0.9, 180.0).shape
     (1, 1)
     """

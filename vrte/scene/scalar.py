@@ -54,7 +54,24 @@ class ScalarBase(SampledBase):
     """
 
     def compute_f(self, angles: Angles) -> Array:
-        """The formula [1/sr], on the shape of the angles."""
+        """The formula for f_00.
+
+        Parameters
+        ----------
+        angles : Angles
+            Cosines, tangents and phase angles of pairs of directions, on one shape.
+
+        Returns
+        -------
+        ndarray
+            f_00 [1/sr], of that shape.
+
+        Examples
+        --------
+        >>> from vrte.scene.hapke import Hapke
+        >>> round(Hapke(0.6).compute_f(find_angles(1.0, 1.0, 0.0)).item() * np.pi, 4)
+        0.2066
+        """
         raise NotImplementedError
 
     def reflect(self, mu_i: Array, mu_o: Array, phi_deg: Array) -> Array:
@@ -62,8 +79,23 @@ class ScalarBase(SampledBase):
         return found
 
     def check_formula(self) -> None:
-        """Raises SceneError where f is negative, or more light comes back than falls in, at zenith angles up to 75;
-        warns where it does beyond, below mu_i = 0.05 of more than 0.05/mu_i times as much."""
+        """Whether a surface can reflect so at zenith angles up to 75 degrees; beyond, it warns where none can.
+
+        Raises
+        ------
+        SceneError
+            Where f is negative, or more light comes back than falls in.
+
+        Warns
+        -----
+        FittedRangeWarning
+            Where f is so beyond 75 degrees; below mu_i = 0.05 of more than 0.05/mu_i times as much light as falls in.
+
+        Examples
+        --------
+        >>> from vrte.scene.hapke import Hapke
+        >>> Hapke(0.6).check_formula()
+        """
         angles = find_angles(LOOKED_AT[:, None, None], LOOKED_AT[:, None], AZIMUTHS)
         f, lower = self.compute_f(angles), np.minimum(angles.mu_i, angles.mu_o)
         within, beyond = (np.where(there, f, 0.0) for there in (lower >= STEEPEST, lower < STEEPEST))
@@ -95,6 +127,26 @@ class ScalarBase(SampledBase):
             self.warn_beyond(f"{share:.3g} of the light that comes along mu_i = {CHECKED_COSINES[most]:g} comes back")
 
     def warn_beyond(self, words: str) -> None:
-        """Says what the formula does beyond the zenith angles that it was fitted to."""
+        """Warns of what the formula does beyond the zenith angles that it was fitted to.
+
+        Parameters
+        ----------
+        words : str
+            What it does there.
+
+        Warns
+        -----
+        FittedRangeWarning
+            Always.
+
+        Examples
+        --------
+        >>> from vrte.scene.hapke import Hapke
+        >>> with warnings.catch_warnings(record=True) as told:
+        ...     warnings.simplefilter("always")
+        ...     Hapke(0.6).warn_beyond("it is bright")
+        >>> print(told[0].message)
+        base: Hapke was fitted to zenith angles up to about 75; beyond, it is bright
+        """
         where = f"base: {self.name} was fitted to zenith angles up to about 75; beyond, {words}"
         warnings.warn(FittedRangeWarning(where), stacklevel=5)

@@ -40,6 +40,8 @@ class Scene:
         For no layers, for one that is neither, for an infinite layer above another or above an interface, for
         refractive indices of neighbours that differ.
 
+    Examples
+    --------
     >>> import vrte
     >>> Scene([Layer(vrte.rayleigh(), 1.0, 0.5)], vrte.Lambertian(0.25)).thickness
     0.5
@@ -88,8 +90,7 @@ class Scene:
 
     @property
     def media(self) -> tuple[float, ...]:
-        """Refractive indices from top to bottom: of what lies above, of the medium of each layer, of what lies
-        below."""
+        """Refractive indices from top to bottom: above, of the medium of each layer, below."""
         return self._media  # type: ignore[attr-defined]
 
     @property
@@ -128,7 +129,19 @@ class Scene:
         return self.has_interfaces or self.below.keeps_beams
 
     def turned(self) -> "Scene":
-        """The scene upside down, without its base."""
+        """The scene upside down, without its base.
+
+        Returns
+        -------
+        Scene
+            Its interfaces turned with it.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> Scene([Interface(1.0, 1.5), Layer(vrte.rayleigh(), 1.0, 0.5)]).turned().index_below
+        1.0
+        """
         turned = tuple(interface and interface.turned for interface in reversed(self.interfaces))
         return Scene(tuple(reversed(self.layers)), None, turned)
 
@@ -167,6 +180,8 @@ class Scene:
     def base_in_words(self) -> str:
         """What lies beneath, or that nothing is seen of it.
 
+        Examples
+        --------
         >>> from vrte.optics.phase_matrix import isotropic
         >>> Scene([Layer(isotropic(), albedo=0.9, thickness=2.0)]).base_in_words
         'black'

@@ -93,12 +93,19 @@ class TabulatedBase(Boundary):
         Where the smallest cosine is above 0.05, as the nodes' light falls in below it too, where no direction is within
         25 degrees of the normal, and where ``interpolation_error`` is above 0.01.
 
-    ``interpolation_error``: how far f is off between the table's directions, relative: the root of the mean square over
-    both hemispheres, weighted by both cosines, estimated from leaving out every other direction, and three of four (of
-    fewer than 12 cosines every other alone, which tells too much).
+    Attributes
+    ----------
+    interpolation_error : float
+        How far f is off between the table's directions, relative: the root of the mean square over both hemispheres,
+        weighted by both cosines, estimated from leaving out every other direction, and three of four (of fewer than 12
+        cosines every other alone, which tells too much).
 
-    Source: (1:35).
+    References
+    ----------
+    (1:35).
 
+    Examples
+    --------
     >>> mu = [0.02, 0.3, 0.6, 1.0]
     >>> white = TabulatedBase(mu, mu, [0, 90, 180], np.broadcast_to(np.diag([1 / np.pi, 0, 0, 0]), (4, 4, 3, 4, 4)))
     >>> white.reflectance([0.5]).round(12).tolist(), white
@@ -178,13 +185,56 @@ class TabulatedBase(Boundary):
         return self.specular is not None and bool(self.specular.any())
 
     def weigh(self, mu_i: Array, mu_o: Array) -> tuple[Array, Array]:
-        """Weights of the table's cosines at mu_i (in,) and at mu_o (out,), as of `weigh_cosines`."""
+        """Weights that the table's cosines have in f at any others.
+
+        Parameters
+        ----------
+        mu_i : ndarray (n_in,)
+            Positive cosines of incidence.
+        mu_o : ndarray (n_out,)
+            Positive cosines of exit.
+
+        Returns
+        -------
+        into : ndarray (2, n_in, rows)
+            At ``mu_i``, of even Fourier orders and of odd ones; below the table's smallest cosine, those of that.
+        out : ndarray (2, n_out, columns)
+            The same at ``mu_o``.
+
+        Examples
+        --------
+        >>> mu = [0.02, 0.3, 0.6, 1.0]
+        >>> white = TabulatedBase(mu, mu, [0, 90, 180], np.broadcast_to(np.diag([1 / np.pi, 0, 0, 0]), (4, 4, 3, 4, 4)))
+        >>> [each.shape for each in white.weigh(np.array([0.5]), np.array([0.2, 0.7]))]
+        [(2, 1, 4), (2, 2, 4)]
+        """
         return weigh_cosines(self._cosines[0], mu_i), weigh_cosines(self._cosines[1], mu_o)
 
     def reflectance(self, mu_i: Any, points: int = 64) -> Array:
-        """Share of unpolarized light along ``mu_i`` (n,) that comes back, (n,), mirrored beams included.
+        """The share of unpolarized light that comes back, mirrored beams included.
 
-        Parameters: ``points``, of the quadrature over mu_o. Source: (1:35), order 0.
+        Parameters
+        ----------
+        mu_i : float or array_like (n,)
+            Positive cosines of incidence.
+        points : int, optional
+            Of the quadrature over mu_o.
+
+        Returns
+        -------
+        ndarray (n,)
+            From 0 to 1.
+
+        References
+        ----------
+        (1:35), order 0.
+
+        Examples
+        --------
+        >>> mu = [0.02, 0.3, 0.6, 1.0]
+        >>> grey = TabulatedBase(mu, mu, [0, 90, 180], np.broadcast_to(np.diag([0.1, 0, 0, 0]), (4, 4, 3, 4, 4)))
+        >>> (grey.reflectance([0.5]) / np.pi).round(12).tolist()
+        [0.1]
         """
         into = check_cosines("mu_i", mu_i)
         mu_o, weight = make_exit_rule(points)
@@ -220,7 +270,39 @@ class TabulatedBase(Boundary):
     def reflect_orders(
         self, mu_i: Array, mu_o: Array, pairs: BoolArray, n_order: int, allowed: Allowed
     ) -> tuple[Array, int]:
-        """R^m of (1:35) from the table's own; of the last orders, none that may be left out."""
+        """Fourier orders R^m from the table's own; of the last orders, none that may be left out.
+
+        Parameters
+        ----------
+        mu_i : ndarray (n_in,)
+            Positive cosines of incidence.
+        mu_o : ndarray (n_out,)
+            Positive cosines of exit.
+        pairs : ndarray of bool (n_in, n_out)
+            Which pairs of them are wanted.
+        n_order : int
+            How many orders there may be.
+        allowed : callable
+            How far each order may be off, of the size of the light that comes back.
+
+        Returns
+        -------
+        orders : ndarray (order, n_in, n_out, 4, 4)
+            Orders beyond those given back are dark.
+        azimuths : int
+            How many azimuths it took.
+
+        References
+        ----------
+        (1:35).
+
+        Examples
+        --------
+        >>> mu, all_pairs = [0.02, 0.3, 0.6, 1.0], np.ones((1, 1), bool)
+        >>> grey = TabulatedBase(mu, mu, [0, 90, 180], np.broadcast_to(np.diag([0.1, 0, 0, 0]), (4, 4, 3, 4, 4)))
+        >>> grey.reflect_orders(np.array([0.5]), np.array([0.9]), all_pairs, 4, lambda size: 1e-9 * size)[0].shape
+        (1, 1, 1, 4, 4)
+        """
         found = 2.0 * np.pi * interpolate_orders(self._cosines, self._orders[:n_order], *self.weigh(mu_i, mu_o))
         found[:, ~pairs] = 0.0
         size = np.abs(found).max(axis=(3, 4))

@@ -37,18 +37,32 @@ STOKES = ("stokes_out", "stokes_in", "stokes_parameter")
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Scenes between those of a table, solved and interpolated: ``points`` by axis (n,), ``errors`` (n,): the largest
-    difference of a Mueller element over the scene's largest."""
+    """Scenes between those of a table, solved and interpolated: how far the table is off there.
+
+    Attributes
+    ----------
+    points
+        The scenes' values on each axis, (n,), by the axis's name.
+    errors
+        The largest difference of a Mueller element over the scene's largest, (n,).
+
+    Examples
+    --------
+    >>> HeldOut({"depth": np.array([0.3, 0.7])}, np.array([1e-4, 3e-4])).largest
+    0.0003
+    """
 
     points: dict[str, Array]
     errors: Array
 
     @property
     def median(self) -> float:
+        """The error that half of the scenes stay below."""
         return float(np.median(self.errors))
 
     @property
     def largest(self) -> float:
+        """The largest error of all scenes."""
         return float(self.errors.max())
 
 
@@ -75,6 +89,8 @@ def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.
     SceneError
         For a point outside, an unknown axis, axes that are no grid, and where a scene nearby has no result.
 
+    Examples
+    --------
     >>> from vrte.sweep import sweep
     >>> layer = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
     >>> axes = {"depth": {"key": "layer[1].thickness", "values": [0.5, 1.0, 1.5, 2.0]}}
@@ -166,9 +182,39 @@ def interpolate_variable(near: "xarray.DataArray", weights: dict[str, Array]) ->
 
 
 def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: Path | None = None) -> HeldOut:
-    """Solves scenes at random points between those of a table and interpolates there.
+    """How good a table of a sweep is between its scenes: some are solved at random points and compared.
 
-    ``folder``: where the sweep file's tables of coefficients are. Raises SceneError, AccuracyError.
+    Parameters
+    ----------
+    table : xarray.Dataset
+        Of a sweep of BRDFs whose axes make a grid.
+    points : int, optional
+        How many scenes to solve.
+    seed : int, optional
+        Of the random points.
+    folder : path, optional
+        Where the sweep file's tables of coefficients are.
+
+    Returns
+    -------
+    HeldOut
+        The points, and at each the largest difference of a Mueller element over the scene's largest.
+
+    Raises
+    ------
+    SceneError
+        For a table of anything else than BRDFs.
+    AccuracyError
+        As `vrte.brdf` does.
+
+    Examples
+    --------
+    >>> from vrte.sweep import sweep
+    >>> layer = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
+    >>> axes = {"layer[1].albedo": [0.2, 0.3, 0.4, 0.5]}
+    >>> table = sweep({"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}, workers=1)
+    >>> bool(held_out(table, points=2).errors.max() < 1e-3)
+    True
     """
     sweep = read_sweep(json.loads(table.attrs["sweep"]), folder)
     if sweep.kind != "brdf":

@@ -93,6 +93,8 @@ def sweep(
         Where another process is at the same output, or the cluster is lost.
     DeviceError, MissingExtraError, OSError
 
+    Examples
+    --------
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 1.0}
     >>> axes = {"depth": {"key": "layer[1].thickness", "values": [0.1, 1.0]}, "base.albedo": [0.0, 1.0]}
     >>> base = {"kind": "lambertian", "albedo": 0.0}

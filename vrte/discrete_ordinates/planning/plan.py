@@ -47,14 +47,47 @@ UNPOLARIZED, POLARIZED = np.diag([1.0, 0.0, 0.0, 0.0]), np.diag([0.0, 1.0, 1.0, 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
-    """What the solver will do, and nothing else; print it for a table.
+    """What the solver will do, and nothing else, as `vrte.plan` makes it; print it for a table.
 
-    ``problem``: the scene on ``nodes`` nodes a hemisphere, truncated as ``truncation`` says; ``mu``: the signed
-    cosines, as asked; ``needs``, ``bounds`` (order, n_tau, 1) and ``brightest`` (n_tau, n_in): bounds on each order,
-    and the light they are compared with; ``orders``: how many there are at most; ``blocks``: how they are solved;
-    ``accuracy``: of the discrete problem; ``choice`` of its nodes; ``left_out``: why orders are, by the name of the
-    switch; ``threads``: on how many; ``parts``: the plans of
-    light that comes in unpolarized and polarized, where they are carried out instead.
+    Attributes
+    ----------
+    request
+        What was asked for, checked.
+    problem
+        The scene on its nodes, truncated.
+    truncation
+        What becomes of phase matrices with more terms than the nodes carry, and why.
+    mu
+        The signed cosines, as asked, (n_mu,).
+    needs
+        How much of each order is needed.
+    bounds
+        Bounds on each Fourier order, (order, n_tau, 1).
+    brightest
+        The light that they are compared with, (n_tau, n_in).
+    wanted
+        What is to be given back.
+    orders
+        How many Fourier orders there are at most.
+    blocks
+        How they are solved, a block of orders that are alike each.
+    accuracy
+        Of the discrete problem.
+    choice
+        Of the nodes: how many, and by which rule.
+    left_out
+        Why orders or directions are left out, by the name of the switch.
+    threads
+        On how many threads.
+    parts
+        Plans of light that comes in unpolarized and polarized, where they are carried out instead.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
+    >>> vrte.plan("brdf", haze, mu_i=0.5, mu_o=0.5, nodes=8).orders
+    3
     """
 
     request: Request
@@ -83,16 +116,47 @@ class Plan:
         return view(self, "_repr_html_")
 
     def plot(self) -> "Figure":
-        """Operations of each Fourier order, and the orders left out. MissingExtraError without the extra "plot"."""
+        """A figure of the operations of each Fourier order, and of the orders left out.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Its ``savefig`` writes it.
+
+        Raises
+        ------
+        MissingExtraError
+            Without the extra "plot".
+
+        Examples
+        --------
+        >>> import vrte
+        >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
+        >>> len(vrte.plan("brdf", haze, mu_i=0.5, mu_o=0.5, nodes=8).plot().axes) > 0
+        True
+        """
         return view(self, "plot")
 
     def as_dict(self) -> dict[str, Any]:
-        """The printed table as numbers and strings: blocks, what is left out and shared, operations, bytes."""
+        """The printed table as numbers and strings, for programs.
+
+        Returns
+        -------
+        dict
+            Blocks, what is left out and shared, operations, bytes, by name.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
+        >>> vrte.plan("brdf", haze, mu_i=0.5, mu_o=0.5, nodes=8).as_dict()["nodes"]
+        8
+        """
         return list_plan_facts(self)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What cannot be promised."""
+        """What cannot be promised of the accuracy, a sentence each."""
         return self.choice.notes
 
     @property
@@ -106,7 +170,20 @@ class Plan:
         return self.problem.leave_out.orders and not self.fed_back
 
     def diagnostics(self) -> dict[str, Any]:
-        """What a result says of how it was made."""
+        """What a result says of how it was made.
+
+        Returns
+        -------
+        dict
+            Method, backend, algorithm, accuracy, nodes, truncation and base, by name.
+
+        Examples
+        --------
+        >>> import vrte
+        >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
+        >>> vrte.plan("brdf", haze, mu_i=0.5, mu_o=0.5, nodes=8).diagnostics()["base"]
+        'black'
+        """
         longest = max(layer.phase_matrix.terms for layer in self.request.scene.layers)
         nodes = self.problem.nodes.size
         names = {block.choice.name: block.choice.reason for block in self.blocks}

@@ -1,0 +1,127 @@
+"""The API reference: what stands on its pages is said the numpydoc way, and every public name stands on one of them."""
+
+import inspect
+import re
+from collections.abc import Iterator
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from griffe import Docstring
+
+import vrte
+
+ROOT = Path(vrte.__file__).parents[1]
+PAGES = sorted((ROOT / "docs/reference/api").glob("*.md"))
+LISTED = [name for page in PAGES for name in re.findall(r"^::: (\S+)", page.read_text(), re.MULTILINE)]
+PROPERTIES = property | cached_property
+CORE = "vrte._core."  # compiled: its docstrings are read from its sources
+
+
+def find_object(name: str) -> Any:
+    module, _, last = name.rpartition(".")
+    return getattr(import_module(module), last)
+
+
+def list_members(name: str, given: Any) -> Iterator[tuple[str, Any]]:
+    """What is listed, with the public methods and properties of a class, or the functions of a module; methods that
+    say nothing themselves mean what a class above says of them."""
+    yield name, given
+    owners = inspect.getmro(given) if inspect.isclass(given) else [given] if inspect.ismodule(given) else []
+    for owner in owners:
+        where = owner.__name__ if inspect.ismodule(owner) else owner.__module__
+        for member, value in vars(owner).items():
+            value = getattr(value, "__func__", value)  # of a class method
+            ours = inspect.isfunction(value) and value.__module__ == where
+            if where.startswith("vrte") and not member.startswith("_") and (ours or isinstance(value, PROPERTIES)):
+                if value.__doc__ or not inspect.getdoc(getattr(owner, member)):
+                    yield f"{name}.{member}", value
+
+
+DOCUMENTED = dict(
+    pair for name in LISTED if not name.startswith(CORE) for pair in list_members(name, find_object(name))
+)
+
+
+def read_sections(words: str) -> dict[str, Any]:
+    return {section.kind.value: section.value for section in Docstring(words).parse("numpy", warnings=False)}
+
+
+def find_faults(given: Any, words: str) -> list[str]:
+    """What the docstring of a function, class, property or module lacks, or has too much."""
+    first, _, rest = words.partition("\n")
+    faults = []
+    if len(first.split()) < 3 or not first.endswith(".") or len(first) > 120 or (rest and not rest.startswith("\n")):
+        faults.append(f"first line: {first!r}")
+    if re.search(r"^(Source|Parameters|Returns): |\bRaises [A-Z]\w+(Error|Warning)\b", words, re.MULTILINE):
+        faults.append("a section within the text")
+    sections = read_sections(words)
+    if "examples" not in sections and ">>> " in words:
+        faults.append("an example outside of Examples")
+    if isinstance(given, ModuleType | PROPERTIES):
+        return faults
+    is_error = inspect.isclass(given) and issubclass(given, BaseException)
+    if ">>> " not in words and not is_error:
+        faults.append("no example")
+    told = {one.name: one for kind in ("parameters", "attributes") for one in sections.get(kind, [])}
+    taken = {} if is_error and "__init__" not in vars(given) else dict(inspect.signature(given).parameters)
+    taken.pop("self", None), taken.pop("cls", None)
+    stars = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
+    names = {stars.get(one.kind, "") + name for name, one in taken.items()}
+    own = {*dir(given), *given.__annotations__}
+    faults += [f"not said: {name}" for name in sorted(names - told.keys())]
+    faults += [f"no such parameter: {name}" for name in sorted(told.keys() - names - own)]
+    faults += [f"nothing said of {name}" for name, one in told.items() if not one.description.strip()]
+    if inspect.isfunction(given) and given.__annotations__.get("return") not in (None, "None"):
+        faults += [] if "returns" in sections else ["no Returns"]
+    return faults
+
+
+@pytest.mark.parametrize("name", DOCUMENTED)
+def test_docstring(name: str) -> None:
+    given = DOCUMENTED[name]
+    assert not find_faults(given, inspect.getdoc(given) or "")
+
+
+def pick_docstring(source: str, name: str) -> str:
+    found = re.search(rf'^def {name}\(.*?\):\n    """(.*?)"""', source, re.MULTILINE | re.DOTALL)
+    assert found, name
+    return inspect.cleandoc(found[1])
+
+
+@pytest.mark.parametrize("name", [name for name in LISTED if name.startswith(CORE)])
+def test_docstring_of_the_core(name: str) -> None:
+    source = "\n".join(path.read_text() for path in sorted((ROOT / "vrte/core").glob("*.pxi")))
+    words = pick_docstring(source, name.removeprefix(CORE))
+    sections = read_sections(words)
+    assert {"parameters", "returns"} <= sections.keys()
+
+
+def test_every_public_name_stands_on_one_page() -> None:
+    objects = [find_object(name) for name in LISTED]
+    for name in vrte.__all__:
+        assert sum(one is getattr(vrte, name) for one in objects) == 1, name
+    assert len(LISTED) == len(set(LISTED))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("The Mueller BRDF", "Mueller\nBRDF"),
+        ("phi : float", "azimuth : float"),
+        ("transmission : bool, optional\n    Adds the BTDF; not for a layer without end.\n", ""),
+        ("    Adds the BTDF; not for a layer without end.\n", ""),
+        ("\nReturns\n-------\n", "\n"),
+        (">>> ", "    "),
+        ("Examples\n--------\n", ""),
+        ("\nRaises\n------\n", "\nRaises SceneError.\n\n"),
+    ],
+)
+def test_a_spoilt_docstring_is_found(old: str, new: str) -> None:
+    words = inspect.getdoc(vrte.brdf) or ""
+    assert old in words
+    assert not find_faults(vrte.brdf, words)
+    assert find_faults(vrte.brdf, words.replace(old, new))
