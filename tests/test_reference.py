@@ -1,5 +1,6 @@
 """The API reference: what stands on its pages is said the numpydoc way, and every public name stands on one of them."""
 
+import ast
 import inspect
 import re
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ import vrte
 
 ROOT = Path(vrte.__file__).parents[1]
 PAGES = sorted((ROOT / "docs/reference/api").glob("*.md"))
-LISTED = [name for page in PAGES for name in re.findall(r"^::: (\S+)", page.read_text(), re.MULTILINE)]
+LISTED = [name for page in PAGES for name in re.findall(r"^::: (\S+)", page.read_text("utf-8"), re.MULTILINE)]
 PROPERTIES = property | cached_property
 CORE = "vrte._core."  # compiled: its docstrings are read from its sources
 
@@ -35,10 +36,11 @@ def list_members(name: str, given: Any) -> Iterator[tuple[str, Any]]:
         where = owner.__name__ if inspect.ismodule(owner) else owner.__module__
         for member, value in vars(owner).items():
             value = getattr(value, "__func__", value)  # of a class method
-            ours = inspect.isfunction(value) and value.__module__ == where
-            if where.startswith("vrte") and not member.startswith("_") and (ours or isinstance(value, PROPERTIES)):
-                if value.__doc__ or not inspect.getdoc(getattr(owner, member)):
-                    yield f"{name}.{member}", value
+            ours = isinstance(value, PROPERTIES) or (inspect.isfunction(value) and value.__module__ == where)
+            if not (ours and where.startswith("vrte")) or member.startswith("_"):
+                continue
+            if value.__doc__ or not inspect.getdoc(getattr(owner, member)):
+                yield f"{name}.{member}", value
 
 
 DOCUMENTED = dict(
@@ -86,24 +88,24 @@ def test_docstring(name: str) -> None:
     assert not find_faults(given, inspect.getdoc(given) or "")
 
 
-def pick_docstring(source: str, name: str) -> str:
-    found = re.search(rf'^def {name}\(.*?\):\n    """(.*?)"""', source, re.MULTILINE | re.DOTALL)
-    assert found, name
-    return inspect.cleandoc(found[1])
-
-
-@pytest.mark.parametrize("name", [name for name in LISTED if name.startswith(CORE)])
+@pytest.mark.parametrize("name", [name.rpartition(".")[2] for name in LISTED if name.startswith(CORE)])
 def test_docstring_of_the_core(name: str) -> None:
-    source = "\n".join(path.read_text() for path in sorted((ROOT / "vrte/core").glob("*.pxi")))
-    words = pick_docstring(source, name.removeprefix(CORE))
-    sections = read_sections(words)
-    assert {"parameters", "returns"} <= sections.keys()
+    source = "\n".join(path.read_text("utf-8") for path in (ROOT / "vrte/core").glob("*.pxi"))
+    words = re.search(rf'^def {name}\(.*?\):\n    """(.*?)"""', source, re.MULTILINE | re.DOTALL)
+    told = read_sections(inspect.cleandoc(words[1] if words else ""))
+    stub = ast.walk(ast.parse((ROOT / "vrte/_core.pyi").read_text("utf-8")))
+    (taken,) = (one.args for one in stub if isinstance(one, ast.FunctionDef) and one.name == name)
+    names = {each.arg for each in (*taken.args, *taken.kwonlyargs)}
+    assert {one.name for one in told["parameters"]} == names - {"self"}
+    assert "returns" in told or "out" in names
 
 
 def test_every_public_name_stands_on_one_page() -> None:
-    objects = [find_object(name) for name in LISTED]
+    index = (ROOT / "docs/reference/api/index.md").read_text("utf-8")
+    objects = [find_object(name) for name in LISTED if not name.startswith(CORE)]
     for name in vrte.__all__:
         assert sum(one is getattr(vrte, name) for one in objects) == 1, name
+        assert f"[{name}][vrte." in index, name
     assert len(LISTED) == len(set(LISTED))
 
 

@@ -48,9 +48,17 @@ def find_angles(mu_i: Array, mu_o: Array, phi_deg: Array) -> Angles:
 
 
 class ScalarBase(SampledBase):
-    """A base with a formula for f_00, which the others are dark beside; f that would be negative is 0.
+    """A base with a formula for f_00, which leaves light unpolarized; f that would be negative is 0.
 
-    Made from this class, it has `compute_f`, and asks for `check_formula` as it is made.
+    Made from this class, a base has `compute_f`, and asks for `check_formula` as it is made.
+
+    Examples
+    --------
+    >>> class Moon(ScalarBase):
+    ...     def compute_f(self, angles):
+    ...         return 0.1 / (np.pi * (angles.mu_i + angles.mu_o))
+    >>> round(Moon().reflectance(1.0).item(), 4)
+    0.0614
     """
 
     def compute_f(self, angles: Angles) -> Array:
