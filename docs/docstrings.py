@@ -33,6 +33,7 @@ def link(line: str, obj: Object) -> str:
     """Names in single backticks as links to where they are documented, names of pages as links to these."""
     if not line.startswith(" "):  # types that would be read as Python, and printed as other than they stand here
         line = re.sub(r"^([\w*, ]+ : )\{(.*)\}", r"\1one of \2", line)
+        line = re.sub(r"^([\w*, ]+ : .*,.*) or ", "\\1\u00a0or ", line)
         line = re.sub(r"((?:^| : )(?:nd)?array\w*(?: of \w+)?) \(", "\\1\u00a0(", line)
     line = OTHER_PAGE.sub(lambda found: f"[{found[2].replace('_', ' ')}](../../{found[1]}.html)", line)
     return re.sub(r"(?<!`)`([\w.]+)`(?!`)", lambda found: refer(found[1], obj), line)

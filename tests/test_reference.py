@@ -1,23 +1,27 @@
 """The API reference: what stands on its pages is said the numpydoc way, and every public name stands on one of them."""
 
 import ast
+import builtins
 import inspect
 import re
 from collections.abc import Iterator
+from doctest import DocTestParser
 from functools import cached_property
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
-from griffe import Docstring
+from griffe import Docstring, Function, Module
 
 import vrte
 
 ROOT = Path(vrte.__file__).parents[1]
 PAGES = sorted((ROOT / "docs/reference/api").glob("*.md"))
 LISTED = [name for page in PAGES for name in re.findall(r"^::: (\S+)", page.read_text("utf-8"), re.MULTILINE)]
+FIXTURES = "brdf", "painted"  # of conftest.py; the pages say what they are
 PROPERTIES = property | cached_property
 CORE = "vrte._core."  # compiled: its docstrings are read from its sources
 
@@ -52,6 +56,17 @@ def read_sections(words: str) -> dict[str, Any]:
     return {section.kind.value: section.value for section in Docstring(words).parse("numpy", warnings=False)}
 
 
+def find_unknown_names(words: str) -> set[str]:
+    """Names that an example uses and does not make or import: who copies it has none of them."""
+    nodes = list(ast.walk(ast.parse("".join(example.source for example in DocTestParser().get_examples(words)))))
+    names = [node for node in nodes if isinstance(node, ast.Name)]
+    made = {node.id for node in names if isinstance(node.ctx, ast.Store)} | {*dir(builtins), *FIXTURES}
+    made |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    made |= {node.name for node in nodes if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.ExceptHandler)}
+    made |= {(node.asname or node.name).split(".")[0] for node in nodes if isinstance(node, ast.alias)}
+    return {node.id for node in names} - made
+
+
 def find_faults(given: Any, words: str) -> list[str]:
     """What the docstring of a function, class, property or module lacks, or has too much."""
     first, _, rest = words.partition("\n")
@@ -63,6 +78,7 @@ def find_faults(given: Any, words: str) -> list[str]:
     sections = read_sections(words)
     if "examples" not in sections and ">>> " in words:
         faults.append("an example outside of Examples")
+    faults += [f"not imported: {name}" for name in sorted(find_unknown_names(words))]
     if isinstance(given, ModuleType | PROPERTIES):
         return faults
     is_error = inspect.isclass(given) and issubclass(given, BaseException)
@@ -118,6 +134,7 @@ def test_every_public_name_stands_on_one_page() -> None:
         ("    Adds the BTDF; not for a layer without end.\n", ""),
         ("\nReturns\n-------\n", "\n"),
         (">>> ", "    "),
+        (">>> import vrte\n", ""),
         ("Examples\n--------\n", ""),
         ("\nRaises\n------\n", "\nRaises SceneError.\n\n"),
     ],
@@ -127,3 +144,18 @@ def test_a_spoilt_docstring_is_found(old: str, new: str) -> None:
     assert old in words
     assert not find_faults(vrte.brdf, words)
     assert find_faults(vrte.brdf, words.replace(old, new))
+
+
+def test_names_and_pages_in_docstrings_become_links() -> None:
+    spec = spec_from_file_location("docstrings", ROOT / "docs/docstrings.py")
+    assert spec is not None
+    assert spec.loader is not None
+    site = module_from_spec(spec)
+    spec.loader.exec_module(site)
+    here = Function("find_film", parent=Module("film"))
+    assert site.link("of a `vrte.Scene`, ``mu``, `x`", here) == "of a [`vrte.Scene`][vrte.Scene], ``mu``, `x`"
+    assert (
+        site.link("    (docs/how_to/rough_surfaces.md)", here)
+        == "    ([rough surfaces](../../how_to/rough_surfaces.html))"
+    )
+    assert site.link("kind : {'a', 'b-c'}, optional", here) == "kind : one of 'a', 'b-c', optional"

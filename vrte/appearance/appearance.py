@@ -51,6 +51,7 @@ class Reading(NamedTuple):
 
     Examples
     --------
+    >>> from vrte.appearance.appearance import Reading
     >>> Reading("Y", "45:0", None, 20.0, "1", "D65, 10 degree observer", "ISO/CIE 11664-3").value
     20.0
     """
@@ -88,9 +89,10 @@ class Appearance:
 
     Examples
     --------
+    >>> import vrte
     >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
     >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
-    >>> appearance(grey, [0.45, 0.55, 0.65], geometries=["45:0"], nodes=4).reflectance().round(9).tolist()
+    >>> vrte.appearance(grey, [0.45, 0.55, 0.65], geometries=["45:0"], nodes=4).reflectance().round(9).tolist()
     [0.2, 0.2, 0.2]
     """
 
@@ -127,9 +129,11 @@ class Appearance:
 
         Examples
         --------
+        >>> import vrte
         >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
         >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
-        >>> appearance(grey, [0.45, 0.55, 0.65], geometries=["45:0"], nodes=4).reflectance("0:45").round(9).tolist()
+        >>> look = vrte.appearance(grey, [0.45, 0.55, 0.65], geometries=["45:0"], nodes=4)
+        >>> look.reflectance("0:45").round(9).tolist()
         [0.2, 0.2, 0.2]
         """
         wanted = read_geometry(geometry).reading
@@ -161,9 +165,10 @@ class Appearance:
 
         Examples
         --------
+        >>> import vrte
         >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
         >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
-        >>> round(appearance(grey, geometries=["45:0"], nodes=4).colour().L, 2)
+        >>> round(vrte.appearance(grey, geometries=["45:0"], nodes=4).colour().L, 2)
         51.84
         """
         return find_colour(self.wavelength_um, self.reflectance(geometry), self.illuminant, self.observer)
@@ -190,9 +195,11 @@ class Appearance:
 
         Examples
         --------
+        >>> import vrte
         >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
         >>> bases = [{"kind": "lambertian", "albedo": albedo} for albedo in (0.20, 0.22)]
-        >>> one, other = (appearance({"layer": layers, "base": base}, geometries=["45:0"], nodes=4) for base in bases)
+        >>> panels = [{"layer": layers, "base": base} for base in bases]
+        >>> one, other = (vrte.appearance(panel, geometries=["45:0"], nodes=4) for panel in panels)
         >>> round(one.difference(other), 2)
         2.14
         """
@@ -220,8 +227,9 @@ class Appearance:
 
         Examples
         --------
+        >>> import vrte
         >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
-        >>> degree, angle_deg = appearance(haze, [0.5], geometries=["45:0"], nodes=4).polarization()
+        >>> degree, angle_deg = vrte.appearance(haze, [0.5], geometries=["45:0"], nodes=4).polarization()
         >>> 0.2 < degree.item() < 0.5
         True
         """
@@ -258,9 +266,10 @@ class Appearance:
 
         Examples
         --------
+        >>> import vrte
         >>> glass = {"interface": {"above": 1.0, "below": 1.567}}
         >>> clear = {"layer": [glass, {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}]}
-        >>> round(appearance(clear, geometries=["8:di"], nodes=4).gloss(20.0), 6)
+        >>> round(vrte.appearance(clear, geometries=["8:di"], nodes=4).gloss(20.0), 6)
         100.0
         """
         return find_gloss(self._panel("gloss is read off"), angle_deg)
@@ -342,8 +351,10 @@ class Appearance:
 
         Examples
         --------
+        >>> import vrte
         >>> film = {"layer": [{"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}]}
-        >>> appearance(film, [0.5], geometries=["8:di"], nodes=8).kubelka_munk(geometry="inside").S.round(2).tolist()
+        >>> look = vrte.appearance(film, [0.5], geometries=["8:di"], nodes=8)
+        >>> look.kubelka_munk(geometry="inside").S.round(2).tolist()
         [1.36]
         """
         return find_kubelka_munk(self._panel("K and S are of"), white, geometry, k1, k2, progress)
@@ -363,9 +374,10 @@ class Appearance:
 
         Examples
         --------
+        >>> import vrte
         >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
         >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
-        >>> round(next(appearance(grey, geometries=["45:0"], nodes=4).list_readings()).value, 9)
+        >>> round(next(vrte.appearance(grey, geometries=["45:0"], nodes=4).list_readings()).value, 9)
         0.2
         """
         at = self.wavelength_um.round(9).tolist()
@@ -450,9 +462,10 @@ def appearance(
 
     Examples
     --------
+    >>> import vrte
     >>> layers = [{"phase": "isotropic", "albedo": 0.9, "thickness": 0.0}]
     >>> grey = {"layer": layers, "base": {"kind": "lambertian", "albedo": 0.2}}
-    >>> look = appearance(grey, geometries=["8:di", "45:0"])
+    >>> look = vrte.appearance(grey, geometries=["8:di", "45:0"])
     >>> print(look.reflectance("8:di")[0].round(9), round(look.colour().L, 2))
     0.2 51.84
     """

@@ -54,6 +54,8 @@ class Colour:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.appearance.colours import find_colour
     >>> white = find_colour(np.linspace(0.40, 0.70, 16), np.ones(16))
     >>> round(white.L, 6), white.hex
     (100.0, '#ffffff')
@@ -159,6 +161,8 @@ def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", 
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.appearance.colours import find_colour
     >>> wavelengths_um = np.linspace(0.40, 0.70, 16)
     >>> red = find_colour(wavelengths_um, 0.05 + 0.6 / (1.0 + np.exp((0.6 - wavelengths_um) / 0.01)))
     >>> print(red)
@@ -198,6 +202,8 @@ def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.appearance.colours import estimate_error
     >>> wavelengths_um = np.linspace(0.40, 0.70, 16)
     >>> smooth, rippled = (0.5 + 0.2 * np.sin(wavelengths_um / period) for period in (0.03, 0.01))
     >>> [round(estimate_error(wavelengths_um, each), 2) for each in (smooth, rippled)]
@@ -234,6 +240,9 @@ def find_difference(one: Colour, other: Colour) -> float:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.appearance.colours import find_colour
+    >>> from vrte.appearance.colours import find_difference
     >>> wavelengths_um = np.linspace(0.40, 0.70, 16)
     >>> grey, darker = (find_colour(wavelengths_um, np.full(16, level)) for level in (0.50, 0.49))
     >>> round(find_difference(grey, darker), 3)

@@ -65,6 +65,7 @@ def find_glosses(
 
     Examples
     --------
+    >>> from vrte.appearance.gloss import find_glosses
     >>> from vrte.appearance.panel import make_panel
     >>> glass = {"interface": {"above": 1.0, "below": 1.567}}
     >>> nothing = {"phase": "isotropic", "albedo": 0.0, "thickness": 0.0}
@@ -160,7 +161,9 @@ def find_surface_gloss(surface: Interface, angle_deg: float = 60.0) -> float:
 
     Examples
     --------
-    >>> round(find_surface_gloss(Interface(1.0, 1.5), 60.0), 2)
+    >>> import vrte
+    >>> from vrte.appearance.gloss import find_surface_gloss
+    >>> round(find_surface_gloss(vrte.Interface(1.0, 1.5), 60.0), 2)
     89.14
     """
     angle = check_gloss_angle(angle_deg)

@@ -163,6 +163,7 @@ class Hiding:
 
         Examples
         --------
+        >>> import numpy as np
         >>> round(painted.hiding.find_luminance(np.full(8, 0.5)), 12)
         0.5
         """
@@ -283,6 +284,7 @@ def find_contrast(
 
     Examples
     --------
+    >>> from vrte.appearance.hiding import find_contrast
     >>> from vrte.appearance.panel import make_panel
     >>> grey = {"phase": "isotropic", "albedo": 0.5, "thickness": 0.0}
     >>> panel = make_panel({"layer": [grey]}, [0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68])
@@ -327,6 +329,7 @@ def find_hiding(
 
     Examples
     --------
+    >>> from vrte.appearance.hiding import find_hiding
     >>> from vrte.appearance.panel import make_panel
     >>> white = {"phase": "isotropic", "albedo": 1.0, "thickness": 10.0}
     >>> print(find_hiding(make_panel({"layer": [white]}, [0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68], nodes=4)))

@@ -47,6 +47,8 @@ def reflect_film(K: Any, S: Any, length: Any, base: Any = 0.0) -> Array:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.appearance.kubelka_munk import reflect_film
     >>> reflect_film(0.0, 0.1, [0.0, 10.0, np.inf], base=0.5).round(12).tolist()
     [0.5, 0.666666666667, 1.0]
     """
@@ -81,6 +83,7 @@ def put_film_over(alone: Any, through: Any, base: Any) -> Array:
 
     Examples
     --------
+    >>> from vrte.appearance.kubelka_munk import put_film_over
     >>> put_film_over(0.75, 0.25, 0.8).round(12).item()
     0.875
     """
@@ -119,6 +122,7 @@ def find_film(K: Any, S: Any, length: Any) -> tuple[Array, Array]:
 
     Examples
     --------
+    >>> from vrte.appearance.kubelka_munk import find_film
     >>> [float(share) for share in find_film(0.0, 1.0, 3.0)]
     [0.75, 0.25]
     """
@@ -160,6 +164,7 @@ def reflect_thick_film(K: Any, S: Any) -> Array:
 
     Examples
     --------
+    >>> from vrte.appearance.kubelka_munk import reflect_thick_film
     >>> reflect_thick_film(0.5, 1.0).round(12).item()
     0.38196601125
     """
@@ -200,6 +205,7 @@ def find_coefficients(over_black: Any, over_base: Any, base: Any, length: Any) -
 
     Examples
     --------
+    >>> from vrte.appearance.kubelka_munk import find_coefficients
     >>> [round(float(one), 12) for one in find_coefficients(0.75, 0.875, 0.8, 3.0)]
     [0.0, 1.0]
     """
@@ -244,6 +250,7 @@ def find_slab_coefficients(alone: Any, through: Any, length: Any) -> tuple[Array
 
     Examples
     --------
+    >>> from vrte.appearance.kubelka_munk import find_slab_coefficients
     >>> [round(float(one), 12) for one in find_slab_coefficients(0.75, 0.25, 3.0)]
     [0.0, 1.0]
     """
@@ -291,6 +298,7 @@ def add_surface(inside: Any, k1: Any, k2: Any) -> Array:
 
     Examples
     --------
+    >>> from vrte.appearance.kubelka_munk import add_surface
     >>> add_surface([0.0, 0.5, 1.0], 0.04, 0.6).round(12).tolist()
     [0.04, 0.314285714286, 1.0]
     """
@@ -325,6 +333,8 @@ def remove_surface(measured: Any, k1: Any, k2: Any) -> Array:
 
     Examples
     --------
+    >>> from vrte.appearance.kubelka_munk import add_surface
+    >>> from vrte.appearance.kubelka_munk import remove_surface
     >>> remove_surface(add_surface(0.3, 0.04, 0.6), 0.04, 0.6).round(12).item()
     0.3
     """

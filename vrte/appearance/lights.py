@@ -46,6 +46,7 @@ def list_illuminants() -> list[str]:
 
     Examples
     --------
+    >>> from vrte.appearance.lights import list_illuminants
     >>> [name for name in list_illuminants() if name in ("A", "D50", "D65", "FL11", "LED-B1")]
     ['A', 'D50', 'D65', 'FL11', 'LED-B1']
     """
@@ -104,6 +105,8 @@ def weigh_wavelengths(wavelengths_um: Any, illuminant: str = "D65", observer: in
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.appearance.lights import weigh_wavelengths
     >>> weights = weigh_wavelengths([0.43, 0.46, 0.49, 0.52, 0.55, 0.58, 0.61, 0.64, 0.67, 0.70])
     >>> (weights @ np.ones(10)).round(4).tolist()  # the white of D65 and 10 degrees
     [0.9481, 1.0, 1.073]

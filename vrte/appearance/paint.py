@@ -264,8 +264,9 @@ def paint(
 
     Examples
     --------
+    >>> import vrte
     >>> grey = {"layer": [{"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}]}
-    >>> found = paint(grey, [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70], nodes=4)
+    >>> found = vrte.paint(grey, [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70], nodes=4)
     >>> round(found.hiding.contrast_ratio, 3), found.glosses
     (0.747, {})
     """

@@ -56,6 +56,7 @@ class Panel:
 
     Examples
     --------
+    >>> from vrte.appearance.panel import make_panel
     >>> make_panel({"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}, [0.45, 0.55, 0.65])
     Panel(3 wavelengths from 0.45 to 0.65 um, 1 layers)
     """
@@ -122,6 +123,7 @@ class Panel:
 
         Examples
         --------
+        >>> from vrte.appearance.panel import make_panel
         >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
         >>> make_panel(haze, [0.45, 0.55, 0.65]).pick([0, 2]).wavelength_um.tolist()
         [0.45, 0.65]
@@ -151,6 +153,7 @@ class Panel:
 
         Examples
         --------
+        >>> from vrte.appearance.panel import make_panel
         >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
         >>> make_panel(haze, [0.55], accuracy=0.01).choose_nodes(0.9) < 20
         True
@@ -173,9 +176,10 @@ class Panel:
 
         Examples
         --------
-        >>> from vrte.scene.boundary import Lambertian
+        >>> import vrte
+        >>> from vrte.appearance.panel import make_panel
         >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
-        >>> make_panel(haze, [0.55]).put_over(Lambertian(0.8)).scenes[0].base_in_words
+        >>> make_panel(haze, [0.55]).put_over(vrte.Lambertian(0.8)).scenes[0].base_in_words
         'Lambertian(albedo=0.8)'
         """
         return replace(self, scenes=tuple(replace(scene, base=base) for scene in self.scenes))
@@ -200,6 +204,7 @@ class Panel:
 
         Examples
         --------
+        >>> from vrte.appearance.panel import make_panel
         >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
         >>> make_panel(haze, [0.55]).scale_film(2.0).scenes[0].thickness
         1.0
@@ -245,6 +250,7 @@ class Panel:
 
         Examples
         --------
+        >>> from vrte.appearance.panel import make_panel
         >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
         >>> bool(make_panel(haze, [0.55]).make_as_thick(float("inf")).scenes[0].thickness == float("inf"))
         True
@@ -271,6 +277,7 @@ class Panel:
 
         Examples
         --------
+        >>> from vrte.appearance.panel import make_panel
         >>> haze = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
         >>> panel = make_panel({"layer": [{"interface": {"above": 1.0, "below": 1.5}}, haze]}, [0.55])
         >>> panel.take_off_surface().scenes[0].index_above
@@ -303,6 +310,7 @@ class Panel:
 
         Examples
         --------
+        >>> from vrte.appearance.panel import make_panel
         >>> haze = {"layer": [{"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}]}
         >>> make_panel(haze, [0.45, 0.55, 0.65], nodes=4).solve(0.9).reflectance.shape
         (3, 1)
@@ -377,6 +385,7 @@ def make_panel(
 
     Examples
     --------
+    >>> from vrte.appearance.panel import make_panel
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
     >>> make_panel({"layer": [layer]}, [0.45, 0.55, 0.65]).solve(0.9).reflectance.shape
     (3, 1)

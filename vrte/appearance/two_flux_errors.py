@@ -30,6 +30,8 @@ class TwoFluxErrors:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.appearance.two_flux_errors import TwoFluxErrors
     >>> exact, predicted = np.full((2, 1, 1), 0.50), np.full((2, 1, 1), 0.52)
     >>> TwoFluxErrors(np.array([1.0]), np.array([0.55]), "1/film", exact, predicted).error.round(9).ravel().tolist()
     [0.02, 0.02]

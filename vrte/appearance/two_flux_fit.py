@@ -64,6 +64,7 @@ class KubelkaMunk:
 
     Examples
     --------
+    >>> from vrte.appearance.two_flux_fit import find_kubelka_munk
     >>> from vrte.appearance.panel import make_panel
     >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
     >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")
@@ -118,6 +119,7 @@ class KubelkaMunk:
 
         Examples
         --------
+        >>> from vrte.appearance.two_flux_fit import find_kubelka_munk
         >>> from vrte.appearance.panel import make_panel
         >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
         >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")
@@ -136,6 +138,7 @@ class KubelkaMunk:
 
         Examples
         --------
+        >>> from vrte.appearance.two_flux_fit import find_kubelka_munk
         >>> from vrte.appearance.panel import make_panel
         >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
         >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")
@@ -197,6 +200,7 @@ class KubelkaMunk:
 
         Examples
         --------
+        >>> from vrte.appearance.two_flux_fit import find_kubelka_munk
         >>> from vrte.appearance.panel import make_panel
         >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
         >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")
@@ -308,6 +312,7 @@ def find_kubelka_munk(
 
     Examples
     --------
+    >>> from vrte.appearance.two_flux_fit import find_kubelka_munk
     >>> from vrte.appearance.panel import make_panel
     >>> film = {"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}
     >>> found = find_kubelka_munk(make_panel({"layer": [film]}, [0.5], nodes=8), geometry="inside")

@@ -71,9 +71,10 @@ def brdf(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
-    >>> round(float(brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
+    >>> round(float(vrte.brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
     return solve_brdf(choose_method(make_brdf_request(**locals())), progress)

@@ -66,7 +66,7 @@ def brdfs(
     --------
     >>> import vrte
     >>> layers = [vrte.Layer(vrte.rayleigh(), albedo=a, thickness=1.0) for a in (0.5, 1.0)]
-    >>> [len(b.mu_o) for b in brdfs([vrte.Scene([layer]) for layer in layers], 0.5, [0.2, 0.7], nodes=4)]
+    >>> [len(b.mu_o) for b in vrte.brdfs([vrte.Scene([layer]) for layer in layers], 0.5, [0.2, 0.7], nodes=4)]
     [2, 2]
     """
     asked = locals()

@@ -48,7 +48,8 @@ def material(
 
     Examples
     --------
-    >>> material("rutile in alkyd", 0.55).host_index
+    >>> import vrte
+    >>> vrte.material("rutile in alkyd", 0.55).host_index
     1.52
     """
     from vrte.formats.scene_file import make_scene_file

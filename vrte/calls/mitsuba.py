@@ -84,9 +84,10 @@ def to_mitsuba(
 
     Examples
     --------
+    >>> import vrte
     >>> layer = {"phase": "isotropic", "albedo": 1.0, "thickness": 0.5}
     >>> content = {"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
-    >>> to_mitsuba(content, [0.45, 0.5, 0.55, 0.6, 0.65], "isotropic.bsdf", step_deg=15).median < 0.1
+    >>> vrte.to_mitsuba(content, [0.45, 0.5, 0.55, 0.6, 0.65], "isotropic.bsdf", step_deg=15).median < 0.1
     True
     """
     wavelengths = check_ascending(wavelengths_um)

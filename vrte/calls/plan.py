@@ -44,7 +44,7 @@ def plan(kind: str, scene: Scene, *arguments: Any, **keywords: Any) -> Plan:
     --------
     >>> import vrte
     >>> scene = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=1.0)])
-    >>> plan("radiance", scene, mu0=0.6, nodes=8)
+    >>> vrte.plan("radiance", scene, mu0=0.6, nodes=8)
     Plan(radiance, 1 orders at most, 1 blocks)
     """
     request = make_request(kind, scene, *arguments, **keywords)

@@ -53,7 +53,7 @@ def solve_base(scene: Scene, accuracy: float = 1e-6, **asked: Any) -> TabulatedB
     --------
     >>> import vrte
     >>> haze = vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=0.5)
-    >>> ground = solve_base(vrte.Scene([haze], vrte.Lambertian(0.3)), accuracy=1e-4, nodes=8)
+    >>> ground = vrte.solve_base(vrte.Scene([haze], vrte.Lambertian(0.3)), accuracy=1e-4, nodes=8)
     >>> vrte.brdf(vrte.Scene([haze], ground), 0.5, 0.5, nodes=8).mueller.shape
     (1, 1, 1, 4, 4)
     """

@@ -62,9 +62,10 @@ def spectrum(
 
     Examples
     --------
+    >>> import vrte
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 0.5}
     >>> content = {"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
-    >>> spectrum(content, [0.45, 0.65])
+    >>> vrte.spectrum(content, [0.45, 0.65])
     Spectrum(2 wavelengths from 0.45 to 0.65 um, Brdf(1 mu_i, 1 mu_o, 1 phi) at each)
     """
     wavelengths = check_ascending(list_wavelengths(scene) if wavelengths_um is None else wavelengths_um)

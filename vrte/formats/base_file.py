@@ -59,11 +59,12 @@ def read_base(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import vrte
     >>> haze = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=1.0)])
     >>> mu = np.linspace(0.02, 1.0, 12)
     >>> vrte.brdf(haze, mu, mu, [0, 45, 90, 135, 180], nodes=4).save("haze.nc")
-    >>> read_base("haze.nc")
+    >>> vrte.read_base("haze.nc")
     TabulatedBase(12 mu_i, 12 mu_o, 3 Fourier orders)
     """
     name = check_file_name(path)

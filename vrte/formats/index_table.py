@@ -35,9 +35,10 @@ def read_index(path: str | os.PathLike[str]) -> IndexTable:
 
     Examples
     --------
+    >>> import vrte
     >>> with open("pigment.csv", "w") as file:
     ...     _ = file.write("wavelength_nm,n,k\\n400,2.0,0.25\\n800,1.5,0.0\\n")
-    >>> read_index("pigment.csv").at(0.4)
+    >>> vrte.read_index("pigment.csv").at(0.4)
     (2+0.25j)
     """
     header, rows = read_rows(path, LARGEST_FILE, MOST_ROWS)

@@ -49,7 +49,8 @@ class ReadyMaterial:
 
     Examples
     --------
-    >>> list_materials()["chalk"].title
+    >>> import vrte
+    >>> vrte.materials()["chalk"].title
     'Chalk'
     """
 
@@ -78,7 +79,8 @@ def list_materials() -> dict[str, ReadyMaterial]:
 
     Examples
     --------
-    >>> list_materials()["chalk"].particles["calcite"]["index"]
+    >>> import vrte
+    >>> vrte.materials()["chalk"].particles["calcite"]["index"]
     'calcite'
     """
     files = {path.stem.replace("_", " "): path for path in FOLDER.glob(f"*{SUFFIX}")}

@@ -55,6 +55,7 @@ class Errors:
 
     Examples
     --------
+    >>> from vrte.formats.measured_polarized import Errors
     >>> Errors(median=1e-3, most=5e-3, pairs=2000).most
     0.005
     """

@@ -73,6 +73,7 @@ class ReadyPaint:
 
     Examples
     --------
+    >>> from vrte.formats.paints import list_paints
     >>> list_paints()["white gloss"].content["paint"]["pigment"]
     'rutile'
     """
@@ -101,6 +102,7 @@ def list_paints() -> dict[str, ReadyPaint]:
 
     Examples
     --------
+    >>> from vrte.formats.paints import list_paints
     >>> list_paints()["white gloss"].paint["pigment"]
     'rutile'
     """

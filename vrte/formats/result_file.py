@@ -45,6 +45,7 @@ def save(result: Result, path: str | os.PathLike[str]) -> None:
 
     Examples
     --------
+    >>> from vrte.formats.result_file import save
     >>> save(brdf, "result.csv")
     """
     suffix = Path(check_file_name(path)).suffix.lower()
@@ -78,8 +79,10 @@ def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) ->
 
     Examples
     --------
+    >>> import vrte
+    >>> from vrte.formats.result_file import save
     >>> save(brdf, "result.nc")
-    >>> load("result.nc").mueller.shape
+    >>> vrte.load("result.nc").mueller.shape
     (2, 20, 37, 4, 4)
     """
     most_bytes = check_number("most_bytes", most_bytes, 0.0, math.inf, "a number of bytes >= 0")

@@ -68,9 +68,10 @@ def read_scattering(
 
     Examples
     --------
+    >>> import vrte
     >>> with open("dust.csv", "w") as file:
     ...     _ = file.write("# a line\\nangle_deg,F11\\n0,1.5\\n45,1.125\\n90,0.75\\n135,1.125\\n180,1.5\\n")
-    >>> read_scattering("dust.csv").is_scalar
+    >>> vrte.read_scattering("dust.csv").is_scalar
     True
     """
     name = os.fspath(path)

@@ -36,9 +36,10 @@ def read_sizes(path: str | os.PathLike[str]) -> Tabulated:
 
     Examples
     --------
+    >>> import vrte
     >>> with open("sizes.csv", "w") as file:
     ...     _ = file.write("diameter_um,density\\n0.2,0\\n0.3,5\\n0.6,0\\n")
-    >>> read_sizes("sizes.csv")
+    >>> vrte.read_sizes("sizes.csv")
     Tabulated(3 radii from 0.1 to 0.3 um)
     """
     header, rows = read_rows(path, LARGEST_FILE, MOST_ROWS)

@@ -57,8 +57,8 @@ class ScatteringTable:
 
     Examples
     --------
-    >>> from vrte.optics.phase_matrix import rayleigh
-    >>> rayleigh().to_angles([0.0, 90.0]).F11.tolist()
+    >>> import vrte
+    >>> vrte.rayleigh().to_angles([0.0, 90.0]).F11.tolist()
     [1.5, 0.75]
     """
 
@@ -102,9 +102,11 @@ class Expansion:
 
     Examples
     --------
-    >>> from vrte.optics.phase_matrix import PhaseMatrix
+    >>> import numpy as np
+    >>> import vrte
     >>> angle = np.arange(0.0, 181.0, 5.0)
-    >>> PhaseMatrix.from_angles(angle, 0.75 * (1.0 + np.cos(np.radians(angle)) ** 2)).expansion.largest_error < 1e-12
+    >>> F11 = 0.75 * (1.0 + np.cos(np.radians(angle)) ** 2)
+    >>> vrte.PhaseMatrix.from_angles(angle, F11).expansion.largest_error < 1e-12
     True
     """
 

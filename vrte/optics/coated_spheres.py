@@ -136,7 +136,8 @@ def coated_spheres(
 
     Examples
     --------
-    >>> hollow = coated_spheres(1.0, 1.59, core_ratio=0.8, radius_um=0.25, wavelength_um=0.55, host_index=1.33)
+    >>> import vrte
+    >>> hollow = vrte.coated_spheres(1.0, 1.59, core_ratio=0.8, radius_um=0.25, wavelength_um=0.55, host_index=1.33)
     >>> f"{hollow.scattering_um2 / hollow.volume_um3:.3f} 1/um"
     '0.715 1/um'
     """

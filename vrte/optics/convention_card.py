@@ -72,7 +72,9 @@ def recognise_convention(
 
     Examples
     --------
-    >>> recognise_convention([30, 60, 120], [4.997, 0.4996, 0.1506], [-0.174, 0.1855, 0.0153], F34=[0.5, 0.199, 0.0606])
+    >>> import vrte
+    >>> F11, F12, F34 = [4.997, 0.4996, 0.1506], [-0.174, 0.1855, 0.0153], [0.5, 0.199, 0.0606]
+    >>> vrte.recognise_convention([30, 60, 120], F11, F12, F34=F34)
     ('vrte',)
     """
     angles = check_angles(angle_deg)

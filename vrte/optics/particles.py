@@ -48,8 +48,8 @@ class Particles:
 
     Examples
     --------
-    >>> from vrte.optics.phase_matrix import rayleigh
-    >>> Particles(rayleigh(), 0.5, 0.0, extinction_um2=0.4, scattering_um2=0.2, volume_um3=0.1).albedo
+    >>> import vrte
+    >>> vrte.Particles(vrte.rayleigh(), 0.5, 0.0, extinction_um2=0.4, scattering_um2=0.2, volume_um3=0.1).albedo
     0.5
     """
 
@@ -116,9 +116,9 @@ def mixture(parts: Sequence[tuple[Particles, float]]) -> Particles:
 
     Examples
     --------
-    >>> from vrte.optics.spheres import spheres
-    >>> small, large = (spheres(1.5, radius_um=r, wavelength_um=0.5) for r in (0.1, 0.3))
-    >>> mixture([(small, 0.5), (large, 0.5)]).volume_um3 == (small.volume_um3 + large.volume_um3) / 2
+    >>> import vrte
+    >>> small, large = (vrte.spheres(1.5, radius_um=r, wavelength_um=0.5) for r in (0.1, 0.3))
+    >>> vrte.mixture([(small, 0.5), (large, 0.5)]).volume_um3 == (small.volume_um3 + large.volume_um3) / 2
     True
     """
     pairs: list[tuple[Particles, float]] = check_mixture(parts, "particles, number fraction")

@@ -80,7 +80,8 @@ class PhaseMatrix:
 
     Examples
     --------
-    >>> PhaseMatrix([1.0, 0.75]).asymmetry
+    >>> import vrte
+    >>> vrte.PhaseMatrix([1.0, 0.75]).asymmetry
     0.25
     """
 
@@ -176,8 +177,10 @@ class PhaseMatrix:
 
         Examples
         --------
+        >>> import numpy as np
+        >>> import vrte
         >>> angle = np.arange(0.0, 181.0, 5.0)
-        >>> PhaseMatrix.from_angles(angle, 0.75 * (1.0 + np.cos(np.radians(angle)) ** 2)).a1.round(12).tolist()
+        >>> vrte.PhaseMatrix.from_angles(angle, 0.75 * (1.0 + np.cos(np.radians(angle)) ** 2)).a1.round(12).tolist()
         [1.0, 0.0, 0.5]
         """
         from vrte.optics.angle_tables import expand_table
@@ -213,7 +216,8 @@ class PhaseMatrix:
 
         Examples
         --------
-        >>> rayleigh().to_angles([0.0, 90.0]).F12.round(12).tolist()
+        >>> import vrte
+        >>> vrte.rayleigh().to_angles([0.0, 90.0]).F12.round(12).tolist()
         [0.0, -0.75]
         """
         from vrte.optics.angle_tables import tabulate_phase_matrix
@@ -260,7 +264,8 @@ class PhaseMatrix:
 
         Examples
         --------
-        >>> rayleigh().scattering_matrix(0.0).diagonal().tolist()
+        >>> import vrte
+        >>> vrte.rayleigh().scattering_matrix(0.0).diagonal().tolist()
         [1.5, 1.5, 1.5, 1.5]
         """
         angles = check_numbers("angle_deg", angle_deg)
@@ -284,7 +289,8 @@ class PhaseMatrix:
 
         Examples
         --------
-        >>> rayleigh().in_words
+        >>> import vrte
+        >>> vrte.rayleigh().in_words
         'g 0, 3 terms, polarizing'
         """
         terms = "1 term" if self.terms == 1 else f"{self.terms} terms"
@@ -308,7 +314,8 @@ class PhaseMatrix:
 
         Examples
         --------
-        >>> len(rayleigh().plot().axes) > 0
+        >>> import vrte
+        >>> len(vrte.rayleigh().plot().axes) > 0
         True
         """
         return view(self, "plot")
@@ -330,7 +337,9 @@ class PhaseMatrix:
 
         Examples
         --------
-        >>> rayleigh().compute_elements(np.array([-1.0, 0.0, 1.0]))[0].round(12).tolist()
+        >>> import numpy as np
+        >>> import vrte
+        >>> vrte.rayleigh().compute_elements(np.array([-1.0, 0.0, 1.0]))[0].round(12).tolist()
         [1.5, 0.75, 1.5]
         """
         pieces = np.array_split(np.arange(cosine.size), 1 + cosine.size // ANGLES_AT_ONCE)
@@ -409,7 +418,8 @@ def isotropic() -> PhaseMatrix:
 
     Examples
     --------
-    >>> isotropic().terms
+    >>> import vrte
+    >>> vrte.isotropic().terms
     1
     """
     return PhaseMatrix(np.array([1.0]))
@@ -439,7 +449,8 @@ def rayleigh(depolarization: float = 0.0) -> PhaseMatrix:
 
     Examples
     --------
-    >>> rayleigh().a1.tolist()
+    >>> import vrte
+    >>> vrte.rayleigh().a1.tolist()
     [1.0, 0.0, 0.5]
     """
     rho = check_number("depolarization", depolarization, 0.0, 6.0 / 7.0, "between 0 and 6/7")
@@ -480,7 +491,8 @@ def henyey_greenstein(g: float, terms: int | None = None) -> PhaseMatrix:
 
     Examples
     --------
-    >>> henyey_greenstein(0.5, 40).asymmetry, henyey_greenstein(0.5).terms
+    >>> import vrte
+    >>> vrte.henyey_greenstein(0.5, 40).asymmetry, vrte.henyey_greenstein(0.5).terms
     (0.5, 50)
     """
     value = check_number("g", g, -1.0 + 1e-12, 1.0 - 1e-12, "between -1 and 1, both excluded")
@@ -537,7 +549,8 @@ def mix(parts: Sequence[tuple[PhaseMatrix, float]]) -> PhaseMatrix:
 
     Examples
     --------
-    >>> mix([(isotropic(), 1.0), (rayleigh(), 1.0)]).a1.tolist()
+    >>> import vrte
+    >>> vrte.mix([(vrte.isotropic(), 1.0), (vrte.rayleigh(), 1.0)]).a1.tolist()
     [1.0, 0.0, 0.25]
     """
     pairs = _check_pairs(parts)

@@ -123,6 +123,7 @@ class RefractiveIndex:
 
     Examples
     --------
+    >>> from vrte.optics.refractive_index import RefractiveIndex
     >>> RefractiveIndex(1.5, 0.01, "given").value
     (1.5+0.01j)
     """
@@ -157,7 +158,8 @@ class IndexTable:
 
     Examples
     --------
-    >>> IndexTable((0.4, 0.7), (2.0, 1.5), (0.25, 0.0)).at(0.4)
+    >>> import vrte
+    >>> vrte.IndexTable((0.4, 0.7), (2.0, 1.5), (0.25, 0.0)).at(0.4)
     (2+0.25j)
     """
 
@@ -203,7 +205,8 @@ class IndexTable:
 
         Examples
         --------
-        >>> IndexTable((0.4, 0.7), (2.0, 1.4), (0.3, 0.0)).at(0.55).real.__round__(12)
+        >>> import vrte
+        >>> round(vrte.IndexTable((0.4, 0.7), (2.0, 1.4), (0.3, 0.0)).at(0.55).real, 12)
         1.7
         """
         check_range(self.source, wavelength_um, self.wavelengths_um[0], self.wavelengths_um[-1])
@@ -239,9 +242,10 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
 
     Examples
     --------
-    >>> refractive_index("gold", 0.64).source
+    >>> import vrte
+    >>> vrte.refractive_index("gold", 0.64).source
     'main/Au/Johnson in refractiveindex.info v2026-05-24'
-    >>> refractive_index((1.5, 0.01), 0.64).value
+    >>> vrte.refractive_index((1.5, 0.01), 0.64).value
     (1.5+0.01j)
     """
     wavelength = _check_wavelength(wavelength_um)

@@ -73,7 +73,8 @@ def spheroids(
 
     Examples
     --------
-    >>> dust = spheroids(1.5, aspect_ratio=2.0, radius_um=0.1, wavelength_um=0.5)
+    >>> import vrte
+    >>> dust = vrte.spheroids(1.5, aspect_ratio=2.0, radius_um=0.1, wavelength_um=0.5)
     >>> dust.albedo, dust.phase_matrix.a2[2] > dust.phase_matrix.a3[2]
     (1.0, np.True_)
     """
@@ -147,7 +148,8 @@ def cylinders(
 
     Examples
     --------
-    >>> crystals = cylinders(1.31, aspect_ratio=1.0, radius_um=0.1, wavelength_um=0.5)
+    >>> import vrte
+    >>> crystals = vrte.cylinders(1.31, aspect_ratio=1.0, radius_um=0.1, wavelength_um=0.5)
     >>> f"{crystals.volume_um3:.6f}"  # that of the sphere
     '0.004189'
     """

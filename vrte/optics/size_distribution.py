@@ -40,7 +40,8 @@ class Monodisperse:
 
     Examples
     --------
-    >>> Monodisperse(0.6).quadrature()
+    >>> import vrte
+    >>> vrte.Monodisperse(0.6).quadrature()
     (array([0.6]), array([1.]))
     """
 
@@ -66,7 +67,8 @@ class Monodisperse:
 
         Examples
         --------
-        >>> Monodisperse(0.6).quadrature()
+        >>> import vrte
+        >>> vrte.Monodisperse(0.6).quadrature()
         (array([0.6]), array([1.]))
         """
         return np.array([self.radius_um]), np.ones(1)
@@ -89,7 +91,8 @@ class Lognormal:
 
     Examples
     --------
-    >>> radii, weights = Lognormal(median_um=0.2, sigma=1.4).quadrature(100)
+    >>> import vrte
+    >>> radii, weights = vrte.Lognormal(median_um=0.2, sigma=1.4).quadrature(100)
     >>> f"{weights @ radii**2:.6f}"  # median^2 exp(2 ln(sigma)^2)
     '0.050164'
     """
@@ -121,7 +124,8 @@ class Lognormal:
 
         Examples
         --------
-        >>> radii, weights = Lognormal(median_um=0.2, sigma=1.4).quadrature(100)
+        >>> import vrte
+        >>> radii, weights = vrte.Lognormal(median_um=0.2, sigma=1.4).quadrature(100)
         >>> round(weights.sum().item(), 6)
         1.0
         """
@@ -148,7 +152,8 @@ class Gamma:
 
     Examples
     --------
-    >>> radii, weights = Gamma(r_eff_um=0.2, v_eff=0.07).quadrature(100)
+    >>> import vrte
+    >>> radii, weights = vrte.Gamma(r_eff_um=0.2, v_eff=0.07).quadrature(100)
     >>> f"{(weights @ radii**3) / (weights @ radii**2):.6f}"
     '0.200000'
     """
@@ -180,7 +185,8 @@ class Gamma:
 
         Examples
         --------
-        >>> radii, weights = Gamma(r_eff_um=0.2, v_eff=0.07).quadrature(100)
+        >>> import vrte
+        >>> radii, weights = vrte.Gamma(r_eff_um=0.2, v_eff=0.07).quadrature(100)
         >>> round(weights.sum().item(), 4)
         1.0
         """
@@ -213,7 +219,8 @@ class Tabulated:
 
     Examples
     --------
-    >>> radii, weights = Tabulated(radius_um=[0.1, 0.3], density=[1.0, 1.0]).quadrature(65)
+    >>> import vrte
+    >>> radii, weights = vrte.Tabulated(radius_um=[0.1, 0.3], density=[1.0, 1.0]).quadrature(65)
     >>> f"{weights @ radii:.6f}"
     '0.200000'
     """
@@ -259,7 +266,8 @@ class Tabulated:
 
         Examples
         --------
-        >>> Tabulated(radius_um=[0.1, 0.3], density=[1.0, 1.0]).quadrature(3)[1].round(9).tolist()
+        >>> import vrte
+        >>> vrte.Tabulated(radius_um=[0.1, 0.3], density=[1.0, 1.0]).quadrature(3)[1].round(9).tolist()
         [0.25, 0.5, 0.25]
         """
         knots = np.asarray(self.radius_um)

@@ -113,7 +113,8 @@ def spheres(
 
     Examples
     --------
-    >>> glass = spheres(1.5, radius_um=0.5, wavelength_um=0.5)
+    >>> import vrte
+    >>> glass = vrte.spheres(1.5, radius_um=0.5, wavelength_um=0.5)
     >>> glass.albedo, glass.phase_matrix.a1[0]
     (1.0, np.float64(1.0))
     """

@@ -49,6 +49,8 @@ def stokes_over_hemisphere(brdf: Brdf, place: int, theta: Array, phi: Array, inc
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.results.over_hemisphere import stokes_over_hemisphere
     >>> import vrte
     >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> f = vrte.brdf(base, 0.5, mu_o=[0.5, 1.0], phi=[0, 90, 180], nodes=4)
@@ -104,6 +106,7 @@ def light_on_mesh(
 
     Examples
     --------
+    >>> from vrte.results.over_hemisphere import light_on_mesh
     >>> import vrte
     >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> theta, phi, light = light_on_mesh(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)
@@ -144,6 +147,7 @@ def light_in_plane(
 
     Examples
     --------
+    >>> from vrte.results.over_hemisphere import light_in_plane
     >>> import vrte
     >>> base = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> light_in_plane(vrte.brdf(base, 0.5, [0.5, 1.0], [0, 90, 180], nodes=4), 0, step_deg=30.0)[0].round(9).tolist()
@@ -199,6 +203,8 @@ def between_angles(angle: Array, stokes: Array, times: int = 8) -> tuple[Array, 
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.results.over_hemisphere import between_angles
     >>> angle, light = between_angles(np.array([0.0, 1.0, 2.0]), np.eye(4)[[0, 1, 0]], times=2)
     >>> angle.tolist(), light[2].tolist()
     ([0.0, 0.5, 1.0, 1.5, 2.0], [0.0, 1.0, 0.0, 0.0])
@@ -230,6 +236,7 @@ def check_directions(mu_o: Any, phi: Any) -> None:
 
     Examples
     --------
+    >>> from vrte.results.over_hemisphere import check_directions
     >>> check_directions([0.5, 1.0], [0.0, 90.0, 180.0])
     """
     if mirror_azimuths(np.atleast_1d(phi))[0].size < 4 or np.unique(mu_o).size < 2:

@@ -53,6 +53,7 @@ def unit_of(name: str) -> str:
 
     Examples
     --------
+    >>> from vrte.results.quantities import unit_of
     >>> unit_of("f00"), unit_of("I"), unit_of("angle of linear polarization"), unit_of("reflectance factor")
     ('sr⁻¹', 'W m⁻² sr⁻¹', '°', '')
     """
@@ -85,6 +86,7 @@ def of_stokes(stokes: Any, name: str) -> Array:
 
     Examples
     --------
+    >>> from vrte.results.quantities import of_stokes
     >>> of_stokes([2.0, 0.0, 1.0, 0.0], "degree of linear polarization").item()
     0.5
     """
@@ -127,6 +129,7 @@ def of_brdf(brdf: Brdf, name: str, stokes: Any = (1.0, 0.0, 0.0, 0.0), transmitt
 
     Examples
     --------
+    >>> from vrte.results.quantities import of_brdf
     >>> import vrte
     >>> white = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.5, thickness=0.0)], vrte.Lambertian(1.0))
     >>> f = vrte.brdf(white, mu_i=0.5, mu_o=0.5, nodes=4)
@@ -161,6 +164,7 @@ def incident_for(name: str, stokes: Any) -> Array:
 
     Examples
     --------
+    >>> from vrte.results.quantities import incident_for
     >>> incident_for("f02", (1, 0, 0, 0)).tolist(), incident_for("reflectance factor", (2, 1, 0, 0)).tolist()
     ([0.0, 0.0, 1.0, 0.0], [1.0, 0.5, 0.0, 0.0])
     """
@@ -189,6 +193,8 @@ def of_light(light: Array, name: str) -> Array:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.results.quantities import of_light
     >>> round(of_light(np.array([1.0 / np.pi, 0.0, 0.0, 0.0]), "reflectance factor").item(), 12)
     1.0
     """
@@ -212,6 +218,8 @@ def check_name(name: Any, allowed: tuple[str, ...]) -> None:
 
     Examples
     --------
+    >>> from vrte.results.quantities import QUANTITIES
+    >>> from vrte.results.quantities import check_name
     >>> check_name("f00", QUANTITIES)
     """
     if not isinstance(name, str) or name not in allowed:

@@ -38,9 +38,10 @@ class Spectrum(Result):
 
     Examples
     --------
+    >>> import vrte
     >>> import numpy as np
-    >>> white = Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {})
-    >>> Spectrum([0.45, 0.65], [white, white]).mueller.shape
+    >>> white = vrte.Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {})
+    >>> vrte.Spectrum([0.45, 0.65], [white, white]).mueller.shape
     (2, 1, 1, 1, 4, 4)
     """
 
@@ -157,9 +158,10 @@ class Spectrum(Result):
 
         Examples
         --------
+        >>> import vrte
         >>> import numpy as np
-        >>> white = Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {})
-        >>> Spectrum([0.45, 0.55, 0.65], [white] * 3).at([0.45, 0.65]).wavelength_um.tolist()
+        >>> white = vrte.Brdf(np.zeros((1, 1, 1, 4, 4)), [0.0], [0.6], [0.5], [0.0], {})
+        >>> vrte.Spectrum([0.45, 0.55, 0.65], [white] * 3).at([0.45, 0.65]).wavelength_um.tolist()
         [0.45, 0.65]
         """
         wanted = check_ascending(wavelengths_um)

@@ -46,6 +46,8 @@ class Boundary:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.scene.boundary import Boundary
     >>> bool(Boundary().transmit_straight(np.array([0.5])).any()), Boundary().name
     (False, 'black')
     """
@@ -94,7 +96,9 @@ class Boundary:
 
         Examples
         --------
-        >>> Lambertian(0.3).reflect(np.array(0.5), np.array(0.9), np.array(0.0)).round(6).tolist()
+        >>> import numpy as np
+        >>> import vrte
+        >>> vrte.Lambertian(0.3).reflect(np.array(0.5), np.array(0.9), np.array(0.0)).round(6).tolist()
         [[0.095493]]
         """
         return np.zeros((1, 1))
@@ -130,8 +134,10 @@ class Boundary:
 
         Examples
         --------
+        >>> import numpy as np
+        >>> import vrte
         >>> cosine, all_pairs = np.array([0.5]), np.ones((1, 1), bool)
-        >>> Lambertian(0.3).reflect_orders(cosine, cosine, all_pairs, 4, lambda size: 1e-9 * size)[0].shape
+        >>> vrte.Lambertian(0.3).reflect_orders(cosine, cosine, all_pairs, 4, lambda size: 1e-9 * size)[0].shape
         (1, 1, 1, 4, 4)
         """
         return np.zeros((0, mu_i.size, mu_o.size, 4, 4)), 0
@@ -151,7 +157,8 @@ class Boundary:
 
         Examples
         --------
-        >>> Lambertian(0.3).put_in_medium(1.5)
+        >>> import vrte
+        >>> vrte.Lambertian(0.3).put_in_medium(1.5)
         Lambertian(albedo=0.3)
         """
         return self
@@ -173,7 +180,9 @@ class Boundary:
 
         Examples
         --------
-        >>> Lambertian(0.3).reflect_beam(1.0, np.array([0.5])).any().item()
+        >>> import numpy as np
+        >>> import vrte
+        >>> vrte.Lambertian(0.3).reflect_beam(1.0, np.array([0.5])).any().item()
         False
         """
         return np.zeros((mu.size, 4, 4))
@@ -193,7 +202,9 @@ class Boundary:
 
         Examples
         --------
-        >>> Lambertian(0.3).transmit_straight(np.array([0.5])).any().item()
+        >>> import numpy as np
+        >>> import vrte
+        >>> vrte.Lambertian(0.3).transmit_straight(np.array([0.5])).any().item()
         False
         """
         return np.zeros((mu.size, 4, 4))
@@ -228,7 +239,8 @@ class Lambertian(Boundary):
 
     Examples
     --------
-    >>> Lambertian(0.3).albedo
+    >>> import vrte
+    >>> vrte.Lambertian(0.3).albedo
     0.3
     """
 
@@ -259,6 +271,8 @@ class SampledBase(Boundary):
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.scene.boundary import SampledBase
     >>> class Chalk(SampledBase):
     ...     def reflect(self, mu_i, mu_o, phi_deg):
     ...         return (0.2 + 0.0 * (mu_i + mu_o + phi_deg))[..., None, None]
@@ -291,7 +305,10 @@ class SampledBase(Boundary):
 
         Examples
         --------
-        >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0])).reflectance([0.5]).round(12) / np.pi
+        >>> import numpy as np
+        >>> import vrte
+        >>> grey = vrte.MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))
+        >>> grey.reflectance([0.5]).round(12) / np.pi
         array([0.1])
         """
         mu_o, weight = make_exit_rule(points)
@@ -337,7 +354,9 @@ class MuellerBase(SampledBase):
 
     Examples
     --------
-    >>> MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))(1.0, [0.5, 1.0], 0.0).shape
+    >>> import numpy as np
+    >>> import vrte
+    >>> vrte.MuellerBase(lambda mu_i, mu_o, phi_deg: np.diag([0.1, 0.0, 0.0, 0.0]))(1.0, [0.5, 1.0], 0.0).shape
     (2, 4, 4)
     """
 

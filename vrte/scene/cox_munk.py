@@ -43,7 +43,8 @@ def cox_munk(wind: float, index: Any = 1.34, shadowing: bool = False) -> Facets:
 
     Examples
     --------
-    >>> round(cox_munk(7.0).roughness ** 2, 12)
+    >>> import vrte
+    >>> round(vrte.cox_munk(7.0).roughness ** 2, 12)
     0.03884
     """
     wind = check_number("base: wind", wind, 0.0, MOST_WIND, f"a speed in m/s from 0 to {MOST_WIND:g}")

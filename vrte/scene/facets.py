@@ -46,7 +46,9 @@ class Facets(Boundary):
 
     Examples
     --------
-    >>> sea = Facets(1.34, roughness=0.2)
+    >>> import numpy as np
+    >>> import vrte
+    >>> sea = vrte.Facets(1.34, roughness=0.2)
     >>> sea.reflect(np.array(0.5), np.array(0.5), np.array(0.0))[0, 0].round(4).item()
     0.4855
     """
@@ -95,7 +97,8 @@ class Facets(Boundary):
 
         Examples
         --------
-        >>> Facets((0.2, 3.0), 0.5, shadowing=True).reflectance([0.3, 1.0]).round(3).tolist()
+        >>> import vrte
+        >>> vrte.Facets((0.2, 3.0), 0.5, shadowing=True).reflectance([0.3, 1.0]).round(3).tolist()
         [0.821, 0.87]
         """
         return share_energy(self.facets, check_cosines("mu_i", mu_i))[0]

@@ -42,7 +42,8 @@ class Hapke(ScalarBase):
 
     Examples
     --------
-    >>> Hapke(0.6, linear=0.5).reflectance([0.5, 1.0]).round(4)
+    >>> import vrte
+    >>> vrte.Hapke(0.6, linear=0.5).reflectance([0.5, 1.0]).round(4)
     array([0.2452, 0.1994])
     """
 
@@ -87,7 +88,9 @@ class Hapke(ScalarBase):
 
         Examples
         --------
-        >>> Hapke(0.6, linear=0.5).compute_phase_function(np.array([1.0, -1.0])).tolist()
+        >>> import numpy as np
+        >>> import vrte
+        >>> vrte.Hapke(0.6, linear=0.5).compute_phase_function(np.array([1.0, -1.0])).tolist()
         [1.5, 0.5]
         """
         a = self.asymmetry

@@ -88,7 +88,8 @@ def hemisphere(n: int) -> tuple[Array, Array]:
 
     Examples
     --------
-    >>> mu, weights = hemisphere(2)
+    >>> import vrte
+    >>> mu, weights = vrte.hemisphere(2)
     >>> round(float(weights @ mu**3), 12)
     0.25
     """

@@ -46,7 +46,8 @@ class Interface:
 
     Examples
     --------
-    >>> Interface(1.0, 1.5).is_smooth
+    >>> import vrte
+    >>> vrte.Interface(1.0, 1.5).is_smooth
     True
     """
 
@@ -92,7 +93,8 @@ class Interface:
 
         Examples
         --------
-        >>> reflected, through = Interface(1.0, 1.5, 0.5, shadowing=True).share([0.3, 1.0])
+        >>> import vrte
+        >>> reflected, through = vrte.Interface(1.0, 1.5, 0.5, shadowing=True).share([0.3, 1.0])
         >>> (reflected + through).round(3).tolist()
         [0.954, 0.997]
         """
@@ -122,7 +124,8 @@ class Interface:
 
         Examples
         --------
-        >>> Interface(1.0, 1.5).put_between(1.0, 1.5).index_below
+        >>> import vrte
+        >>> vrte.Interface(1.0, 1.5).put_between(1.0, 1.5).index_below
         1.5
         """
         if self.index_above == self.index_below:
@@ -136,7 +139,8 @@ class Interface:
 
         Examples
         --------
-        >>> Interface(1.0, 1.5, roughness=0.1).in_words
+        >>> import vrte
+        >>> vrte.Interface(1.0, 1.5, roughness=0.1).in_words
         'interface, index 1 above and 1.5 below, roughness 0.1 (beckmann)'
         """
         shadows = ", shadowing" if self.shadowing else ""

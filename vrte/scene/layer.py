@@ -39,8 +39,8 @@ class Layer:
 
     Examples
     --------
-    >>> from vrte.optics.phase_matrix import isotropic
-    >>> Layer(isotropic(), albedo=0.9, thickness=2.0).thickness
+    >>> import vrte
+    >>> vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=2.0).thickness
     2.0
     """
 
@@ -67,8 +67,8 @@ class Layer:
 
         Examples
         --------
-        >>> from vrte.optics.phase_matrix import isotropic
-        >>> Layer(isotropic(), albedo=0.9, thickness=2.0).in_words
+        >>> import vrte
+        >>> vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=2.0).in_words
         'optical thickness 2, albedo 0.9, g 0, 1 term, scalar'
         """
         return f"optical thickness {self.thickness:.6g}, albedo {self.albedo:.6g}, {self.phase_matrix.in_words}"
@@ -117,9 +117,9 @@ class Layer:
 
         Examples
         --------
-        >>> from vrte.optics.phase_matrix import rayleigh
-        >>> dust = Particles(rayleigh(), 1.0, 0.0, extinction_um2=0.5, scattering_um2=0.5, volume_um3=0.1)
-        >>> Layer.of(dust, thickness_um=20.0, volume_fraction=0.01).thickness
+        >>> import vrte
+        >>> dust = vrte.Particles(vrte.rayleigh(), 1.0, 0.0, extinction_um2=0.5, scattering_um2=0.5, volume_um3=0.1)
+        >>> vrte.Layer.of(dust, thickness_um=20.0, volume_fraction=0.01).thickness
         1.0
         """
         if not isinstance(particles, Particles):
@@ -174,7 +174,8 @@ class Layer:
 
         Examples
         --------
-        >>> round(Layer.clear(100.0, (1.5, 1e-4), 0.5).thickness, 6)
+        >>> import vrte
+        >>> round(vrte.Layer.clear(100.0, (1.5, 1e-4), 0.5).thickness, 6)
         0.251327
         """
         host = find_host_index(

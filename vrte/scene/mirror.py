@@ -38,8 +38,9 @@ class Mirror(Boundary):
 
     Examples
     --------
+    >>> import vrte
     >>> import numpy as np
-    >>> Mirror(1.5).reflect_beam(1.0, np.array([1.0]))[0, 0, 0].round(12).item()
+    >>> vrte.Mirror(1.5).reflect_beam(1.0, np.array([1.0]))[0, 0, 0].round(12).item()
     0.04
     """
 

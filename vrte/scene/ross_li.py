@@ -41,7 +41,8 @@ class RossLi(ScalarBase):
 
     Examples
     --------
-    >>> RossLi(0.2, 0.1, 0.0).reflectance([0.5, 1.0]).round(4)
+    >>> import vrte
+    >>> vrte.RossLi(0.2, 0.1, 0.0).reflectance([0.5, 1.0]).round(4)
     array([0.227 , 0.1979])
     """
 

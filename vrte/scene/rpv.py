@@ -39,7 +39,8 @@ class RPV(ScalarBase):
 
     Examples
     --------
-    >>> RPV(0.1, 0.5, -0.5).reflect(0.8, 0.9, 180.0).shape
+    >>> import vrte
+    >>> vrte.RPV(0.1, 0.5, -0.5).reflect(0.8, 0.9, 180.0).shape
     (1, 1)
     """
 

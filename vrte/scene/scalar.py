@@ -54,6 +54,8 @@ class ScalarBase(SampledBase):
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.scene.scalar import ScalarBase
     >>> class Moon(ScalarBase):
     ...     def compute_f(self, angles):
     ...         return 0.1 / (np.pi * (angles.mu_i + angles.mu_o))
@@ -76,8 +78,10 @@ class ScalarBase(SampledBase):
 
         Examples
         --------
-        >>> from vrte.scene.hapke import Hapke
-        >>> round(Hapke(0.6).compute_f(find_angles(1.0, 1.0, 0.0)).item() * np.pi, 4)
+        >>> import numpy as np
+        >>> import vrte
+        >>> from vrte.scene.scalar import find_angles
+        >>> round(vrte.Hapke(0.6).compute_f(find_angles(1.0, 1.0, 0.0)).item() * np.pi, 4)
         0.2066
         """
         raise NotImplementedError
@@ -101,8 +105,8 @@ class ScalarBase(SampledBase):
 
         Examples
         --------
-        >>> from vrte.scene.hapke import Hapke
-        >>> Hapke(0.6).check_formula()
+        >>> import vrte
+        >>> vrte.Hapke(0.6).check_formula()
         """
         angles = find_angles(LOOKED_AT[:, None, None], LOOKED_AT[:, None], AZIMUTHS)
         f, lower = self.compute_f(angles), np.minimum(angles.mu_i, angles.mu_o)
@@ -149,10 +153,11 @@ class ScalarBase(SampledBase):
 
         Examples
         --------
-        >>> from vrte.scene.hapke import Hapke
+        >>> import vrte
+        >>> import warnings
         >>> with warnings.catch_warnings(record=True) as told:
         ...     warnings.simplefilter("always")
-        ...     Hapke(0.6).warn_beyond("it is bright")
+        ...     vrte.Hapke(0.6).warn_beyond("it is bright")
         >>> print(told[0].message)
         base: Hapke was fitted to zenith angles up to about 75; beyond, it is bright
         """

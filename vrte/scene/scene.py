@@ -43,9 +43,9 @@ class Scene:
     Examples
     --------
     >>> import vrte
-    >>> Scene([Layer(vrte.rayleigh(), 1.0, 0.5)], vrte.Lambertian(0.25)).thickness
+    >>> vrte.Scene([vrte.Layer(vrte.rayleigh(), 1.0, 0.5)], vrte.Lambertian(0.25)).thickness
     0.5
-    >>> Scene([Interface(1.0, 1.5), Layer(vrte.rayleigh(), 1.0, 0.5)]).indices
+    >>> vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 0.5)]).indices
     (1.5,)
     """
 
@@ -139,7 +139,7 @@ class Scene:
         Examples
         --------
         >>> import vrte
-        >>> Scene([Interface(1.0, 1.5), Layer(vrte.rayleigh(), 1.0, 0.5)]).turned().index_below
+        >>> vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 1.0, 0.5)]).turned().index_below
         1.0
         """
         turned = tuple(interface and interface.turned for interface in reversed(self.interfaces))
@@ -182,8 +182,8 @@ class Scene:
 
         Examples
         --------
-        >>> from vrte.optics.phase_matrix import isotropic
-        >>> Scene([Layer(isotropic(), albedo=0.9, thickness=2.0)]).base_in_words
+        >>> import vrte
+        >>> vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.9, thickness=2.0)]).base_in_words
         'black'
         """
         base = "black" if self.base is None else put_in_one_line(str(self.base), 80)

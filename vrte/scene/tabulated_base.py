@@ -106,8 +106,11 @@ class TabulatedBase(Boundary):
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import vrte
     >>> mu = [0.02, 0.3, 0.6, 1.0]
-    >>> white = TabulatedBase(mu, mu, [0, 90, 180], np.broadcast_to(np.diag([1 / np.pi, 0, 0, 0]), (4, 4, 3, 4, 4)))
+    >>> f = np.broadcast_to(np.diag([1 / np.pi, 0, 0, 0]), (4, 4, 3, 4, 4))
+    >>> white = vrte.TabulatedBase(mu, mu, [0, 90, 180], f)
     >>> white.reflectance([0.5]).round(12).tolist(), white
     ([1.0], TabulatedBase(4 mu_i, 4 mu_o, 1 Fourier order))
     """
@@ -203,8 +206,11 @@ class TabulatedBase(Boundary):
 
         Examples
         --------
+        >>> import numpy as np
+        >>> import vrte
         >>> mu = [0.02, 0.3, 0.6, 1.0]
-        >>> white = TabulatedBase(mu, mu, [0, 90, 180], np.broadcast_to(np.diag([1 / np.pi, 0, 0, 0]), (4, 4, 3, 4, 4)))
+        >>> f = np.broadcast_to(np.diag([1 / np.pi, 0, 0, 0]), (4, 4, 3, 4, 4))
+        >>> white = vrte.TabulatedBase(mu, mu, [0, 90, 180], f)
         >>> [each.shape for each in white.weigh(np.array([0.5]), np.array([0.2, 0.7]))]
         [(2, 1, 4), (2, 2, 4)]
         """
@@ -231,8 +237,11 @@ class TabulatedBase(Boundary):
 
         Examples
         --------
+        >>> import numpy as np
+        >>> import vrte
         >>> mu = [0.02, 0.3, 0.6, 1.0]
-        >>> grey = TabulatedBase(mu, mu, [0, 90, 180], np.broadcast_to(np.diag([0.1, 0, 0, 0]), (4, 4, 3, 4, 4)))
+        >>> f = np.broadcast_to(np.diag([0.1, 0, 0, 0]), (4, 4, 3, 4, 4))
+        >>> grey = vrte.TabulatedBase(mu, mu, [0, 90, 180], f)
         >>> (grey.reflectance([0.5]) / np.pi).round(12).tolist()
         [0.1]
         """

@@ -48,6 +48,8 @@ class HeldOut:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from vrte.sweep.interpolation import HeldOut
     >>> HeldOut({"depth": np.array([0.3, 0.7])}, np.array([1e-4, 3e-4])).largest
     0.0003
     """
@@ -91,11 +93,12 @@ def interpolate(table: "xarray.Dataset", point: Mapping[str, float]) -> "xarray.
 
     Examples
     --------
-    >>> from vrte.sweep import sweep
+    >>> import numpy as np
+    >>> import vrte
     >>> layer = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
     >>> axes = {"depth": {"key": "layer[1].thickness", "values": [0.5, 1.0, 1.5, 2.0]}}
-    >>> table = sweep({"nodes": 8, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}, workers=1)
-    >>> found = interpolate(table, {"depth": 1.25}).direct_transmittance.item()
+    >>> table = vrte.sweep({"nodes": 8, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}, workers=1)
+    >>> found = vrte.interpolate(table, {"depth": 1.25}).direct_transmittance.item()
     >>> bool(abs(found - np.exp(-2.5)) < 1e-12)
     True
     """
@@ -209,10 +212,11 @@ def held_out(table: "xarray.Dataset", points: int = 20, seed: int = 0, folder: P
 
     Examples
     --------
-    >>> from vrte.sweep import sweep
+    >>> import vrte
+    >>> from vrte.sweep.interpolation import held_out
     >>> layer = {"phase": "isotropic", "albedo": 0.5, "thickness": 1.0}
     >>> axes = {"layer[1].albedo": [0.2, 0.3, 0.4, 0.5]}
-    >>> table = sweep({"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}, workers=1)
+    >>> table = vrte.sweep({"nodes": 4, "layer": [layer], "brdf": {"mu_i": 0.5, "mu_o": 1.0}, "axes": axes}, workers=1)
     >>> bool(held_out(table, points=2).errors.max() < 1e-3)
     True
     """

@@ -95,11 +95,12 @@ def sweep(
 
     Examples
     --------
+    >>> import vrte
     >>> layer = {"phase": "rayleigh", "albedo": 1.0, "thickness": 1.0}
     >>> axes = {"depth": {"key": "layer[1].thickness", "values": [0.1, 1.0]}, "base.albedo": [0.0, 1.0]}
     >>> base = {"kind": "lambertian", "albedo": 0.0}
     >>> scene = {"nodes": 4, "layer": [layer], "base": base, "brdf": {"mu_i": 0.5, "mu_o": 1.0}}
-    >>> table = sweep({**scene, "axes": axes}, workers=1)
+    >>> table = vrte.sweep({**scene, "axes": axes}, workers=1)
     >>> dict(table.reflectance.sizes), bool(abs(table.reflectance.sel({"base.albedo": 1.0}) - 1.0).max() < 1e-12)
     ({'depth': 2, 'base.albedo': 2, 'mu_i': 1}, True)
     """
