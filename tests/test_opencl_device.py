@@ -442,7 +442,7 @@ class TestCommand:
         output = capsys.readouterr()
         assert found[0].name in output.out
         assert "taken: none" in output.out
-        assert output.err == f"vrte: error: {complaint}\n"
+        assert output.err == f"vrte: error: {complaint} (docs/how_to/opencl.md)\n"
 
     def test_no_device_at_all(
         self, alone: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

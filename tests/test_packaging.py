@@ -175,7 +175,13 @@ class TestWheel:
         names = zipfile.ZipFile(wheel).namelist()
         assert not [name for name in names if name.endswith((".c", ".npz"))]
         assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
-        for folder, pattern in (("cl", "*.cl"), ("core", "*"), ("materials", "*.toml"), ("paints", "*.toml")):
+        for folder, pattern in (
+            ("cl", "*.cl"),
+            ("core", "*"),
+            ("materials", "*.toml"),
+            ("paints", "*.toml"),
+            ("starters", "*.toml"),
+        ):
             loops = {f"vrte/{folder}/{path.name}" for path in (ROOT / "vrte" / folder).glob(pattern)}
             assert loops
             assert loops <= set(names)

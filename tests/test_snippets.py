@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from vrte import cli
+from vrte.commands.parser import make_parser
 from vrte.formats.scene_file import read_content, read_scene
 from vrte.render.setting import read as read_setting
 from vrte.sweep.template import read_sweep
@@ -123,7 +124,7 @@ def test_the_scene_files_of_a_page_are_read(page: Path, tmp_path: Path) -> None:
 def test_the_commands_of_a_page_have_these_options(page: Path) -> None:
     for line in commands(page):
         words = [word for word in shlex.split(line, comments=True)[1:] if word != "..."]
-        options = cli._make_parser().parse_args([word.replace("[", "").replace("]", "") for word in words])
+        options = make_parser().parse_args([word.replace("[", "").replace("]", "") for word in words])
         for word in words:
             if word.startswith(("examples/", "vrte/")):
                 assert (ROOT / word).is_file(), line

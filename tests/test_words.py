@@ -21,7 +21,7 @@ VERBS = set(
     check choose clear collect colour combine compare complain compute connect convert copy count create cut define
     describe develop discretise divide double download draw drop encode end estimate evaluate examine expand explain
     extend fetch fill find finish fit fix flatten flush fold follow foretell forget format freeze gather get group
-    grow guard guess halve has hash identify import integrate interleave interpolate invert is iterate join judge
+    grow guard guess halve has hash hide identify import integrate interleave interpolate invert is iterate join judge
     keep label launch lay leave let light limit list load locate lock look make mark mask measure merge mirror mix
     move multiply name note number open order own pack pad pair parse pass perform pick place plan plot predict prepare
     print project put query quote raise rank read receive reconstruct record recover reduce refine reflect refract

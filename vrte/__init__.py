@@ -37,6 +37,7 @@ from vrte.calls.plan import plan
 from vrte.calls.radiance import radiance
 from vrte.calls.solve_base import solve_base
 from vrte.calls.spectrum import spectrum
+from vrte.calls.versions import show_versions
 from vrte.calls.views import views
 from vrte.discrete_ordinates.planning.plan import Plan
 from vrte.formats import load
@@ -144,6 +145,7 @@ __all__ = [
     "read_sizes",
     "recognise_convention",
     "refractive_index",
+    "show_versions",
     "solve_base",
     "spectrum",
     "spheres",

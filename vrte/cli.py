@@ -4,7 +4,6 @@ Exit code 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C and 143 for SIGTER
 error.
 """
 
-import argparse
 import logging
 import os
 import signal
@@ -14,42 +13,14 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, NoReturn, TextIO
+from typing import Any, TextIO
 
 from vrte import __version__
 from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 from vrte.basics.starting import WORDS, end
-from vrte.commands import (
-    benchmarks,
-    devices,
-    material,
-    materials,
-    paint,
-    phase,
-    render,
-    report,
-    solve,
-    stability,
-    sweep,
-    tables,
-    view,
-)
-
-COMMANDS = (
-    solve,
-    sweep,
-    view,
-    render,
-    material,
-    materials,
-    paint,
-    phase,
-    stability,
-    benchmarks,
-    tables,
-    report,
-    devices,
-)  # as --help lists them
+from vrte.calls.versions import describe_versions
+from vrte.commands.pages import find_page
+from vrte.commands.parser import make_parser
 
 IMPATIENT = 1.0  # seconds after which a second Ctrl-C is one
 
@@ -65,7 +36,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             if sys.stdout is None:
                 return _complain("standard output is closed, and nobody would see what was found", 1)
-            options = _make_parser().parse_args(arguments)
+            parser = make_parser()
+            options = parser.parse_args(arguments)
+            if options.version:
+                print(describe_versions() if options.verbose else f"vrte {__version__}", flush=True)
+                return 0
+            if options.verbose or options.run is None:
+                parser.error("--verbose goes with --version" if options.verbose else "COMMAND is missing")
             with _shorten_warnings():
                 options.run(options)
                 sys.stdout.flush()
@@ -82,10 +59,9 @@ def _answer(error: BaseException) -> int:
         return 1  # whoever read our output has gone: nobody is left to tell
     if isinstance(error, KeyboardInterrupt):
         return _complain(WORDS[signal.SIGINT], 128 + signal.SIGINT)
-    if isinstance(error, SceneError):
-        return _complain(str(error), 2)
-    if isinstance(error, (AccuracyError, DeviceError, MissingExtraError, SweepError, OSError)):
-        return _complain(str(error), 1)
+    if isinstance(error, (SceneError, AccuracyError, DeviceError, MissingExtraError, SweepError, OSError)):
+        page = find_page(error)
+        return _complain(f"{error} ({page})" if page else str(error), 2 if isinstance(error, SceneError) else 1)
     if isinstance(error, MemoryError):
         return _complain("not enough memory for this scene: fewer directions or nodes need less", 1)
     raise error
@@ -110,22 +86,6 @@ def _complain(message: str, code: int) -> int:
     if sys.stderr is not None:
         print(f"vrte: error: {' '.join(message.split())}", file=sys.stderr)
     return code
-
-
-class _Parser(argparse.ArgumentParser):
-    """Complains in one line, without the usage."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"vrte: error: {message} (see `{self.prog} --help`)\n")
-
-
-def _make_parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="vrte", description="Polarized subsurface reflectance of particulate layers.")
-    parser.add_argument("--version", action="version", version=f"vrte {__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in COMMANDS:
-        command.add(commands)
-    return parser
 
 
 @contextmanager

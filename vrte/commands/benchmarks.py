@@ -9,7 +9,14 @@ from vrte.commands.common import add_command, add_options, join_progress, make_f
 
 def add(commands: Any) -> None:
     """Adds `vrte benchmarks`, which computes the benchmarks again, to the commands."""
-    command = add_command(commands, "benchmarks", run, "ten scenes with surfaces to ten digits, computed again")
+    command = add_command(
+        commands,
+        "benchmarks",
+        run,
+        "ten scenes with surfaces to ten digits, computed again",
+        ("vrte benchmarks", "all of them, compared with their tables"),
+        ("vrte benchmarks --scene mirror -o again", "one of them, and its table written anew"),
+    )
     command.add_argument("--scene", metavar="NAME", help="this one alone")
     command.add_argument("--folder", metavar="FOLDER", type=Path, help="where they are; default: the source tree's")
     command.add_argument("-o", "--output", metavar="FOLDER", type=Path, help="writes them there as they come out")

@@ -9,10 +9,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from vrte.basics.cost import say_time
 from vrte.basics.errors import MissingExtraError, SceneError
+from vrte.commands.pages import OF_COMMANDS, locate_page
+from vrte.commands.starters import KINDS
 from vrte.formats.scene_file import SceneFile
 from vrte.formats.zarr_folder import METADATA
 from vrte.request.how import OPTIONS
@@ -22,9 +24,35 @@ Tick = Callable[[int, int], None]
 METAVARS = {int: "N", float: "X"}
 
 
-def add_command(commands: Any, name: str, run: Callable[[argparse.Namespace], None], told: str) -> Any:
+class Parser(argparse.ArgumentParser):
+    """Complains in one line, without the usage; its help ends with examples, command lines and what each does."""
+
+    examples: tuple[tuple[str, str], ...] = ()
+    heading = "examples"
+    page = ""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"vrte: error: {message} (see `{self.prog} --help`)\n")
+
+    def format_help(self) -> str:
+        lines = [f"  {line}\n      {told}\n" for line, told in self.examples]
+        more = f"\nmore: {locate_page(self.page)}\n" if self.page else ""
+        return f"{super().format_help()}\n{self.heading}{self.tell_files()}:\n{''.join(lines)}{more}"
+
+    def tell_files(self) -> str:
+        """Where the scene files of the examples come from."""
+        words = [word for line, _ in self.examples for word in line.split() if "vrte init" not in line]
+        told = [f"`vrte init {kind}` writes {kind}.toml" for kind in KINDS if f"{kind}.toml" in words]
+        told += ["examples/ is in the source tree"] if any(word.startswith("examples/") for word in words) else []
+        return f" ({', '.join(told)})" if told and self.page else ""
+
+
+def add_command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], None], told: str, *examples: tuple[str, str]
+) -> Any:
     """The parser of a command; ``told`` says in one line what comes of it."""
     command = commands.add_parser(name, help=told, description=f"{told[0].upper()}{told[1:]}.")
+    command.examples, command.page = examples, OF_COMMANDS[name]
     command.set_defaults(run=run)
     return command
 

@@ -10,7 +10,14 @@ from vrte.commands.common import add_command, show_progress
 def add(commands: Any) -> None:
     """Adds `vrte devices`, which lists OpenCL devices, to the commands."""
     told = "a list of OpenCL platforms and devices, and which one is taken"
-    devices = add_command(commands, "devices", run, told)
+    devices = add_command(
+        commands,
+        "devices",
+        run,
+        told,
+        ("vrte devices", "what there is, and which one is taken"),
+        ("vrte devices --measure", "and how many products each computes in a second"),
+    )
     devices.add_argument("--measure", action="store_true", help="products a second, beside BLAS; some seconds")
 
 

@@ -33,7 +33,17 @@ Columns = dict[str, list[float]]
 def add(commands: Any) -> None:
     """`vrte material [NAME]`."""
     told = "the index of a substance and how its spheres scatter, or how a ready material does; without a name, a list"
-    material = add_command(commands, "material", run, told)
+    material = add_command(
+        commands,
+        "material",
+        run,
+        told,
+        ("vrte material gold --wavelength-um 0.64", "n and k of gold, and where they come from"),
+        (
+            "vrte material rutile --range-um 0.45:0.7:6 --radius-um 0.11 --host-index 1.5 -o rutile.csv",
+            "n, k and how spheres of rutile in a resin scatter, as a table",
+        ),
+    )
     material.add_argument(
         "name",
         nargs="?",

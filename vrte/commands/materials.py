@@ -19,8 +19,15 @@ from vrte.render.colour import FEWEST, MOST
 
 def add(commands: Any) -> None:
     """Adds `vrte materials`, which lists paints, powders and snow, to the commands."""
-    told = "the ready materials, paints, powders and snow, that scene files name (docs/how_to/materials.md)"
-    command = add_command(commands, "materials", run, told)
+    told = "the ready materials, paints, powders and snow, that scene files name"
+    command = add_command(
+        commands,
+        "materials",
+        run,
+        told,
+        ("vrte materials", "lists them, one line each"),
+        ("vrte materials -o cards.png", "and draws the colour of each: a minute"),
+    )
     command.add_argument("-o", "--output", metavar="OUT.png", type=Path, help="a card of each; .svg and .pdf too")
     command.add_argument(
         "--wavelengths",

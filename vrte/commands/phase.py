@@ -31,7 +31,17 @@ OPTIONS = (
 def add(commands: Any) -> None:
     """`vrte phase [FILE]`."""
     told = "a table of scattering matrices over angle as a phase matrix; without a file, conventions of other codes"
-    phase = add_command(commands, "phase", run, told)
+    phase = add_command(
+        commands,
+        "phase",
+        run,
+        told,
+        ("vrte phase", "lists the conventions of other codes"),
+        (
+            "vrte phase examples/rayleigh.csv -o rayleigh.csv",
+            "the coefficients of a table over angle, as scene files take them",
+        ),
+    )
     phase.add_argument("file", nargs="?", type=Path, help="a .csv with named columns, or NetCDF (.nc, .cdf)")
     phase.add_argument("--convention", choices=tuple(CONVENTIONS), help="signs, ratios and scale; default: vrte")
     phase.add_argument("--normalise", action="store_true", default=None, help="divide by the integral, whatever it is")

@@ -20,8 +20,15 @@ from vrte.render.setting import LARGEST_SIZE, SMALLEST_SIZE, read
 
 def add(commands: Any) -> None:
     """Adds `vrte render`, which draws spheres with the BRDFs of scenes, to the commands."""
-    told = "pictures of spheres with the BRDFs of scenes, under a polarized sky (docs/how_to/render.md)"
-    command = add_command(commands, "render", run, told)
+    told = "pictures of spheres with the BRDFs of scenes, under a polarized sky"
+    command = add_command(
+        commands,
+        "render",
+        run,
+        told,
+        ("vrte render paint.toml -o paint.png", "a sphere of the paint, its colour and its polarization"),
+        ("vrte render paint.toml powder.toml -o both.png --size 200", "two small ones beside each other"),
+    )
     command.add_argument("scenes", metavar="SCENE.toml", type=Path, nargs="+", help="a sphere each")
     command.add_argument("-o", "--output", metavar="OUT.png", type=Path, required=True)
     command.add_argument(

@@ -8,7 +8,14 @@ from vrte.commands.common import add_command, add_study, join_progress, make_fol
 
 def add(commands: Any) -> None:
     """Adds `vrte report`, which measures error against run time, to the commands."""
-    command = add_command(commands, "report", run, "error against run time of every method, measured on this machine")
+    command = add_command(
+        commands,
+        "report",
+        run,
+        "error against run time of every method, measured on this machine",
+        ("vrte report --quick", "three small scenes: seconds"),
+        ('vrte report --scenes "Rayleigh*" -o rayleigh', "of some scenes, an HTML page and pictures in a folder"),
+    )
     add_study(command, "three small scenes instead of all: seconds")
     command.add_argument(
         "--figures", action="store_true", help="figures 1 and 2 of the radiance-factor paper instead: seconds"

@@ -50,15 +50,33 @@ EXTRAS = {  # by suffix
 
 def add(commands: Any) -> None:
     """`vrte brdf` and `vrte field`."""
-    of_brdf = add_one(commands, "brdf", "the Mueller BRDF of a scene, at one wavelength or several")
+    of_brdf = add_one(
+        commands,
+        "brdf",
+        "the Mueller BRDF of a scene, at one wavelength or several",
+        ("vrte brdf powder.toml --plot powder.png", "its lobes as a picture"),
+        (
+            "vrte brdf paint.toml --wavelengths-um 0.45,0.55,0.65 -o paint.csv",
+            "three wavelengths, a row a direction",
+        ),
+    )
     spectrum.add_options(of_brdf)
-    of_field = add_one(commands, "field", "the Stokes field inside and above a scene")
+    of_field = add_one(
+        commands,
+        "field",
+        "the Stokes field inside and above a scene",
+        ("vrte field cloud.toml --plot cloud.png", "light above and below a cloud, as a picture"),
+        (
+            "vrte field cloud.toml --nodes 24 --verify -o cloud.csv",
+            "finer, checked by another algorithm, as a table",
+        ),
+    )
     told = "of an interface, for depths tau at one; default: above, so that 0 is outside"
     of_field.add_argument("--side", choices=SIDES, help=told)
 
 
-def add_one(commands: Any, kind: str, help_text: str) -> argparse.ArgumentParser:
-    command: argparse.ArgumentParser = add_command(commands, kind, run, help_text)
+def add_one(commands: Any, kind: str, told: str, *examples: tuple[str, str]) -> argparse.ArgumentParser:
+    command: argparse.ArgumentParser = add_command(commands, kind, run, told, *examples)
     command.epilog = "What is said here wins over the scene file."
     command.set_defaults(kind=kind, wavelengths_um=None, mitsuba=None)
     command.add_argument("scene", metavar="SCENE.toml", type=Path)

@@ -18,7 +18,14 @@ from vrte.request.how import OPTIONS
 
 def add(commands: Any) -> None:
     """Adds `vrte stability`, which solves and checks stiff and extreme scenes, to the commands."""
-    command = add_command(commands, "stability", run, "stiff and extreme scenes, solved and checked, as a table")
+    command = add_command(
+        commands,
+        "stability",
+        run,
+        "stiff and extreme scenes, solved and checked, as a table",
+        ("vrte stability --quick", "some forty small scenes: under a minute"),
+        ('vrte stability --cases "rayleigh*N=8" -o rayleigh_cases', "those of one name, into a folder of that name"),
+    )
     add_study(command, "some forty small scenes instead of all")
     add_options(command, "algorithm", "threads")
     command.add_argument("--cases", metavar="PATTERN", default="*", help='names, such as "rayleigh*N=8"; default: all')

@@ -32,8 +32,18 @@ MOST_NAMED = 3  # failures that --strict names
 
 def add(commands: Any) -> None:
     """Adds `vrte sweep`, which solves many scenes into one table, to the commands."""
-    told = "the Mueller BRDFs, or Stokes fields, of many scenes, as one table (docs/how_to/sweeps.md)"
-    command = add_command(commands, "sweep", run, told)
+    told = "the Mueller BRDFs, or Stokes fields, of many scenes, as one table"
+    command = add_command(
+        commands,
+        "sweep",
+        run,
+        told,
+        (
+            "vrte sweep examples/gold_table.toml -o gold.zarr",
+            "588 gold powders, by radius and wavelength, into a folder",
+        ),
+        ("vrte sweep examples/gold_table.toml -o gold.nc --workers 2", "the same as one file, on two cores"),
+    )
     command.add_argument("file", metavar="SWEEP.toml", type=Path, help="a scene file with a table [axes]")
     command.add_argument(
         "-o", "--output", metavar="TABLE.zarr", type=Path, required=True, help=".zarr for large tables, or .nc"

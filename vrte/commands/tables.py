@@ -17,7 +17,14 @@ from vrte.commands.common import (
 
 def add(commands: Any) -> None:
     """Adds `vrte tables`, which measures the tables and figures of the GPU paper, to the commands."""
-    command = add_command(commands, "tables", run, "the tables and figures of the GPU paper, measured on this machine")
+    command = add_command(
+        commands,
+        "tables",
+        run,
+        "the tables and figures of the GPU paper, measured on this machine",
+        ("vrte tables --quick", "small scenes instead of the paper's: seconds"),
+        ("vrte tables --figures --quick -o cost", "how the cost grows, in small"),
+    )
     add_study(command, "few small scenes instead of the paper's: seconds", fresh=False)
     command.add_argument(
         "--figures", action="store_true", help="figures 2 to 9 instead: how the cost grows, with exponents"

@@ -7,7 +7,7 @@ from signal import SIGTERM
 from typing import Any
 
 from vrte.basics.errors import SceneError
-from vrte.commands.common import check_extra, make_whole_number_reader
+from vrte.commands.common import add_command, check_extra, make_whole_number_reader
 
 PORT = 8765
 OPEN = "--open-to-network"
@@ -19,10 +19,13 @@ MEANING = (
 
 def add(commands: Any) -> None:
     """Adds `vrte view`, which serves a local web page, to the commands."""
-    command = commands.add_parser(
+    command = add_command(
+        commands,
         "view",
-        help="a local web page: describe a scene, solve it, look at it",
-        description="Opens a web page on this machine: a scene as a form, its BRDF as a lobe to turn around.",
+        run,
+        "a local web page: describe a scene as a form, solve it, turn its BRDF around",
+        ("vrte view powder.toml", "the page, with this scene in it"),
+        ("vrte view --no-browser --port 9000", "prints the address and opens nothing"),
     )
     command.add_argument("file", metavar="FILE", type=Path, nargs="?", help="a scene (.toml) or a result (.nc, .csv)")
     command.add_argument("--host", default="127.0.0.1", help="where to listen; default: 127.0.0.1, this machine alone")
@@ -33,7 +36,6 @@ def add(commands: Any) -> None:
         "--port", type=make_whole_number_reader(0, 65535), default=PORT, help=f"0: a free one; default: {PORT}"
     )
     command.add_argument("--no-browser", action="store_true", help="opens none, only prints the address")
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> None:

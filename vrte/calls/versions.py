@@ -1,0 +1,133 @@
+"""What a bug report needs to know: versions of vrte and of what it stands on, the machine, and the environment."""
+
+import os
+import platform
+import re
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from vrte import _core
+from vrte.basics.blas import find_blas_libraries
+from vrte.basics.errors import DeviceError, MissingExtraError
+from vrte.basics.running import count_usable_cpus
+from vrte.cl import device
+
+FEATURES = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512dq", "avx512vl", "asimd", "sve")
+COMPILERS = rb"GCC: \([^)\0]*\) [0-9.]+|clang version [0-9.]+"  # as compilers sign what they make
+DEVELOPMENT = {"test", "bench", "docs"}  # extras for who works on vrte
+VARIABLES = re.compile("(OMP|OPENBLAS|MKL|GOMP|KMP|BLIS|VECLIB|VRTE|POCL|PYOPENCL|OCL)_")
+
+
+def show_versions() -> None:
+    """What a bug report needs, printed: versions, the machine, BLAS, OpenCL devices, environment variables.
+
+    The home folder is written as ~. The command `vrte --version --verbose` prints the same.
+
+    Returns
+    -------
+    None
+        The text goes to standard output.
+
+    >>> import vrte
+    >>> vrte.show_versions()  # doctest: +ELLIPSIS
+    vrte ...
+    """
+    print(describe_versions())
+
+
+def describe_versions() -> str:
+    """All that a bug report needs, a line each."""
+    from vrte import __version__  # which is set when all modules are loaded
+
+    versions, variables = find_versions(), [name for name in sorted(os.environ) if VARIABLES.match(name)]
+    facts = {
+        "Python": f"{platform.python_version()} ({platform.python_implementation()}), {platform.platform()}",
+        "processor": describe_processor(),
+        "compiled core": describe_core(),
+        **{f"BLAS {place}": told for place, told in enumerate(list_blas(), 1)},
+        "refractive indices": describe_database(),
+        "OpenCL": "; ".join(list_devices()),
+        "installed": ", ".join(f"{name} {version}" for name, version in versions.items() if version),
+        "not installed": ", ".join(name for name, version in versions.items() if not version),
+        "environment": ", ".join(f"{name}={os.environ[name]}" for name in variables),
+    }
+    return hide_home("\n".join([f"vrte {__version__}", *(f"{name}: {told or 'none'}" for name, told in facts.items())]))
+
+
+def hide_home(text: str) -> str:
+    """A text with ~ in place of the home folder's path."""
+    home = str(Path.home())
+    return re.sub(rf"{re.escape(home)}(?![\w-])", "~", text) if len(home) > 1 else text
+
+
+def describe_processor() -> str:
+    """Its name, its cores, and the instructions that matter here, as Linux tells them."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    name = told.get("model name") or platform.processor() or platform.machine()
+    flags = (told.get("flags") or told.get("Features") or "").split()
+    features = f"; {', '.join(one for one in FEATURES if one in flags)}" if flags else ""
+    return f"{name}, {count_usable_cpus()} of {os.cpu_count()} cores may be used{features}"
+
+
+def describe_core() -> str:
+    """How the compiled core was made, and by its ``CPU_VARIANT``, if it has one, which of its ways is taken here."""
+    signed = re.findall(COMPILERS, Path(_core.__file__).read_bytes())
+    compilers = ", ".join(dict.fromkeys(one.decode().removeprefix("GCC: ") for one in signed)) or "an unnamed compiler"
+    threads = "OpenMP" if _core.HAS_OPENMP else "no OpenMP: one thread"
+    variant = getattr(_core, "CPU_VARIANT", "one for all processors")
+    return f"{Path(_core.__file__).name}, {compilers}; {threads}; variant: {variant}"
+
+
+def list_blas() -> Iterator[str]:
+    """Every BLAS of this process: NumPy's and SciPy's may differ."""
+    for library in find_blas_libraries():
+        kind, file = getattr(library, "architecture", None) or "", "/".join(Path(library.filepath).parts[-2:])
+        yield f"{library.internal_api} {library.version} {kind}, {library.num_threads} threads, {file}"
+
+
+def describe_database() -> str:
+    """Which edition of the refractiveindex.info database is asked."""
+    from vrte.optics.refractive_index import refractive_index
+
+    try:
+        return refractive_index("gold", 0.64).source.rpartition(" in ")[2]
+    except (OSError, ValueError, ImportError) as error:
+        return f"cannot be read: {error}"
+
+
+def list_devices() -> list[str]:
+    """OpenCL devices, or why there are none."""
+    try:
+        return [f"{one.name} ({one.platform}, driver {one.driver})" for one in device.devices()]
+    except (MissingExtraError, DeviceError) as error:
+        return [str(error)]
+
+
+def find_versions() -> dict[str, str]:
+    """Versions of what vrte requires and of what its extras bring, "" where it is not installed."""
+    try:
+        required = metadata.requires("vrte") or []
+    except metadata.PackageNotFoundError:  # built in place and never installed
+        required = []
+    found: dict[str, Any] = {}
+    for requirement in required:
+        name = re.split(r"[\s\[;<>=!~(]", requirement, maxsplit=1)[0]
+        if name == "vrte" or _find_extra(requirement) in DEVELOPMENT:
+            continue
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = ""
+    return dict(sorted(found.items()))
+
+
+def _find_extra(requirement: str) -> str:
+    """Which extra brings a requirement, "" for what is always there."""
+    found = re.search(r"extra == ['\"]([\w-]+)", requirement)
+    return found[1] if found else ""

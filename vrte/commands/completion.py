@@ -1,0 +1,73 @@
+"""`vrte completion`: a script by which a shell completes commands, options and file names of `vrte`."""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from vrte.basics.errors import import_extra
+from vrte.commands.common import add_command
+from vrte.formats.materials import list_materials
+from vrte.optics.refractive_index import MATERIALS
+
+SHELLS = ("bash", "zsh", "tcsh", "fish")
+
+
+def add(commands: Any) -> None:
+    """Adds `vrte completion`, which prints a script for a shell, to the commands."""
+    command = add_command(
+        commands,
+        "completion",
+        run,
+        "a script by which a shell completes what is typed after vrte, to be kept in a file",
+        ("vrte completion bash > ~/.local/share/bash-completion/completions/vrte", "for bash, from the next shell on"),
+        ("vrte completion fish > ~/.config/fish/completions/vrte.fish", "for fish, in its own folder"),
+    )
+    command.add_argument("shell", choices=SHELLS, help="which shell it is for")
+
+
+def run(options: argparse.Namespace) -> None:
+    shtab = import_extra("shtab", "vrte completion", "completion")
+    from vrte.commands.parser import make_parser
+
+    parser = make_parser()
+    for action in list_actions(parser):
+        tell_candidates(action, shtab)
+    print(shtab.complete(parser, options.shell))
+
+
+def list_actions(parser: argparse.ArgumentParser) -> Iterator[Any]:
+    """What a parser and its commands take."""
+    for action in parser._actions:
+        yield action
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                yield from list_actions(command)
+
+
+def tell_candidates(action: Any, shtab: Any) -> None:
+    """Says what an argument is completed with: files by the suffix of their metavar, folders, or names of materials;
+    words with spaces bear underscores, which their readers take as well."""
+    if action.type is Path:
+        suffix = Path(action.metavar or "").suffix
+        folder = action.metavar == "FOLDER"
+        action.complete = shtab.DIRECTORY if folder else make_patterns(suffix) if suffix else shtab.FILE
+    elif action.dest == "name" and not action.option_strings:
+        action.choices = [name.replace(" ", "_") for name in (*MATERIALS, *list_materials())]
+
+
+def make_patterns(suffix: str) -> dict[str, Any]:
+    """Files with a suffix, and folders on the way to them, as each shell is asked for them.
+
+    >>> make_patterns(".toml")["zsh"]
+    "_files -g '*.toml'"
+    """
+    function = f"_vrte_files_{suffix[1:]}"
+    lines = (f"{function}() {{", '  compgen -d -- "$1"', f"  compgen -f -X '!*{suffix}' -- \"$1\"", "}")
+    return {
+        "bash": function,
+        "zsh": f"_files -g '*{suffix}'",
+        "tcsh": f"f:*{suffix}",
+        "fish": f"(__fish_complete_suffix {suffix})",
+        "preamble": {"bash": "\n".join(lines)},
+    }

@@ -1,0 +1,56 @@
+"""`vrte init`: a commented scene file to begin with."""
+
+import argparse
+import importlib.util
+import shlex
+from pathlib import Path
+from typing import Any
+
+from vrte.basics.errors import SceneError
+from vrte.commands.common import add_command, check_output, say_written
+from vrte.commands.starters import FOLDER, KINDS
+from vrte.formats.atomic import write_atomically
+
+
+def add(commands: Any) -> None:
+    """Adds `vrte init`, which writes scene files to begin with, to the commands."""
+    command = add_command(
+        commands,
+        "init",
+        run,
+        "a commented scene file to begin with; without a kind, a list of them",
+        ("vrte init", "lists the kinds"),
+        ("vrte init paint -o white.toml", "writes a white paint into white.toml, and says what to type next"),
+    )
+    command.add_argument("kind", nargs="?", choices=tuple(KINDS), help="what the scene is of")
+    command.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="default: KIND.toml, here")
+    command.add_argument("--force", action="store_true", help="writes over a file that is there")
+
+
+def run(options: argparse.Namespace) -> None:
+    if options.kind is None:
+        if options.output or options.force:
+            raise SceneError(f"{'-o' if options.output else '--force'} needs a kind before it: {', '.join(KINDS)}")
+        for kind, (_, told) in KINDS.items():
+            print(f"{kind:8}{told}")
+        print("next: vrte init powder")
+        return
+    path = options.output or Path(f"{options.kind}.toml")
+    check_output(path, ".toml")
+    if path.exists() and not options.force:
+        raise SceneError(f"{path} is there already: -o names another file, --force writes over it")
+    with write_atomically(path) as part:
+        part.write_bytes((FOLDER / f"{options.kind}.toml").read_bytes())
+    say_written(path)
+    print(f"next: {tell_next(options.kind, path)}")
+
+
+def tell_next(kind: str, path: Path) -> str:
+    """The command that solves a scene file: into a picture, or a table where no picture can be made.
+
+    >>> tell_next("cloud", Path("cloud.toml")).split(" --")[0]
+    'vrte field cloud.toml'
+    """
+    draws = importlib.util.find_spec("matplotlib") is not None
+    output = ["--plot", path.with_suffix(".png")] if draws else ["-o", path.with_suffix(".csv")]
+    return shlex.join(["vrte", KINDS[kind][0], str(path), *map(str, output)])
