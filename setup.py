@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from glob import glob
@@ -12,34 +11,41 @@ import numpy
 from Cython.Build import cythonize
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
+from setuptools.errors import CompileError, LinkError
 
 OPENMP_PROBE = "#include <omp.h>\nint main(void) { return omp_get_max_threads() < 1; }\n"
-
-
-def openmp_flags(compiler: list[str]) -> list[str]:
-    """The compiler's OpenMP flags, or none (and a message) where a probe does not build."""
-    flags = ["/openmp"] if sys.platform == "win32" else ["-fopenmp"]
-    with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder, "probe.c")
-        source.write_text(OPENMP_PROBE)
-        command = [*compiler, *flags, str(source), "-o", str(Path(folder, "probe"))]
-        built = subprocess.run(command, capture_output=True, check=False).returncode == 0
-    if not built:
-        print("vrte: this compiler has no OpenMP; the core is built with one thread.", file=sys.stderr)
-    return flags if built else []
+OPENMP_WAYS = {  # flags of the compiler and of the linker
+    "win32": [(["/openmp"], [])],
+    "darwin": [(["-Xpreprocessor", "-fopenmp"], ["-lomp"]), (["-fopenmp"], ["-fopenmp"])],  # Apple's clang; others
+}
 
 
 class BuildCore(build_ext):
     """build_ext that asks the compiler for OpenMP before it compiles."""
 
+    def find_openmp(self) -> tuple[list[str], list[str]]:
+        """Flags with which a probe is built, or none (and a message)."""
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder, "probe.c")
+            source.write_text(OPENMP_PROBE)
+            for compiling, linking in OPENMP_WAYS.get(sys.platform, [(["-fopenmp"], ["-fopenmp"])]):
+                try:
+                    objects = self.compiler.compile([str(source)], output_dir=folder, extra_postargs=compiling)
+                    self.compiler.link_executable(objects, "probe", output_dir=folder, extra_postargs=linking)
+                except (CompileError, LinkError):
+                    continue
+                return compiling, linking
+        print("vrte: this compiler has no OpenMP; the core is built with one thread.", file=sys.stderr)
+        return [], []
+
     def build_extensions(self) -> None:
-        compiler = getattr(self.compiler, "compiler_so", ["cl"])[:1]
-        if sys.platform != "win32" and shutil.which(compiler[0]) is None:
+        compiler = getattr(self.compiler, "compiler_so", None)  # MSVC is found by the class itself
+        if compiler and shutil.which(compiler[0]) is None:
             sys.exit(f"vrte: no C compiler ({compiler[0]}) was found; install gcc or clang.")
-        flags = openmp_flags(compiler)
+        compiling, linking = self.find_openmp()
         for extension in self.extensions:
-            extension.extra_compile_args += flags
-            extension.extra_link_args += flags
+            extension.extra_compile_args += compiling
+            extension.extra_link_args += linking
         super().build_extensions()
 
 
