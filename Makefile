@@ -6,7 +6,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 	print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")'
 
-.PHONY: help env demo gallery docs tables report test test-all test-lowest lint bench bench-save bench-compare bench-peers clean
+.PHONY: help env demo gallery docs tables report test test-all test-lowest test-pythons wheel lint bench bench-save bench-compare bench-peers clean
 .NOTPARALLEL:
 
 help:
@@ -16,7 +16,9 @@ help:
 	@echo "make test         style, types and the quick tests"
 	@echo "make test-all     style, types and every test"
 	@echo "make test-lowest  tests of what others' packages do, with the oldest of them that pyproject.toml allows: .venv-lowest"
+	@echo "make test-pythons  built and used with each CPython 3.11 to 3.14 that is found, newest dependencies: out/pythons"
 	@echo "make lint         style and types only"
+	@echo "make wheel        the source archive, and a wheel of it for this Python and system: dist"
 	@echo "make tables       the GPU paper's tables and figure 1, measured here: out/tables"
 	@echo "make report       error against run time of every method: out/report; taken up again where it stopped"
 	@echo "make bench        the timings of bench/"
@@ -65,6 +67,11 @@ $(VENV)/report.stamp: $(VENV)/core.stamp
 $(VENV)/test.stamp: $(VENV)/core.stamp
 	@echo "Installing what the tests need"
 	@$(PIP) install 'vrte[test]'
+	@touch $@
+
+$(VENV)/wheel.stamp: $(VENV)/core.stamp
+	@echo "Installing what builds and checks wheels"
+	@$(PIP) install 'vrte[wheel]'
 	@touch $@
 
 $(VENV)/bench.stamp: $(VENV)/core.stamp
@@ -130,6 +137,21 @@ $(LOWEST)/stamp: pyproject.toml setup.py vrte/_core.pyx $(wildcard vrte/core/*) 
 	@$(LOWEST)/bin/python -m pip --disable-pip-version-check --quiet install uv
 	@$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct --editable '.[test]'
 	@touch $@
+
+test-pythons: $(VENV)/wheel.stamp
+	@sh .ci/test_pythons $(BIN)/python
+
+# Built in isolation, the wheel from the archive. On Linux auditwheel puts libgomp into it and names the oldest C library
+# with which it works: that of this machine, about; released wheels are built by cibuildwheel, in images with an old one.
+wheel: $(VENV)/wheel.stamp
+	@rm -rf dist
+	$(BIN)/python -m build --outdir dist .
+	$(BIN)/check-wheel-contents dist/*.whl
+ifeq ($(shell uname),Linux)
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist dist/*-linux_*.whl && rm dist/*-linux_*.whl
+	$(BIN)/auditwheel show dist/*.whl
+endif
+	$(BIN)/twine check --strict dist/*
 
 lint: $(VENV)/test.stamp
 	$(BIN)/ruff format --check --quiet .

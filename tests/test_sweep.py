@@ -402,6 +402,12 @@ def test_a_second_process_at_the_same_output_is_refused(tmp_path: Path) -> None:
     vrte.sweep(given, output).close()
 
 
+def test_a_system_without_file_locks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "fcntl", None)  # Windows
+    with pytest.raises(SweepError, match="sweeps need the file locks of Linux and macOS"):
+        vrte.sweep(simple({"layer[1].albedo": [0.1, 1.0]}), tmp_path / "table.zarr")
+
+
 def test_what_is_left_of_a_sweep_that_never_began_is_no_obstacle(tmp_path: Path) -> None:
     folder = tmp_path / "table.zarr.partial"
     (folder / "table" / "mueller").mkdir(parents=True)

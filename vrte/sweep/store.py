@@ -176,7 +176,10 @@ def name_partial_folder(output: Path) -> Path:
 @contextmanager
 def lock_output(output: Path) -> Iterator[Path]:
     """The folder where the output grows, while no other process is at it. Raises SweepError."""
-    import fcntl
+    try:
+        import fcntl
+    except ImportError as error:  # Windows
+        raise SweepError("sweeps need the file locks of Linux and macOS, which this system does not have") from error
 
     folder = name_partial_folder(output)
     while True:
