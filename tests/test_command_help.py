@@ -18,6 +18,7 @@ from vrte.cl import device
 from vrte.commands import pages
 from vrte.commands.common import Parser
 from vrte.commands.init import tell_next
+from vrte.commands.page import write_page
 from vrte.commands.parser import make_parser
 from vrte.commands.starters import FOLDER, KINDS
 from vrte.formats.scene_file import FILE_KEYS, read_scene
@@ -281,6 +282,17 @@ class TestPages:
             assert pages.locate_page("reference/benchmarks/README.md").endswith("/reference/benchmarks/index.html")
         finally:
             pages.find_site.cache_clear()
+
+
+def test_the_page_of_commands_is_what_the_parsers_say() -> None:
+    page = (ROOT / "docs" / "reference" / "commands.md").read_text()
+    assert page == write_page(), "make it anew: python -m vrte.commands.page > docs/reference/commands.md"
+    for name, command in COMMANDS.items():
+        section = page.split(f"\n## vrte {name}\n")[1].split("\n## ")[0]
+        for action in command._actions:
+            assert action.dest == "help" or all(f"`{one}`" in section for one in action.option_strings)
+            assert action.help, f"vrte {name}: {action.dest} is not explained"
+        assert all(f"# {told}\n{line}\n" in section for line, told in command.examples)
 
 
 class TestVersions:

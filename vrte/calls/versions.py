@@ -30,6 +30,8 @@ def show_versions() -> None:
     None
         The text goes to standard output.
 
+    Examples
+    --------
     >>> import vrte
     >>> vrte.show_versions()  # doctest: +ELLIPSIS
     vrte ...

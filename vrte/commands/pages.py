@@ -6,6 +6,7 @@ from importlib import metadata
 from vrte.basics.errors import AccuracyError, DeviceError, SceneError, SweepError
 
 SCENE_FILES = "reference/scene_files.md"
+THIS = "reference/commands.md"  # of the commands themselves
 OF_COMMANDS = {
     "init": SCENE_FILES,
     "brdf": SCENE_FILES,
@@ -22,7 +23,7 @@ OF_COMMANDS = {
     "tables": "reference/tables.md",
     "report": "explanation/methods.md",
     "devices": "how_to/opencl.md",
-    "completion": SCENE_FILES,
+    "completion": THIS,
 }
 # of the steps of a SceneError's place, the last that is here
 OF_KEYS = {

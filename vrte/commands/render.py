@@ -30,7 +30,7 @@ def add(commands: Any) -> None:
         ("vrte render paint.toml powder.toml -o both.png --size 200", "two small ones beside each other"),
     )
     command.add_argument("scenes", metavar="SCENE.toml", type=Path, nargs="+", help="a sphere each")
-    command.add_argument("-o", "--output", metavar="OUT.png", type=Path, required=True)
+    command.add_argument("-o", "--output", metavar="OUT.png", type=Path, required=True, help="the picture")
     command.add_argument(
         "--size",
         metavar="PIXELS",

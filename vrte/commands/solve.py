@@ -79,7 +79,7 @@ def add_one(commands: Any, kind: str, told: str, *examples: tuple[str, str]) -> 
     command: argparse.ArgumentParser = add_command(commands, kind, run, told, *examples)
     command.epilog = "What is said here wins over the scene file."
     command.set_defaults(kind=kind, wavelengths_um=None, mitsuba=None)
-    command.add_argument("scene", metavar="SCENE.toml", type=Path)
+    command.add_argument("scene", metavar="SCENE.toml", type=Path, help="what light meets, and what is asked")
     written = ".nc: NetCDF; .csv: a table, which needs no extra; .zarr: Zarr"
     command.add_argument("-o", "--output", metavar="OUT", type=Path, help=written)
     command.add_argument("--csv", metavar="OUT.csv", type=Path, help="beside -o or alone: one row a direction")
