@@ -2,14 +2,19 @@
 
 import inspect
 import re
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from griffe import Class, Docstring, Extension, Object
+from griffe import Class, Docstring, Extension, Function, Object
 
 PAGES = Path(__file__).parent / "reference/api"
-LISTED = {name for page in PAGES.glob("*.md") for name in re.findall(r"^::: (\S+)", page.read_text("utf-8"), re.M)}
+ENTRY = re.compile(r"^::: (\S+)(?:\n    options:\n(?:      .*\n)*?      heading: (\S+))?", re.MULTILINE)
+LISTED = {
+    found[2] or found[1]: found[1] for page in PAGES.glob("*.md") for found in ENTRY.finditer(page.read_text("utf-8"))
+}
+SHORT = {name.rpartition(".")[2] for name in LISTED}
 OTHER_PAGE = re.compile(r"docs/((?:tutorials|how_to|reference|explanation)/(\w+))\.md")
 
 
@@ -18,10 +23,14 @@ class Docstrings(Extension):
     are not there."""
 
     def on_object(self, *, obj: Object, **_: Any) -> None:
-        if obj.is_function and (obj.docstring is None or "{options}" in obj.docstring.value):
+        if isinstance(obj, Function) and (obj.docstring is None or "{options}" in obj.docstring.value):
             words = inspect.getdoc(getattr(import_module(obj.module.path), obj.name, None)) or ""
             if obj.module.path == "vrte._core" or obj.docstring is not None:
                 obj.docstring = Docstring(words, parent=obj, parser="numpy")
+        for each in getattr(obj, "parameters", []) if isinstance(obj, Function) else []:
+            if (constant := str(each.default)).isidentifier() and constant.isupper():
+                with suppress(ImportError):  # of the viewer, which no page is about
+                    each.default = repr(getattr(import_module(obj.module.path), constant))
         if obj.docstring is not None:
             lines = obj.docstring.value.split("\n")
             obj.docstring.value = "\n".join(
@@ -35,16 +44,17 @@ def link(line: str, obj: Object) -> str:
         line = re.sub(r"^([\w*, ]+ : )\{(.*)\}", r"\1one of \2", line)
         line = re.sub(r"^([\w*, ]+ : .*,.*) or ", "\\1\u00a0or ", line)
         line = re.sub(r"((?:^| : )(?:nd)?array\w*(?: of \w+)?) \(", "\\1\u00a0(", line)
-    line = OTHER_PAGE.sub(lambda found: f"[{found[2].replace('_', ' ')}](../../{found[1]}.html)", line)
+    line = OTHER_PAGE.sub(lambda found: f"[{found[2].replace('_', ' ')}](../../{found[1]}.md)", line)
     return re.sub(r"(?<!`)`([\w.]+)`(?!`)", lambda found: refer(found[1], obj), line)
 
 
 def refer(name: str, obj: Object) -> str:
     """A link to the first that a name may mean in a docstring: a member of its class, one of its module, or of vrte."""
     owner = obj if isinstance(obj, Class) else obj.parent
-    if isinstance(owner, Class) and name in owner.all_members:
+    if isinstance(owner, Class) and name in owner.all_members and owner.name in SHORT:
         return f"[`{name}`][{owner.all_members[name].path}]"
     for place in (f"{obj.module.path}.{name}", name, f"vrte.{name}"):
-        if place in LISTED or place.rpartition(".")[0] in LISTED:
-            return f"[`{name}`][{place}]"
+        owner, _, member = place.rpartition(".")
+        if place in LISTED or owner in LISTED:
+            return f"[`{name}`][{LISTED.get(place) or f'{LISTED[owner]}.{member}'}]"
     return f"`{name}`"

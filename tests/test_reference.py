@@ -40,7 +40,8 @@ def list_members(name: str, given: Any) -> Iterator[tuple[str, Any]]:
         where = owner.__name__ if inspect.ismodule(owner) else owner.__module__
         for member, value in vars(owner).items():
             value = getattr(value, "__func__", value)  # of a class method
-            ours = isinstance(value, PROPERTIES) or (inspect.isfunction(value) and value.__module__ == where)
+            made_here = inspect.isclass(owner) or getattr(value, "__module__", "") == where
+            ours = isinstance(value, PROPERTIES) or (inspect.isfunction(value) and made_here)
             if not (ours and where.startswith("vrte")) or member.startswith("_"):
                 continue
             if value.__doc__ or not inspect.getdoc(getattr(owner, member)):
@@ -156,6 +157,6 @@ def test_names_and_pages_in_docstrings_become_links() -> None:
     assert site.link("of a `vrte.Scene`, ``mu``, `x`", here) == "of a [`vrte.Scene`][vrte.Scene], ``mu``, `x`"
     assert (
         site.link("    (docs/how_to/rough_surfaces.md)", here)
-        == "    ([rough surfaces](../../how_to/rough_surfaces.html))"
+        == "    ([rough surfaces](../../how_to/rough_surfaces.md))"
     )
     assert site.link("kind : {'a', 'b-c'}, optional", here) == "kind : one of 'a', 'b-c', optional"

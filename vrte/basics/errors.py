@@ -52,7 +52,8 @@ class SceneError(ValueError):
 
         Examples
         --------
-        >>> SceneError.of("layer: albedo", "must be between 0 and 1, not 2").place
+        >>> import vrte
+        >>> vrte.SceneError.of("layer: albedo", "must be between 0 and 1, not 2").place
         ('albedo',)
         """
         return cls(f"{name} {words}", name.rpartition(": ")[2])
@@ -72,7 +73,9 @@ class SceneError(ValueError):
 
         Examples
         --------
-        >>> print(SceneError("albedo must be between 0 and 1, not 2", "albedo").behind("scene.toml"))
+        >>> import vrte
+        >>> error = vrte.SceneError("albedo must be between 0 and 1, not 2", "albedo")
+        >>> print(error.behind("scene.toml"))
         scene.toml: albedo must be between 0 and 1, not 2
         """
         return SceneError(f"{words}: {self}", *self.place)
