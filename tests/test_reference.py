@@ -93,7 +93,8 @@ def find_faults(given: Any, words: str) -> list[str]:
     own = {*dir(given), *given.__annotations__}
     faults += [f"not said: {name}" for name in sorted(names - told.keys())]
     faults += [f"no such parameter: {name}" for name in sorted(told.keys() - names - own)]
-    faults += [f"nothing said of {name}" for name, one in told.items() if not one.description.strip()]
+    explained = [*told.values(), *(one for kind in ("returns", "raises", "warns") for one in sections.get(kind, []))]
+    faults += [f"nothing said of {one.annotation}" for one in explained if not one.description.strip()]
     if inspect.isfunction(given) and given.__annotations__.get("return") not in (None, "None"):
         faults += [] if "returns" in sections else ["no Returns"]
     return faults
@@ -115,6 +116,7 @@ def test_docstring_of_the_core(name: str) -> None:
     names = {each.arg for each in (*taken.args, *taken.kwonlyargs)}
     assert {one.name for one in told["parameters"]} == names - {"self"}
     assert "returns" in told or "out" in names
+    assert not find_unknown_names(words[1] if words else "")
 
 
 def test_every_public_name_stands_on_one_page() -> None:

@@ -151,6 +151,7 @@ def find_colour(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65", 
     Returns
     -------
     Colour
+        In that light, for that observer.
 
     Raises
     ------
@@ -197,7 +198,9 @@ def estimate_error(wavelengths_um: Any, reflectance: Any, illuminant: str = "D65
 
     Raises
     ------
-    SceneError, MissingExtraError
+    SceneError
+        As `find_colour`.
+    MissingExtraError
         As `find_colour`.
 
     Examples
@@ -232,6 +235,7 @@ def find_difference(one: Colour, other: Colour) -> float:
     Returns
     -------
     float
+        0 for equal colours.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class TwoFluxErrors:
 
     @cached_property
     def colours(self) -> tuple[list[list[Colour]], list[list[Colour]]]:
-        """Exact and predicted colours in D65 for 10 degrees, each a list over black and a list over white, film by film."""
+        """Exact and predicted colours in D65 for 10 degrees, each a list over black and one over white, by film."""
         exact, predicted = (
             [[find_colour(self.wavelength_um, film) for film in over] for over in kind]
             for kind in (self.exact, self.predicted)

@@ -47,8 +47,10 @@ def brdf(
     ----------
     scene : Scene
         What light meets.
-    mu_i, mu_o : float or sequence of float
-        Positive cosines of the directions of incidence, n_in, and of exitance, n_out.
+    mu_i : float or sequence of float
+        Cosines of incidence, n_in, above 0 up to 1.
+    mu_o : float or sequence of float
+        Cosines of exit, n_out, above 0 up to 1.
     phi : float or sequence of float, optional
         Azimuths between them [degrees], n_phi.
     transmission : bool, optional

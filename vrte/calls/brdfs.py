@@ -59,7 +59,9 @@ def brdfs(
     ------
     SceneError
         For bad input; it names the scene.
-    AccuracyError, DeviceError
+    AccuracyError
+        As `vrte.brdf` does.
+    DeviceError
         As `vrte.brdf` does.
 
     Examples

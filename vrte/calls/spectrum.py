@@ -57,7 +57,9 @@ def spectrum(
         For bad input; it names the wavelength.
     OSError
         Where a file cannot be read.
-    AccuracyError, DeviceError
+    AccuracyError
+        As `vrte.brdf` does.
+    DeviceError
         As `vrte.brdf` does.
 
     Examples

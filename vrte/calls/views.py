@@ -31,9 +31,12 @@ def views(
     ----------
     scene : Scene
         What light meets.
-    mu0, mu, phi : array_like
-        Cosines of the beams, signed cosines and azimuths [degrees] of the directions: numbers or lists that broadcast
-        to one length n, a geometry each.
+    mu0 : float or array_like (n,)
+        Positive cosines of the beams, a geometry each; a number is taken for all.
+    mu : float or array_like (n,)
+        Signed cosines of the lines of sight, above 0 going up.
+    phi : float or array_like (n,), optional
+        Azimuths from each beam's heading [degrees].
     stokes : array_like (4,), optional
         Flux vector I, Q, U, V of all beams, perpendicular to them; default: unpolarized.
     tau : float, optional

@@ -112,7 +112,8 @@ def generalized_spherical_functions(int m, int terms, mu):
 
     Examples
     --------
-    >>> generalized_spherical_functions(0, 3, [0.5])[:, 0, 0]  # Legendre polynomials
+    >>> from vrte import _core
+    >>> _core.generalized_spherical_functions(0, 3, [0.5])[:, 0, 0]  # Legendre polynomials
     array([ 1.   ,  0.5  , -0.125])
     """
     cdef double[::1] cosines = np.ascontiguousarray(np.atleast_1d(mu), dtype=float)
@@ -157,8 +158,9 @@ def phase_matrices(int m, coefficients, mu, mu_from):
 
     Examples
     --------
-    >>> phase_matrices(0, [[1.0, 0, 0, 0, 0, 0]], [0.3], [-0.7])[0, 0, 0, 0]  # isotropic
-    np.float64(1.0)
+    >>> from vrte import _core
+    >>> _core.phase_matrices(0, [[1.0, 0, 0, 0, 0, 0]], [0.3], [-0.7])[0, 0, 0, 0].item()  # isotropic
+    1.0
     """
     table = np.ascontiguousarray(coefficients, dtype=float)
     if table.ndim != 2 or table.shape[1] != 6:

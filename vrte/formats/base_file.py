@@ -56,6 +56,7 @@ def read_base(
     SceneError
         For a file that holds none, a wavelength that it has not, and what is no surface.
     OSError
+        Where the file cannot be read.
 
     Examples
     --------

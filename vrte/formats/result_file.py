@@ -68,10 +68,12 @@ def load(path: str | os.PathLike[str], *, most_bytes: float = LARGEST_RESULT) ->
     Returns
     -------
     Brdf, Field or Spectrum
+        What was saved.
 
     Raises
     ------
     FileNotFoundError
+        Where there is no such file.
     SceneError
         For a file that holds no result of this package.
     MissingExtraError

@@ -56,9 +56,10 @@ def recognise_convention(
     ----------
     angle_deg : array_like (angles,)
         Scattering angles [degrees], ascending; three are enough, neither 0 nor 180 alone.
-    F11, F12, F22, F33, F34, F44 : array_like (angles,)
-        What the code gives, four digits of it, in these places whatever it calls them; those it does not give are left
-        out.
+    F11 : array_like (angles,)
+        What the code gives in this place whatever it calls it, four digits of it.
+    F12, F22, F33, F34, F44 : array_like (angles,), optional
+        The same in the other places; those that it does not give are left out.
 
     Returns
     -------

@@ -28,8 +28,12 @@ class Particles:
         Of single scattering, 0 to 1.
     asymmetry : float
         g, the mean cosine of the scattering angle, -1 to 1.
-    extinction_um2, scattering_um2, volume_um3 : float
-        Mean cross sections [um2] and volume [um3] of one particle.
+    extinction_um2 : float
+        Mean extinction cross section of one particle [um2].
+    scattering_um2 : float
+        Mean scattering cross section of one particle [um2].
+    volume_um3 : float
+        Mean volume of one particle [um3].
     description : str
         In words, what it is and where its refractive index comes from.
     host_index : float or None

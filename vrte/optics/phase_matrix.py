@@ -58,10 +58,15 @@ class PhaseMatrix:
 
     Parameters
     ----------
-    a1, a2, a3, a4, b1, b2 : array_like (terms,)
-        Coefficients from degree l = 0 on; shorter lists are padded with zeros. ``a1[0]`` is 1 (within 1e-6; all are
-        divided by it), ``a1[1]`` is 3 g. What stands below l = 2 in a2, a3, b1 and b2 plays no part. ``a1`` alone is a
-        scalar phase function.
+    a1 : array_like (terms,)
+        Of F11, in Legendre polynomials, from degree l = 0 on: ``a1[0]`` is 1 (within 1e-6; all are divided by it),
+        ``a1[1]`` is 3 g. Alone it is a scalar phase function. Shorter lists are padded with zeros.
+    a2, a3 : array_like (terms,), optional
+        Of F22 and F33, a2 +- a3 in generalized spherical functions; what stands below l = 2 plays no part.
+    a4 : array_like (terms,), optional
+        Of F44, in Legendre polynomials.
+    b1, b2 : array_like (terms,), optional
+        Of F12 and F34, in generalized spherical functions; what stands below l = 2 plays no part.
     tolerance : float
         0 to 1, of the mean of F11 over the sphere: lets expansions pass that are cut short or misprinted, with a
         NegativeScatteringWarning that says by how much they are negative.
@@ -138,8 +143,10 @@ class PhaseMatrix:
         ----------
         angle_deg : array_like (angles,)
             Scattering angles [degrees], ascending from 0 to 180.
-        F11, F12, F22, F33, F34, F44 : array_like (angles,)
-            The elements, or what ``convention`` has in their places. F11 alone is a scalar phase function.
+        F11 : array_like (angles,)
+            The phase function, or what ``convention`` has in its place; alone it is a scalar one.
+        F12, F22, F33, F34, F44 : array_like (angles,), optional
+            The other elements, or what ``convention`` has in their places.
         convention : str
             Signs, ratios and scale of the table: a name of `vrte.optics.conventions.CONVENTIONS`
             (docs/how_to/importing.md).

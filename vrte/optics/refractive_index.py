@@ -146,8 +146,10 @@ class IndexTable:
     ----------
     wavelengths_um : array_like (rows,)
         In vacuum [um], ascending.
-    n, k : array_like (rows,)
-        Refractive index and absorption index, k >= 0.
+    n : array_like (rows,)
+        Refractive index.
+    k : array_like (rows,)
+        Absorption index, >= 0.
     source : str
         In words, where they come from.
 
@@ -223,8 +225,8 @@ def refractive_index(material: Material, wavelength_um: float) -> RefractiveInde
     Parameters
     ----------
     material : str, complex, pair, IndexTable or RefractiveIndex
-        One of the names in MATERIALS; a path "shelf/book/page" in the refractiveindex.info database such as
-        "main/Au/Johnson"; a table of one's own (`vrte.read_index`); a number n + i k; or a pair (n, k).
+        One of the names in docs/reference/kinds.md; a path "shelf/book/page" in the refractiveindex.info database such
+        as "main/Au/Johnson"; a table of one's own (`vrte.read_index`); a number n + i k; or a pair (n, k).
     wavelength_um : float
         In vacuum [um].
 

@@ -23,8 +23,10 @@ class Interface:
 
     Parameters
     ----------
-    index_above, index_below : float
-        Real refractive indices of the two media, 0.1 to 10.
+    index_above : float
+        Real refractive index of the medium above, 0.1 to 10.
+    index_below : float
+        Real refractive index of the medium below, 0.1 to 10.
     roughness : float, optional
         alpha, the root mean square slope of facets times sqrt(2): 0 is smooth, else 0.01 to 1.5.
     distribution : {"beckmann", "ggx"}, optional

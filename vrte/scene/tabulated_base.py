@@ -66,8 +66,10 @@ class TabulatedBase(Boundary):
 
     Parameters
     ----------
-    mu_i, mu_o : array_like (n_in,), (n_out,)
-        Cosines of incidence and exit, above 0 up to 1, each at least two, in any order.
+    mu_i : array_like (n_in,)
+        Cosines of incidence, above 0 up to 1, at least two, in any order.
+    mu_o : array_like (n_out,)
+        Cosines of exit, likewise.
     phi_deg : array_like (n_phi,)
         Azimuths [degrees], outgoing minus incident, both along the direction of travel: 0 to 180, or all around. Evenly
         spaced ones are best; through others a periodic cubic spline runs.

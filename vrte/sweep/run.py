@@ -91,7 +91,12 @@ def sweep(
         For bad input, or another sweep than the output was begun with.
     SweepError
         Where another process is at the same output, or the cluster is lost.
-    DeviceError, MissingExtraError, OSError
+    DeviceError
+        Where the OpenCL device is missing or fails.
+    MissingExtraError
+        Without the extras "files" or "dask".
+    OSError
+        Where a file cannot be read or written.
 
     Examples
     --------
