@@ -17,12 +17,16 @@ from vrte.commands.common import (
     label_errors,
     make_option_reader,
     make_whole_number_reader,
+    say_written,
     show_progress,
 )
 from vrte.sweep import sweep
 from vrte.sweep.engines import ENGINES
+from vrte.sweep.page.writing import SUFFIX as PAGE_SUFFIX
+from vrte.sweep.page.writing import check_sweep_for_page, save_page
 from vrte.sweep.run import MOST_WORKERS
 from vrte.sweep.table import SUFFIXES
+from vrte.sweep.template import read_sweep
 
 if TYPE_CHECKING:
     import xarray
@@ -64,6 +68,8 @@ def add(commands: Any) -> None:
     )
     told = "refuse what is predicted to take longer in all; default: none"
     command.add_argument("--time-limit-s", metavar="X", type=make_option_reader("time_limit_s"), help=told)
+    told = "also a page with the lobes to turn around in any browser: one file that needs no network"
+    command.add_argument("--page", metavar="PAGE.html", type=Path, help=told)
     command.add_argument("--strict", action="store_true", help="a failure (exit code 1) where any scene has no result")
 
 
@@ -71,11 +77,23 @@ def run(options: argparse.Namespace) -> None:
     check_extra("a sweep", "files", ("xarray", "zarr", "h5netcdf"))
     if not (options.output.suffix == ".zarr" and options.output.is_dir()):
         check_output(options.output, *SUFFIXES)
+    if options.page is not None:
+        check_output(options.page, PAGE_SUFFIX)
+        with label_errors(options.file):
+            check_sweep_for_page(read_sweep(options.file))
     start = time.monotonic()
     with show_progress() as (phase, tick):
         phase("scenes")
         table = compute_table(options, tick)
     describe(options, table, time.monotonic() - start)
+    if options.page is not None:
+        with label_errors(options.file):
+            (errors,) = save_page({options.file.stem: table}, options.page, folder=options.file.parent).values()
+        say_written(options.page)
+        print(
+            f"  between its scenes and directions off by at most {100.0 * errors.max():.2g} % at {errors.size} points"
+        )
+    table.close()
 
 
 def compute_table(options: argparse.Namespace, tick: Tick) -> "xarray.Dataset":
@@ -94,7 +112,6 @@ def describe(options: argparse.Namespace, table: "xarray.Dataset", seconds: floa
     print(f"  {errors.size} scenes ({lengths}){f', {failed} without result' if failed else ''}, {seconds:.1f} s")
     print(f"  {', '.join(name for name in map(str, table.data_vars) if name != 'error')}")
     print(f"wrote {options.output} ({count_bytes(options.output) / 1e3:,.0f} kB)")
-    table.close()
     if failed == errors.size:
         raise SceneError(f"{options.file}: all scenes failed; the first: {errors.values.flat[0]}")
     if failed and options.strict:

@@ -144,7 +144,7 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path 
     if len(table) > MOST_AXES:
         raise SceneError(f"axes: there must be at most {MOST_AXES} of them, not {len(table)}")
     axes = tuple(read_axis(name, value) for name, value in table.items())
-    axes = tuple(replace(axis, places=find_expanded_place(content, axis.places)) for axis in axes)
+    axes = tuple(follow_paint(content, axis) for axis in axes)
     sweep = Sweep(expand_paint(content), axes, (folder or Path()).absolute())
     check(sweep)
     return sweep
@@ -175,6 +175,26 @@ def read_axis(name: str, value: Any) -> Axis:
     except SceneError as error:
         raise table.unfit(str(error)) from error
     return Axis(name, key, places, read_values(table), dimension)
+
+
+def follow_paint(content: dict[str, Any], axis: Axis) -> Axis:
+    """An axis along a number of [paint], as that of the scene that the paint is: so the table's own content can be read
+    again."""
+    places = find_expanded_place(content, axis.places)
+    return axis if places == axis.places else replace(axis, places=places, key=join_key(places))
+
+
+def join_key(places: tuple[Place, ...]) -> str:
+    """The dotted key of keys of tables and places in lists.
+
+    >>> join_key(("layer", 0, "particles", "gold"))
+    'layer[1].particles.gold'
+    """
+    parts = (
+        f"[{place + 1}]" if isinstance(place, int) else f'."{place}"' if "." in place else f".{place}"
+        for place in places
+    )
+    return "".join(parts).removeprefix(".")
 
 
 def split_key(key: str) -> tuple[Place, ...]:
