@@ -101,6 +101,7 @@ gallery: $(VENV)/gallery.stamp
 # warnings are errors, and so are links that lead nowhere; the snippets of the pages are run by the tests
 docs: $(VENV)/docs.stamp
 	@mkdir -p out
+	$(BIN)/python docs/try/make_page.py out/try
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "out/site/index.html is the site; python3 -m http.server -d out/site makes its search work"
 

@@ -18,6 +18,7 @@ from vrte.studies.records import Records
 
 ROOT = Path(__file__).parents[1]
 PAGES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md"}
+LOBES = ROOT / "out/try/lobes.html"  # the page of docs/try.md
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
@@ -30,6 +31,11 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, f"examples/{path.name}", abs_src_path=str(path)))
     rows = [f"- [{path.name}](examples/{path.name}): {describe_example(path)}" for path in examples]
     files.append(File.generated(config, "explanation/methods/methods.html", content=draw_methods_report()))
+    if not LOBES.is_file():
+        raise PluginError(
+            f"{LOBES.relative_to(ROOT)} is missing: docs/try/make_page.py writes it, and make docs calls that"
+        )
+    files.append(File.generated(config, "try/lobes.html", abs_src_path=str(LOBES)))
     text = "# Examples\n\nScripts and scene files to begin with, as they stand in the folder `examples`.\n\n"
     files.append(File.generated(config, "examples.md", content=text + "\n".join(rows) + "\n"))
     return files

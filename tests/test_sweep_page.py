@@ -3,6 +3,7 @@ browser from the disk alone. Debian's Chromium, or the one that VRTE_CHROMIUM na
 
 import json
 import re
+import runpy
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,10 @@ from vrte.cli import main
 from vrte.results.over_hemisphere import stokes_over_hemisphere
 from vrte.sweep.interpolation import interpolate
 from vrte.sweep.page.packing import STEP, Packed, pack_matrices, take_half_circle, unpack_matrices
-from vrte.sweep.page.writing import save_page
+from vrte.sweep.page.writing import check_sweep_for_page, save_page
+from vrte.sweep.template import read_sweep
 
+TRY = Path(__file__).parents[1] / "docs" / "try"
 BRDF = {"mu_i": [0.9, 0.5], "mu_o": [1.0, 0.9, 0.7, 0.45, 0.2], "phi_deg": [0, 30, 60, 90, 120, 150, 180]}
 AXES: dict[str, Any] = {
     "depth": {"key": "layer[1].thickness", "values": [0.2, 0.5, 1.0, 1.8, 4.0]},
@@ -160,6 +163,16 @@ def test_the_command_refuses_before_it_computes(tmp_path: Path, capsys: pytest.C
     assert main(["sweep", str(path), "-o", str(tmp_path / "field.zarr"), "--page", str(tmp_path / "field.html")]) == 2
     assert "this is a table of fields" in capsys.readouterr().err
     assert [one.name for one in tmp_path.iterdir()] == ["field.toml"]
+
+
+def test_the_sweeps_of_the_site_fit_a_page() -> None:
+    """Each sweep file of docs/try is in the menu of the site's page, begins with its name there, and can be shown."""
+    script = runpy.run_path(str(TRY / "make_page.py"))
+    files = sorted(TRY.glob("*.toml"))
+    assert sorted(script["FILES"]) == [path.stem for path in files]
+    for path in files:
+        assert re.match(r"# [A-Z]", path.read_text("utf-8"))
+        check_sweep_for_page(read_sweep(path))
 
 
 @pytest.fixture(scope="module")
