@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 POINTS = 4  # at which a table is compared with exact solves
 LARGEST_PAGE = 60e6  # bytes: beyond, phones give up
-RINGS, SPOKES = 36, 72  # of the body that is drawn
+FEWEST_RINGS, MOST_RINGS, SPOKES = 36, 72, 72  # of the body that is drawn
 SUFFIX = ".html"
 UNITS = {"um": "µm", "1": ""}
 SHARES = ("reflectance", "total_reflectance", "specular")
@@ -205,7 +205,7 @@ def make_mesh(mu_o: Array, azimuths: Array) -> dict[str, Any]:
     around = np.zeros((SPOKES, circle.size))
     np.add.at(around.T, turn, compute_weights(grid, spokes).T)
     first = float(theta[0]) if theta[0] > HOLE else 0.0
-    rings = np.linspace(first, float(theta[-1]), RINGS)
+    rings = np.linspace(first, float(theta[-1]), min(MOST_RINGS, max(FEWEST_RINGS, 2 * theta.size)))
     place: Array = np.arange(float(theta.size))
     along, order = extend_over_pole(theta, place, place)
     behind = along.size - theta.size
