@@ -255,7 +255,7 @@ def refused(told: pytest.CaptureFixture[str], *arguments: str) -> str:
 def test_other_machines_only_where_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
     for host in ("0.0.0.0", "::"):
         told = f"--host {host} lets other machines reach the viewer: say that too, --open-to-network"
-        assert refused(capfd, "--host", host) == f"vrte: error: {told}\n"
+        assert refused(capfd, "--host", host) == f"vrte: error: {told} (docs/how_to/viewer.md)\n"
 
 
 @pytest.mark.slow

@@ -270,6 +270,24 @@ class TestPages:
         assert told.endswith(f" {last}\n")
         assert told.count("docs/") == last.count("docs/")
 
+    @pytest.mark.parametrize(
+        ("arguments", "page"),
+        [
+            ("material --range-um 0.5:0.7:3", "docs/how_to/materials.md"),
+            ("material glod --wavelength-um 0.6", "docs/how_to/materials.md"),
+            ("phase --normalise", "docs/how_to/importing.md"),
+            ("tables --figures --configurations 1", "docs/reference/tables.md"),
+            ("brdf absent.toml --mitsuba-nested --wavelengths-um 0.5 -o a.csv", "docs/how_to/exports.md"),
+        ],
+    )
+    def test_options_that_do_not_go_together(
+        self, arguments: str, page: str, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        assert run(*arguments.split()) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1
+        assert told.endswith(f" ({page})\n")
+
     def test_on_the_web_where_the_package_says_where(self, monkeypatch: pytest.MonkeyPatch) -> None:
         class Told:
             def get_all(self, name: str) -> list[str]:

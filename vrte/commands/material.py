@@ -23,6 +23,7 @@ from vrte.optics.spheres import spheres
 from vrte.pictures.figures import SUFFIXES, save_figure
 from vrte.results.spectrum import MOST_WAVELENGTHS, check_ascending
 
+PLACE = "material"  # of its options, for the page that says more
 INDEX = ("n", "k")
 SCATTERING = ("albedo", "asymmetry", "extinction_um2", "scattering_um2", "absorption_um2")
 PER_LENGTH = ("extinction_per_um", "transport_um")
@@ -203,27 +204,28 @@ def check_options(options: argparse.Namespace, at: list[float], ready: bool) -> 
             "scene",
         ):
             if getattr(options, option) is not None:
-                raise SceneError(f"--{option.replace('_', '-')} needs the name of a material before it")
+                raise SceneError(f"--{option.replace('_', '-')} needs the name of a material before it", PLACE)
         return
     for option in ("radius_um", "host_index") if ready else ("scene",):
         if getattr(options, option) is not None:
             kind = "substances, not with ready materials" if ready else "ready materials (`vrte materials`) only"
-            raise SceneError(f"--{option.replace('_', '-')} goes with {kind}")
+            raise SceneError(f"--{option.replace('_', '-')} goes with {kind}", PLACE)
     if options.scene:
         check_output(options.scene, SUFFIX)
     if not at and (not ready or options.output):
         raise SceneError(
-            "--wavelength-um is missing: an index depends on the wavelength (--wavelengths-um and --range-um: several)"
+            "--wavelength-um is missing: an index depends on the wavelength (--wavelengths-um and --range-um: several)",
+            PLACE,
         )
     if options.host_index is not None and options.radius_um is None:
-        raise SceneError("--host-index says what is around spheres: it needs their --radius-um")
+        raise SceneError("--host-index says what is around spheres: it needs their --radius-um", PLACE)
     if options.output:
         check_output(options.output, ".csv")
     if options.plot:
         check_output(options.plot, *SUFFIXES)
         check_extra(f"writing {options.plot}", "plot", ("matplotlib",))
         if len(at) < 2:
-            raise SceneError("--plot draws over wavelengths: it needs --wavelengths-um or --range-um")
+            raise SceneError("--plot draws over wavelengths: it needs --wavelengths-um or --range-um", PLACE)
 
 
 def compute_columns(

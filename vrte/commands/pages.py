@@ -25,23 +25,24 @@ OF_COMMANDS = {
     "devices": "how_to/opencl.md",
     "completion": THIS,
 }
-# of the steps of a SceneError's place, the last that is here
+# of the steps of a SceneError's place, which may be an option's command, the last that is here
 OF_KEYS = {
+    **{name: OF_COMMANDS[name] for name in ("view", "material", "phase", "tables", "sweep", "render")},
+    "mitsuba": "how_to/exports.md",
     **dict.fromkeys(
         ("wavelength_um", "host_index", "nodes", "accuracy", "title", "description", "layer", "brdf", "field"),
         SCENE_FILES,
     ),
     **dict.fromkeys(("particles", "size", "packing", "core", "shell", "source", "aspect_ratio"), "how_to/particles.md"),
-    **dict.fromkeys(("index", "material", "paint", "pigment", "binder"), "how_to/materials.md"),
-    **dict.fromkeys(("phase", "table", "convention"), "how_to/importing.md"),
+    **dict.fromkeys(("index", "paint", "pigment", "binder"), "how_to/materials.md"),
+    **dict.fromkeys(("table", "convention"), "how_to/importing.md"),
     **dict.fromkeys(("roughness", "distribution", "shadowing", "conserving"), "how_to/rough_surfaces.md"),
     **dict.fromkeys(("base", "substrate"), "how_to/bases.md"),
     **dict.fromkeys(("method", "settings"), "explanation/methods.md"),
-    **dict.fromkeys(("axes", "sweep"), "how_to/sweeps.md"),
+    "axes": "how_to/sweeps.md",
     "interface": "how_to/interfaces.md",
     "truncation": "explanation/truncation.md",
     "backend": "how_to/opencl.md",
-    "render": "how_to/render.md",
     "appearance": "how_to/appearance.md",
 }
 OF_ERRORS: dict[type[BaseException], str] = {

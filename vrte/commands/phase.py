@@ -93,10 +93,11 @@ def check_options(options: argparse.Namespace, given: dict[str, Any]) -> None:
     more = {**given, **{name: True for name in ("output", "plot") if getattr(options, name)}}
     if options.file is None and (more or options.recognise):
         name = next(iter(more), "recognise")
-        raise SceneError(f"--{name.replace('_', '-')} needs the name of a file before it")
+        raise SceneError(f"--{name.replace('_', '-')} needs the name of a file before it", "phase")
     if options.recognise and more:
         raise SceneError(
-            f"--recognise finds the convention, and --{next(iter(more)).replace('_', '-')} plays no part in it"
+            f"--recognise finds the convention, and --{next(iter(more)).replace('_', '-')} plays no part in it",
+            "phase",
         )
     if options.output:
         check_output(options.output, CSV)

@@ -69,13 +69,14 @@ def check_options(options: argparse.Namespace) -> None:
         mitsuba.make_angles(options.mitsuba_step_deg)
         if not options.wavelengths_um:
             raise SceneError(
-                f"--mitsuba needs {mitsuba.WAVELENGTHS} wavelengths, by --wavelengths-um or in the scene file"
+                f"--mitsuba needs {mitsuba.WAVELENGTHS} wavelengths, by --wavelengths-um or in the scene file",
+                "mitsuba",
             )
         mitsuba.check_wavelengths(options.wavelengths_um)
         if options.mitsuba_nested:
             check_nested(options.mitsuba, {"illuminate": options.illuminate or "top"})
     elif options.mitsuba_nested:
-        raise SceneError("--mitsuba-nested goes with --mitsuba")
+        raise SceneError("--mitsuba-nested goes with --mitsuba", "mitsuba")
 
 
 def solve(

@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> None:
     if options.figures and options.configurations is not None:
-        raise SceneError("--configurations goes with the tables, not with --figures")
+        raise SceneError("--configurations goes with the tables, not with --figures", "tables")
     (measure_costs if options.figures else measure_paper_tables)(options)
 
 

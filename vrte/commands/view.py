@@ -45,7 +45,9 @@ def run(options: argparse.Namespace) -> None:
 
     if not is_loopback(options.host):
         if not options.open_to_network:
-            raise SceneError(f"--host {options.host} lets other machines reach the viewer: say that too, {OPEN}")
+            raise SceneError(
+                f"--host {options.host} lets other machines reach the viewer: say that too, {OPEN}", "view"
+            )
         print(MEANING, flush=True)
     benches = make_first_benches(options.file)
     signal = serve(benches, options.host, options.port, not options.no_browser, lambda text: print(text, flush=True))
@@ -74,7 +76,6 @@ def make_first_benches(path: Path | None) -> Any:
         outcome = make_outcome(load(path))
         return Benches(outcome.content, outcome=outcome)
     except SceneError as error:
-        message = str(error)
-        raise SceneError(message if message.startswith(str(path)) else f"{path}: {message}") from error
+        raise (error if str(error).startswith(str(path)) else error.behind(path)) from error
     except OSError as error:
         raise SceneError(f"{path}: {error.strerror or error}") from error
