@@ -23,11 +23,13 @@ if not BUILT_HERE:
     os.environ["PYTHONSAFEPATH"] = "1"  # processes that tests start here do not look here either
     collect_ignore.append("vrte")
     try:
-        import vrte  # noqa: F401
+        import vrte
     except ModuleNotFoundError:
         pytest.exit(f"vrte is neither built in {ROOT} (make env, or pip install --editable .) nor installed", 4)
 if str(ROOT) not in sys.path:
     sys.path.append(str(ROOT))  # bench, which some tests are about
+
+import vrte  # noqa: E402  # whole, before pytest collects its folders one by one: `vrte.appearance` is a call
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -52,8 +54,6 @@ def small_brdf() -> Any:
     """A BRDF that takes a millisecond."""
     import numpy as np
 
-    import vrte
-
     scene = vrte.Scene([vrte.Layer(vrte.rayleigh(), 0.9, 1.0)])
     return vrte.brdf(scene, [0.6, 1.0], np.linspace(0.05, 1.0, 20), np.arange(0, 361, 10), nodes=4)
 
@@ -61,8 +61,6 @@ def small_brdf() -> Any:
 @pytest.fixture(scope="session")
 def painted() -> Any:
     """A grey film as `vrte.paint` has it in its example, for the examples that stand on one."""
-    import vrte
-
     grey = {"layer": [{"phase": "isotropic", "albedo": 0.9, "thickness": 2.0}]}
     return vrte.paint(grey, [0.42, 0.46, 0.50, 0.54, 0.58, 0.62, 0.66, 0.70], nodes=4)
 
