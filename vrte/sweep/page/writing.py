@@ -62,7 +62,10 @@ def save_page(
         For a table of fields or appearances, axes that are no grid, too few directions, scenes without result or
         without light, and a page larger than 60 MB.
     OSError
+        Where the file cannot be written.
 
+    Examples
+    --------
     >>> import vrte
     >>> from vrte.sweep.page.writing import save_page
     >>> layer = {"phase": "rayleigh", "albedo": 0.9, "thickness": 1.0}
