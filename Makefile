@@ -11,7 +11,7 @@ BUILD_REQUIREMENTS = $(BIN)/python -c 'import tomllib; \
 
 help:
 	@echo "make demo         the BRDF of a gold powder: out/gold_powder.nc, .csv and .png"
-	@echo "make gallery      lobes and spheres of powders and paints, with and without surfaces, under a polarized sky: out/gallery"
+	@echo "make gallery      powders and paints as objects under a polarized sky, with their lobes: out/gallery"
 	@echo "make docs         the documentation site: out/site"
 	@echo "make test         style, types and the quick tests"
 	@echo "make test-all     style, types and every test"
@@ -85,17 +85,15 @@ demo: $(VENV)/demo.stamp
 	@mkdir -p out
 	$(BIN)/vrte brdf examples/gold_powder.toml -o out/gold_powder.nc --csv out/gold_powder.csv --plot out/gold_powder.png
 
-# The paper's figure 10, and how polarized the light of three of its spheres is; docs/images has copies.
-IN_GALLERY = gold gold_coarse copper hematite rutile alumina mixture_on_black mixture_on_white
-WITH_SURFACES = paint_bare paint_smooth powder_dry powder_wet
+# The paper's figure 10 and more, as objects; docs/images has copies.
+POWDERS = gold gold_coarse copper hematite rutile alumina mixture_on_black mixture_on_white
+GALLERY = vrte/app/gallery
 gallery: $(VENV)/gallery.stamp
 	@mkdir -p out/gallery
-	$(BIN)/vrte render $(IN_GALLERY:%=vrte/app/gallery/%.toml) --sheet --size 300 -o out/gallery/gallery.png
-	$(BIN)/vrte render vrte/app/gallery/gold.toml vrte/app/gallery/mixture_on_black.toml vrte/app/gallery/rutile.toml \
-		--size 320 -o out/gallery/gallery_polarization.png
-	$(BIN)/vrte render $(WITH_SURFACES:%=vrte/app/gallery/%.toml) --size 240 -o out/gallery/gallery_surfaces.png
-	$(BIN)/vrte render vrte/app/gallery/paint_smooth.toml examples/satin_paint.toml examples/matt_paint.toml \
-		--size 240 -o out/gallery/gallery_gloss.png
+	$(BIN)/vrte render examples/still_life/*.toml --together --size 330 -o out/gallery/hero.png
+	$(BIN)/vrte render $(POWDERS:%=$(GALLERY)/%.toml) --object vase --sheet --size 220 -o out/gallery/gallery_powders.png
+	$(BIN)/vrte render $(GALLERY)/paint_bare.toml $(GALLERY)/paint_smooth.toml examples/satin_paint.toml \
+		$(GALLERY)/powder_dry.toml $(GALLERY)/powder_wet.toml --object knot --sheet --size 220 -o out/gallery/gallery_surfaces.png
 	$(BIN)/vrte render examples/black_lacquer.toml examples/white_gloss.toml --size 240 -o out/gallery/gallery_brewster.png
 
 # warnings are errors, and so are links that lead nowhere; the snippets of the pages are run by the tests

@@ -21,7 +21,7 @@ from vrte.basics.splines import make_spline_matrix
 from vrte.render import colour, rendering
 from vrte.render.geometry import Camera, compute_normals, place_camera
 from vrte.render.picture import Sheet, colour_angles
-from vrte.render.rendering import compute_spheres, measure_interpolation_error
+from vrte.render.rendering import compute_pictures, measure_interpolation_error
 from vrte.render.setting import Setting, read
 from vrte.render.sky import Sky, compute_optical_thickness, make_sky
 from vrte.render.spheres import MARGIN, Resolution, Table, View, compute_irradiance, tabulate_brdf
@@ -292,7 +292,7 @@ class Command:
 @pytest.fixture
 def render(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
     monkeypatch.setattr(
-        rendering, "compute_spheres", partial(compute_spheres, resolutions=[Resolution(12, 24, 16, 8, 6)])
+        rendering, "compute_pictures", partial(compute_pictures, resolutions=[Resolution(12, 24, 16, 8, 6)])
     )
     return Command(tmp_path, capsys)
 
@@ -302,22 +302,22 @@ def test_render_writes_what_it_says(render: Command) -> None:
     assert "one: 9 wavelengths, 0.4 to 0.7 µm" in told
     assert "two: 3 wavelengths, 0.45 to 0.65 µm" in told
     assert re.search(r"wrote .*out\.png", told)
-    assert render.pixels.shape[1] == Sheet(48, 2, 4, 0.44, note="").width
+    assert render.pixels.shape[1] == Sheet(48, 2, 4, 0.56, note="").width
 
 
 def test_the_note_below_a_sheet_is_not_cut() -> None:
     for words in (3, 40, 120):
-        sheet = Sheet(300, 1, 3, 0.30, note=" ".join(["wavelengths"] * words))
+        sheet = Sheet(300, 1, 4, 0.20, note=" ".join(["wavelengths"] * words))
         (note,) = (text for text in sheet.figure.texts if "wavelengths" in text.get_text())
         box = note.get_window_extent()
         assert 0.0 <= box.x0 < box.x1 <= sheet.width
-        assert 0.0 <= box.y0 < box.y1 < sheet.foot - 0.15 * 300  # where the legends end
+        assert 0.0 <= box.y0 < box.y1 < sheet.foot - 0.17 * 300  # where the legends end
 
 
 @pytest.mark.slow
 def test_sheet_has_a_row_a_scene(render: Command) -> None:
     render(render.scene(PLAIN + SMALL), "--sheet")
-    sheet = Sheet(48, 1, 3, 0.30, note="")
+    sheet = Sheet(48, 1, 4, 0.20, note="", lines=2)
     assert render.pixels.shape[1] == sheet.width
     assert render.pixels.shape[0] >= sheet.height
 
@@ -349,7 +349,8 @@ def test_finer_where_needed(tmp_path: Path) -> None:
     peaked = "[[layer]]\nphase = { henyey_greenstein = 0.9 }\nalbedo = 0.9\nthickness = 1.0\n"
     materials, setting = read([write(tmp_path / "one.toml", peaked + SMALL)])
     coarse, fine = Resolution(8, 12, 8, 4, 4), Resolution(16, 24, 8, 4, 4)
-    errors = [compute_spheres(materials, setting, resolutions=some)[0].error for some in ([coarse], [coarse, fine])]
+    both = [compute_pictures(materials, setting, resolutions=some) for some in ([coarse], [coarse, fine])]
+    errors = [one.errors[0] for (one,) in both]
     assert errors[1] < errors[0]
 
 

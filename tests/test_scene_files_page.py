@@ -19,7 +19,7 @@ from vrte.formats.scene_writer import write_value
 from vrte.formats.sizes import DIAMETERS, SIZE_KEYS, SIZES
 from vrte.formats.toml_table import RANGE_KEYS
 from vrte.optics.crowding import PACKINGS
-from vrte.render.setting import OWN, RANGES, Setting
+from vrte.render.setting import OBJECTS, OWN, RANGES, Setting
 from vrte.render.sky import KINDS
 from vrte.request.how import OPTIONS
 from vrte.sweep.samples import KEYS as APPEARANCE_KEYS
@@ -73,6 +73,7 @@ CHOICES = {  # section and key: names that its row must have, and no others in q
     ("[base]", "kind"): tuple(BASES),
     ("[[layer]]", "packing"): tuple(PACKINGS),
     ("[render]", "sky"): KINDS,
+    ("[render]", "object"): OBJECTS,
     **{("The file", name): OPTIONS[name].choices for name in OPTION_KEYS if OPTIONS[name].choices},
     **{
         (heading, name): tuple(key.names)

@@ -40,6 +40,8 @@ def make_spline_matrix(grids: tuple[Array, ...], points: tuple[Array, ...], degr
     from scipy.interpolate import BSpline, make_interp_spline
     from scipy.sparse import csr_array
 
+    if not points[0].size:
+        return csr_array((0, int(np.prod([grid.size for grid in grids]))))
     columns, shares = np.zeros((points[0].size, 1), dtype=np.int32), np.ones((points[0].size, 1))
     for grid, point in zip(grids, points, strict=True):
         here = choose_degree(grid, degree)

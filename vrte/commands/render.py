@@ -1,10 +1,11 @@
-"""`vrte render`: pictures of spheres with the BRDFs of scene files, under a polarized sky."""
+"""`vrte render`: pictures of spheres and objects with the BRDFs of scene files, under a polarized sky."""
 
 import argparse
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from vrte.basics.errors import SceneError
 from vrte.commands.common import (
     add_command,
     check_extra,
@@ -15,27 +16,37 @@ from vrte.commands.common import (
     show_progress,
 )
 from vrte.render.colour import FEWEST, MOST
-from vrte.render.setting import LARGEST_SIZE, SMALLEST_SIZE, read
+from vrte.render.setting import LARGEST_SIZE, OBJECTS, SMALLEST_SIZE, SPHERE, check_object, read
+from vrte.render.shapes import SUFFIXES
 
 
 def add(commands: Any) -> None:
     """Adds `vrte render`, which draws spheres with the BRDFs of scenes, to the commands."""
-    told = "pictures of spheres with the BRDFs of scenes, under a polarized sky"
+    told = "pictures of spheres and other objects with the BRDFs of scenes, under a polarized sky"
     command = add_command(
         commands,
         "render",
         run,
         told,
         ("vrte render paint.toml -o paint.png", "a sphere of the paint, its colour and its polarization"),
-        ("vrte render paint.toml powder.toml -o both.png --size 200", "two small ones beside each other"),
+        (
+            "vrte render paint.toml powder.toml --object vase --sheet -o both.png",
+            "vases, and the lobes of both materials",
+        ),
     )
-    command.add_argument("scenes", metavar="SCENE.toml", type=Path, nargs="+", help="a sphere each")
+    command.add_argument("scenes", metavar="SCENE.toml", type=Path, nargs="+", help="a picture each")
     command.add_argument("-o", "--output", metavar="OUT.png", type=Path, required=True, help="the picture")
+    command.add_argument(
+        "--object",
+        metavar="NAME|FILE,...",
+        help=f"one for all scenes, or one for each: {', '.join(OBJECTS)}, or a mesh ({', '.join(SUFFIXES)}); "
+        f"default: what each file says, or {SPHERE}",
+    )
     command.add_argument(
         "--size",
         metavar="PIXELS",
         type=make_whole_number_reader(SMALLEST_SIZE, LARGEST_SIZE),
-        help="of a sphere's side",
+        help="of a picture's side",
     )
     command.add_argument(
         "--wavelengths",
@@ -43,41 +54,62 @@ def add(commands: Any) -> None:
         type=make_whole_number_reader(FEWEST, MOST),
         help=f"from 0.4 to 0.7 um; default: {FEWEST}",
     )
+    command.add_argument(
+        "--together", action="store_true", help="one picture, all objects beside each other, above its polarization"
+    )
     kind = command.add_mutually_exclusive_group()
-    kind.add_argument("--colour-only", action="store_true", help="no polarization, no text, transparent background")
+    kind.add_argument("--colour-only", action="store_true", help="no polarization, no text, transparent around spheres")
     kind.add_argument(
-        "--sheet", action="store_true", help="beside each sphere its lobes at mu_i = 0.6 and 1, at 0.64 um"
+        "--sheet", action="store_true", help="beside each picture its lobes at mu_i = 0.6 and 1, at 0.64 um"
     )
 
 
 def run(options: argparse.Namespace) -> None:
     check_output(options.output, ".png")
     check_extra("vrte render", "render", ("colour", "matplotlib"))
-    materials, setting = read(options.scenes, options.wavelengths)
+    shapes = [] if options.object is None else [read_object(name) for name in options.object.split(",")]
+    materials, setting = read(options.scenes, options.wavelengths, shapes)
+    if options.together and options.sheet:
+        raise SceneError("--together and --sheet: a sheet has a row for each scene; leave out one of them")
+    if options.together and any(material.shape == SPHERE for material in materials):
+        raise SceneError("--together: a sphere is seen by itself; --object ball stands on the ground")
+    if any(material.shape != SPHERE for material in materials):
+        check_extra("a picture of an object", "render", ("trimesh", "embreex"))
     if options.size:
         setting = replace(setting, size_px=options.size)
     from vrte.render import gallery, picture
-    from vrte.render.rendering import compute_spheres
+    from vrte.render.rendering import compute_pictures
 
     with show_progress() as (phase, tick):
         phase("colours")
-        spheres = compute_spheres(materials, setting, join_progress(phase, tick))
+        renderings = compute_pictures(materials, setting, join_progress(phase, tick), together=options.together)
         phase("picture")
         if options.colour_only:
-            picture.save_colours(spheres, options.output)
+            picture.save_colours(renderings, options.output)
         elif options.sheet:
-            gallery.save(spheres, setting, options.output, join_progress(phase, tick))
+            picture.save(gallery.draw_sheet(renderings, setting, join_progress(phase, tick)), options.output)
+        elif options.together:
+            picture.save(picture.draw_row(renderings[0], setting), options.output)
         else:
-            picture.save(spheres, setting, options.output)
-    for sphere in spheres:
-        print(f"  {sphere.material.title}: {describe_sphere(sphere)}")
+            picture.save(picture.draw_figure(renderings, setting), options.output)
+    for rendering in renderings:
+        for material, error in zip(rendering.materials, rendering.errors, strict=True):
+            print(f"  {material.title}: {describe_picture(material, error)}")
     say_written(options.output)
 
 
-def describe_sphere(sphere: Any) -> str:
+def read_object(name: str) -> str:
+    """The object of --object. Raises SceneError."""
+    try:
+        return check_object(name)
+    except SceneError as error:
+        raise SceneError(f"--object {name}: {error}") from None
+
+
+def describe_picture(material: Any, error: float) -> str:
     """At which wavelengths, and how well its BRDF is known between directions."""
     from vrte.render.picture import say_wavelengths
 
-    wavelengths = say_wavelengths(sphere.material.wavelengths_um.tolist())
-    note = f" ({sphere.material.note})" if sphere.material.note else ""
-    return f"{wavelengths}{note}; BRDF between the directions solved for good to {sphere.error:.0e} of its largest"
+    wavelengths = say_wavelengths(material.wavelengths_um.tolist())
+    note = f" ({material.note})" if material.note else ""
+    return f"{wavelengths}{note}; BRDF between the directions solved for good to {error:.0e} of its largest"

@@ -149,8 +149,9 @@ def make_lobe_colours(largest: float) -> Any:
     return ScalarMappable(Normalize(0.0, max(largest, 1e-3)), COLOURS)
 
 
-def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any) -> None:
-    """A lobe, its radius times ``factor``, 0 to 1, above the surface, and the ray that comes in along phi = 0.
+def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any, letters: float = 9.0) -> None:
+    """A lobe, its radius times ``factor``, 0 to 1, above the surface, and the ray that comes in along phi = 0; words in
+    ``letters`` [points].
 
     It is seen from far away and above: nothing of the ground is in front of it, and it is drawn from its far side to
     its near one, colours running evenly over each triangle.
@@ -165,13 +166,13 @@ def draw_lobe(axes: Any, lobe: Lobe, factor: float, colours: Any) -> None:
     mesh = TriMesh(Triangulation(x, y, corners[np.argsort(nearness, kind="stable")]), rasterized=True, zorder=2)
     shaded: Any = _shade_colours(colours.to_rgba(lobe.polarized), points).reshape(-1, 4)
     mesh.set_facecolor(shaded)
-    _draw_ground(axes)
+    _draw_ground(axes, letters)
     mesh.set_in_layout(False)
     axes.add_collection(mesh, autolim=False)  # its limits would be those of half a million paths
     ring = int(np.argmin(np.abs(lobe.theta - np.degrees(np.arccos(lobe.mu_i)))))
     _draw_ray(axes, -1.0, lobe.mu_i, factor * float(lobe.radius[ring, lobe.phi.size // 2]))
     if lobe.mirrored:
-        _draw_ray(axes, 1.0, lobe.mu_i, factor * float(lobe.radius[ring, 0]), lobe.mirrored)
+        _draw_ray(axes, 1.0, lobe.mu_i, factor * float(lobe.radius[ring, 0]), lobe.mirrored, letters)
     axes.set_xlim(-1.19, 1.19), axes.set_ylim(-0.55, 1.2)
     axes.set_aspect("equal")
     axes.set_axis_off()
@@ -212,7 +213,7 @@ def _shade_colours(colours: Array, points: Array) -> Array:
     return np.clip(shaded, 0.0, 1.0)
 
 
-def _draw_ground(axes: Any) -> None:
+def _draw_ground(axes: Any, letters: float) -> None:
     """The surface as a disc, with its azimuths."""
     rim = make_unit_vector_grid(np.array([90.0]), np.linspace(0.0, 360.0, 181))[0]
     style = {"color": FAINT, "linewidth": 0.8, "zorder": 1}
@@ -222,10 +223,10 @@ def _draw_ground(axes: Any) -> None:
         end = rim[degrees // 2]
         axes.plot(*_project_points(np.stack([0.0 * end, end])), **style)
         x, y = _project_points(1.13 * end)
-        axes.text(x, y, f"{degrees}°", color=INK, fontsize=9, ha="center", va="center", zorder=1)
+        axes.text(x, y, f"{degrees}°", color=INK, fontsize=letters, ha="center", va="center", zorder=1)
 
 
-def _draw_ray(axes: Any, side: float, mu_i: float, inside: float, mirrored: str = "") -> None:
+def _draw_ray(axes: Any, side: float, mu_i: float, inside: float, mirrored: str = "", letters: float = 9.0) -> None:
     """The incident ray, which comes down along phi = 0 from ``side`` -1 and ends where it meets the lobe, at the radius
     ``inside``; or, from there on, the one that goes back at ``side`` 1, with what is said of it."""
     sine = np.sqrt(1.0 - mu_i**2)
@@ -237,7 +238,7 @@ def _draw_ray(axes: Any, side: float, mu_i: float, inside: float, mirrored: str 
     arrow |= {"shrinkA": 0.0, "shrinkB": 0.0, "zorder": 20}
     axes.annotate("", end, start, arrowprops=arrow, annotation_clip=False)
     if mirrored:
-        axes.text(0.0, -0.6, mirrored, color=colour, fontsize=9, ha="center", va="bottom")
+        axes.text(0.0, -0.6, mirrored, color=colour, fontsize=letters, ha="center", va="bottom")
 
 
 def _draw_cuts(axes: Any, brdf: Brdf, place: int, scale: float, legend: bool) -> None:

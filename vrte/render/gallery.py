@@ -1,17 +1,15 @@
-"""The GPU paper's figure 10: a row a material, with its lobes for two incident directions and its sphere."""
+"""A sheet of materials: a row each, in colour, how polarized that is, and the lobes on a scale of their own."""
 
-import os
-from collections.abc import Callable, Sequence
-from io import BytesIO
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vrte.formats.atomic import write_atomically
-from vrte.pictures.figures import require_pictures
+from vrte.pictures.figures import limit_ticks, require_pictures
 from vrte.pictures.lobes import compute_lobe, draw_lobe, make_lobe_colours
-from vrte.render.picture import DPI, Sheet, put_over_grey, say_light
-from vrte.render.rendering import Sphere
+from vrte.render.picture import Sheet, measure_degrees, put_over_grey, round_up, say_light
+from vrte.render.rendering import Rendering
 from vrte.render.setting import Setting
 
 if TYPE_CHECKING:
@@ -21,73 +19,104 @@ LOBE_MU_I = np.array([0.6, 1.0])
 LOBE_UM = 0.64
 LOBE_MU_O = np.cos(np.radians(np.linspace(0.0, 89.0, 46)))
 LOBE_PHI = np.arange(0.0, 181.0, 3.0)
-CIRCLE = 0.5  # sr-1: what the outer circle below a lobe stands for at scale 1
-TALLEST = 4  # rows, before a sheet has two materials beside each other
-HEADINGS = (*(f"lobe, {1e3 * LOBE_UM:.0f} nm, $\\mu_i$ = {mu_i:g}" for mu_i in LOBE_MU_I), "sphere under sun and sky")
-COLUMNS = len(HEADINGS)
-STEPS = (1.0, 2.0, 5.0)
-
-
-def save(
-    spheres: Sequence[Sphere],
-    setting: Setting,
-    path: str | os.PathLike[str],
-    progress: Callable[[int, int, str], None] | None = None,
-) -> None:
-    """Writes the sheet as a PNG, all of it or nothing. Raises SceneError, MissingExtraError, OSError."""
-    from PIL import Image
-
-    drawn = BytesIO()
-    draw_sheet(spheres, setting, progress).savefig(drawn, format="png", dpi=DPI)
-    with write_atomically(path) as part, Image.open(drawn) as image:
-        image.convert("RGB").save(part, format="PNG", optimize=True)
+HEADINGS = ("colour", "degree of linear polarization", *(f"lobe, $\\mu_i$ = {mu_i:g}" for mu_i in LOBE_MU_I))
 
 
 def draw_sheet(
-    spheres: Sequence[Sphere], setting: Setting, progress: Callable[[int, int, str], None] | None = None
+    renderings: Sequence[Rendering], setting: Setting, progress: Callable[[int, int, str], None] | None = None
 ) -> "Figure":
     """The sheet as a figure; ``progress`` is called with (rows done, rows, title)."""
     require_pictures()
-    blocks = 2 if len(spheres) > TALLEST else 1
-    circles = f"Lobes: unpolarized light, outer circles $f_{{00}}$ = {CIRCLE:g} sr$^{{-1}}$ at scale 1"
-    note = f"{circles}. Spheres: {say_light(setting, spheres)}"
-    drawing = Sheet(setting.size_px, -(-len(spheres) // blocks), COLUMNS * blocks, foot=0.30, note=note)
-    lobes = [
-        [
-            compute_lobe(sphere.material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI), place)
-            for place in range(LOBE_MU_I.size)
-        ]
-        for sphere in spheres
-    ]
-    most = max(lobe.most_polarized for both in lobes for lobe in both)
-    colours = make_lobe_colours(most)
-    for place, (sphere, both) in enumerate(zip(spheres, lobes, strict=True)):
-        row, block = divmod(place, blocks)
-        left, top = drawing.corner(row, COLUMNS * block)
-        drawing.text(left + 0.03 * drawing.size, top + 0.03 * drawing.size, sphere.material.title, 1.25, ha="left")
-        for column, lobe in enumerate(both, COLUMNS * block):
-            factor = scale(float(lobe.radius.max()) / CIRCLE)
+    lobes = f"Lobes: {1e3 * LOBE_UM:.0f} nm, unpolarized light; the bar below is their degree of linear polarization"
+    note = f"{lobes}. Pictures: {say_light(setting, renderings)}"
+    drawing = Sheet(setting.size_px, len(renderings), len(HEADINGS), foot=0.20, note=note, lines=2)
+    degrees = measure_degrees(renderings)
+    for row, rendering in enumerate(renderings):
+        (material,) = rendering.materials
+        drawing.caption(row, material.title, describe_layers(material.content))
+        drawing.show(row, 0, put_over_grey(rendering.rgba))
+        drawing.show(row, 1, degrees.colour(rendering))
+        brdf = material.brdf(LOBE_UM, LOBE_MU_I, LOBE_MU_O, LOBE_PHI)
+        both = [compute_lobe(brdf, place) for place in range(LOBE_MU_I.size)]
+        circle = round_up(max(float(lobe.radius.max()) for lobe in both))
+        colours = make_lobe_colours(max(lobe.most_polarized for lobe in both))
+        for column, lobe in enumerate(both, 2):
+            lobe = replace(lobe, mirrored=lobe.mirrored.partition(",")[0])  # there is no room for how polarized
             left, top = drawing.corner(row, column)
-            axes = drawing.axes(left, top - 0.04 * drawing.size, drawing.size, drawing.size)
-            draw_lobe(axes, lobe, factor / CIRCLE, colours)
-            drawing.text(left + 0.5 * drawing.size, top + 0.94 * drawing.size, f"scale {factor:g}")
-        drawing.show(row, COLUMNS * block + LOBE_MU_I.size, put_over_grey(sphere.rgba))
+            axes = drawing.axes(left, top, drawing.size, 0.76 * drawing.size)
+            draw_lobe(axes, lobe, 1.0 / circle, colours, drawing.letters)
+        left, top = drawing.corner(row, 2)
+        drawing.draw_bar(
+            left + 0.1 * drawing.size,
+            top + 0.80 * drawing.size,
+            0.9 * drawing.size,
+            colours,
+            limit_ticks(4),
+        )
+        words = f"outer circle: $f_{{00}}$ = {circle:g} sr$^{{-1}}$"
+        drawing.text(left + 1.6 * drawing.size, top + 0.84 * drawing.size, words)
         if progress is not None:
-            progress(place + 1, len(spheres), sphere.material.title)
-    for block in range(blocks):
-        for column, heading in enumerate(HEADINGS):
-            drawing.heading(COLUMNS * block + column, heading)
-    drawing.bar(0, colours.cmap, 0.0, most, "lobes: degree of linear polarization")
+            progress(row + 1, len(renderings), material.title)
+    for column, heading in enumerate(HEADINGS):
+        drawing.heading(column, heading)
+    drawing.bar(1, degrees)
     return drawing.figure
 
 
-def scale(largest: float) -> float:
-    """1, 2 or 5 times a power of ten: the largest by which a lobe still stays within 1.
+def describe_layers(content: Mapping[str, Any]) -> str:
+    """What a scene file's layers are made of, in one line, from the top down.
 
-    >>> scale(0.09), scale(1.0), scale(3.1)
-    (10.0, 1.0, 0.2)
+    >>> describe_layers({
+    ...     "particles": {"gold": {"index": "gold", "radius_um": 0.6}},
+    ...     "layer": [{"particles": "gold", "thickness": float("inf")}],
+    ...     "base": {"kind": "black"},
+    ... })
+    'gold, radius 0.6 µm; infinitely thick'
     """
-    if largest <= 0.0:
-        return 1.0
-    power = 10.0 ** np.floor(-np.log10(largest))
-    return float(f"{max(step for step in STEPS if step * power * largest <= 1.0 + 1e-9) * power:.6g}")
+    words, deep = [], False
+    for layer in content.get("layer", ()):
+        interface = layer.get("interface")
+        if isinstance(interface, Mapping):
+            roughness = interface.get("roughness")
+            words.append("smooth surface" if roughness is None else f"surface of roughness {roughness:g}")
+            continue
+        thickness = layer.get("thickness")
+        deep = thickness == float("inf")
+        how = (
+            "infinitely thick"
+            if deep
+            else f"optical thickness {thickness:g}"
+            if isinstance(thickness, int | float)
+            else ""
+        )
+        words.append("; ".join(part for part in (_describe_particles(layer, content), how) if part))
+    host = content.get("host_index")
+    if isinstance(host, int | float) and host != 1.0:
+        words.append(f"in index {host:g}")
+    base = content.get("base", {})
+    if not deep and isinstance(base, Mapping):
+        albedo = base.get("albedo")
+        kind = base.get("kind", "black")
+        words.append(f"on albedo {albedo:g}" if isinstance(albedo, int | float) else f"on {kind}")
+    return "; ".join(words)
+
+
+def _describe_particles(layer: Mapping[str, Any], content: Mapping[str, Any]) -> str:
+    """Substances and sizes of a layer's particles, with their shares where there are more."""
+    given = layer.get("particles")
+    shares = given if isinstance(given, Mapping) else {given: 1.0}
+    found = []
+    for name, share in shares.items():
+        source = content.get("particles", {}).get(name)
+        if not isinstance(source, Mapping):
+            return str(layer.get("phase", "")) if isinstance(layer.get("phase"), str) else ""
+        size = source.get("size")
+        lognormal = size.get("lognormal") if isinstance(size, Mapping) else None
+        words = str(source.get("index")) if isinstance(source.get("index"), str) else str(name)
+        if len(shares) > 1 and isinstance(share, int | float):
+            words = f"{100.0 * share:.0f} % {words}"
+        radius = source.get("radius_um", lognormal.get("median_um") if isinstance(lognormal, Mapping) else None)
+        if isinstance(radius, int | float):
+            words += f", radius {radius:g} µm" if len(shares) == 1 else f" {radius:g} µm"
+        found.append(words)
+    return " + ".join(found)

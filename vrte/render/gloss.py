@@ -177,27 +177,38 @@ class RoughGloss:
 def look_at_facets(view: "View", surface: RoughSurface, theta: float, psi: Array) -> tuple[Any, Array, Array, Array]:
     """One of `RoughGloss.rings`."""
     normal, x = compute_normals(view.camera, np.full(psi.shape, theta), psi)
-    y = np.cross(normal, x)
-    along, across, share = sample_slopes(surface)
-    facet = normal[:, None] - along[:, None] * x[:, None] - across[:, None] * y[:, None]
-    upright = 1.0 / np.linalg.norm(facet, axis=-1)  # mu_n
-    facet = (facet * upright[..., None]).reshape(-1, 3)
-    normal, x, y = (np.repeat(part, share.size, axis=0) for part in (normal, x, y))
-    cosine = facet @ view.camera.toward
-    travel = view.camera.toward - 2.0 * cosine[:, None] * facet
-    mu, azimuth, on_facet = convert_to_polar(travel, x, y, normal)
-    height, heading, in_world = convert_to_polar(travel, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), UP)
-    lit = (cosine > 0.0) & (mu < 0.0)
-    mu_i, mu_o = np.where(lit, -mu, 1.0), np.full(lit.shape, np.cos(theta))
-    upright, share = upright.ravel(), np.tile(share, psi.size)
-    density = tell_density(surface.roughness, surface.distribution, 1.0 / upright**2 - 1.0)
-    weights = share / density * upright**3 * 4.0 * cosine * mu_i
-    matrices = surface.reflect(mu_i, mu_o, -np.degrees(azimuth)) * np.where(lit, weights, 0.0)[:, None, None]
-    turns = make_turns(find_turn(travel, in_world, on_facet))
-    back = make_turns(np.repeat(psi - 0.5 * np.pi, share.size // psi.size))
+    toward = np.broadcast_to(view.camera.toward, normal.shape)
+    travel, operators = spread_over_facets(surface, normal, x, toward, np.full(psi.shape, np.cos(theta)))
+    height, heading, _ = convert_to_polar(travel, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), UP)
+    back = make_turns(np.repeat(psi - 0.5 * np.pi, len(travel) // psi.size))
     above = make_spline_matrix((view.sky.theta,), (np.arccos(np.clip(-height, STEEPEST, 1.0)),))
     from_sky = np.clip(0.5 - height / surface.roughness, 0.0, 1.0)  # an edge that so few facets show would be many
-    return above, heading, from_sky, back @ matrices @ turns
+    return above, heading, from_sky, back @ operators
+
+
+def spread_over_facets(
+    surface: RoughSurface, normal: Array, x: Array, toward: Array, mu_o: Array
+) -> tuple[Array, Array]:
+    """Of facets at places with these normals, axes x' and directions to the camera (n, 3), at the cosines mu_o (n,):
+    directions of travel (n facets, 3) of the light that each mirrors there, and operators (n facets, 4, 4) from its
+    Stokes vectors in the world's frame to their parts of the reflection, in the surface's."""
+    along, across, share = sample_slopes(surface)
+    n, facets = len(normal), share.size
+    facet = normal[:, None] - along[:, None] * x[:, None] - across[:, None] * np.cross(normal, x)[:, None]
+    upright = 1.0 / np.linalg.norm(facet, axis=-1)  # mu_n
+    facet = (facet * upright[..., None]).reshape(-1, 3)
+    normal, x, toward = (np.repeat(part, facets, axis=0) for part in (normal, x, toward))
+    cosine = (facet * toward).sum(axis=1)
+    travel = toward - 2.0 * cosine[:, None] * facet
+    mu, azimuth, on_facet = convert_to_polar(travel, x, np.cross(normal, x), normal)
+    in_world = convert_to_polar(travel, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), UP)[2]
+    lit = (cosine > 0.0) & (mu < 0.0)
+    mu_i, upright, share = np.where(lit, -mu, 1.0), upright.ravel(), np.tile(share, n)
+    density = tell_density(surface.roughness, surface.distribution, 1.0 / upright**2 - 1.0)
+    weights = share / density * upright**3 * 4.0 * cosine * mu_i
+    matrices = surface.reflect(mu_i, np.repeat(mu_o, facets), -np.degrees(azimuth))
+    matrices = matrices * np.where(lit, weights, 0.0)[:, None, None]
+    return travel, matrices @ make_turns(find_turn(travel, in_world, on_facet))
 
 
 def make_turns(angle: Array) -> Array:

@@ -1,8 +1,10 @@
-"""Spheres as a PNG: a row each, in colour, and how polarized their light is; or in colour alone."""
+"""Renderings as a PNG: a row each, in colour, and how polarized their light is; or in colour alone."""
 
 import os
 import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,66 +16,149 @@ from vrte.basics.polarization import (
     find_degree_of_linear_polarization,
 )
 from vrte.formats.atomic import write_atomically
-from vrte.pictures.figures import limit_ticks, make_figure, require_pictures
+from vrte.pictures.figures import make_figure, require_pictures
 from vrte.pictures.lobes import INK
-from vrte.render.rendering import Sphere
+from vrte.render.rendering import Rendering
 from vrte.render.setting import Setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 100
-GAP = 0.05  # of a sphere's size; and so
-LETTER, LINE = 0.0185, 0.045  # of a note: the width of a letter, the height of a line
+GAP = 0.05  # of a panel's size; and so
+LETTERS = 0.064  # the height of letters: more than 11 pixels where a sheet of four columns is shown 800 pixels wide
+NARROW, LINE = 0.56, 1.35  # of that: the width of a letter, the distance of lines
 ENDS = np.array([-1.0, 1.0])
 BEHIND = 0.42  # sRGB grey behind spheres in colour, about the eye's middle
 DEGREE_COLOURS, CIRCULAR_COLOURS, ANGLE_COLOURS = "inferno", "RdBu_r", "hsv"
 FAINT_DEGREE = 0.005  # below, the angle of polarization fades to grey
+DEGREE_POWER = 0.5  # of degrees in pictures with a sky, which is polarized ten times as much as what stands below
 ROUND = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 POLARIZATION = ("degree of linear polarization", "angle of linear polarization", "degree of circular polarization")
 HEADINGS = ("colour", *POLARIZATION)
 
 
-def save(spheres: Sequence[Sphere], setting: Setting, path: str | os.PathLike[str]) -> None:
+def save(figure: "Figure", path: str | os.PathLike[str]) -> None:
     """Writes the PNG, all of it or nothing. Raises MissingExtraError without matplotlib, OSError."""
-    drawn = draw_figure(spheres, setting)
-    with write_atomically(path) as part:
-        drawn.savefig(part, format="png", dpi=DPI)
+    from PIL import Image
+
+    drawn = BytesIO()
+    figure.savefig(drawn, format="png", dpi=DPI)
+    with write_atomically(path) as part, Image.open(drawn) as image:
+        image.convert("RGB").save(part, format="PNG", optimize=True)
 
 
-def save_colours(spheres: Sequence[Sphere], path: str | os.PathLike[str]) -> None:
-    """The spheres in colour beside each other, without any text; transparent around them. Errors as `save`."""
+def save_colours(renderings: Sequence[Rendering], path: str | os.PathLike[str]) -> None:
+    """The pictures in colour beside each other, without any text; transparent around them. Errors as `save`."""
     require_pictures()
     from PIL import Image
 
-    pixels = np.concatenate([sphere.rgba for sphere in spheres], axis=1)
+    pixels = np.concatenate([rendering.rgba for rendering in renderings], axis=1)
     drawn = Image.fromarray((255.0 * pixels + 0.5).astype(np.uint8), "RGBA")
     with write_atomically(path) as part:
         drawn.save(part, format="PNG", optimize=True)
 
 
-def draw_figure(spheres: Sequence[Sphere], setting: Setting) -> "Figure":
-    """A row a sphere, a column each for colour, degree and angle of linear and degree of circular polarization."""
+def draw_figure(renderings: Sequence[Rendering], setting: Setting) -> "Figure":
+    """A row a picture, a column each for colour, degree and angle of linear and degree of circular polarization."""
     require_pictures()
-    sheet = Sheet(setting.size_px, len(spheres), len(HEADINGS), foot=0.44, note=say_light(setting, spheres))
-    linear = [find_degree_of_linear_polarization(sphere.stokes) for sphere in spheres]
-    circular = [find_degree_of_circular_polarization(sphere.stokes) for sphere in spheres]
-    most_linear, most_circular = _find_largest(linear), _find_largest(circular)
-    for row, sphere in enumerate(spheres):
-        sheet.title(row, sphere.material.title)
-        sheet.show(row, 0, put_over_grey(sphere.rgba))
-        sheet.show(row, 1, colour_values(linear[row], DEGREE_COLOURS, 0.0, most_linear, sphere.cover))
-        sheet.show(row, 2, colour_angles(sphere.stokes, sphere.cover))
-        sheet.show(row, 3, colour_values(circular[row], CIRCULAR_COLOURS, -most_circular, most_circular, sphere.cover))
+    sheet = Sheet(setting.size_px, len(renderings), len(HEADINGS), foot=0.56, note=say_light(setting, renderings))
+    degrees = measure_degrees(renderings)
+    circular = [find_degree_of_circular_polarization(rendering.stokes) for rendering in renderings]
+    most_circular = _find_largest(circular)
+    for row, rendering in enumerate(renderings):
+        sheet.caption(row, rendering.title)
+        sheet.show(row, 0, put_over_grey(rendering.rgba))
+        sheet.show(row, 1, degrees.colour(rendering))
+        sheet.show(row, 2, colour_angles(rendering.stokes, rendering.cover))
+        sheet.show(
+            row, 3, colour_values(circular[row], CIRCULAR_COLOURS, -most_circular, most_circular, rendering.cover)
+        )
     for column, heading in enumerate(HEADINGS):
         sheet.heading(column, heading)
-    sheet.bar(1, DEGREE_COLOURS, 0.0, most_linear)
-    sheet.bar(3, CIRCULAR_COLOURS, -most_circular, most_circular)
+    sheet.bar(1, degrees)
+    sheet.bar(3, Scale(CIRCULAR_COLOURS, -most_circular, most_circular))
     sheet.wheel(2)
     return sheet.figure
 
 
-def say_light(setting: Setting, spheres: Sequence[Sphere]) -> str:
+def draw_row(rendering: Rendering, setting: Setting) -> "Figure":
+    """One wide picture of all that stands beside each other: in colour, and below how much of it is polarized."""
+    require_pictures()
+    height, width = rendering.cover.shape
+    letters = 0.0165 * width
+    words = f"Below: degree of linear polarization. Light: {say_light(setting, [rendering])}"
+    lines = textwrap.wrap(words, int(0.56 * width / (NARROW * letters)))
+    strip, foot = round(2.0 * letters), round((1.3 * max(len(lines), 2) + 0.8) * letters)
+    from matplotlib.colorbar import Colorbar
+
+    figure = make_figure((width + 1e-6) / DPI, (2 * height + strip + foot + 1e-6) / DPI)
+    whole = 2 * height + strip + foot
+    degrees = measure_degrees([rendering])
+    for top, pixels in ((0, put_over_grey(rendering.rgba)), (height + strip, degrees.colour(rendering))):
+        axes = figure.add_axes((0.0, 1.0 - (top + height) / whole, 1.0, height / whole))
+        axes.imshow(np.clip(pixels, 0.0, 1.0), interpolation="none")
+        axes.set_axis_off()
+    points = letters * 72.0 / DPI
+    count = len(rendering.materials)
+    for place, material in enumerate(rendering.materials):
+        across = 0.5 + (place - 0.5 * (count - 1)) * rendering.apart / width
+        below = 1.0 - (height + 0.5 * strip) / whole
+        figure.text(across, below, material.title, fontsize=points, color=INK, ha="center", va="center")
+    axes = figure.add_axes((0.62, (0.5 * foot + 0.1 * letters) / whole, 0.34, 0.7 * letters / whole))
+    bar = Colorbar(axes, degrees.mappable, orientation="horizontal", ticks=degrees.ticks)
+    bar.ax.tick_params(labelsize=points, length=0.2 * points, colors=INK)
+    below = "\n".join(lines)
+    figure.text(0.015, 0.5 * foot / whole, below, fontsize=points, color=INK, ha="left", va="center", linespacing=1.2)
+    return figure
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Colours from ``low`` to ``high``, evenly or as a ``power`` of the value."""
+
+    colours: str
+    low: float
+    high: float
+    power: float = 1.0
+
+    @property
+    def mappable(self) -> Any:
+        """What a legend is made of."""
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import PowerNorm
+
+        return ScalarMappable(PowerNorm(self.power, self.low, self.high), self.colours)
+
+    @property
+    def ticks(self) -> list[float]:
+        """Round values for a legend, as far apart as its colours are."""
+        if self.power == 1.0:
+            middle = 0.5 * (self.low + self.high)
+            return [self.low, middle, self.high]
+        found = [0.0]
+        for step in (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.8, 1.0):
+            if (
+                step <= self.high + 1e-9
+                and (step / self.high) ** self.power - (found[-1] / self.high) ** self.power > 0.16
+            ):
+                found.append(step)
+        return found
+
+    def colour(self, rendering: Rendering) -> Array:
+        """The degree of linear polarization of a picture in these colours, (height, width, 4)."""
+        degree = np.nan_to_num(find_degree_of_linear_polarization(rendering.stokes))
+        return colour_values(degree**self.power, self.colours, 0.0, self.high**self.power, rendering.cover)
+
+
+def measure_degrees(renderings: Sequence[Rendering]) -> Scale:
+    """The scale of degrees of linear polarization that suits all pictures: their square roots where there is a sky."""
+    most = _find_largest([find_degree_of_linear_polarization(rendering.stokes) for rendering in renderings])
+    power = DEGREE_POWER if any((rendering.cover == 1.0).all() for rendering in renderings) else 1.0
+    return Scale(DEGREE_COLOURS, 0.0, min(most, 1.0), power)
+
+
+def say_light(setting: Setting, renderings: Sequence[Rendering]) -> str:
     """Under which light a picture was made, and at which wavelengths."""
     sun = f"sun {setting.sun_elevation_deg:g}° high"
     light = {
@@ -82,9 +167,10 @@ def say_light(setting: Setting, spheres: Sequence[Sphere]) -> str:
         "uniform": "unpolarized light, the same from all sides",
     }[setting.sky]
     sets: dict[str, list[str]] = {}  # of wavelengths; in brackets who has others than the first
-    for sphere in spheres:
-        words = say_wavelengths(sphere.material.wavelengths_um.tolist())
-        sets.setdefault(words, []).append(sphere.material.title)
+    for rendering in renderings:
+        for material in rendering.materials:
+            words = say_wavelengths(material.wavelengths_um.tolist())
+            sets.setdefault(words, []).append(material.title)
     first, *others = sets
     return "; ".join([light, first, *(f"{words} ({', '.join(sets[words])})" for words in others)])
 
@@ -104,7 +190,7 @@ def put_over_grey(rgba: Array) -> Array:
 
 
 def colour_values(values: Array, colours: str, low: float, high: float, cover: Array) -> Array:
-    """Colours (size, size, 4) of values (size, size), transparent around the sphere."""
+    """Colours (size, size, 4) of values (size, size), transparent around a sphere."""
     from matplotlib import colormaps
 
     found = colormaps[colours]((np.nan_to_num(values) - low) / (high - low))
@@ -125,14 +211,14 @@ def colour_angles(stokes: Array, cover: Array) -> Array:
 
 
 def _find_largest(pictures: Sequence[Array]) -> float:
-    """The largest size of all but the outermost few pixels, of all spheres, rounded up."""
-    return _round_up(max(float(np.nanpercentile(np.abs(picture), 99.0)) for picture in pictures))
+    """The largest size of all but the outermost few pixels, of all pictures, rounded up."""
+    return round_up(max(float(np.nanpercentile(np.abs(picture), 99.0)) for picture in pictures))
 
 
-def _round_up(value: float) -> float:
+def round_up(value: float) -> float:
     """To a step of ROUND times a power of ten; a scale for what is zero.
 
-    >>> _round_up(0.013), _round_up(0.0)
+    >>> round_up(0.013), round_up(0.0)
     (0.015, 1e-06)
     """
     if value <= 1e-6:
@@ -142,22 +228,24 @@ def _round_up(value: float) -> float:
 
 
 class Sheet:
-    """A figure of square panels, pixel by pixel, with room for headings, titles at the left, legends below, and a note
-    at the bottom, in as many lines as it takes."""
+    """A figure of square panels, pixel by pixel, with room for headings, captions above each row, legends below, and a
+    note at the bottom, in as many lines as it takes. ``lines`` of a caption; ``foot``, room for legends, in panels."""
 
-    def __init__(self, size: int, rows: int, columns: int, foot: float, note: str) -> None:
+    def __init__(self, size: int, rows: int, columns: int, foot: float, note: str, lines: int = 1) -> None:
         self.size, self.rows, self.columns = size, rows, columns
-        self.gap = round(GAP * size)
-        self.left, self.head = round(0.10 * size), round(0.12 * size)
+        self.gap = self.left = round(GAP * size)
         self.width = self.left + columns * (size + self.gap)
-        lines = textwrap.wrap(note, int((self.width - 2.0 * self.left) / (LETTER * size)))
-        self.foot = round((foot + LINE * (len(lines) - 1)) * size)
-        self.height = self.head + rows * (size + self.gap) + self.foot
+        self.letter = LETTERS * size * min(1.0, columns / 4)  # [pixels]
+        self.letters = self.letter * 72.0 / DPI  # [points]
+        self.line = LINE * self.letter
+        self.head, self.strip = round(2.0 * self.line), round((lines + 0.3) * self.line)
+        words = textwrap.wrap(note, max(8, int((self.width - 2.0 * self.left) / (NARROW * self.letter))))
+        self.foot = round(foot * size + self.line * (len(words) + 0.5))
+        self.height = self.head + rows * (size + self.gap + self.strip) + self.foot
         # a hair more: matplotlib before 3.11 cuts the 204.99 pixels that rounding leaves of 205
         self.figure = make_figure((self.width + 1e-6) / DPI, (self.height + 1e-6) / DPI)
-        self.letters = 0.034 * size * 72.0 / DPI  # [points]
         below = self.height - 0.6 * self.gap
-        self.text(self.left, below, "\n".join(lines), 0.95, ha="left", va="bottom", linespacing=1.3)
+        self.text(self.left, below, "\n".join(words), ha="left", va="bottom", linespacing=1.2)
 
     def axes(self, left: float, top: float, width: float, height: float, **how: Any) -> Any:
         """Axes at a place in pixels from the upper left corner."""
@@ -167,7 +255,8 @@ class Sheet:
 
     def corner(self, row: int, column: int) -> tuple[int, int]:
         """Left and top of a panel [pixels]."""
-        return self.left + column * (self.size + self.gap), self.head + row * (self.size + self.gap)
+        top = self.head + self.strip + row * (self.size + self.gap + self.strip)
+        return self.left + column * (self.size + self.gap), top
 
     def show(self, row: int, column: int, pixels: Array) -> None:
         """A picture (size, size, 3 or 4), pixel for pixel."""
@@ -182,24 +271,28 @@ class Sheet:
 
     def heading(self, column: int, text: str) -> None:
         left, _ = self.corner(0, column)
-        self.text(left + 0.5 * self.size, 0.5 * self.head, text, 1.15)
+        words = textwrap.fill(text, max(4, int(self.size / (NARROW * self.letter))))
+        self.text(left + 0.5 * self.size, 0.5 * self.head, words, linespacing=1.1)
 
-    def title(self, row: int, text: str) -> None:
-        _, top = self.corner(row, 0)
-        self.text(0.5 * self.left, top + 0.5 * self.size, text, 1.25, rotation=90)
+    def caption(self, row: int, title: str, text: str = "") -> None:
+        """A row's title, and what there is to say of it."""
+        left, top = self.corner(row, 0)
+        self.text(left, top - self.strip + 0.65 * self.line, title, 1.15, ha="left", weight="bold")
+        self.text(left, top - 0.55 * self.line, text, ha="left")
 
-    def bar(self, column: int, colours: Any, low: float, high: float, label: str = "") -> None:
+    def bar(self, column: int, scale: Scale) -> None:
         """A legend of colours below a column."""
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-
         left, top = self.corner(self.rows, column)
-        axes = self.axes(left + 0.1 * self.size, top + 0.02 * self.size, 0.8 * self.size, 0.05 * self.size)
-        shown = ScalarMappable(Normalize(low, high), colours)
-        bar = self.figure.colorbar(shown, cax=axes, orientation="horizontal")
-        bar.ax.tick_params(labelsize=0.95 * self.letters, length=0.2 * self.letters, colors=INK)
-        bar.ax.xaxis.set_major_locator(limit_ticks(5))
-        bar.set_label(label, size=self.letters, color=INK)
+        top -= self.strip
+        self.draw_bar(left + 0.08 * self.size, top + 0.02 * self.size, 0.84 * self.size, scale.mappable, scale.ticks)
+
+    def draw_bar(self, left: float, top: float, width: float, shown: Any, ticks: Any, label: str = "") -> None:
+        """A legend of colours at this place."""
+        axes = self.axes(left, top, width, 0.05 * self.size)
+        bar = self.figure.colorbar(shown, cax=axes, orientation="horizontal", ticks=ticks)
+        bar.ax.tick_params(labelsize=self.letters, length=0.2 * self.letters, colors=INK)
+        bar.ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        bar.set_label(label, size=self.letters, color=INK, labelpad=1.0)
 
     def wheel(self, column: int) -> None:
         """The legend of angles: at each place around, light that swings along the line from there to the middle."""
@@ -211,13 +304,13 @@ class Sheet:
         stokes = np.stack([np.ones_like(swing), np.cos(swing), np.sin(swing), np.zeros_like(swing)], axis=-1)
         ring = np.clip(np.minimum(1.0 - distance, distance - 0.5) * 0.5 * side + 0.5, 0.0, 1.0)
         left, top = self.corner(self.rows, column)
-        top += round(0.03 * self.size)
+        top += round(0.10 * self.size) - self.strip
         axes = self.axes(left + 0.5 * (self.size - side), top, side, side)
         axes.imshow(colour_angles(stokes, ring), interpolation="none", extent=(-1.0, 1.0, -1.0, 1.0))
         for degrees in range(0, 180, 45):
             sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
             axes.plot(0.42 * sine * ENDS, 0.42 * cosine * ENDS, color=INK, linewidth=0.08 * self.letters)
             right = left + 0.5 * (self.size - side) + (0.5 + 0.68 * sine) * side
-            self.text(right, top + (0.5 - 0.58 * cosine) * side, f"{degrees}°", 0.95)
+            self.text(right + 0.06 * side * np.sign(sine), top + (0.5 - 0.63 * cosine) * side, f"{degrees}°")
         axes.set_xlim(-1.0, 1.0), axes.set_ylim(-1.0, 1.0)
         axes.set_axis_off()

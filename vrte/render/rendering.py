@@ -1,4 +1,4 @@
-"""From scene files to what a picture shows: colours and luminance-weighted Stokes vectors of each sphere."""
+"""From scene files to what a picture shows: colours and luminance-weighted Stokes vectors of each object."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -10,72 +10,179 @@ from vrte.appearance.lights import import_colour_science
 from vrte.basics.arrays import Array
 from vrte.optics.facets import RoughSurface
 from vrte.render import colour
-from vrte.render.geometry import UP, place_camera
-from vrte.render.setting import Material, Setting
-from vrte.render.sky import make_sky
+from vrte.render.geometry import UP, Camera, place_camera
+from vrte.render.objects import Light, Stage, draw_background, draw_object
+from vrte.render.rays import place_lens
+from vrte.render.setting import SPHERE, Material, Setting
+from vrte.render.shapes import find_shape
+from vrte.render.sky import Sky, make_sky
 from vrte.render.spheres import Resolution, Table, View, compute_irradiance, leave_out_facets, tabulate_brdf
 from vrte.results.brdf import Brdf
 
 RESOLUTIONS = (Resolution(), Resolution(48, 180), Resolution(64, 240))
+MOST_AT_ONCE = 12  # wavelengths whose tables are in memory, 24 MB each and as much again while they are made
+APART = 1.15  # middles of objects beside each other
 FINE_ENOUGH = 3e-3  # error of a BRDF between the directions of its table
 
 
 @dataclass(frozen=True, eq=False)
-class Sphere:
-    """One sphere, ready to be shown.
+class Rendering:
+    """One picture before it is drawn, of a material, or of more that stand beside each other.
 
-    ``xyz`` (size, size, 3), CIE XYZ, and ``stokes`` (size, size, 4), weighted by luminance; Y and I are 1 for a white
-    Lambertian surface that faces the sun in the same light. NaN around the sphere. Stokes axes: l upright, r to the
+    ``xyz`` (height, width, 3), CIE XYZ, and ``stokes`` (height, width, 4), weighted by luminance; Y and I are 1 for a
+    white Lambertian surface that faces the sun in the same light. NaN around a sphere. Stokes axes: l upright, r to the
     right, so that angles of polarization run clockwise from the upright. ``film`` makes colours of ``xyz``, and
-    ``cover`` (size, size) is the sphere's share of each pixel. ``error`` is that of the BRDF between the directions of
-    its table, as `measure_interpolation_error` found it.
+    ``cover`` (height, width) is a sphere's share of each pixel, 1 around what stands on the ground. ``errors``: those
+    of the BRDFs between the directions of their tables, as `measure_interpolation_error` found them. Middles of objects
+    are ``apart`` [pixels].
     """
 
-    material: Material
+    materials: Sequence[Material]
     xyz: Array
     stokes: Array
     cover: Array
     film: colour.Film
-    error: float
+    errors: Sequence[float]
+    apart: float = 0.0
+
+    @property
+    def title(self) -> str:
+        """What the picture shows."""
+        return ", ".join(material.title for material in self.materials)
 
     @property
     def rgba(self) -> Array:
-        """The sphere in colour, (size, size, 4) from 0 to 1, transparent around it."""
+        """In colour, (height, width, 4) from 0 to 1, transparent around a sphere."""
         return np.concatenate([self.film(np.nan_to_num(self.xyz)), self.cover[..., None]], axis=-1)
 
 
-def compute_spheres(
+def compute_pictures(
     materials: Sequence[Material],
     setting: Setting,
     progress: Callable[[int, int, str], None] | None = None,
     resolutions: Sequence[Resolution] = RESOLUTIONS,
-) -> list[Sphere]:
-    """The spheres of one picture; ``progress`` is called with (steps done, steps, what begins).
+    together: bool = False,
+) -> list[Rendering]:
+    """The pictures of all materials, or the one in which they stand beside each other; ``progress`` is called with
+    (steps done, steps, what begins).
 
     The first of ``resolutions`` that is fine enough is taken, or the last. Raises MissingExtraError without
-    colour-science, SceneError, and what `vrte.brdf` raises.
+    colour-science or what objects take, SceneError, and what `vrte.brdf` raises.
     """
     import_colour_science(*colour.NEEDED)
-    tell = progress or (lambda *_: None)
+    told = progress or (lambda *_: None)
+    done, steps = 0, sum(_count_steps(material) for material in materials)
+
+    def tell(count: int, title: str) -> None:
+        nonlocal done
+        told(done, steps, title)
+        done += count
+        told(done, steps, title)
+
+    if together:
+        return [_draw_on_ground(materials, setting, tell, resolutions)]
     views: dict[tuple[Any, ...], View] = {}  # the last one: a view takes some hundred megabytes
-    steps, done = sum(material.wavelengths_um.size for material in materials), 0
-    spheres = []
-    for material in materials:
-        tell(done, steps, material.title)
+    return [
+        _draw_sphere(material, setting, tell, resolutions, views)
+        if material.shape == SPHERE
+        else _draw_on_ground([material], setting, tell, resolutions)
+        for material in materials
+    ]
+
+
+def _count_steps(material: Material) -> int:
+    """Of the work: the table and the picture of each wavelength."""
+    return 2 * material.wavelengths_um.size
+
+
+def _draw_sphere(
+    material: Material,
+    setting: Setting,
+    tell: Callable[[int, str], None],
+    resolutions: Sequence[Resolution],
+    views: dict[tuple[Any, ...], View],
+) -> Rendering:
+    """A sphere by itself."""
+    tell(0, material.title)
+    table, error = find_fine_table(material, resolutions)
+    key = (table.resolution, *material.wavelengths_um.tolist())
+    if key not in views:
+        views.clear()
+        views[key] = make_view(setting, material.wavelengths_um, table.resolution)
+    view, seen = views[key], []
+    for place, wavelength in enumerate(material.wavelengths_um.tolist()):
+        if place and material.coloured:
+            table = _tabulate_material(material, wavelength, table.resolution)
+        seen.append(view.stokes(table, place).astype(np.float32))
+        tell(2, material.title)
+    stokes, observer = np.stack(seen), colour.weigh_wavelengths(material.wavelengths_um)
+    light = weigh_light(view.sky, observer)
+    return Rendering(
+        [material],
+        _place_in_picture(view, np.einsum("cw,wp->pc", observer, stokes[..., 0]) / light[1, 0]),
+        _place_in_picture(view, np.einsum("w,wps->ps", observer[1], stokes) / light[1, 0]),
+        view.cover,
+        colour.make_film(light[:, 1], setting.exposure),
+        [error],
+    )
+
+
+def _draw_on_ground(
+    materials: Sequence[Material],
+    setting: Setting,
+    tell: Callable[[int, str], None],
+    resolutions: Sequence[Resolution],
+) -> Rendering:
+    """Objects beside each other, on the ground under the sky."""
+    stage = set_stage(materials, setting)
+    found, samples, errors, films = np.zeros(0), None, [], []
+    for place, material in enumerate(materials):
+        tell(0, material.title)
+        wavelengths = material.wavelengths_um
+        sky = _make_sky(setting, wavelengths)
+        observer = colour.weigh_wavelengths(wavelengths)
+        white = weigh_light(sky, observer)
+        observer /= white[1, 0]
+        films.append(colour.make_film(white[:, 1], setting.exposure))
+        if samples is None:
+            found, samples = draw_background(stage, Light.of(sky, setting.ground_albedo, stage.ground), observer)
+        own = samples.choose(np.flatnonzero(samples.body == place))
         table, error = find_fine_table(material, resolutions)
-        key = (table.resolution, *material.wavelengths_um.tolist())
-        if key not in views:
-            views.clear()
-            views[key] = make_view(setting, material.wavelengths_um, table.resolution)
-        seen = []
-        for place, wavelength in enumerate(material.wavelengths_um.tolist()):
-            if place and material.coloured:
-                table = _tabulate_material(material, wavelength, table.resolution)
-            seen.append(views[key].stokes(table, place).astype(np.float32))
-            done += 1
-            tell(done, steps, material.title)
-        spheres.append(_develop_sphere(material, views[key], np.stack(seen), setting.exposure, error))
-    return spheres
+        errors.append(error)
+        for chosen in np.array_split(np.arange(wavelengths.size), -(-wavelengths.size // MOST_AT_ONCE)):
+            tables = []
+            for wavelength in wavelengths[chosen].tolist():
+                coloured = material.coloured and wavelength != wavelengths[0]
+                tables.append(_tabulate_material(material, wavelength, table.resolution) if coloured else table)
+                tell(1, material.title)
+            part = replace(sky, sun=sky.sun[chosen], splines=sky.splines[chosen], ground=sky.ground[chosen])
+            light = Light.of(part, setting.ground_albedo, stage.ground)
+            if own.pixel.size:
+                found += draw_object(stage, own, tables, light, observer[:, chosen])
+            tell(chosen.size, material.title)
+    shape = stage.lens.height, stage.lens.width
+    return Rendering(
+        materials,
+        found[:, :3].reshape(*shape, 3),
+        found[:, [1, 3, 4, 5]].reshape(*shape, 4),
+        np.ones(shape),
+        films[0],
+        errors,
+        APART * stage.lens.height / (2.0 * stage.lens.spread * stage.lens.distance),
+    )
+
+
+def set_stage(materials: Sequence[Material], setting: Setting) -> Stage:
+    """Objects in a row on the ground, before the camera. Raises SceneError, OSError, MissingExtraError."""
+    camera = _place_camera(setting)
+    bodies = []
+    for place, material in enumerate(materials):
+        shape = find_shape(material.shape)
+        sideways = APART * (place - 0.5 * (len(materials) - 1)) * camera.right
+        turn = material.turn_deg - setting.sun_azimuth_deg  # the same side faces the camera, wherever the sun is
+        bodies.append(shape.place(turn, (float(sideways[0]), float(sideways[1]))))
+    sky = make_sky("sun", [1.0], setting.sun_elevation_deg, 0.0)
+    return Stage(bodies, place_lens(camera, bodies, setting.size_px), sky.beam)
 
 
 def find_fine_table(material: Material, resolutions: Sequence[Resolution]) -> tuple[Table, float]:
@@ -123,25 +230,23 @@ def measure_interpolation_error(material: Material, wavelength_um: float, table:
 
 def make_view(setting: Setting, wavelengths_um: Array, resolution: Resolution) -> View:
     """Camera and light of a setting; the sun stands at azimuth 0."""
-    sky = make_sky(setting.sky, wavelengths_um.tolist(), setting.sun_elevation_deg, setting.ground_albedo)
-    # the sun is to the right of a camera that stands clockwise of it
-    camera = place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)
-    return View(camera, sky, setting.size_px, resolution)
+    return View(_place_camera(setting), _make_sky(setting, wavelengths_um), setting.size_px, resolution)
 
 
-def _develop_sphere(material: Material, view: View, stokes: Array, stops: float, error: float) -> Sphere:
-    """Colours and luminance-weighted Stokes vectors, from Stokes vectors (wavelength, pixel, 4)."""
-    observer = colour.weigh_wavelengths(material.wavelengths_um)
-    light = observer @ compute_irradiance(view.sky, np.stack([-view.sky.beam, UP])) / np.pi
-    unit, level = light[1, 0], light[:, 1]
-    return Sphere(
-        material,
-        _place_in_picture(view, np.einsum("cw,wp->pc", observer, stokes[..., 0]) / unit),
-        _place_in_picture(view, np.einsum("w,wps->ps", observer[1], stokes) / unit),
-        view.cover,
-        colour.make_film(level, stops),
-        error,
-    )
+def _make_sky(setting: Setting, wavelengths_um: Array) -> Sky:
+    """The light of a setting."""
+    return make_sky(setting.sky, wavelengths_um.tolist(), setting.sun_elevation_deg, setting.ground_albedo)
+
+
+def _place_camera(setting: Setting) -> Camera:
+    """The camera of a setting: the sun is to the right of one that stands clockwise of it."""
+    return place_camera(setting.camera_elevation_deg, -setting.sun_azimuth_deg)
+
+
+def weigh_light(sky: Sky, observer: Array) -> Array:
+    """XYZ (3, 2) of a white Lambertian surface that faces the sun, and of one that lies level."""
+    found: Array = observer @ compute_irradiance(sky, np.stack([-sky.beam, UP])) / np.pi
+    return found
 
 
 def _place_in_picture(view: View, values: Array) -> Array:

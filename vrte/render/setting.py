@@ -1,4 +1,4 @@
-"""The table [render] of a scene file: light, camera, wavelengths, exposure, and how the sphere is called."""
+"""The table [render] of a scene file: light, camera, wavelengths, exposure, the object and how it is called."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -22,18 +22,23 @@ from vrte.formats.scene_file import (
 from vrte.formats.toml_table import Table
 from vrte.optics.facets import RoughSurface
 from vrte.render.colour import FEWEST, FROM_UM, MOST, TO_UM, choose_wavelengths
+from vrte.render.shapes import SHAPES, SUFFIXES
 from vrte.render.sky import KINDS
 from vrte.results.brdf import Brdf
 from vrte.results.spectrum import check_ascending
 
 ACCURACY = 1e-4  # of a BRDF, where the file asks for none
 SMALLEST_SIZE, LARGEST_SIZE = 16, 1024
-OWN = ("title", "wavelengths", "wavelengths_um")  # of each sphere; all else is common to a picture
+OWN = ("title", "wavelengths", "wavelengths_um", "object", "turn_deg")  # of each material; all else is common
 LONGEST_TITLE = 60
+SPHERE = "sphere"  # by itself, with neither ground nor sky behind it
+OBJECTS = (SPHERE, *SHAPES)
+ALLOWED_OBJECTS = f"must be {' or '.join(OBJECTS)}, or a file that ends in {' or '.join(SUFFIXES)}"
 RANGES = {  # key: lowest, highest, in words
     "sun_elevation_deg": (1.0, 90.0, "degrees from 1 to 90"),
     "sun_azimuth_deg": (-360.0, 360.0, "degrees from -360 to 360; 0 is behind the camera, 90 at its right"),
     "ground_albedo": (0.0, 1.0, "a number from 0 to 1"),
+    "turn_deg": (-360.0, 360.0, "degrees from -360 to 360; counter-clockwise seen from above"),
     "camera_elevation_deg": (-90.0, 90.0, "degrees from -90 to 90"),
     "exposure": (-20.0, 20.0, "stops from -20 to 20; each doubles the brightness"),
 }
@@ -41,10 +46,10 @@ RANGES = {  # key: lowest, highest, in words
 
 @dataclass(frozen=True)
 class Setting:
-    """What a picture's spheres have in common.
+    """What is common to all materials of a picture.
 
     Angles in degrees: the sun's azimuth from behind the camera to its right. ``sky`` is one of `vrte.render.sky.KINDS`,
-    ``exposure`` in stops from where a white sphere's brightest point is just white, ``size_px`` a sphere's picture.
+    ``exposure`` in stops from where a white sphere's brightest point is just white, ``size_px`` the side of a picture.
     """
 
     sky: str = "rayleigh"
@@ -58,14 +63,17 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A scene file as the surface of a sphere: its ``title``, its ``content`` without [render], and the wavelengths
-    [um]; ``note`` says where those end before the light that is seen does."""
+    """A scene file as the surface of an object: its ``title``, its ``content`` without [render], and the wavelengths
+    [um]; ``note`` says where those end before the light that is seen does. ``shape`` is the object, turned about the
+    vertical by ``turn_deg``: one of OBJECTS, or the path of a mesh."""
 
     path: Path
     title: str
     content: dict[str, Any]
     wavelengths_um: Array
     note: str = ""
+    shape: str = SPHERE
+    turn_deg: float = 0.0
 
     def brdf(self, wavelength_um: float, mu_i: Array, mu_o: Array, phi: Array) -> Brdf:
         """Its BRDF at one wavelength. Raises SceneError, which names the file, and what `vrte.brdf` raises."""
@@ -93,20 +101,25 @@ class Material:
         return "particles" in self.content or any(True for _ in list_materials(self.content))
 
 
-def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material], Setting]:
-    """The materials of scene files, and the one setting of their picture; ``count`` wavelengths win over the files'.
+def read(paths: Sequence[Path], count: int | None = None, shapes: Sequence[str] = ()) -> tuple[list[Material], Setting]:
+    """The materials of scene files, and the one setting of their picture; ``count`` wavelengths and the ``shapes`` of
+    objects, one for all or one for each, win over the files'.
 
     Raises SceneError naming file, dotted key, what was given and what is allowed; two files that disagree in what a
     picture has once only are an error, and so is a file that cannot be read.
     """
     materials: list[Material] = []
     given: dict[str, tuple[Any, Path]] = {}
-    for path in paths:
+    if len(shapes) not in (0, 1, len(paths)):
+        raise SceneError(f"{len(shapes)} objects for {len(paths)} scenes: must be one for all, or one for each")
+    for place, path in enumerate(paths):
         try:
             content = read_content(path)
             table = _read_render_table(content)
             ours = _read_common_keys(table)
-            materials.append(_make_material(path, content, table, count))
+            materials.append(
+                _make_material(path, content, table, count, shapes[place % len(shapes)] if shapes else None)
+            )
         except SceneError as error:
             raise error.behind(path) from error
         except OSError as error:
@@ -117,7 +130,13 @@ def read(paths: Sequence[Path], count: int | None = None) -> tuple[list[Material
                 raise SceneError(
                     f"{path}: render.{key} = {value!r}: {other[1]} says {other[0]!r}, and a picture has one"
                 )
-    return materials, replace(Setting(), **{key: value for key, (value, _) in given.items()})
+    setting = replace(Setting(), **{key: value for key, (value, _) in given.items()})
+    if setting.camera_elevation_deg <= 0.0 and any(material.shape != SPHERE for material in materials):
+        raise SceneError(
+            f"{given['camera_elevation_deg'][1]}: render.camera_elevation_deg = {setting.camera_elevation_deg:g}: "
+            "must be more than 0 for an object that stands on the ground"
+        )
+    return materials, setting
 
 
 def _read_render_table(content: dict[str, Any]) -> Table:
@@ -133,15 +152,53 @@ def _read_common_keys(table: Table) -> dict[str, Any]:
         found["sky"] = table.choice("sky", KINDS)
     if "size_px" in table:
         found["size_px"] = table.whole("size_px", SMALLEST_SIZE, LARGEST_SIZE)
-    for key, (low, high, allowed) in RANGES.items():
-        if key in table:
-            found[key] = table.number(key, allowed)
-            if not low <= found[key] <= high:
-                raise table.wrong(key, f"must be {allowed}")
+    for key in RANGES:
+        if key in table and key not in OWN:
+            found[key] = _read_number(table, key)
     return found
 
 
-def _make_material(path: Path, content: dict[str, Any], table: Table, count: int | None) -> Material:
+def _read_number(table: Table, key: str) -> float:
+    """The number of one of RANGES."""
+    low, high, allowed = RANGES[key]
+    found = table.number(key, allowed)
+    if not low <= found <= high:
+        raise table.wrong(key, f"must be {allowed}")
+    return found
+
+
+def check_object(name: str, folder: Path = Path()) -> str:
+    """The name of an object, or the path of a mesh in ``folder``. Raises SceneError with what is wrong with it."""
+    if name in OBJECTS:
+        return name
+    if Path(name).suffix.lower() not in SUFFIXES:
+        raise SceneError(ALLOWED_OBJECTS)
+    if not (folder / name).is_file():
+        raise SceneError(f"no such file: {folder / name}")
+    return str(folder / name)
+
+
+def _read_object(path: Path, table: Table, given: str | None) -> tuple[str, float]:
+    """The object and how far it is turned."""
+    shape = given or SPHERE
+    if given is None and "object" in table:
+        name = table.content["object"]
+        if not isinstance(name, str):
+            raise table.wrong("object", ALLOWED_OBJECTS)
+        try:
+            shape = check_object(name, path.parent)
+        except SceneError as error:
+            raise table.wrong("object", str(error)) from None
+    if "turn_deg" not in table:
+        return shape, 0.0
+    if shape == SPHERE:
+        raise table.wrong("turn_deg", 'a sphere looks the same however it is turned; object = "vase", say, does not')
+    return shape, _read_number(table, "turn_deg")
+
+
+def _make_material(
+    path: Path, content: dict[str, Any], table: Table, count: int | None, given_shape: str | None
+) -> Material:
     title = table.content.get("title", content.get("title", path.stem.replace("_", " ")))
     if not isinstance(title, str) or not title.isprintable() or not 0 < len(title) <= LONGEST_TITLE:
         raise table.wrong("title", f"must be a text of 1 to {LONGEST_TITLE} characters in one line")
@@ -151,7 +208,7 @@ def _make_material(path: Path, content: dict[str, Any], table: Table, count: int
         few = table.whole("wavelengths", FEWEST, MOST) if "wavelengths" in table else FEWEST
         chosen, note = _choose_equal_steps(path, content, count or few)
     without = {key: value for key, value in expand_content(content, path.parent).items() if key != "render"}
-    return Material(path, title, without, chosen, note)
+    return Material(path, title, without, chosen, note, *_read_object(path, table, given_shape))
 
 
 def _read_own_wavelengths(content: dict[str, Any], table: Table) -> Array | None:

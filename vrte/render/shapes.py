@@ -1,0 +1,226 @@
+"""Objects for a picture: a few shapes of our own, made from formulas, and meshes from files.
+
+All are closed surfaces of triangles with a normal at each corner, one unit large, standing on the ground z = 0.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array
+from vrte.basics.errors import SceneError, import_extra
+
+SUFFIXES = (".obj", ".ply", ".stl")
+CREASE = np.radians(30.0)  # between triangles: an edge that is sharper is drawn as one
+LONGEST_EDGE = 1.0 / 60.0  # of a file's mesh: the sky's light is computed at corners and interpolated between them
+MOST_TRIANGLES = 2_000_000
+NEEDED = "a picture of an object", "render"
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A surface of triangles: ``corners`` (n, 3) with unit ``normals`` (n, 3), and which three make up each of
+    ``triangles`` (m, 3), counter-clockwise seen from outside."""
+
+    corners: Array
+    normals: Array
+    triangles: Any
+
+    @property
+    def lowest(self) -> Array:
+        """Of each coordinate (3,)."""
+        found: Array = self.corners.min(axis=0)
+        return found
+
+    @property
+    def highest(self) -> Array:
+        """Of each coordinate (3,)."""
+        found: Array = self.corners.max(axis=0)
+        return found
+
+    def place(self, turn_deg: float = 0.0, middle: tuple[float, float] = (0.0, 0.0)) -> "Body":
+        """Turned about the vertical, counter-clockwise from above, one unit large, standing on the ground there."""
+        cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+        turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        corners = self.corners @ turn
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        corners = (corners - [*(0.5 * (low + high))[:2], low[2]]) / (high - low).max()
+        return Body(corners + np.array([*middle, 0.0]), self.normals @ turn, self.triangles)
+
+
+def make_body(corners: Array, triangles: Any) -> Body:
+    """A body with the normals that its own triangles give it, by their angles at each corner."""
+    sides = corners[triangles] - corners[np.roll(triangles, -1, axis=1)]
+    across = np.cross(sides[:, 0], sides[:, 1])
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    sides /= np.maximum(np.linalg.norm(sides, axis=2, keepdims=True), 1e-300)
+    angles = np.arccos(np.clip(-(sides * np.roll(sides, 1, axis=1)).sum(axis=2), -1.0, 1.0))
+    normals = np.zeros_like(corners)
+    for place in range(3):
+        np.add.at(normals, triangles[:, place], angles[:, place, None] * across)
+    return Body(corners, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300), triangles)
+
+
+def join_rings(rings: Array, around: bool) -> Body:
+    """The surface through rings of points (rings, spokes, 3), counter-clockwise seen along the way from ring to ring;
+    the last is followed by the first where it leads ``around``, otherwise both ends are closed."""
+    count, spokes = rings.shape[:2]
+    corner = np.arange(count * spokes).reshape(count, spokes)
+    following = np.roll(corner, -1, axis=0) if around else corner[1:]
+    here = corner if around else corner[:-1]
+    right, beyond = np.roll(here, -1, axis=1), np.roll(following, -1, axis=1)
+    faces = [np.stack(three, axis=-1).reshape(-1, 3) for three in ((here, right, beyond), (here, beyond, following))]
+    corners = rings.reshape(-1, 3)
+    if not around:
+        ends = corners.shape[0], corners.shape[0] + 1
+        first, last = corner[0], corner[-1]
+        faces.append(np.stack([np.full(spokes, ends[0]), np.roll(first, -1), first], axis=-1))
+        faces.append(np.stack([np.full(spokes, ends[1]), last, np.roll(last, -1)], axis=-1))
+        corners = np.concatenate([corners, rings[:1].mean(axis=1), rings[-1:].mean(axis=1)])
+    return make_body(corners, np.concatenate(faces))
+
+
+def _make_turn(count: int) -> Array:
+    """Equal steps of one turn [rad]."""
+    return np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+
+
+def make_ball(rings: int = 96) -> Body:
+    """A ball: so many rings between its poles."""
+    polar, around = np.linspace(np.pi, 0.0, rings + 2)[1:-1, None], _make_turn(2 * rings)
+    level = np.broadcast_to(np.cos(polar), (polar.size, around.size))
+    points = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), level], axis=-1)
+    found = join_rings(points, around=False)
+    return Body(found.corners, found.corners / np.linalg.norm(found.corners, axis=1, keepdims=True), found.triangles)
+
+
+# radius and height of the vase's outside from the foot to the lip, and of its inside from there down
+OUTSIDE = (
+    (0.02, 0.0),
+    (0.17, 0.0),
+    (0.195, 0.015),
+    (0.17, 0.05),
+    (0.22, 0.14),
+    (0.33, 0.32),
+    (0.375, 0.50),
+    (0.33, 0.68),
+)
+NECK = ((0.20, 0.82), (0.145, 0.90), (0.15, 0.95), (0.205, 0.993), (0.215, 1.0), (0.205, 0.998))
+INSIDE = (
+    (0.135, 0.95),
+    (0.13, 0.90),
+    (0.19, 0.80),
+    (0.30, 0.66),
+    (0.33, 0.50),
+    (0.29, 0.32),
+    (0.15, 0.14),
+    (0.02, 0.12),
+)
+FLUTES, FLUTE_DEPTH, TWIST = 22, 0.045, 1.1  # around the vase, of its radius, and radians from foot to neck
+
+
+def make_vase() -> Body:
+    """A hollow vase: a surface of revolution, fluted along lines that wind about it."""
+    from scipy.interpolate import PchipInterpolator
+
+    profile = np.array([*OUTSIDE, *NECK, *INSIDE])
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
+    lip = way[len(OUTSIDE) + 4]
+    steps = np.concatenate([np.linspace(0.0, lip, 150), np.linspace(lip, way[-1], 50)[1:]])
+    radius, height = PchipInterpolator(way, profile)(steps).T
+    fluted = np.clip((height - 0.06) / 0.12, 0.0, 1.0) * np.clip((0.86 - height) / 0.2, 0.0, 1.0) * (steps < lip)
+    depth = FLUTE_DEPTH * fluted**2 * (3.0 - 2.0 * fluted)
+    around = _make_turn(8 * FLUTES)
+    wave = np.cos(FLUTES * (around + TWIST * height[:, None]))
+    wide = radius[:, None] * (1.0 + depth[:, None] * wave)
+    level = np.broadcast_to(height[:, None], wide.shape)
+    return join_rings(np.stack([wide * np.cos(around), wide * np.sin(around), level], axis=-1), around=False)
+
+
+WHORLS, GROWTH = 8.0, 1.36  # turns of the shell, and how much it grows with each
+RIBS, RIB_HEIGHT = 13, 0.07  # in a whorl, of the tube's radius
+CORDS, CORD_HEIGHT = 9, 0.015  # around the tube
+
+
+def make_shell() -> Body:
+    """A sea snail's shell: a tube with ribs that winds about an axis and grows by the same factor with each turn."""
+    turn = np.linspace(0.0, 2.0 * np.pi * WHORLS, 800)
+    back = np.linspace(turn[-1], turn[-1] - 1.2 * np.pi, 60)[1:]  # the inside, seen through the mouth
+    angle = np.concatenate([turn, back])
+    inner = np.concatenate([np.zeros(turn.size), np.ones(back.size)])[:, None]
+    size = GROWTH ** (angle / (2.0 * np.pi) - WHORLS)[:, None]
+    around = _make_turn(64)
+    ribs = np.cos(0.5 * RIBS * angle)[:, None] ** 4
+    wave = RIB_HEIGHT * ribs + CORD_HEIGHT * np.cos(CORDS * around)
+    radius = size * np.where(inner > 0.0, 0.9, 1.0 + wave)
+    outward = 1.02 * size + radius * np.cos(around)
+    height = -4.3 * size + 1.2 * radius * np.sin(around)
+    rings = np.stack([outward * np.cos(angle)[:, None], outward * np.sin(angle)[:, None], height], axis=-1)
+    found = join_rings(rings[:, ::-1], around=False)
+    tilt = np.radians(20.0)  # it leans to one side
+    turned = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(tilt), np.sin(tilt)], [0.0, -np.sin(tilt), np.cos(tilt)]])
+    return Body(found.corners @ turned, found.normals @ turned, found.triangles).place(240.0)  # its mouth in front
+
+
+def make_knot() -> Body:
+    """A trefoil: a tube along the torus knot that winds three times around and twice through, standing upright."""
+    t, around = _make_turn(420), _make_turn(48)
+    circle = np.stack([np.cos(2.0 * t), np.sin(2.0 * t), 0.0 * t], axis=-1)
+    middle = (2.0 + np.cos(3.0 * t))[:, None] * circle + np.sin(3.0 * t)[:, None] * np.array([0.0, 0.0, 1.0])
+    ahead = np.roll(middle, -1, axis=0) - np.roll(middle, 1, axis=0)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    first = middle - 2.0 * circle  # from the torus' middle line to its surface
+    first -= (first * ahead).sum(axis=1, keepdims=True) * ahead
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(ahead, first)
+    offsets = np.cos(around)[:, None] * first[:, None] + np.sin(around)[:, None] * second[:, None]
+    rings = middle[:, None] + 0.52 * offsets
+    return join_rings(rings[..., [0, 2, 1]] * [1.0, -1.0, 1.0], around=True)
+
+
+SHAPES: dict[str, Callable[[], Body]] = {"ball": make_ball, "vase": make_vase, "shell": make_shell, "knot": make_knot}
+
+
+def load_mesh(path: Path) -> Body:
+    """The mesh of a file, the z axis up. Edges sharper than 30 degrees stay edges, the rest is shaded smoothly.
+
+    Raises SceneError, OSError, MissingExtraError without trimesh.
+    """
+    trimesh = import_extra("trimesh", *NEEDED)
+    with open(path, "rb") as file:
+        try:
+            loaded = trimesh.load_mesh(file, file_type=path.suffix[1:].lower(), process=True)
+        except (ValueError, KeyError, IndexError, TypeError, NotImplementedError) as error:
+            raise SceneError(
+                f"{path}: not a mesh that can be read: {str(error)[:120] or type(error).__name__}"
+            ) from error
+    triangles, corners = np.asarray(getattr(loaded, "faces", ())), np.asarray(getattr(loaded, "vertices", ()))
+    if not 0 < len(triangles) <= MOST_TRIANGLES or not np.isfinite(corners).all() or not np.ptp(corners, axis=0).max():
+        raise SceneError(f"{path}: must be a mesh of 1 to {MOST_TRIANGLES} triangles that has a size")
+    smooth = trimesh.graph.smooth_shade(loaded, angle=CREASE, facet_minarea=None)
+    body = make_body(np.array(smooth.vertices), np.array(smooth.faces))
+    return divide_long_edges(body, LONGEST_EDGE * float(np.ptp(corners, axis=0).max()))
+
+
+def divide_long_edges(body: Body, longest: float) -> Body:
+    """The same surface with triangles whose edges are no longer than that; normals are interpolated."""
+    subdivide = import_extra("trimesh.remesh", *NEEDED).subdivide
+    corners, normals, triangles = body.corners, body.normals, body.triangles
+    while len(triangles) <= MOST_TRIANGLES:
+        sides = corners[triangles] - corners[np.roll(triangles, -1, axis=1)]
+        (long,) = np.nonzero(np.linalg.norm(sides, axis=2).max(axis=1) > longest)
+        if not long.size:
+            break
+        corners, triangles, more = subdivide(
+            corners, triangles, face_index=long, vertex_attributes={"normals": normals}
+        )
+        normals = more["normals"]
+    return Body(corners, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12), triangles)
+
+
+def find_shape(name: str) -> Body:
+    """The shape of this name, or the mesh of this file. Raises SceneError, OSError, MissingExtraError."""
+    return SHAPES[name]() if name in SHAPES else load_mesh(Path(name))
