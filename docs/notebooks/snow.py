@@ -1,8 +1,8 @@
 # %% [markdown]
 # # Snow: what do its grains and its dirt do to its albedo?
 #
-# Ice absorbs red light a hundred times, and infrared light up to a million times, as strongly as blue light. So snow is white
-# to the eye and dark a little beyond what the eye sees. How much of that is told by the size of the grains, and how much
+# Per length of path ice absorbs red light 700 times as strongly as violet light, and light of 2 µm ten million times. So snow is
+# white to the eye, and dark not far beyond what the eye sees. How much of that is told by the size of the grains, and how much
 # soot makes snow grey?
 
 # %%
