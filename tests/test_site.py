@@ -27,7 +27,8 @@ def test_every_page_has_its_place_in_the_contents() -> None:
     contents = (ROOT / "mkdocs.yml").read_text().split("\nnav:\n")[1]
     named = set(re.findall(r"[\w/]+\.md", contents))
     pages = {str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs").rglob("*.md")}
-    assert named == pages | MADE
+    notebooks = {f"notebooks/{path.stem}.md" for path in (ROOT / "docs" / "notebooks").glob("*.py")}
+    assert named == pages | notebooks | MADE
     assert len(pages) > 30
 
 
