@@ -99,15 +99,15 @@ def run_notebook(path: Path) -> Any:
 
 def write_small_pictures() -> None:
     """A picture of each notebook for the page that lists them, as wide as a card there."""
-    from PIL import Image
+    from PIL import Image, ImageOps
 
     SMALL.mkdir(exist_ok=True)
     for path in sorted(FOLDER.glob("*.py")):
         pictures = make_page(path)[1]
         picture = Image.open(io.BytesIO(pictures[SHOWN.get(path.stem, 1) - 1])).convert("RGB")
-        picture.thumbnail((480, 480), Image.Resampling.LANCZOS)
+        picture = ImageOps.pad(picture, (480, 280), Image.Resampling.LANCZOS, color="white")
         with write_atomically(SMALL / f"{path.stem}.png") as part:
-            picture.quantize(64).save(part, "PNG", optimize=True)
+            picture.quantize(256).save(part, "PNG", optimize=True)
 
 
 if __name__ == "__main__":
