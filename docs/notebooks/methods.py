@@ -89,7 +89,7 @@ for accuracy, error in zip((1e-2, 1e-4, 1e-6), runs["auto"][:, 1], strict=True):
 
 # %% [markdown]
 # Discrete ordinates on four nodes, in the same few milliseconds, are closer than every
-# approximation at its best. Approximations of the 1980s save no time any more, since the
-# exact solution of so small a problem costs as much as calling it. The other exact
-# methods get to the same number and take longer. `auto` keeps what it promises;
+# approximation at its best: approximations save no time any more, where the exact
+# solution costs little more than calling it. The other exact methods get to the same
+# number and take longer. `auto` keeps what it promises;
 # [Methods](../explanation/methods.md) has fifteen scenes and the rules that it follows.

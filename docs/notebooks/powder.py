@@ -102,7 +102,7 @@ assert share[0.6] < share[0.15] < 0.25
 # The smallest spheres absorb a quarter of what they meet: half of the light that leaves
 # straight up was scattered once, and the lobe is much like theirs. The larger ones absorb
 # a twentieth, and send most light on into the powder: five parts in six of what leaves
-# straight up have met several of them.
+# straight up have met two of them or more.
 
 # %% [markdown]
 # ## Depth: how many spheres does it take?
@@ -114,9 +114,11 @@ assert share[0.6] < share[0.15] < 0.25
 coarse = gold[0.6]
 thicknesses = [1e-3, 0.1, 0.5, 2.0, 8.0, np.inf]
 figure, axis = plt.subplots(figsize=(7.5, 3.8))
+lobes_by_thickness = []
 colours = plt.colormaps["viridis"](np.linspace(0.0, 0.9, len(thicknesses)))
 for colour, thickness in zip(colours, thicknesses, strict=True):
     lobe = solve_powder(coarse, thickness)[0][:, 0, 0]
+    lobes_by_thickness.append(lobe)
     axis.semilogy(
         seen_deg,
         lobe,
@@ -136,19 +138,26 @@ axis.set(
 axis.legend(title="optical thickness", loc="center left", bbox_to_anchor=(1.0, 0.5))
 # %%
 print(f"at thickness 0.001 the lobe is single scattering's to {excess:.1%}")
+ripples = [np.ptp(np.log(lobe[np.abs(seen_deg) < 50.0])) for lobe in lobes_by_thickness]
+for thickness, ripple in zip(thicknesses, ripples, strict=True):
+    print(f"thickness {thickness:g}: brightest over darkest {np.exp(ripple):.1f}")
+change = np.abs(lobes_by_thickness[-2] / lobes_by_thickness[-1] - 1.0).max()
+print(f"at thickness 8 it is the thickest layer's to {change:.1%}")
 assert excess < 0.01
+assert ripples[0] > 2.0 * ripples[3] > 2.0 * ripples[5]
+assert change < 0.05
 
 # %% [markdown]
 # The ripples of a sphere's own pattern are all there in the thin layer; a layer of
-# thickness 2 has already filled most of them in, and beyond 8 nothing changes.
+# thickness 2 has already filled most of them in, and beyond 8 little changes.
 
 # %% [markdown]
 # ## Polarization: the darker, the more
 #
 # Light that was scattered once is polarized as its sphere does it; light that was
 # scattered often hardly is. Absorption takes away the second kind first. Umov saw in 1905
-# that dark powders polarize more. Here are spheres of one size and one real index, 1.6,
-# whose absorption grows from none.
+# that dark powders polarize more. Here are spheres of the same sizes and one real index,
+# 1.6, whose absorption grows from none.
 
 # %%
 k = np.array([0.0, 0.0003, 0.001, 0.003, 0.01, 0.03, 0.1, 0.2])

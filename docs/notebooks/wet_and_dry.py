@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Wet and dry: why is wet sand darker?
 #
-# Water absorbs next to nothing of visible light, and yet a wet beach is half as bright as
-# a dry one. Two reasons are on offer. Light that comes back up is reflected inside the
-# water's surface and has to try again (Ångström, 1925). And grains in water differ less
-# from what surrounds them, so that they scatter more forward, and light gets deeper
-# before it turns (Twomey, Bohren and Mergenthaler, 1986). Which one is it?
+# Water absorbs next to nothing of visible light, and yet a wet beach is about half as
+# bright as a dry one. Two reasons are on offer. Light that comes back up is reflected
+# inside the water's surface and has to try again (Ångström, 1925). And grains in water
+# differ less from what surrounds them, so that they scatter more forward, and light gets
+# deeper before it turns (Twomey, Bohren and Mergenthaler, 1986). Which one is it?
 
 # %%
 import matplotlib.pyplot as plt
@@ -100,10 +100,10 @@ assert in_air[0] - under_surface[0] < 0.04
 
 # %% [markdown]
 # Both, and neither alone: more than half of the loss is the grains', which scatter
-# forward in water (their mean cosine goes from 0.69 to 0.93), the rest the surface's.
-# Together they make sand that reflects 40 % reflect less than half of that, as on a
-# beach. Clean grains do not darken: light that goes a longer way without being absorbed
-# comes back all the same.
+# forward in water (their mean cosine goes from 0.693 to 0.935), the rest the surface's.
+# Together they make sand that reflects 40 % reflect less than half of that. Clean grains
+# hardly darken: light that goes a longer way without being absorbed comes back all the
+# same.
 
 # %% [markdown]
 # ## The surface's share in closed form
