@@ -30,6 +30,7 @@ def on_files(files: Files, config: Any) -> Files:
     for path in examples:
         files.append(File.generated(config, f"examples/{path.name}", abs_src_path=str(path)))
     rows = [f"- [{path.name}](examples/{path.name}): {describe_example(path)}" for path in examples]
+    files.append(File.generated(config, "CITATION.cff", abs_src_path=str(ROOT / "CITATION.cff")))
     files.append(File.generated(config, "explanation/methods/methods.html", content=draw_methods_report()))
     if not LOBES.is_file():
         raise PluginError(

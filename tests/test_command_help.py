@@ -241,7 +241,7 @@ class TestPages:
         [
             (vrte.AccuracyError("x"), "docs/reference/stability.md"),
             (vrte.DeviceError("x"), "docs/how_to/opencl.md"),
-            (vrte.MissingExtraError("x", "files"), None),  # which says itself what to type
+            (vrte.MissingExtraError("x", "files"), "docs/how_to/install.md"),
             (OSError(28, "No space left on device"), None),
         ],
     )

@@ -80,7 +80,7 @@ def describe_processor() -> str:
 def describe_core() -> str:
     """How the compiled core was made, and by its ``CPU_VARIANT``, if it has one, which of its ways is taken here."""
     signed = re.findall(COMPILERS, Path(_core.__file__).read_bytes())
-    compilers = ", ".join(dict.fromkeys(one.decode().removeprefix("GCC: ") for one in signed)) or "an unnamed compiler"
+    compilers = ", ".join(dict.fromkeys(one.decode().replace("GCC:", "GCC") for one in signed)) or "an unnamed compiler"
     threads = "OpenMP" if _core.HAS_OPENMP else "no OpenMP: one thread"
     variant = getattr(_core, "CPU_VARIANT", "one for all processors")
     return f"{Path(_core.__file__).name}, {compilers}; {threads}; variant: {variant}"

@@ -3,7 +3,7 @@
 from functools import cache
 from importlib import metadata
 
-from vrte.basics.errors import AccuracyError, DeviceError, SceneError, SweepError
+from vrte.basics.errors import AccuracyError, DeviceError, MissingExtraError, SceneError, SweepError
 
 SCENE_FILES = "reference/scene_files.md"
 THIS = "reference/commands.md"  # of the commands themselves
@@ -48,6 +48,7 @@ OF_KEYS = {
 OF_ERRORS: dict[type[BaseException], str] = {
     AccuracyError: "reference/stability.md",
     DeviceError: "how_to/opencl.md",
+    MissingExtraError: "how_to/install.md",
     SweepError: "how_to/sweeps.md",
 }
 
