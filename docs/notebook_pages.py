@@ -68,7 +68,7 @@ def make_page(path: Path) -> tuple[str, list[bytes], str]:
             elif "image/png" in output.get("data", {}):
                 pictures.append(base64.b64decode(output["data"]["image/png"]))
                 parts.append(f"![{heading}]({path.stem}_{len(pictures)}.png)")
-    parts.insert(1, f"*This page was run as the site was built; here it is to be run by yourself: {links}.*")
+    parts.insert(1, f"*This page was run as the site was built; to run it yourself: {links}.*")
     return "\n\n".join(parts) + "\n", pictures, nbformat.writes(notebook)
 
 
