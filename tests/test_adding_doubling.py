@@ -33,7 +33,13 @@ def test_grazing_beams_and_nodes() -> None:
     np.testing.assert_allclose(found.mueller, exact.mueller, rtol=1e-11)
 
 
-@pytest.mark.parametrize("phase", [vrte.rayleigh(), vrte.henyey_greenstein(0.7, 40)], ids=["Rayleigh", "peaked"])
+@pytest.mark.parametrize(
+    "phase",
+    [
+        pytest.param(vrte.rayleigh(), id="Rayleigh"),
+        pytest.param(vrte.henyey_greenstein(0.7, 40), id="peaked", marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize("thickness", [0.1, 1e3, 1e8, np.inf])
 def test_white_layers_lose_nothing(phase: vrte.PhaseMatrix, thickness: float) -> None:
     """Flux to rounding, and R as good as where something is absorbed, whatever the starting layer left out."""

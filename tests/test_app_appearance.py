@@ -71,6 +71,7 @@ def shared() -> Iterator[Live]:
     live.close()
 
 
+@pytest.mark.slow
 def test_the_numbers_are_those_of_the_library(shared: Live) -> None:
     viewing = Viewing(illuminant="A", observer=2, white=0.9)
     shared.ask(DUST, Path(), viewing)

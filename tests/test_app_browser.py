@@ -567,6 +567,7 @@ CUT = """() => { const form = document.querySelector('.vrte-left').getBoundingCl
     return [...cut, ...out]; }"""
 
 
+@pytest.mark.slow
 def test_a_ready_material_fills_the_form(tab: Tab) -> None:
     tab.button("Gallery").click()
     tab.button("Rutile in alkyd").click()

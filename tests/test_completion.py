@@ -109,5 +109,6 @@ def test_without_the_extra_it_is_told_how_to_get_it(
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert cli.main(["completion", "bash"]) == 1
     assert capsys.readouterr().err == (
-        "vrte: error: vrte completion needs the extra 'completion': pip install 'vrte[completion]'\n"
+        "vrte: error: vrte completion needs the extra 'completion': pip install 'vrte[completion]' "
+        "(docs/how_to/install.md)\n"
     )

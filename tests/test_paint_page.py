@@ -140,6 +140,7 @@ def test_what_a_paint_does_not_have_is_told_and_the_rest_is_there(tmp_path: Path
         found.save(tmp_path / f"deep{suffix}")
 
 
+@pytest.mark.slow
 def test_what_is_warned_of_stands_on_the_page() -> None:
     dense = {"pigment": {"hematite": "35 %"}, "binder": [1.5, 0.0], "thickness_um": 1.0, "surface": "none"}
     with pytest.warns(vrte.PackingWarning, match=r"0\.35 is above 0\.3"):
@@ -224,6 +225,7 @@ def test_files_are_whole_or_as_they_were(grey: vrte.Paint, tmp_path: Path, monke
 # ---- the command
 
 
+@pytest.mark.slow
 def test_the_command_writes_all_three(
     red: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

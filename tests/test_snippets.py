@@ -69,7 +69,8 @@ def table_for_mitsuba(folder: Path) -> None:
     assert cli.main([*command, "--mitsuba-step-deg", "15"]) == 0
 
 
-SLOW = {"exports.md", "opencl.md", "sweeps.md"}  # Mitsuba renders, kernels are compiled, a table is made
+# Mitsuba renders, kernels are compiled, a table is made, panels are solved at many wavelengths
+SLOW = {"exports.md", "opencl.md", "sweeps.md", "appearance.md", "pigment_to_panel.md"}
 PREPARED: dict[str, Callable[[Path], None]] = {"sweeps.md": smaller_sweep, "exports.md": table_for_mitsuba}
 
 

@@ -249,6 +249,7 @@ def test_the_estimate_of_c_is_of_the_right_size() -> None:
     assert checks.estimate_c(SMALL) < 1e-14
 
 
+@pytest.mark.slow
 def test_the_quick_run_holds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert call("stability", "--quick", "-o", tmp_path / "out") == 0
     told = capsys.readouterr()

@@ -210,6 +210,7 @@ def test_what_is_refused(asked: dict[str, Any], more: dict[str, Any], words: str
     assert words in str(caught.value)
 
 
+@pytest.mark.slow
 def test_what_hides_is_what_find_hiding_finds() -> None:
     names = ["contrast_ratio", "hiding_thickness_um", "spreading_rate", "opacity", "reflectance_over_black"]
     asked = {"wavelengths_um": AT, "quantities": names, "black": 0.1, "target": 0.9}
@@ -285,6 +286,7 @@ def test_a_cluster_makes_the_same_table(tmp_path: Path) -> None:
         assert json.loads(table.attrs["sweep"])["appearance"] == GOLD["appearance"]
 
 
+@pytest.mark.slow
 def test_rutile_of_a_quarter_of_a_micrometre_hides_most() -> None:
     # the classical optimum, 0.2 to 0.3 um; in a film in which the best size just hides no other does
     diameters = [0.1, 0.17, 0.23, 0.31, 0.45]

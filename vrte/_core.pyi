@@ -9,6 +9,7 @@ from vrte.basics.arrays import Array, IntArray
 from vrte.basics.running import Crew
 
 HAS_OPENMP: bool
+CPU_VARIANT: str
 
 # core/constants.h
 ENDLESS: float

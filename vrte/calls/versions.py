@@ -16,7 +16,7 @@ from vrte.cl import device
 
 FEATURES = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512dq", "avx512vl", "asimd", "sve")
 COMPILERS = rb"GCC: \([^)\0]*\) [0-9.]+|clang version [0-9.]+"  # as compilers sign what they make
-DEVELOPMENT = {"test", "bench", "docs"}  # extras for who works on vrte
+DEVELOPMENT = {"test", "bench", "docs", "wheel"}  # extras for who works on vrte
 VARIABLES = re.compile("(OMP|OPENBLAS|MKL|GOMP|KMP|BLIS|VECLIB|VRTE|POCL|PYOPENCL|OCL)_")
 
 
@@ -78,12 +78,11 @@ def describe_processor() -> str:
 
 
 def describe_core() -> str:
-    """How the compiled core was made, and by its ``CPU_VARIANT``, if it has one, which of its ways is taken here."""
+    """How the compiled core was made, and which of its ways this processor takes."""
     signed = re.findall(COMPILERS, Path(_core.__file__).read_bytes())
     compilers = ", ".join(dict.fromkeys(one.decode().replace("GCC:", "GCC") for one in signed)) or "an unnamed compiler"
     threads = "OpenMP" if _core.HAS_OPENMP else "no OpenMP: one thread"
-    variant = getattr(_core, "CPU_VARIANT", "one for all processors")
-    return f"{Path(_core.__file__).name}, {compilers}; {threads}; variant: {variant}"
+    return f"{Path(_core.__file__).name}, {compilers}; {threads}; variant: {_core.CPU_VARIANT}"
 
 
 def list_blas() -> Iterator[str]:

@@ -6,6 +6,10 @@ cdef extern from "core/scattering.h":
                                  const double*, double*, size_t) noexcept nogil
     vrte_scatterer* vrte_best_scatterer(bint wide) noexcept nogil
 
+# which copies of loops this processor runs; only that of single scattering is there twice
+CPU_VARIANT = ("single scattering by AVX2 and FMA" if vrte_best_scatterer(True) != vrte_best_scatterer(False)
+               else "one for all processors")
+
 
 def series_table(const double[:, :] coefficients):
     """The phase matrix with coefficients (terms, 6) as `add_single_scattering` takes it, (terms, SERIES), terms made
