@@ -23,10 +23,10 @@ class Docstrings(Extension):
     are not there."""
 
     def on_object(self, *, obj: Object, **_: Any) -> None:
-        if isinstance(obj, Function) and (obj.docstring is None or "{options}" in obj.docstring.value):
+        written = obj.docstring.value if obj.docstring else ""
+        if isinstance(obj, Function) and ("{options}" in written or (obj.module.path == "vrte._core" and not written)):
             words = inspect.getdoc(getattr(import_module(obj.module.path), obj.name, None)) or ""
-            if obj.module.path == "vrte._core" or obj.docstring is not None:
-                obj.docstring = Docstring(words, parent=obj, parser="numpy")
+            obj.docstring = Docstring(words, parent=obj, parser="numpy")
         for each in getattr(obj, "parameters", []) if isinstance(obj, Function) else []:
             if (constant := str(each.default)).isidentifier() and constant.isupper():
                 with suppress(ImportError):  # of the viewer, which no page is about
