@@ -18,8 +18,8 @@ from vrte.cl import device
 from vrte.commands import pages
 from vrte.commands.common import Parser
 from vrte.commands.init import tell_next
-from vrte.commands.page import write_page
 from vrte.commands.parser import make_parser
+from vrte.commands.reference import write_page
 from vrte.commands.starters import FOLDER, KINDS
 from vrte.formats.scene_file import FILE_KEYS, read_scene
 

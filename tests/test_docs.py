@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from vrte.commands.page import write_page as write_commands_page
+from vrte.commands.reference import write_page as write_commands_page
 from vrte.studies.kinds import write_page
 
 ROOT = Path(__file__).parents[1]
@@ -134,4 +134,4 @@ def test_the_page_of_kinds_is_what_the_registries_say() -> None:
 
 def test_the_page_of_commands_is_what_their_parsers_say() -> None:
     page = (ROOT / "docs" / "reference" / "commands.md").read_text()
-    assert page == write_commands_page(), "make it anew: python -m vrte.commands.page > docs/reference/commands.md"
+    assert page == write_commands_page(), "make it anew: python -m vrte.commands.reference > docs/reference/commands.md"

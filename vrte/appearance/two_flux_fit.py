@@ -89,7 +89,7 @@ class KubelkaMunk:
 
     @property
     def unit(self) -> str:
-        """The unit of K and S."""
+        """What K and S are counted by: 1/um, or 1/film where the thickness is not known as a length."""
         return "1/um" if self.panel.length_um is not None else "1/film"
 
     @property

@@ -52,7 +52,7 @@ class Points:
 
     @classmethod
     def seen(cls, position: Array, normal: Array, lens: Lens) -> "Points":
-        """By a camera."""
+        """Points of surfaces as a camera sees them: normals, directions towards it, what is upright for it."""
         toward = lens.place - position
         toward /= np.linalg.norm(toward, axis=1, keepdims=True)
         away = np.maximum(STEEPEST - (normal * toward).sum(axis=1), 0.0)
@@ -61,7 +61,7 @@ class Points:
         return cls(position, normal, toward, lens.find_upright(toward))
 
     def choose(self, which: Any) -> "Points":
-        """Some of them."""
+        """Those points alone that an index or a mask names."""
         return Points(self.position[which], self.normal[which], self.toward[which], self.upright[which])
 
     @cached_property
@@ -396,7 +396,7 @@ class Samples:
     sun: Any
 
     def choose(self, which: Any) -> "Samples":
-        """Some of them."""
+        """Those samples alone that an index or a mask names."""
         return Samples(*(part[which] for part in (self.pixel, self.body, self.triangle, self.where, self.sun)))
 
 

@@ -47,7 +47,7 @@ class Rendering:
 
     @property
     def title(self) -> str:
-        """What the picture shows."""
+        """The words above a picture that say which material it shows."""
         return ", ".join(material.title for material in self.materials)
 
     @property
@@ -102,7 +102,7 @@ def _draw_sphere(
     resolutions: Sequence[Resolution],
     views: dict[tuple[Any, ...], View],
 ) -> Rendering:
-    """A sphere by itself."""
+    """One sphere without surroundings, its wavelengths weighed to a picture in colour and one of polarization."""
     tell(0, material.title)
     table, error = find_fine_table(material, resolutions)
     key = (table.resolution, *material.wavelengths_um.tolist())
@@ -234,7 +234,7 @@ def make_view(setting: Setting, wavelengths_um: Array, resolution: Resolution) -
 
 
 def _make_sky(setting: Setting, wavelengths_um: Array) -> Sky:
-    """The light of a setting."""
+    """Sun, sky and ground that a setting asks for, solved at the wavelengths."""
     return make_sky(setting.sky, wavelengths_um.tolist(), setting.sun_elevation_deg, setting.ground_albedo)
 
 

@@ -62,7 +62,7 @@ def list_rows(registry: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
 
 
 def write_page() -> str:
-    """The page, in Markdown."""
+    """The page of all names that scene files know, in Markdown."""
     registries: dict[str, Mapping[str, Any]] = {
         "Particles": SOURCES,
         "Sizes of particles": SIZES,

@@ -13,7 +13,7 @@ from vrte.studies.pages import make_markdown_table
 HERE = "reference"
 INTRODUCTION = """# The command line
 
-Made from the commands' own parsers by `python -m vrte.commands.page`. Every command answers `--help` with its
+Made from the commands' own parsers by `python -m vrte.commands.reference`. Every command answers `--help` with its
 options, two examples and the page that says more.
 
 """
@@ -127,7 +127,7 @@ def write_examples(command: Parser) -> str:
 
 
 def write_page() -> str:
-    """The page, in Markdown."""
+    """The page of all commands with options and examples, in Markdown."""
     parser = make_parser()
     choices = next(action.choices for action in parser._actions if isinstance(action.choices, dict))
     listed = make_markdown_table(
