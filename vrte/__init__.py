@@ -72,6 +72,7 @@ from vrte.scene.ross_li import RossLi
 from vrte.scene.rpv import RPV
 from vrte.scene.scene import Scene
 from vrte.scene.tabulated_base import CoarseTableWarning, TabulatedBase
+from vrte.scene.variation import Variation
 from vrte.sweep import interpolate, sweep
 
 try:
@@ -117,6 +118,7 @@ __all__ = [
     "Tabulated",
     "TabulatedBase",
     "UnitsWarning",
+    "Variation",
     "Views",
     "appearance",
     "brdf",

@@ -1,0 +1,87 @@
+"""How a scene changes with one of its numbers: what derivatives of its light are made of."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from vrte.basics.arrays import Array, freeze_copy
+from vrte.basics.errors import SceneError
+from vrte.scene.boundary import Boundary
+from vrte.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """How the layers and the base of a scene change with one number p, per unit of p.
+
+    `vrte.SceneFamily` and the names of ``derivatives=`` make them; one's own is a direction in the space of all that
+    light meets, such as a phase matrix on its way to another one.
+
+    Attributes
+    ----------
+    name
+        What p is called, such as "particles.gold.radius_um".
+    value
+        p as it is.
+    thickness
+        Derivatives of the optical thicknesses, (layer,).
+    albedo
+        Derivatives of the albedos, (layer,).
+    coefficients
+        Of the expansion coefficients, for each layer (terms, 6): a1, a2, a3, a4, b1, b2; no rows where none changes.
+        a1[0] is 1 whatever p is, so its derivative is 0.
+    base
+        Weights and boundaries whose weighted sum is the derivative of what the base reflects; empty where it stays.
+    scene_at
+        The scene as a function of p, where that is known.
+    is_outside
+        Whether p moves more than layers and base: a refractive index of a medium, a surface. Derivatives then come from
+        differences of whole solves of ``scene_at``.
+
+    Raises
+    ------
+    SceneError
+        Where lengths do not agree, a derivative is not finite, a1[0] changes, or ``scene_at`` is missing.
+
+    Examples
+    --------
+    >>> import vrte
+    >>> deeper = vrte.Variation("depth", value=1.0, thickness=[1.0], albedo=[0.0])
+    >>> deeper.coefficients[0].shape
+    (0, 6)
+    """
+
+    name: str
+    value: float
+    thickness: Array
+    albedo: Array
+    coefficients: tuple[Array, ...] = ()
+    base: tuple[tuple[float, Boundary], ...] = ()
+    scene_at: Callable[[float], Scene] | None = None
+    is_outside: bool = False
+
+    def __post_init__(self) -> None:
+        thickness, albedo = (freeze_copy(np.asarray(part, float)) for part in (self.thickness, self.albedo))
+        tables = tuple(freeze_copy(np.asarray(part, float)) for part in self.coefficients)
+        tables = tables or (freeze_copy(np.zeros((0, 6))),) * thickness.size
+        if thickness.ndim != 1 or albedo.shape != thickness.shape or len(tables) != thickness.size:
+            raise SceneError(
+                "derivatives of thickness, albedo and coefficients must be one a layer", "derivatives", self.name
+            )
+        if any(table.ndim != 2 or table.shape[1] != 6 for table in tables):
+            raise SceneError("derivatives of coefficients must be (terms, 6) in each layer", "derivatives", self.name)
+        if not all(np.isfinite(part).all() for part in (thickness, albedo, *tables)):
+            raise SceneError("derivatives must be finite", "derivatives", self.name)
+        if any(table.size and table[0, 0] != 0.0 for table in tables):
+            raise SceneError("a1[0] is 1 and cannot change", "derivatives", self.name)
+        if self.is_outside and self.scene_at is None:
+            raise SceneError("what moves media or surfaces needs scene_at", "derivatives", self.name)
+        for name, value in (("thickness", thickness), ("albedo", albedo), ("coefficients", tables)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def changes_nothing(self) -> bool:
+        """Whether no layer and no base change, and nothing outside them."""
+        same = not (self.thickness.any() or self.albedo.any() or any(table.any() for table in self.coefficients))
+        return same and not any(weight for weight, _ in self.base) and not self.is_outside
