@@ -45,6 +45,7 @@ from vrte.formats.base_file import read_base
 from vrte.formats.index_table import read_index
 from vrte.formats.materials import list_materials as materials
 from vrte.formats.scattering import read_scattering
+from vrte.formats.scene_family import SceneFamily
 from vrte.formats.size_table import read_sizes
 from vrte.optics.coated_spheres import coated_spheres
 from vrte.optics.convention_card import recognise_convention
@@ -113,6 +114,7 @@ __all__ = [
     "RossLi",
     "Scene",
     "SceneError",
+    "SceneFamily",
     "Spectrum",
     "SweepError",
     "Tabulated",

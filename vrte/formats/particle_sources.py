@@ -4,8 +4,11 @@ A new source is two functions, of which one makes particles and the other only c
 (docs/how_to/extending.md); scene files, sweeps, spectra and the viewer then know it.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from vrte.basics.errors import SceneError
 from vrte.formats.keys import SUBSTANCE_HINT, Key, Number, Reading, Substance, check_keys, read_keys
@@ -74,6 +77,13 @@ def make_particles(source: str, given: dict[str, Any]) -> Particles:
 def check_particles(source: str, given: dict[str, Any]) -> Particles:
     """Particles to go on with, all that makes them checked."""
     return SOURCES[source].check(**given)
+
+
+def describe_value(value: Any) -> Any:
+    """A value as its ``repr`` tells it from every other: fields of a class, and numbers of an array, one by one."""
+    if dataclasses.is_dataclass(value):
+        return type(value).__name__, [describe_value(getattr(value, field.name)) for field in dataclasses.fields(value)]
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def prepare_particles(name: str, content: dict[str, Any], compute: Compute, reading: Reading) -> Make:

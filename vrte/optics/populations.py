@@ -21,7 +21,7 @@ from vrte.basics.errors import LongSolveWarning, SceneError
 from vrte.basics.spherical_functions import compute_wigner_functions, find_gauss_legendre
 from vrte.optics.expansion import arrange_coefficients, project_elements
 from vrte.optics.phase_matrix import PhaseMatrix
-from vrte.optics.size_distribution import SizeDistribution
+from vrte.optics.size_distribution import Held, SizeDistribution
 
 Complex = NDArray[np.complex128]
 
@@ -103,6 +103,9 @@ def drop_negligible(a: Complex, b: Complex) -> tuple[Complex, Complex]:
 
 def settle_population(ball: Ball) -> tuple[Population, Array]:
     """As many radii as it takes, and the relative change of (extinction, scattering, g, back) by the last step."""
+    held = ball.size if isinstance(ball.size, Held) else None
+    if held and (settled := held.find(ball.host)):
+        return make_population(ball, check_quadrature(ball.size, *settled), {}), np.zeros(4)
     coarsest = check_quadrature(ball.size, 2, 6)[0]
     moment = 6 if find_wavenumber(ball) * coarsest[-1] <= ALL_SIZES_UP_TO else 4
     known: dict[float, tuple[Complex, Complex]] = {}
@@ -118,6 +121,8 @@ def settle_population(ball: Ball) -> tuple[Population, Array]:
         changes = np.abs(sums - before) / sums[[0, 1, 1, 3]]
         if np.all(changes <= SETTLED):
             break
+    if held:
+        held.keep(count, moment)
     return population, changes
 
 

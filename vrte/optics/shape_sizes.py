@@ -15,7 +15,7 @@ from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import PhaseMatrix
 from vrte.optics.populations import DOUBTFUL, LEFT_OUT, SizeAverageWarning, check_quadrature
 from vrte.optics.refractive_index import RefractiveIndex
-from vrte.optics.size_distribution import SizeDistribution
+from vrte.optics.size_distribution import Held, SizeDistribution
 from vrte.optics.spheres import find_absorption
 from vrte.optics.transition_matrix import (
     CYLINDER,
@@ -127,6 +127,9 @@ def average_shape(shape: Shape) -> Particles:
 def settle_sizes(shape: Shape, largest: float) -> tuple[Average, int, float]:
     """The mean over as many radii as it takes, their number, and the last change of cross sections, relative."""
     known: dict[float, Average] = {}
+    held = shape.size if isinstance(shape.size, Held) else None
+    if held and (settled := held.find(shape.host.n)):
+        return *add_sizes(shape, largest, settled[0], known), 0.0
     count = max(FEWEST_RADII, check_quadrature(shape.size, 2, 4, shape.words)[0].size)
     most = max(MOST_RADII, 2 * count - 1)
     mean, used = add_sizes(shape, largest, count, known)
@@ -139,6 +142,8 @@ def settle_sizes(shape: Shape, largest: float) -> tuple[Average, int, float]:
         changes = np.abs(sums - before) / sums[[0, 1, 1, 3]]
         if np.all(changes <= SETTLED):
             break
+    if held:
+        held.keep(count, 4)
     return mean, used, float(changes[:2].max())
 
 

@@ -9,7 +9,7 @@ too.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -288,6 +288,44 @@ class Tabulated:
     def __setstate__(self, state: dict[str, Array]) -> None:
         for name, values in state.items():
             object.__setattr__(self, name, freeze_copy(values))  # pickle forgets that an array is read-only
+
+
+@dataclass(eq=False)
+class Held:
+    """A distribution that is averaged over as many radii as it once took, so that an average does not jump as a number
+    of the particles is changed a little.
+
+    ``settled`` is shared by all that are held together: how many radii, and up to which moment, it took in each medium,
+    in the order in which they are asked for; ``hosts`` are those media.
+    """
+
+    distribution: SizeDistribution
+    settled: list[tuple[int, int]]
+    hosts: list[float] = field(default_factory=list)
+
+    def quadrature(self, count: int, moment: int = 6) -> tuple[Array, Array]:
+        """That of the distribution."""
+        return self.distribution.quadrature(count, moment)
+
+    def find(self, host: float) -> tuple[int, int] | None:
+        """How many radii to take in a medium, and up to which moment; None the first time."""
+        if host not in self.hosts:
+            self.hosts.append(host)
+        place = self.hosts.index(host)
+        return self.settled[place] if place < len(self.settled) else None
+
+    def keep(self, count: int, moment: int) -> None:
+        """How many it took in the medium that was asked for last."""
+        self.settled.append((count, moment))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Held) and self.settled is other.settled and self.distribution == other.distribution
+
+    def __hash__(self) -> int:
+        return id(self.settled)
+
+    def __repr__(self) -> str:
+        return repr(self.distribution)
 
 
 def check_length(name: str, value: object) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vrte.formats.particle_sources import check_particles, make_particles
+from vrte.formats.particle_sources import check_particles, describe_value, make_particles
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import SEQUENCES, PhaseMatrix
 from vrte.sweep.sealed import DamagedError, is_whole, read_sealed, write_sealed
@@ -58,13 +58,6 @@ def make_file_name(source: str, given: dict[str, Any]) -> str:
     """A file's name that stands for the values, all digits of them, and for what is kept of them."""
     said = [NUMBERS, source, sorted((name, describe_value(value)) for name, value in given.items())]
     return hashlib.sha256(repr(said).encode()).hexdigest()[:40]
-
-
-def describe_value(value: Any) -> Any:
-    """A value as its ``repr`` tells it from every other: fields of a class, and numbers of an array, one by one."""
-    if dataclasses.is_dataclass(value):
-        return type(value).__name__, [describe_value(getattr(value, field.name)) for field in dataclasses.fields(value)]
-    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def write(particles: Particles, path: Path) -> None:

@@ -13,7 +13,6 @@ import hashlib
 import json
 import math
 import os
-import re
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -24,11 +23,19 @@ from typing import Any
 import numpy as np
 
 from vrte.basics.arrays import Array
-from vrte.basics.errors import SceneError
+from vrte.basics.errors import Place, SceneError
 from vrte.formats.named import find_named_tables
 from vrte.formats.paints import expand_paint, find_expanded_place
 from vrte.formats.particle_sources import Compute
 from vrte.formats.scene_file import SceneFile, make_scene_file, read_content
+from vrte.formats.scene_keys import (
+    convert_to_plain_content,
+    convert_to_plain_number,
+    find_number,
+    join_key,
+    put,
+    split_key,
+)
 from vrte.formats.toml_table import RANGE_KEYS, Table, is_number, show_toml
 from vrte.optics.particles import Particles
 from vrte.optics.phase_matrix import isotropic
@@ -37,15 +44,12 @@ from vrte.sweep.results import RESERVED, Results, describe_results
 from vrte.sweep.samples import TABLE, Asked, Sample, describe_sample, make_sample, read_asked
 
 AXIS_KEYS = ("key", "values", *RANGE_KEYS, "spacing", "along")
-STEP = re.compile(r"""([A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\[(\d+)\])?""")  # a key, and a place in its list
 MOST_AXES = 16
 MOST_SCENES = 10**9
 CHECKED = 1000  # values of an axis that are looked at before anything is computed
 SURFACES = ("mirror",)  # kinds of bases that mirror
 FIXED = ("brdf", "field", TABLE, "axes")  # the same for all scenes of a table
 VALUES = "a list of numbers, or { start, stop, count }"
-
-Place = str | int
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +59,7 @@ class Axis:
 
     name: str
     key: str
-    places: tuple[Place, ...]
+    places: Place
     values: Array
     dimension: str
 
@@ -150,19 +154,6 @@ def read_sweep(source: str | os.PathLike[str] | Mapping[str, Any], folder: Path 
     return sweep
 
 
-def convert_to_plain_content(value: Any) -> Any:
-    """Content as a file would give it: arrays and tuples are lists there.
-
-    >>> convert_to_plain_content({"values": np.array([1.0, 2.0]), "index": (1.5, 0.0)})
-    {'values': [1.0, 2.0], 'index': [1.5, 0.0]}
-    """
-    if isinstance(value, Mapping):
-        return {str(key): convert_to_plain_content(item) for key, item in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    return [convert_to_plain_content(item) for item in value] if isinstance(value, (list, tuple)) else value
-
-
 def read_axis(name: str, value: Any) -> Axis:
     """One entry of [axes]."""
     table = Table(("axes", name), value if isinstance(value, dict) else {"values": value}, AXIS_KEYS)
@@ -171,7 +162,7 @@ def read_axis(name: str, value: Any) -> Axis:
         if not isinstance(given, str) or not given:
             raise table.wrong(word, "must be a name")
     try:
-        places = split_key(key)
+        places = split_axis_key(key)
     except SceneError as error:
         raise table.unfit(str(error)) from error
     return Axis(name, key, places, read_values(table), dimension)
@@ -184,42 +175,12 @@ def follow_paint(content: dict[str, Any], axis: Axis) -> Axis:
     return axis if places == axis.places else replace(axis, places=places, key=join_key(places))
 
 
-def join_key(places: tuple[Place, ...]) -> str:
-    """The dotted key of keys of tables and places in lists.
-
-    >>> join_key(("layer", 0, "particles", "gold"))
-    'layer[1].particles.gold'
-    """
-    parts = (
-        f"[{place + 1}]" if isinstance(place, int) else f'."{place}"' if "." in place else f".{place}"
-        for place in places
-    )
-    return "".join(parts).removeprefix(".")
-
-
-def split_key(key: str) -> tuple[Place, ...]:
-    """A dotted key as keys of tables (text) and places in lists (numbers from 0).
-
-    >>> split_key("layer[1].particles.gold")
-    ('layer', 0, 'particles', 'gold')
-    """
-    places: list[Place] = []
-    position = 0
-    while match := STEP.match(key, position):
-        places.append(match[1].strip("\"'"))
-        if match[2] is not None:
-            places.append(int(match[2]) - 1)
-        position = match.end()
-        if key[position : position + 1] != ".":
-            break
-        position += 1
-    if position != len(key) or not places or -1 in places:
-        raise SceneError(
-            f"{show_toml(key)} is no key of a scene, such as layer[1].thickness or particles.gold.radius_um"
-        )
+def split_axis_key(key: str) -> Place:
+    """The key of an axis as keys of tables and places in lists. Raises SceneError for what no scene has of its own."""
+    places = split_key(key)
     if places[0] in FIXED:
         raise SceneError(f"{show_toml(key)} is the same for all scenes of a table")
-    return tuple(places)
+    return places
 
 
 def read_values(table: Table) -> Array:
@@ -241,23 +202,6 @@ def read_values(table: Table) -> Array:
     if min(found[0], found[-1]) <= 0.0:
         raise table.wrong("spacing", "needs start and stop above 0")
     return np.geomspace(found[0], found[-1], found.size)
-
-
-def convert_to_plain_number(value: float) -> float | int:
-    """A number as a file would give it: what counts something is a whole one."""
-    return int(value) if float(value).is_integer() else float(value)
-
-
-def find_parent(content: Any, places: tuple[Place, ...]) -> Any:
-    """The table or list that holds the last place; KeyError, IndexError or TypeError where there is none."""
-    for place in places[:-1]:
-        content = content[place]
-    return content
-
-
-def put(content: dict[str, Any], places: tuple[Place, ...], value: float | int) -> None:
-    """Sets one number."""
-    find_parent(content, places)[places[-1]] = value
 
 
 def check(sweep: Sweep) -> None:
@@ -302,13 +246,9 @@ def check_dimensions(sweep: Sweep) -> None:
 def check_field(template: dict[str, Any], axis: Axis) -> None:
     """Whether the template has such a number, or a table where it may be put."""
     try:
-        parent: Any = find_parent(template, axis.places)
-        last = axis.places[-1]
-        there = parent.get(last, 0.0) if isinstance(parent, dict) else parent[last]
-    except (LookupError, TypeError, AttributeError):
-        raise SceneError(f"axes.{axis.name}: the scene has no {axis.key}") from None
-    if not is_number(there):
-        raise SceneError(f"axes.{axis.name}: {axis.key} is {show_toml(there)}, and only a number can be changed")
+        find_number(template, axis.places, axis.key, default=0.0)
+    except SceneError as error:
+        raise SceneError(f"axes.{axis.name}: {error}") from None
 
 
 def check_values(sweep: Sweep, axis: Axis) -> None:
@@ -330,7 +270,7 @@ def list_roughnesses(sweep: Sweep, with_base: bool = True) -> set[float]:
     """Of all surfaces that refract or mirror in any of its scenes, the base among them or not: 0 is smooth; none where
     there is no such surface."""
     layers, base = sweep.template["layer"], sweep.template.get("base", {})
-    surfaces: dict[tuple[Place, ...], Any] = {("layer", k, "interface"): one for k, one in enumerate(layers)}
+    surfaces: dict[Place, Any] = {("layer", k, "interface"): one for k, one in enumerate(layers)}
     tables = {place: one["interface"] for place, one in surfaces.items() if "interface" in one}
     tables |= {("base",): base} if with_base and base.get("kind") in SURFACES else {}
     changed = {axis.places[:-1]: axis.values for axis in sweep.axes if axis.places[-1] == "roughness"}

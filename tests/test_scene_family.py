@@ -1,0 +1,171 @@
+"""Scenes by the values of a few of their numbers, and how their ingredients change with each."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.basics.slopes import find_slopes
+from vrte.optics.size_distribution import Held, Lognormal
+from vrte.scene.boundary import Lambertian
+
+GLASS = {"index": [1.5, 1e-3], "radius_um": 0.12}
+FILM = {"particles": {"glass": 1.0, "drop": 0.5}, "thickness_um": 30.0, "volume_fraction": 0.02}
+HAZE = {"phase": {"henyey_greenstein": 0.3}, "albedo": 1.0, "thickness": 2.0}
+
+
+def make_content(**changed: Any) -> dict[str, Any]:
+    drop = {"index": 1.33, "size": {"gamma": {"r_eff_um": 0.1, "v_eff": 0.1}}}
+    base = {"kind": "lambertian", "albedo": 0.25}
+    return {
+        "wavelength_um": 0.5,
+        "particles": {"glass": GLASS, "drop": drop},
+        "layer": [FILM, HAZE],
+        "base": base,
+    } | changed
+
+
+def vary(name: str, **changed: Any) -> vrte.Variation:
+    (found,) = vrte.SceneFamily(make_content(**changed), [name]).variations()
+    return found
+
+
+def test_values_go_where_their_names_say(tmp_path: Path) -> None:
+    path = tmp_path / "film.toml"
+    path.write_text('[[layer]]\nphase = "rayleigh"\nalbedo = 0.9\nthickness = 2\n[brdf]\nmu_i = 0.5\nmu_o = 1\n')
+    for source in (path, str(path), {"layer": [{"phase": "rayleigh", "albedo": 0.9, "thickness": 2}]}):
+        family = vrte.SceneFamily(source, ["layer[1].thickness", "layer[1].albedo"])
+        assert family.values.tolist() == [2.0, 0.9]
+        assert family.at(family.values).thickness == 2.0
+        scene = family.at([3.5, 1.0])
+        assert (scene.layers[0].thickness, scene.layers[0].albedo) == (3.5, 1.0)
+        assert family.content_at([3.5, 1.0])["layer"][0] == {"phase": "rayleigh", "albedo": 1, "thickness": 3.5}
+    assert vrte.SceneFamily(path, "layer[1].albedo").file_at([0.5]).request == {"mu_i": [0.5], "mu_o": [1.0]}
+
+
+def test_what_is_known_in_closed_form() -> None:
+    """Thickness, albedo, g of Henyey and Greenstein, loading and depth of a film, a Lambertian base."""
+    depth = vary("layer[2].thickness")
+    assert depth.thickness.tolist() == [0.0, 1.0]
+    assert not depth.albedo.any()
+    assert not depth.is_outside
+    assert vary("layer[2].albedo").albedo == pytest.approx([0.0, 1.0], abs=1e-12)  # 1 is the end of its range
+    degree = np.arange(1, 12)
+    slope = vary("layer[2].phase.henyey_greenstein").coefficients[1]
+    assert slope[1:12, 0] == pytest.approx((2 * degree + 1) * degree * 0.3 ** (degree - 1), rel=1e-9)
+    scene = vrte.SceneFamily(make_content(), []).at([])
+    for name, value in (("thickness_um", 30.0), ("volume_fraction", 0.02)):
+        found = vary(f"layer[1].{name}")
+        assert found.thickness[0] == pytest.approx(scene.layers[0].thickness / value, rel=1e-12)
+        assert found.coefficients[0].size == 0
+    ((weight, white),) = vary("base.albedo").base
+    assert (weight, white) == (pytest.approx(1.0, rel=1e-12), Lambertian(1.0))
+
+
+QUICK = ("particles.glass.radius_um", "particles.glass.index[2]", "layer[1].particles.drop")
+SLOW = ("particles.drop.size.gamma.v_eff", "wavelength_um", "particles.drop.index")
+
+
+@pytest.mark.parametrize("name", [*QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+def test_what_particles_change(name: str) -> None:
+    """As plain differences have it, which are good to 1e-8."""
+    family = vrte.SceneFamily(make_content(), [name])
+    (found,) = family.variations()
+    assert found.scene_at is not None
+    step = 1e-4 * max(0.1, family.values[0])
+    up, down = (found.scene_at(family.values[0] + side * step).layers[0] for side in (1, -1))
+    far_up, far_down = (found.scene_at(family.values[0] + side * 2 * step).layers[0] for side in (1, -1))
+
+    def differ(read: Any) -> Any:
+        return (8 * (read(up) - read(down)) - (read(far_up) - read(far_down))) / (12 * step)
+
+    assert found.thickness[0] == pytest.approx(differ(lambda layer: layer.thickness), rel=1e-7)
+    assert found.albedo[0] == pytest.approx(differ(lambda layer: layer.albedo), rel=1e-7)
+    rows = 6
+    table = differ(lambda layer: layer.phase_matrix.coefficients[:rows])
+    assert abs(found.coefficients[0][:rows] - table).max() < 1e-7 * abs(table).max()
+    assert len(found.coefficients[0]) <= family.at(family.values).layers[0].phase_matrix.terms
+    assert not found.thickness[1]
+    assert not found.coefficients[1].size
+
+
+def test_sizes_are_averaged_over_as_many_radii_as_at_the_value() -> None:
+    settled: list[tuple[int, int]] = []
+    sizes = Held(Lognormal(0.1, 1.3), settled)
+    first = vrte.spheres(1.5, size=sizes, wavelength_um=0.5)
+    assert settled == [(257, 6)]
+    assert first.albedo == vrte.spheres(1.5, size=Lognormal(0.1, 1.3), wavelength_um=0.5).albedo
+    again = vrte.spheres(1.5, size=Held(Lognormal(0.1, 1.3), [(65, 6)]), wavelength_um=0.5)
+    assert "65 radii" in again.description
+    assert repr(sizes) == repr(Lognormal(0.1, 1.3))
+    flat = vrte.spheroids(1.5, aspect_ratio=1.2, size=Held(Lognormal(0.02, 1.2), [(9, 4)]), wavelength_um=0.5)
+    assert "8 radii" in flat.description
+
+
+def test_what_moves_surfaces_says_so() -> None:
+    """The index of a binder changes what its surface reflects; a mirror sends back beams."""
+    surface = {"interface": {"above": 1.0, "below": 1.5}}
+    layers = [surface, HAZE | {"host_index": 1.5}]
+    found = vary("layer[1].interface.above", layer=layers)
+    assert found.is_outside
+    assert found.scene_at is not None
+    assert found.scene_at(1.1).index_above == 1.1
+    assert not vary("layer[2].thickness", layer=layers).is_outside
+    mirror = {"kind": "mirror", "index": [0.2, 3.0]}
+    assert vary("base.index[2]", base=mirror).is_outside
+    rough = {"kind": "facets", "index": [0.2, 3.0], "roughness": 0.3}
+    assert len(vary("base.roughness", base=rough).base) == 6
+
+
+def test_numbers_of_a_paint() -> None:
+    paint = {"pigment": "rutile", "volume_fraction": 0.1, "binder": 1.5, "thickness_um": 50.0, "packing": "independent"}
+    family = vrte.SceneFamily({"wavelength_um": 0.55, "paint": paint}, "paint.thickness_um")
+    (found,) = family.variations()
+    assert found.thickness[0] == pytest.approx(family.at([50.0]).thickness / 50.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("layer[3].thickness", r"^the scene has no layer\[3\]\.thickness$"),
+        ("base.kind", r'^base.kind is "lambertian", and only a number can be changed$'),
+        ("layer..", "is no key of a scene"),
+        ("brdf.mu_i", "is of what is asked for, not of the scene"),
+        ("particles.spare.radius_um", "^particles.spare.radius_um changes nothing in the scene$"),
+        ("layer[2].phase.terms", "^layer.2..phase.terms cannot change by a little: .*whole number"),
+    ],
+)
+def test_what_is_no_number_of_the_scene(name: str, words: str) -> None:
+    particles = make_content()["particles"] | {"spare": GLASS}
+    layers = [FILM, HAZE | {"phase": {"henyey_greenstein": 0.3, "terms": 20}}]
+    with pytest.raises(vrte.SceneError, match=words):
+        vary(name, particles=particles, layer=layers, brdf={"mu_i": 0.5, "mu_o": 0.5})
+
+
+def test_bad_names_and_values() -> None:
+    name = "layer[2].thickness"
+    with pytest.raises(vrte.SceneError, match="comes twice"):
+        vrte.SceneFamily(make_content(), [name, name])
+    with pytest.raises(vrte.SceneError, match="must be 1, one for each name, not 2"):
+        vrte.SceneFamily(make_content(), name).at([1.0, 2.0])
+    with pytest.raises(vrte.SceneError, match="only a finite number has a derivative"):
+        vrte.SceneFamily(make_content(), name).variations([np.inf])
+    with pytest.raises(vrte.SceneError, match="thickness"):
+        vrte.SceneFamily(make_content(), name).at([-1.0])
+
+
+def test_slopes_of_one_side_and_of_kinks() -> None:
+    """Each array takes the steps that fit it; where a number may not go beyond, one side is enough."""
+
+    def at(x: float) -> list[Any]:
+        if x > 1.0:
+            raise vrte.SceneError("at most 1")
+        return [np.sin([3.0 * x]), np.array([np.inf, 2.0 * x])]
+
+    sine, line = find_slopes(at, 1.0, 0.01)
+    assert sine == pytest.approx(3.0 * np.cos(3.0), rel=1e-10)
+    assert line == pytest.approx([0.0, 2.0], rel=1e-12)
+    (kinked,) = find_slopes(lambda x: [np.array([abs(x - 0.003) + x**2])], 0.0, 0.01)
+    assert kinked == pytest.approx(-1.0, abs=1e-10)
