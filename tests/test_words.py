@@ -19,7 +19,8 @@ VERBS = set(
     """
     add adopt advise answer arrange assemble assign average balance begin bind bound build calibrate carry catch
     check choose clear collect colour combine compare complain compute connect convert copy count create cut define
-    describe develop discretise divide double download draw drop encode end estimate evaluate examine expand explain
+    describe develop differentiate discretise divide double download draw drop encode end estimate evaluate examine
+    expand explain
     extend fetch fill find finish fit fix flatten flush fold follow foretell forget format freeze gather get group
     grow guard guess halve has hash hide identify import integrate interleave interpolate invert is iterate join judge
     keep label launch lay leave let light limit list load locate lock look make mark mask measure merge mirror mix

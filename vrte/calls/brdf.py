@@ -1,22 +1,24 @@
 """vrte.brdf: the Mueller BRDF of a scene, and its transmission."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from vrte.basics.arrays import freeze_copy, settle_array
+from vrte.basics.arrays import Array, freeze_copy, settle_array
 from vrte.basics.running import Progress, run_interruptible, start_run
+from vrte.calls.derivatives import Derivative, check_differentiable, read_derivatives, solve_with_derivatives
 from vrte.discrete_ordinates.execution.through_interfaces import find_rough_reflection
-from vrte.methods import choose_method, make_run, solve_request
+from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import warn_of_negative
 from vrte.request.how import describe_options
-from vrte.request.request import Request, make_brdf_request
+from vrte.request.request import Request, check_scene, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.results.solution import Solution
 from vrte.scene.beams import find_direct_light, locate_depths
 from vrte.scene.illumination import mirror_mueller
 from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
 
 
 @describe_options
@@ -38,6 +40,7 @@ def brdf(
     settings: Mapping[str, Any] | None = None,
     illuminate: str = "top",
     time_limit_s: float | None = None,
+    derivatives: Any = None,
 ) -> Brdf:
     """The Mueller BRDF (1:1) for all pairs of directions, four incident Stokes vectors at once, (1:39).
 
@@ -56,6 +59,9 @@ def brdf(
     transmission : bool, optional
         Adds the BTDF; not for a layer without end.
     {options}
+    derivatives : sequence of str or Variation, optional
+        Numbers of the scene, "layer[1].thickness" (docs/how_to/derivatives.md), and directions of one's own: how all
+        that is found changes with them is then in ``jacobian``, ``reflectance_jacobian``, ``transmission_jacobian``.
 
     Returns
     -------
@@ -79,25 +85,30 @@ def brdf(
     >>> round(float(vrte.brdf(white, mu_i=0.5, mu_o=0.5, nodes=4).mueller[0, 0, 0, 0, 0] * np.pi), 12)
     1.0
     """
-    return solve_brdf(choose_method(make_brdf_request(**locals())), progress)
+    asked = locals()
+    variations = read_derivatives(check_scene(scene), asked.pop("derivatives"))
+    return solve_brdf(choose_method(make_brdf_request(**asked)), progress, variations=variations)
 
 
-def solve_brdf(request: Request, progress: Progress | None = None, told: bool = False) -> Brdf:
-    """Of a request with its method named; ``told``: what it takes was said."""
+def solve_brdf(
+    request: Request, progress: Progress | None = None, told: bool = False, variations: Sequence[Variation] = ()
+) -> Brdf:
+    """Of a request with its method named; ``told``: what it takes was said; ``variations`` to differentiate with."""
+    if variations:
+        check_differentiable(request)
     run = make_run(request)
     run.told = told
-    _, solution = run_interruptible(run, lambda: solve_request(request, run, progress))
-    return make_brdf(request, solution)
+    found = run_interruptible(run, lambda: solve_with_derivatives(request, variations, run, progress))
+    return make_brdf(request, *found[1:])
 
 
-def make_brdf(request: Request, solution: Solution) -> Brdf:
+def make_brdf(request: Request, solution: Solution, derivatives: Sequence[Derivative] = ()) -> Brdf:
     """What was found, as a result."""
     into, directions = request.mu0, request.mu
     assert directions is not None
-    # (1, n_in, n_mu, n_phi, 4, column), of light going up at the top and down at the bottom
-    matrices = [settle_array(values)[0] for values in solution.parts]
-    if request.illuminate == "bottom":
-        matrices = [mirror_mueller(values) for values in matrices]
+    matrices = gather_matrices(request, solution)
+    changes = {one.name: gather_matrices(request, one.solution) for one in derivatives}
+    fluxes = {one.name: freeze_copy(one.solution.flux_up[0, :, 0] / into) for one in derivatives}
     specular, through, share = None, None, np.exp(-request.scene.thickness / into)
     if request.scene.keeps_beams:
         faces, lower = np.array([0.0, request.scene.thickness]), np.array([False, True])
@@ -127,4 +138,16 @@ def make_brdf(request: Request, solution: Solution) -> Brdf:
         specular=None if specular is None else freeze_copy(specular),
         surface=None if surface is None else freeze_copy(surface),
         specular_transmission=None if through is None else freeze_copy(through),
+        jacobian={name: found[0] for name, found in changes.items()} if changes else None,
+        reflectance_jacobian=fluxes or None,
+        transmission_jacobian={name: found[1] for name, found in changes.items()}
+        if changes and len(matrices) > 1
+        else None,
     )
+
+
+def gather_matrices(request: Request, solution: Solution) -> list[Array]:
+    """Mueller matrices (n_in, n_mu, n_phi, 4, 4) of light going up at the top and, where asked for, down at the
+    bottom, as seen from the side that is lit."""
+    matrices = [settle_array(values)[0] for values in solution.parts]  # of one depth
+    return [mirror_mueller(values) for values in matrices] if request.illuminate == "bottom" else matrices

@@ -6,15 +6,17 @@ from typing import Any
 from vrte.basics.errors import SceneError
 from vrte.basics.running import Progress, Run, run_interruptible, share_progress
 from vrte.calls.brdf import make_brdf, solve_brdf
+from vrte.calls.derivatives import check_differentiable, read_derivatives
 from vrte.calls.forecast import foretell_all
 from vrte.discrete_ordinates.execution.engines import choose_engine
 from vrte.discrete_ordinates.planning.plan import plan_request
 from vrte.methods import choose_method, make_run
 from vrte.methods.discrete_ordinates import solve_plans
 from vrte.request.how import EXACT, describe_options
-from vrte.request.request import Request, make_brdf_request
+from vrte.request.request import Request, check_scene, make_brdf_request
 from vrte.results.brdf import Brdf
 from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
 
 
 @describe_options
@@ -36,6 +38,7 @@ def brdfs(
     verify: bool | None = None,
     method: str = "discrete-ordinates",
     settings: Mapping[str, Any] | None = None,
+    derivatives: Any = None,
 ) -> list[Brdf]:
     """The Mueller BRDFs of many scenes, for the same directions; each the same as by itself.
 
@@ -49,6 +52,8 @@ def brdfs(
     mu_i, mu_o, phi, transmission
         As for `vrte.brdf`.
     {options}
+    derivatives : sequence of str or Variation, optional
+        As for `vrte.brdf`, the same of every scene.
 
     Returns
     -------
@@ -73,34 +78,44 @@ def brdfs(
     """
     asked = locals()
     given = list(asked.pop("scenes"))
-    requests = []
+    names = asked.pop("derivatives")
+    requests, variations = [], []
     for place, scene in enumerate(given, 1):
         try:
+            variations.append(read_derivatives(check_scene(scene), names))
             requests.append(choose_method(make_brdf_request(scene, **asked)))
         except SceneError as error:
             raise error.behind(f"scene {place} of {len(given)}") from error
-    return solve_brdfs(requests, progress, "scenes")
+    return solve_brdfs(requests, progress, "scenes", variations=variations)
 
 
 def solve_brdfs(
-    requests: Sequence[Request], progress: Progress | None, what: str, told: bool | None = None
+    requests: Sequence[Request],
+    progress: Progress | None,
+    what: str,
+    told: bool | None = None,
+    variations: Sequence[Sequence[Variation]] = (),
 ) -> list[Brdf]:
     """Of requests with their methods named; ``told``: whether it was said that they take long, None where nobody
-    looked."""
+    looked; ``variations`` of each, to differentiate with."""
+    variations = variations or [()] * len(requests)
     count = len(requests)
     if not requests:
         return []
     if told is None:
         told = foretell_all(count, lambda place: (requests[place], 0.0), f"{count} {what}")
     exact = all(request.method == EXACT and not request.verify for request in requests)
+    for request, some in zip(requests, variations, strict=True):
+        if some:
+            check_differentiable(request)
     if exact and choose_engine(requests[0].backend).takes_many:
         run = make_run(requests[0])
         run.told = told
         return run_interruptible(run, lambda: solve_together(requests, run, progress))
     found = []
-    for place, request in enumerate(requests):
+    for place, (request, some) in enumerate(zip(requests, variations, strict=True)):
         part = share_progress(progress, place, count)
-        found.append(solve_brdf(request, part, told))
+        found.append(solve_brdf(request, part, told, some))
         if part is not None:
             part(1, 1)
     return found

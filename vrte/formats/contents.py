@@ -159,7 +159,7 @@ def collect_arrays(result: Result) -> dict[str, Any]:
 def restore_result(kind: Kind, arrays: Mapping[str, Array], diagnostics: Any, scene: str | None) -> Result:
     """The result that has these arrays, and what `described` said of it. Raises SceneError where they do not fit
     together, another of MEANINGLESS where something is missing or not what it should be."""
-    named = {name.removesuffix("_deg"): values for name, values in arrays.items() if name not in DERIVED}
+    named: dict[str, Any] = {name.removesuffix("_deg"): array for name, array in arrays.items() if name not in DERIVED}
     also = {} if scene is None else {SCENE: scene}
     if kind is SPECTRUM:
         directions = {name: named[name] for name in ("mu_i", "mu_o", "phi")}

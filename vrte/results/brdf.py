@@ -47,6 +47,13 @@ class Brdf(Result):
         The same of what leaves the other face as a beam, (n_in, 4, 4), or None.
     surface
         The part of ``mueller`` [1/sr] that rough interfaces send back before any particle is met; None without them.
+    jacobian
+        Derivatives of ``mueller`` by the names that were asked for, each of its shape, per unit of the number; None
+        where none was.
+    reflectance_jacobian
+        The same of ``reflectance``, each (n_in,).
+    transmission_jacobian
+        The same of ``transmission``; None without it.
 
     Raises
     ------
@@ -72,6 +79,9 @@ class Brdf(Result):
     specular: Array | None = None
     specular_transmission: Array | None = None
     surface: Array | None = None
+    jacobian: dict[str, Array] | None = None
+    reflectance_jacobian: dict[str, Array] | None = None
+    transmission_jacobian: dict[str, Array] | None = None
 
     def __post_init__(self) -> None:
         incident = (len(self.mu_i),)
@@ -81,9 +91,12 @@ class Brdf(Result):
         shapes |= dict.fromkeys(("specular", "specular_transmission"), (*incident, 4, 4))
         shapes |= {"mu_o": (len(self.mu_o),), "phi": (len(self.phi),)}
         self._freeze({name: shape for name, shape in shapes.items() if getattr(self, name) is not None})
+        for name in ("mueller", "reflectance", "transmission"):
+            self._freeze_jacobian("jacobian" if name == "mueller" else f"{name}_jacobian", shapes[name])
 
     def __repr__(self) -> str:
         extra = "" if self.transmission is None else ", with transmission"
+        extra += f", {len(self.jacobian)} derivatives" if self.jacobian else ""
         return f"Brdf({self.mu_i.size} mu_i, {self.mu_o.size} mu_o, {self.phi.size} phi{extra})"
 
     @property

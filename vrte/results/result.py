@@ -34,6 +34,17 @@ class Labelled:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "diagnostics", dict(vars(self)["diagnostics"]))
 
+    def _freeze_jacobian(self, name: str, shape: tuple[int, ...]) -> None:
+        """Replaces a dictionary of derivatives, or None, by one of read-only arrays. Raises SceneError."""
+        given = getattr(self, name)
+        if given is None:
+            return
+        found = {key: array if is_settled(array) else freeze_copy(array) for key, array in given.items()}
+        for key, array in found.items():
+            if array.shape != shape:
+                raise SceneError(f"{name} of {key} must have the shape {shape}, not {array.shape}", name, key)
+        object.__setattr__(self, name, found)
+
     def to_xarray(self) -> "xarray.Dataset":
         """The result as an xarray.Dataset, labelled by its directions, every variable with ``units`` and ``long_name``.
 

@@ -267,10 +267,14 @@ def select_incident_part(request: Request, part: Array) -> Request:
 
 
 def make_plan(
-    request: Request, run: Run, leave_out: LeaveOut = EVERYTHING, known: tuple[NodeChoice, float] | None = None
+    request: Request,
+    run: Run,
+    leave_out: LeaveOut = EVERYTHING,
+    known: tuple[NodeChoice, float] | None = None,
+    truncation: Truncation | None = None,
 ) -> Plan:
     """The plan of a request; ``leave_out``: all that can be, but in tests and in the table of what it saves; ``known``:
-    the choice of nodes and the accuracy of another plan, where they are to be the same."""
+    the choice of nodes and the accuracy of another plan, where they are to be the same, as ``truncation`` may be."""
     if not leave_out.columns:
         request = split_incident_light(request)
     choice, accuracy = known or settle_nodes(request, run)
@@ -282,7 +286,7 @@ def make_plan(
     )
     scene = request.scene
     rank = np.argsort(mu < 0.0, kind="stable")
-    truncation = choose_truncation(
+    truncation = truncation or choose_truncation(
         request.truncation, scene, request.mu0, request.columns, mu, request.tau, nodes, accuracy
     )
     problem = discretise_scene(

@@ -1,0 +1,192 @@
+"""Derivatives of what calls find: against closed forms, by name, in results; and what has none."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import vrte
+from vrte.basics.stencils import sample_around
+from vrte.calls.differences import differentiate_by_differences
+from vrte.methods import make_run, solve_request
+from vrte.request.request import make_brdf_request
+from vrte.scene.vary import move_scene, vary_scene
+
+MU_I, MU_O = np.array([0.2, 0.9]), np.array([0.3, 0.7])
+DEPTH, ALBEDO, BASE = "layer[1].thickness", "layer[1].albedo", "base.albedo"
+CLEAR = vrte.Scene([vrte.Layer(vrte.isotropic(), albedo=0.0, thickness=0.5)], vrte.Lambertian(0.3))
+HAZE = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=0.9, thickness=0.5)], vrte.Lambertian(0.3))
+ENDLESS = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=math.inf)], vrte.Lambertian(0.3))
+GLOSSY = vrte.Scene([vrte.Interface(1.0, 1.5), vrte.Layer(vrte.rayleigh(), 0.9, 0.5)], vrte.Lambertian(0.3))
+
+
+def differentiate(scene, *names, **how):
+    return vrte.brdf(scene, MU_I, MU_O, [0.0, 70.0], nodes=4, derivatives=names, **how)
+
+
+def test_light_through_a_clear_layer_falls_off_after_beer():
+    found = differentiate(CLEAR, DEPTH, BASE)
+    slant = (1.0 / MU_I[:, None] + 1.0 / MU_O)[:, :, None]
+    expected = 0.3 / np.pi * np.exp(-0.5 * slant) * np.ones(2)
+    by_depth, by_base = (found.jacobian[name][..., 0, 0] for name in (DEPTH, BASE))
+    np.testing.assert_allclose(by_depth, -slant * expected, rtol=1e-9)
+    np.testing.assert_allclose(by_base, expected / 0.3, rtol=1e-11)
+    assert not found.jacobian[DEPTH][..., 1:, :].any()
+    assert set(found.diagnostics["derivatives"]) == {DEPTH, BASE}
+
+
+def test_a_base_under_nothing_is_what_it_is():
+    found = differentiate(vrte.Scene([vrte.Layer(vrte.isotropic(), 0.5, 0.0)], vrte.Lambertian(1.0)), BASE)
+    np.testing.assert_allclose(found.jacobian[BASE][..., 0, 0], 1.0 / np.pi, rtol=1e-12)
+    np.testing.assert_allclose(found.reflectance_jacobian[BASE], 1.0, rtol=1e-11)
+
+
+def test_a_layer_of_no_thickness_grows_by_light_scattered_once():
+    found = differentiate(vrte.Scene([vrte.Layer(vrte.isotropic(), 0.8, 0.0)]), DEPTH)
+    expected = 0.8 / (4.0 * np.pi * MU_I[:, None, None] * MU_O[:, None]) * np.ones(2)
+    np.testing.assert_allclose(found.jacobian[DEPTH][..., 0, 0], expected, rtol=1e-8)
+
+
+def test_albedo_scales_light_scattered_once():
+    thin = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=1e-7)])
+    found = differentiate(thin, ALBEDO, "layer[1].coefficients[2].a1")
+    np.testing.assert_allclose(found.jacobian[ALBEDO], found.mueller, atol=1e-6 * found.mueller.max())
+    cosine = -MU_I[:, None, None] * MU_O[:, None] + np.sqrt(
+        (1 - MU_I[:, None, None] ** 2) * (1 - MU_O[:, None] ** 2)
+    ) * np.cos(np.radians([0.0, 70.0]))
+    once = 1e-7 / (4.0 * np.pi * MU_I[:, None, None] * MU_O[:, None]) * (1.5 * cosine**2 - 0.5)
+    by_degree = found.jacobian["layer[1].coefficients[2].a1"]
+    np.testing.assert_allclose(by_degree[..., 0, 0], once, atol=1e-5 * np.abs(once).max())
+
+
+def test_light_that_is_lost_nowhere_comes_back_or_goes_through():
+    """At omega = 1 over a black base the derivatives with thickness cancel, the beam's among them."""
+    white = vrte.Scene([vrte.Layer(vrte.rayleigh(), albedo=1.0, thickness=2.0)])
+    mu, weight = vrte.hemisphere(8)
+    normal = vrte.brdf(white, 1.0, mu, 0.0, nodes=8, derivatives=[DEPTH], transmission=True)
+    through = 2.0 * np.pi * (normal.transmission_jacobian[DEPTH][:, :, 0, 0, 0] * mu) @ weight
+    total = normal.reflectance_jacobian[DEPTH] + through - np.exp(-2.0)
+    assert np.abs(total).max() < 1e-9
+
+
+def test_a_variation_without_a_scene_is_the_name_of_its_ingredients():
+    names = differentiate(HAZE, DEPTH, "layer[1].coefficients[1].a1")
+    table = np.zeros((2, 6))
+    table[1, 0] = 2.0
+    own = vrte.Variation("both", 0.0, [0.5], [0.0], (table,))
+    found = differentiate(HAZE, own).jacobian["both"]
+    expected = 0.5 * names.jacobian[DEPTH] + 2.0 * names.jacobian["layer[1].coefficients[1].a1"]
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("scene", "name"),
+    [
+        (GLOSSY, "interface[1].index"),
+        (GLOSSY, "layer[2].thickness"),
+        (vrte.Scene(HAZE.layers, vrte.RPV(0.1, 0.8, -0.1)), "base.k"),
+        (vrte.Scene(HAZE.layers, vrte.Mirror(0.2 + 3j)), "base.index.k"),
+    ],
+)
+def test_derivatives_are_those_of_differences_made_by_hand(scene, name):
+    variation, step = vary_scene(scene, name), 1e-4
+    above, below = (
+        vrte.brdf(variation.scene_at(variation.value + way), MU_I, MU_O, [0.0, 70.0], nodes=4, accuracy=1e-14).mueller
+        for way in (step, -step)
+    )
+    expected = (above - below) / (2.0 * step)
+    found = differentiate(scene, name).jacobian[name]
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_light_from_the_bottom_counts_layers_from_the_top():
+    two = vrte.Scene([HAZE.layers[0], vrte.Layer(vrte.isotropic(), 0.5, 0.2)])
+    upside_down = vrte.Scene(two.layers[::-1])
+    below = differentiate(two, DEPTH, illuminate="bottom").jacobian[DEPTH]
+    above = differentiate(upside_down, "layer[2].thickness").jacobian["layer[2].thickness"]
+    np.testing.assert_allclose(below[..., 0, 0], above[..., 0, 0], rtol=1e-9)
+
+
+def test_many_scenes_have_the_same_derivatives_each():
+    both = vrte.brdfs([CLEAR, HAZE], MU_I, MU_O, [0.0, 70.0], nodes=4, derivatives=[BASE])
+    for scene, found in zip((CLEAR, HAZE), both, strict=True):
+        assert (found.jacobian[BASE] == differentiate(scene, BASE).jacobian[BASE]).all()
+    with pytest.raises(vrte.SceneError, match="scene 2 of 2: derivatives: layer\\[1\\]"):
+        vrte.brdfs([HAZE, CLEAR], MU_I, MU_O, nodes=4, derivatives=["layer[1].coefficients[1].a1"])
+
+
+def test_nodes_that_an_accuracy_chose_stay():
+    found = vrte.brdf(HAZE, 0.5, 0.5, accuracy=1e-3, derivatives=BASE)
+    fixed = vrte.brdf(HAZE, 0.5, 0.5, nodes=found.diagnostics["nodes"], derivatives=[BASE])
+    np.testing.assert_allclose(found.jacobian[BASE], fixed.jacobian[BASE], rtol=1e-11)
+
+
+def test_five_points_are_exact_for_fourth_powers_at_bounds_too():
+    def take(x):
+        if not 0.0 <= x <= 1.0:
+            raise vrte.SceneError("outside")
+        return x**4
+
+    for at in (0.0, 0.5, 1.0):
+        assert sum(w * y for w, y in sample_around(take, at, 0.01)) == pytest.approx(4.0 * at**3, abs=1e-12)
+    with pytest.raises(vrte.SceneError, match="outside"):
+        sample_around(take, 0.5, 0.4)
+
+
+def test_solutions_are_of_the_shapes_of_the_value():
+    request = make_brdf_request(HAZE, MU_I, MU_O, nodes=4)
+    run = make_run(request)
+    _, value = solve_request(request, run)
+    (found,) = differentiate_by_differences(request, [vary_scene(HAZE, ALBEDO)], run)
+    assert [part.shape for part in found.parts] == [part.shape for part in value.parts]
+    assert found.flux_up.shape == value.flux_up.shape
+    assert move_scene(HAZE, vary_scene(HAZE, BASE), 0.1).base.even_albedo == pytest.approx(0.4)
+
+
+def test_results_keep_derivatives_read_only_and_checked():
+    found = differentiate(HAZE, BASE)
+    again = pickle.loads(pickle.dumps(found))
+    assert (again.jacobian[BASE] == found.jacobian[BASE]).all()
+    assert "1 derivative" in repr(found)
+    assert found.transmission_jacobian is None
+    with pytest.raises(ValueError, match="read-only"):
+        again.jacobian[BASE][0] = 0.0
+    with pytest.raises(vrte.SceneError, match="jacobian of p must have the shape"):
+        vrte.Brdf(found.mueller, found.reflectance, MU_I, MU_O, found.phi, {}, jacobian={"p": np.zeros(3)})
+
+
+@pytest.mark.parametrize(
+    ("scene", "asked", "said"),
+    [
+        (HAZE, "layer[2].thickness", "no such layer; those of the scene are 1"),
+        (GLOSSY, DEPTH, "no such layer; those of the scene are 2"),
+        (HAZE, "layer[1].colour", "no number of a scene is called so"),
+        (HAZE, 3.0, "list"),
+        (HAZE, [3.0], "must be names or vrte.Variation, not 3.0"),
+        (HAZE, [DEPTH, DEPTH], "asked for twice"),
+        (HAZE, "layer[1].coefficients[0].a1", "cannot change"),
+        (HAZE, "layer[1].coefficients[1].b1", "does nothing"),
+        (CLEAR, "layer[1].coefficients[2].a1", "scatters nothing"),
+        (HAZE, "layer[1].index", "refracted nowhere"),
+        (HAZE, "interface[1].roughness", "0 interfaces"),
+        (GLOSSY, "interface[1].roughness", "smooth interface has no derivative"),
+        (HAZE, "base.roughness", "whose numbers are base.albedo"),
+        (vrte.Scene(HAZE.layers), BASE, "no base"),
+        (ENDLESS, DEPTH, "no thickness to change"),
+        (ENDLESS, ALBEDO, "infinite at 1"),
+        (ENDLESS, BASE, "no light reaches the base"),
+        (HAZE, vrte.Variation("p", 1.0, [0.0], [0.0]), "does nothing"),
+        (HAZE, vrte.Variation("p", 1.0, [0.0, 1.0], [0.0, 0.0]), "of 2 layers"),
+    ],
+)
+def test_what_has_no_derivative_is_refused_in_a_sentence(scene, asked, said):
+    with pytest.raises(vrte.SceneError, match=said) as caught:
+        vrte.brdf(scene, MU_I, MU_O, nodes=4, derivatives=asked)
+    assert caught.value.place[:1] == ("derivatives",)
+
+
+@pytest.mark.parametrize("how", [{"method": "single-scattering"}, {"backend": "opencl", "nodes": 4}])
+def test_other_methods_and_devices_have_no_derivatives(how):
+    with pytest.raises(vrte.SceneError, match="derivatives are"):
+        vrte.brdf(HAZE, MU_I, MU_O, derivatives=[BASE], **how)

@@ -1,0 +1,112 @@
+"""Derivatives of what a call finds: which are asked for, and how each is found."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import check_list
+from vrte.basics.errors import SceneError
+from vrte.basics.running import Progress, Run, share_progress
+from vrte.calls.differences import differentiate_by_differences
+from vrte.discrete_ordinates.planning.node_choice import DISCRETE
+from vrte.methods import solve_request
+from vrte.request.how import EXACT
+from vrte.request.request import Request
+from vrte.results.solution import Solution
+from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
+from vrte.scene.vary import turn_variation, vary_scene
+
+MOST_DERIVATIVES = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """The derivative of a solution with the number of a name, and how it was found."""
+
+    name: str
+    solution: Solution
+    how: str
+
+
+def read_derivatives(scene: Scene, derivatives: Any) -> list[Variation]:
+    """The variations that are asked for, names among them looked up in the scene. Raises SceneError for a name that
+    there is not, that does nothing or stands there twice, and for a variation of another scene."""
+    if derivatives is None:
+        return []
+    alone = isinstance(derivatives, str | Variation)
+    given = check_list("derivatives", [derivatives] if alone else derivatives, MOST_DERIVATIVES)
+    found = [one if isinstance(one, Variation) else vary_scene(scene, one) for one in given]
+    names = [one.name for one in found]
+    for one in found:
+        if names.count(one.name) > 1:
+            raise SceneError(f"derivatives: {one.name} is asked for twice", "derivatives", one.name)
+        if one.thickness.size != len(scene.layers):
+            words = f"it is of {one.thickness.size} layers, and the scene has {len(scene.layers)}"
+            raise SceneError(f"derivatives: {one.name}: {words}", "derivatives", one.name)
+        if one.changes_nothing:
+            raise SceneError(f"derivatives: {one.name}: it does nothing to the scene", "derivatives", one.name)
+        check_endless(scene, one)
+    return found
+
+
+def check_endless(scene: Scene, variation: Variation) -> None:
+    """Whether there is such a derivative: of a layer without end, not with its thickness, and with its albedo only
+    where it absorbs: light goes with the root of what is absorbed. Raises SceneError."""
+    last, name = scene.layers[-1], variation.name
+    if not np.isinf(last.thickness):
+        return
+    if variation.thickness[-1]:
+        raise SceneError(f"derivatives: {name}: a layer without end has no thickness to change", "derivatives", name)
+    if last.albedo == 1.0 and variation.albedo[-1]:
+        words = "of a layer without end the derivative with the albedo is infinite at 1"
+        raise SceneError(f"derivatives: {name}: {words}", "derivatives", name)
+
+
+def check_differentiable(request: Request) -> None:
+    """Whether derivatives can be had of a request. Raises SceneError for another method, and for a device."""
+    if request.method != EXACT:
+        raise SceneError(f"derivatives are those of method {EXACT!r}, not of {request.method!r}", "derivatives")
+    if request.backend.needs_device:
+        words = "are found on the processor: ask for backend 'openmp' or 'sequential'"
+        raise SceneError(f"derivatives {words}, not {request.backend.label!r}", "derivatives")
+
+
+def solve_with_derivatives(
+    request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
+) -> tuple[Any, Solution, list[Derivative]]:
+    """The cosines and the solution of a request with its method named, as without derivatives, and these."""
+    if not variations:
+        return *solve_request(request, run, progress), []
+    check_differentiable(request)
+    parts = 1 + len(variations)
+    directions, solution = solve_request(request, run, share_progress(progress, 0, parts))
+    if request.illuminate == "bottom":
+        variations = [turn_variation(one) for one in variations]
+
+    def told(done: int, total: int) -> None:
+        assert progress is not None
+        progress(100 + (100 * (parts - 1) * done) // max(total, 1), 100 * parts)
+
+    found = differentiate(settle_nodes(request, solution), variations, run, told if progress else None)
+    how = {"derivatives": {one.name: one.how for one in found}}
+    return directions, replace(solution, diagnostics=solution.diagnostics | how), found
+
+
+def settle_nodes(request: Request, solution: Solution) -> Request:
+    """The request with the nodes that its solution took, and the accuracy that these were solved to."""
+    if request.nodes is not None:
+        return request
+    nodes, rule = solution.diagnostics["nodes"], solution.diagnostics["nodes_rule"]
+    return replace(request, nodes=nodes, nodes_rule=rule, accuracy=DISCRETE * request.accuracy)
+
+
+def differentiate(
+    request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
+) -> list[Derivative]:
+    """The derivatives of a request's solution, each by the best way there is to it."""
+    how = "differences of the solve"
+    found = differentiate_by_differences(request, variations, run, progress)
+    return [Derivative(one.name, solution, how) for one, solution in zip(variations, found, strict=True)]

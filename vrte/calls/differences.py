@@ -1,0 +1,129 @@
+"""Derivatives of solves by differences of solves, all on the nodes and with the truncation of the one in the middle."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from vrte.basics import cost
+from vrte.basics.arrays import Array
+from vrte.basics.running import Progress, Run, share_progress
+from vrte.basics.stencils import STEP, sample_around
+from vrte.discrete_ordinates.orders.discretise import find_layer_tops, place_levels
+from vrte.discrete_ordinates.planning.forecast import predict_total_seconds
+from vrte.discrete_ordinates.planning.plan import Plan, make_plan, plan_request
+from vrte.methods.discrete_ordinates import solve_plans
+from vrte.request.request import Request
+from vrte.results.solution import Solution
+from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
+from vrte.scene.vary import measure_base_rate, move_scene
+
+FINEST = 1e-14  # accuracy of each solve: what is left out, and iterates, would show in the differences
+MOST_NEGATIVE = 0.1  # of the mean of F11, that a step may take off phase matrices
+DIFFUSES = 0.8  # over the square of a thickness: absorption that it notices, pi^2/12
+
+
+def differentiate_by_differences(
+    request: Request, variations: Sequence[Variation], run: Run, progress: Progress | None = None
+) -> list[Solution]:
+    """The derivative of a request's solution with each variation, as a solution: by five points, four solves or five.
+
+    Each solve has the nodes and the truncation of the request's own plan, and leaves nothing out that is not lost in
+    rounding. Depths stay where they are in their layers: those at a face stay there. Raises SceneError where there is
+    no derivative: a bound on either side of the number, or a layer without end and without absorption.
+    """
+    plan = plan_request(request, run)
+    solutions = []
+    for place, variation in enumerate(variations):
+        part = share_progress(progress, place, len(variations))
+        solutions.append(differentiate_once(plan, variation, run, part))
+    return solutions
+
+
+def differentiate_once(plan: Plan, variation: Variation, run: Run, progress: Progress | None) -> Solution:
+    """The derivative with one variation."""
+    request, scene = plan.request, plan.request.scene
+    if is_along_whole_scenes(variation):
+        assert variation.scene_at is not None
+        size = abs(variation.value) or 1.0
+        points = sample_around(variation.scene_at, variation.value, STEP * size)
+    else:
+        step = find_step(request, variation)
+        points = sample_around(lambda at: move_scene(scene, variation, at), 0.0, step)
+    plans = [plan_alike(plan, point, run) for _, point in points]
+    seconds = sum(map(predict_total_seconds, plans)) / run.threads
+    why = f" for the derivative with {variation.name} by differences of {len(plans)} solves"
+    cost.foretell(seconds, request.time_limit_s, why, "fewer nodes take less", run.told)
+    total: Solution | None = None
+    for place, ((weight, _), each) in enumerate(zip(points, plans, strict=True)):
+        (found,) = solve_plans([each], run, share_progress(progress, place, len(plans)))
+        total = add_weighted(total, weight, found)
+    assert total is not None
+    return total
+
+
+def is_along_whole_scenes(variation: Variation) -> bool:
+    """Whether steps are those of the number itself: where ingredients do not tell all, and of facets, whose lobes are
+    averaged over the nodes as long as nothing is added to them."""
+    facets = any(part.facets is not None for _, part in variation.base)
+    return variation.scene_at is not None and (variation.is_outside or facets)
+
+
+def add_weighted(total: Solution | None, weight: float, found: Solution) -> Solution:
+    """A solution times a weight, added to a sum of others."""
+    parts = [weight * part for part in found.parts]
+    fluxes = [weight * found.flux_up, weight * found.flux_down]
+    if total is not None:
+        parts = [one + other for one, other in zip(total.parts, parts, strict=True)]
+        fluxes = [one + other for one, other in zip((total.flux_up, total.flux_down), fluxes, strict=True)]
+    return Solution(parts, fluxes[0], fluxes[1], found.diagnostics)
+
+
+def plan_alike(plan: Plan, scene: Scene, run: Run) -> Plan:
+    """A plan's request of another scene, on its nodes and with its truncation, nothing left out."""
+    parts = tuple(plan_alike(part, scene, run) for part in plan.parts)
+    request = replace(plan.request, scene=scene, tau=follow_depths(plan.request, scene), verify=False)
+    known = plan.choice, FINEST
+    return replace(make_plan(request, run, known=known, truncation=plan.truncation), parts=parts)
+
+
+def follow_depths(request: Request, scene: Scene) -> Array:
+    """The request's depths (n_tau,) in a scene whose layers have other thicknesses: each at its place in its layer."""
+    before, total = request.scene, request.scene.thickness
+    if request.kind == "brdf":
+        return np.array([0.0, scene.thickness])[: request.tau.size]
+    given, now = (np.array([layer.thickness for layer in one.layers]) for one in (before, scene))
+    if np.array_equal(given, now):
+        return request.tau
+    level, at = place_levels(request.tau, find_layer_tops(given), given, total)
+    grown = np.isfinite(given[at]) & (given[at] > 0.0)
+    ratio = np.divide(now[at], given[at], out=np.ones(at.size), where=grown)
+    moved = find_layer_tops(now)[at] + level * ratio
+    found: Array = np.where(request.tau >= total, scene.thickness, np.minimum(moved, scene.thickness))
+    return np.where(request.tau == 0.0, 0.0, found)
+
+
+def find_step(request: Request, variation: Variation) -> float:
+    """How far to go along a variation: a small share of that in which light changes by something like itself.
+
+    Thickness: of itself, or of the flattest direction's cosine. Albedo: of what is absorbed, or would matter beside
+    diffusion through all layers. Coefficients: of 2 l + 1, the largest they can be. Bases: of all that they reflect,
+    with what is lost between them and the layers.
+    """
+    scene = request.scene
+    thickness, albedo = (np.array([getattr(one, name) for one in scene.layers]) for name in ("thickness", "albedo"))
+    seen = [request.mu0] if request.mu is None else [request.mu0, np.abs(request.mu)]
+    lowest = float(np.concatenate(seen).min())
+    total = scene.thickness
+    absorbed = np.minimum(1.0, 1.0 - albedo + DIFFUSES / np.maximum(total, 1.0) ** 2)
+    with np.errstate(divide="ignore"):
+        rates = np.abs(variation.thickness) / (np.minimum(thickness, 1e300) + lowest) + np.divide(
+            np.abs(variation.albedo), absorbed, out=np.zeros(albedo.size), where=variation.albedo != 0.0
+        )
+    degrees = [np.abs(table) / (2.0 * np.arange(len(table))[:, None] + 1.0) for table in variation.coefficients]
+    rate = float(rates.sum()) + sum(float(table.max(initial=0.0)) for table in degrees)
+    even = max(1.0 - scene.below.even_albedo, 0.0) + 1.0 / (1.0 + total)
+    rate += measure_base_rate(scene, variation) / min(1.0, even)
+    taken_off = max(float(np.abs(table).sum()) for table in variation.coefficients)
+    return min(STEP / rate, MOST_NEGATIVE / taken_off if taken_off else np.inf)

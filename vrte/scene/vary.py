@@ -1,0 +1,280 @@
+"""Names of the numbers of a scene, how it changes with each, and the scene a step along a variation.
+
+Layers are counted from 1 in the list that the scene was made of, interfaces among them, as in a scene file; interfaces
+from 1 from the top.
+"""
+
+import itertools
+import math
+import re
+import warnings
+from collections.abc import Callable
+from dataclasses import Field, fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vrte.basics.arrays import Array, show_value
+from vrte.basics.errors import SceneError
+from vrte.basics.stencils import STEP, sample_around
+from vrte.optics.phase_matrix import MOST_TERMS, SEQUENCES, PhaseMatrix
+from vrte.scene.base_checks import CHECKED_COSINES
+from vrte.scene.boundary import BLACK, Boundary, Lambertian
+from vrte.scene.interface import Interface
+from vrte.scene.layer import Layer
+from vrte.scene.scene import Scene
+from vrte.scene.variation import Variation
+from vrte.scene.weighted_base import WeightedBase
+
+LEAST_SCALE = 0.01  # of a number of a base that is near 0: what it changes by is no smaller
+LEAST_DEGREE = {"a1": 1, "a2": 2, "a3": 2, "a4": 0, "b1": 2, "b2": 2}  # below, nothing changes, or a1 its norm
+KNOWN = (
+    "layer[1].thickness, layer[1].albedo, layer[1].index, layer[1].coefficients[2].a1, base.albedo or another number "
+    "of the base, interface[1].index, interface[1].roughness"
+)
+LAYER = re.compile(r"layer\[(\d+)\]\.(?:(thickness|albedo|index)|coefficients\[(\d+)\]\.(a[1-4]|b[12]))")
+BASE = re.compile(r"base\.(\w+)(?:\.([nk]))?")
+INTERFACE = re.compile(r"interface\[(\d+)\]\.(index|roughness)")
+
+
+def vary_scene(scene: Scene, name: str) -> Variation:
+    """How a scene changes with the number of that name. Raises SceneError for a name that it does not have, and for a
+    number that does nothing.
+
+    >>> from vrte.optics.phase_matrix import rayleigh
+    >>> vary_scene(Scene([Layer(rayleigh(), 0.9, 2.0)]), "layer[1].thickness").thickness.tolist()
+    [1.0]
+    """
+    if not isinstance(name, str):
+        raise SceneError(f"derivatives must be names or vrte.Variation, not {show_value(name)}", "derivatives")
+    if found := LAYER.fullmatch(name):
+        place = find_layer(scene, name, int(found[1]))
+        if found[2] == "index":
+            return vary_medium(scene, name, place + 1)
+        if found[2]:
+            return vary_layer(scene, name, place, found[2])
+        return vary_coefficient(scene, name, place, int(found[3]), found[4])
+    if found := BASE.fullmatch(name):
+        return vary_base(scene, name, found[1], found[2])
+    if found := INTERFACE.fullmatch(name):
+        places = [k for k, one in enumerate(scene.interfaces) if one is not None]
+        if not 1 <= int(found[1]) <= len(places):
+            raise complain_of(name, f"the scene has {len(places)} interfaces that refract")
+        place = places[int(found[1]) - 1]
+        return vary_medium(scene, name, place + 1) if found[2] == "index" else vary_roughness(scene, name, place)
+    raise complain_of(name, f"no number of a scene is called so: there are {KNOWN}")
+
+
+def complain_of(name: str, why: str) -> SceneError:
+    """The error of a name of derivatives."""
+    return SceneError(f"derivatives: {name}: {why}", "derivatives", name)
+
+
+def find_layer(scene: Scene, name: str, number: int) -> int:
+    """The place among a scene's layers of that number in the list it was made of."""
+    places = list(scene.places)
+    if number - 1 not in places:
+        there = ", ".join(str(place + 1) for place in places if place is not None)
+        raise complain_of(name, f"there is no such layer; those of the scene are {there}")
+    return places.index(number - 1)
+
+
+def vary_layer(scene: Scene, name: str, place: int, key: str) -> Variation:
+    """With the optical thickness or the albedo of a layer."""
+    layer, unit = scene.layers[place], np.eye(len(scene.layers))[place]
+    if key == "thickness" and math.isinf(layer.thickness):
+        raise complain_of(name, "a layer without end has no thickness to change")
+    if key == "albedo" and layer.thickness == 0.0:
+        raise complain_of(name, "it does nothing: the layer has no thickness")
+    none = np.zeros(len(scene.layers))
+    value = layer.thickness if key == "thickness" else layer.albedo
+
+    def scene_at(now: float) -> Scene:
+        moved = replace(layer, thickness=now) if key == "thickness" else replace(layer, albedo=now)
+        return replace_layer(scene, place, moved)
+
+    thickness, albedo = (unit, none) if key == "thickness" else (none, unit)
+    return Variation(name, value, thickness, albedo, scene_at=scene_at)
+
+
+def vary_coefficient(scene: Scene, name: str, place: int, degree: int, column: str) -> Variation:
+    """With an expansion coefficient of a layer's phase matrix."""
+    layer = scene.layers[place]
+    if degree < LEAST_DEGREE[column]:
+        why = "a1[0] is 1 and cannot change" if column == "a1" else f"what stands below l = 2 of {column} does nothing"
+        raise complain_of(name, why)
+    if degree >= MOST_TERMS:
+        raise complain_of(name, f"there are at most {MOST_TERMS} degrees, from 0 on")
+    if layer.thickness == 0.0 or layer.albedo == 0.0:
+        raise complain_of(name, f"it does nothing: the layer {'scatters nothing' if layer.thickness else 'is empty'}")
+    unit = np.zeros((degree + 1, len(SEQUENCES)))
+    unit[degree, SEQUENCES.index(column)] = 1.0
+    tables = [np.zeros((0, len(SEQUENCES)))] * len(scene.layers)
+    tables[place] = unit
+    matrix = layer.phase_matrix
+    value = float(getattr(matrix, column)[degree]) if degree < matrix.terms else 0.0
+    none = np.zeros(len(scene.layers))
+    return Variation(
+        name,
+        value,
+        none,
+        none,
+        tuple(tables),
+        scene_at=lambda now: replace_layer(
+            scene, place, replace(layer, phase_matrix=add_coefficients(matrix, (now - value) * unit))
+        ),
+    )
+
+
+def vary_base(scene: Scene, name: str, key: str, part: str | None) -> Variation:
+    """With a number of the base: in closed form of an even one, else by differences of what it reflects."""
+    base = scene.base
+    if base is None:
+        raise complain_of(name, "the scene has no base, which is black")
+    if not scene.base_is_reached:
+        raise complain_of(name, "it does nothing: no light reaches the base below a layer without end")
+    numbers = list_numbers(base)
+    word = key if part is None else f"{key}.{part}"
+    if word not in numbers:
+        known = ", ".join(f"base.{one}" for one in numbers) or "none"
+        raise complain_of(name, f"no number of a base that is {base.name}, whose numbers are {known}")
+    value = numbers[word]
+
+    def base_at(now: float) -> Boundary:
+        given: Any = now
+        if part is not None:
+            given = complex(now, getattr(base, key).imag) if part == "n" else complex(getattr(base, key).real, now)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is to be said of the base was said
+            return replace(base, **{key: given})  # type: ignore[type-var]  # a dataclass: it has fields
+
+    pairs: list[tuple[float, Boundary]]
+    if isinstance(base, Lambertian):
+        pairs = [(1.0, Lambertian(1.0))]
+    else:
+        pairs = sample_around(base_at, value, STEP * max(abs(value), LEAST_SCALE))
+    none = np.zeros(len(scene.layers))
+    return Variation(name, value, none, none, base=tuple(pairs), scene_at=lambda now: replace(scene, base=base_at(now)))
+
+
+def list_numbers(base: Boundary) -> dict[str, float]:
+    """The numbers of a base by name, n and k of complex ones."""
+    found: dict[str, float] = {}
+    known: tuple[Field[Any], ...] = fields(base) if is_dataclass(base) else ()
+    for one in known:
+        value = getattr(base, one.name)
+        if not one.init or isinstance(value, bool) or one.name == "index_above":
+            continue
+        if isinstance(value, complex):
+            found |= {f"{one.name}.n": value.real, f"{one.name}.k": value.imag}
+        elif isinstance(value, int | float):
+            found[one.name] = float(value)
+    return found
+
+
+def vary_medium(scene: Scene, name: str, place: int) -> Variation:
+    """With the refractive index of a medium, counted from the one above the scene, and of all that it goes on into."""
+    if not scene.has_interfaces and not scene.below.keeps_beams and scene.below.facets is None:
+        raise complain_of(name, "it does nothing: light is refracted nowhere")
+    first, last = place, place  # of the media that are one, no surface between them
+    while first > 0 and scene.interfaces[first - 1] is None:
+        first -= 1
+    while last <= len(scene.layers) and scene.interfaces[last] is None:
+        last += 1
+    if last > len(scene.layers) and scene.base is not None and scene.base.index_above is not None:
+        raise complain_of(name, "the base was found in a medium of this index, which cannot change")
+
+    def scene_at(index: float) -> Scene:
+        media = [index if first <= k <= last else known for k, known in enumerate(scene.media)]
+        surfaces: list[Interface | None] = []
+        for surface, (above, below) in zip(scene.interfaces, itertools.pairwise(media), strict=True):
+            surfaces.append(surface and replace(surface, index_above=above, index_below=below))
+        layers = [
+            layer if layer.host_index is None else replace(layer, host_index=medium)
+            for layer, medium in zip(scene.layers, media[1:-1], strict=True)
+        ]
+        return Scene(layers, scene.base, surfaces)
+
+    none = np.zeros(len(scene.layers))
+    return Variation(name, scene.media[place], none, none, scene_at=scene_at, is_outside=True)
+
+
+def vary_roughness(scene: Scene, name: str, place: int) -> Variation:
+    """With the roughness of an interface. Raises SceneError for a smooth one: the smallest roughness is far from 0."""
+    surface = scene.interfaces[place]
+    assert surface is not None
+    if surface.is_smooth:
+        raise complain_of(name, "a smooth interface has no derivative with its roughness, which is 0 or 0.01 and more")
+
+    def scene_at(roughness: float) -> Scene:
+        others = list(scene.interfaces)
+        others[place] = replace(surface, roughness=roughness)
+        return Scene(scene.layers, scene.base, others)
+
+    none = np.zeros(len(scene.layers))
+    return Variation(name, surface.roughness, none, none, scene_at=scene_at, is_outside=True)
+
+
+def replace_layer(scene: Scene, place: int, layer: Layer) -> Scene:
+    """The scene with another layer in the place of one."""
+    layers = list(scene.layers)
+    layers[place] = layer
+    return Scene(layers, scene.base, scene.interfaces)
+
+
+def add_coefficients(matrix: PhaseMatrix, change: Array) -> PhaseMatrix:
+    """A phase matrix with coefficients (terms, 6) added, which may leave it a little less than physical."""
+    table = np.zeros((max(matrix.terms, len(change)), len(SEQUENCES)))
+    table[: matrix.terms] = matrix.coefficients
+    table[: len(change)] += change
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a step out of what particles can be, and back in the difference
+        return PhaseMatrix(*table.T, tolerance=1.0)
+
+
+def move_scene(scene: Scene, variation: Variation, step: float) -> Scene:
+    """The scene with a variation's derivatives, times a step, added to its layers and its base. Raises SceneError where
+    they leave what is allowed.
+
+    >>> from vrte.optics.phase_matrix import rayleigh
+    >>> scene = Scene([Layer(rayleigh(), 0.9, 2.0)])
+    >>> move_scene(scene, Variation("depth", 2.0, [3.0], [0.0]), 0.5).layers[0].thickness
+    3.5
+    """
+    layers = []
+    changes = zip(variation.thickness.tolist(), variation.albedo.tolist(), variation.coefficients, strict=True)
+    for layer, (thickness, albedo, table) in zip(scene.layers, changes, strict=True):
+        matrix = add_coefficients(layer.phase_matrix, step * table) if table.any() else layer.phase_matrix
+        moved = Layer(matrix, layer.albedo + step * albedo, layer.thickness + step * thickness, layer.host_index)
+        layers.append(moved)
+    base = scene.base
+    if variation.base:
+        parts = ((step * weight, part) for weight, part in variation.base)
+        base = WeightedBase(((1.0, base or BLACK), *parts))
+    return Scene(layers, base, scene.interfaces)
+
+
+def measure_base_rate(scene: Scene, variation: Variation) -> float:
+    """About how much of what the base can do changes with a unit of p: of even light, and of beams."""
+    if not variation.base:
+        return 0.0
+    mu_i, mu_o, phi = CHECKED_COSINES[:, None, None], CHECKED_COSINES[:, None], np.array([0.0, 60.0, 180.0])
+    change = WeightedBase(variation.base)
+    even = np.pi * np.abs(change.reflect(mu_i, mu_o, phi)).max() if change.orders_reflected else 0.0
+    size = np.pi * np.abs(scene.below.reflect(mu_i, mu_o, phi)).max() if scene.below.orders_reflected else 0.0
+    beams = np.abs(change.reflect_beam(scene.index_below, CHECKED_COSINES)).max()
+    return float(even / max(size, 1.0) + beams)
+
+
+def turn_variation(variation: Variation) -> Variation:
+    """The same variation of the scene upside down, which has no base. Raises SceneError where it changes one."""
+    if variation.base:
+        raise SceneError("illuminate='bottom' is for scenes without a base: none can change", "derivatives")
+    at: Callable[[float], Scene] | None = variation.scene_at
+    return replace(
+        variation,
+        thickness=variation.thickness[::-1],
+        albedo=variation.albedo[::-1],
+        coefficients=variation.coefficients[::-1],
+        scene_at=None if at is None else lambda value: at(value).turned(),
+    )
